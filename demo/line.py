@@ -102,6 +102,15 @@ class Line:
             if process.stdout is not None:
                 process.stdout.close()
 
+    def kill_service(self) -> None:
+        """Kill the service, and start it anew at the same address."""
+        process = self._processes.pop("service")
+        process.kill()
+        process.wait()
+        if process.stdout is not None:
+            process.stdout.close()
+        self._start_service(int(self.url.rpartition(":")[2]))
+
     def dead(self) -> list[str]:
         """Return the names of the processes that have ended by themselves."""
         return [name for name, process in self._processes.items() if process.poll() is not None]
@@ -128,9 +137,9 @@ class Line:
             return {"kind": surface.kind, "host": "127.0.0.1", "port": int(said.rpartition(":")[2])}
         return {"kind": surface.kind, "port": str(path), "baud": 115_200 if surface.kind == "modbus-rtu" else 1_000_000}
 
-    def _start_service(self) -> str:
+    def _start_service(self, port: int = 0) -> str:
         surfaces = {surface.name: {"model": str(self._model)} for surface in self.surfaces}
-        server = {"port": 0, "write_token_file": "token"}
+        server = {"port": port, "write_token_file": "token"}
         config = {"server": server, "events": {"file": "events.db"}, "surfaces": surfaces, **self._sections}
         (self.folder / "service.toml").write_text(tomli_w.dumps(config))
         self._start("service", ["beamtouch-service", "run", "--config", str(self.folder / "service.toml")])

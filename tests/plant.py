@@ -73,7 +73,7 @@ class PlantLine(Line):
         time.sleep(seconds)
         process.send_signal(signal.SIGCONT)
 
-    def _start_service(self) -> str:
+    def _start_service(self, port: int = 0) -> str:  # noqa: ARG002  # each has its own
         surfaces = {surface.name: {"model": str(self._model)} for surface in self.surfaces}
         server = {"replica": True, "write_token_file": "token"}
         config = {"server": server, "events": {"url": self._events_url}, "surfaces": surfaces}

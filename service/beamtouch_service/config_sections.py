@@ -66,7 +66,7 @@ class EventsSection(BaseModel):
     keep_days: Annotated[FiniteFloat, Field(gt=0, le=36_500)] = limits.KEEP_DAYS
     """Age at which events are deleted."""
     max_mb: Annotated[FiniteFloat, Field(ge=1, le=1e6)] = limits.MAX_MB
-    """Size of the file. Beyond it, the oldest captures are deleted, and events once no capture is left."""
+    """Size of the record. Beyond it, the oldest events are deleted."""
 
 
 class ModbusServerSection(BaseModel):

@@ -39,7 +39,6 @@ class Kind(Enum):
     TOO_LARGE = ("too-large", 413, "The body is too large")
     TOO_SLOW = ("too-slow", 408, "The body took too long to arrive")
     TOO_MANY_REQUESTS = ("too-many-requests", 429, "More batches per second than the surface takes")
-    BUSY = ("busy", 503, "Late samples come faster than they can be recorded")
     EVENTS_AWAY = ("events-away", 503, "The events on record cannot be read")
     MODEL_REFUSED = ("model-refused", 409, "The model file is not used")
     NOT_FOUND = ("not-found", 404, "Nothing is at this address")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from time import monotonic, sleep
+from time import sleep
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -19,33 +19,53 @@ ODD: Row = [0.5, 0.25, 0.75]
 """Neither rest nor a single contact. The state follows from the third in a row, and for two more samples."""
 
 
-def settle(bench: Bench) -> None:
-    """Wait until late samples are on record; queries do not wait for them."""
-    recorder, deadline_s = bench.app.context.recorder, monotonic() + 60
-    assert recorder is not None
-    while recorder.late_waiting:
-        assert monotonic() < deadline_s
-        sleep(0.001)
-
-
 class Story:
-    """Samples 5 ms apart, number 0 at `START_US`, delivered to a service in any parts and order."""
+    """Samples 5 ms apart, the first one at `START_US`, of a sender that keeps them until they are on record."""
 
-    def __init__(self, bench: Bench, make_batch: MakeBatch, rows: list[Row]) -> None:
-        self.bench, self.make_batch, self.rows = bench, make_batch, rows
+    def __init__(self, bench: Bench, make_batch: MakeBatch, rows: list[Row], boot_id: str = "boot-0001") -> None:
+        self.bench, self.make_batch, self.rows, self.boot_id = bench, make_batch, rows, boot_id
+        self.oldest: int | None = 1
+        self.earlier: list[str] = []
 
-    def deliver(self, first: int, last: int, *, age_ms: float = 0.0, boot_id: str = "boot-0001") -> None:
-        """Send the samples from `first` up to, but not including, `last`."""
-        body = self.make_batch(*self.rows[first:last], sequence=first, age_ms=age_ms, boot_id=boot_id)
+    def deliver(self, first: int, last: int, **members: object) -> dict[str, Any]:
+        """Send the samples from index `first` up to, but not including, `last`; return the receipt."""
+        rows = self.rows[first:last]
+        body = self.make_batch(*rows or [RESTING], sequence=first + 1, boot_id=self.boot_id)
+        body["samples"] = body["samples"][: len(rows)]
         for offset, sample in enumerate(body["samples"]):
             sample["acquired_unix_us"] = START_US + (first + offset) * 5000
+        body |= {"oldest": self.oldest, "earlier": self.earlier} | members
         self.bench.now_s += 0.001
-        assert self.bench.post(body).status_code == 200
+        receipt = self._sent(body)
+        for _ in range(20):  # a busy machine has not read the record yet
+            if receipt["expected"] is not None:
+                break
+            sleep(0.05)
+            receipt = self._sent(body | {"backlog": True, "newest_age_ms": None})
+        return receipt
+
+    def _sent(self, body: dict[str, Any]) -> dict[str, Any]:
+        answer = self.bench.post(body)
+        assert answer.status_code == 200, answer.text
+        receipt: dict[str, Any] = answer.json()
+        return receipt
+
+    def backlog(self, first: int, last: int, **members: object) -> dict[str, Any]:
+        """Send samples from the log; return the receipt."""
+        return self.deliver(first, last, backlog=True, newest_age_ms=None, **members)
+
+    def ask(self) -> dict[str, Any]:
+        """Ask how far the record is."""
+        return self.backlog(0, 0)
+
+    def catch_up(self) -> None:
+        """Send what the record lacks."""
+        expected = self.ask()["expected"]
+        self.backlog(expected - 1, len(self.rows))
 
     @property
     def events(self) -> list[dict[str, Any]]:
-        """All events, oldest first, without the members that depend on the order of delivery."""
-        settle(self.bench)
+        """All events, oldest first, without the members that differ between services."""
         events, following = list[dict[str, Any]](), ""
         while following is not None:
             page = self.bench.get(f"/events?path=true{following and f'&after={following}'}").json()

@@ -25,7 +25,6 @@ READS += [
     "/nothing",
     "/events",
     "/events/1",
-    "/events/1/capture",
     "/events?surface=press-7&format=csv",
 ]
 STREAMS = ["/stream", "/stream?surface=press-7", "/surfaces/press-7/stream"]

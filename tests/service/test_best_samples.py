@@ -10,7 +10,6 @@ import pytest
 
 from beamtouch_models import modelfile
 from beamtouch_service.surfaces.surface import Surface
-from waiting import wait_until
 
 if TYPE_CHECKING:
     from service.conftest import Bench, BuildModel, MakeBatch
@@ -61,16 +60,6 @@ def test_an_event_without_a_steady_sample_of_all_channels_has_no_row(bench: Benc
 
     assert len(bench.get("/events").json()["events"]) == 1
     assert rows(bench) == []
-
-
-def test_late_samples_give_the_best_one_too(bench: Bench, make_batch: MakeBatch) -> None:
-    best = [0.52, 0.26, 0.13]
-    bench.post(touched(make_batch, (TOUCH, STILL), (REST, STILL), sequence=5))
-    bench.post(touched(make_batch, (REST, STILL), (TOUCH, STILL), (best, {"readings": 16}), (TOUCH, STILL)))
-    wait_until(lambda: rows(bench)[0]["readings"] == "16")  # late samples are decided on in a thread of their own
-
-    (row,) = rows(bench)
-    assert (row["readings"], float(row["s1_mm"]), float(row["s1_rest_mm"])) == ("16", best[0], 0.0)
 
 
 def test_a_sender_that_states_no_readings_sends_settled_samples(bench: Bench, make_batch: MakeBatch) -> None:

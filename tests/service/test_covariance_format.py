@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 def sample(triangle: list[float], channels: int) -> Sample:
     return Sample.model_validate(
         {
-            "sequence": 0,
+            "sequence": 1,
             "acquired_unix_us": 0,
             "deflection_mm": [0.5] * channels,
             "quality": ["good"] * channels,
@@ -70,14 +70,14 @@ def test_what_is_no_covariance_is_refused_with_the_reason(
 
 @pytest.mark.parametrize("value", ["1e999", "NaN", "-Infinity"])
 def test_a_value_that_is_not_finite_is_refused(value: str) -> None:
-    text = '{"sequence": 0, "acquired_unix_us": 0, "deflection_mm": [1], "quality": ["good"], "readings": 1, '
+    text = '{"sequence": 1, "acquired_unix_us": 0, "deflection_mm": [1], "quality": ["good"], "readings": 1, '
     with pytest.raises(ValidationError):
         Sample.model_validate_json(text + f'"covariance_mm2": [{value}]}}')
 
 
 def test_a_missing_channel_has_no_covariance() -> None:
     missing = {"deflection_mm": [None, 0.5], "quality": ["missing", "good"], "readings": 2}
-    fields = {"sequence": 0, "acquired_unix_us": 0, **missing}
+    fields = {"sequence": 1, "acquired_unix_us": 0, **missing}
     assert Sample.model_validate({**fields, "covariance_mm2": [0.0, 0.0, 1.0]}).covariance_mm2 == [0.0, 0.0, 1.0]
     with pytest.raises(ValidationError, match="must be 0 for a channel without a deflection"):
         Sample.model_validate({**fields, "covariance_mm2": [0.1, 0.0, 1.0]})

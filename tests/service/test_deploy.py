@@ -9,8 +9,7 @@ from pathlib import Path
 import pytest
 
 from beamtouch_service.config import load_settings
-from beamtouch_service.events.selection import Selection
-from beamtouch_service.events.store import EventStore
+from beamtouch_service.events.store import Selection, Store
 from parts import require
 from postgres import PASSWORD, Postgres
 
@@ -50,6 +49,6 @@ def test_the_password_comes_from_a_file_that_a_group_may_read(
     file.chmod(0o440)
     monkeypatch.setenv("PGSERVICEFILE", str(file))
     here = url.replace("127.0.0.1/beamtouch", f"127.0.0.1:{postgres.port}/{events_url.rpartition('/')[2]}")
-    store = EventStore(here, 86_400.0, 1_000_000)
+    store = Store(here, 86_400.0, 1_000_000)
     assert store.read(Selection()) == []
     store.close()

@@ -12,7 +12,7 @@ from fastapi.testclient import TestClient
 
 from beamtouch_service.access import Access
 from beamtouch_service.api.app import create_app
-from beamtouch_service.api.event_answers import Event, EventCapture, EventList, EventWithPath
+from beamtouch_service.api.event_answers import Event, EventList, EventWithPath
 from beamtouch_service.api.gate import without_role
 from beamtouch_service.problems import MEDIA_TYPE, Kind, ProblemBody
 from beamtouch_service.samples import Batch
@@ -59,8 +59,6 @@ def test_the_examples_of_events_are_events(description: dict[str, Any]) -> None:
     assert kinds == {"contact", "unexplained"}
     for value in values("/events/{id}"):
         EventWithPath.model_validate(value)
-    for value in values("/events/{id}/capture"):
-        EventCapture.model_validate(value)
 
 
 def test_the_messages_in_the_document_of_mqtt_have_the_members_of_today() -> None:
@@ -109,7 +107,7 @@ def operations_of(description: dict[str, Any]) -> dict[str, dict[str, Any]]:
 
 def test_operations_have_names_that_a_generated_client_can_use(description: dict[str, Any]) -> None:
     assert sorted(operations_of(description)) == [
-        "get_beam", "get_calibration_data", "get_contact", "get_event", "get_event_capture", "get_events", "get_live",
+        "get_beam", "get_calibration_data", "get_contact", "get_event", "get_events", "get_live",
         "get_metrics", "get_model", "get_ready", "get_stream", "get_surface", "get_surface_contact",
         "get_surface_stream", "get_surfaces", "post_reload", "post_samples",
     ]  # fmt: skip

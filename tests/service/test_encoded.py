@@ -42,7 +42,7 @@ def test_every_new_sample_is_encoded_anew_and_none_is_served_late(
     with pytest.raises(ProblemError) as none:
         contacts.get(surface, bench.now_s)
     assert none.value.problem.kind is Kind.NO_SAMPLES
-    for number, row in enumerate(ROWS[:2]):
+    for number, row in enumerate(ROWS[:2], start=1):
         bench.post(make_batch(row, sequence=number))
         assert json.loads(contacts.get(surface, bench.now_s))["sequence"] == number
 

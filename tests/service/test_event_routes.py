@@ -4,18 +4,13 @@ from __future__ import annotations
 
 import csv
 import io
-from threading import current_thread
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from sqlalchemy.event import listen
 
-from beamtouch_service.api import event_answers
 from service.event_story import RESTING, TOUCHING, Story
 
 if TYPE_CHECKING:
-    from beamtouch_service.events.segments import Segment
-    from beamtouch_service.events.store import EventStore
     from service.conftest import Bench, MakeBatch
 
 
@@ -92,6 +87,7 @@ def test_a_wrong_query_is_a_problem_that_names_the_parameter(history: Bench, que
 def test_a_list_has_paths_only_on_request_and_is_then_short(history: Bench) -> None:
     (plain, *_), (full, *_) = (history.get(f"/events{query}").json()["events"] for query in ("", "?path=true&limit=50"))
     assert full.pop("path")
+    assert full.pop("capture") == []
     assert plain == full
 
     response = history.get("/events?limit=51&path=true")
@@ -109,42 +105,6 @@ def test_an_id_gives_one_event_with_its_path(history: Bench) -> None:
     for wrong in ("0", "first", str(2**63)):
         problem = history.get(f"/events/{wrong}").json()
         assert (problem["status"], problem["errors"][0]["pointer"]) == (422, "#/path/id")
-
-
-def test_paths_are_read_only_for_answers_that_hold_them(history: Bench) -> None:
-    recorder = history.app.context.recorder
-    assert recorder is not None
-    statements: list[str] = []
-
-    def watch(store: EventStore) -> None:
-        listen(store._place._engine, "before_cursor_execute", lambda *seen: statements.append(seen[2]))
-
-    recorder.ask(watch).result(60)
-
-    def reads_paths(target: str) -> bool:
-        statements.clear()
-        assert history.get(target).status_code == 200
-        assert statements
-        return any("events.path" in statement for statement in statements)
-
-    assert reads_paths("/events/3")
-    assert reads_paths("/events?path=true")
-    for query in ("", "?format=csv", "?format=csv&path=true"):
-        assert not reads_paths("/events" + query)
-
-
-@pytest.mark.parametrize("query", ["", "?format=csv"])
-def test_the_recorders_thread_encodes_answers(history: Bench, monkeypatch: pytest.MonkeyPatch, query: str) -> None:
-    threads: list[str] = []
-    event = event_answers.event
-
-    def watched(number: int, segment: Segment, *, captured: bool) -> event_answers.Event:
-        threads.append(current_thread().name)
-        return event(number, segment, captured=captured)
-
-    monkeypatch.setattr(event_answers, "event", watched)
-    assert history.get("/events" + query).status_code == 200
-    assert {name.rstrip("0123456789_") for name in threads} == {"events"}
 
 
 def test_an_unknown_surface_is_a_problem_and_one_without_events_has_an_empty_list(bench: Bench) -> None:

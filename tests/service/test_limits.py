@@ -40,14 +40,14 @@ def test_too_many_batches_are_told_when_to_come_back_and_other_surfaces_are_not_
     make_bench: type[Bench], make_batch: MakeBatch
 ) -> None:
     bench = make_bench(Surface("press-7"), Surface("press-8"), max_batches_per_s=2)
-    answers = [bench.post(make_batch(sequence=number)) for number in range(3)]
+    answers = [bench.post(make_batch(sequence=number)) for number in range(1, 4)]
 
     assert [answer.status_code for answer in answers] == [200, 200, 429]
     assert answers[2].json()["type"] == "urn:beamtouch:problem:too-many-requests"
     assert answers[2].headers["retry-after"] == "1"
     assert bench.post(make_batch(), path="/surfaces/press-8/samples").status_code == 200
     bench.now_s += 1
-    assert bench.post(make_batch(sequence=2)).json() == {"accepted": 1, "repeated": 0}
+    assert bench.post(make_batch(sequence=3)).json()["accepted"] == 1
 
 
 def test_what_happens_often_is_spoken_of_once_a_minute_with_its_count() -> None:

@@ -38,7 +38,7 @@ def test_before_anything_has_happened_nothing_is_counted(bench: Bench) -> None:
 
     assert found["beamtouch_samples_accepted_total", "press-7"] == 0
     assert found["beamtouch_refusals_total", "unauthorized"] == 0
-    assert found["beamtouch_event_writes_lost_total",] == 0
+    assert found["beamtouch_record_outages_total",] == 0
     assert found["beamtouch_contacts_total", "press-7", "clear"] == 0
     assert found["beamtouch_batch_seconds_count", "press-7"] == 0
     assert ("beamtouch_sample_age_seconds", "press-7") not in found

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 import pytest
 
 from beamtouch_service.config import ConfigError
-from beamtouch_service.events.file import EventStoreError
-from beamtouch_service.events.store import EventStore
+from beamtouch_service.events.database import EventStoreError
+from beamtouch_service.events.store import Store
 from beamtouch_service.host.arrivals import Arrivals
 from beamtouch_service.host.modbus import ModbusServer
 from beamtouch_service.host.uvicorn_host import Loop
@@ -35,14 +35,14 @@ def loop() -> Iterator[Loop]:
 @pytest.mark.parametrize("url", ["postgresql://beamtouch:secret@127.0.0.1:port/beamtouch", "nothing"])
 def test_an_address_that_cannot_be_read_is_not_quoted(url: str) -> None:
     with pytest.raises(EventStoreError, match=r"events\.url cannot be read; it looks like postgresql://") as refusal:
-        EventStore(url, DAY_S, 1_000_000)
+        Store(url, DAY_S, 1_000_000)
     assert "secret" not in str(refusal.value)
 
 
 def test_a_database_without_its_library_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "psycopg", None)  # as if it were not installed
     with pytest.raises(EventStoreError, match=r"needs psycopg; run: pip install 'beamtouch\[postgresql\]'"):
-        EventStore("postgresql://beamtouch@127.0.0.1/beamtouch", DAY_S, 1_000_000)
+        Store("postgresql://beamtouch@127.0.0.1/beamtouch", DAY_S, 1_000_000)
 
 
 def test_more_surfaces_than_modbus_has_addresses_are_refused_before_it_listens() -> None:

@@ -7,16 +7,22 @@ from typing import TYPE_CHECKING
 import pytest
 
 from beamtouch_models import modelfile
-from beamtouch_service.surfaces.surface import Surface
+from beamtouch_service.surfaces.surface import Received, Surface
 from service.conftest import kind
 
 if TYPE_CHECKING:
-    from beamtouch_service.samples import Batch, Receipt
+    from beamtouch_service.samples import Batch
     from service.conftest import Bench, BuildModel, MakeBatch
 
 
 def test_the_contact_is_the_one_of_the_design(bench: Bench, make_batch: MakeBatch) -> None:
-    assert bench.post(make_batch(age_ms=12.3, sequence=4711)).json() == {"accepted": 1, "repeated": 0}
+    assert bench.post(make_batch(age_ms=12.3, sequence=4711)).json() == {
+        "accepted": 1,
+        "repeated": 0,
+        "durable": 4710,
+        "expected": 4712,
+        "stale_ms": 500.0,
+    }
 
     response = bench.get("/contact")
     assert response.status_code == 200
@@ -193,7 +199,7 @@ def test_a_failure_inside_is_a_problem_without_its_traceback(make_bench: type[Be
             message = f"secret at {now_s}"
             raise RuntimeError(message)
 
-        def receive(self, batch: Batch, arrival_s: float, address: str = "") -> Receipt:
+        def receive(self, batch: Batch, arrival_s: float, address: str = "") -> Received:
             message = f"secret at {arrival_s} from {address} in {batch}"
             raise RuntimeError(message)
 

@@ -27,7 +27,7 @@ NOISE_MM = 0.01
 def batch(*samples: dict[str, Any], channels: tuple[str, ...] = ("s1", "s2", "s3"), **more: object) -> Batch:
     made = [
         {"sequence": number, "acquired_unix_us": number, "quality": ["good"] * len(channels)} | sample
-        for number, sample in enumerate(samples)
+        for number, sample in enumerate(samples, start=1)
     ]
     return Batch.model_validate(
         {"boot_id": "boot-0001", "channels": list(channels), "newest_age_ms": 0.0, "samples": made} | more

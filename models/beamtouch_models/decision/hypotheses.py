@@ -46,11 +46,12 @@ class Judgement(NamedTuple):
 class Hypotheses:
     """Decides on the samples of one sender, in order, from all that the samples before them may have left."""
 
-    def __init__(self, thresholds: Thresholds, before: Iterable[Memory]) -> None:
+    def __init__(self, thresholds: Thresholds, before: Iterable[Memory], *, is_known: bool = False) -> None:
         """Begin with these memories; the first one answers while they disagree."""
         self._thresholds = thresholds
         self._deciders = [Decider(thresholds, memory) for memory in before]
-        self._is_known = self.agree
+        self.is_known = is_known or self.agree
+        """Whether a state was known at any time."""
 
     @property
     def state(self) -> State:
@@ -82,8 +83,8 @@ class Hypotheses:
         if len(self._deciders) > 1:
             self._merge()
         shown = self.agree
-        self._is_known |= shown
-        is_doubted = not self._is_known and said.state is not State.UNEXPLAINED
+        self.is_known |= shown
+        is_doubted = not self.is_known and said.state is not State.UNEXPLAINED
         return Judgement(said.state, said.unsteady or is_doubted, shown)
 
     def _admit(self, *others: Memory) -> None:

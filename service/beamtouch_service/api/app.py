@@ -126,7 +126,6 @@ def create_app(
     """
     registry, counts, recorder = Registry(served), Counts(), recorder or Recorder()
     for surface in registry:
-        surface.witness = recorder
         recorder.watch(surface)
         counts.watch(surface)
     context = Context(

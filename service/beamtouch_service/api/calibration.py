@@ -12,7 +12,7 @@ from beamtouch_service.api import examples, gate, openapi
 from beamtouch_service.api.context import ContextParameter, SurfaceInPath
 from beamtouch_service.api.errors import NO_STORE
 from beamtouch_service.api.times import Time, microseconds
-from beamtouch_service.events.best_table import Sampled
+from beamtouch_service.events.store import Sampled
 from beamtouch_service.problems import Kind
 from beamtouch_service.surfaces.contact import rfc3339
 
@@ -54,7 +54,7 @@ async def get_calibration_data(
     surface = context.registry.named(name)
     channels = surface.model.channels if surface.model else None
     span = microseconds(query.since), microseconds(query.until), query.limit
-    found = await context.ask_events(lambda store: _as_csv(store.best_samples(name, *span), channels))
+    found = await context.recorder.ask(lambda store: _as_csv(store.best_samples(name, *span), channels))
     return Response(found, headers=NO_STORE, media_type=CSV)
 
 

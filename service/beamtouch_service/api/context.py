@@ -1,31 +1,24 @@
 """The state that routes share: surfaces, clock, tokens, counts, and the keepers of models and events."""
 
 import time
-from asyncio import Event, wait_for, wrap_future
+from asyncio import Event
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Annotated, Protocol, TypeVar
+from typing import Annotated, Protocol
 
 from fastapi import Depends, Query
 from fastapi import Path as PathParameter
-from sqlalchemy.exc import DBAPIError
 from starlette.requests import HTTPConnection
 from starlette.types import Scope
 
 from beamtouch_service.access import Access, Role
 from beamtouch_service.api.counts import Counts
 from beamtouch_service.api.encoded import EncodedContacts
-from beamtouch_service.events.file import EventsAwayError
 from beamtouch_service.events.recorder import Recorder
-from beamtouch_service.events.store import EventStore
 from beamtouch_service.limits import MAX_BATCHES_PER_S, MAX_STREAMS, Bucket
 from beamtouch_service.problems import Kind, Problem, ProblemError
 from beamtouch_service.surfaces.registry import Registry
 
-QUERY_S = 15.0
-"""Longest time for a query. A database that is frozen never answers."""
-
-_T = TypeVar("_T")
 Clock = Callable[[], float]
 """Returns the time in seconds. It never goes back."""
 
@@ -83,7 +76,7 @@ class Context:
 
     def reasons(self) -> dict[str, str]:
         """Return `missing`, with the record of events."""
-        return self.missing | {"events": self.recorder.writer.away_because}
+        return self.missing | {"events": self.recorder.away_because}
 
     def require_all(self, instead: str) -> None:
         """Refuse a question about all surfaces; raises ProblemError (421) if other services have some of them."""
@@ -95,20 +88,6 @@ class Context:
         """Let a request with a token for `role` pass; raises ProblemError (401, 403)."""
         given = next((value for name, value in scope["headers"] if name == b"authorization"), None)
         self.access.require(role, given)
-
-    async def ask_events(self, query: Callable[[EventStore], _T]) -> _T:
-        """Return the answer to a query for events.
-
-        Raises EventsAwayError, also after `QUERY_S`, and ProblemError (503) if the record is damaged.
-        """
-        try:
-            return await wait_for(wrap_future(self.recorder.ask(query)), QUERY_S)
-        except TimeoutError:
-            message = f"it has not answered for {QUERY_S:g} s"
-            raise EventsAwayError(message) from None
-        except DBAPIError as error:
-            detail = f"The database refuses: {error.orig}. Contacts go on; the log of the service says what is lost."
-            raise ProblemError(Problem(Kind.EVENTS_AWAY, detail), {"Retry-After": "1"}) from None
 
     def take_turn(self, surface: str) -> None:
         """Count a batch for a surface; raises ProblemError (429) when too many came within a second."""

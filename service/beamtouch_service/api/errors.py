@@ -11,7 +11,7 @@ from starlette.types import Scope
 
 from beamtouch_service.access import Role
 from beamtouch_service.api.context import context_of
-from beamtouch_service.events.file import EventsAwayError
+from beamtouch_service.events.database import EventsAwayError
 from beamtouch_service.problems import MEDIA_TYPE, Kind, Problem, ProblemError
 
 NO_STORE = {"Cache-Control": "no-store"}
@@ -74,7 +74,7 @@ async def _problem(request: Request, error: Exception) -> Response:
 
 
 async def _events_away(request: Request, error: Exception) -> Response:
-    detail = f"{error}. What is recorded meanwhile is kept and written later."
+    detail = f"{error}. Answers go on, and daemons keep their samples."
     return _counted(request.scope, Problem(Kind.EVENTS_AWAY, detail), {"Retry-After": "1"})
 
 

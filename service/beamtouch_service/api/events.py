@@ -1,4 +1,4 @@
-"""The event routes. The recorder's thread reads and encodes the answers; the event loop sends them."""
+"""The event routes. A thread reads and encodes the answers; the event loop sends them."""
 
 from dataclasses import dataclass
 from typing import Annotated, Literal
@@ -10,14 +10,12 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validat
 
 from beamtouch_service.access import Role
 from beamtouch_service.api import event_answers, gate, openapi
-from beamtouch_service.api.context import Context, ContextParameter
+from beamtouch_service.api.context import ContextParameter
 from beamtouch_service.api.errors import NO_STORE
-from beamtouch_service.api.event_answers import EventCapture, EventList, EventWithPath
+from beamtouch_service.api.event_answers import EventList, EventWithPath
 from beamtouch_service.api.times import Time, microseconds
-from beamtouch_service.events.recorder import Recorder
-from beamtouch_service.events.segments import EventKind
-from beamtouch_service.events.selection import Selection
-from beamtouch_service.events.store import EventStore
+from beamtouch_service.events.event import EventKind
+from beamtouch_service.events.store import Selection, Store
 from beamtouch_service.problems import Kind, Problem, ProblemError
 from beamtouch_service.samples import SurfaceName
 
@@ -37,7 +35,7 @@ class EventQuery(BaseModel):
     since: Time | None = Field(None, description="Only events that began at or after this time (RFC 3339).")
     until: Time | None = Field(None, description="Only events that began before this time.")
     after: str | None = Field(None, pattern=r"^[0-9]{1,17}\.[0-9]{1,18}$", description="`next` of the previous page.")
-    path: bool = Field(False, description="Include paths; CSV never has them.")  # a default
+    path: bool = Field(False, description="Include paths and captures; CSV never has them.")  # a default
     limit: int = Field(
         _MAX_PATHS,
         ge=1,
@@ -84,38 +82,19 @@ class _Page:
     """Value of `after` for the next page."""
 
 
-def _page(recorder: Recorder, store: EventStore, query: EventQuery, *, as_csv: bool) -> _Page:
+def _page(store: Store, query: EventQuery, *, as_csv: bool) -> _Page:
     path = query.path and not as_csv
-    found = [(number, recorder.answerable(event)) for number, event in store.read(_selection(query, path=path))]
+    found = store.read(_selection(query, path=path))
     page = found[: query.limit]
     following = f"{page[-1][1].touched_us}.{page[-1][0]}" if len(found) > len(page) else None
-    captured = store.captured([number for number, _ in page])
     if as_csv:
-        return _Page(event_answers.as_csv(page, captured), not page, following)
-    content = event_answers.as_json(page, captured, following, path=path)
-    return _Page(content, not page, following)
+        return _Page(event_answers.as_csv(page), not page, following)
+    return _Page(event_answers.as_json(page, following, path=path), not page, following)
 
 
-def _one(recorder: Recorder, store: EventStore, number: int) -> bytes | None:
+def _one(store: Store, number: int) -> bytes | None:
     found = store.get(number)
-    if found is None:
-        return None
-    captured = number in store.captured([number])
-    answer = event_answers.event_with_path(number, recorder.answerable(found), captured=captured)
-    return answer.model_dump_json().encode()
-
-
-def _capture(store: EventStore, number: int) -> bytes | None:
-    found = store.get(number)
-    if found is None:
-        return None
-    return event_answers.capture(number, found, store.capture(found)).model_dump_json().encode()
-
-
-def _end_stale(context: Context) -> None:
-    """End the open events of stale surfaces, before each query."""
-    for surface in context.registry:
-        surface.tell_if_stale(context.clock())
+    return event_answers.event_with_path(number, found).model_dump_json().encode() if found else None
 
 
 _PROBLEMS = (Kind.INVALID_REQUEST, Kind.EVENTS_AWAY)
@@ -123,7 +102,6 @@ _LIST = {200: openapi.EVENTS, **openapi.problems(Kind.UNKNOWN_SURFACE, Kind.NO_S
 _ONE = {200: openapi.EVENT, **openapi.problems(Kind.UNKNOWN_EVENT, *_PROBLEMS)}
 
 
-_CAPTURE = _ONE | {200: openapi.CAPTURE}
 _Number = Annotated[int, PathParameter(alias="id", ge=1, lt=2**63)]
 
 router = gate.make_router("events", Role.READ)
@@ -132,9 +110,8 @@ router = gate.make_router("events", Role.READ)
 @router.get("/events", responses=_LIST, response_model=EventList)
 async def get_events(context: ContextParameter, request: Request, query: Annotated[EventQuery, Query()]) -> Response:
     """Return contacts and unexplained stretches, the newest first; as CSV, one row per event."""
-    as_csv, recorder = _wants_csv(query, request), context.recorder
-    _end_stale(context)
-    page = await context.ask_events(lambda store: _page(recorder, store, query, as_csv=as_csv))
+    as_csv = _wants_csv(query, request)
+    page = await context.recorder.ask(lambda store: _page(store, query, as_csv=as_csv))
     if query.surface and page.is_empty:
         # A surface that is no longer configured may still have events; if it has none, the name is wrong.
         context.registry.named(query.surface)
@@ -147,20 +124,9 @@ async def get_events(context: ContextParameter, request: Request, query: Annotat
 
 @router.get("/events/{id}", responses=_ONE, response_model=EventWithPath)
 async def get_event(context: ContextParameter, number: _Number) -> Response:
-    """Return one event, with its path."""
-    recorder = context.recorder
-    _end_stale(context)
-    return _known(number, await context.ask_events(lambda store: _one(recorder, store, number)))
-
-
-@router.get("/events/{id}/capture", responses=_CAPTURE, response_model=EventCapture)
-async def get_event_capture(context: ContextParameter, number: _Number) -> Response:
-    """Return the samples of the unexplained stretches of one event, channel by channel."""
-    return _known(number, await context.ask_events(lambda store: _capture(store, number)))
-
-
-def _known(number: int, content: bytes | None) -> Response:
+    """Return one event, with its path and its capture."""
+    content = await context.recorder.ask(lambda store: _one(store, number))
     if content is None:
-        detail = f"There is no event {number}. It was dropped or joined with another event; see GET /events."
+        detail = f"There is no event {number}. It was dropped; see GET /events."
         raise ProblemError(Problem(Kind.UNKNOWN_EVENT, detail))
     return Response(content, headers=NO_STORE, media_type="application/json")

@@ -93,42 +93,36 @@ EVENT = {
     "quality": "good",
     "model": "paper@4f2c91",
     "boot_id": "6f1d2c84-0b7e-4a53",
-    "capture": False,
 }
-EVENT_WITH_PATH = EVENT | {"path": [{"at": "2026-11-20T23:40:46.123Z", "position_mm": 123.4, "force_n": 9.8}]}
 _OF_CONTACT = ["peak_force_n", "peak_position_mm", "mean_position_mm"]
 STRETCH = EVENT | dict.fromkeys(_OF_CONTACT) | {"kind": "unexplained", "begin": "clear", "end": "clear", "samples": 0}
-STRETCH |= {"unexplained_ms": 1250.0, "capture": True}
-CAPTURE = {
-    "id": 42,
-    "surface": "press-7",
-    "model": "paper@4f2c91",
-    "explained_without": {"s3": 1},
-    "samples": [
-        {
-            "sequence": 4711,
-            "sampled_at": "2026-11-20T23:40:46.123Z",
-            "readings": 40,
-            "misfit": 412.7,
-            "misfit_limit": 27.6,
-            "rest_misfit": 15231.0,
-            "rest_limit": 37.3,
-            "log_odds": 7409.2,
-            "notes": ["check-s3"],
-            "channels": [
-                {
-                    "name": "s3",
-                    "deflection_mm": 0.497,
-                    "standard_error_mm": 0.0004,
-                    "rest_residual": 331.3,
-                    "misfit_without": 1.9,
-                    "rest_misfit_without": 2.4,
-                    "explained_without": True,
-                }
-            ],
-        }
-    ],
-}
+STRETCH |= {"unexplained_ms": 1250.0}
+_CAPTURE = [
+    {
+        "sequence": 4711,
+        "sampled_at": "2026-11-20T23:40:46.123Z",
+        "readings": 40,
+        "misfit": 412.7,
+        "misfit_limit": 27.6,
+        "rest_misfit": 15231.0,
+        "rest_limit": 37.3,
+        "log_odds": 7409.2,
+        "channels": [
+            {
+                "name": "s3",
+                "deflection_mm": 0.497,
+                "standard_error_mm": 0.0004,
+                "rest_residual": 331.3,
+                "misfit_without": 1.9,
+                "rest_misfit_without": 2.4,
+                "explained_without": True,
+            }
+        ],
+    }
+]
+_PATH = [{"at": "2026-11-20T23:40:46.123Z", "position_mm": 123.4, "force_n": 9.8}]
+EVENT_WITH_PATH = EVENT | {"path": _PATH, "capture": []}
+STRETCH_WITH_PATH = STRETCH | {"path": [], "capture": _CAPTURE}
 NEXT = "1795218046123000.42"
 CSV = "\r\n".join([",".join(EVENT), ",".join(json.dumps(value).strip('"') for value in EVENT.values()), ""])
 

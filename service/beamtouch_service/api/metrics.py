@@ -13,6 +13,7 @@ from beamtouch_models.modelfile import State
 from beamtouch_service.access import Role
 from beamtouch_service.api import gate, openapi
 from beamtouch_service.api.context import Context, ContextParameter
+from beamtouch_service.events.recorder import Recorder
 from beamtouch_service.problems import Kind
 from beamtouch_service.samples import Quality
 from beamtouch_service.surfaces.summary import SurfaceSummary
@@ -38,12 +39,7 @@ class SurfaceCollector(Collector):
 
     def collect(self) -> Iterator[Metric]:
         """Return the metrics of all surfaces."""
-        words = "Writes to the record of contacts that failed or found no room."
-        yield CounterMetricFamily("beamtouch_event_writes_lost", words, value=self._context.recorder.lost)
-        words = "Writes to the record of contacts that wait for a database that is away."
-        yield GaugeMetricFamily("beamtouch_event_writes_waiting", words, value=self._context.recorder.writer.waiting)
-        words = "Times that the database of events went away."
-        yield CounterMetricFamily("beamtouch_event_outages", words, value=self._context.recorder.writer.outages)
+        yield from _of_record(self._context.recorder)
         words = "1 while the address, broker or record of a section of the configuration is missing."
         missing = GaugeMetricFamily("beamtouch_missing", words, labels=["section"])
         for section, reason in self._context.reasons().items():
@@ -55,6 +51,21 @@ class SurfaceCollector(Collector):
         yield from _of_states(summaries, now_s)
         yield from _of_channels(summaries, now_s)
         yield from _of_health(summaries)
+
+
+def _of_record(recorder: Recorder) -> Iterator[Metric]:
+    words = "Times that the record of events went away."
+    yield CounterMetricFamily("beamtouch_record_outages", words, value=recorder.outages)
+    words = "Times that another service had recorded a surface meanwhile."
+    yield CounterMetricFamily("beamtouch_record_races", words, value=recorder.races)
+    words = "Samples that are in memory and not durable in the record yet."
+    waiting = GaugeMetricFamily("beamtouch_record_samples_waiting", words, labels=["surface"])
+    words = "Samples that the record lacks, as their sender no longer had them."
+    lost = CounterMetricFamily("beamtouch_record_samples_lost", words, labels=["surface"])
+    for family, counts in ((waiting, recorder.waiting), (lost, recorder.lost)):
+        for name, count in counts.items():
+            family.add_metric([name], count)
+        yield family
 
 
 def _of_samples(summaries: Summaries) -> Iterator[Metric]:

@@ -40,14 +40,6 @@ EVENT: dict[str, Any] = {
 }
 """The answer of the route of one event."""
 
-CAPTURE: dict[str, Any] = {
-    "description": "The samples.",
-    "content": {
-        "application/json": {"examples": {"a sensor that contradicts the others": {"value": examples.CAPTURE}}}
-    },
-}
-"""The answer of the route of a capture."""
-
 BATCH_BODY: dict[str, Any] = {
     "requestBody": {
         "required": True,
@@ -134,3 +126,5 @@ def _add_examples(description: dict[str, Any]) -> None:
     stretch = {"value": {"events": [examples.STRETCH], "next": None}}
     content = description["paths"]["/events"]["get"]["responses"]["200"]["content"]["application/json"]
     content["examples"]["an unexplained stretch"] = stretch
+    content = description["paths"]["/events/{id}"]["get"]["responses"]["200"]["content"]["application/json"]
+    content["examples"]["an unexplained stretch"] = {"value": examples.STRETCH_WITH_PATH}

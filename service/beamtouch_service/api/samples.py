@@ -39,7 +39,6 @@ _PROBLEMS = openapi.problems(
     Kind.MISSING_CHANNELS,
     Kind.OTHER_BEAM,
     Kind.NO_SURFACE,
-    Kind.BUSY,
     Kind.STOPPING,
 )
 
@@ -56,9 +55,10 @@ async def post_samples(name: SurfaceInPath, request: Request) -> Receipt:
         begin_s = context.clock()
         arrival_s = request.scope.get("state", {}).get(ARRIVED_S, begin_s)
         batch = parse_batch(await read_body(request))
-        arrival_s = min(arrival_s, begin_s - surface.transit.waited_s(batch, begin_s))
+        if not batch.backlog:
+            arrival_s = min(arrival_s, begin_s - surface.transit.waited_s(batch, begin_s))
         changes = surface.sender_changes
-        receipt = surface.receive(batch, arrival_s, _peer(request))
+        received = surface.receive(batch, arrival_s, _peer(request))
     except ProblemError as error:
         known = name if name in context.registry.names else ""
         context.counts.rejected.labels(known, error.problem.kind.slug).inc()
@@ -72,7 +72,14 @@ async def post_samples(name: SurfaceInPath, request: Request) -> Receipt:
     context.counts.wiring(surface)
     context.counts.channels_out(surface)
     context.counts.rivals(surface, begin_s)
-    return receipt
+    durable, expected = await context.recorder.take(surface, batch, received.weighed)
+    return Receipt(
+        accepted=received.accepted,
+        repeated=received.repeated,
+        durable=durable,
+        expected=expected,
+        stale_ms=surface.stale_ms,
+    )
 
 
 def _peer(request: Request) -> str:

@@ -1,18 +1,24 @@
-"""The PostgreSQL database of the events: shared by several services, prepared when it is reached."""
+"""The database of the record: a SQLite file, memory, or PostgreSQL. Prepared when it is reached."""
 
+import json
+import logging
 import os
-import time
+import sqlite3
+from abc import ABC, abstractmethod
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
-from socket import SHUT_RDWR, socket
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from threading import Lock
 
-from sqlalchemy import Connection, Engine, create_engine, event, func, insert, inspect, make_url, select, text, update
-from sqlalchemy.engine.interfaces import DBAPIConnection
-from sqlalchemy.exc import ArgumentError, DBAPIError, InterfaceError, OperationalError
+from sqlalchemy import URL, Connection, Engine, StaticPool, create_engine, event, func, make_url, select
+from sqlalchemy.exc import ArgumentError, DBAPIError, InterfaceError, OperationalError, SQLAlchemyError
 
-from beamtouch_service.events.file import EventsAwayError, EventStoreError, compact_json
-from beamtouch_service.events.schema import CAPTURES, EVENTS, FORMAT, FORMATS, upgrade
+from beamtouch_service.events.tables import EVENTS, OtherFormatError, is_current, prepare
 
+_BUSY_S = 2.0
+"""Wait this long while another program, such as a backup, has the file locked."""
+_PRAGMAS = ("journal_mode=WAL", "synchronous=FULL", "foreign_keys=ON", "journal_size_limit=4194304")
 _CONNECT: dict[str, object] = {
     "application_name": "beamtouch-service",
     "connect_timeout": 3,
@@ -22,170 +28,226 @@ _CONNECT: dict[str, object] = {
     "keepalives_interval": 2,
     "keepalives_count": 3,
     # A service that is frozen in the middle of a transaction keeps the others waiting no longer than this.
-    "options": "-c lock_timeout=4s -c statement_timeout=20s -c idle_in_transaction_session_timeout=8s",
+    "options": "-c lock_timeout=4s -c statement_timeout=20s -c idle_in_transaction_session_timeout=5s",
 }
 """Parameters of a connection, unless the URL has others."""
-_LOCKS = 0x6265616D
-"""The class of the advisory locks: "beam". The number in it is that of a surface, or 0 while tables are prepared."""
-_ROW_BYTES = 400
-"""Size of a row with its index entries, without its JSON."""
-_CLOSED = -1
-"""No socket."""
-STUCK_S = 25.0
-"""A call that takes longer is ended. PostgreSQL itself ends statements before that, unless it is frozen."""
+_LOCK = 0x6265616D
+"""The advisory lock of a transaction that writes: "beam". Services write in turn."""
 _READ_ONLY = "25006"
 """The error code of a standby, which takes writes once it is the primary."""
-_OTHER_TABLES = {"42P01", "42703"}
-"""The error codes of a missing table and of a missing column: a backup was restored while the connection was open."""
+_ROW_BYTES = 400
+"""Size of a row of PostgreSQL with its index entries, without its JSON."""
+
+_log = logging.getLogger("beamtouch.service.events")
+_compact_json = partial(json.dumps, separators=(",", ":"), allow_nan=False)
 
 
-class EventDatabase:
-    """The events of several services. Each write is one transaction, and those of a surface are carried out in turn."""
+class EventsAwayError(Exception):
+    """The record takes nothing now; the message gives its reason, in one line. What failed can be tried again."""
 
-    is_shared = True
 
-    def __init__(self, url: str) -> None:
-        """Prepare the tables, unless the database is away; raises EventStoreError if it can never be used."""
-        self._engine = _engine(url)
+class EventStoreError(EventsAwayError):
+    """The record cannot be used as it is; the message gives the reason and the remedy, in one line."""
+
+
+class Database(ABC):
+    """A database whose every connection is checked before its first use."""
+
+    def __init__(self, engine: Engine) -> None:
+        """Prepare it, unless it is away; raises EventStoreError if it can never be used."""
+        self._engine = engine
         self._is_prepared = False
-        # A database that was away may come back empty, or changed by a newer service.
-        event.listen(self._engine, "connect", self._connected)
-        event.listen(self._engine, "close", self._closing)
-        self._socket = _CLOSED
-        self._busy_since_s: float | None = None
-        """Time at which the call that uses the connection began [s, monotonic]."""
+        self.away_because = ""
+        """Why it was away at first; empty if it was not."""
+        # A database that was away may come back empty, or as another one.
+        event.listen(engine, "connect", self._connected)
         try:
-            with self._engine.connect() as connection:
-                self._prepare(connection)
+            with self.writing():
+                pass
         except EventStoreError:
-            self.close()
+            engine.dispose()
             raise
-        except DBAPIError as error:
-            if not _is_passing(error):
-                raise
+        except EventsAwayError as error:  # the next call tries again
+            self.away_because = str(error)
 
     @contextmanager
-    def begin(self, surface: str | None = None) -> Iterator[Connection]:
-        """Give a transaction, the only one that writes to `surface`; raises EventsAwayError."""
-        with self.connect() as connection, connection.begin():
-            if surface is not None:
-                _lock(connection, func.hashtext(surface))
+    def writing(self) -> Iterator[Connection]:
+        """Give a transaction, the only one that writes; raises EventsAwayError."""
+        with self._connection() as connection, connection.begin():
+            self._lock(connection)
             yield connection
 
     @contextmanager
-    def connect(self) -> Iterator[Connection]:
+    def reading(self) -> Iterator[Connection]:
         """Give a connection for reading; raises EventsAwayError."""
-        try:
-            with self._engine.connect() as connection:
-                self._prepare(connection)
-                self._busy_since_s = time.monotonic()
-                yield connection
-        except DBAPIError as error:
-            if _code(error) in _OTHER_TABLES:
-                self._is_prepared = False
-            elif not _is_passing(error):
-                raise
-            raise EventsAwayError(_reason(error)) from None
-        except EventStoreError as error:
-            raise EventsAwayError(_reason(error)) from None
-        finally:
-            self._busy_since_s = None
-
-    def used_bytes(self) -> int:
-        """Return the size of the rows. The files of the database keep the room of deleted ones."""
-        sizes = func.pg_column_size(EVENTS.c.path) + func.coalesce(func.pg_column_size(EVENTS.c.best), 0)
-        events = select(func.coalesce(func.sum(sizes + _ROW_BYTES), 0))
-        captures = select(func.coalesce(func.sum(func.pg_column_size(CAPTURES.c.sample) + _ROW_BYTES), 0))
-        with self.connect() as connection:
-            return int(connection.scalar(events) or 0) + int(connection.scalar(captures) or 0)
-
-    def is_in_place(self) -> bool:
-        """Return true: a database that is deleted takes its connections with it."""
-        return True
+        with self._connection() as connection:
+            yield connection
 
     def close(self) -> None:
-        """Close the connection. Open events may be those of another service."""
+        """Close the connections."""
         self._engine.dispose()
 
-    def abandon(self) -> None:
-        """End a call of another thread that waits for the database, which may be frozen."""
-        with suppress(OSError), socket(fileno=os.dup(self._socket)) as same:
-            same.shutdown(SHUT_RDWR)
+    @abstractmethod
+    def used_bytes(self, connection: Connection) -> int:
+        """Return the size of the events."""
 
-    def abandon_stuck(self) -> None:
-        """End a call of another thread that has taken longer than `STUCK_S`."""
-        since_s = self._busy_since_s
-        if since_s is not None and time.monotonic() - since_s > STUCK_S:
-            self.abandon()
+    @abstractmethod
+    def _lock(self, connection: Connection) -> None:
+        """Make a transaction the only one that writes."""
 
-    def _connected(self, connection: DBAPIConnection, _: object) -> None:
-        self._is_prepared = False
-        self._socket = connection.fileno()
+    @abstractmethod
+    def _described(self, reason: str) -> str:
+        """Return why it cannot be used, with a remedy."""
 
-    def _closing(self, _connection: DBAPIConnection, _: object) -> None:
-        # Its number may soon be that of another socket.
-        self._socket = _CLOSED
+    @contextmanager
+    def _connection(self) -> Iterator[Connection]:
+        is_first = not self._is_prepared
+        try:
+            with self._engine.connect() as connection:
+                if not self._is_prepared:
+                    self._prepare(connection)
+                    self._is_prepared, is_first = True, False
+                yield connection
+        except OtherFormatError as error:
+            raise EventStoreError(self._described(str(error))) from None
+        except (SQLAlchemyError, sqlite3.Error, OSError) as error:
+            self._is_prepared = False
+            reason = self._described(_reason(error)) if is_first else _reason(error)
+            raise (EventStoreError if is_first and not _is_passing(error) else EventsAwayError)(reason) from None
 
     def _prepare(self, connection: Connection) -> None:
-        if not self._is_prepared:
-            _prepare(connection)
-            self._is_prepared = True
+        if not is_current(connection):
+            connection.rollback()
+            with connection.begin():
+                self._lock(connection)
+                prepare(connection)
+        connection.rollback()
+
+    def _connected(self, _connection: object, _: object) -> None:
+        self._is_prepared = False
 
 
-def _engine(url: str) -> Engine:
+class FileDatabase(Database):
+    """A SQLite file, which other programs may read. Several services may write to it."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._identity: tuple[int, int] | None = None
+        """Device and inode of the open file."""
+        arguments = {"check_same_thread": False, "isolation_level": None, "timeout": _BUSY_S}
+        url = URL.create("sqlite", database=str(path))
+        super().__init__(create_engine(url, json_serializer=_compact_json, connect_args=arguments))
+
+    def used_bytes(self, connection: Connection) -> int:
+        """Return the size of the used part of the file; later events fill the unused part first."""
+        return _used_bytes(connection)
+
+    @contextmanager
+    def _connection(self) -> Iterator[Connection]:
+        if self._identity is not None and self._identity != _identity(self._path):
+            words = "the file of events was deleted or replaced while open; the record goes on in %s"
+            _log.error(words, self._path)
+            self._identity = None
+            self._engine.dispose()
+        with super()._connection() as connection:
+            self._identity = self._identity or _identity(self._path)
+            yield connection
+
+    def _connected(self, connection: object, _: object) -> None:
+        super()._connected(connection, _)
+        for pragma in _PRAGMAS:
+            connection.execute(f"PRAGMA {pragma}")  # type: ignore[attr-defined]  # the driver's
+
+    def _lock(self, connection: Connection) -> None:
+        connection.exec_driver_sql("BEGIN IMMEDIATE")
+
+    def _described(self, reason: str) -> str:
+        return f"events file {self._path}: {reason}; set events.file to one that the service can write"
+
+
+class MemoryDatabase(Database):
+    """A database in memory: one connection, for one thread at a time."""
+
+    def __init__(self) -> None:
+        self._turn = Lock()
+        arguments = {"check_same_thread": False, "isolation_level": None}
+        super().__init__(create_engine("sqlite://", poolclass=StaticPool, connect_args=arguments))
+
+    def used_bytes(self, connection: Connection) -> int:
+        """Return the size of the used part of the database."""
+        return _used_bytes(connection)
+
+    @contextmanager
+    def _connection(self) -> Iterator[Connection]:
+        with self._turn, super()._connection() as connection:
+            yield connection
+
+    def _lock(self, connection: Connection) -> None:
+        connection.exec_driver_sql("BEGIN IMMEDIATE")
+
+    def _described(self, reason: str) -> str:
+        return reason
+
+
+class ServerDatabase(Database):
+    """A PostgreSQL database, which several services share."""
+
+    def __init__(self, url: str) -> None:
+        try:
+            parsed = make_url(url).set(drivername="postgresql+psycopg")
+        except (ArgumentError, ValueError):
+            # Not quoted: it may hold a password.
+            message = "events.url cannot be read; it looks like postgresql://beamtouch@127.0.0.1/beamtouch"
+            raise EventStoreError(message) from None
+        given = {name: value for name, value in _CONNECT.items() if name not in parsed.query}
+        try:
+            engine = create_engine(parsed, json_serializer=_compact_json, connect_args=given, pool_pre_ping=True)
+        except ModuleNotFoundError:
+            message = "events.url needs psycopg; run: pip install 'beamtouch[postgresql]'"
+            raise EventStoreError(message) from None
+        super().__init__(engine)
+
+    def used_bytes(self, connection: Connection) -> int:
+        """Return the size of the rows. The files of the database keep the room of deleted ones."""
+        texts = (EVENTS.c.path, EVENTS.c.best, EVENTS.c.capture)
+        sizes = sum((func.coalesce(func.pg_column_size(text), 0) for text in texts), start=0)
+        return int(connection.scalar(select(func.coalesce(func.sum(sizes + _ROW_BYTES), 0))) or 0)
+
+    def _lock(self, connection: Connection) -> None:
+        connection.execute(select(func.pg_advisory_xact_lock(_LOCK)))
+
+    def _described(self, reason: str) -> str:
+        return f"the database of events.url: {reason}; give Beamtouch a database of its own"
+
+
+def opened(place: Path | str | None) -> Database:
+    """Open a file, the database of a URL, or memory; raises EventStoreError."""
+    if place is None:
+        return MemoryDatabase()
+    return ServerDatabase(place) if isinstance(place, str) else FileDatabase(place)
+
+
+def _identity(path: Path) -> tuple[int, int] | None:
     try:
-        parsed = make_url(url).set(drivername="postgresql+psycopg")
-    except (ArgumentError, ValueError):
-        # Not quoted: it may hold a password.
-        message = "events.url cannot be read; it looks like postgresql://beamtouch@127.0.0.1/beamtouch"
-        raise EventStoreError(message) from None
-    given = {name: value for name, value in _CONNECT.items() if name not in parsed.query}
-    try:
-        return create_engine(parsed, pool_size=1, max_overflow=0, json_serializer=compact_json, connect_args=given)
-    except ModuleNotFoundError:
-        message = "events.url needs psycopg; run: pip install 'beamtouch[postgresql]'"
-        raise EventStoreError(message) from None
+        found = os.stat(path)  # noqa: PTH116  # a third of the time of Path.stat, at each use
+    except OSError:
+        return None
+    return found.st_dev, found.st_ino
 
 
-def _prepare(connection: Connection) -> None:
-    """Create or upgrade the tables. Several services may start at once."""
-    try:
-        with connection.begin():
-            _lock(connection, 0)
-            found = 0
-            if inspect(connection).has_table(FORMATS.name):
-                found = connection.scalar(select(FORMATS.c.format)) or 0
-            if found == FORMAT:
-                return
-            # To change a large table takes its time; the other services wait.
-            connection.execute(text("SET LOCAL statement_timeout = 0"))
-            upgrade(connection, found)
-            if found:
-                connection.execute(update(FORMATS).values(format=FORMAT))
-            else:
-                FORMATS.create(connection)
-                connection.execute(insert(FORMATS).values(format=FORMAT))
-    except (DBAPIError, ValueError) as error:
-        if isinstance(error, DBAPIError) and _is_passing(error):
-            raise
-        message = f"the database of events.url: {_reason(error)}; give Beamtouch a database of its own"
-        raise EventStoreError(message) from None
+def _used_bytes(connection: Connection) -> int:
+    pages, free, size = (
+        int(connection.exec_driver_sql(f"PRAGMA {name}").scalar_one())
+        for name in ("page_count", "freelist_count", "page_size")
+    )
+    return (pages - free) * size
 
 
-def _lock(connection: Connection, number: object) -> None:
-    connection.execute(select(func.pg_advisory_xact_lock(_LOCKS, number)))
-
-
-def _is_passing(error: DBAPIError) -> bool:
+def _is_passing(error: Exception) -> bool:
     """Return whether the same call may succeed later."""
-    is_away = isinstance(error, OperationalError | InterfaceError) or error.connection_invalidated
-    return is_away or _code(error) == _READ_ONLY
-
-
-def _code(error: DBAPIError) -> str | None:
-    """Return the code that PostgreSQL gave the error; None if it came from elsewhere."""
-    code: str | None = getattr(error.orig, "sqlstate", None)
-    return code
+    cause = error.orig if isinstance(error, DBAPIError) else error
+    is_away = isinstance(error, OperationalError | InterfaceError | OSError)
+    return is_away or isinstance(cause, sqlite3.OperationalError) or getattr(cause, "sqlstate", None) == _READ_ONLY
 
 
 def _reason(error: Exception) -> str:

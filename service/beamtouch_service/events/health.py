@@ -1,19 +1,18 @@
-"""The health of surfaces, from the best samples of their events. Only the worker thread uses it."""
+"""The health of surfaces, from the best samples of their events. One thread at a time."""
 
 import logging
 import time
 from dataclasses import dataclass
 
 from beamtouch_models.modelfile import BestSample, ChannelChange, Health, ModelFile
-from beamtouch_service.events.best_samples import Best
-from beamtouch_service.events.best_table import Baseline, Sampled
-from beamtouch_service.events.store import EventStore
+from beamtouch_service.events.best import Best
+from beamtouch_service.events.store import KeptHealth, Sampled, Store
 from beamtouch_service.surfaces.contact import rfc3339
 from beamtouch_service.surfaces.health import ChannelHealth, Part, SurfaceHealth
 from beamtouch_service.surfaces.surface import Surface
 
 READ_AT_ONCE = 64
-"""Events read at once: other tasks of the thread wait for a tenth of a second at most."""
+"""Events read at once."""
 SAVE_S = 60.0
 """Time between two writes of a baseline; after a crash the events since the last one are read again."""
 _PERCENT_DIGITS, _MM_DIGITS = 3, 6
@@ -37,7 +36,7 @@ class _Kept:
 class HealthKeeper:
     """Follows the events of all surfaces."""
 
-    def __init__(self, store: EventStore) -> None:
+    def __init__(self, store: Store) -> None:
         self._store = store
         self._kept: dict[str, _Kept] = {}
 
@@ -72,7 +71,7 @@ class HealthKeeper:
 
     def _loaded(self, surface: str, model: ModelFile, before: _Kept | None) -> _Kept:
         """Return the baseline on record, or a new one; `before` is that of the model before."""
-        found = self._store.baseline(surface)
+        found = self._store.health(surface)
         if found is not None and found.model == model.identity:
             try:
                 health = Health(model.metadata, found.history)
@@ -104,8 +103,8 @@ class HealthKeeper:
 
     def _save(self, surface: str, kept: _Kept) -> None:
         history, identity = kept.health.to_json(), kept.model.identity
-        self._store.keep_baseline(
-            Baseline(surface, identity, kept.characteristic, kept.last_event, kept.newest_us, history)
+        self._store.keep_health(
+            KeptHealth(surface, identity, kept.characteristic, kept.last_event, kept.newest_us, history)
         )
         kept.saved_event, kept.saved_s = kept.last_event, time.monotonic()
 

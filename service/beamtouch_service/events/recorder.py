@@ -1,51 +1,48 @@
-"""Records the contacts of all surfaces.
+"""Records the contacts of all surfaces: every sample once and in order, whatever happens to this service.
 
-New samples are grouped into segments where they arrive. A single worker thread writes the segments, answers queries and
-decides late samples, so that the current contact never waits for the disk. New segments and queries go first.
+What is taken into the record is in memory until the next commit, a second later, which writes the events, the memory of
+the decision and the cursor of each boot in one transaction. The sender keeps each sample until then.
 """
 
+import asyncio
 import logging
+import threading
 import time
-from collections.abc import Callable
-from concurrent.futures import Future
-from dataclasses import replace
+from collections.abc import Callable, Mapping
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
-from threading import Timer
 from typing import TypeVar
 
-from sqlalchemy.exc import DBAPIError
-
 from beamtouch_models.modelfile import ModelFile
-from beamtouch_service.events.file import EventsAwayError
-from beamtouch_service.events.findings import Finish, Found, Loss
+from beamtouch_service.events.boots import Boots
+from beamtouch_service.events.database import EventsAwayError
+from beamtouch_service.events.event import End
 from beamtouch_service.events.health import HealthKeeper
-from beamtouch_service.events.health_updates import HealthUpdates
-from beamtouch_service.events.late import LateSamples
-from beamtouch_service.events.late_queue import LateQueue
-from beamtouch_service.events.losses import Losses
-from beamtouch_service.events.segmenter import Segmenter
-from beamtouch_service.events.segments import End, Segment
-from beamtouch_service.events.store import EventStore
-from beamtouch_service.events.upkeep import Upkeep
-from beamtouch_service.events.worker import Worker
-from beamtouch_service.events.write_queue import WriteQueue
-from beamtouch_service.events.writer import Writer
+from beamtouch_service.events.store import Change, Store
 from beamtouch_service.limits import KEEP_DAYS, MAX_MB
 from beamtouch_service.samples import Batch, Sample
-from beamtouch_service.surfaces.follower import Seen
+from beamtouch_service.surfaces.estimates import Estimated, estimate
 from beamtouch_service.surfaces.surface import Surface
 
-STOP_S = 1.0
-"""At the stop, waiting writes get this much time."""
+LOAD_S = 0.4
+"""A batch waits this long for what is on record of its boot; without it, its samples come again."""
+REST_S = 1.0
+"""Pause after the record could not be read."""
+QUERY_S = 15.0
+"""Longest time for a query, and for a commit before the record counts as away."""
+STOP_S = 2.0
+"""Time for the last commit."""
+CHUNK = 64
+"""Samples of a backlog that are weighed together, in a thread if there are more: live answers do not wait for it."""
+_TIDY_S = 60.0
 
 _log = logging.getLogger("beamtouch.service.events")
-
 _T = TypeVar("_T")
 
 
 class Recorder:
-    """Observes the decisions of all surfaces of a service, and records them as events."""
+    """The record of a service."""
 
     def __init__(
         self,
@@ -58,137 +55,259 @@ class Recorder:
         """Open a file, the database of a URL, or memory; raises EventStoreError if it cannot be used."""
         self.is_replica = replica
         """Whether other services have the samples of some surfaces."""
-        self._store = EventStore(place, keep_days * 86_400, int(max_mb * 1e6))
-        self._late = LateSamples(self._store)
-        self._health = HealthKeeper(self._store)
-        self._worker, self._losses = Worker("events"), Losses()
-        self._segmenters: dict[str, Segmenter] = {}
-        """Surface -> segmenter of its newest samples."""
-        self._stale: set[str] = set()
-        """Surfaces whose newest sample is too old."""
-        self._upkeep: Future[None] | None = None
+        self.store = Store(place, keep_days * 86_400, int(max_mb * 1e6))
+        self.outages = self.races = 0
+        """Times that the record went away, and that another service had written what this one was about to write."""
         self.on_written: Callable[[], None] = lambda: None
-        """Called in the worker thread after each write of events."""
-        self._health_updates = HealthUpdates(self._worker, self._health, self._losses)
-        self.writer = Writer(self._store, self._losses, self._written)
-        """Its counts are for the metrics."""
-        self._writes = WriteQueue(self._worker, self.writer, self._losses)
-        self._late_queue = LateQueue(self._worker, self.writer, self._late, self._losses)
-        surfaces = self._health_updates.surfaces
-        self._maintenance = Upkeep(self._store, self.writer, self._losses, self._late, surfaces)
-
-    @property
-    def lost(self) -> int:
-        """Count of writes that were lost."""
-        return self._losses.count
+        """Called after each commit that ended events."""
+        self._surfaces: dict[str, Surface] = {}
+        self._boots: dict[str, Boots] = {}
+        self._loads: dict[tuple[str, str], asyncio.Task[None]] = {}
+        self._health = HealthKeeper(self.store)
+        self._unhealthy: set[str] = set()
+        """Surfaces whose health is to be updated."""
+        self._commit: asyncio.Task[None] | None = None
+        self._begun_s = 0.0
+        """When the commit that runs began [s, monotonic]."""
+        self._reason = ""
+        self._resume_s = self._tidied_s = float("-inf")
+        self._upkeep: asyncio.Task[None] | None = None
+        self._healing: asyncio.Task[None] | None = None
+        self._note(self.store.away_because)
 
     def watch(self, surface: Surface) -> None:
-        """State the health of a surface, now and after each of its events."""
-        self._health_updates.watch(surface)
-
-    def fresh(self, surface: Surface, model: ModelFile, boot_id: str, seen: list[Seen]) -> None:
-        """Record new samples, in order."""
-        self._stale.discard(surface.name)
-        segmenter = self._segmenters.get(surface.name)
-        commands: list[Found] = []
-        if segmenter is None or (segmenter.boot_id, segmenter.model) != (boot_id, model.identity):
-            commands = segmenter.end_run() if segmenter else []
-            segmenter = self._segmenters[surface.name] = Segmenter(surface.name, model, boot_id)
-        last = segmenter.last
-        if self._store.is_shared and (last is None or seen[0].estimated.sequence != last.sequence + 1):
-            # Another service, which may be dead, had the samples before: its open event ends, or goes on with these.
-            commands = [Loss(), *commands]
-        for one in seen:
-            commands += segmenter.add(one)
-        name, stale_ms = surface.name, surface.stale_ms
-        if commands:
-            # The worker thread decides doubtful samples.
-            self._writes.add(name, lambda: self._late.commands_in(name, stale_ms, commands))
-
-    def stale(self, surface: Surface) -> None:
-        """End the open event of a surface: its newest sample is too old."""
-        self._stale.add(surface.name)
-        if self._store.is_shared:
-            self._leave(surface, End.STALE)
-        elif segmenter := self._segmenters.get(surface.name):
-            self._writes.add_all(surface.name, segmenter.expire())
-
-    def maintain(self) -> None:
-        """End events that a lost write left open, and tidy the file once a minute; call this about once a second."""
-        self._store.abandon_stuck()
-        if self._maintenance.is_due and (self._upkeep is None or self._upkeep.done()):
-            self._upkeep = self._worker.prompt(self._maintenance.run)
+        """Record the samples of a surface, and state its health."""
+        self._surfaces[surface.name] = surface
+        self._unhealthy.add(surface.name)
 
     @property
-    def late_waiting(self) -> int:
-        """Late samples that are not written yet."""
-        return self._late_queue.waiting
+    def away_because(self) -> str:
+        """Why the record is away; empty while it is there."""
+        late_s = time.monotonic() - self._begun_s
+        if self._commit and not self._commit.done() and late_s > QUERY_S:
+            return f"the database has not answered for {late_s:.0f} s"
+        return self._reason
 
-    def has_room(self, samples: int) -> bool:
-        """Return whether this many more late samples may wait."""
-        return self._late_queue.has_room(samples)
+    @property
+    def waiting(self) -> dict[str, int]:
+        """Samples of each surface that are taken and not durable yet."""
+        return {name: boots.waiting for name, boots in self._boots.items()}
 
-    def late(self, surface: Surface, model: ModelFile, batch: Batch, samples: list[Sample]) -> None:
-        """Record late samples of a batch, in order."""
-        self._late_queue.add(surface, model, batch, samples)
+    @property
+    def lost(self) -> dict[str, int]:
+        """Samples of each surface that are missing on record: their sender no longer had them."""
+        return {name: boots.lost for name, boots in self._boots.items()}
 
-    def ask(self, query: Callable[[EventStore], _T]) -> "Future[_T]":
-        """Run a query in the worker thread, after everything that was observed of new samples so far.
+    async def take(
+        self, surface: Surface, batch: Batch, weighed: Mapping[int, Estimated]
+    ) -> tuple[int | None, int | None]:
+        """Take the samples of a batch that are expected; return `durable` and `expected` for its receipt.
 
-        The query ends with EventsAwayError while a database is away.
+        `weighed` are those that the answer stands on, by number; the others are weighed here.
         """
-        self._flush()
-        return self.look(query)
+        model = surface.model
+        if model is None:
+            return _without_model(surface, batch)
+        boots = self._boots.setdefault(surface.name, Boots(surface.name, surface.stale_ms))
+        if boots.get(batch.boot_id) is None:
+            await self._load(surface, batch)
+        boots = self._boots.get(surface.name, boots)
+        if boots.get(batch.boot_id) is None or surface.model is not model:
+            return None, None
+        boots.adopt(model)
+        boots.hear(batch, is_newest=surface.newest is not None and surface.newest.boot_id == batch.boot_id)
+        await self._add(surface, model, batch, weighed)
+        boot = self._boots[surface.name].get(batch.boot_id) if surface.name in self._boots else None
+        return (boot.durable, boot.expected) if boot else (None, None)
 
-    def look(self, query: Callable[[EventStore], _T]) -> "Future[_T]":
-        """Run a query in the worker thread. What was observed of open events since their last write is not in it."""
-        return self._worker.prompt(partial(self.writer.ask, query))
+    async def _add(self, surface: Surface, model: ModelFile, batch: Batch, weighed: Mapping[int, Estimated]) -> None:
+        is_heavy = len(batch.samples) > CHUNK
+        for start in range(0, len(batch.samples), CHUNK):
+            boots = self._boots.get(surface.name)
+            boot = boots.get(batch.boot_id) if boots else None
+            if boots is None or boot is None or surface.model is not model:
+                return
+            part = [one for one in batch.samples[start : start + CHUNK] if one.sequence >= boot.expected]
+            if not part:
+                continue
+            if batch.oldest is not None and (part[0].sequence > boot.expected or not boot.has_room):
+                return
+            samples = [weighed[one.sequence] for one in part if one.sequence in weighed]
+            if len(samples) < len(part):
+                call: Callable[[], list[Estimated]] = partial(_weighed, model, surface.name, batch, part)
+                samples = await in_thread(call) if is_heavy else call()
+            if surface.model is model and self._boots.get(surface.name) is boots:
+                for sample in samples:
+                    boots.add(batch, sample)
 
-    def answerable(self, event: Segment) -> Segment:
-        """Return an event as it is to be answered: not as open if a lost write may have ended it; for a query."""
-        if event.end is not End.OPEN or event.surface not in self.writer.incomplete:
-            return event
-        return replace(event, end=End.STALE if event.surface in self._stale else End.UNSEEN)
+    async def _load(self, surface: Surface, batch: Batch) -> None:
+        """Read what is on record of the boot of a batch, unless that takes long."""
+        if time.monotonic() < self._resume_s:
+            return
+        key = surface.name, batch.boot_id
+        if key not in self._loads:
+            load = self._loads[key] = asyncio.create_task(self._loaded(surface, batch))
+            load.add_done_callback(lambda _: self._loads.pop(key))
+            await asyncio.wait([load], timeout=LOAD_S)
+
+    async def _loaded(self, surface: Surface, batch: Batch) -> None:
+        try:
+            cursors = await in_thread(lambda: self.store.load(surface.name, batch.boot_id))
+        except EventsAwayError as error:
+            self._resume_s = time.monotonic() + REST_S
+            self._note(str(error))
+            return
+        if surface.model:
+            boots = self._boots.setdefault(surface.name, Boots(surface.name, surface.stale_ms))
+            boots.put(batch, surface.model, cursors)
+
+    def maintain(self) -> None:
+        """Begin a commit, and tidy the record once a minute; call this about once a second."""
+        self.commit()
+        if time.monotonic() - self._tidied_s >= _TIDY_S and (self._upkeep is None or self._upkeep.done()):
+            self._tidied_s = time.monotonic()
+            self._upkeep = asyncio.create_task(self._tidy())
+
+    def commit(self) -> "asyncio.Task[None]":
+        """Make durable what was taken so far, unless that is being done."""
+        if self._commit is None or self._commit.done():
+            self._begun_s = time.monotonic()
+            self._commit = asyncio.create_task(self._committed())
+            self._commit.add_done_callback(_log_failure)
+        return self._commit
+
+    async def ask(self, query: Callable[[Store], _T]) -> _T:
+        """Return the answer to a query of everything that was taken so far; raises EventsAwayError."""
+        try:
+            async with asyncio.timeout(QUERY_S):
+                if self._commit and not self._commit.done():
+                    await asyncio.shield(self._commit)
+                await asyncio.shield(self.commit())
+                return await self.look(query)
+        except TimeoutError:
+            message = f"it has not answered for {QUERY_S:g} s"
+            raise EventsAwayError(message) from None
+
+    async def look(self, query: Callable[[Store], _T]) -> _T:
+        """Return the answer to a query of what is durable; raises EventsAwayError."""
+        return await in_thread(lambda: query(self.store))
+
+    async def _committed(self) -> None:
+        boots = dict(self._boots)
+        changes = [change for one in boots.values() for change in one.changes()]
+        if changes or self._reason:
+            try:
+                numbers, lost = await in_thread(lambda: self.store.commit(changes, time.time()))
+            except EventsAwayError as error:
+                self._note(str(error))
+                _take_back(boots, changes)
+                return
+            except BaseException:
+                _take_back(boots, changes)
+                raise
+            self._note("")
+            for change in changes:
+                boot = boots[change.surface].get(change.boot_id)
+                if change.surface not in lost and boot:
+                    boot.made(change, numbers)
+            for name in lost:
+                # Another service has written: what is known here is not so any more.
+                self.races += 1
+                self._boots.pop(name, None)
+            ended = {one.surface for one in changes if any(row["end"] is not End.OPEN for _, _, row in one.events)}
+            self._unhealthy |= ended - lost
+            if ended - lost:
+                self.on_written()
+        if self._unhealthy and (self._healing is None or self._healing.done()):
+            self._healing = asyncio.create_task(self._update_health())
+
+    async def _update_health(self) -> None:
+        while self._unhealthy:
+            name = self._unhealthy.pop()
+            try:
+                while await in_thread(partial(self._health.update, self._surfaces[name])):
+                    pass  # there is more to read
+            except EventsAwayError:
+                self._unhealthy.add(name)
+                return
+
+    async def _tidy(self) -> None:
+        try:
+            if dropped := await self.look(lambda store: store.prune(time.time())):
+                _log.info("%d events were dropped: too old, or above the size limit", dropped)
+        except EventsAwayError as error:
+            self._note(str(error))
+
+    def _note(self, reason: str) -> None:
+        """Log that the record went away for this reason, or that it is back."""
+        if reason and not self._reason:
+            self.outages += 1
+            _log.warning("the record of events is away: %s; answers go on, and daemons keep their samples", reason)
+        elif self._reason and not reason:
+            _log.info("the record of events is back")
+        self._reason = reason
 
     def close(self) -> None:
-        """Write what can be written in a second, and close the file."""
-        lost = self.lost
-        for surface in self._health_updates.surfaces.values() if self._store.is_shared else ():
-            self._leave(surface, End.UNFINISHED)
-        self._flush()
-        self._losses.end_s = time.monotonic() + STOP_S
-        frozen = Timer(STOP_S, self._store.abandon)
-        frozen.start()
-        self._worker.close()
-        frozen.cancel()
-        self.writer.give_up()
-        if self.lost > lost:
-            _log.warning("%d writes were lost at the stop", self.lost - lost)
-        self._maintenance.check_place()
+        """Write what is not durable, if that takes no longer than `STOP_S`, and close the database."""
+        changes = list[Change]()
+        # What a commit that still runs makes of the cursors is not known. The senders have the samples.
+        if self._commit is None or self._commit.done():
+            changes = [change for boots in self._boots.values() for change in boots.changes()]
+        thread = threading.Thread(target=partial(self._close, changes), daemon=True)
+        thread.start()
+        thread.join(STOP_S)
+
+    def _close(self, changes: list[Change]) -> None:
         try:
+            if changes:
+                self.store.commit(changes, time.time())
             self._health.close()
-            self._store.close()
-        except DBAPIError as error:
-            _log.warning("cannot close the file of events properly: %s", error.orig)
-        except EventsAwayError:
-            pass  # the log has it
+        except EventsAwayError as error:
+            _log.warning("the record of events is away at the stop: %s; daemons keep their samples", error)
+        self.store.close()
 
-    def tidy(self) -> None:
-        """Check that the file is in its place, and drop events beyond the limits; for the worker thread."""
-        self._maintenance.tidy()
 
-    def _written(self, name: str) -> None:
-        self._health_updates.update(name)
-        self.on_written()
+def _log_failure(task: "asyncio.Task[None]") -> None:
+    error = None if task.cancelled() else task.exception()
+    if error:
+        _log.error("the record cannot be written", exc_info=error)
 
-    def _flush(self) -> None:
-        for name, segmenter in self._segmenters.items():
-            self._writes.add_all(name, segmenter.flush())
 
-    def _leave(self, surface: Surface, end: End) -> None:
-        """End the run of a surface: another service may have the next sample."""
-        segmenter = self._segmenters.pop(surface.name, None)
-        if segmenter and segmenter.last:
-            finish = Finish(segmenter.boot_id, segmenter.last.sequence, end)
-            found, stale_ms = [*segmenter.flush(), finish, *segmenter.end_run()], surface.stale_ms
-            self._writes.add(surface.name, lambda: self._late.commands_in(surface.name, stale_ms, found))
+def in_thread(call: Callable[[], _T]) -> "asyncio.Future[_T]":
+    """Run a call in a thread of its own, which the end of the process does not wait for."""
+    loop = asyncio.get_running_loop()
+    answer: asyncio.Future[_T] = loop.create_future()
+
+    def deliver(give: Callable[[], None]) -> None:
+        if not answer.done():
+            give()
+
+    def run() -> None:
+        try:
+            give = partial(answer.set_result, call())
+        except Exception as error:  # noqa: BLE001  # the caller gets it
+            give = partial(answer.set_exception, error)
+        with suppress(RuntimeError):  # the event loop may be closed
+            loop.call_soon_threadsafe(deliver, give)
+
+    threading.Thread(target=run, daemon=True).start()
+    return answer
+
+
+def _weighed(model: ModelFile, surface: str, batch: Batch, samples: list[Sample]) -> list[Estimated]:
+    return estimate(model, surface, batch, samples)
+
+
+def _take_back(boots: Mapping[str, Boots], changes: list[Change]) -> None:
+    for change in changes:
+        boot = boots[change.surface].get(change.boot_id)
+        if boot:
+            boot.take_back(change)
+
+
+def _without_model(surface: Surface, batch: Batch) -> tuple[int | None, int | None]:
+    """Return what a surface without a model keeps: nothing, or if its model file cannot be used, all is yet to come."""
+    if surface.model_error is not None:
+        return None, None
+    newest = batch.samples[-1].sequence if batch.samples else (batch.oldest or 1) - 1
+    return newest, newest + 1

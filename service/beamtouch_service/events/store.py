@@ -1,179 +1,353 @@
-"""Events in a database, joined from segments. One thread at a time; every call is one transaction."""
+"""The record: cursors, events, what destinations have yet to get, and health. Every call is one transaction."""
 
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-from sqlalchemy import ColumnElement, Connection, delete, func, select
+from sqlalchemy import (
+    Connection,
+    Row,
+    bindparam,
+    delete,
+    exists,
+    func,
+    insert,
+    join,
+    null,
+    select,
+    true,
+    tuple_,
+    update,
+)
 
-from beamtouch_models.modelfile import State
-from beamtouch_service.events import best_table, capture_table, deliveries, edge_table, writing
-from beamtouch_service.events.best_table import Baseline, Sampled
-from beamtouch_service.events.captures import Capture
-from beamtouch_service.events.database import EventDatabase
-from beamtouch_service.events.deliveries import Due
-from beamtouch_service.events.file import EventFile
-from beamtouch_service.events.findings import Command, Edge
-from beamtouch_service.events.schema import EVENTS
-from beamtouch_service.events.segments import Segment
-from beamtouch_service.events.selection import Selection
-from beamtouch_service.events.writing import Numbered
-from beamtouch_service.surfaces.contradiction import Contradiction
+from beamtouch_service.events.best import Best
+from beamtouch_service.events.database import opened
+from beamtouch_service.events.event import End, Event, EventKind, OpenEvent, Point
+from beamtouch_service.events.tables import (
+    CONTENT,
+    CURSORS,
+    DELIVERIES,
+    DESTINATIONS,
+    EVENTS,
+    HEALTH,
+    IS_FINISHED,
+    IS_OPEN,
+)
 
 _PRUNE_SHARE = 20
-"""Prune 1/20 of the captures, or of the events, at a time."""
+"""Above the size limit, 1/20 of the events goes at a time."""
 _c = EVENTS.c
+_WITHOUT_PATH = [column for column in CONTENT if column not in (_c.path, _c.best, _c.capture)]
+_UPDATE = update(EVENTS).where(_c.id == bindparam("of_id"))
+_KEY = ("surface", "boot_id")
+_MOVE = update(CURSORS).where(*(CURSORS.c[name] == bindparam(f"of_{name}") for name in _KEY))
+
+Numbered = tuple[int, Event]
+"""Id and content of an event."""
 
 
-class EventStore:
-    """The events of all surfaces: in a file or in memory, or in a database of several services.
+@dataclass(frozen=True)
+class Cursor:
+    """How far the record of one boot is."""
 
-    While the file or the database is away, every call raises EventsAwayError.
-    """
+    surface: str
+    boot_id: str
+    durable: int
+    """Number of the last sample on record."""
+    version: int
+    """How often this was written."""
+    model: str
+    memory: dict[str, Any]
+    event: Numbered | None
+    """The open event."""
+
+
+@dataclass(frozen=True)
+class Change:
+    """What the samples of one boot since its last change add to the record."""
+
+    surface: str
+    boot_id: str
+    version: int
+    """The version that it follows; 0 for a new boot."""
+    durable: int
+    model: str
+    memory: dict[str, Any]
+    events: list[tuple[OpenEvent, int | None, dict[str, Any]]]
+    """Events that began, went on or ended: each with its id, if it is on record, and its row."""
+    open_event: OpenEvent | None
+
+
+@dataclass(frozen=True)
+class Selection:
+    """Selects events to read, newest first."""
+
+    surface: str | None = None
+    kind: EventKind | None = None
+    since_us: int | None = None
+    """Earliest touch."""
+    until_us: int | None = None
+    """The touch is before this time."""
+    after: tuple[int, int] | None = None
+    """Touch time and id of the last event that was read."""
+    limit: int = 100
+    path: bool = True
+    """Read paths and captures too; they are by far the largest part of an event."""
+
+
+@dataclass(frozen=True)
+class Sampled:
+    """An event with its best sample."""
+
+    number: int
+    model: str
+    best: Best | None
+
+
+@dataclass(frozen=True)
+class KeptHealth:
+    """What the best samples of a surface add up to since its baseline began."""
+
+    surface: str
+    model: str
+    characteristic: str | None
+    last_event: int
+    """The newest event in it."""
+    newest_us: int
+    """Time of the newest sample in it [us since 1970]."""
+    history: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Due:
+    """A finished event that a destination has yet to acknowledge."""
+
+    delivery: int
+    number: int
+    event: Event
+
+
+class Store:
+    """The record of all surfaces. While its database is away, every call raises EventsAwayError."""
 
     def __init__(self, place: Path | str | None, keep_s: float, max_bytes: int) -> None:
         """Open a file, the database of a URL, or memory; raises EventStoreError."""
         self._keep_s, self._max_bytes = keep_s, max_bytes
-        self._place = EventDatabase(place) if isinstance(place, str) else EventFile(place)
+        self._database = opened(place)
 
     @property
-    def is_shared(self) -> bool:
-        """Whether other services may record events of the same surfaces."""
-        return self._place.is_shared
+    def away_because(self) -> str:
+        """Why the database was away at the start; empty if it was not."""
+        return self._database.away_because
 
-    def write(self, surface: str, commands: Iterable[Command], now_s: float) -> None:
-        """Carry out all commands, or none, at `now_s` [s since 1970, by the service's clock]."""
-        with self._place.begin(surface) as connection:
-            for command in commands:
-                if isinstance(command, Segment):
-                    writing.add(connection, command, now_s)
-                elif isinstance(command, Capture):
-                    capture_table.write(connection, surface, command)
-                elif isinstance(command, Edge):
-                    writing.note(connection, surface, command, now_s)
-                else:
-                    writing.complete(connection, surface, command)
+    def load(self, surface: str, boot_id: str) -> list[Cursor]:
+        """Return the cursors that matter to a batch of this boot: its own, and those with an open event."""
+        of_boot = (CURSORS.c.boot_id == boot_id) | CURSORS.c.event.is_not(null())
+        query = select(CURSORS).where(CURSORS.c.surface == surface, of_boot)
+        with self._database.reading() as connection:
+            rows = connection.execute(query).all()
+            numbers = [row.event for row in rows if row.event is not None]
+            found = connection.execute(select(_c.id, *CONTENT).where(_c.id.in_(numbers)))
+            events = {number: event for number, event in map(_numbered, found) if event.end is End.OPEN}
+        return [
+            Cursor(
+                row.surface,
+                row.boot_id,
+                row.durable,
+                row.version,
+                row.model,
+                row.memory,
+                (row.event, events[row.event]) if row.event in events else None,
+            )
+            for row in rows
+        ]
+
+    def commit(self, changes: Sequence[Change], now_s: float) -> tuple[dict[OpenEvent, int], set[str]]:
+        """Make changes durable at `now_s` [s since 1970, by the service's clock].
+
+        A surface of which a cursor no longer stands where its change says is left as it is. Returns the ids of new
+        events, and the names of these surfaces.
+        """
+        keys = [(change.surface, change.boot_id) for change in changes]
+        query = select(CURSORS.c.surface, CURSORS.c.boot_id, CURSORS.c.version)
+        with self._database.writing() as connection:
+            rows = connection.execute(query.where(tuple_(CURSORS.c.surface, CURSORS.c.boot_id).in_(keys))).all()
+            versions = {(surface, boot_id): version for surface, boot_id, version in rows}
+            each = zip(changes, keys, strict=True)
+            lost = {change.surface for change, key in each if versions.get(key, 0) != change.version}
+            kept = [change for change in changes if change.surface not in lost]
+            numbers = _write_events(connection, [one for change in kept for one in change.events], now_s)
+            cursors = [_cursor_values(change, numbers, now_s) for change in kept]
+            if new := [values for values in cursors if values["version"] == 1]:
+                connection.execute(insert(CURSORS), new)
+            if moved := [values for values in cursors if values["version"] > 1]:
+                connection.execute(_MOVE, [{f"of_{name}": one[name] for name in _KEY} | one for one in moved])
+        return numbers, lost
 
     def read(self, selection: Selection) -> list[Numbered]:
         """Return the selected events, newest touch first."""
-        with self._place.connect() as connection:
-            return [writing.numbered(row) for row in connection.execute(selection.query())]
+        query = select(_c.id, *(CONTENT if selection.path else _WITHOUT_PATH))
+        if selection.surface is not None:
+            query = query.where(_c.surface == selection.surface)
+        if selection.kind is not None:
+            query = query.where(_c.kind == selection.kind)
+        if selection.since_us is not None:
+            query = query.where(_c.touched_us >= selection.since_us)
+        if selection.until_us is not None:
+            query = query.where(_c.touched_us < selection.until_us)
+        if selection.after:
+            query = query.where(tuple_(_c.touched_us, _c.id) < tuple_(*selection.after))
+        query = query.order_by(_c.touched_us.desc(), _c.id.desc()).limit(selection.limit)
+        with self._database.reading() as connection:
+            return [_numbered(row) for row in connection.execute(query)]
 
-    def get(self, number: int) -> Segment | None:
+    def get(self, number: int) -> Event | None:
         """Return the event of that id; None if there is none."""
-        with self._place.connect() as connection:
-            found = writing.found(connection, writing.BY_ID, {"of_id": number})
-        return found[1] if found else None
-
-    def capture(self, event: Segment) -> list[Contradiction]:
-        """Return the samples that are kept of the unexplained stretches of an event, in order."""
-        with self._place.connect() as connection:
-            return capture_table.read(connection, event)
-
-    def captured(self, numbers: Collection[int]) -> set[int]:
-        """Return which of these events have samples of unexplained stretches."""
-        with self._place.connect() as connection:
-            return capture_table.captured(connection, numbers)
+        with self._database.reading() as connection:
+            row = connection.execute(select(_c.id, *CONTENT).where(_c.id == number)).first()
+        return _numbered(row)[1] if row else None
 
     def best_samples(self, surface: str, since_us: int | None, until_us: int | None, limit: int) -> list[Sampled]:
         """Return the newest contacts of a surface that have a best sample, oldest first, by the time of their touch."""
-        with self._place.connect() as connection:
-            return best_table.contacts(connection, surface, since_us, until_us, limit)
+        query = select(_c.id, _c.model, _c.best).where(
+            _c.surface == surface, _c.best.is_not(null()), _c.best["is_contact"].as_boolean()
+        )
+        if since_us is not None:
+            query = query.where(_c.touched_us >= since_us)
+        if until_us is not None:
+            query = query.where(_c.touched_us < until_us)
+        query = query.order_by(_c.touched_us.desc(), _c.id.desc()).limit(limit)
+        with self._database.reading() as connection:
+            return [Sampled(row.id, row.model, Best.of(row.best)) for row in connection.execute(query)][::-1]
 
     def ended_after(self, surface: str, number: int, max_events: int) -> list[Sampled]:
         """Return events of higher ids with a best sample, in the order of their ids, up to the first that is open."""
-        with self._place.connect() as connection:
-            return best_table.ended_after(connection, surface, number, max_events)
+        matters = _c.best.is_not(null()) | IS_OPEN
+        query = select(_c.id, _c.model, _c.best, _c.end).where(_c.surface == surface, _c.id > number, matters)
+        ended = list[Sampled]()
+        with self._database.reading() as connection:
+            for row in connection.execute(query.order_by(_c.id).limit(max_events)):
+                if row.end is End.OPEN:
+                    break
+                ended.append(Sampled(row.id, row.model, Best.of(row.best)))
+        return ended
 
-    def baseline(self, surface: str) -> Baseline | None:
+    def health(self, surface: str) -> KeptHealth | None:
         """Return what is kept of the health of a surface; None if nothing is."""
-        with self._place.connect() as connection:
-            return best_table.baseline(connection, surface)
+        with self._database.reading() as connection:
+            row = connection.execute(select(HEALTH).where(HEALTH.c.surface == surface)).first()
+        return KeptHealth(**row._asdict()) if row else None
 
-    def keep_baseline(self, kept: Baseline) -> None:
+    def keep_health(self, kept: KeptHealth) -> None:
         """Keep this of the health of a surface."""
-        with self._place.begin() as connection:
-            best_table.keep(connection, kept)
+        with self._database.writing() as connection:
+            connection.execute(delete(HEALTH).where(HEALTH.c.surface == kept.surface))
+            connection.execute(insert(HEALTH), vars(kept))
 
     def begin_delivery(self, destination: str, *, from_start: bool) -> None:
-        """Make a destination of events known: from now on, or from the start of the record."""
-        with self._place.begin() as connection:
-            deliveries.begin(connection, destination, from_start=from_start)
+        """Make a destination known: it gets the events that finish from now on, or all. A known one stays as it is."""
+        with self._database.writing() as connection:
+            if connection.execute(select(DESTINATIONS).where(DESTINATIONS.c.name == destination)).first():
+                return
+            connection.execute(insert(DESTINATIONS).values(name=destination))
+            if from_start:
+                each = select(bindparam("destination", destination), _c.id).where(IS_FINISHED).order_by(_c.id)
+                connection.execute(insert(DELIVERIES).from_select(["destination", "event"], each))
 
     def due(self, destination: str, limit: int) -> tuple[list[Due], int]:
         """Return finished events that a destination has yet to acknowledge, in order, and how many there are."""
-        with self._place.connect() as connection:
-            count = deliveries.count(connection, destination)
-            return deliveries.due(connection, destination, limit) if limit and count else [], count
+        is_due = DELIVERIES.c.destination == destination
+        query = (
+            select(DELIVERIES.c.number, _c.id, *_WITHOUT_PATH, _c.capture)
+            .join(EVENTS, _c.id == DELIVERIES.c.event)
+            .where(is_due)
+            .order_by(DELIVERIES.c.number)
+            .limit(limit)
+        )
+        with self._database.reading() as connection:
+            count = connection.scalar(select(func.count()).select_from(DELIVERIES).where(is_due)) or 0
+            rows = connection.execute(query).all() if limit and count else []
+        return [Due(row.number, *_numbered(row)) for row in rows], count
 
-    def acknowledge(self, destination: str, last: Due) -> None:
-        """Note that a destination has acknowledged all changes up to this one."""
-        with self._place.begin() as connection:
-            deliveries.acknowledge(connection, destination, last)
-
-    def state_after(self, surface: str, boot_id: str, sequence: int) -> State | None:
-        """Return the state after that sample, if a stored event ends with it and may go on; None if none does."""
-        sample = {"of_surface": surface, "of_boot_id": boot_id, "of_sequence": sequence}
-        with self._place.connect() as connection:
-            ends_unexplained = connection.execute(writing.GOES_ON, sample).scalar()
-        if ends_unexplained is None:
-            return None
-        return State.UNEXPLAINED if ends_unexplained else State.CONTACT
-
-    def edge(self, surface: str, boot_id: str, sequence: int) -> Edge | None:
-        """Return that sample, if it is next to a gap and kept; None if not."""
-        with self._place.connect() as connection:
-            return edge_table.find(connection, surface, boot_id, sequence)
-
-    def finish_abandoned(self, before_s: float) -> None:
-        """End the open events whose service has written nothing of them since `before_s` [s since 1970]."""
-        with self._place.begin() as connection:
-            writing.finish_abandoned(connection, before_s)
+    def acknowledge(self, delivered: Collection[Due]) -> None:
+        """Note that these events were acknowledged."""
+        numbers = [one.delivery for one in delivered]
+        with self._database.writing() as connection:
+            connection.execute(delete(DELIVERIES).where(DELIVERIES.c.number.in_(numbers)))
 
     def prune(self, now_s: float) -> int:
-        """Delete events too old at `now_s` [s since 1970]; return how many.
+        """Delete events too old at `now_s` [s since 1970], and the oldest above the size limit; return how many.
 
-        Above the size limit, the oldest captures go first, so that a faulty sensor does not push out the contacts. Only
-        then go the oldest events.
+        The cursor of a boot stays as long as an event of it.
         """
-        with self._place.begin() as connection:
-            edge_table.drop_old(connection, now_s)
-            deleted = _delete(connection, _c.recorded_s < now_s - self._keep_s)
-        while self.used_bytes() > self._max_bytes:
-            with self._place.begin() as connection:
-                if not capture_table.drop_oldest(connection, _PRUNE_SHARE):
+        before_s = now_s - self._keep_s
+        has_event = exists().where(_c.surface == CURSORS.c.surface, _c.boot_id == CURSORS.c.boot_id)
+        with self._database.writing() as connection:
+            deleted = connection.execute(delete(EVENTS).where(_c.recorded_s < before_s)).rowcount
+            connection.execute(delete(CURSORS).where(CURSORS.c.recorded_s < before_s, ~has_event))
+            while self._database.used_bytes(connection) > self._max_bytes:
+                count = connection.scalar(select(func.count()).select_from(EVENTS).where(IS_FINISHED)) or 0
+                share = max(1, count // _PRUNE_SHARE)
+                oldest = select(_c.id).where(IS_FINISHED).order_by(_c.recorded_s).limit(share)
+                removed = connection.execute(delete(EVENTS).where(_c.id.in_(oldest))).rowcount
+                if not removed:
                     break
-        while self.used_bytes() > self._max_bytes:
-            with self._place.begin() as connection:
-                count = connection.scalar(select(func.count()).select_from(EVENTS)) or 0
-                oldest = select(_c.id).order_by(_c.recorded_s).limit(max(1, count // _PRUNE_SHARE))
-                removed = _delete(connection, _c.id.in_(oldest))
-            if not removed:
-                break
-            deleted += removed
+                deleted += removed
         return deleted
 
     def used_bytes(self) -> int:
         """Return the size of the stored events."""
-        return self._place.used_bytes()
-
-    def is_in_place(self) -> bool:
-        """Return whether the file can still be found at its path."""
-        return self._place.is_in_place()
+        with self._database.reading() as connection:
+            return self._database.used_bytes(connection)
 
     def close(self) -> None:
-        """Close the file or the connection. The open events of a file are then unfinished."""
-        self._place.close()
-
-    def abandon(self) -> None:
-        """End a call of another thread that waits for a database."""
-        self._place.abandon()
-
-    def abandon_stuck(self) -> None:
-        """End such a call if it has waited for so long that the database must be frozen."""
-        self._place.abandon_stuck()
+        """Close the connections."""
+        self._database.close()
 
 
-def _delete(connection: Connection, these: ColumnElement[bool]) -> int:
-    """Delete events with their captures; return how many events."""
-    capture_table.drop(connection, these)
-    return connection.execute(delete(EVENTS).where(these)).rowcount
+def _write_events(
+    connection: Connection, events: Sequence[tuple[OpenEvent, int | None, dict[str, Any]]], now_s: float
+) -> dict[OpenEvent, int]:
+    """Write events, and what destinations get of them; return the ids of new ones."""
+    numbers: dict[OpenEvent, int] = {}
+    updates = list[dict[str, Any]]()
+    for event, number, row in events:
+        values = row | {"recorded_s": now_s}
+        if number is None:
+            numbers[event] = connection.execute(insert(EVENTS).returning(_c.id), values).scalar_one()
+        else:
+            updates.append(values | {"of_id": number})
+    if updates:
+        connection.execute(_UPDATE, updates)
+    finished = [numbers.get(event, number) for event, number, row in events if row["end"] is not End.OPEN]
+    if finished:
+        both = join(EVENTS, DESTINATIONS, true())
+        each = select(DESTINATIONS.c.name, _c.id).select_from(both).where(_c.id.in_(finished)).order_by(_c.id)
+        connection.execute(insert(DELIVERIES).from_select(["destination", "event"], each))
+    return numbers
+
+
+def _cursor_values(change: Change, numbers: Mapping[OpenEvent, int], now_s: float) -> dict[str, Any]:
+    event = change.open_event
+    return {
+        "surface": change.surface,
+        "boot_id": change.boot_id,
+        "durable": change.durable,
+        "version": change.version + 1,
+        "model": change.model,
+        "memory": change.memory,
+        "event": None if event is None else numbers.get(event, event.number),
+        "recorded_s": now_s,
+    }
+
+
+def _numbered(row: Row[*tuple[Any, ...]]) -> Numbered:
+    """Return the event of a row of `CONTENT`, with or without its path."""
+    values = {name: value for name, value in row._asdict().items() if name not in ("id", "number")}
+    values["path"] = [_point(*point) for point in values.get("path", [])]
+    return row.id, Event(**values)
+
+
+def _point(at_us: int, position_mm: float, force_n: float | None) -> Point:
+    return at_us, position_mm, force_n

@@ -77,13 +77,12 @@ class Background:
     async def _report_progress(self, context: Context) -> None:
         """Report progress to the manager while the loop turns and every surface can be asked.
 
-        The same look ends the events of surfaces that became stale.
+        The same look lets the record become durable.
         """
         pause_s = min(TICK_S, (self._manager.watchdog_s or TICK_S) / 4)
         while True:
             for surface in context.registry:
                 surface.summary(context.clock())
-                surface.tell_if_stale(context.clock())
             context.recorder.maintain()
             self._manager.alive()
             await asyncio.sleep(pause_s)

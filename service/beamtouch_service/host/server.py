@@ -13,7 +13,7 @@ from beamtouch_models.modelfile import ModelFileError
 from beamtouch_service.api.app import create_app
 from beamtouch_service.api.context import Streams, boot_clock
 from beamtouch_service.config import ConfigError
-from beamtouch_service.events.file import EventStoreError
+from beamtouch_service.events.database import EventStoreError
 from beamtouch_service.events.recorder import Recorder
 from beamtouch_service.host import model_watch, tls
 from beamtouch_service.host.arrivals import Arrivals

@@ -1,6 +1,5 @@
 // The table of recent events: contacts, and stretches that nothing explains.
 
-import { Capture } from "./capture.js";
 import { byId, html } from "./dom.js";
 
 export class Events {
@@ -9,7 +8,6 @@ export class Events {
     this.timer = null;
     this.events = [];
     this.current = true; // whether an open event may be shown as going on
-    this.capture = new Capture(token);
   }
 
   /** Ask now, and from now on every few seconds. */
@@ -35,7 +33,7 @@ export class Events {
     this.show(this.events);
   }
 
-  /** Rows stay where they are, so that a link keeps the focus; only what changed is made anew. */
+  /** Rows stay where they are; only what changed is made anew. */
   show(events) {
     this.events = events;
     byId("events-section").hidden = events.length === 0;
@@ -51,15 +49,12 @@ export class Events {
 
   row(event, of) {
     const row = html("tr", { "data-of": of }, html("th", { scope: "row" }, clock(event.touched_at)));
-    const link = event.capture ? [" ", this.capture.link(event)] : [];
-    const lasted = html("td", {}, duration(event, this.current), ...link);
+    const lasted = html("td", {}, duration(event, this.current));
     if (event.kind === "unexplained") row.append(html("td", { colspan: 2, class: "doubt" }, "unexplained"), lasted);
     else row.append(number(event.mean_position_mm), number(event.peak_force_n), lasted);
     return row;
   }
 }
-
-const ENDS = { stale: "samples stopped", unfinished: "service stopped" };
 
 const clock = (at) => html("time", { datetime: at }, new Date(at).toLocaleTimeString("en-GB"));
 const number = (value) => html("td", {}, value === null || value === undefined ? "—" : value.toFixed(1));
@@ -72,5 +67,5 @@ function duration({ dwell_ms, end, kind, unexplained_ms, unsteady }, current) {
   const within = unsteady ? `${stretches}, unsteady` : stretches;
   if (end === "open" && current) return `still${within}`;
   if (end === "lift") return `${seconds(dwell_ms)}${within}`;
-  return [`≥ ${seconds(dwell_ms)}${within}`, ENDS[end]].filter(Boolean).join(", ");
+  return `≥ ${seconds(dwell_ms)}${within}`;
 }

@@ -36,17 +36,6 @@ class Estimated(NamedTuple):
     characteristic: str | None = None
     """Identity of the sender's characteristics and rest gaps; None if it states none."""
 
-    def alone(self) -> "Estimated":
-        """Return the same without the samples around it, to be kept for long."""
-        evidence = self.evidence
-        if isinstance(evidence, Evidence):
-            evidence = evidence._replace(
-                deflection_mm=evidence.deflection_mm.copy(),
-                whitening_per_mm=evidence.whitening_per_mm.copy(),
-                still_whitening_per_mm=evidence.still_whitening_per_mm.copy(),
-            )
-        return self._replace(evidence=evidence, weighed=self.weighed.part(np.array([self.row])), row=0)
-
 
 def estimate(
     model: ModelFile,

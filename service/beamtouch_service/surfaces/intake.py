@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from beamtouch_service.samples import Batch, Receipt, Sample
+from beamtouch_service.samples import Batch, Sample
 from beamtouch_service.surfaces.senders import Senders
 from beamtouch_service.surfaces.sequence_log import SequenceLog
 from beamtouch_service.surfaces.summary import SampleCounts
@@ -10,13 +10,12 @@ from beamtouch_service.surfaces.summary import SampleCounts
 
 @dataclass(frozen=True, slots=True)
 class Taken:
-    """The new samples of a batch, in order."""
+    """The new samples of a batch."""
 
-    receipt: Receipt
-    late: list[Sample]
-    """They came after newer ones, and only complete the events."""
+    accepted: int
+    repeated: int
     fresh: list[Sample]
-    """They move the answer."""
+    """They move the answer, in order."""
     acquired_s: float
     """Time of the last sample of the batch [s, monotonic]."""
 
@@ -32,31 +31,30 @@ class Intake:
 
     def moves_answer(self, batch: Batch, arrival_s: float) -> bool:
         """Return whether the last sample of a batch that arrived at `arrival_s` [s, monotonic] moves the answer."""
-        return self._is_after_newest(batch, batch.samples[-1], arrival_s)
+        return bool(batch.samples) and self._is_after_newest(batch, batch.samples[-1], arrival_s)
 
     def take(self, batch: Batch, arrival_s: float) -> Taken:
         """Take a batch that arrived at `arrival_s` [s, monotonic]."""
+        if not batch.samples:
+            return Taken(0, 0, [], arrival_s)
         admission = self._sequences.admit(batch.boot_id, [sample.sequence for sample in batch.samples])
         self.counts.accepted += admission.accepted
         self.counts.repeated += admission.repeated
         self.counts.lost += admission.lost
-        samples = batch.samples
-        if admission.repeated:
-            new = set(admission.new)
-            samples = [sample for sample in samples if sample.sequence in new]
         acquired_s = _acquired_s(batch, arrival_s)
         # Sequence numbers increase, so the samples after the newest one are the last of the batch.
-        fresh = samples
-        if samples and not self._is_after_newest(batch, samples[0], arrival_s):
-            fresh = [sample for sample in samples if self._is_after_newest(batch, sample, arrival_s)]
+        new, fresh = set(admission.new), batch.samples
+        if admission.repeated or not self._is_after_newest(batch, fresh[0], arrival_s):
+            fresh = [one for one in fresh if one.sequence in new and self._is_after_newest(batch, one, arrival_s)]
         if fresh:
             self.senders.move(batch.boot_id, fresh[-1].sequence, acquired_s)
-        receipt = Receipt(accepted=admission.accepted, repeated=admission.repeated)
-        return Taken(receipt, samples[: len(samples) - len(fresh)], fresh, acquired_s)
+        return Taken(admission.accepted, admission.repeated, fresh, acquired_s)
 
     def _is_after_newest(self, batch: Batch, sample: Sample, arrival_s: float) -> bool:
+        if batch.backlog:
+            return False
         return self.senders.is_after_newest(batch.boot_id, sample.sequence, _acquired_s(batch, arrival_s), arrival_s)
 
 
 def _acquired_s(batch: Batch, arrival_s: float) -> float:
-    return arrival_s - batch.newest_age_ms / 1e3
+    return arrival_s - (batch.newest_age_ms or 0.0) / 1e3

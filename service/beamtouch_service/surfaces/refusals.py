@@ -51,12 +51,6 @@ def missing_channels(surface: str, missing: list[str]) -> Problem:
     return Problem(Kind.MISSING_CHANNELS, detail, surface, {"missing_channels": missing})
 
 
-def busy(surface: str) -> Problem:
-    """Return the problem of a late batch without room."""
-    detail = "Late samples come faster than they can be recorded; send the batch again."
-    return Problem(Kind.BUSY, detail, surface)
-
-
 def channels_out(surface: str, out: Mapping[str, ChannelOut]) -> Problem:
     """Return the problem of channels that have been out for too long."""
     named = ", ".join(f"{name} ({one.quality.value} since {one.since})" for name, one in out.items())

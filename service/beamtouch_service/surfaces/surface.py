@@ -5,14 +5,17 @@ No I/O and no clock: the caller gives the time, in seconds of the service's mono
 
 import math
 from collections.abc import Callable
+from typing import NamedTuple
 
 from beamtouch_models.modelfile import ModelFile, State
 from beamtouch_service.limits import DEGRADED_AFTER_S, STALE_MS, UNEXPLAINED_AFTER_S
 from beamtouch_service.problems import Kind, Problem, ProblemBody, ProblemError
-from beamtouch_service.samples import Batch, Note, Quality, Receipt, Sample
+from beamtouch_service.samples import Batch, Note, Quality, Sample
 from beamtouch_service.surfaces import refusals
 from beamtouch_service.surfaces.channels_out import ChannelsOut
 from beamtouch_service.surfaces.contact import Contact, Decision
+from beamtouch_service.surfaces.estimates import Estimated
+from beamtouch_service.surfaces.follower import Seen
 from beamtouch_service.surfaces.health import ChannelHealth, SurfaceHealth
 from beamtouch_service.surfaces.intake import Intake
 from beamtouch_service.surfaces.newest import Decided, Newest
@@ -22,10 +25,19 @@ from beamtouch_service.surfaces.stretches import Stretches
 from beamtouch_service.surfaces.summary import SampleCounts, SurfaceSummary
 from beamtouch_service.surfaces.timings import Timings
 from beamtouch_service.surfaces.transit import Transit
-from beamtouch_service.surfaces.witness import Witness
 
 SENDER_GONE_S = 10.0
 """A daemon whose samples are refused tries again sooner than this; after it, samples are what is missing."""
+
+
+class Received(NamedTuple):
+    """What became of a batch."""
+
+    accepted: int
+    """Samples that were new."""
+    repeated: int
+    weighed: dict[int, Estimated]
+    """Those that moved the answer, by number."""
 
 
 class Surface:
@@ -55,12 +67,10 @@ class Surface:
         """The channels that were not good for too long in these samples."""
         self.rivals = Rivals(stale_ms)
         """Notices that two daemons send samples."""
-        self.witness: Witness[Surface] | None = None
         self.newest: Newest | None = None
         """The newest sample; None before the first."""
         self._intake = Intake(stale_ms)
         self._served = ServedModel(model) if model else None
-        self._told_stale = False
         self.transit = Transit()
         """Tells how long a batch waited on its way."""
         self.timings = Timings()
@@ -89,34 +99,33 @@ class Surface:
         self._served = ServedModel(model)
         self.channels_out.forget()
 
-    def receive(self, batch: Batch, arrival_s: float, address: str = "unknown") -> Receipt:
+    def receive(self, batch: Batch, arrival_s: float, address: str = "unknown") -> Received:
         """Take a batch that arrived at `arrival_s` [s, monotonic] from this address.
 
-        Every sample after the newest one moves the contact, in order. Late samples never do.
+        Every sample after the newest one moves the contact, in order. Others never do, nor does a backlog.
 
         Raises
         ------
         ProblemError
-            The model is of another beam, channels of it are missing, or the whole batch is late and there is no room.
-            It changed nothing.
+            The model is of another beam, or channels of it are missing. The batch changed nothing.
         """
-        self.offered = batch.channels
-        # Late samples of a former beam say nothing about the beam that is there.
+        if not batch.backlog:
+            self.offered = batch.channels
+        # Samples of a former beam say nothing about the beam that is there.
         if self._intake.moves_answer(batch, arrival_s):
             self.sender_beam, self._sender_s = batch.beam, arrival_s
         self._require_beam(batch.beam)
         self._require_channels(batch.channels)
-        self._require_room(batch, arrival_s)
         taken = self._intake.take(batch, arrival_s)
-        self.rivals.hear(batch.boot_id, address, taken.acquired_s)
-        if taken.late and self._served and self.witness:
-            self.witness.late(self, self._served.file, batch, taken.late)
+        if batch.samples and not batch.backlog:
+            self.rivals.hear(batch.boot_id, address, taken.acquired_s)
+        seen = list[Seen]()
         if taken.fresh:
-            self._told_stale = False
-            self.timings.arrival_age_s.observe(batch.newest_age_ms / 1e3)
-            self._advance(batch, taken.fresh, taken.acquired_s)
+            self.timings.arrival_age_s.observe((batch.newest_age_ms or 0.0) / 1e3)
+            seen = self._advance(batch, taken.fresh, taken.acquired_s)
             self.on_fresh(self)
-        return taken.receipt
+        weighed = {one.estimated.sequence: one.estimated for one in seen}
+        return Received(taken.accepted, taken.repeated, weighed)
 
     def contact(self, now_s: float) -> Contact:
         """Return the contact as of `now_s` [s, monotonic].
@@ -131,12 +140,6 @@ class Surface:
             # A new exception each time: one that is raised again collects tracebacks.
             raise ProblemError(found)
         return found.contact(self.name, now_s)
-
-    def tell_if_stale(self, now_s: float) -> None:
-        """Tell the witness, once, that the newest sample is too old at `now_s` [s, monotonic]."""
-        if self.witness and not self._told_stale and self.is_stale(now_s):
-            self._told_stale = True
-            self.witness.stale(self)
 
     @property
     def sender_changes(self) -> int:
@@ -226,13 +229,6 @@ class Surface:
         if missing:
             raise ProblemError(refusals.missing_channels(self.name, missing))
 
-    def _require_room(self, batch: Batch, arrival_s: float) -> None:
-        if self.model is None or self.witness is None or self.witness.has_room(len(batch.samples)):
-            return
-        # A batch with a sample that moves the answer is taken whole: the answer never waits for late samples.
-        if not self._intake.moves_answer(batch, arrival_s):
-            raise ProblemError(refusals.busy(self.name), {"Retry-After": "1"})
-
     def _decided(self, now_s: float) -> Decided | Problem:
         """Return the newest sample with its decision at `now_s` [s, monotonic], or why there is none."""
         if self.model is None:
@@ -251,12 +247,12 @@ class Surface:
         outcome = newest.seen.outcome
         return Decided(newest, newest.seen, outcome) if isinstance(outcome, Decision) else outcome
 
-    def _advance(self, batch: Batch, fresh: list[Sample], acquired_s: float) -> None:
+    def _advance(self, batch: Batch, fresh: list[Sample], acquired_s: float) -> list[Seen]:
         served = self._served
         if served is None:
             self.channels_out.add([(one.acquired_unix_us, _bad(batch.channels, one)) for one in fresh], acquired_s)
             self.newest = Newest(batch.boot_id, batch.channels, fresh[-1], acquired_s, list(batch.notes))
-            return
+            return []
         model, boot_id, arrangement = served.file, batch.boot_id, served.arrangement(batch)
         seen = served.follow(self.name, self.stale_ms, batch, fresh, self.timings)
         self.stretches.add(seen, acquired_s)
@@ -269,8 +265,7 @@ class Surface:
         ):
             notes += [note] if applies else []
         self.newest = Newest(boot_id, batch.channels, fresh[-1], acquired_s, notes, seen[-1], model.identity)
-        if self.witness:
-            self.witness.fresh(self, model, boot_id, seen)
+        return seen
 
 
 def _bad(channels: list[str], sample: Sample) -> dict[str, Quality]:

@@ -27,7 +27,7 @@ class Plant:
     def __init__(self, folder: Path, services: list[Service]) -> None:
         self.services = services
         self.balancer = Balancer(folder, [int(service.url.rpartition(":")[2]) for service in services])
-        self._sent = dict.fromkeys(SURFACES, 0)
+        self._sent = dict.fromkeys(SURFACES, 1)
 
     def get(self, path: str) -> httpx2.Response:
         return httpx2.get(self.balancer.url + path, trust_env=False, verify=NO_TLS, timeout=TIMEOUT_S)

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import re
 import resource
 import signal
 import sqlite3
+import threading
+import time
 from contextlib import closing
 from typing import TYPE_CHECKING, Any
 
@@ -35,21 +36,29 @@ def events(service: Service) -> list[dict[str, Any]]:
     return found
 
 
+def log(batch: dict[str, Any], oldest: int = 1) -> dict[str, Any]:
+    """A part of what a sender has in its log."""
+    return batch | {"backlog": True, "newest_age_ms": None, "oldest": oldest}
+
+
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM])
-def test_events_survive_the_process_and_an_open_one_is_unfinished(
+def test_a_contact_through_a_restart_of_the_service_is_one_event(
     start_service: StartService, make_batch: MakeBatch, config: Path, how: signal.Signals
 ) -> None:
+    rows = [RESTING, TOUCHING, RESTING, TOUCHING, TOUCHING, TOUCHING, RESTING]
     service = start_service("--config", config)
-    service.post(make_batch(RESTING, TOUCHING, RESTING, TOUCHING, TOUCHING))
+    service.post(make_batch(*rows[:4]) | {"oldest": 1})
     assert [event["end"] for event in events(service)] == ["open", "lift"]
+    service.post(make_batch(*rows[4:6], sequence=5) | {"oldest": 1})
     service.stop(how)
-    assert (config.parent / "events.db").exists()
 
     service = start_service("--config", config)
-    assert [(event["end"], event["samples"]) for event in events(service)] == [("unfinished", 2), ("lift", 1)]
-
-    # The sender still runs: it repeats samples without a receipt, and sends new ones.
-    service.post(make_batch(TOUCHING, TOUCHING, RESTING, sequence=5))
+    assert [event["end"] for event in events(service)] == ["open", "lift"]
+    # The sender still has what was not durable.
+    receipt = service.post(log(make_batch(sequence=1) | {"samples": []})).json()
+    assert receipt["expected"] == (5 if how is signal.SIGKILL else 7)
+    rest = make_batch(*rows[receipt["expected"] - 1 :], sequence=receipt["expected"])
+    assert service.post(log(rest)).status_code == 200
     assert [(event["end"], event["samples"]) for event in events(service)] == [("lift", 3), ("lift", 1)]
 
 
@@ -68,31 +77,85 @@ def test_a_stretch_survives_a_kill_with_its_capture_and_goes_on(
     assert "surface press-7: since 2026-11-20T23:40:46." in lines[0]
 
     service = start_service("--config", config)
-    assert [event["end"] for event in events(service)] == ["unfinished"]
     service.post(make_batch(*[odd] * 3, *[RESTING] * 3, sequence=8))
     (event,) = events(service)
     assert (event["kind"], event["begin"], event["end"], event["samples"]) == ("unexplained", "clear", "clear", 0)
-    capture = service.get(f"/events/{event['id']}/capture").json()
-    # The first two samples of a stretch are not unexplained yet. A new process knows no state that speaks against it.
-    assert [sample["sequence"] for sample in capture["samples"]] == list(range(4, 13))
+    capture = service.get(f"/events/{event['id']}").json()["capture"]
+    # The first two samples of a stretch are not unexplained yet.
+    assert [sample["sequence"] for sample in capture] == list(range(4, 9))
 
 
-def test_failed_writes_are_counted_and_do_not_affect_the_contact(
+def test_killed_thirty_times_during_contacts_the_record_is_that_of_a_service_without_faults(
+    start_service: StartService, make_batch: MakeBatch, config: Path
+) -> None:
+    rows = [RESTING, *[TOUCHING] * 11, *[RESTING] * 5] * 30
+    service, sent = start_service("--config", config), 0
+
+    def asked() -> dict[str, Any]:
+        receipt: dict[str, Any] = service.post(log(make_batch() | {"samples": []})).json()
+        return receipt
+
+    def catch_up() -> None:
+        while (expected := asked()["expected"]) is None or expected <= sent:
+            if expected is not None:
+                service.post(log(make_batch(*rows[expected - 1 : sent], sequence=expected)))
+
+    for number in range(30):
+        sent = 17 * number + 6
+        catch_up()
+        if number % 2:
+            events(service)  # makes it durable
+        service.stop(signal.SIGKILL)
+        service = start_service("--config", config)
+    sent = len(rows)
+    catch_up()
+    found = service.get("/events?limit=1000").json()["events"]
+    assert [(event["begin"], event["end"], event["samples"]) for event in found] == [("touch", "lift", 11)] * 30
+
+
+def test_while_another_program_has_the_file_the_cursor_stands(
     start_service: StartService, make_batch: MakeBatch, config: Path, wait_for: Wait
 ) -> None:
     service = start_service("--config", config)
     with closing(sqlite3.connect(config.parent / "events.db", isolation_level=None)) as other:
         other.execute("BEGIN EXCLUSIVE")  # like a backup that hangs
-        service.post(make_batch(RESTING, TOUCHING, RESTING))
+        service.post(make_batch(RESTING, TOUCHING, RESTING) | {"oldest": 1})
         assert service.get("/contact").json()["state"] == "clear"
-        wait_for(lambda: "beamtouch_event_writes_lost_total 1.0" in service.get("/metrics").text)
+        wait_for(lambda: "beamtouch_record_outages_total 1.0" in service.get("/metrics").text)
+        assert service.post(log(make_batch() | {"samples": []})).json()["durable"] in {0, None}
         other.execute("ROLLBACK")
 
-    service.post(make_batch(TOUCHING, RESTING, sequence=4))
+    wait_for(lambda: service.get("/events").is_success)
+    service.post(log(make_batch(RESTING, TOUCHING, RESTING)))
     assert [(event["end"], event["samples"]) for event in events(service)] == [("lift", 1)]
     code, errors = service.stop(signal.SIGTERM)
     assert code == 0
-    assert "events are lost: database is locked" in errors
+    assert "the record of events is away: database is locked" in errors
+    assert "the record of events is back" in errors
+
+
+def test_a_commit_that_hangs_at_the_stop_loses_nothing(
+    start_service: StartService, make_batch: MakeBatch, config: Path
+) -> None:
+    rows = [RESTING, TOUCHING, RESTING, TOUCHING, TOUCHING, RESTING]
+    service = start_service("--config", config)
+    service.post(make_batch(RESTING) | {"oldest": 1})
+    assert events(service) == []
+    with closing(sqlite3.connect(config.parent / "events.db", isolation_level=None, check_same_thread=False)) as other:
+        other.execute("BEGIN IMMEDIATE")
+        service.post(make_batch(*rows[:4]) | {"oldest": 1})
+        time.sleep(1.2)  # a commit has begun
+        service.post(make_batch(*rows[4:], sequence=5) | {"oldest": 1})
+        release = threading.Timer(0.5, lambda: other.execute("ROLLBACK"))
+        release.start()
+        code, _ = service.stop(signal.SIGTERM)
+        release.join()
+    assert code == 0
+
+    service = start_service("--config", config)
+    expected = service.post(log(make_batch() | {"samples": []})).json()["expected"]
+    service.post(log(make_batch(*rows[expected - 1 :], sequence=expected) if expected < 7 else make_batch(*rows)))
+    assert [(event["end"], event["samples"]) for event in events(service)] == [("lift", 2), ("lift", 1)]
 
 
 def test_an_unusable_file_is_refused_in_one_line(command: Command, config: Path) -> None:
@@ -105,53 +168,13 @@ def test_an_unusable_file_is_refused_in_one_line(command: Command, config: Path)
     assert line.endswith("events.db: file is not a database; set events.file to one that the service can write")
 
 
-def stale_soon(config: Path) -> Path:
-    config.write_text(config.read_text().replace("stale_ms = 60000", "stale_ms = 300"))
-    return config
-
-
 def on_record(config: Path) -> list[tuple[str, int]]:
     """End and number of samples of each event, read by another process, without a query to the service."""
     with closing(sqlite3.connect(config.parent / "events.db")) as other:
         return other.execute('SELECT "end", samples FROM events ORDER BY touched_us, id').fetchall()
 
 
-def test_an_event_ends_when_its_surface_is_stale_and_goes_on_with_the_next_sample(
-    start_service: StartService, make_batch: MakeBatch, config: Path, wait_for: Wait
-) -> None:
-    service = start_service("--config", stale_soon(config))
-    service.post(make_batch(RESTING, TOUCHING, TOUCHING))
-    wait_for(lambda: on_record(config) == [("stale", 2)])
-    assert service.get("/contact").json()["type"] == "urn:beamtouch:problem:stale"
-    (event,) = events(service)
-    assert (event["end"], event["lifted_at"], event["samples"]) == ("stale", None, 2)
-    assert ",stale," in service.get("/events?format=csv").text
-
-    # The sender was only delayed.
-    service.post(make_batch(TOUCHING, sequence=4))
-    wait_for(lambda: on_record(config)[0][1] == 3)
-    wait_for(lambda: on_record(config) == [("stale", 3)])
-    service.post(make_batch(RESTING, sequence=5))
-    assert [(event["end"], event["samples"]) for event in events(service)] == [("lift", 3)]
-
-
-def test_late_samples_complete_the_event_of_a_dead_sender(
-    start_service: StartService, make_batch: MakeBatch, config: Path, wait_for: Wait
-) -> None:
-    service = start_service("--config", stale_soon(config))
-    service.post(make_batch(RESTING, TOUCHING, TOUCHING))
-    wait_for(lambda: on_record(config) == [("stale", 2)])
-
-    # The daemon restarts with another boot id, and sends the samples it had spooled before.
-    service.post(make_batch(RESTING, TOUCHING, boot_id="boot-0002"))
-    service.post(make_batch(TOUCHING, TOUCHING, sequence=4, age_ms=60_000))
-    wait_for(lambda: on_record(config)[0] == ("unseen", 4))
-    service.post(make_batch(TOUCHING, RESTING, sequence=6, age_ms=50_000))
-    wait_for(lambda: ("lift", 5) in on_record(config))
-    wait_for(lambda: sorted(on_record(config)) == [("lift", 5), ("stale", 1)])
-
-
-def test_a_full_disk_leaves_at_most_one_open_event(
+def test_a_full_disk_costs_no_event(
     start_service: StartService, make_batch: MakeBatch, config: Path, wait_for: Wait
 ) -> None:
     service = start_service("--config", config)
@@ -160,105 +183,50 @@ def test_a_full_disk_leaves_at_most_one_open_event(
         soft = resource.RLIM_INFINITY if grow else 0
         resource.prlimit(service.process.pid, resource.RLIMIT_FSIZE, (soft, resource.RLIM_INFINITY))
 
-    def lost() -> float:
-        (line,) = re.findall(r"^beamtouch_event_writes_lost_total (\S+)$", service.get("/metrics").text, re.MULTILINE)
-        return float(line)
-
     service.post(make_batch(RESTING, TOUCHING, TOUCHING))
     assert [event["end"] for event in events(service)] == ["open"]
     let_files_grow(grow=False)
-    service.post(make_batch(RESTING, sequence=4))
-    wait_for(lambda: lost() > 0)
+    service.post(make_batch(RESTING, TOUCHING, sequence=4))
+    wait_for(lambda: "beamtouch_record_outages_total 1.0" in service.get("/metrics").text)
+    receipt = service.post(make_batch(RESTING, sequence=6)).json()
+    assert (receipt["durable"], receipt["expected"]) == (3, 7)
+    assert service.get("/contact").json()["state"] == "clear"
     let_files_grow(grow=True)
-    # Its lift was seen but not recorded. No more samples come.
-    wait_for(lambda: on_record(config) == [("unseen", 2)])
-
-    service.post(make_batch(TOUCHING, sequence=5))
-    before = lost()
-    let_files_grow(grow=False)
-    service.post(make_batch(RESTING, TOUCHING, sequence=6))
-    wait_for(lambda: lost() > before)
-    let_files_grow(grow=True)
-    service.post(make_batch(RESTING, TOUCHING, TOUCHING, sequence=8))
-    wait_for(lambda: [event["end"] for event in events(service)].count("open") == 1)
-    assert [event["end"] for event in events(service)] == ["open", "unseen", "unseen"]
-    service.post(make_batch(RESTING, sequence=11))
-    assert [event["end"] for event in events(service)] == ["lift", "unseen", "unseen"]
-
-
-def test_an_event_that_a_full_disk_left_open_is_answered_as_unseen_or_stale(
-    start_service: StartService, make_batch: MakeBatch, config: Path, wait_for: Wait
-) -> None:
-    service = start_service("--config", config)
-    service.post(make_batch(RESTING, TOUCHING, TOUCHING))
-    (event,) = events(service)
-    assert event["end"] == "open"
-    resource.prlimit(service.process.pid, resource.RLIMIT_FSIZE, (0, resource.RLIM_INFINITY))
-    service.post(make_batch(RESTING, sequence=4))
-    assert [event["end"] for event in events(service)] == ["unseen"]
-    assert service.get(f"/events/{event['id']}").json()["end"] == "unseen"
-    assert ",unseen," in service.get("/events?format=csv").text
-    service.post(make_batch(TOUCHING, sequence=5, age_ms=59_900))
-    wait_for(lambda: service.get("/contact").status_code == 503)
-    assert [event["end"] for event in events(service)] == ["stale"]
-    resource.prlimit(service.process.pid, resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
-    wait_for(lambda: on_record(config)[0][0] == "unseen")
+    wait_for(lambda: on_record(config) == [("lift", 2), ("lift", 1)])
 
 
 @pytest.mark.parametrize("replaced", [False, True])
 def test_a_deleted_or_replaced_file_is_an_error_in_the_log(
-    start_service: StartService, make_batch: MakeBatch, config: Path, *, replaced: bool
+    start_service: StartService, make_batch: MakeBatch, config: Path, wait_for: Wait, *, replaced: bool
 ) -> None:
     service = start_service("--config", config)
     service.post(make_batch(RESTING, TOUCHING))
     assert len(events(service)) == 1
-    (config.parent / "events.db").unlink()
+    for one in config.parent.glob("events.db*"):
+        one.unlink()
     if replaced:
         (config.parent / "events.db").touch()
-    # The service answers from the file that it still has.
-    service.post(make_batch(RESTING, sequence=3))
-    assert [event["end"] for event in events(service)] == ["lift"]
+    service.post(make_batch(RESTING, TOUCHING, sequence=3) | {"oldest": 3})
+    # The record begins anew, with what the sender still has.
+    wait_for(lambda: service.post(log(make_batch(RESTING, TOUCHING, sequence=3), 3)).json()["durable"] == 4)
+    assert [(event["begin"], event["end"]) for event in events(service)] == [("touch", "open")]
 
     code, errors = service.stop(signal.SIGTERM)
     assert code == 0
-    assert errors.count("the file of events was deleted or replaced while open; restart the service") == 1
+    assert errors.count("the file of events was deleted or replaced while open") == 1
 
 
-@pytest.mark.parametrize("other_path", ["events.db", "link.db", "folder/../events.db", "hard.db"])
-def test_a_second_service_on_the_same_file_waits_for_it(
-    start_service: StartService, make_batch: MakeBatch, config: Path, wait_for: Wait, other_path: str
+def test_two_services_on_one_file_record_each_sample_once(
+    start_service: StartService, make_batch: MakeBatch, config: Path
 ) -> None:
-    service = start_service("--config", config)
-    service.post(make_batch(RESTING, TOUCHING, TOUCHING))
-    assert [event["end"] for event in events(service)] == ["open"]
-    (config.parent / "folder").mkdir()
     (config.parent / "link.db").symlink_to("events.db")
-    (config.parent / "hard.db").hardlink_to(config.parent / "events.db")
     second = config.with_name("second.toml")
-    second.write_text(config.read_text().replace("events.db", other_path))
-
-    other = start_service("--config", second)
-    wait_for(lambda: other.get("/events").status_code == 503)
-    assert f"{other_path}: another running service writes to it" in other.get("/events").json()["detail"]
-    # The second service changed nothing, and readers are not affected.
-    assert on_record(config) == [("open", 2)]
-    service.post(make_batch(RESTING, sequence=4))
-    assert [event["end"] for event in events(service)] == ["lift"]
-
-    other.stop(signal.SIGKILL)
-    service.stop(signal.SIGKILL)
-    assert [event["end"] for event in events(start_service("--config", config))] == ["lift"]
-
-
-def test_a_new_service_takes_the_file_when_the_one_before_has_stopped(
-    start_service: StartService, make_batch: MakeBatch, config: Path, wait_for: Wait
-) -> None:
-    service, other = (start_service("--config", config) for _ in range(2))
-    service.post(make_batch(RESTING, TOUCHING, RESTING))
-    other.post(make_batch(RESTING, TOUCHING, RESTING, boot_id="boot-0002"))
-    wait_for(lambda: other.get("/events").status_code == 503)
-    code, _ = service.stop(signal.SIGTERM)
-    assert code == 0
-    wait_for(lambda: other.get("/events").status_code == 200)
-    # What it saw meanwhile was kept.
-    assert [event["end"] for event in events(other)] == ["lift", "lift"]
+    second.write_text(config.read_text().replace("events.db", "link.db"))
+    service, other = start_service("--config", config), start_service("--config", second)
+    rows = [RESTING, TOUCHING, TOUCHING, TOUCHING, RESTING]
+    service.post(make_batch(*rows[:3]) | {"oldest": 1})
+    assert [event["end"] for event in events(service)] == ["open"]
+    other.post(make_batch(*rows[2:], sequence=3) | {"oldest": 1})
+    assert [(event["end"], event["samples"]) for event in events(other)] == [("lift", 3)]
+    service.post(make_batch(*rows[3:], sequence=4) | {"oldest": 1})
+    assert [(event["end"], event["samples"]) for event in events(service)] == [("lift", 3)]

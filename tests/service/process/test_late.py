@@ -75,8 +75,9 @@ def test_what_is_missing_is_named_and_used_when_it_comes(
             f'[surfaces.press-8]\nmodel = "{absent}"\nstale_ms = 60000\n'
         )
         service = start_service("--config", "service.toml")
-        service.post(make_batch(RESTING, TOUCHING, RESTING))
-        # The other surface goes on, and its contacts are kept for the record.
+        receipt = service.post(make_batch(RESTING, TOUCHING, RESTING) | {"oldest": 1}).json()
+        # The other surface goes on, and its sender keeps the samples for the record.
+        assert (receipt["durable"], receipt["expected"]) == (None, None)
         assert service.get("/surfaces/press-7/contact").json()["state"] == "clear"
         assert service.get("/events").status_code == 503
         wait_for(lambda: missing(service) == {"events", "modbus_server", "mqtt"})
@@ -99,6 +100,8 @@ def test_what_is_missing_is_named_and_used_when_it_comes(
         with socket.create_connection(("127.0.0.1", port)) as connection:
             assert len(ask(connection, 0, 40)) == 40
         wait_for(lambda: service.get("/events").status_code == 200)
+        log = make_batch(RESTING, TOUCHING, RESTING) | {"oldest": 1, "backlog": True, "newest_age_ms": None}
+        wait_for(lambda: service.post(log).json()["expected"] == 4)
         assert [event["end"] for event in service.get("/events").json()["events"]] == ["lift"]
         assert set(service.get("/health/ready").json()["surfaces"]) == {"press-8"}
         assert service.get("/health/ready").json()["missing"] == {}

@@ -89,20 +89,6 @@ def test_events_are_those_of_get_events_and_open_ones_wait(line: Line) -> None:
     wait_for(lambda: metric(service, "events_pending") == 0)
 
 
-def test_an_event_is_sent_again_when_late_samples_complete_it(line: Line) -> None:
-    subscriber = line.broker.subscribe("-t", EVENT)
-    service = line.start()
-    wait_connected(service)
-    service.post(now_batch(RESTING, TOUCHING, TOUCHING, sequence=1))
-    service.post(now_batch(TOUCHING, RESTING, sequence=6))
-    wait_for(lambda: len(subscriber.of(EVENT)) == 2)
-    service.post(now_batch(TOUCHING, TOUCHING, sequence=4))
-    wait_for(lambda: len(subscriber.of(EVENT)) == 3)
-    (whole,) = events(service)
-    assert (whole["samples"], whole["begin"], whole["end"]) == (5, "touch", "lift")
-    assert subscriber.of(EVENT)[-1] == whole
-
-
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM])
 def test_the_broker_says_when_the_service_is_gone(line: Line, how: signal.Signals) -> None:
     subscriber = line.broker.subscribe("-t", "beamtouch/#")

@@ -241,8 +241,8 @@ def test_the_contact_of_a_sender_that_fell_silent_is_shown_as_ended(
     seen = open_page(service.url)
     service.post(make_batch([0.0, 0.0, 0.0], [0.5, 0.25, 0.125]))
     seen.wait_for_text("headline", "Stale")
-    seen.wait_for_text("events", "samples stopped")
-    assert durations(seen) == ["≥ 0.0, samples stopped"]
+    seen.wait_for_text("events", "≥")
+    assert durations(seen) == ["≥ 0.0"]
 
 
 def test_without_a_connection_no_contact_is_shown_as_going_on(

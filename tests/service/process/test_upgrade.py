@@ -40,7 +40,7 @@ def test_batches_that_ask_for_another_protocol_are_accepted(
             answers = stream.read()
 
     assert answers.count(b"HTTP/1.1 200 OK") == answers.count(b"HTTP/1.1 ") == 3
-    assert answers.count(b'{"accepted":1,"repeated":0}') == 2
+    assert answers.count(b'{"accepted":1,"repeated":0,') == 2
     assert b'"sequence":51' in answers
 
 

@@ -4,12 +4,10 @@ import asyncio
 import logging
 from contextlib import suppress
 
-from sqlalchemy.exc import DBAPIError
-
 from beamtouch_service.api import event_answers
-from beamtouch_service.events.deliveries import Due
-from beamtouch_service.events.file import EventsAwayError
+from beamtouch_service.events.database import EventsAwayError
 from beamtouch_service.events.recorder import Recorder
+from beamtouch_service.events.store import Due
 from beamtouch_service.outputs.mqtt.connection import WINDOW, Connection, RefusedError
 from beamtouch_service.outputs.mqtt.counts import MqttCounts
 from beamtouch_service.outputs.mqtt.messages import JSON, properties
@@ -46,12 +44,7 @@ class EventSender:
         self._recorder.on_written = lambda: _call(loop, self._written)
         while True:
             try:
-                await asyncio.wrap_future(
-                    self._recorder.look(lambda store: store.begin_delivery(destination, from_start=from_start))
-                )
-            except DBAPIError as error:
-                _log.warning("the record of events cannot be read, so none is sent: %s", error.orig)
-                await asyncio.sleep(REFUSED_RETRY_S)
+                await self._recorder.look(lambda store: store.begin_delivery(destination, from_start=from_start))
             except EventsAwayError:  # the log has it
                 await asyncio.sleep(RETRY_S)
             else:
@@ -87,10 +80,9 @@ class EventSender:
     async def _due(self, limit: int) -> list[Due]:
         destination = self._destination
         try:
-            due, count = await asyncio.wrap_future(self._recorder.look(lambda store: store.due(destination, limit)))
-        except DBAPIError as error:
-            _log.warning("the record of events cannot be read, so none is sent: %s", error.orig)
-            await asyncio.sleep(REFUSED_RETRY_S)
+            due, count = await self._recorder.look(lambda store: store.due(destination, limit))
+        except EventsAwayError:  # the log has it
+            await asyncio.sleep(RETRY_S)
             # Read again, whether an event is written meanwhile or not.
             self._written.set()
             return []
@@ -102,7 +94,7 @@ class EventSender:
         messages = [
             (
                 self._topics.event(one.event.surface),
-                event_answers.event(one.number, one.event, captured=one.captured).model_dump_json().encode(),
+                event_answers.event(one.number, one.event).model_dump_json().encode(),
             )
             for one in due
         ]
@@ -116,13 +108,9 @@ class EventSender:
                 _log.warning(words, connection.refusal, self._topics.event("+"))
 
     async def _acknowledge(self, due: list[Due]) -> None:
-        destination, last = self._destination, due[-1]
         self._counts.events.inc(len(due))
-        try:
-            await asyncio.wrap_future(self._recorder.look(lambda store: store.acknowledge(destination, last)))
-        except DBAPIError as error:
-            _log.warning("the record of events does not take what was sent, so it is sent again: %s", error.orig)
-            await asyncio.sleep(REFUSED_RETRY_S)
+        with suppress(EventsAwayError):  # they are sent again
+            await self._recorder.look(lambda store: store.acknowledge(due))
 
 
 def _call(loop: asyncio.AbstractEventLoop, written: asyncio.Event) -> None:

@@ -57,14 +57,12 @@ class Contradiction(BaseModel):
     """A larger `rest_misfit` is no rest."""
     log_odds: float | None
     """Log odds of contact over rest [nats]."""
-    notes: list[str]
-    """Notes, as `GET /contact` gives them."""
     channels: list[ChannelDoubt]
     """Channels in the order of the model."""
 
 
 def contradiction(
-    metadata: Metadata, estimated: Estimated, evidence: Evidence, without: Mapping[str, LeftOut], notes: list[str]
+    metadata: Metadata, estimated: Estimated, evidence: Evidence, without: Mapping[str, LeftOut]
 ) -> Contradiction:
     """Return an unexplained sample channel by channel; `without` has its misfits without each channel."""
     weighed, row, place = estimated.weighed, estimated.row, evidence.channels - 1
@@ -95,7 +93,6 @@ def contradiction(
         rest_misfit=_rounded(evidence.rest_misfit),
         rest_limit=metadata.thresholds.rest[place],
         log_odds=_rounded(evidence.log_odds),
-        notes=notes,
         channels=channels,
     )
 

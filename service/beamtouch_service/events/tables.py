@@ -1,0 +1,135 @@
+"""The tables of the record."""
+
+from dataclasses import fields
+
+from sqlalchemy import (
+    JSON,
+    BigInteger,
+    Boolean,
+    Column,
+    Connection,
+    Double,
+    Enum,
+    ForeignKey,
+    Index,
+    Integer,
+    MetaData,
+    String,
+    Table,
+    insert,
+    inspect,
+    literal_column,
+    select,
+)
+
+from beamtouch_service.events.event import Begin, End, Event, EventKind
+
+FORMAT = 7
+"""The format of the record. A record of another one is refused."""
+_NUMBER = BigInteger().with_variant(Integer, "sqlite")
+_ALL = MetaData()
+
+
+def _words(words: type[Begin | End | EventKind]) -> Enum:
+    return Enum(words, native_enum=False, length=20, values_callable=lambda members: [one.value for one in members])
+
+
+EVENTS = Table(
+    "events",
+    _ALL,
+    Column("id", _NUMBER, primary_key=True),
+    Column("surface", String, nullable=False),
+    Column("model", String, nullable=False),
+    Column("boot_id", String, nullable=False),
+    Column("first_sequence", BigInteger, nullable=False),
+    Column("last_sequence", BigInteger, nullable=False),
+    Column("touched_us", BigInteger, nullable=False),
+    Column("last_us", BigInteger, nullable=False),
+    Column("kind", _words(EventKind), nullable=False),
+    Column("begin", _words(Begin), nullable=False),
+    Column("end", _words(End), nullable=False),
+    Column("lifted_us", BigInteger),
+    Column("samples", BigInteger, nullable=False),
+    Column("mean_position_mm", Double),
+    Column("peak_force_n", Double),
+    Column("peak_position_mm", Double),
+    Column("unexplained_us", BigInteger, nullable=False),
+    Column("ends_unexplained", Boolean, nullable=False),
+    Column("degraded", Boolean, nullable=False),
+    Column("unsteady", Boolean, nullable=False),
+    Column("path", JSON, nullable=False),
+    Column("best", JSON(none_as_null=True)),
+    Column("capture", JSON, nullable=False),
+    Column("recorded_s", Double, nullable=False),
+    sqlite_autoincrement=True,
+)
+"""A row per event: the fields of an `Event`, and when it was last written [s since 1970, by the service's clock]."""
+CURSORS = Table(
+    "cursors",
+    _ALL,
+    Column("surface", String, primary_key=True),
+    Column("boot_id", String, primary_key=True),
+    Column("durable", BigInteger, nullable=False),
+    Column("version", BigInteger, nullable=False),
+    Column("model", String, nullable=False),
+    Column("memory", JSON, nullable=False),
+    Column("event", BigInteger),
+    Column("recorded_s", Double, nullable=False),
+)
+"""A row per boot of a sender: the number of its last sample on record, how often the row was written, what the decision
+on the next sample needs, and the event that is open."""
+HEALTH = Table(
+    "health",
+    _ALL,
+    Column("surface", String, primary_key=True),
+    Column("model", String, nullable=False),
+    Column("characteristic", String),
+    Column("last_event", BigInteger, nullable=False),
+    Column("newest_us", BigInteger, nullable=False),
+    Column("history", JSON, nullable=False),
+)
+"""A row per surface: what the best samples of its events add up to since its baseline, up to the event `last_event`."""
+DESTINATIONS = Table("destinations", _ALL, Column("name", String, primary_key=True))
+DELIVERIES = Table(
+    "deliveries",
+    _ALL,
+    Column("number", _NUMBER, primary_key=True),
+    Column("destination", String, nullable=False),
+    Column("event", BigInteger, ForeignKey("events.id", ondelete="CASCADE"), nullable=False, index=True),
+    sqlite_autoincrement=True,
+)
+"""A row per finished event that a destination has yet to acknowledge, in the order in which they finished."""
+_FORMATS = Table("beamtouch_format", _ALL, Column("format", Integer, nullable=False))
+
+# Written out: SQLite uses a partial index only for a condition without parameters.
+IS_OPEN = EVENTS.c.end == literal_column(f"'{End.OPEN}'")
+IS_FINISHED = EVENTS.c.end != literal_column(f"'{End.OPEN}'")
+Index("by_time", EVENTS.c.touched_us, EVENTS.c.id)
+Index("by_surface", EVENTS.c.surface, EVENTS.c.touched_us, EVENTS.c.id)
+Index("by_boot", EVENTS.c.surface, EVENTS.c.boot_id)
+Index("by_record", EVENTS.c.recorded_s)
+
+CONTENT = [EVENTS.c[entry.name] for entry in fields(Event)]
+
+
+class OtherFormatError(Exception):
+    """The database is not a record of this version; the message gives the reason."""
+
+
+def is_current(connection: Connection) -> bool:
+    """Return whether the tables are there, in this format."""
+    return inspect(connection).has_table(_FORMATS.name) and connection.scalar(select(_FORMATS.c.format)) == FORMAT
+
+
+def prepare(connection: Connection) -> None:
+    """Create the tables in an empty database; raises OtherFormatError for any other that has not got them."""
+    present = inspect(connection).get_table_names()
+    if not present:
+        _ALL.create_all(connection, checkfirst=False)
+        connection.execute(insert(_FORMATS).values(format=FORMAT))
+    elif _FORMATS.name not in present:
+        message = "it is the database of another program"
+        raise OtherFormatError(message)
+    elif (found := connection.scalar(select(_FORMATS.c.format))) != FORMAT:
+        message = f"another version of the service wrote it (format {found}); move it away"
+        raise OtherFormatError(message)

@@ -1,0 +1,348 @@
+"""The record: every sample once and in order, whatever the batches, and whatever happens to the service."""
+
+from __future__ import annotations
+
+import random
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from beamtouch_models import modelfile
+from beamtouch_service.events.recorder import Recorder
+from beamtouch_service.surfaces.surface import Surface
+from service.event_story import BETWEEN, HARDER, ODD, RESTING, START_US, TOUCHING, Row, Story
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from service.conftest import Bench, BuildModel, MakeBatch
+
+CONTACT: list[Row] = [RESTING, *[TOUCHING] * 8, RESTING]
+LONG: list[Row] = [RESTING, *[TOUCHING] * 3, *[ODD] * 5, *[HARDER] * 7, BETWEEN, RESTING, *[ODD] * 6, *[RESTING] * 4]
+
+
+class Services:
+    """Services of one surface, each with a record of its own or with one that they share."""
+
+    def __init__(self, make_bench: type[Bench], make_batch: MakeBatch, model: modelfile.ModelFile) -> None:
+        self._make_bench, self._make_batch, self.model = make_bench, make_batch, model
+        self._recorders: list[Recorder] = []
+
+    def story(self, rows: list[Row], place: Path | str | None = None) -> Story:
+        """Return a service that has started now, and the samples to deliver."""
+        recorder = Recorder(place)
+        self._recorders.append(recorder)
+        surface = Surface("press-7", self.model)
+        return Story(self._make_bench(surface, recorder=recorder), self._make_batch, rows)
+
+    def straight(self, rows: list[Row]) -> list[dict[str, Any]]:
+        """Return the events of a service without faults."""
+        story = self.story(rows)
+        story.deliver(0, len(rows))
+        return story.events
+
+    def close(self) -> None:
+        for recorder in self._recorders:
+            recorder.close()
+
+
+@pytest.fixture
+def services(make_bench: type[Bench], make_batch: MakeBatch, build_model: BuildModel) -> Iterator[Services]:
+    services = Services(make_bench, make_batch, modelfile.load(build_model()))
+    yield services
+    services.close()
+
+
+@pytest.fixture(params=["file", "PostgreSQL"])
+def shared_place(request: pytest.FixtureRequest, tmp_path: Path) -> Path | str:
+    if request.param == "file":
+        return tmp_path / "events.db"
+    url: str = request.getfixturevalue("events_url")
+    return url
+
+
+def rounded(events: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Return events with figures as near as float32 allows."""
+    for event in events:
+        for name in ("mean_position_mm", "peak_position_mm", "peak_force_n"):
+            event[name] = event[name] and pytest.approx(event[name], abs=1e-3)
+        event["path"] = [{**point, "position_mm": round(point["position_mm"], 2)} for point in event["path"]]
+        event["capture"] = [one["sequence"] for one in event["capture"]]
+    return events
+
+
+def ends(story: Story) -> list[tuple[str, str]]:
+    return [(event["begin"], event["end"]) for event in story.events]
+
+
+def test_a_receipt_says_how_far_the_record_is(services: Services) -> None:
+    story = services.story(CONTACT)
+    receipt = story.deliver(0, 4)
+    assert (receipt["durable"], receipt["expected"], receipt["stale_ms"]) == (0, 5, 500.0)
+    assert ends(story) == [("touch", "open")]
+    receipt = story.ask()
+    assert (receipt["durable"], receipt["expected"]) == (4, 5)
+
+
+def test_what_is_behind_a_gap_waits_for_the_backlog_and_the_answer_does_not(services: Services) -> None:
+    story = services.story(CONTACT)
+    story.deliver(0, 3)
+    receipt = story.deliver(7, 10)
+    assert receipt["expected"] == 4
+    assert ends(story) == [("touch", "open")]
+    before = story.bench.get("/contact").json()
+    assert (before["state"], before["sequence"]) == ("clear", 10)
+
+    story.catch_up()
+    assert story.bench.get("/contact").json() | {"age_ms": 0} == before | {"age_ms": 0}
+    assert rounded(story.events) == rounded(services.straight(CONTACT))
+    assert story.ask()["durable"] == 10
+
+
+def test_a_backlog_gives_no_answer_and_chooses_no_sender(services: Services) -> None:
+    story = services.story(CONTACT)
+    story.backlog(0, 10)
+    assert story.bench.get("/contact").json()["type"].endswith(":no-samples")
+    assert len(story.events) == 1
+    other = Story(story.bench, story.make_batch, [TOUCHING], boot_id="boot-0002")
+    other.deliver(0, 1)
+    assert story.bench.get("/contact").json()["state"] == "contact"
+
+
+def test_a_large_backlog_is_taken_whole(services: Services) -> None:
+    rows = CONTACT * 60
+    story = services.story(rows)
+    story.backlog(0, len(rows))
+    assert story.ask()["expected"] == len(rows) + 1
+    assert rounded(story.events) == rounded(services.straight(rows))
+
+
+def test_what_the_sender_lost_ends_the_event_unseen(services: Services) -> None:
+    story = services.story([*CONTACT, *CONTACT])
+    story.deliver(0, 3)
+    story.oldest = 7
+    assert story.ask()["expected"] == 7
+    story.backlog(6, 20)
+    assert ends(story) == [("touch", "unseen"), ("unseen", "lift"), ("touch", "lift")]
+    assert 'beamtouch_record_samples_lost_total{surface="press-7"} 3.0' in story.bench.get("/metrics").text
+
+
+def test_an_older_request_that_comes_late_is_no_loss_and_no_repetition(services: Services) -> None:
+    story = services.story(CONTACT)
+    story.deliver(0, 5)
+    story.oldest = 4
+    story.deliver(5, 8)
+    story.oldest = 1
+    story.deliver(2, 7)
+    story.deliver(8, 10)
+    assert rounded(story.events) == rounded(services.straight(CONTACT))
+
+
+def test_a_boot_that_the_record_does_not_know_begins_at_its_oldest_sample(services: Services) -> None:
+    story = services.story(CONTACT)
+    story.oldest = 4
+    receipt = story.ask()
+    assert (receipt["durable"], receipt["expected"]) == (3, 4)
+    story.backlog(3, 10)
+    assert ends(story) == [("unseen", "lift")]
+    assert 'beamtouch_record_samples_lost_total{surface="press-7"} 0.0' in story.bench.get("/metrics").text
+
+
+def test_of_a_sender_that_keeps_nothing_a_gap_is_a_loss(services: Services) -> None:
+    story = services.story(CONTACT)
+    story.oldest = None
+    story.deliver(1, 3)
+    story.deliver(5, 10)
+    assert ends(story) == [("unseen", "unseen"), ("unseen", "lift")]
+
+
+def test_a_boot_that_the_sender_no_longer_keeps_leaves_its_event_unseen(services: Services) -> None:
+    story = services.story(CONTACT)
+    story.deliver(0, 3)
+    after = Story(story.bench, story.make_batch, CONTACT, boot_id="boot-0002")
+    after.earlier = ["boot-0001"]
+    after.deliver(0, 2)
+    assert sorted(ends(story)) == [("touch", "open"), ("touch", "open")]
+    # A batch of the former boot that was under way does not know the new one.
+    story.deliver(3, 4)
+    assert sorted(ends(story)) == [("touch", "open"), ("touch", "open")]
+    after.earlier = []
+    after.deliver(2, 10)
+    assert sorted(ends(story)) == [("touch", "lift"), ("touch", "unseen")]
+
+
+def test_a_backlog_of_a_past_boot_completes_its_event(services: Services) -> None:
+    story = services.story(CONTACT)
+    story.deliver(0, 3)
+    after = Story(story.bench, story.make_batch, CONTACT, boot_id="boot-0002")
+    after.earlier = ["boot-0001"]
+    after.deliver(0, 2)
+    story.earlier = ["boot-0002"]
+    story.backlog(3, 10)
+    assert sorted(ends(story)) == [("touch", "lift"), ("touch", "open")]
+
+
+def test_another_model_ends_the_open_event(services: Services, build_model: BuildModel, tmp_path: Path) -> None:
+    story = services.story(CONTACT, tmp_path / "events.db")
+    story.deliver(0, 5)
+    assert ends(story) == [("touch", "open")]
+    services.model = modelfile.load(build_model(name="other"))
+    story = services.story(CONTACT, tmp_path / "events.db")
+    assert story.ask()["expected"] == 6
+    story.deliver(5, 10)
+    assert ends(story) == [("touch", "unseen"), ("unseen", "lift")]
+
+
+def test_without_a_model_there_is_no_record(make_bench: type[Bench], make_batch: MakeBatch) -> None:
+    surface = Surface("press-7")
+    story = Story(make_bench(surface), make_batch, CONTACT)
+    assert story.deliver(0, 4)["durable"] == 4
+    assert story.events == []
+    # Its model file cannot be used yet: the sender keeps its samples.
+    surface.model_error = "not found"
+    receipt = story.deliver(4, 6)
+    assert (receipt["durable"], receipt["expected"]) == (None, None)
+
+
+@pytest.mark.parametrize("cut", range(1, len(LONG)))
+def test_an_event_is_the_same_wherever_another_service_goes_on(services: Services, tmp_path: Path, cut: int) -> None:
+    first, second = (services.story(LONG, tmp_path / "events.db") for _ in range(2))
+    first.deliver(0, cut)
+    assert first.events is not None
+    second.deliver(cut, len(LONG))
+    assert rounded(second.events) == rounded(services.straight(LONG))
+
+
+def test_what_a_service_had_not_made_durable_is_expected_again(services: Services, tmp_path: Path) -> None:
+    first = services.story(CONTACT, tmp_path / "events.db")
+    first.deliver(0, 4)
+    assert len(first.events) == 1
+    first.deliver(4, 9)  # killed here
+    second = services.story(CONTACT, tmp_path / "events.db")
+    second.deliver(9, 10)
+    assert second.ask()["expected"] == 5
+    second.catch_up()
+    assert rounded(second.events) == rounded(services.straight(CONTACT))
+
+
+def test_a_service_that_lost_the_race_reads_the_record_anew(services: Services, shared_place: Path | str) -> None:
+    one, other = (services.story(CONTACT, shared_place) for _ in range(2))
+    one.deliver(0, 3)
+    assert ends(one) == [("touch", "open")]
+    one.deliver(3, 5)  # not durable
+    other.backlog(3, 7)
+    assert ends(other) == [("touch", "open")]
+    one.deliver(5, 6)
+    assert ends(one) == [("touch", "open")]
+    assert "beamtouch_record_races_total 1.0" in one.bench.get("/metrics").text
+    one.catch_up()
+    assert rounded(one.events) == rounded(other.events) == rounded(services.straight(CONTACT))
+
+
+KINDS: list[Row] = [TOUCHING, HARDER, RESTING, BETWEEN, ODD]
+_given: dict[str, Any] = {}
+
+
+@pytest.fixture
+def _shared(services: Services, shared_place: Path | str) -> None:
+    # Hypothesis runs a test many times with the same fixtures.
+    _given.update(services=services, place=shared_place)
+
+
+def deliver_some(story: Story, first: int, last: int, rng: random.Random) -> None:
+    """Deliver samples live, some of the backlog, or both; make it durable, or not."""
+    if rng.random() < 0.7:
+        story.deliver(first, last)
+    expected = story.ask()["expected"]
+    if expected is not None and rng.random() < 0.7:
+        story.backlog(expected - 1, min(last, expected + rng.randint(0, 20)))
+    if rng.random() < 0.5:
+        story.bench.get("/events")
+
+
+@pytest.mark.usefixtures("_shared")
+@settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(rng=st.randoms(use_true_random=True))
+def test_services_that_die_take_turns_and_race_record_what_one_service_would(rng: random.Random) -> None:
+    services: Services = _given["services"]
+    rows: list[Row] = [RESTING]
+    while len(rows) < 80:
+        rows += [rng.choice(KINDS)] * rng.randint(1, 9)
+    rows += [RESTING] * 6
+    boot_id = f"boot-{rng.getrandbits(64):016x}"
+
+    def started() -> Story:
+        story = services.story(rows, _given["place"])
+        story.boot_id = boot_id
+        return story
+
+    running = [started(), started()]
+    cuts = [0, *sorted(rng.sample(range(1, len(rows)), 12)), len(rows)]
+    for first, last in pairwise(cuts):
+        place = rng.randrange(2)
+        if rng.random() < 0.2:
+            running[place] = started()  # killed, and started anew
+        deliver_some(running[place], first, last, rng)
+    story = running[0]
+    while (receipt := story.ask())["durable"] != len(rows):
+        if receipt["expected"] is not None:
+            story.backlog(receipt["expected"] - 1, len(rows))
+        story.bench.get("/events")
+
+    found = [event for event in story.events if event["boot_id"] == boot_id]
+    expected_events = services.straight(rows)
+    for event in expected_events:
+        event["boot_id"] = boot_id
+    assert rounded(found) == rounded(expected_events)
+
+
+def test_while_the_record_is_damaged_answers_go_on_and_the_cursor_stands(
+    services: Services, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    story = services.story(CONTACT, tmp_path / "events.db")
+    story.deliver(0, 3)
+    assert len(story.events) == 1
+    for one in tmp_path.glob("events.db*"):
+        one.write_bytes(b"no database" * 4096)
+    receipt = story.deliver(3, 10)
+    assert (receipt["durable"], receipt["expected"]) == (3, 11)
+    refusal = story.bench.get("/events")
+    assert (refusal.status_code, refusal.headers["retry-after"]) == (503, "1")
+    assert refusal.json()["type"] == "urn:beamtouch:problem:events-away"
+    assert story.bench.get("/contact").json()["state"] == "clear"
+    assert story.ask()["durable"] == 3
+    assert caplog.text.count("the record of events is away") == 1
+
+
+@pytest.mark.parametrize("is_replaced", [False, True])
+def test_a_record_that_is_deleted_begins_anew_with_what_the_sender_keeps(
+    services: Services, tmp_path: Path, *, is_replaced: bool
+) -> None:
+    path = tmp_path / "events.db"
+    story = services.story(CONTACT, path)
+    story.deliver(0, 3)
+    assert len(story.events) == 1
+    for one in tmp_path.glob("events.db*"):
+        one.unlink()
+    if is_replaced:
+        path.touch()
+    story.oldest = 4
+    story.deliver(3, 5)
+    story.bench.get("/events")  # the cursor is gone
+    story.ask()
+    story.catch_up()
+    assert ends(story) == [("unseen", "lift")]
+    assert story.ask()["durable"] == 10
+
+
+def test_times_are_those_of_the_sender(services: Services) -> None:
+    story = services.story(CONTACT)
+    story.backlog(0, 10)
+    (event,) = story.events
+    assert event["touched_at"] == "2026-11-20T23:40:46.128Z"
+    assert event["dwell_ms"] == 40.0
+    assert START_US % 1000 == 456
