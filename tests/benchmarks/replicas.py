@@ -15,6 +15,7 @@ import threading
 import time
 from collections import Counter
 from pathlib import Path
+from typing import TypeVar
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
 sys.path.insert(0, str(Path(__file__).parents[2] / "demo"))
@@ -32,6 +33,7 @@ from line import Surface
 from plant import PlantLine
 from postgres import Postgres, running
 
+AnyPlant = TypeVar("AnyPlant", bound=PlantLine)
 REST_S = 3.0
 """Between two disturbances."""
 FROZEN_S = 4.0
@@ -68,7 +70,7 @@ def script(path: Path, seed: int) -> Path:
     return path
 
 
-def plant(folder: Path, surfaces: int, events_url: str) -> PlantLine:
+def plant(folder: Path, surfaces: int, events_url: str, kind: type[AnyPlant]) -> AnyPlant:
     """Return a plant that has yet to be started."""
     scene, text = load_scene(SCENES / "bench.toml")
     model, config = folder / "bench.onnx", folder / "generated.toml"
@@ -79,7 +81,7 @@ def plant(folder: Path, surfaces: int, events_url: str) -> PlantLine:
     rigs = [
         Surface(name, "modbus-tcp", script(folder / f"{name}.toml", seed), still) for seed, name in enumerate(names)
     ]
-    return PlantLine(folder, SCENES / "bench.toml", model, config, rigs, events_url=events_url, services=3)
+    return kind(folder, SCENES / "bench.toml", model, config, rigs, events_url=events_url, services=3)
 
 
 def ends(url: str) -> Counter[str]:
@@ -129,7 +131,7 @@ def main() -> int:
     parser.add_argument("-o", "--output", type=Path, help="write the figures and every mistake to this file, as JSON")
     options = parser.parse_args()
     with running() as database, tempfile.TemporaryDirectory() as folder:
-        line = plant(Path(folder), options.surfaces, database.create())
+        line = plant(Path(folder), options.surfaces, database.create(), PlantLine)
         found = {surface.name: Watched() for surface in line.surfaces}
         stop = threading.Event()
         with line:
