@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 from contextlib import closing
 from http.client import HTTPConnection
@@ -143,6 +144,24 @@ def test_answers_go_on_while_the_database_is_away_and_its_events_come_later(plan
     assert errors.count("the record of events is away") == 1
     assert PASSWORD not in errors
     assert "Traceback" not in errors
+
+
+def test_answers_go_on_while_the_database_is_frozen_and_nothing_is_lost(plant: Plant, config: Path) -> None:
+    name, url = SURFACES[0], config.read_text().partition("url = '")[2].partition("'")[0]
+    plant.deliver(name, *CONTACT)
+    assert len(plant.events(1)) == 1
+    backends = rows(url, "SELECT pid FROM pg_stat_activity WHERE application_name = 'beamtouch-service'")
+    for (pid,) in backends:
+        os.kill(pid, signal.SIGSTOP)
+    try:
+        for row, state in ((TOUCHING, "contact"), (RESTING, "clear"), (TOUCHING, "contact")):
+            plant.deliver(name, row)
+            assert plant.get(f"/surfaces/{name}/contact").json()["state"] == state
+    finally:
+        for (pid,) in backends:
+            os.kill(pid, signal.SIGCONT)
+    plant.deliver(name, RESTING)
+    assert [event["end"] for event in plant.events(3)] == ["lift"] * 3
 
 
 def test_a_service_starts_without_its_database(start_service: StartService, postgres: Postgres, config: Path) -> None:
