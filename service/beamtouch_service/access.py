@@ -1,4 +1,4 @@
-"""Access control: three bearer tokens and the requests that each allows. Pure: no web framework, no clock, no I/O."""
+"""Access control: two bearer tokens and the requests that each allows. Pure: no web framework, no clock, no I/O."""
 
 import hmac
 from dataclasses import dataclass, field
@@ -15,27 +15,22 @@ class Role(Enum):
     OPEN = ("", "")
     READ = ("read", "--read-token-file")
     WRITE = ("write", "--write-token-file")
-    ADMIN = ("admin", "--admin-token-file")
 
     def __init__(self, token: str, option: str) -> None:
         self.token = token
         self.option = option
 
 
-_REFUSED_WITHOUT = {
-    Role.WRITE: "Writes are disabled. To enable them, start the service with --write-token-file FILE.",
-    Role.ADMIN: "Administration is disabled. To enable it, start the service with --admin-token-file FILE.",
-}
+_NO_WRITES = "Writes are disabled. To enable them, start the service with --write-token-file FILE."
 
 
 @dataclass(frozen=True)
 class Access:
-    """The tokens of a service, None where there is none. The write and admin tokens can also read."""
+    """The tokens of a service, None where there is none. The write token can also read."""
 
     write: str | None = field(default=None, repr=False)
     read: str | None = field(default=None, repr=False)
     """None: reads need no token."""
-    admin: str | None = field(default=None, repr=False)
 
     def require(self, role: Role, authorization: bytes | None) -> None:
         """Let a request pass whose `Authorization` header has a token for `role`.
@@ -48,19 +43,15 @@ class Access:
         if role is Role.OPEN or (role is Role.READ and self.read is None):
             return
         if self._tokens()[role] is None:
-            raise _unauthorized(_REFUSED_WITHOUT[role])
+            raise _unauthorized(_NO_WRITES)
         held = self._role_of(authorization or b"")
         if held is role or role is Role.READ:
             return
         detail = f"This is the {held.token} token. Use the {role.token} token ({role.option})."
         raise ProblemError(Problem(Kind.FORBIDDEN, detail))
 
-    def knows(self, authorization: bytes) -> bool:
-        """Return whether an `Authorization` header holds a valid token."""
-        return self._held(authorization) is not None
-
     def _tokens(self) -> dict[Role, str | None]:
-        return {Role.READ: self.read, Role.WRITE: self.write, Role.ADMIN: self.admin}
+        return {Role.READ: self.read, Role.WRITE: self.write}
 
     def _role_of(self, authorization: bytes) -> Role:
         if authorization.partition(b" ")[0].lower() != b"bearer":

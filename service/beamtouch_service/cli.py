@@ -19,7 +19,6 @@ _OPTIONS = (
     "port",
     "write_token_file",
     "read_token_file",
-    "admin_token_file",
     "certificate_file",
     "key_file",
     "stale_ms",
@@ -68,8 +67,6 @@ def _add_run(run: argparse.ArgumentParser) -> None:
     run.add_argument("--token-file", dest="write_token_file", action=_Renamed, help=argparse.SUPPRESS)
     words = "file with the token required for reads (default: reads need no token)"
     run.add_argument("--read-token-file", metavar="FILE", help=words)
-    words = "file with the token required for administration (default: administration is disabled)"
-    run.add_argument("--admin-token-file", metavar="FILE", help=words)
     run.add_argument("--certificate-file", metavar="FILE", help="PEM certificate for HTTPS; requires --key-file")
     run.add_argument("--key-file", metavar="FILE", help="PEM private key of the certificate")
     words = "limit on the age of a sample that a contact may come from, in ms (default: 500)"

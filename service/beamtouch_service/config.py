@@ -20,7 +20,7 @@ from beamtouch_service.settings import (
 
 MIN_TOKEN_CHARACTERS = 16
 _MAX_TOKEN_BYTES = 4096
-_TOKEN_FILES = {"write": "write_token_file", "read": "read_token_file", "admin": "admin_token_file"}
+_TOKEN_FILES = {"write": "write_token_file", "read": "read_token_file"}
 _DATABASE = re.compile(r"postgresql://[^/?#\s]*/[^/?#\s]+(\?\S*)?")
 _FILES = (*_TOKEN_FILES.values(), "certificate_file", "key_file")
 
@@ -55,11 +55,7 @@ def load_settings(config: Path | None, options: Mapping[str, object]) -> Setting
         port=server.port if overrides.port is None else overrides.port,
         access=_access(files),
         tls=_tls(files["certificate_file"], files["key_file"], "server", "HTTPS"),
-        max_clients=server.max_clients,
-        max_clients_per_address=server.max_clients_per_address
-        or -(-server.max_clients // (1 if server.replica else 2)),
         replica=server.replica,
-        max_batches_per_s=server.max_batches_per_s,
         surfaces=_merge_surfaces(file, folder, overrides),
         max_streams=server.max_streams,
         events=_events(file, folder),

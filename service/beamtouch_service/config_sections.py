@@ -35,21 +35,12 @@ class ServerSection(BaseModel):
     """File with the token required for writes. Without it, every write is refused."""
     read_token_file: _File | None = None
     """File with the token required for reads. Without it, reads need no token."""
-    admin_token_file: _File | None = None
-    """File with the token required for administration. Without it, administration is disabled."""
     certificate_file: _File | None = None
     """PEM, with its chain. With `key_file`, the service speaks HTTPS instead of HTTP."""
     key_file: _File | None = None
     """PEM, the private key of the certificate."""
-    max_clients: Annotated[int, Field(ge=1, le=limits.MAX_CLIENTS_LIMIT)] = limits.MAX_CLIENTS
-    """Open connections. For one more, an idle one without a token is closed; if there is none, the new one gets 503."""
-    max_clients_per_address: Annotated[int, Field(ge=1, le=limits.MAX_CLIENTS_LIMIT)] | None = None
-    """The same for connections from one address that have not shown a token. Default: half of `max_clients`, or all
-    of them for a replica, whose clients are all behind the balancer."""
     replica: bool = False
     """This service is one of several that share the surfaces, behind a load balancer. Needs `events.url`."""
-    max_batches_per_s: Annotated[FiniteFloat, Field(ge=0.1, le=1e6)] = limits.MAX_BATCHES_PER_S
-    """Limit for each surface. Further batches get 429."""
     max_streams: Annotated[int, Field(ge=0, le=1000)] = limits.MAX_STREAMS
     """Open streams. Further ones get 503."""
 
@@ -161,7 +152,6 @@ class Overrides(BaseModel):
     port: Port | None = None
     write_token_file: _File | None = None
     read_token_file: _File | None = None
-    admin_token_file: _File | None = None
     certificate_file: _File | None = None
     key_file: _File | None = None
     model: _File | None = None

@@ -1,4 +1,4 @@
-"""Default limits, and rate limits for batches and log lines. Pure: the caller gives the time in seconds."""
+"""Default limits, and rate limits for log lines. Pure: the caller gives the time in seconds."""
 
 import logging
 from collections.abc import Callable
@@ -10,10 +10,7 @@ UNEXPLAINED_AFTER_S = 10.0
 """An unexplained stretch that lasts longer needs attention."""
 DEGRADED_AFTER_S = 10.0
 """A channel that is not good for longer is out, and needs attention."""
-MAX_BATCHES_PER_S = 2000.0
-"""For each surface."""
 MAX_STREAMS = 32
-MAX_CLIENTS = 256
 MAX_CLIENTS_LIMIT = 4096
 """Upper limit of the setting: a new connection may have to search all of them for one to replace."""
 MAX_MODBUS_CLIENTS = 32
@@ -28,25 +25,6 @@ MAX_MB = 100.0
 LOG_EVERY_S = 60.0
 _MAX_REMEMBERED = 100
 """Kinds of messages. Beyond this all are forgotten, so that made-up kinds cannot fill the memory."""
-
-
-class Bucket:
-    """Allows a number of turns per second on average, and as many at once after a pause of a second."""
-
-    def __init__(self, per_s: float) -> None:
-        self._per_s = per_s
-        self._max_left = max(1.0, per_s)
-        self._left = self._max_left
-        self._at_s = 0.0
-
-    def take(self, now_s: float) -> float:
-        """Take a turn at `now_s` [s]. Returns 0, or the time to wait [s] if no turn was free."""
-        self._left = min(self._max_left, self._left + max(0.0, now_s - self._at_s) * self._per_s)
-        self._at_s = now_s
-        if self._left < 1.0:
-            return (1.0 - self._left) / self._per_s
-        self._left -= 1.0
-        return 0.0
 
 
 class Seldom:

@@ -38,16 +38,11 @@ class Kind(Enum):
     MISSING_CHANNELS = ("missing-channels", 422, "The batch lacks channels of the model")
     TOO_LARGE = ("too-large", 413, "The body is too large")
     TOO_SLOW = ("too-slow", 408, "The body took too long to arrive")
-    TOO_MANY_REQUESTS = ("too-many-requests", 429, "More batches per second than the surface takes")
     EVENTS_AWAY = ("events-away", 503, "The events on record cannot be read")
-    MODEL_REFUSED = ("model-refused", 409, "The model file is not used")
     NOT_FOUND = ("not-found", 404, "Nothing is at this address")
     METHOD_NOT_ALLOWED = ("method-not-allowed", 405, "This address does not accept the method")
     STOPPING = ("stopping", 503, "The service is stopping")
-    BAD_REQUEST = ("bad-request", 400, "Not an HTTP request")
-    HEAD_TOO_LARGE = ("head-too-large", 431, "The request line and headers are too long")
-    UNKNOWN_CODING = ("unknown-coding", 501, "The only transfer coding supported is chunked")
-    TOO_MANY_CLIENTS = ("too-many-clients", 503, "Too many clients")
+    TOO_MANY_CLIENTS = ("too-many-clients", 503, "Too many streams")
     INTERNAL = ("internal", 500, "The service failed")
 
     def __init__(self, slug: str, status: int, title: str) -> None:

@@ -86,11 +86,8 @@ class Settings:
     port: int
     access: Access
     tls: TlsFiles | None
-    max_clients: int
-    max_clients_per_address: int
     replica: bool
     """This service is one of several that share the surfaces."""
-    max_batches_per_s: float
     surfaces: tuple[SurfaceSettings, ...]
     max_streams: int
     events: EventSettings

@@ -90,7 +90,7 @@ class Line:
                 recording = app.context.recorder.take(surface, batch, surface.receive(batch, now_s).weighed)
                 runner.run(recording)
                 taken.append(thread_time() - begin_s)
-                contacts.append(app.context.contacts.get(surface, now_s))
+                contacts.append(surface.contact(now_s).model_dump_json().encode())
         app.context.recorder.close()
         _, app = self._served()
         with asyncio.Runner() as runner:
@@ -104,7 +104,7 @@ class Line:
 
     def _served(self) -> tuple[Surface, Application]:
         surface = Surface("bench", modelfile.load(self._model), stale_ms=60_000)
-        return surface, create_app([surface], TOKEN, max_batches_per_s=1e9)
+        return surface, create_app([surface], TOKEN)
 
 
 async def post(app: Application, body: bytes) -> None:

@@ -27,7 +27,7 @@ class Press:
         mqtt = f"[mqtt]\nhost = '127.0.0.1'\nport = {port}\nmax_rate_hz = {rate_hz}\n" if port else ""
         config = folder / "service.toml"
         config.write_text(
-            "[server]\nport = 0\nwrite_token_file = 'token'\nmax_batches_per_s = 1e4\n[events]\nfile = 'events.db'\n"
+            "[server]\nport = 0\nwrite_token_file = 'token'\n[events]\nfile = 'events.db'\n"
             f"{mqtt}[surfaces.press-7]\nmodel = '{write_model(folder)}'\nstale_ms = {STALE_S * 1e3}\n"
         )
         program = [sys.executable, "-m", "beamtouch_service.cli", "run", "--config", str(config)]

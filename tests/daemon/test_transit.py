@@ -8,7 +8,7 @@ from urllib.parse import urlsplit
 
 import pytest
 
-from beamtouch_service.surfaces.transit import Transit
+from beamtouch_service.surfaces.freshness import Transit
 
 from .publishing import Bench, until
 from .service import Service, serving
@@ -66,6 +66,6 @@ async def test_a_batch_that_was_held_is_told_from_one_that_was_not() -> None:
         relay.opens.set()
         await service.until(6)
     transit = Transit()
-    waited = [transit.waited_s(batch, received_s) for _, batch, received_s in service.batches if not batch.backlog]
+    waited = [at_s - transit.arrival_s(batch, at_s, at_s) for _, batch, at_s in service.batches if not batch.backlog]
     assert waited[-1] >= held_s - max(waited[:-1]) - 0.001
     assert min(waited) == 0.0

@@ -1,6 +1,6 @@
 """A service in the test's process, its tokens, and batches for it."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar
@@ -22,7 +22,6 @@ from service.small_model import write_model
 
 TOKEN = "correct-horse-battery-staple"  # noqa: S105  # of these tests only
 READ_TOKEN = "reading-horse-battery-staple"  # noqa: S105
-ADMIN_TOKEN = "admin-horse-battery-staple"  # noqa: S105
 BuildModel = Callable[..., Path]
 
 
@@ -50,8 +49,6 @@ class Bench:
         self,
         *surfaces: Surface,
         token: str | Access | None = TOKEN,
-        max_batches_per_s: float = 1e6,
-        keepers: Mapping[str, ModelKeeper] | None = None,
         recorder: Recorder | None = None,
     ) -> None:
         self.now_s = 1000.0
@@ -59,8 +56,6 @@ class Bench:
             surfaces,
             token,
             clock=lambda: self.now_s,
-            keepers=keepers,
-            max_batches_per_s=max_batches_per_s,
             recorder=recorder,
         )
         self.client = TestClient(self.app, raise_server_exceptions=False)
@@ -149,13 +144,6 @@ def token_file(tmp_path: Path) -> Path:
 def read_token_file(tmp_path: Path) -> Path:
     path = tmp_path / "read-token"
     path.write_text(READ_TOKEN + "\n")
-    return path
-
-
-@pytest.fixture
-def admin_token_file(tmp_path: Path) -> Path:
-    path = tmp_path / "admin-token"
-    path.write_text(ADMIN_TOKEN + "\n")
     return path
 
 

@@ -11,12 +11,12 @@ import pytest
 from beamtouch_models import modelfile
 from beamtouch_service.access import Access
 from beamtouch_service.surfaces.surface import Surface
-from service.conftest import ADMIN_TOKEN, READ_TOKEN, TOKEN, kind
+from service.conftest import READ_TOKEN, TOKEN, kind
 
 if TYPE_CHECKING:
     from service.conftest import Bench, BuildModel, MakeBatch
 
-ALL = Access(write=TOKEN, read=READ_TOKEN, admin=ADMIN_TOKEN)
+ALL = Access(write=TOKEN, read=READ_TOKEN)
 PAGE = sorted(entry.name for entry in (resources.files("beamtouch_service") / "page").iterdir())
 READS = ["/contact", "/surfaces/press-7/contact", "/surfaces", "/surfaces/press-7", "/health/ready", "/metrics"]
 READS += [
@@ -43,7 +43,7 @@ def test_reading_takes_the_read_token_or_one_that_can_do_more(guarded: Bench, pa
         response = guarded.get(path, token=token)
         assert (response.status_code, kind(response)) == (401, "unauthorized")
         assert response.headers["www-authenticate"].startswith("Bearer")
-    answers = {guarded.get(path, token=token).status_code for token in (READ_TOKEN, TOKEN, ADMIN_TOKEN)}
+    answers = {guarded.get(path, token=token).status_code for token in (READ_TOKEN, TOKEN)}
     assert answers == {404 if path == "/nothing" else 200}
 
 
@@ -91,26 +91,11 @@ def test_the_files_of_the_page_are_open_for_reading_only(guarded: Bench, method:
     assert (answer.status_code, kind(answer)) == (401, "unauthorized")
 
 
-@pytest.mark.parametrize("token", [READ_TOKEN, ADMIN_TOKEN])
-def test_a_token_for_something_else_does_not_write(guarded: Bench, make_batch: MakeBatch, token: str) -> None:
-    response = guarded.post(make_batch(sequence=2), token=token)
+def test_the_read_token_does_not_write(guarded: Bench, make_batch: MakeBatch) -> None:
+    response = guarded.post(make_batch(sequence=2), token=READ_TOKEN)
 
     assert (response.status_code, kind(response)) == (403, "forbidden")
     assert guarded.get("/surfaces/press-7", token=READ_TOKEN).json()["samples"]["accepted"] == 1
-
-
-@pytest.mark.parametrize("token", [READ_TOKEN, TOKEN])
-def test_a_token_for_something_else_does_not_administrate(guarded: Bench, token: str) -> None:
-    response = guarded.post(b"", path="/surfaces/press-7/model/reload", token=token)
-
-    assert (response.status_code, kind(response)) == (403, "forbidden")
-
-
-def test_without_an_admin_token_nobody_administrates(bench: Bench) -> None:
-    response = bench.post(b"", path="/surfaces/press-7/model/reload")
-
-    assert (response.status_code, kind(response)) == (401, "unauthorized")
-    assert "--admin-token-file" in response.json()["detail"]
 
 
 @pytest.mark.parametrize("path", [*READS, "/health/live", "/", "/page.js"])

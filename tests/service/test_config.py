@@ -102,9 +102,8 @@ def test_the_token_is_not_printed(tmp_path: Path) -> None:
         ("[events]\nmost_mb = 2\n", "unknown key events.most_mb; most_mb is now max_mb"),
         ("[server]\ntoken_file = 'token'\n", "unknown key server.token_file; token_file is now write_token_file"),
         ("[server]\nmax_streams = -1\n", "server.max_streams"),
-        ("[server]\nmax_clients = 0\n", "server.max_clients: must be at least 1"),
-        ("[server]\nmax_clients = 4097\n", "server.max_clients: must be at most 4096"),
-        ("[server]\nmax_batches_per_s = 0\n", "server.max_batches_per_s"),
+        ("[server]\nmax_streams = -1\n", "server.max_streams: must be at least 0"),
+        ("[server]\nmax_streams = 1001\n", "server.max_streams: must be at most 1000"),
         ("[server]\ncertificate_file = 'c.pem'\n", "server.key_file is missing"),
         ("[server\n", "not valid TOML"),
         ("a = " + "[" * 100_000, "not valid TOML"),
@@ -166,12 +165,12 @@ def test_sixteen_characters_are_enough(tmp_path: Path) -> None:
 def test_each_purpose_has_a_token_of_its_own(tmp_path: Path) -> None:
     (tmp_path / "token").write_text("correct-horse-battery\n")
     (tmp_path / "read-token").write_text("another-horse-battery\n")
-    text = '[server]\nwrite_token_file = "token"\nread_token_file = "read-token"\nadmin_token_file = "{}"\n'
+    text = '[server]\nwrite_token_file = "token"\nread_token_file = "{}"\n'
 
-    access = load(tmp_path, text.format("read-token")[: text.index("admin")]).access
-    assert (access.write, access.read, access.admin) == ("correct-horse-battery", "another-horse-battery", None)
-    with pytest.raises(InputError, match="read-token hold the same token; each purpose needs its own token"):
-        load(tmp_path, text.format("read-token"))
+    access = load(tmp_path, text.format("read-token")).access
+    assert (access.write, access.read) == ("correct-horse-battery", "another-horse-battery")
+    with pytest.raises(InputError, match="token hold the same token; each purpose needs its own token"):
+        load(tmp_path, text.format("token"))
 
 
 def test_the_example_is_a_config(tmp_path: Path) -> None:
@@ -184,9 +183,6 @@ def test_the_example_is_a_config(tmp_path: Path) -> None:
 NUMBERS = """
 [server]
 port = 8420
-max_clients = 100
-max_clients_per_address = 50
-max_batches_per_s = 100
 max_streams = 10
 [events]
 keep_days = 30
@@ -224,9 +220,8 @@ URL = "postgresql://beamtouch:not-for-the-log@db/beamtouch"
 
 
 def test_a_replica_needs_a_record_that_services_share(tmp_path: Path) -> None:
-    settings = load(tmp_path, f"[server]\nreplica = true\nmax_clients = 100\n[events]\nurl = '{URL}'\n")
-    # All clients of a replica have the address of its balancer.
-    assert (settings.replica, settings.events.url, settings.max_clients_per_address) == (True, URL, 100)
+    settings = load(tmp_path, f"[server]\nreplica = true\n[events]\nurl = '{URL}'\n")
+    assert (settings.replica, settings.events.url) == (True, URL)
     assert "not-for-the-log" not in repr(settings)
     with pytest.raises(InputError, match=r"server\.replica: .* set events\.url"):
         load(tmp_path, "[server]\nreplica = true\n[events]\nfile = 'events.db'\n")

@@ -2,34 +2,19 @@
 
 from __future__ import annotations
 
-import logging
 import socket
 import sys
-import time
-from typing import TYPE_CHECKING
 
 import pytest
 
 from beamtouch_service.config import ConfigError
 from beamtouch_service.events.database import EventStoreError
 from beamtouch_service.events.store import Store
-from beamtouch_service.host.arrivals import Arrivals
 from beamtouch_service.host.modbus import ModbusServer
-from beamtouch_service.host.uvicorn_host import Loop
 from beamtouch_service.outputs.modbus.registers import MAX_SURFACES
 from beamtouch_service.settings import ModbusSettings
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
 DAY_S = 86_400.0
-
-
-@pytest.fixture
-def loop() -> Iterator[Loop]:
-    loop = Loop(Arrivals(time.monotonic))
-    yield loop
-    loop.close()
 
 
 @pytest.mark.parametrize("url", ["postgresql://beamtouch:secret@127.0.0.1:port/beamtouch", "nothing"])
@@ -51,21 +36,3 @@ def test_more_surfaces_than_modbus_has_addresses_are_refused_before_it_listens()
         with pytest.raises(ConfigError, match=f"hold {MAX_SURFACES} surfaces, but there are {MAX_SURFACES + 1}"):
             ModbusServer(settings, MAX_SURFACES + 1)
         assert "modbus_server.port" in ModbusServer(settings, MAX_SURFACES).address.missing
-
-
-def test_connections_that_cannot_be_accepted_are_logged_once_a_minute(
-    loop: Loop, caplog: pytest.LogCaptureFixture
-) -> None:
-    # As asyncio reports them, a hundred a second, while the process has no file descriptor left.
-    out_of_files = {
-        "message": "socket.accept() out of system resource",
-        "exception": OSError(24, "Too many open files"),
-    }
-    for _ in range(3):
-        loop.call_exception_handler(out_of_files)
-    assert [record.getMessage() for record in caplog.records] == [
-        "no connection can be accepted: [Errno 24] Too many open files"
-    ]
-    loop.call_exception_handler({"message": "another error", "exception": ValueError("of a callback")})
-    assert (caplog.records[-1].name, caplog.records[-1].levelno) == ("asyncio", logging.ERROR)
-    assert "another error" in caplog.text

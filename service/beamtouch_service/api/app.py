@@ -3,14 +3,10 @@
 Every route is a coroutine without an await between reading and changing state, so one thread needs no locks.
 """
 
-from collections.abc import Callable, Iterable, Mapping
-from contextlib import AbstractAsyncContextManager
+from collections.abc import Iterable
 from typing import Any
 
 from fastapi import FastAPI, Request, Response
-from fastapi.middleware.asyncexitstack import AsyncExitStackMiddleware
-from starlette.middleware.exceptions import ExceptionMiddleware
-from starlette.types import ASGIApp
 
 from beamtouch_common.commands import version
 from beamtouch_service.access import Access, Role
@@ -30,17 +26,11 @@ from beamtouch_service.api import (
     stream,
     surfaces,
 )
-from beamtouch_service.api.context import Clock, Context, ModelKeeper, Streams, boot_clock
+from beamtouch_service.api.context import Clock, Context, Streams, boot_clock
 from beamtouch_service.api.counts import Counts
-from beamtouch_service.api.encoded import EncodedContacts
 from beamtouch_service.events.recorder import Recorder
-from beamtouch_service.limits import MAX_BATCHES_PER_S
 from beamtouch_service.surfaces.registry import Registry
 from beamtouch_service.surfaces.surface import Surface
-
-Lifespan = Callable[[Any], AbstractAsyncContextManager[None]]
-"""Runs the tasks of the process while the application runs."""
-
 
 _description_router = gate.make_router("description", Role.READ)
 
@@ -57,7 +47,6 @@ _ROUTERS = (
     models.router,
     beam.router,
     calibration.router,
-    models.administration_router,
     metrics.router,
     stream.router,
     events.router,
@@ -70,7 +59,7 @@ _ROUTERS = (
 class Application(FastAPI):
     """The application and its context."""
 
-    def __init__(self, context: Context, lifespan: Lifespan | None = None) -> None:
+    def __init__(self, context: Context) -> None:
         super().__init__(
             title="Beamtouch service",
             version=version(),
@@ -79,13 +68,13 @@ class Application(FastAPI):
             # route of its own, with a role.
             openapi_url=None,
             redirect_slashes=False,
-            lifespan=lifespan,
             # `/metrics` is for that. Looking for another program's telemetry takes a tenth of the time of a contact.
             telemetry={"tracing": False, "metrics": False, "logs": False},
             # Directly: to find a route in an included router takes longer.
             routes=[route for router in _ROUTERS for route in router.routes],
         )
         self.context = self.state.context = context
+        self.add_middleware(gate.Gate)
 
     def openapi(self) -> dict[str, Any]:
         """Return the OpenAPI description, with the schemas that routes only refer to."""
@@ -94,22 +83,13 @@ class Application(FastAPI):
             openapi.complete(super().openapi(), needs_read_token=needs_read_token)
         return super().openapi()
 
-    def build_middleware_stack(self) -> ASGIApp:
-        """Return the layers around the routes: those of the framework that are needed, and ours outside."""
-        others = samples.SamplesFirst(self.context, AsyncExitStackMiddleware(self.router))
-        routes = ExceptionMiddleware(others, handlers=self.exception_handlers)
-        return gate.Gate(contact.ContactFirst(self.context, routes))
-
 
 def create_app(
     served: Iterable[Surface],
     access: Access | str | None = None,
     clock: Clock = boot_clock,
-    keepers: Mapping[str, ModelKeeper] | None = None,
-    max_batches_per_s: float = MAX_BATCHES_PER_S,
     streams: Streams | None = None,
     recorder: Recorder | None = None,
-    lifespan: Lifespan | None = None,
 ) -> Application:
     """Return the application for these surfaces.
 
@@ -118,11 +98,8 @@ def create_app(
     served : surfaces in the order in which they are listed; their names differ
     access : the tokens, or only the write token; without one every write is refused
     clock : the time [s]; it never goes back
-    keepers : by surface name, for surfaces that have a model file
-    max_batches_per_s : limit for each surface
     streams : the limit of open streams, and the signal to end them
     recorder : keeps the events; default: in memory
-    lifespan : runs the tasks of the process
     """
     registry, counts, recorder = Registry(served), Counts(), recorder or Recorder()
     for surface in registry:
@@ -134,13 +111,10 @@ def create_app(
         access if isinstance(access, Access) else Access(write=access),
         recorder,
         counts,
-        EncodedContacts(counts.contacts),
         streams or Streams(),
-        keepers or {},
-        max_batches_per_s,
     )
     counts.registry.register(metrics.SurfaceCollector(context))
-    app = Application(context, lifespan)
+    app = Application(context)
     errors.install(app)
     _require_roles(app)
     app.router.routes.extend(page.routes())

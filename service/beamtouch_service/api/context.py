@@ -1,10 +1,10 @@
-"""The state that routes share: surfaces, clock, tokens, counts, and the keepers of models and events."""
+"""The state that routes share: surfaces, clock, tokens, counts, and the keeper of events."""
 
 import time
 from asyncio import Event
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Annotated, Protocol
+from typing import Annotated
 
 from fastapi import Depends, Query
 from fastapi import Path as PathParameter
@@ -13,10 +13,10 @@ from starlette.types import Scope
 
 from beamtouch_service.access import Access, Role
 from beamtouch_service.api.counts import Counts
-from beamtouch_service.api.encoded import EncodedContacts
 from beamtouch_service.events.recorder import Recorder
-from beamtouch_service.limits import MAX_BATCHES_PER_S, MAX_STREAMS, Bucket
+from beamtouch_service.limits import MAX_STREAMS
 from beamtouch_service.problems import Kind, Problem, ProblemError
+from beamtouch_service.surfaces.freshness import Ticks
 from beamtouch_service.surfaces.registry import Registry
 
 Clock = Callable[[], float]
@@ -28,13 +28,6 @@ def boot_clock() -> float:
     return time.clock_gettime(time.CLOCK_BOOTTIME)
 
 
-class ModelKeeper(Protocol):
-    """Keeps the model of one surface in step with its file."""
-
-    async def reload(self) -> bool:
-        """Read the file again; return whether the surface has another model now."""
-
-
 @dataclass
 class Streams:
     """The open streams of one service."""
@@ -42,8 +35,6 @@ class Streams:
     max_open: int = MAX_STREAMS
     stop: Event = field(default_factory=Event)
     """Set when the service stops."""
-    drop: Callable[[Scope], None] = lambda _scope: None
-    """Ends the connection of a request without waiting for its client. The server sets it."""
     open: int = 0
 
     def admit(self) -> None:
@@ -65,14 +56,11 @@ class Context:
     access: Access
     recorder: Recorder
     counts: Counts
-    contacts: EncodedContacts
     streams: Streams
-    keepers: Mapping[str, ModelKeeper] = field(default_factory=dict)
-    """By surface name, for surfaces that have a model file."""
-    max_batches_per_s: float = MAX_BATCHES_PER_S
+    ticks: Ticks = field(default_factory=Ticks)
+    """Notices that the process stood still."""
     missing: dict[str, str] = field(default_factory=dict)
     """Section of the configuration -> why its address or broker is not there; empty while it is."""
-    buckets: dict[str, Bucket] = field(default_factory=dict)
 
     def reasons(self) -> dict[str, str]:
         """Return `missing`, with the record of events."""
@@ -88,14 +76,6 @@ class Context:
         """Let a request with a token for `role` pass; raises ProblemError (401, 403)."""
         given = next((value for name, value in scope["headers"] if name == b"authorization"), None)
         self.access.require(role, given)
-
-    def take_turn(self, surface: str) -> None:
-        """Count a batch for a surface; raises ProblemError (429) when too many came within a second."""
-        bucket = self.buckets.setdefault(surface, Bucket(self.max_batches_per_s))
-        if bucket.take(self.clock()) > 0:
-            detail = f"The surface takes {self.max_batches_per_s:g} batches per second. Put more samples into each."
-            # Retry-After takes whole seconds only.
-            raise ProblemError(Problem(Kind.TOO_MANY_REQUESTS, detail, surface), {"Retry-After": "1"})
 
 
 def context_of(scope: Scope) -> Context:

@@ -14,8 +14,8 @@ from beamtouch_service.surfaces.contact import rfc3339
 from beamtouch_service.surfaces.surface import Surface
 from beamtouch_service.surfaces.timings import Timings
 
-REFUSALS = frozenset({Kind.UNAUTHORIZED, Kind.FORBIDDEN, Kind.TOO_MANY_REQUESTS})
-"""Requests that were refused for their token or their rate."""
+REFUSALS = frozenset({Kind.UNAUTHORIZED, Kind.FORBIDDEN})
+"""Requests that were refused for their token."""
 
 _OUT = {
     Quality.MISSING: ("missing", "check its cable, its supply and its module"),
@@ -49,7 +49,7 @@ class Counts:
         """`surface` is empty where no surface has the name: a label must not hold what a client makes up."""
         self.batch_s = self._histogram("batch", "Time from the head of a batch to its receipt.", _BATCH_S)
         self._problems = self._counter("problems", "Answers that were a problem.", "kind")
-        self._refusals = self._counter("refusals", "Requests refused for their token or their rate.", "kind")
+        self._refusals = self._counter("refusals", "Requests refused for their token.", "kind")
         self._evicted = self._counter("connections_evicted", "Connections closed to make room for others.")
         self._inference_s = self._histogram("inference", "Time per estimate.", _INFERENCE_S)
         self._age_s = self._histogram("sample_arrival_age", "Age of the newest sample at its arrival.", _AGE_S)

@@ -1,6 +1,7 @@
 """The token that each route needs, and the layer around all routes: headers, HEAD, errors of last resort."""
 
 import logging
+from asyncio import CancelledError
 from collections.abc import Iterable
 
 from fastapi import APIRouter, Depends, Security, params
@@ -44,9 +45,8 @@ async def _anyone_may() -> None:
 
 _NEEDS: dict[Role, params.Depends] = {
     Role.OPEN: Depends(_anyone_may),
-    Role.READ: Security(_Token(Role.READ, "For reading. The write and admin tokens read too.")),
+    Role.READ: Security(_Token(Role.READ, "For reading. The write token reads too.")),
     Role.WRITE: Security(_Token(Role.WRITE, "For sending samples and for reading.")),
-    Role.ADMIN: Security(_Token(Role.ADMIN, "For reloading models and for reading.")),
 }
 
 
@@ -69,7 +69,7 @@ def without_role(routes: Iterable[BaseRoute]) -> list[str]:
 
 
 class Gate:
-    """The outermost layer of the application (ASGI): adds headers, answers HEAD, and turns any failure into a 500.
+    """The layer around all routes (ASGI): adds headers, answers HEAD, and turns any failure into a 500.
 
     It adds the headers here because answers also come from the framework and from error handlers.
     """
@@ -98,6 +98,9 @@ class Gate:
             scope = {**scope, "method": "GET"}
         try:
             await self._app(scope, receive, guarded)
+        except CancelledError:
+            # Only the server cancels a request, at the end of its patience with a client that does not read.
+            return
         except Exception as error:
             _log.exception("an error ended a request")
             if started:

@@ -1,4 +1,4 @@
-"""`/surfaces/NAME/model`: the model of a surface, and a second reading of its file on request."""
+"""`GET /surfaces/NAME/model`: the model of a surface."""
 
 from pydantic import BaseModel
 
@@ -9,7 +9,6 @@ from beamtouch_service.api.context import ContextParameter, SurfaceInPath
 from beamtouch_service.problems import Kind, Problem, ProblemError
 
 router = gate.make_router("model", Role.READ)
-administration_router = gate.make_router("model", Role.ADMIN)
 
 
 class ModelDescription(BaseModel):
@@ -32,16 +31,6 @@ class ModelDescription(BaseModel):
     noise: Noise
     accuracy: Accuracy
     calibration: Calibration | None
-
-
-class Reloaded(BaseModel):
-    """Result of reading a model file again."""
-
-    surface: str
-    model: str
-    """Name and fingerprint of the model in use now."""
-    changed: bool
-    """False if the file holds the model that was in use already."""
 
 
 def describe(model: ModelFile) -> ModelDescription:
@@ -71,24 +60,3 @@ async def get_model(context: ContextParameter, name: SurfaceInPath) -> ModelDesc
     if model is None:
         raise ProblemError(Problem(Kind.NO_MODEL, "Give a model with --model or in the config.", name))
     return describe(model)
-
-
-@administration_router.post(
-    "/surfaces/{name}/model/reload",
-    responses=openapi.problems(Kind.UNKNOWN_SURFACE, Kind.NO_SURFACE, Kind.MODEL_REFUSED, Kind.ONE_OF_SEVERAL),
-)
-async def post_reload(
-    context: ContextParameter,
-    name: SurfaceInPath,
-) -> Reloaded:
-    """Read the model file of this surface again. A file that cannot be used changes nothing. Needs the admin token."""
-    context.require_all("Each reads a new model file by itself.")
-    surface = context.registry.named(name)
-    keeper = context.keepers.get(name)
-    if keeper is None:
-        detail = "The surface has no model file. Give one with --model or in the config, and restart the service."
-        raise ProblemError(Problem(Kind.MODEL_REFUSED, detail, name))
-    changed = await keeper.reload()
-    if surface.model is None or surface.model_error is not None:
-        raise ProblemError(Problem(Kind.MODEL_REFUSED, surface.model_error or "There is no model.", name))
-    return Reloaded(surface=name, model=surface.model.identity, changed=changed)

@@ -99,8 +99,8 @@ def _add_refusals(operation: dict[str, Any], *, needs_read_token: bool) -> None:
         return
     is_read = {"read_token": []} in security
     if is_read:
-        # The other tokens read too. An empty requirement: also without a token.
-        security += [{"write_token": []}, {"admin_token": []}]
+        # The other token reads too. An empty requirement: also without a token.
+        security += [{"write_token": []}]
         security[:0] = [] if needs_read_token else [{}]
     if is_read and not needs_read_token:
         return

@@ -6,12 +6,10 @@ from math import inf
 from pydantic import ValidationError
 from starlette.requests import Request
 from starlette.responses import Response
-from starlette.routing import Match
-from starlette.types import ASGIApp, Receive, Scope, Send
 
 from beamtouch_service.access import Role
 from beamtouch_service.api import gate, openapi
-from beamtouch_service.api.context import Context, SurfaceInPath, context_of
+from beamtouch_service.api.context import SurfaceInPath, context_of
 from beamtouch_service.api.errors import MAX_ERRORS, invalid_request, pointer
 from beamtouch_service.problems import Kind, Problem, ProblemError
 from beamtouch_service.samples import Batch, Receipt
@@ -19,8 +17,6 @@ from beamtouch_service.samples import Batch, Receipt
 MAX_BODY_BYTES = 1024 * 1024
 MAX_BODY_S = 10.0
 """Longest time for a whole body to arrive. A sender states the age of its samples before it sends the body."""
-ARRIVED_S = "beamtouch_arrived_s"
-"""Key in the state of a request: the earliest time at which it may have arrived [s]. Without it: now."""
 LINGER_S = 5.0
 """Drain an oversized body for this long, so that the client can read the 413."""
 _MAX_PEER = 64
@@ -34,7 +30,6 @@ _PROBLEMS = openapi.problems(
     Kind.UNKNOWN_SURFACE,
     Kind.TOO_SLOW,
     Kind.TOO_LARGE,
-    Kind.TOO_MANY_REQUESTS,
     Kind.INVALID_REQUEST,
     Kind.MISSING_CHANNELS,
     Kind.OTHER_BEAM,
@@ -43,20 +38,17 @@ _PROBLEMS = openapi.problems(
 )
 
 
-@router.post("/surfaces/{name}/samples", openapi_extra=openapi.BATCH_BODY, responses=_PROBLEMS)
-async def post_samples(name: SurfaceInPath, request: Request) -> Receipt:
+@router.post("/surfaces/{name}/samples", response_model=Receipt, openapi_extra=openapi.BATCH_BODY, responses=_PROBLEMS)
+async def post_samples(name: SurfaceInPath, request: Request) -> Response:
     """Take a batch of samples. A repeated batch changes nothing. State the age of the newest sample at each attempt."""
     context = context_of(request.scope)
     try:
         surface = context.registry.named(name)
-        context.take_turn(name)
         # The age was stated before the body travelled. Counted from here, travel makes samples older, never younger.
-        # What waited before it came here, in a balancer or a full kernel, shows beside the quickest batches.
         begin_s = context.clock()
-        arrival_s = request.scope.get("state", {}).get(ARRIVED_S, begin_s)
+        earliest_s = context.ticks.earliest_s(begin_s)
         batch = parse_batch(await read_body(request))
-        if not batch.backlog:
-            arrival_s = min(arrival_s, begin_s - surface.transit.waited_s(batch, begin_s))
+        arrival_s = surface.transit.arrival_s(batch, begin_s, earliest_s)
         changes = surface.sender_changes
         received = surface.receive(batch, arrival_s, _peer(request))
     except ProblemError as error:
@@ -73,13 +65,14 @@ async def post_samples(name: SurfaceInPath, request: Request) -> Receipt:
     context.counts.channels_out(surface)
     context.counts.rivals(surface, begin_s)
     durable, expected = await context.recorder.take(surface, batch, received.weighed)
-    return Receipt(
+    receipt = Receipt(
         accepted=received.accepted,
         repeated=received.repeated,
         durable=durable,
         expected=expected,
         stale_ms=surface.stale_ms,
     )
+    return Response(receipt.model_dump_json(), media_type="application/json")
 
 
 def _peer(request: Request) -> str:
@@ -87,29 +80,6 @@ def _peer(request: Request) -> str:
     peer = f"{request.client.host}:{request.client.port}" if request.client else "unknown"
     behind = request.headers.get("x-forwarded-for", "").rpartition(",")[2].strip()[:_MAX_PEER]
     return f"{behind} (through {peer})" if behind else peer
-
-
-class SamplesFirst:
-    """Takes samples, and leaves all other requests to the layers below (ASGI).
-
-    To find the route, its parameters and its answer, these layers take as long as the samples take.
-    """
-
-    def __init__(self, context: Context, others: ASGIApp) -> None:
-        self._context = context
-        self._others = others
-        self._route = router.routes[0]
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer one request; raises ProblemError."""
-        if scope["type"] == "http" and scope["method"] == "POST":
-            match, found = self._route.matches(scope)
-            if match is Match.FULL:
-                self._context.allow(scope, Role.WRITE)
-                receipt = await post_samples(found["path_params"]["name"], Request(scope, receive))
-                await Response(receipt.model_dump_json(), media_type="application/json")(scope, receive, send)
-                return
-        await self._others(scope, receive, send)
 
 
 async def read_body(request: Request, limit: int = MAX_BODY_BYTES, limit_s: float = MAX_BODY_S) -> bytes:

@@ -2,18 +2,17 @@
 
 Nothing is queued: each stream reads the newest state at its own pace, so a slow client gets fewer events.
 
-sse-starlette sends the events, and gives up on a client that does not read. FastAPI's own stream (0.165) has no time
-limit for that. At a stop, a client that did not read made it end with a traceback or exceed the patience of uvicorn.
+A client that takes nothing for some seconds is dropped by the system (`host/listener.py`).
 """
 
 import json
-from asyncio import sleep, wait_for
+from asyncio import wait_for
 from collections.abc import AsyncIterator
 from contextlib import suppress
 from typing import Annotated, Any
 
 from fastapi import Query
-from sse_starlette.sse import AppStatus, EventSourceResponse, SendTimeoutError
+from sse_starlette.sse import AppStatus, EventSourceResponse
 from starlette.responses import StreamingResponse
 from starlette.types import Receive, Scope, Send
 
@@ -25,10 +24,6 @@ from beamtouch_service.surfaces.state import changing, state_of
 from beamtouch_service.surfaces.surface import Surface
 
 MEDIA_TYPE = "text/event-stream"
-SEND_S = 5.0
-"""A client that takes nothing for this long is dropped. Data in the system's buffers counts as taken."""
-_END_S = 0.1
-"""At a stop, clients get this long to take the end of their stream."""
 _ALIVE_S = 1.0
 """Without a change the state is sent this often, so that a client can tell a quiet surface from a dead connection."""
 
@@ -61,28 +56,21 @@ class Pace:
 
 
 class StateStream(EventSourceResponse):
-    """Sends the state of a surface until the client leaves, stops reading, or the service stops."""
+    """Sends the state of a surface until the client leaves or is dropped, or the service stops."""
 
     def __init__(self, context: Context, surface: Surface, interval_s: float) -> None:
         context.streams.admit()
         self._streams = context.streams
-        super().__init__(self._events(context, surface, interval_s), ping=0, sep="\n", send_timeout=SEND_S)
+        super().__init__(self._events(context, surface, interval_s), ping=0, sep="\n")
         # The protocol decides whether the connection stays open.
         del self.headers["connection"]
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Serve one client."""
         try:
-            with suppress(SendTimeoutError):
-                await super().__call__(scope, receive, send)
-                await sleep(_END_S)
+            await super().__call__(scope, receive, send)
         finally:
             self._streams.open -= 1
-            # A client that has not taken the end by now would hold up the stop of the service.
-            self._streams.drop(scope)
-            # uvicorn learns of the end of a connection in the next turn of the loop. If the stream ended before that,
-            # it would log an error.
-            await sleep(0)
 
     async def _events(self, context: Context, surface: Surface, interval_s: float) -> AsyncIterator[dict[str, str]]:
         pace, stop = Pace(), self._streams.stop

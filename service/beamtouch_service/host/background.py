@@ -1,19 +1,15 @@
-"""Background tasks: progress for the watchdog, new model files, SIGHUP."""
+"""Background tasks: progress for the watchdog, ticks that show a pause, new model files, outputs."""
 
 import asyncio
 import logging
-import signal
-import ssl
 from collections.abc import AsyncIterator, Callable, Coroutine, Iterable, Sequence
 from contextlib import AbstractAsyncContextManager, AsyncExitStack, asynccontextmanager
 from typing import Any
 
 from beamtouch_common.systemd import ServiceManager
-from beamtouch_service.api.app import Application
 from beamtouch_service.api.context import Context
-from beamtouch_service.host import tls
 from beamtouch_service.host.model_watch import ModelKeeper
-from beamtouch_service.settings import TlsFiles
+from beamtouch_service.surfaces import freshness
 
 TICK_S = 1.0
 """Longest time between two looks at the model files, and between two reports of progress."""
@@ -44,34 +40,26 @@ async def _running(work: Iterable[Coroutine[Any, Any, None]]) -> AsyncIterator[N
 
 
 class Background:
-    """The tasks that run in the lifespan of the application."""
+    """The tasks that run beside the routes."""
 
     def __init__(
         self,
         keepers: list[ModelKeeper],
         manager: ServiceManager,
-        files: TlsFiles | None,
         outputs: Sequence[Output] = (),
     ) -> None:
         self._keepers = keepers
         self._manager = manager
-        self._files = files
         self._outputs = outputs
-        self.ssl: ssl.SSLContext | None = None
-        """Context of the connections. The server makes it after the application."""
 
     @asynccontextmanager
-    async def lifespan(self, app: Application) -> AsyncIterator[None]:
-        """Run all tasks until the application ends."""
-        told, loop = asyncio.Event(), asyncio.get_running_loop()
-        work = self._report_progress(app.context), self._watch_models(), self._reload_when_told(told)
+    async def running(self, context: Context) -> AsyncIterator[None]:
+        """Run all tasks during a block."""
+        work = self._report_progress(context), self._watch_models(), _tick(context)
         async with AsyncExitStack() as stack:
             await stack.enter_async_context(_running(work))
-            loop.add_signal_handler(signal.SIGHUP, told.set)
-            # The handler must not be called in a closed loop.
-            stack.callback(loop.remove_signal_handler, signal.SIGHUP)
             for output in self._outputs:
-                await stack.enter_async_context(output(app.context))
+                await stack.enter_async_context(output(context))
             yield
 
     async def _report_progress(self, context: Context) -> None:
@@ -92,23 +80,11 @@ class Background:
             await asyncio.sleep(TICK_S)
             await asyncio.gather(*(keeper.poll() for keeper in self._keepers))
 
-    async def _reload_when_told(self, told: asyncio.Event) -> None:
-        """Read every model file and the certificate again at SIGHUP. A wrong file changes nothing."""
-        while True:
-            await told.wait()
-            told.clear()
-            self._manager.reloading()
-            self._reload_certificate()
-            await asyncio.gather(*(keeper.reload() for keeper in self._keepers))
-            self._manager.ready("models read again")
 
-    def _reload_certificate(self) -> None:
-        if self._files is None or self.ssl is None:
-            return
-        try:
-            tls.load(self.ssl, self._files)
-        except (ssl.SSLError, OSError) as error:
-            _log.error("the new certificate cannot be used; the old one stays in use: %s", error)
+async def _tick(context: Context) -> None:
+    while True:
+        context.ticks.tick(context.clock())
+        await asyncio.sleep(freshness.TICK_S)
 
 
 def _log_failure(task: asyncio.Task[None]) -> None:

@@ -14,6 +14,9 @@ from beamtouch_service.limits import Seldom
 RETRY_S = 1.0
 """Time between two attempts to listen."""
 _SEND_BUFFER_BYTES = 128 * 1024
+_UNREAD_MS = 10_000
+_QUEUE = 1024
+"""New connections that the system keeps until they are accepted. Beyond this it does not answer."""
 
 _log = logging.getLogger("beamtouch.service")
 
@@ -29,8 +32,6 @@ class Address:
         Where the user states the port, for messages.
     require
         Raises ConfigError if the service must not listen on an address, or on a name that does not resolve yet.
-    listener
-        A socket that listens already.
 
     Raises
     ------
@@ -45,24 +46,20 @@ class Address:
         port: int,
         option: str = "--port",
         require: Callable[[str], None] = lambda _address: None,
-        listener: socket.socket | None = None,
     ) -> None:
         self.section = section
-        self.shown = host if listener is None else str(listener.getsockname()[0])
+        self.shown = host
         """The numeric address; the name as long as it does not resolve."""
         self.missing = ""
         """Why nothing listens there yet; empty as soon as something does."""
         self._host, self._port, self._option, self._require = host, port, option, require
-        self._listener = listener
-        if listener is None:
-            self._attempt()
-        else:
-            require(self.shown)
+        self._bound: socket.socket | None = None
+        self._attempt()
 
     async def listener(self, note: Callable[[str], None]) -> socket.socket:
-        """Return a listening socket, at once or as soon as there is one; `note` gets the reason of each failure."""
+        """Return a socket that listens, at once or as soon as there is one; `note` gets the reason of each failure."""
         seldom, begin_s = Seldom(), time.monotonic()
-        while self._listener is None:
+        while (listener := self._listening()) is None:
             if seldom.due(self.missing, time.monotonic()):
                 _log.warning("[%s]: %s; trying again", self.section, self.missing)
             note(self.missing)
@@ -75,12 +72,23 @@ class Address:
             _log.info("[%s]: %s is there after %.1f s", self.section, self.shown, time.monotonic() - begin_s)
         self.missing = ""
         note("")
-        return self._listener
+        return listener
 
     def close(self) -> None:
         """Close the socket, if there is one."""
-        if self._listener is not None:
-            self._listener.close()
+        if self._bound is not None:
+            self._bound.close()
+
+    def _listening(self) -> socket.socket | None:
+        """Begin to listen: only now, so that nothing waits before the service takes it."""
+        if self._bound is not None:
+            try:
+                self._bound.listen(_QUEUE)
+            except OSError as error:  # another program was quicker
+                self._refused(error)
+                self._bound.close()
+                self._bound = None
+        return self._bound
 
     def _attempt(self) -> None:
         try:
@@ -94,11 +102,14 @@ class Address:
             return
         self._require(self.shown)
         try:
-            self._listener = _bind(family, self.shown, self._port)
+            self._bound = _bind(family, self.shown, self._port)
         except OSError as error:
-            self.missing = f"port {self._port} on {self.shown}: {remedy(error, self._option)}"
+            self._refused(error)
             if error.errno == EACCES:
                 raise ConfigError(self.missing) from None
+
+    def _refused(self, error: OSError) -> None:
+        self.missing = f"port {self._port} on {self.shown}: {remedy(error, self._option)}"
 
 
 def _resolve(host: str) -> tuple[socket.AddressFamily, str]:
@@ -109,7 +120,7 @@ def _resolve(host: str) -> tuple[socket.AddressFamily, str]:
 
 
 def _bind(family: socket.AddressFamily, address: str, port: int) -> socket.socket:
-    """Return a socket that listens on an address."""
+    """Return a socket that is bound to an address."""
     # The protocol is explicit because asyncio turns off Nagle's algorithm, which costs 40 ms per answer, only for TCP.
     listener = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
     try:
@@ -117,8 +128,9 @@ def _bind(family: socket.AddressFamily, address: str, port: int) -> socket.socke
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         # Connections inherit it. It bounds what a client leaves unread, and lets the service notice that soon.
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER_BYTES)
+        # A client that takes nothing for this long is gone; so is one whose machine was switched off.
+        listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, _UNREAD_MS)
         listener.bind((address, port))
-        listener.listen()
     except OSError:
         listener.close()
         raise

@@ -3,27 +3,26 @@
 from __future__ import annotations
 
 import logging
+import ssl
 from contextlib import ExitStack, contextmanager
 from functools import partial
 from ipaddress import ip_address
 from typing import TYPE_CHECKING
 
+from beamtouch_common.errors import FailedError
 from beamtouch_common.systemd import ServiceManager
 from beamtouch_models.modelfile import ModelFileError
 from beamtouch_service.api.app import create_app
-from beamtouch_service.api.context import Streams, boot_clock
+from beamtouch_service.api.context import Streams
 from beamtouch_service.config import ConfigError
 from beamtouch_service.events.database import EventStoreError
 from beamtouch_service.events.recorder import Recorder
-from beamtouch_service.host import model_watch, tls
-from beamtouch_service.host.arrivals import Arrivals
+from beamtouch_service.host import model_watch
 from beamtouch_service.host.background import Background, in_background
-from beamtouch_service.host.handshakes import Handshakes
 from beamtouch_service.host.listener import Address
 from beamtouch_service.host.model_watch import ModelKeeper
-from beamtouch_service.host.systemd import activated
-from beamtouch_service.host.uvicorn_host import Host, configure, serve
-from beamtouch_service.settings import MqttSettings, Settings, SurfaceSettings
+from beamtouch_service.host.serve import configure, serve
+from beamtouch_service.settings import MqttSettings, Settings, SurfaceSettings, TlsFiles
 from beamtouch_service.surfaces.surface import Surface
 
 if TYPE_CHECKING:
@@ -37,16 +36,13 @@ _log = logging.getLogger("beamtouch.service")
 
 def run(settings: Settings) -> None:
     """Serve until SIGTERM or Ctrl-C; raises ConfigError if the settings do not work on this machine."""
-    passed = activated()
-    # Connections to a socket that the system keeps open may wait since its start.
-    arrivals = Arrivals(boot_clock, 0.0 if passed else None)
     if settings.tls is not None:
-        tls.require(settings.tls)
+        _require_certificate(settings.tls)
     outputs = [in_background(_publisher(settings.mqtt).run)] if settings.mqtt else []
     kept = [_surface(entry) for entry in settings.surfaces]
     with ExitStack() as stack:
         require = partial(_require_tokens, settings)
-        address = Address("server", settings.host, settings.port, require=require, listener=passed)
+        address = Address("server", settings.host, settings.port, require=require)
         stack.callback(address.close)
         modbus = _modbus_server(settings)
         logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)s %(name)s: %(message)s")
@@ -56,33 +52,32 @@ def run(settings: Settings) -> None:
             outputs.append(in_background(modbus.run))
             _log_readers(settings, modbus)
         manager = ServiceManager()
-        keepers = {surface.name: keeper for surface, keeper in kept if keeper is not None}
-        background = Background(list(keepers.values()), manager, settings.tls, outputs)
+        background = Background([keeper for _, keeper in kept if keeper is not None], manager, outputs)
         streams, recorder = Streams(settings.max_streams), _recorder(settings)
-        app = create_app(
-            [surface for surface, _ in kept],
-            settings.access,
-            keepers=keepers,
-            max_batches_per_s=settings.max_batches_per_s,
-            streams=streams,
-            recorder=recorder,
-            lifespan=background.lifespan,
-        )
-        handshakes = Handshakes()
-        config = configure(
-            app,
-            settings.max_clients,
-            settings.max_clients_per_address,
-            settings.tls,
-            handshakes=handshakes,
-            arrivals=arrivals,
-        )
-        config.load()
-        background.ssl = config.ssl
+        app = create_app([surface for surface, _ in kept], settings.access, streams=streams, recorder=recorder)
         try:
-            serve(Host(config, manager, streams, address, handshakes))
+            serve(configure(app, settings.tls), address, app.context, background, manager)
         finally:
             recorder.close()
+
+
+def _require_certificate(files: TlsFiles) -> None:
+    """Raise FailedError unless the files can be read, and ConfigError unless they belong together."""
+    for path in (files.certificate, files.key):
+        try:
+            path.open("rb").close()
+        except OSError as error:
+            message = f"{path}: {error.strerror}"
+            raise FailedError(message) from None
+    try:
+        # An empty passphrase: otherwise OpenSSL would ask for one at the terminal and wait.
+        ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(files.certificate, files.key, password="")
+    except (ssl.SSLError, OSError):
+        message = (
+            f"{files.certificate} and {files.key} are not a PEM certificate and its key without a "
+            "passphrase; create them again, or correct server.certificate_file and server.key_file"
+        )
+        raise ConfigError(message) from None
 
 
 def _modbus_server(settings: Settings) -> ModbusServer | None:

@@ -16,6 +16,7 @@ from beamtouch_service.surfaces.channels_out import ChannelsOut
 from beamtouch_service.surfaces.contact import Contact, Decision
 from beamtouch_service.surfaces.estimates import Estimated
 from beamtouch_service.surfaces.follower import Seen
+from beamtouch_service.surfaces.freshness import Transit
 from beamtouch_service.surfaces.health import ChannelHealth, SurfaceHealth
 from beamtouch_service.surfaces.intake import Intake
 from beamtouch_service.surfaces.newest import Decided, Newest
@@ -24,7 +25,6 @@ from beamtouch_service.surfaces.served_model import ServedModel
 from beamtouch_service.surfaces.stretches import Stretches
 from beamtouch_service.surfaces.summary import SampleCounts, SurfaceSummary
 from beamtouch_service.surfaces.timings import Timings
-from beamtouch_service.surfaces.transit import Transit
 
 SENDER_GONE_S = 10.0
 """A daemon whose samples are refused tries again sooner than this; after it, samples are what is missing."""
@@ -72,7 +72,7 @@ class Surface:
         self._intake = Intake(stale_ms)
         self._served = ServedModel(model) if model else None
         self.transit = Transit()
-        """Tells how long a batch waited on its way."""
+        """Tells when a batch arrived."""
         self.timings = Timings()
         self.on_fresh: Callable[[Surface], None] = lambda _surface: None
         """Called after each batch that moved the answer."""

@@ -153,9 +153,7 @@ def touched_in(folder: Path) -> Iterator[Service]:
     """Give a service with a contact to give, for a minute."""
     token = folder / "token"
     token.write_text(TOKEN)
-    (folder / "service.toml").write_text(
-        f'[server]\nmax_clients = 8\n[surfaces.press-7]\nmodel = "{write_model(folder)}"\nstale_ms = 60000\n'
-    )
+    (folder / "service.toml").write_text(f'[surfaces.press-7]\nmodel = "{write_model(folder)}"\nstale_ms = 60000\n')
     with commands_in(folder) as start:
         options = ("run", "--port", "0", "--config", "service.toml", "--write-token-file", token)
         service = service_of(start(*options), TOKEN)

@@ -28,14 +28,6 @@ def test_the_cost_of_a_chunk_does_not_depend_on_its_content(touched_service: Ser
     assert spent_s[1] < 3 * max(spent_s[0], TICKS_S)
 
 
-def test_a_connection_ends_after_an_answer_that_was_given_before_all_chunks_came(touched_service: Service) -> None:
-    with connected(touched_service) as connection, connection.makefile("rb") as stream:
-        connection.sendall(HEAD + b"\r\n5\r\nab")
-        assert stream.readline().startswith(b"HTTP/1.1 401 ")
-        connection.sendall(b"cde\r\n0\r\n\r\n" + get("/health/live"))
-        assert b"HTTP/1.1 " not in stream.read()
-
-
 @pytest.mark.parametrize("part", [1, 7, 100_000])
 def test_the_next_request_is_found_behind_chunks_however_they_are_cut(touched_service: Service, part: int) -> None:
     body = b"".join(b"%X;a=b\r\n%b\r\n" % (len(words), words) for words in (b"\r\n\r\n", b"1\r\n" * 9, b"0\r\n\r\n"))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import json
-import os
 import signal
 import socket
 import time
@@ -13,10 +12,9 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from beamtouch_service.host.arrivals import PAUSE_S
-from service.conftest import TOKEN, batch_of, kind
+from beamtouch_service.surfaces.freshness import PAUSE_S
+from service.conftest import TOKEN, batch_of
 from service.process.raw import connected
-from service.process.test_supervision import ACTIVATED
 from waiting import wait_until
 
 if TYPE_CHECKING:
@@ -102,22 +100,3 @@ def test_samples_that_waited_while_the_service_stood_still_are_as_old_as_they_ar
         return age_ms < frozen_s * 1e3
 
     wait_until(is_new_again)
-
-
-def test_samples_that_waited_in_a_socket_of_the_system_are_older_than_the_service(
-    start_service: StartService, build_model: BuildModel, token_file: Path
-) -> None:
-    with socket.create_server(("127.0.0.1", 0)) as listener:
-        os.set_inheritable(listener.fileno(), True)
-        # The last service has ended, and the next one has yet to begin.
-        with socket.create_connection(listener.getsockname(), timeout=60) as connection:
-            connection.sendall(post(batch_of()))
-            sent_s = time.monotonic()
-            number = str(listener.fileno())
-            options = ("--model", build_model(), "--write-token-file", token_file)
-            service = start_service(*options, program=("-c", ACTIVATED, number))
-            take_receipt(connection)
-        elapsed_s = time.monotonic() - sent_s
-        contact = service.get("/contact")
-        assert (kind(contact), contact.json()["age_ms"] >= elapsed_s * 1e3) == ("stale", True)
-        assert service.get("/surfaces").json()["surfaces"][0]["samples"]["accepted"] == 1

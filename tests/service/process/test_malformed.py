@@ -83,7 +83,7 @@ def test_malformed_batches_change_nothing_but_the_counts(
 ) -> None:
     config = tmp_path / "service.toml"
     config.write_text(
-        f'[server]\nwrite_token_file = "{token_file.resolve()}"\nmax_batches_per_s = 1e6\n'
+        f'[server]\nwrite_token_file = "{token_file.resolve()}"\n'
         f'[surfaces.press-7]\nmodel = "{build_model()}"\nstale_ms = 60000\n'
     )
     service = start_service("--config", config)

@@ -3,19 +3,14 @@
 from __future__ import annotations
 
 import json
-import os
 import signal
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import httpx2
-
 from beamtouch_models import cli as design_sensors
 from beamtouch_models.metadata import POSITION_OUTPUTS
 from beamtouch_service import cli
-from plain_http import NO_TLS
-from service.conftest import ADMIN_TOKEN
 
 if TYPE_CHECKING:
     import pytest
@@ -51,29 +46,6 @@ def test_a_file_that_is_replaced_is_used_within_seconds_and_a_bad_one_never(
     _, errors = service.stop(signal.SIGTERM)
     assert errors.count("the new model cannot be used, the old one stays in use") == 1
     assert errors.count("instead of") == 2
-
-
-def test_it_is_read_again_at_sighup_and_when_the_administrator_asks(
-    start_service: StartService, build_model: BuildModel, tmp_path: Path, admin_token_file: Path, wait_for: Wait
-) -> None:
-    path = build_model()
-    service = start(start_service, tmp_path, path, "--admin-token-file", admin_token_file)
-    first, good = model(service), path.read_bytes()
-
-    def ask(token: str) -> httpx2.Response:
-        url = f"{service.url}/surfaces/press-7/model/reload"
-        headers = {"Authorization": f"Bearer {token}"}
-        return httpx2.post(url, headers=headers, trust_env=False, verify=NO_TLS, timeout=60)
-
-    build_model(outputs=POSITION_OUTPUTS)
-    os.utime(path, (time.time() - 60,) * 2)
-    answer = ask(ADMIN_TOKEN).json()
-    assert answer["model"] == model(service) != first
-    assert ask("wrong").status_code == 401
-    path.write_bytes(good)
-    service.process.send_signal(signal.SIGHUP)
-    wait_for(lambda: model(service) == first)
-    assert service.get("/surfaces/press-7/model").json()["identity"] == first
 
 
 def test_a_model_of_another_beam_is_noticed_at_a_start_and_refused_while_running(

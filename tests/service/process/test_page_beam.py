@@ -118,7 +118,6 @@ def test_it_is_asked_for_once_and_again_for_another_model(
 
     first = bench.model.identity
     add_support(path, 200.0)
-    bench.service.process.send_signal(1)
     wait_for(lambda: bench.service.get("/surfaces/press-7").json()["model"] != first)
     bench.load((130, 12))
     seen.page.wait_for_function("() => document.querySelectorAll('#beam .support').length === 3")

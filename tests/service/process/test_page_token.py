@@ -8,12 +8,10 @@ from typing import TYPE_CHECKING
 import pytest
 
 from browser import NO_FIGURE
-from service.conftest import ADMIN_TOKEN, READ_TOKEN, TOKEN
+from service.conftest import READ_TOKEN, TOKEN
 from service.process.token_page import FORM, KEPT, WRONG, again, assert_locked, assert_only_refusals, assert_open, enter
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from browser import OpenPage
     from service.conftest import MakeBatch
     from service.process.conftest import StartService
@@ -89,14 +87,11 @@ def test_what_cannot_be_a_token_is_not_sent(start_page: StartService, open_page:
     assert_only_refusals(seen)
 
 
-@pytest.mark.parametrize("token", [TOKEN, ADMIN_TOKEN])
-def test_a_token_that_can_do_more_reads_too(
-    start_page: StartService, make_batch: MakeBatch, admin_token_file: Path, open_page: OpenPage, token: str
-) -> None:
-    service = start_page("--admin-token-file", str(admin_token_file))
+def test_the_write_token_reads_too(start_page: StartService, make_batch: MakeBatch, open_page: OpenPage) -> None:
+    service = start_page()
     service.post(make_batch())
     seen = open_page(service.url)
-    enter(seen, token)
+    enter(seen, TOKEN)
     assert_open(seen)
 
 

@@ -7,20 +7,19 @@ import signal
 import socket
 import ssl
 import time
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import httpx2
 import pytest
 
-from certificates import make_certificate
 from plain_http import NO_TLS, TIMEOUT_S
-from service.conftest import ADMIN_TOKEN, READ_TOKEN, TOKEN
+from service.conftest import READ_TOKEN, TOKEN
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from service.conftest import BuildModel, MakeBatch
-    from service.process.conftest import Command, Service, StartService, Wait
+    from service.process.conftest import Command, Service, StartService
 
 
 def address(service: Service) -> tuple[str, int]:
@@ -65,22 +64,19 @@ def test_no_token_is_ever_in_the_log(
     make_batch: MakeBatch,
     token_file: Path,
     read_token_file: Path,
-    admin_token_file: Path,
 ) -> None:
     tokens = (
         "--write-token-file",
         token_file,
         "--read-token-file",
         read_token_file,
-        "--admin-token-file",
-        admin_token_file,
     )
     service = start_service("--model", build_model(), *tokens)
     wrong = "a-wrong-token-that-someone-mistyped"
 
     assert service.get("/contact").status_code == 401
     assert service.post(make_batch()).status_code == 200
-    for token in (wrong, READ_TOKEN, TOKEN, ADMIN_TOKEN):
+    for token in (wrong, READ_TOKEN, TOKEN):
         for path in ("/contact", f"/contact?token={token}", f"/surfaces/{token}", f"/{token}"):
             service.get(path, token=token)
             httpx2.post(
@@ -93,7 +89,7 @@ def test_no_token_is_ever_in_the_log(
 
     assert code == 0
     assert "refused (unauthorized)" in errors
-    for token in (wrong, READ_TOKEN, TOKEN, ADMIN_TOKEN):
+    for token in (wrong, READ_TOKEN, TOKEN):
         assert token not in errors
     # Dozens of refusals and four requests that were none: a line for each kind.
     assert len(errors.splitlines()) <= 3
@@ -109,41 +105,6 @@ def test_https(
     assert service.url.startswith("https://127.0.0.1:")
     with httpx2.Client(verify=context, trust_env=False, timeout=TIMEOUT_S) as client:
         assert client.get(service.url + "/health/live").json() == {"status": "live"}
-    service.process.send_signal(signal.SIGHUP)
-    with httpx2.Client(verify=context, trust_env=False, timeout=TIMEOUT_S) as client:
-        assert client.get(service.url + "/health/live").json() == {"status": "live"}
-
-
-def test_a_certificate_that_is_replaced_while_the_service_runs(
-    start_service: StartService, certificate: tuple[Path, Path], tmp_path: Path, wait_for: Wait
-) -> None:
-    other = tmp_path / "other"
-    other.mkdir()
-    first, second = _contents(certificate), _contents(make_certificate(other))
-    service = start_service("--certificate-file", certificate[0], "--key-file", certificate[1])
-
-    def shown() -> bytes:
-        """Shake hands, and return the certificate."""
-        return ssl.get_server_certificate(address(service)).encode()
-
-    def reload() -> None:
-        service.process.send_signal(signal.SIGHUP)
-
-    assert shown() == first[0]
-    certificate[0].write_bytes(second[0])
-    reload()
-    errors = service.process.stderr
-    assert errors is not None
-    while "the new certificate cannot be used" not in (line := errors.readline()):
-        assert line
-    assert shown() == first[0]
-    certificate[1].write_bytes(second[1])
-    reload()
-    wait_for(lambda: shown() == second[0])
-
-
-def _contents(files: tuple[Path, Path]) -> tuple[bytes, bytes]:
-    return files[0].read_bytes(), files[1].read_bytes()
 
 
 def test_a_certificate_that_will_not_do(command: Command, certificate: tuple[Path, Path], tmp_path: Path) -> None:
@@ -185,29 +146,6 @@ def test_a_body_that_trickles_is_given_up_after_ten_seconds(
     assert time.monotonic() - begin_s > 8
 
 
-@pytest.mark.long
-@pytest.mark.parametrize(
-    "words",
-    [b"", b"GET /contact HT", b"POST /surfaces/press-7/samples HTTP/1.1\r\nHost: x\r\nContent-Length: 9\r\n\r\n"],
-)
-def test_a_connection_on_which_nothing_goes_on_is_closed(start_service: StartService, words: bytes) -> None:
-    service = start_service()
-    with socket.create_connection(address(service)) as connection:
-        connection.sendall(words)
-        begin_s = time.monotonic()
-        told(connection)
-
-    assert time.monotonic() - begin_s > 2
-
-
-def test_endless_headers_are_cut_off(start_service: StartService) -> None:
-    service = start_service()
-    with socket.create_connection(address(service)) as connection:
-        connection.sendall(b"GET /health/live HTTP/1.1\r\nHost: x\r\nX: " + b"y" * 20_000)
-        assert told(connection).startswith(b"HTTP/1.1 431")
-    assert service.get("/health/live").status_code == 200
-
-
 def test_a_flood_of_nonsense_leaves_one_line(start_service: StartService) -> None:
     service = start_service()
     for _ in range(50):
@@ -219,15 +157,3 @@ def test_a_flood_of_nonsense_leaves_one_line(start_service: StartService) -> Non
     assert code == 0
     assert errors.count("Invalid HTTP request") == 1
     assert len(errors.splitlines()) <= 3
-
-
-def test_too_many_batches_per_second(
-    start_service: StartService, tmp_path: Path, token_file: Path, make_batch: MakeBatch
-) -> None:
-    (tmp_path / "service.toml").write_text("[server]\nmax_batches_per_s = 0.1\n[surfaces.press-7]\n")
-    service = start_service("--config", "service.toml", "--write-token-file", token_file)
-
-    batch: dict[str, Any] = make_batch()
-    assert service.post(batch).status_code == 200
-    response = service.post(batch)
-    assert (response.status_code, response.headers["retry-after"]) == (429, "1")

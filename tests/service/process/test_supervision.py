@@ -1,8 +1,7 @@
-"""What keeps the service going for a year: the service manager, its socket, its watchdog, the unit file."""
+"""What keeps the service going for a year: the service manager, its watchdog, the unit file."""
 
 from __future__ import annotations
 
-import os
 import re
 import signal
 import socket
@@ -21,18 +20,10 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from service.conftest import BuildModel
-    from service.process.conftest import Command, StartService
+    from service.process.conftest import StartService
 
 FOLDER = Path(__file__).parents[3] / "service"
-UNIT, SOCKET = FOLDER / "beamtouch-service.service", FOLDER / "beamtouch-service.socket"
-
-ACTIVATED = """
-import os, sys
-os.dup2(int(sys.argv.pop(1)), 3)
-os.environ.update(LISTEN_PID=str(os.getpid()), LISTEN_FDS="1")
-from beamtouch_service.cli import main
-sys.exit(main())
-"""
+UNIT = FOLDER / "beamtouch-service.service"
 
 
 class Manager:
@@ -67,7 +58,7 @@ def manager(tmp_path: Path) -> Iterator[Manager]:
         yield manager
 
 
-def test_the_manager_hears_of_the_start_of_progress_of_a_reload_and_of_the_end(
+def test_the_manager_hears_of_the_start_of_progress_and_of_the_end(
     start_service: StartService, build_model: BuildModel, manager: Manager
 ) -> None:
     environment = {"NOTIFY_SOCKET": str(manager.path), "WATCHDOG_USEC": "400000"}
@@ -75,9 +66,6 @@ def test_the_manager_hears_of_the_start_of_progress_of_a_reload_and_of_the_end(
 
     assert manager.until("READY=1")
     assert manager.until("WATCHDOG=1", times=5)
-    service.process.send_signal(signal.SIGHUP)
-    assert manager.until("RELOADING=1")
-    assert manager.until("READY=1")
     service.process.send_signal(signal.SIGTERM)
     assert manager.until("STOPPING=1")
     assert service.process.wait(timeout=60) == 0
@@ -108,39 +96,6 @@ def test_a_service_that_stands_still_is_not_alive(
         assert time.monotonic() < deadline_s
 
 
-def test_it_takes_the_socket_that_the_manager_has_opened(start_service: StartService, build_model: BuildModel) -> None:
-    with socket.create_server(("127.0.0.1", 0)) as listener:
-        os.set_inheritable(listener.fileno(), True)
-        port = listener.getsockname()[1]
-        number = str(listener.fileno())
-        service = start_service("--model", build_model(), program=("-c", ACTIVATED, number))
-
-        assert service.url == f"http://127.0.0.1:{port}"
-        assert service.get("/health/live").status_code == 200
-        assert service.stop(signal.SIGTERM)[0] == 0
-
-
-def test_a_socket_open_to_the_network_needs_tokens_too(command: Command) -> None:
-    with socket.create_server(("0.0.0.0", 0)) as listener:  # noqa: S104  # that it is refused is the point
-        os.set_inheritable(listener.fileno(), True)
-        process = command("run", program=("-c", ACTIVATED, str(listener.fileno())))
-        _, errors = process.communicate(timeout=60)
-
-    assert process.returncode == 2
-    assert "open to the network" in errors
-
-
-def test_a_socket_that_is_not_tcp_is_refused(command: Command, tmp_path: Path) -> None:
-    with socket.socket(socket.AF_UNIX) as listener:
-        listener.bind(str(tmp_path / "socket"))
-        os.set_inheritable(listener.fileno(), True)
-        process = command("run", program=("-c", ACTIVATED, str(listener.fileno())))
-        _, errors = process.communicate(timeout=60)
-
-    assert process.returncode == 2
-    assert errors.splitlines()[-1].endswith("is not TCP; let ListenStream= name an address and a port")
-
-
 def test_the_unit_file_is_hardened() -> None:
     analyze = require("systemd-analyze", "systemd")
     done = subprocess.run(
@@ -153,7 +108,6 @@ def test_the_unit_file_is_hardened() -> None:
     assert {"Type=notify", "WatchdogSec=10", "Restart=always", "RestartPreventExitStatus=2"} <= lines
     assert "StartLimitIntervalSec=0" in lines
     assert "ProcSubset=pid" not in lines  # it hides /proc/cpuinfo: onnxruntime warns that it could be slow
-    assert {"ListenStream=127.0.0.1:8420", "FreeBind=yes"} <= set(SOCKET.read_text().splitlines())
 
 
 def test_the_service_runs_where_no_memory_may_become_code(build_model: BuildModel) -> None:

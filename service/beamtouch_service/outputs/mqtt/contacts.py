@@ -69,7 +69,7 @@ class ContactSender:
         now_s = self._context.clock()
         of_contact, of_problem = self._properties[surface.name]
         try:
-            text, kind = self._context.contacts.get(surface, now_s), of_contact
+            text, kind = surface.contact(now_s).model_dump_json().encode(), of_contact
         except ProblemError as error:
             text, kind = errors.encoded(error.problem), of_problem
         age_s = surface.newest.age_ms(now_s) / 1e3 if surface.newest and kind is of_contact else 0.0

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from beamtouch_service.samples import Batch, Quality, Sample
-from beamtouch_service.surfaces.transit import MAX_DRIFT, WINDOW_S, Transit
+from beamtouch_service.surfaces.freshness import CATCH_UP_S, MAX_DRIFT, PAUSE_S, TICK_S, WINDOW_S, Ticks, Transit
 
 if TYPE_CHECKING:
     from service.conftest import Bench, MakeBatch
@@ -22,7 +22,7 @@ def sent_at(sent_s: float | None, boot_id: str = BOOT_ID) -> Batch:
 
 
 def waited_s(transit: Transit, sent_s: float | None, received_s: float, boot_id: str = BOOT_ID) -> float:
-    return transit.waited_s(sent_at(sent_s, boot_id), received_s)
+    return received_s - transit.arrival_s(sent_at(sent_s, boot_id), received_s, received_s)
 
 
 @pytest.mark.parametrize("apart_s", [-1e6, 0.0, 1e6])
@@ -100,19 +100,50 @@ def test_a_contact_is_as_old_as_its_way_was_long(bench: Bench, make_batch: MakeB
     assert_stale(bench)
 
 
-def test_what_a_wire_held_for_a_minute_is_never_a_contact(bench: Bench, make_batch: MakeBatch) -> None:
-    for sequence in range(1, 4):
-        bench.now_s += 1.0
-        assert bench.post({**make_batch(sequence=sequence), "sent_us": 1_000_000 * sequence}).status_code == 200
-    bench.now_s += 65.0
-    # Sent when the wire was pulled out. The kernel delivers it once the wire is back.
-    assert bench.post({**make_batch(sequence=4), "sent_us": 4_000_000}).status_code == 200
-    assert_stale(bench)
-    assert bench.post({**make_batch(sequence=5), "sent_us": 68_000_000}).status_code == 200
-    assert bench.get("/contact").json()["sequence"] == 5
-
-
 def assert_stale(bench: Bench) -> None:
     refused = bench.get("/contact")
     assert refused.status_code == 503
     assert refused.json()["type"] == "urn:beamtouch:problem:stale"
+
+
+def ticked(ticks: Ticks, now_s: float, for_s: float) -> float:
+    """Let a process run for so long; returns the time."""
+    for _ in range(round(for_s / TICK_S)):
+        now_s += TICK_S
+        ticks.tick(now_s)
+    return now_s
+
+
+def test_what_a_running_process_reads_has_just_arrived() -> None:
+    ticks = Ticks()
+    assert ticks.earliest_s(7.0) == 7.0
+    now_s = ticked(ticks, 1000.0, 2.0)
+    assert ticks.earliest_s(now_s + PAUSE_S / 2) == now_s + PAUSE_S / 2
+
+
+def test_what_is_read_after_a_pause_may_have_arrived_since_the_last_tick() -> None:
+    ticks = Ticks()
+    paused_s = ticked(ticks, 1000.0, 1.0)
+    # It is noticed at once, before the first tick and after it.
+    assert ticks.earliest_s(paused_s + 4.0) == paused_s
+    ticks.tick(paused_s + 4.0)
+    assert ticks.earliest_s(paused_s + 4.1) == paused_s
+    # A second one, before all that waited during the first one is read.
+    ticks.tick(paused_s + 4.3)
+    now_s = ticked(ticks, paused_s + 4.3, CATCH_UP_S)
+    assert ticks.earliest_s(now_s - 0.01) == paused_s
+    now_s = ticked(ticks, now_s, 2 * TICK_S)
+    assert ticks.earliest_s(now_s) == now_s
+
+
+def test_after_a_pause_a_sender_that_is_known_is_as_old_as_it_says_and_a_new_one_as_old_as_the_pause() -> None:
+    transit = Transit()
+    assert waited_s(transit, 500.0, 1000.0) == 0.0
+    assert transit.arrival_s(sent_at(504.5), 1005.0, 1000.0) == pytest.approx(1004.5)
+    new = "bbbbbbbb-2"
+    assert transit.arrival_s(sent_at(90.0, new), 1005.0, 1000.0) == 1000.0
+    # It does not count as the quickest of its sender.
+    assert transit.arrival_s(sent_at(90.5, new), 1005.1, 1000.0) == 1000.0
+    assert waited_s(transit, 95.0, 1006.0, new) == 0.0
+    assert waited_s(transit, 96.0, 1007.5, new) == pytest.approx(0.5)
+    assert transit.arrival_s(sent_at(None), 1005.0, 1000.0) == 1000.0

@@ -1,0 +1,104 @@
+"""When a batch that is read now arrived, as far as neither side can see it. Pure: the caller gives the time in seconds.
+
+A batch may wait twice: in a queue of a kernel or of a balancer on its way, and before a service that stands still. A
+doubt makes its samples older, never younger.
+"""
+
+import math
+from collections import OrderedDict
+
+from beamtouch_service.samples import Batch
+from beamtouch_service.surfaces.sequence_log import MAX_SENDERS
+
+WINDOW_S = 30.0
+"""The quickest batch is that of the last one to two windows [s] with batches."""
+MAX_DRIFT = 200e-6
+"""Two clocks drift apart by at most this part of the time; each is right to 100 ppm."""
+TICK_S = 0.05
+"""The service notes this often that it does not stand still [s]."""
+PAUSE_S = 0.1
+"""If it has not done so for longer [s], requests may have waited for it."""
+CATCH_UP_S = 0.5
+"""After a pause [s], what had waited is still being read."""
+
+
+class Ticks:
+    """Notices that the process stood still, or was busy for long: the kernel kept what arrived meanwhile."""
+
+    def __init__(self) -> None:
+        self._last_s: float | None = None
+        """None before the first tick: nothing has waited yet."""
+        self._before_pause_s = self._caught_up_s = -math.inf
+
+    def tick(self, now_s: float) -> None:
+        """Note that the process runs at `now_s` [s]."""
+        last_s, self._last_s = self._last_s, now_s
+        if last_s is None or now_s - last_s <= PAUSE_S:
+            return
+        if last_s > self._caught_up_s:
+            self._before_pause_s = last_s
+        self._caught_up_s = now_s + CATCH_UP_S
+
+    def earliest_s(self, now_s: float) -> float:
+        """Return the earliest time [s] at which what is read at `now_s` may have arrived."""
+        if self._last_s is None:
+            return now_s
+        if now_s <= self._caught_up_s:
+            return self._before_pause_s
+        return now_s if now_s - self._last_s <= PAUSE_S else self._last_s
+
+
+class Transit:
+    """The batches of one surface on their way from each of its senders, for a bounded number of senders."""
+
+    def __init__(self) -> None:
+        self._ways: OrderedDict[str, _Way] = OrderedDict()
+
+    def arrival_s(self, batch: Batch, read_s: float, earliest_s: float) -> float:
+        """Return the time at which a batch counts as arrived [s].
+
+        Parameters
+        ----------
+        batch
+            States when it was sent, by the clock of its sender.
+        read_s
+            Time at which its head is read [s].
+        earliest_s
+            Earliest time at which it may have been there [s]; it counts where the way of the sender is not known yet.
+        """
+        if batch.backlog or batch.sent_us is None:
+            return earliest_s
+        way = self._ways.get(batch.boot_id)
+        if way is None:
+            if earliest_s < read_s:
+                # It may have waited, so it cannot be the quickest.
+                return earliest_s
+            way = self._ways[batch.boot_id] = _Way()
+            if len(self._ways) > MAX_SENDERS:
+                self._ways.popitem(last=False)
+        self._ways.move_to_end(batch.boot_id)
+        return read_s - way.waited_s(read_s - batch.sent_us / 1e6, read_s)
+
+
+class _Way:
+    """The batches of one sender.
+
+    The clocks of sender and service have different origins, so the difference between receipt and sending means
+    nothing by itself. It is least for a batch that did not wait: anything above it is time that the batch spent in a
+    queue that neither side can see.
+    """
+
+    def __init__(self) -> None:
+        self._least_s = self._former_s = math.inf
+        """Least difference of the clocks in this window, and in the one before it."""
+        self._ends_s = -math.inf
+        """End of this window."""
+
+    def waited_s(self, apart_s: float, received_s: float) -> float:
+        """Return how long a batch has waited [s], from the difference between its receipt and its sending [s]."""
+        if received_s > self._ends_s:
+            # After an outage, the first batch may have been held during all of it. So the quickest before still counts.
+            self._former_s = self._least_s + MAX_DRIFT * (received_s - self._ends_s)
+            self._least_s, self._ends_s = math.inf, received_s + WINDOW_S
+        self._least_s = min(self._least_s, apart_s)
+        return apart_s - min(self._least_s, self._former_s)
