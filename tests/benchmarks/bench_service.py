@@ -39,7 +39,9 @@ import uvicorn
 from beamtouch_service.host.serve import configure
 
 {app}
-listener = socket.create_server(("127.0.0.1", 0))
+# The protocol is explicit: asyncio turns off Nagle's algorithm only then.
+listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM, socket.IPPROTO_TCP)
+listener.bind(("127.0.0.1", 0))
 print(f"listening on http://127.0.0.1:{{listener.getsockname()[1]}}", flush=True)
 uvicorn.Server(configure(app)).run([listener])
 """
@@ -122,7 +124,7 @@ def send(port: int, model: modelfile.ModelFile, stop: threading.Event) -> None:
     """Send batches until told to stop."""
     connection = http.client.HTTPConnection("127.0.0.1", port)
     deflection_mm = model.metadata.golden.deflection_mm[0]
-    number, per_batch, next_s = 0, RATE_HZ // BATCHES_PER_S, monotonic()
+    number, per_batch, next_s = 1, RATE_HZ // BATCHES_PER_S, monotonic()
     headers = {"Authorization": f"Bearer {TOKEN}", "Content-Type": "application/json"}
     while not stop.is_set():
         samples = [
