@@ -1,0 +1,111 @@
+"""The log: a line per event, as text or as JSON, and a limit on the lines about what repeats."""
+
+import json
+import logging
+import sys
+from collections.abc import Callable
+from datetime import UTC, datetime
+from time import monotonic
+
+REPEAT_S = 60.0
+"""Shortest time between two lines with the same reason."""
+MAX_REASONS = 100
+"""Most reasons that are remembered, so that made-up ones cannot fill the memory. Beyond it, the oldest is forgotten."""
+
+
+class Repeated:
+    """Logs what happens repeatedly to one subject: each reason at once, then once a minute with its count.
+
+    Parameters
+    ----------
+    log : receives the lines
+    subject : begins each line, as in "press-7: no answer from 10.0.0.1"; empty for none
+    every_s : shortest time between two lines with the same reason [s]
+    clock : returns the time [s]
+    """
+
+    def __init__(
+        self,
+        log: logging.Logger,
+        subject: str = "",
+        *,
+        every_s: float = REPEAT_S,
+        clock: Callable[[], float] = monotonic,
+    ) -> None:
+        self._log = log
+        self._prefix = f"{subject}: " if subject else ""
+        self._every_s = every_s
+        self._clock = clock
+        self._logged: dict[str, tuple[float, int]] = {}
+        """Time of the last line [s] and events since then, by reason, in the order of these times."""
+        self._failed_since_s: float | None = None
+        self._is_failure_logged = False
+
+    def due(self, reason: str, number: int = 1) -> int:
+        """Count events; return how many there were since the last line if one is due, else 0."""
+        now_s = self._clock()
+        logged_s, pending = self._logged.get(reason, (float("-inf"), 0))
+        if now_s - logged_s < self._every_s:
+            self._logged[reason] = logged_s, pending + number
+            return 0
+        self._logged.pop(reason, None)
+        if len(self._logged) >= MAX_REASONS:
+            del self._logged[next(iter(self._logged))]
+        self._logged[reason] = now_s, 0
+        return pending + number
+
+    def failed(self, reason: str, level: int = logging.WARNING) -> None:
+        """Note a failure, and log it if a line is due."""
+        if self._failed_since_s is None:
+            self._failed_since_s = self._clock()
+        if times := self.due(reason):
+            count = f" ({times} times since the last such line)" if times > 1 else ""
+            self._log.log(level, "%s%s%s", self._prefix, reason, count)
+            self._is_failure_logged = True
+
+    def over(self, words: str = "works again") -> None:
+        """Note a success; log after how long, if the failure before it was logged."""
+        if self._failed_since_s is not None and self._is_failure_logged:
+            self._log.info("%s%s after %.1f s", self._prefix, words, self._clock() - self._failed_since_s)
+        self._failed_since_s, self._is_failure_logged = None, False
+
+    def count(self, number: int, things: str, level: int = logging.WARNING) -> None:
+        """Count things such as "samples dropped", and log their number since the last line if a line is due."""
+        if number and (total := self.due(things, number)):
+            self._log.log(level, "%s%d %s", self._prefix, total, things)
+
+
+class RepeatedFilter(logging.Filter):
+    """Passes each message of a logger once a minute, because clients can provoke any number of them."""
+
+    def __init__(self, clock: Callable[[], float] = monotonic) -> None:
+        super().__init__()
+        self._repeated = Repeated(logging.getLogger(__name__), clock=clock)
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        """Return whether to write a record. Exceptions are always written."""
+        return record.exc_info is not None or self._repeated.due(str(record.msg)) > 0
+
+
+class JsonFormatter(logging.Formatter):
+    """Formats an event as one JSON object: time (UTC), level, source and message."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        """Return the line."""
+        event = {
+            "time": datetime.fromtimestamp(record.created, UTC).isoformat(timespec="milliseconds"),
+            "level": record.levelname.lower(),
+            "source": record.name.removeprefix("beamtouch_"),
+            "message": record.getMessage(),
+        }
+        if record.exc_info:
+            event["traceback"] = self.formatException(record.exc_info)
+        return json.dumps(event)
+
+
+def set_up(*, as_json: bool = False) -> None:
+    """Send the log of this process to standard error, from level INFO on."""
+    handler = logging.StreamHandler(sys.stderr)
+    handler.setFormatter(JsonFormatter() if as_json else logging.Formatter("%(asctime)s %(levelname)s %(message)s"))
+    logging.basicConfig(level=logging.INFO, handlers=[handler])
+    logging.getLogger("pymodbus").setLevel(logging.CRITICAL)  # it logs every failure; its callers report them
