@@ -13,7 +13,7 @@ from beamtouch_common.reasons import is_of_another_kind, one_of, reason_of
 Content = Mapping[str, Any]
 
 
-def complaint(error: ValidationError, kind: type[BaseModel], content: Content, renamed: Mapping[str, str]) -> str:
+def complaint(error: ValidationError, kind: type[BaseModel], content: Content) -> str:
     """Return the first complaint in one line, with the number of further ones.
 
     Parameters
@@ -21,7 +21,6 @@ def complaint(error: ValidationError, kind: type[BaseModel], content: Content, r
     error : the error of pydantic
     kind : the model of the whole file
     content : the file
-    renamed : keys of older versions, with their present names
     """
     # A misspelt key is also a missing one. The user can see the spelling, so it comes first.
     found = sorted(error.errors(include_url=False), key=lambda one: one["type"] != "extra_forbidden")
@@ -29,8 +28,6 @@ def complaint(error: ValidationError, kind: type[BaseModel], content: Content, r
     key = _key_path(first["loc"], content, is_missing=first["type"] == "missing")
     last = first["loc"][-1] if first["loc"] else ""
     match first["type"]:
-        case "extra_forbidden" if last in renamed:
-            text = f"unknown key {key}; {last} is now {renamed[str(last)]}"
         case "extra_forbidden":
             table = _at(content, first["loc"][:-1])
             present = [name for name in table if name != last] if isinstance(table, Mapping) else []

@@ -1,9 +1,9 @@
-"""Reads TOML files, with one-line errors, and writes files atomically."""
+"""Reads TOML files, with one-line errors; checks early that files can be written, and writes them atomically."""
 
 import os
 import secrets
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, TypeVar
@@ -23,11 +23,9 @@ Model = TypeVar("Model", bound=BaseModel)
 _PathT = TypeVar("_PathT", str, Path)
 
 
-def load_toml(
-    kind: type[Model], path: Path, *, renamed: Mapping[str, str] = _NONE, context: Mapping[str, Any] = _NONE
-) -> Model:
+def load_toml(kind: type[Model], path: Path, *, context: Mapping[str, Any] = _NONE) -> Model:
     """Read a TOML file into a pydantic model; InputError as `read_text` and `parse_toml` raise it."""
-    return parse_toml(kind, read_text(path), str(path), renamed=renamed, context=context)
+    return parse_toml(kind, read_text(path), str(path), context=context)
 
 
 def read_text(path: Path) -> str:
@@ -57,7 +55,6 @@ def parse_toml(
     text: str,
     origin: str,
     *,
-    renamed: Mapping[str, str] = _NONE,
     context: Mapping[str, Any] = _NONE,
 ) -> Model:
     """Read TOML text into a pydantic model.
@@ -68,8 +65,6 @@ def parse_toml(
         The model.
     text, origin
         The text, and its name for messages.
-    renamed
-        Keys of older versions, with their present names.
     context
         Context of the validation.
 
@@ -84,7 +79,7 @@ def parse_toml(
         # These include numbers and nesting beyond the limits of the parser.
         message = f"{origin}: not valid TOML: {parser_complaint(error, text)}"
         raise InputError(message) from None
-    return validate(kind, content, origin, renamed=renamed, context=context)
+    return validate(kind, content, origin, context=context)
 
 
 def validate(
@@ -92,14 +87,13 @@ def validate(
     content: Mapping[str, Any],
     origin: str,
     *,
-    renamed: Mapping[str, str] = _NONE,
     context: Mapping[str, Any] = _NONE,
 ) -> Model:
     """Make a pydantic model of values; parameters and InputError as of `parse_toml`."""
     try:
         return kind.model_validate(content, context=dict(context))
     except ValidationError as error:
-        message = f"{origin}: {mistaken_kind(kind, content) or complaint(error, kind, content, renamed)}"
+        message = f"{origin}: {mistaken_kind(kind, content) or complaint(error, kind, content)}"
         raise InputError(message) from None
 
 
@@ -136,3 +130,43 @@ def write_atomically(path: Path, content: bytes, *, mode: int | None = None) -> 
         if isinstance(error, OSError):
             error.filename, error.filename2 = str(path), None  # the file that the user named
         raise
+
+
+def require_writable(outputs: Sequence[Path | None], inputs: Sequence[Path | None] = ()) -> None:
+    """Raise InputError if an output cannot be written, or would replace an input or another output.
+
+    Parameters
+    ----------
+    outputs
+        Files to write; None for one that was not asked for.
+    inputs
+        Files that are read and must stay as they are.
+    """
+    read = {path.resolve() for path in inputs if path is not None}
+    written: set[Path] = set()
+    for path in outputs:
+        if path is None:
+            continue
+        if problem := _problem(path):
+            raise InputError(problem)
+        for others, does in ((read, "reads this file as well"), (written, "would write this file twice")):
+            if path.resolve() in others:
+                message = f"{path}: the command {does}; name another one"
+                raise InputError(message)
+        written.add(path.resolve())
+
+
+def _problem(path: Path) -> str:
+    """Return why a file cannot be written; empty if it can."""
+    folder = path.parent
+    try:
+        if not folder.is_dir():
+            return f"{folder}: no such folder; create it first"
+        if path.is_dir():
+            return f"{path}: is a folder; name a file in it"
+    except OSError as error:  # a folder above it is closed to this user
+        return f"{path}: {error.strerror}"
+    is_device = path.exists() and not path.is_file()
+    if not is_device and not os.access(folder, os.W_OK | os.X_OK, effective_ids=True):
+        return f"{folder}: this user may not write there; choose another folder"
+    return ""

@@ -4,12 +4,11 @@ import argparse
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NoReturn
 
 from beamtouch_common.commands import DONE, INTERRUPTED, Parser, exit_code
 from beamtouch_common.files import load_toml
 from beamtouch_service.config import load_settings
-from beamtouch_service.config_sections import RENAMED, ConfigFile, ModbusServerSection
+from beamtouch_service.config_sections import ConfigFile, ModbusServerSection
 
 PROGRAM = "beamtouch-service"
 
@@ -23,13 +22,6 @@ _OPTIONS = (
     "key_file",
     "stale_ms",
 )
-
-
-class _Renamed(argparse.Action):
-    """An option of earlier versions: its error names the new one."""
-
-    def __call__(self, parser: argparse.ArgumentParser, *_arguments: object, **_options: object) -> NoReturn:
-        parser.error(f"{self.option_strings[0]} is now called --{self.dest.replace('_', '-')}")
 
 
 def _parser() -> Parser:
@@ -64,7 +56,6 @@ def _add_run(run: argparse.ArgumentParser) -> None:
     run.add_argument("--port", type=int, help="port to listen on; 0 picks a free port (default: 8420)")
     words = "file with the token required for writes (default: writes are disabled)"
     run.add_argument("--write-token-file", metavar="FILE", help=words)
-    run.add_argument("--token-file", dest="write_token_file", action=_Renamed, help=argparse.SUPPRESS)
     words = "file with the token required for reads (default: reads need no token)"
     run.add_argument("--read-token-file", metavar="FILE", help=words)
     run.add_argument("--certificate-file", metavar="FILE", help="PEM certificate for HTTPS; requires --key-file")
@@ -83,7 +74,7 @@ def _check(arguments: argparse.Namespace) -> int:
 def _registers(arguments: argparse.Namespace) -> int:
     from beamtouch_service.outputs.modbus import document  # noqa: PLC0415  # as in _run
 
-    file = load_toml(ConfigFile, Path(arguments.config), renamed=RENAMED) if arguments.config else ConfigFile()
+    file = load_toml(ConfigFile, Path(arguments.config)) if arguments.config else ConfigFile()
     section = file.modbus_server or ModbusServerSection()
     show = document.as_json if arguments.json else document.as_text
     print(show(list(file.surfaces), section.word_order))

@@ -7,7 +7,7 @@ from pathlib import Path
 from beamtouch_common.errors import FailedError, InputError
 from beamtouch_common.files import load_toml, validate
 from beamtouch_service.access import Access
-from beamtouch_service.config_sections import RENAMED, ConfigFile, MqttSection, Overrides, SurfaceSection
+from beamtouch_service.config_sections import ConfigFile, MqttSection, Overrides, SurfaceSection
 from beamtouch_service.settings import (
     EventSettings,
     ModbusSettings,
@@ -46,7 +46,7 @@ def load_settings(config: Path | None, options: Mapping[str, object]) -> Setting
     """
     typed = {f"--{name.replace('_', '-')}": value for name, value in options.items()}
     overrides = validate(Overrides, typed, "command line")
-    file = load_toml(ConfigFile, config, renamed=RENAMED) if config else ConfigFile()
+    file = load_toml(ConfigFile, config) if config else ConfigFile()
     folder = config.parent if config else Path()
     server = file.server
     files = {name: _path(getattr(overrides, name), Path()) or _path(getattr(server, name), folder) for name in _FILES}

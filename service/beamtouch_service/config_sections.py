@@ -18,9 +18,6 @@ _Text = Annotated[str, Field(min_length=1)]
 _Host = Annotated[_Text, AfterValidator(host_name)]
 _File = Annotated[_Text, AfterValidator(file_path)]
 
-RENAMED = {"token_file": "write_token_file", "most_mb": "max_mb"}
-"""Keys of earlier versions, with their present names."""
-
 
 class ServerSection(BaseModel):
     """`[server]`: address, tokens, certificate, and limits."""

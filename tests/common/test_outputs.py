@@ -6,7 +6,7 @@ from tempfile import TemporaryDirectory
 import pytest
 
 from beamtouch_common.errors import InputError
-from beamtouch_common.outputs import require_writable
+from beamtouch_common.files import require_writable
 from unprivileged import without_root
 
 

@@ -261,20 +261,6 @@ def test_an_invalid_token_is_refused_with_a_remedy(tmp_path: Path, content: byte
         config.read_token()
 
 
-@pytest.mark.parametrize(
-    ("table", "old", "new"),
-    [
-        ("[surfaces.bench.zero_tracking]\nband_mm = 1\nrate_mm_per_min = 1\nmost_mm = 1", "most_mm", "max_mm"),
-        ("[surfaces.bench.loads]\nposition_mm = [0.0, 400.0]\nmost_force_n = 20.0", "most_force_n", "max_force_n"),
-    ],
-)
-def test_the_error_of_a_key_that_was_renamed_names_the_new_one(tmp_path: Path, table: str, old: str, new: str) -> None:
-    path = configs.write(tmp_path, configs.surface())
-    path.write_text(f"{path.read_text()}\n{table}\n")
-    with pytest.raises(InputError, match=rf"{old}; {old} is now {new} "):
-        load_config(path)
-
-
 NUMBERS = """
 [publish]
 url = "http://127.0.0.1:8420"

@@ -27,8 +27,6 @@ def test_version_names_the_program_and_its_version(capsys: pytest.CaptureFixture
         ([], "the following arguments are required: COMMAND"),
         (["run", "--port", "many"], "argument --port: must be a whole number (given: many)"),
         (["run", "--hos", "::1"], "unknown argument --hos ::1; did you mean --host?"),
-        (["run", "--token-file", "token"], "--token-file is now called --write-token-file"),
-        (["run", "--token-file=token"], "--token-file is now called --write-token-file"),
         (["check"], "the following arguments are required: MODEL"),
     ],
 )

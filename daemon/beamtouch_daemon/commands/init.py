@@ -11,12 +11,10 @@ from pathlib import Path
 
 from beamtouch_common.commands import DONE
 from beamtouch_common.errors import FailedError, InputError
-from beamtouch_common.files import parse_toml, read_text, write_atomically
-from beamtouch_common.outputs import require_writable
+from beamtouch_common.files import parse_toml, read_text, require_writable, write_atomically
 from beamtouch_daemon.commands.init_dialogue import Stated, complete
 from beamtouch_daemon.commands.init_template import load_template
 from beamtouch_daemon.commands.init_text import NoTableError, with_publish, with_source
-from beamtouch_daemon.config.file import RENAMED
 from beamtouch_daemon.config.settings import Config
 
 MODE = 0o644
@@ -74,7 +72,7 @@ def configuration(stated: Stated, path: Path) -> tuple[bytes, Config]:
         message = "the source and the files must have names in UTF-8"
         raise InputError(message) from None
     context = {"directory": path.absolute().parent}
-    return content, parse_toml(Config, text, str(path), renamed=RENAMED, context=context)
+    return content, parse_toml(Config, text, str(path), context=context)
 
 
 def _seen_from(path: Path, file: Path) -> str:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TextIO
 
 from beamtouch_common.errors import InputError
-from beamtouch_common.outputs import require_writable
+from beamtouch_common.files import require_writable
 from beamtouch_daemon.commands.resolution import MAX_DECIMALS, counts_text, rounded
 from beamtouch_daemon.processing.pipeline import Taken
 

@@ -10,8 +10,7 @@ from pathlib import Path
 
 from beamtouch_common.commands import DONE, INTERRUPTED
 from beamtouch_common.errors import FailedError
-from beamtouch_common.files import write_atomically
-from beamtouch_common.outputs import require_writable
+from beamtouch_common.files import require_writable, write_atomically
 from beamtouch_daemon.config.file import load_config
 from beamtouch_daemon.running import runtime
 from beamtouch_daemon.running.supervisor import Summary

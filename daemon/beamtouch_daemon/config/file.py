@@ -8,8 +8,6 @@ from beamtouch_common.files import load_toml, validate
 from beamtouch_daemon.config.include import Table, with_included
 from beamtouch_daemon.config.settings import Config
 
-RENAMED = {"most_mm": "max_mm", "most_force_n": "max_force_n"}
-"""Keys of older versions, with their present names."""
 _NONE: Mapping[str, Path | None] = MappingProxyType({})
 
 
@@ -18,8 +16,8 @@ def load_config(path: Path, overrides: Mapping[str, Path | None] = _NONE) -> Con
 
     `overrides` are files that win over those of [publish], unless they are None; relative to the working directory.
     """
-    content, files = with_included(load_toml(Table, path).root, path, RENAMED)
+    content, files = with_included(load_toml(Table, path).root, path)
     context = {"directory": path.resolve().parent, "files": files}
-    config = validate(Config, content, str(path), renamed=RENAMED, context=context)
+    config = validate(Config, content, str(path), context=context)
     given = {key: file.absolute() for key, file in overrides.items() if file is not None}
     return config.model_copy(update={"publish": config.publish.model_copy(update=given)})

@@ -26,9 +26,7 @@ class _Included(Strict):
     surfaces: Annotated[dict[SurfaceName, Surface], Field(min_length=1)]
 
 
-def with_included(
-    content: Mapping[str, Any], path: Path, renamed: Mapping[str, str]
-) -> tuple[dict[str, Any], dict[str, Path]]:
+def with_included(content: Mapping[str, Any], path: Path) -> tuple[dict[str, Any], dict[str, Path]]:
     """Return a configuration with the surfaces of the files that it includes, and the file of each surface.
 
     Relative paths in an included file start from it; in the returned content they are absolute.
@@ -37,8 +35,6 @@ def with_included(
     ----------
     content, path
         The configuration, not checked yet, and its file.
-    renamed
-        Keys of older versions, with their present names.
 
     Raises
     ------
@@ -51,7 +47,7 @@ def with_included(
         return dict(content), {}  # it is refused later
     merged, files = dict(surfaces), dict.fromkeys(surfaces, path)
     for file in _matching(patterns, path):
-        for name, surface in _surfaces_in(file, path, renamed).items():
+        for name, surface in _surfaces_in(file, path).items():
             if name in merged:
                 message = f"{file}: surfaces.{name} is also in {files[name]}; remove one of the two"
                 raise InputError(message)
@@ -121,14 +117,14 @@ def _is_folder(path: Path) -> bool:
         return False
 
 
-def _surfaces_in(file: Path, path: Path, renamed: Mapping[str, str]) -> dict[str, dict[str, Any]]:
+def _surfaces_in(file: Path, path: Path) -> dict[str, dict[str, Any]]:
     """Return the checked surfaces in an included file."""
     content = load_toml(Table, file).root
     for key in content:
         if key != "surfaces":
             message = f"{file}: {key} belongs in {path}; a file that is included has only [surfaces.NAME] tables"
             raise InputError(message)
-    checked = validate(_Included, content, str(file), renamed=renamed)
+    checked = validate(_Included, content, str(file))
     surfaces: dict[str, dict[str, Any]] = content["surfaces"]
     for name, surface in checked.surfaces.items():
         if surface.tare_file is not None:

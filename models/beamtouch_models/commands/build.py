@@ -10,8 +10,7 @@ from pathlib import Path
 import onnx
 
 from beamtouch_common.digits import digits
-from beamtouch_common.files import write_atomically
-from beamtouch_common.outputs import require_writable
+from beamtouch_common.files import require_writable, write_atomically
 from beamtouch_models import loading
 from beamtouch_models.building.build import Built, Choices, build
 from beamtouch_models.building.daemon_config import daemon_config, write_token_if_absent

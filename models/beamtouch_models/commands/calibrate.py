@@ -7,8 +7,7 @@ from dataclasses import replace
 
 from beamtouch_common.digits import digits
 from beamtouch_common.errors import InputError
-from beamtouch_common.files import write_atomically
-from beamtouch_common.outputs import require_writable
+from beamtouch_common.files import require_writable, write_atomically
 from beamtouch_models import loading
 from beamtouch_models.arrays import Floats
 from beamtouch_models.calibration.calibrate import Calibrated, calibrate

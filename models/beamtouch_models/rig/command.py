@@ -6,7 +6,7 @@ from dataclasses import fields
 
 from beamtouch_common.commands import DONE, INTERRUPTED
 from beamtouch_common.errors import InputError
-from beamtouch_common.outputs import require_writable
+from beamtouch_common.files import require_writable
 from beamtouch_models import loading
 from beamtouch_models.rig.by_hand import ByHand
 from beamtouch_models.rig.faults import Faults
