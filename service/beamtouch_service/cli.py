@@ -7,8 +7,8 @@ from pathlib import Path
 
 from beamtouch_common.commands import DONE, INTERRUPTED, Parser, exit_code
 from beamtouch_common.files import load_toml
-from beamtouch_service.config import load_settings
-from beamtouch_service.config_sections import ConfigFile, ModbusServerSection
+from beamtouch_service.config import Settings, load_settings
+from beamtouch_service.outputs.modbus.section import ModbusServerSection
 
 PROGRAM = "beamtouch-service"
 
@@ -65,19 +65,19 @@ def _add_run(run: argparse.ArgumentParser) -> None:
 
 
 def _check(arguments: argparse.Namespace) -> int:
-    from beamtouch_service.host import check  # noqa: PLC0415  # as in _run
+    from beamtouch_service.host import models  # noqa: PLC0415  # as in _run
 
-    print(check.report(Path(arguments.model), as_json=arguments.json))
+    print(models.report(Path(arguments.model), as_json=arguments.json))
     return DONE
 
 
 def _registers(arguments: argparse.Namespace) -> int:
     from beamtouch_service.outputs.modbus import document  # noqa: PLC0415  # as in _run
 
-    file = load_toml(ConfigFile, Path(arguments.config)) if arguments.config else ConfigFile()
-    section = file.modbus_server or ModbusServerSection()
+    settings = load_toml(Settings, Path(arguments.config)) if arguments.config else Settings()
+    section = settings.modbus_server or ModbusServerSection()
     show = document.as_json if arguments.json else document.as_text
-    print(show(list(file.surfaces), section.word_order))
+    print(show(list(settings.surfaces), section.word_order))
     return DONE
 
 
@@ -85,10 +85,10 @@ def _run(arguments: argparse.Namespace) -> int:
     options = {name: getattr(arguments, name) for name in _OPTIONS}
     settings = load_settings(Path(arguments.config) if arguments.config else None, options)
     # Imported late: without the extra, a wrong config or the missing extra is still reported in one line.
-    from beamtouch_service.host import server  # noqa: PLC0415
+    from beamtouch_service.host import setup  # noqa: PLC0415
 
     try:
-        server.run(settings)
+        setup.run(settings)
     except KeyboardInterrupt:  # the service ended in order; there is nothing to say
         return INTERRUPTED
     return DONE

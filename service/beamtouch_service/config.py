@@ -1,205 +1,172 @@
-"""Settings of the service: a TOML file, the command line (which wins), and the token files."""
+"""The configuration of the service: the TOML file, the command line, and the token files.
+
+Its sections are the settings. Paths in them are from the folder of the file.
+"""
 
 import re
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Annotated, Self
 
-from beamtouch_common.errors import FailedError, InputError
+from pydantic import ConfigDict, Field, FiniteFloat, model_validator
+
+from beamtouch_common.errors import InputError
 from beamtouch_common.files import load_toml, validate
+from beamtouch_common.secrets import read_token
+from beamtouch_service import limits
 from beamtouch_service.access import Access
-from beamtouch_service.config_sections import ConfigFile, MqttSection, Overrides, SurfaceSection
-from beamtouch_service.settings import (
-    EventSettings,
-    ModbusSettings,
-    MqttSettings,
-    MqttTls,
-    Settings,
-    SurfaceSettings,
-    TlsFiles,
-)
+from beamtouch_service.fields import File, Host, Port, Section, Text, require_pair
+from beamtouch_service.outputs.modbus.section import ModbusServerSection
+from beamtouch_service.outputs.mqtt.section import MqttSection
+from beamtouch_service.samples import SurfaceName
 
-MIN_TOKEN_CHARACTERS = 16
-_MAX_TOKEN_BYTES = 4096
-_TOKEN_FILES = {"write": "write_token_file", "read": "read_token_file"}
+StaleMs = Annotated[FiniteFloat, Field(gt=0, le=60_000)]
 _DATABASE = re.compile(r"postgresql://[^/?#\s]*/[^/?#\s]+(\?\S*)?")
-_FILES = (*_TOKEN_FILES.values(), "certificate_file", "key_file")
 
 
-class ConfigError(InputError):
-    """Settings that cannot be used together, or not on this machine."""
+class ServerSection(Section):
+    """`[server]`: address, tokens, certificate, and limits."""
+
+    host: Host = "127.0.0.1"
+    """Address to listen on. Addresses beyond loopback require a write token and a read token."""
+    port: Port = 8420
+    """0 picks a free port."""
+    write_token_file: File | None = None
+    """File with the token required for writes. Without it, every write is refused."""
+    read_token_file: File | None = None
+    """File with the token required for reads. Without it, reads need no token."""
+    certificate_file: File | None = None
+    """PEM, with its chain. With `key_file`, the service speaks HTTPS instead of HTTP."""
+    key_file: File | None = None
+    """PEM, the private key of the certificate."""
+    replica: bool = False
+    """This service is one of several that share the surfaces, behind a load balancer. Needs `events.url`."""
+    max_streams: Annotated[int, Field(ge=0, le=1000)] = 32
+    """Open streams. Further ones get 503."""
+
+
+class EventsSection(Section):
+    """`[events]`: the record of contacts."""
+
+    file: File | None = None
+    """SQLite file. Without it and `url`, events are kept in memory until the service stops."""
+    url: Text | None = Field(None, repr=False)
+    """PostgreSQL database, as postgresql://USER@HOST/NAME. Several services can share it."""
+    keep_days: Annotated[FiniteFloat, Field(gt=0, le=36_500)] = limits.KEEP_DAYS
+    """Age at which events are deleted."""
+    max_mb: Annotated[FiniteFloat, Field(ge=1, le=1e6)] = limits.MAX_MB
+    """Size of the record. Beyond it, the oldest events are deleted."""
+
+    @model_validator(mode="after")
+    def _name_one_place(self) -> Self:
+        if self.url and self.file:
+            message = "file and url are both given; events are in a file or in a database"
+            raise ValueError(message)
+        if self.url and not _DATABASE.fullmatch(self.url):
+            # Not at the field: a complaint there quotes the value, which may hold a password.
+            message = "url must look like postgresql://beamtouch@127.0.0.1/beamtouch"
+            raise ValueError(message)
+        return self
+
+
+class SurfaceSection(Section):
+    """`[surfaces.NAME]`: one surface."""
+
+    model: File | None = None
+    """Model file. Without it, the surface accepts samples but gives no contact."""
+    stale_ms: StaleMs = limits.STALE_MS
+    """No contact is given from a sample older than this."""
+    unexplained_after_s: Annotated[FiniteFloat, Field(gt=0, le=86_400)] = limits.UNEXPLAINED_AFTER_S
+    """A state `unexplained` that lasts longer raises a metric and writes a line to the log."""
+    degraded_after_s: Annotated[FiniteFloat, Field(gt=0, le=86_400)] = limits.DEGRADED_AFTER_S
+    """A channel that is missing, stuck, saturated or out of range for longer is out: the contact gets the note
+    `degraded`, and log, metrics, MQTT status and `/health/ready?health=true` say so."""
+
+
+class Settings(Section):
+    """The whole file. Relative paths in it are relative to its folder."""
+
+    server: ServerSection = ServerSection()
+    """Address, tokens, certificate, and limits."""
+    events: EventsSection = EventsSection()
+    """The record of contacts."""
+    modbus_server: ModbusServerSection | None = None
+    """Contacts as Modbus input registers. Default: no Modbus server."""
+    mqtt: MqttSection | None = None
+    """Contacts and events to an MQTT 5 broker. Default: no broker."""
+    surfaces: dict[SurfaceName, SurfaceSection] = Field(default_factory=dict)
+    """In their order in the file, which is that of their blocks of Modbus registers."""
+
+    @model_validator(mode="after")
+    def _share_one_record(self) -> Self:
+        if self.server.replica and not self.events.url:
+            message = "server.replica: all replicas need one record of events; set events.url"
+            raise ValueError(message)
+        if self.mqtt and self.events.url:
+            message = (
+                "[mqtt] does not work with events.url, as each service would send the events of all; set events.file"
+            )
+            raise ValueError(message)
+        return self
+
+
+class Options(ServerSection):
+    """Options of the command line that override the file, as they are typed."""
+
+    model_config = ConfigDict(alias_generator=lambda name: f"--{name.replace('_', '-')}")
+
+    model: File | None = None
+    stale_ms: StaleMs | None = None
 
 
 def load_settings(config: Path | None, options: Mapping[str, object]) -> Settings:
-    """Merge a config file and the command line, which wins, and read the tokens.
+    """Read a config file, and override what the command line states.
+
+    Without a config file, a model has one surface. Its name is empty: the model has the name.
 
     Parameters
     ----------
     config : the file; None without one
-    options : fields of `Overrides`
+    options : values for fields of `Options`; None for an option that is not given
 
     Raises
     ------
     InputError
         Something is wrong; the message names the place.
+    """
+    typed = {f"--{name.replace('_', '-')}": value for name, value in options.items() if value is not None}
+    line = validate(Options, typed, "command line")
+    settings = load_toml(Settings, config, context={"folder": config.parent}) if config else Settings()
+    stated: dict[str, object] = {name: getattr(line, name) for name in line.model_fields_set}
+    of_surface: dict[str, object] = {name: stated.pop(name) for name in ("model", "stale_ms") if name in stated}
+    server = settings.server.model_copy(update=stated)
+    try:
+        require_pair(server.certificate_file, server.key_file, "HTTPS")
+    except ValueError as error:
+        message = f"server.{error}"
+        raise InputError(message) from None
+    if "model" in of_surface and len(settings.surfaces) > 1:
+        names = ", ".join(settings.surfaces)
+        message = f"--model is for a single surface, but the config has {names}; set `model` in the config"
+        raise InputError(message)
+    sections = settings.surfaces or ({"": SurfaceSection()} if "model" in of_surface else {})
+    surfaces = {name: section.model_copy(update=of_surface) for name, section in sections.items()}
+    return settings.model_copy(update={"server": server, "surfaces": surfaces})
+
+
+def read_access(server: ServerSection) -> Access:
+    """Read the tokens.
+
+    Raises
+    ------
+    InputError
+        A file holds no usable token, or two files hold the same one.
     FailedError
-        The file of a token or of the password cannot be read; it may come later.
+        A file cannot be read; it may come later.
     """
-    typed = {f"--{name.replace('_', '-')}": value for name, value in options.items()}
-    overrides = validate(Overrides, typed, "command line")
-    file = load_toml(ConfigFile, config) if config else ConfigFile()
-    folder = config.parent if config else Path()
-    server = file.server
-    files = {name: _path(getattr(overrides, name), Path()) or _path(getattr(server, name), folder) for name in _FILES}
-    return Settings(
-        host=server.host if overrides.host is None else overrides.host,
-        port=server.port if overrides.port is None else overrides.port,
-        access=_access(files),
-        tls=_tls(files["certificate_file"], files["key_file"], "server", "HTTPS"),
-        replica=server.replica,
-        surfaces=_merge_surfaces(file, folder, overrides),
-        max_streams=server.max_streams,
-        events=_events(file, folder),
-        modbus_server=ModbusSettings(**dict(file.modbus_server)) if file.modbus_server else None,
-        mqtt=_mqtt(file.mqtt, folder) if file.mqtt else None,
-    )
-
-
-def _events(file: ConfigFile, folder: Path) -> EventSettings:
-    section, url = file.events, file.events.url
-    # None of them quotes the URL: it may hold a password.
-    wrong = {
-        "server.replica: all replicas need one record of events; set events.url": file.server.replica and not url,
-        "events.file and events.url are both given; events are in a file or in a database": url and section.file,
-        "events.url must look like postgresql://beamtouch@127.0.0.1/beamtouch": url and not _DATABASE.fullmatch(url),
-        "[mqtt] does not work with events.url, as each service would send the events of all; set events.file": url
-        and file.mqtt,
-    }
-    for message, applies in wrong.items():
-        if applies:
-            raise ConfigError(message)
-    return EventSettings(_path(section.file, folder), section.keep_days, section.max_mb, url)
-
-
-def _access(files: Mapping[str, Path | None]) -> Access:
-    found: dict[str, Path] = {}
-    tokens: dict[str, str] = {}
-    for purpose, name in _TOKEN_FILES.items():
-        path = files[name]
-        if path is None:
-            continue
-        tokens[purpose] = token = load_token(path)
-        if token in found:
-            message = f"token files {found[token]} and {path} hold the same token; each purpose needs its own token"
-            raise ConfigError(message)
-        found[token] = path
-    return Access(**tokens)
-
-
-def _tls(certificate: Path | None, key: Path | None, section: str, purpose: str) -> TlsFiles | None:
-    if certificate is None and key is None:
-        return None
-    if certificate is None or key is None:
-        missing = "certificate_file" if certificate is None else "key_file"
-        message = f"{section}.{missing} is missing; {purpose} needs a certificate and its key"
-        raise ConfigError(message)
-    return TlsFiles(certificate, key)
-
-
-def _mqtt(section: MqttSection, folder: Path) -> MqttSettings:
-    own = _tls(_path(section.certificate_file, folder), _path(section.key_file, folder), "mqtt", "a client certificate")
-    ca = _path(section.ca_file, folder)
-    if (ca or own) and not section.tls:
-        message = f"mqtt.{'ca_file' if ca else 'certificate_file'} has no effect without TLS; set mqtt.tls = true"
-        raise ConfigError(message)
-    password_file = _path(section.password_file, folder)
-    if password_file and not section.username:
-        message = "mqtt.password_file has no effect without a user; set mqtt.username"
-        raise ConfigError(message)
-    return MqttSettings(
-        host=section.host,
-        port=section.port or (8883 if section.tls else 1883),
-        prefix=section.prefix,
-        client_id=section.client_id or section.prefix,
-        max_rate_hz=section.max_rate_hz,
-        username=section.username,
-        password=load_password(password_file) if password_file else None,
-        tls=MqttTls(ca, own) if section.tls else None,
-        send_recorded_events=section.send_recorded_events,
-        home_assistant_discovery=section.home_assistant_discovery,
-    )
-
-
-def load_password(path: Path) -> str:
-    """Read a password, without the end of its line.
-
-    Raises ConfigError if the file holds none, and FailedError if it cannot be read: it may come later.
-    """
-    remedy = "write the password to it, in one line"
-    try:
-        with path.open("rb") as file:
-            content = file.read(_MAX_TOKEN_BYTES + 1)
-        password = content.decode().removesuffix("\n").removesuffix("\r")
-    except OSError as error:
-        message = f"password file {path}: {error.strerror}; {remedy}"
-        raise FailedError(message) from None
-    except UnicodeDecodeError:
-        password = ""
-    if password.isprintable() and password and len(content) <= _MAX_TOKEN_BYTES:
-        return password
-    message = f"password file {path}: not one line of text; {remedy}"
-    raise ConfigError(message)
-
-
-def _merge_surfaces(file: ConfigFile, folder: Path, overrides: Overrides) -> tuple[SurfaceSettings, ...]:
-    model = _path(overrides.model, Path())
-    if model and len(file.surfaces) > 1:
-        message = (
-            f"--model is for a single surface, but the config has {', '.join(file.surfaces)}; set `model` in the config"
-        )
-        raise ConfigError(message)
-    merged = [
-        SurfaceSettings(
-            name=name,
-            model=model or _path(section.model, folder),
-            stale_ms=overrides.stale_ms or section.stale_ms,
-            unexplained_after_s=section.unexplained_after_s,
-            degraded_after_s=section.degraded_after_s,
-        )
-        for name, section in file.surfaces.items()
-    ]
-    if model and not merged:
-        default = SurfaceSection()
-        stale_ms = overrides.stale_ms or default.stale_ms
-        merged = [SurfaceSettings("", model, stale_ms, default.unexplained_after_s, default.degraded_after_s)]
-    return tuple(merged)
-
-
-def load_token(path: Path) -> str:
-    """Read a token and strip white space around it.
-
-    Raises ConfigError if the file holds no usable token, and FailedError if it cannot be read: it may come later.
-    """
-    remedy = f"write at least {MIN_TOKEN_CHARACTERS} random characters to it, as `openssl rand -hex 32` prints them"
-    try:
-        with path.open("rb") as file:
-            content = file.read(_MAX_TOKEN_BYTES + 1)
-    except OSError as error:
-        message = f"token file {path}: {error.strerror}; {remedy}"
-        raise FailedError(message) from None
-    token = content.decode("ascii", "replace").strip()
-    if len(content) > _MAX_TOKEN_BYTES:
-        problem = f"longer than {_MAX_TOKEN_BYTES} bytes"
-    elif not token:
-        problem = "empty"
-    elif not all("!" <= character <= "~" for character in token):
-        problem = "more than one word of printable ASCII"
-    elif len(token) < MIN_TOKEN_CHARACTERS:
-        problem = f"only {len(token)} character{'s' if len(token) > 1 else ''}"
-    else:
-        return token
-    message = f"token file {path}: {problem}; {remedy}"
-    raise ConfigError(message)
-
-
-def _path(text: str | None, folder: Path) -> Path | None:
-    return folder / text if text else None
+    write, read = server.write_token_file, server.read_token_file
+    access = Access(read_token(write) if write else None, read_token(read) if read else None)
+    if access.write is not None and access.write == access.read:
+        message = f"token files {write} and {read} hold the same token; each purpose needs its own token"
+        raise InputError(message)
+    return access

@@ -8,7 +8,7 @@ from beamtouch_common.file_kinds import mistaken_kind
 from beamtouch_daemon.config.settings import Config
 from beamtouch_models.rig.script import Script
 from beamtouch_models.scene import Scene
-from beamtouch_service.config_sections import ConfigFile
+from beamtouch_service.config import Settings
 
 DAEMON: dict[str, Any] = {"publish": {}, "surfaces": {"bench": {"source": {}}}}
 SERVICE: dict[str, Any] = {"surfaces": {"bench": {"model": "bench.onnx"}}}
@@ -21,8 +21,8 @@ SCENE: dict[str, Any] = {"beam": {}, "contact": {}}
         (Scene, DAEMON, "this is a configuration of the daemon; give a scene"),
         (Config, SCENE, "this is a scene; give a configuration of the daemon"),
         (Config, SERVICE, "this is a configuration of the service; give a configuration of the daemon"),
-        (ConfigFile, DAEMON, "this is a configuration of the daemon; give a configuration of the service"),
-        (ConfigFile, {"step": []}, "this is a script of the rig; give a configuration of the service"),
+        (Settings, DAEMON, "this is a configuration of the daemon; give a configuration of the service"),
+        (Settings, {"step": []}, "this is a script of the rig; give a configuration of the service"),
         (Script, SCENE, "this is a scene; give a script of the rig"),
     ],
 )
@@ -37,8 +37,8 @@ def test_a_file_of_another_kind_is_named(kind: type, content: dict[str, Any], sa
         (Scene, {}),
         (Scene, {"beem": {}}),
         (Scene, SCENE | {"server": {}}),
-        (ConfigFile, SERVICE | {"publish": {}}),
-        (ConfigFile, {"surfaces": "bench"}),
+        (Settings, SERVICE | {"publish": {}}),
+        (Settings, {"surfaces": "bench"}),
         (Config, DAEMON | SCENE),
     ],
 )

@@ -14,8 +14,8 @@ from beamtouch_models import modelfile
 from beamtouch_service.access import Access
 from beamtouch_service.api.app import create_app
 from beamtouch_service.events.recorder import Recorder
-from beamtouch_service.host import model_watch
-from beamtouch_service.host.model_watch import ModelKeeper
+from beamtouch_service.host import models
+from beamtouch_service.host.models import ModelKeeper
 from beamtouch_service.samples import Batch
 from beamtouch_service.surfaces.surface import Surface
 from service.small_model import write_model
@@ -35,8 +35,7 @@ def build_model(tmp_path: Path) -> BuildModel:
 def kept(build_model: BuildModel) -> ModelKeeper:
     """The keeper of the model of one surface `press-7`, and of its file."""
     path = build_model()
-    model, digest = model_watch.load(path)
-    return ModelKeeper(Surface("press-7", model), path, digest)
+    return ModelKeeper(Surface("press-7", models.load(path)), path, models.stamp_of(path))
 
 
 class Bench:

@@ -5,7 +5,7 @@ import time
 from pathlib import Path
 
 from beamtouch_models.metadata import POSITION_OUTPUTS
-from beamtouch_service.host.model_watch import ModelKeeper
+from beamtouch_service.host.models import ModelKeeper
 
 NO_FORCE = (*POSITION_OUTPUTS,)
 """Outputs of a model that states no force."""

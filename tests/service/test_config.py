@@ -9,9 +9,8 @@ import pytest
 from pydantic import ValidationError
 
 from beamtouch_common.errors import InputError
-from beamtouch_service.config import load_settings, load_token
-from beamtouch_service.config_sections import ConfigFile
-from beamtouch_service.settings import EventSettings, ModbusSettings, Settings
+from beamtouch_service.config import EventsSection, Settings, load_settings, read_access
+from beamtouch_service.outputs.modbus.section import ModbusServerSection
 from wrong_numbers import with_wrong_numbers
 
 EXAMPLE = Path(__file__).parents[2] / "service" / "service.example.toml"
@@ -26,7 +25,8 @@ def load(folder: Path, text: str, **options: object) -> Settings:
 def test_with_nothing_it_listens_on_loopback_and_has_no_surface() -> None:
     settings = load_settings(None, {})
 
-    assert (settings.host, settings.port, settings.access.write, settings.surfaces) == ("127.0.0.1", 8420, None, ())
+    assert (settings.server.host, settings.server.port, settings.surfaces) == ("127.0.0.1", 8420, {})
+    assert read_access(settings.server).write is None
 
 
 def test_paths_in_a_config_are_relative_to_it(tmp_path: Path) -> None:
@@ -38,21 +38,23 @@ def test_paths_in_a_config_are_relative_to_it(tmp_path: Path) -> None:
         "[surfaces.c]\nunexplained_after_s = 2.5\n",
     )
 
-    assert (settings.port, settings.access.write) == (9000, "correct-horse-battery")
-    assert [(entry.name, entry.model, entry.stale_ms) for entry in settings.surfaces] == [
+    assert (settings.server.port, read_access(settings.server).write) == (9000, "correct-horse-battery")
+    assert [(name, entry.model, entry.stale_ms) for name, entry in settings.surfaces.items()] == [
         ("a", tmp_path / "a.onnx", 250),
         ("b", Path("/elsewhere/b.onnx"), 500),
         ("c", None, 500),
     ]
-    assert [entry.unexplained_after_s for entry in settings.surfaces] == [10, 10, 2.5]
+    assert [entry.unexplained_after_s for entry in settings.surfaces.values()] == [10, 10, 2.5]
 
 
 def test_events_and_streams_are_bounded_unless_told_otherwise(tmp_path: Path) -> None:
     settings = load_settings(None, {})
-    assert (settings.max_streams, settings.events) == (32, EventSettings(None, 30, 100))
+    assert (settings.server.max_streams, settings.events) == (32, EventsSection())
+    assert (settings.events.file, settings.events.keep_days, settings.events.max_mb) == (None, 30, 100)
 
     settings = load(tmp_path, "[server]\nmax_streams = 3\n[events]\nfile = 'events.db'\nkeep_days = 1.5\nmax_mb = 2\n")
-    assert (settings.max_streams, settings.events) == (3, EventSettings(tmp_path / "events.db", 1.5, 2))
+    assert (settings.server.max_streams, settings.events.file) == (3, tmp_path / "events.db")
+    assert (settings.events.keep_days, settings.events.max_mb) == (1.5, 2)
 
 
 def test_the_command_line_wins(tmp_path: Path) -> None:
@@ -65,15 +67,15 @@ def test_the_command_line_wins(tmp_path: Path) -> None:
         stale_ms=100.0,
     )
 
-    assert (settings.host, settings.port) == ("localhost", 0)
-    (entry,) = settings.surfaces
-    assert (entry.name, entry.model, entry.stale_ms) == ("a", Path("other.onnx"), 100)
+    assert (settings.server.host, settings.server.port) == ("localhost", 0)
+    ((name, entry),) = settings.surfaces.items()
+    assert (name, entry.model, entry.stale_ms) == ("a", Path("other.onnx"), 100)
 
 
 def test_a_model_alone_names_its_surface_itself() -> None:
-    (entry,) = load_settings(None, {"model": "m.onnx"}).surfaces
+    ((name, entry),) = load_settings(None, {"model": "m.onnx"}).surfaces.items()
 
-    assert (entry.name, entry.model, entry.stale_ms) == ("", Path("m.onnx"), 500)
+    assert (name, entry.model, entry.stale_ms) == ("", Path("m.onnx"), 500)
     assert entry.unexplained_after_s == 10
 
 
@@ -82,6 +84,7 @@ def test_the_token_is_not_printed(tmp_path: Path) -> None:
     settings = load_settings(None, {"write_token_file": str(tmp_path / "token")})
 
     assert "correct-horse" not in repr(settings)
+    assert "correct-horse" not in repr(read_access(settings.server))
 
 
 @pytest.mark.parametrize(
@@ -99,7 +102,6 @@ def test_the_token_is_not_printed(tmp_path: Path) -> None:
         ("[surfaces.a]\nstale_ms = nan\n", "surfaces.a.stale_ms: must be a finite number"),
         ("[events]\nkeep_days = 0\n", "events.keep_days"),
         ("[events]\nmax_mb = 0\n", "events.max_mb"),
-        ("[server]\ntoken_file = 'token'\n", "unknown key server.token_file; did you mean"),
         ("[server]\nmax_streams = -1\n", "server.max_streams"),
         ("[server]\nmax_streams = -1\n", "server.max_streams: must be at least 0"),
         ("[server]\nmax_streams = 1001\n", "server.max_streams: must be at most 1000"),
@@ -135,48 +137,23 @@ def test_a_config_that_is_not_there_or_not_text_is_refused(tmp_path: Path) -> No
         load_settings(tmp_path / "binary.toml", {})
 
 
-@pytest.mark.parametrize(
-    ("content", "complaint"),
-    [
-        (b"", "empty"),
-        (b" \n", "empty"),
-        (b"fifteen-chars-1\n", "only 15 characters;"),
-        (b"x\n", "only 1 character;"),
-        (b"two words in one file\n", "more than one word"),
-        ("schlüssel-mit-umlaut".encode(), "more than one word of printable ASCII"),
-        (b"x" * 5000, "longer than 4096 bytes"),
-    ],
-)
-def test_a_token_that_will_not_do_is_refused(tmp_path: Path, content: bytes, complaint: str) -> None:
-    path = tmp_path / "token"
-    path.write_bytes(content)
-
-    with pytest.raises(InputError, match=complaint):
-        load_token(path)
-
-
-def test_sixteen_characters_are_enough(tmp_path: Path) -> None:
-    (tmp_path / "token").write_text("  sixteen-chars-16\r\n")
-
-    assert load_token(tmp_path / "token") == "sixteen-chars-16"
-
-
 def test_each_purpose_has_a_token_of_its_own(tmp_path: Path) -> None:
     (tmp_path / "token").write_text("correct-horse-battery\n")
     (tmp_path / "read-token").write_text("another-horse-battery\n")
     text = '[server]\nwrite_token_file = "token"\nread_token_file = "{}"\n'
 
-    access = load(tmp_path, text.format("read-token")).access
+    access = read_access(load(tmp_path, text.format("read-token")).server)
     assert (access.write, access.read) == ("correct-horse-battery", "another-horse-battery")
     with pytest.raises(InputError, match="token hold the same token; each purpose needs its own token"):
-        load(tmp_path, text.format("token"))
+        read_access(load(tmp_path, text.format("token")).server)
 
 
 def test_the_example_is_a_config(tmp_path: Path) -> None:
     (tmp_path / "token").write_text("correct-horse-battery\n")
     settings = load(tmp_path, EXAMPLE.read_text())
 
-    assert [entry.name for entry in settings.surfaces] == ["press-7"]
+    assert list(settings.surfaces) == ["press-7"]
+    assert read_access(settings.server).write == "correct-horse-battery"
 
 
 NUMBERS = """
@@ -194,11 +171,11 @@ unexplained_after_s = 60
 
 def test_only_a_number_is_a_number() -> None:
     content = tomllib.loads(NUMBERS)
-    ConfigFile.model_validate(content)
+    Settings.model_validate(content)
     taken = []
     for what, wrong in with_wrong_numbers(content):
         try:
-            ConfigFile.model_validate(wrong)
+            Settings.model_validate(wrong)
         except ValidationError:
             continue
         taken.append(what)
@@ -212,7 +189,9 @@ def test_the_example_shows_the_modbus_server_as_it_is_by_default(tmp_path: Path)
     shown = section.partition("\n\n")[0].replace("\n# ", "\n")
 
     assert load(tmp_path, f"[modbus_server] # {shown}\n").modbus_server == by_default
-    assert by_default == ModbusSettings("127.0.0.1", 502, "big", 32, 60)
+    assert by_default == ModbusServerSection()
+    assert by_default is not None
+    assert tuple(by_default.model_dump().values()) == ("127.0.0.1", 502, "big", 32, 60)
 
 
 URL = "postgresql://beamtouch:not-for-the-log@db/beamtouch"
@@ -220,7 +199,7 @@ URL = "postgresql://beamtouch:not-for-the-log@db/beamtouch"
 
 def test_a_replica_needs_a_record_that_services_share(tmp_path: Path) -> None:
     settings = load(tmp_path, f"[server]\nreplica = true\n[events]\nurl = '{URL}'\n")
-    assert (settings.replica, settings.events.url) == (True, URL)
+    assert (settings.server.replica, settings.events.url) == (True, URL)
     assert "not-for-the-log" not in repr(settings)
     with pytest.raises(InputError, match=r"server\.replica: .* set events\.url"):
         load(tmp_path, "[server]\nreplica = true\n[events]\nfile = 'events.db'\n")

@@ -16,7 +16,7 @@ from contact_registers import FIGURES, decoded, expected, number
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from beamtouch_service.settings import WordOrder
+    from beamtouch_service.outputs.modbus.section import WordOrder
 
     from .conftest import BuildModel
 

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import asyncio
 from typing import TYPE_CHECKING
 
 import onnx
 import pytest
 
-from beamtouch_service.host import model_watch
+from beamtouch_service.host import models
 from beamtouch_service.problems import ProblemError
 from beamtouch_service.surfaces.surface import Surface
 from service.kept_model import NO_FORCE, identity, polls, put
@@ -16,7 +15,7 @@ from service.kept_model import NO_FORCE, identity, polls, put
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from beamtouch_service.host.model_watch import ModelKeeper
+    from beamtouch_service.host.models import ModelKeeper
     from beamtouch_service.samples import Batch
     from service.conftest import Bench, BuildModel, MakeBatch
 
@@ -32,7 +31,7 @@ async def test_a_new_model_answers_from_the_next_sample_on(
     kept.surface.receive(parse_batch(), arrival_s=10.0)
     put(kept.path, build_model(outputs=NO_FORCE).read_bytes())
 
-    assert await kept.reload() is True
+    await polls(kept)
     assert identity(kept) != old
     assert (kept.surface.contact(10.0).model, kept.surface.contact(10.0).force_n) == (old, 8.75)
     kept.surface.receive(parse_batch(sequence=2), arrival_s=10.1)
@@ -43,7 +42,7 @@ async def test_the_same_content_is_no_new_model(kept: ModelKeeper) -> None:
     put(kept.path, kept.path.read_bytes())
     old = kept.surface.model
 
-    assert await kept.reload() is False
+    await polls(kept)
     assert kept.surface.model is old
     assert kept.surface.model_error is None
 
@@ -68,19 +67,19 @@ async def test_a_bad_file_changes_nothing_and_is_named_until_there_is_a_good_one
     }
     for complaint, content in bad.items():
         put(kept.path, content)
-        assert await kept.reload() is False
+        await polls(kept)
         assert kept.surface.model is old
         assert complaint in str(kept.surface.summary(0).model_error)
         assert complaint in caplog.records[-1].getMessage()
     kept.path.unlink()
-    assert await kept.reload() is False
-    assert "No such file" in str(kept.surface.model_error)
+    await polls(kept)
+    assert kept.surface.model is old
 
     put(kept.path, good)
-    assert await kept.reload() is False
+    await polls(kept)
     assert (kept.surface.model, kept.surface.model_error) == (old, None)
     put(kept.path, other)
-    assert await kept.reload() is True
+    await polls(kept)
     assert identity(kept).startswith("tool@")
 
 
@@ -90,7 +89,7 @@ async def test_a_model_for_channels_that_do_not_arrive_is_refused(
     kept.surface.receive(parse_batch(), arrival_s=10.0)
     put(kept.path, build_model(channels=5).read_bytes())
 
-    assert await kept.reload() is False
+    await polls(kept)
     assert "it needs s4, s5, but the samples of this surface lack them" in str(kept.surface.model_error)
     assert kept.surface.contact(10.0).position_mm == 150.0
 
@@ -125,28 +124,21 @@ async def test_a_model_whose_answers_take_long_is_refused(
     kept: ModelKeeper, build_model: BuildModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     put(kept.path, build_model(outputs=NO_FORCE).read_bytes())
-    monkeypatch.setattr(model_watch, "MAX_ANSWER_S", 0.0)
-    assert await kept.reload() is False
+    monkeypatch.setattr(models, "MAX_ANSWER_S", 0.0)
+    await polls(kept)
     assert "one answer takes 0 ms" in str(kept.surface.model_error)
 
 
 async def test_a_copy_under_way_is_waited_for(kept: ModelKeeper, build_model: BuildModel) -> None:
     old, new = identity(kept), build_model(outputs=NO_FORCE).read_bytes()
-    seen = []
-
-    async def copy() -> None:
-        with kept.path.open("wb") as file:
-            for begin in range(0, len(new), len(new) // 8):
-                file.write(new[begin : begin + len(new) // 8])
-                file.flush()
-                await asyncio.sleep(0.2)
-                seen.append(identity(kept))
-
-    copying = asyncio.create_task(copy())
-    await asyncio.sleep(0.1)
-    assert await kept.reload() is True
-    await copying
-    assert set(seen[:-1]) == {old}
+    with kept.path.open("wb") as file:
+        for begin in range(0, len(new), len(new) // 8 + 1):
+            file.write(new[begin : begin + len(new) // 8 + 1])
+            file.flush()
+            await kept.poll()
+            assert (identity(kept), kept.surface.model_error) == (old, None)
+    await kept.poll()
+    assert identity(kept) != old
     assert kept.surface.model_error is None
 
 
@@ -162,33 +154,10 @@ async def test_the_routes_of_a_model(
     assert bench.get("/surfaces/bare/model").json()["type"] == "urn:beamtouch:problem:no-model"
 
     put(kept.path, build_model(outputs=NO_FORCE).read_bytes())
-    assert await kept.reload()
+    await polls(kept)
     assert bench.get("/surfaces/press-7/model").json()["identity"] == identity(kept) != said["identity"]
     put(kept.path, b"hello")
-    assert not await kept.reload()
+    await polls(kept)
     assert "damaged" in bench.get("/surfaces/press-7").json()["model_error"]
     assert bench.post(make_batch()).status_code == 200
     assert bench.get("/contact?surface=press-7").json()["model"] == identity(kept)
-
-
-async def test_a_file_that_is_written_for_long_is_tried_again_when_it_is_complete(
-    kept: ModelKeeper, build_model: BuildModel, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(model_watch, "STILL_S", 0.05)
-    old, good = identity(kept), build_model(outputs=NO_FORCE).read_bytes()
-
-    async def write() -> None:
-        for length in range(1, len(good)):  # more than there is time for
-            kept.path.write_bytes(good[:length])
-            await asyncio.sleep(0.01)
-
-    copy = asyncio.create_task(write())
-    await asyncio.sleep(0.02)
-    assert await kept.reload() is False
-    copy.cancel()
-    assert identity(kept) == old
-    assert "it is still being written; try again when it is complete" in (kept.surface.model_error or "")
-
-    put(kept.path, good)
-    assert await kept.reload() is True
-    assert identity(kept) != old

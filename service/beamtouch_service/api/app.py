@@ -101,7 +101,7 @@ def create_app(
     streams : the limit of open streams, and the signal to end them
     recorder : keeps the events; default: in memory
     """
-    registry, counts, recorder = Registry(served), Counts(), recorder or Recorder()
+    registry, counts, recorder = Registry(served), Counts(clock), recorder or Recorder()
     for surface in registry:
         recorder.watch(surface)
         counts.watch(surface)

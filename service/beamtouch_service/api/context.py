@@ -14,7 +14,6 @@ from starlette.types import Scope
 from beamtouch_service.access import Access, Role
 from beamtouch_service.api.counts import Counts
 from beamtouch_service.events.recorder import Recorder
-from beamtouch_service.limits import MAX_STREAMS
 from beamtouch_service.problems import Kind, Problem, ProblemError
 from beamtouch_service.surfaces.freshness import Ticks
 from beamtouch_service.surfaces.registry import Registry
@@ -32,7 +31,7 @@ def boot_clock() -> float:
 class Streams:
     """The open streams of one service."""
 
-    max_open: int = MAX_STREAMS
+    max_open: int = 32
     stop: Event = field(default_factory=Event)
     """Set when the service stops."""
     open: int = 0

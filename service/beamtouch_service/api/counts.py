@@ -6,8 +6,8 @@ from time import monotonic
 
 from prometheus_client import CollectorRegistry, Counter, Histogram, disable_created_metrics
 
+from beamtouch_common.log import Repeated
 from beamtouch_models.modelfile import State
-from beamtouch_service.limits import Seldom
 from beamtouch_service.problems import Kind
 from beamtouch_service.samples import Quality
 from beamtouch_service.surfaces.contact import rfc3339
@@ -56,10 +56,9 @@ class Counts:
         for kind in REFUSALS:
             # An alarm cannot watch a series that does not exist yet.
             self._refusals.labels(kind.slug)
-        self._seldom, self._hourly = Seldom(), Seldom(3600.0)
+        self._minutely, self._hourly = Repeated(_log, clock=clock), Repeated(_log, every_s=3600.0, clock=clock)
         self._rivalled: set[str] = set()
         """Surfaces with two daemons, as it was logged."""
-        self._clock = clock
         self._wiring: dict[str, str | None] = {}
 
     def watch(self, surface: Surface) -> None:
@@ -71,13 +70,13 @@ class Counts:
 
     def sender_changed(self, surface: str, boot_id: str) -> None:
         """Log that another sender sends the samples of a surface, once per minute and surface."""
-        times = self._seldom.due(f"sender of {surface}", self._clock())
+        times = self._minutely.due(f"sender of {surface}")
         if times:
             _log.info("surface %s: the sender changed to %s (changes since the last line: %d)", surface, boot_id, times)
 
     def other_beam(self, surface: str, detail: str) -> None:
         """Log that the samples of a surface are of another beam than its model, once per minute and surface."""
-        if self._seldom.due(f"beam of {surface}", self._clock()):
+        if self._minutely.due(f"beam of {surface}"):
             _log.error("surface %s: its samples are refused: %s", surface, detail)
 
     def unexplained(self, surface: Surface) -> None:
@@ -125,7 +124,7 @@ class Counts:
             if surface.name in self._rivalled:
                 self._rivalled.discard(surface.name)
                 _log.info("surface %s: one daemon sends its samples again", surface.name)
-        elif self._hourly.due(surface.name, now_s):
+        elif self._hourly.due(surface.name):
             self._rivalled.add(surface.name)
             words = "surface %s: two daemons send its samples, from %s and from %s; stop one of them"
             _log.warning(words, surface.name, *pair)
@@ -133,7 +132,7 @@ class Counts:
     def eviction(self, client: str) -> None:
         """Count a connection from this address that was closed to make room; log it once per minute."""
         self._evicted.inc()
-        times = self._seldom.due("eviction", self._clock())
+        times = self._minutely.due("eviction")
         if times:
             words = "too many connections: closed %d to make room since the last such line, the newest from %s"
             _log.warning(words, times, client)
@@ -144,7 +143,7 @@ class Counts:
         if kind not in REFUSALS:
             return
         self._refusals.labels(kind.slug).inc()
-        times = self._seldom.due(kind.slug, self._clock())
+        times = self._minutely.due(kind.slug)
         if times:
             _log.warning("refused (%s): %d since the last such line, the newest from %s", kind.slug, times, client)
 

@@ -6,15 +6,15 @@ import socket
 from functools import partial
 from typing import cast
 
+from beamtouch_common.errors import InputError
+from beamtouch_common.log import Repeated
+from beamtouch_service.address import Address
 from beamtouch_service.api.context import Context
-from beamtouch_service.config import ConfigError
-from beamtouch_service.host.listener import Address
 from beamtouch_service.host.places import Places, State
-from beamtouch_service.limits import Seldom
 from beamtouch_service.outputs.modbus.blocks import Blocks
 from beamtouch_service.outputs.modbus.registers import MAX_SURFACES
 from beamtouch_service.outputs.modbus.requests import HEAD_BYTES, MAX_FRAME_BYTES, NotModbusError, answer, frame_bytes
-from beamtouch_service.settings import ModbusSettings
+from beamtouch_service.outputs.modbus.section import ModbusServerSection
 
 _ACCEPTED_AT_ONCE = 16
 """New connections accepted in a row, so that a flood of them does not hold up the others."""
@@ -25,17 +25,17 @@ _log = logging.getLogger("beamtouch.service")
 class ModbusServer:
     """Answers Modbus requests while the application runs, as soon as its address is there."""
 
-    def __init__(self, settings: ModbusSettings, surfaces: int) -> None:
-        """Raise ConfigError if it may never listen there, or if there are too many surfaces for the map."""
+    def __init__(self, settings: ModbusServerSection, surfaces: int) -> None:
+        """Raise InputError if it may never listen there, or if there are too many surfaces for the map."""
         if surfaces > MAX_SURFACES:
             message = f"[modbus_server]: the addresses of Modbus hold {MAX_SURFACES} surfaces, but there are {surfaces}"
-            raise ConfigError(message)
+            raise InputError(message)
         self._settings = settings
         self.address = Address("modbus_server", settings.host, settings.port, option="modbus_server.port")
 
     async def run(self, context: Context) -> None:
         """Answer requests for the surfaces of an application until cancelled."""
-        listener = await self.address.listener(partial(context.missing.__setitem__, self.address.section))
+        listener = await self.address.listen(partial(context.missing.__setitem__, self.address.section))
         connections = _Connections(context, self._settings)
         make = partial(_Connection, connections)
         server = await asyncio.get_running_loop().create_server(make, sock=listener, backlog=_ACCEPTED_AT_ONCE)
@@ -55,14 +55,14 @@ class ModbusServer:
 class _Connections:
     """All connections of one server, and what they share."""
 
-    def __init__(self, context: Context, settings: ModbusSettings) -> None:
+    def __init__(self, context: Context, settings: ModbusServerSection) -> None:
         self.idle_s = settings.idle_s
         self._context = context
         self._blocks = Blocks(context.registry, settings.word_order)
         # Answers take no waiting, so no connection is ever busy.
         self._places = Places["_Connection"](settings.max_clients, settings.max_clients, lambda _connection: False)
         self._open: set[_Connection] = set()
-        self._seldom = Seldom()
+        self._repeated = Repeated(_log)
 
     def read(self, address: int, count: int) -> list[int]:
         """Return registers as of now; raises NoSuchRegisterError."""
@@ -87,7 +87,7 @@ class _Connections:
 
     def not_modbus(self, connection: "_Connection", error: NotModbusError) -> None:
         """Log a client that does not speak Modbus TCP, once per minute."""
-        times = self._seldom.due("not Modbus", self._context.clock())
+        times = self._repeated.due("not Modbus")
         if times:
             words = "Modbus TCP server: closed %d connections since the last such line: not Modbus TCP (%s), from %s"
             _log.warning(words, times, error, connection.client)

@@ -1,4 +1,4 @@
-"""uvicorn as it comes, behind an address that may come later."""
+"""The running service: uvicorn as it comes, and the tasks beside it."""
 
 import asyncio
 import gc
@@ -6,24 +6,33 @@ import logging
 import signal
 import socket
 import sys
-from collections.abc import Callable
+from collections.abc import AsyncIterator, Callable, Coroutine, Sequence
+from contextlib import asynccontextmanager
 from types import FrameType
+from typing import Any
 
 import uvicorn
 from starlette.types import ASGIApp
 
 from beamtouch_common.commands import announce
+from beamtouch_common.log import RepeatedFilter
 from beamtouch_common.systemd import ServiceManager
+from beamtouch_service.address import Address
 from beamtouch_service.api.context import Context
-from beamtouch_service.host.background import Background
-from beamtouch_service.host.listener import Address
-from beamtouch_service.limits import SeldomFilter
-from beamtouch_service.settings import TlsFiles
+from beamtouch_service.config import ServerSection
+from beamtouch_service.surfaces import freshness
 
 SHUTDOWN_S = 2
 """Time for running answers to finish. A sender repeats what was not acknowledged."""
 IDLE_S = 75
 """A connection is closed this long after its last answer. Clients that poll do so more often."""
+PROGRESS_S = 1.0
+"""Longest time between two reports of progress."""
+
+Task = Callable[[Context], Coroutine[Any, Any, None]]
+"""Works beside the routes, until it is cancelled."""
+
+_log = logging.getLogger("beamtouch.service")
 
 
 class Server(uvicorn.Server):
@@ -44,8 +53,9 @@ class Server(uvicorn.Server):
         await super().shutdown(sockets)
 
 
-def configure(app: ASGIApp, tls: TlsFiles | None = None) -> uvicorn.Config:
+def configure(app: ASGIApp, server: ServerSection | None = None) -> uvicorn.Config:
     """Return the configuration of uvicorn."""
+    server = server or ServerSection()
     return uvicorn.Config(
         app,
         http="httptools",
@@ -59,31 +69,32 @@ def configure(app: ASGIApp, tls: TlsFiles | None = None) -> uvicorn.Config:
         proxy_headers=False,
         timeout_graceful_shutdown=SHUTDOWN_S,
         timeout_keep_alive=IDLE_S,
-        ssl_certfile=tls.certificate if tls else None,
-        ssl_keyfile=tls.key if tls else None,
-        # Not at the terminal.
-        ssl_keyfile_password="" if tls else None,
+        ssl_certfile=server.certificate_file,
+        ssl_keyfile=server.key_file,
+        # An empty passphrase: otherwise OpenSSL would ask for one at the terminal and wait.
+        ssl_keyfile_password="" if server.key_file else None,
     )
 
 
-def serve(
-    config: uvicorn.Config, address: Address, context: Context, background: Background, manager: ServiceManager
-) -> None:
+def serve(config: uvicorn.Config, address: Address, context: Context, tasks: Sequence[Task]) -> None:
     """Serve until SIGTERM (then SystemExit 0) or Ctrl-C (then KeyboardInterrupt)."""
     # uvicorn shuts down on a signal and then raises it again.
     signal.signal(signal.SIGTERM, _exit_quietly)
     # Clients can provoke any number of its messages.
-    logging.getLogger("uvicorn.error").addFilter(SeldomFilter())
+    logging.getLogger("uvicorn.error").addFilter(RepeatedFilter())
     # Objects that exist now stay for good. Searching them for garbage again and again would delay answers.
     gc.collect()
     gc.freeze()
-    asyncio.run(_serve(config, address, context, background, manager))
+    asyncio.run(_serve(config, address, context, tasks))
 
 
-async def _serve(
-    config: uvicorn.Config, address: Address, context: Context, background: Background, manager: ServiceManager
-) -> None:
-    """Run the background tasks, and take connections once the address is there."""
+def _exit_quietly(_signal: int, _frame: FrameType | None) -> None:
+    sys.exit(0)
+
+
+async def _serve(config: uvicorn.Config, address: Address, context: Context, tasks: Sequence[Task]) -> None:
+    """Run the tasks, and take connections once the address is there."""
+    manager = ServiceManager()
 
     def note(reason: str) -> None:
         context.missing[address.section] = reason
@@ -94,8 +105,8 @@ async def _serve(
         manager.stopping()
         context.streams.stop.set()
 
-    async with background.running(context):
-        listener = await address.listener(note)
+    async with _running(_tick(context), _report_progress(context, manager), *(task(context) for task in tasks)):
+        listener = await address.listen(note)
         host, port = listener.getsockname()[:2]
         shown = f"[{host}]" if listener.family is socket.AF_INET6 else host
         words = f"listening on {'https' if config.is_ssl else 'http'}://{shown}:{port}"
@@ -107,5 +118,41 @@ async def _serve(
         await Server(config, start, stop).serve([listener])
 
 
-def _exit_quietly(_signal: int, _frame: FrameType | None) -> None:
-    sys.exit(0)
+@asynccontextmanager
+async def _running(*work: Coroutine[Any, Any, None]) -> AsyncIterator[None]:
+    """Run coroutines during a block. One that fails is logged, and the others go on."""
+    tasks = [asyncio.create_task(one) for one in work]
+    for task in tasks:
+        task.add_done_callback(_log_failure)
+    try:
+        yield
+    finally:
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+
+
+def _log_failure(task: asyncio.Task[None]) -> None:
+    if not task.cancelled() and task.exception() is not None:
+        _log.critical("a background task failed", exc_info=task.exception())
+
+
+async def _report_progress(context: Context, manager: ServiceManager) -> None:
+    """Report progress to the manager while the loop turns and every surface can be asked.
+
+    The same look lets the record become durable.
+    """
+    pause_s = min(PROGRESS_S, (manager.watchdog_s or PROGRESS_S) / 4)
+    while True:
+        for surface in context.registry:
+            surface.summary(context.clock())
+        context.recorder.maintain()
+        manager.alive()
+        await asyncio.sleep(pause_s)
+
+
+async def _tick(context: Context) -> None:
+    """Tick, so that a pause of the process shows."""
+    while True:
+        context.ticks.tick(context.clock())
+        await asyncio.sleep(freshness.TICK_S)

@@ -114,8 +114,8 @@ def test_the_service_runs_where_no_memory_may_become_code(build_model: BuildMode
     program = (
         "import ctypes, sys, pathlib\n"
         "if ctypes.CDLL(None).prctl(65, 1, 0, 0, 0): sys.exit(77)\n"  # PR_SET_MDWE, as MemoryDenyWriteExecute=
-        "from beamtouch_service.host import check, server\n"
-        "print(check.report(pathlib.Path(sys.argv[1]), as_json=True))\n"
+        "from beamtouch_service.host import models, setup\n"
+        "print(models.report(pathlib.Path(sys.argv[1]), as_json=True))\n"
     )
     done = subprocess.run(
         [sys.executable, "-c", program, str(build_model())], capture_output=True, text=True, check=False, timeout=60

@@ -4,8 +4,8 @@ import struct
 from collections.abc import Iterable
 
 from beamtouch_service.outputs.modbus.registers import BLOCK, REGISTERS, Type
+from beamtouch_service.outputs.modbus.section import WordOrder
 from beamtouch_service.outputs.modbus.snapshot import snapshot
-from beamtouch_service.settings import WordOrder
 from beamtouch_service.surfaces.surface import Surface
 
 _HALVES = struct.Struct(">HH")

@@ -23,8 +23,8 @@ from paho.mqtt.properties import Properties
 from paho.mqtt.reasoncodes import ReasonCode
 
 from beamtouch_service.outputs.mqtt import tls
+from beamtouch_service.outputs.mqtt.section import MqttSection
 from beamtouch_service.outputs.mqtt.topics import OFFLINE, Topics
-from beamtouch_service.settings import MqttSettings
 
 ANSWER_S = 5.0
 """A broker that takes longer to connect, or to answer, counts as lost."""
@@ -47,15 +47,15 @@ class RefusedError(aiomqtt.MqttError):
 class Connection(aiomqtt.Client):
     """A connection to the broker."""
 
-    def __init__(self, settings: MqttSettings, line: socket.socket) -> None:
-        """Speak over `line`, a connected socket. Raises ConfigError if the TLS files cannot be used."""
+    def __init__(self, settings: MqttSection, password: str | None, line: socket.socket) -> None:
+        """Speak over `line`, a connected socket. Raises InputError if the TLS files cannot be used."""
         status = Topics(settings.prefix).status
         super().__init__(
             settings.host,
-            settings.port,
+            settings.broker_port,
             username=settings.username,
-            password=settings.password,
-            identifier=settings.client_id,
+            password=password,
+            identifier=settings.client_id or settings.prefix,
             protocol=aiomqtt.ProtocolVersion.V5,
             will=aiomqtt.Will(status, OFFLINE, _AT_LEAST_ONCE, retain=True),
             clean_start=True,
@@ -63,7 +63,7 @@ class Connection(aiomqtt.Client):
             keepalive=KEEPALIVE_S,
             max_queued_outgoing_messages=WINDOW,
             max_inflight_messages=WINDOW,
-            tls_context=tls.context(settings.tls) if settings.tls else None,
+            tls_context=tls.context(settings) if settings.tls else None,
             logger=_library_log,
         )
         self._client._create_socket_connection = lambda: line  # type: ignore[method-assign]  # paho would block
@@ -124,18 +124,18 @@ class Connection(aiomqtt.Client):
 
 
 @asynccontextmanager
-async def connected(settings: MqttSettings) -> AsyncIterator[Connection]:
+async def connected(settings: MqttSection, password: str | None) -> AsyncIterator[Connection]:
     """Give a connection for a block, and cut it at the end: the broker then publishes the will.
 
     Raises
     ------
-    aiomqtt.MqttError, OSError, ConfigError
+    aiomqtt.MqttError, OSError, InputError
         There is no connection.
     """
-    line = await _line(settings.host, settings.port)
+    line = await _line(settings.host, settings.broker_port)
     handle = line.dup()
     try:
-        async with Connection(settings, line) as connection:
+        async with Connection(settings, password, line) as connection:
             try:
                 yield connection
             finally:

@@ -11,17 +11,18 @@ import aiomqtt
 from aiomqtt.exceptions import MqttConnectError
 from paho.mqtt.reasoncodes import ReasonCode
 
+from beamtouch_common.errors import InputError
+from beamtouch_common.secrets import read_password
 from beamtouch_service.api.context import Context
-from beamtouch_service.config import ConfigError
 from beamtouch_service.outputs.mqtt import discovery, tls
 from beamtouch_service.outputs.mqtt.connection import Connection, RefusedError, connected
 from beamtouch_service.outputs.mqtt.contacts import ContactSender
 from beamtouch_service.outputs.mqtt.counts import MqttCounts
 from beamtouch_service.outputs.mqtt.events import EventSender
 from beamtouch_service.outputs.mqtt.messages import JSON, TEXT, properties
+from beamtouch_service.outputs.mqtt.section import MqttSection
 from beamtouch_service.outputs.mqtt.statuses import StatusSender
 from beamtouch_service.outputs.mqtt.topics import ONLINE, Topics
-from beamtouch_service.settings import MqttSettings
 
 RETRY_S, MAX_RETRY_S = 0.5, 8.0
 """Pause after a connection was lost, and the longest one; it doubles with each failure."""
@@ -45,12 +46,16 @@ _log = logging.getLogger("beamtouch.service.mqtt")
 class Publisher:
     """Sends what the surfaces tell to one broker."""
 
-    def __init__(self, settings: MqttSettings) -> None:
-        """Check the TLS files; raises ConfigError if they cannot be used."""
+    def __init__(self, settings: MqttSection) -> None:
+        """Check the TLS files and read the password.
+
+        Raises InputError if they cannot be used, FailedError if there is no file of the password yet.
+        """
         if settings.tls:
-            tls.context(settings.tls)
+            tls.context(settings)
         self._settings = settings
-        self._where = f"{settings.host}:{settings.port}"
+        self._password = read_password(settings.password_file) if settings.password_file else None
+        self._where = f"{settings.host}:{settings.broker_port}"
         self._topics = Topics(settings.prefix)
         self._problem: str | None = None
         """Why there is no connection, as it was logged."""
@@ -80,14 +85,14 @@ class Publisher:
         while True:
             begin_s = monotonic()
             try:
-                async with connected(settings) as connection, asyncio.TaskGroup() as tasks:
+                async with connected(settings, self._password) as connection, asyncio.TaskGroup() as tasks:
                     await self._introduce(connection, context)
                     counts.connected.set(1)
                     context.missing["mqtt"] = ""
                     for sender in (events, *others):
                         tasks.create_task(sender.run(connection))
                     tasks.create_task(connection.watch())
-            except* (aiomqtt.MqttError, OSError, ConfigError) as failures:
+            except* (aiomqtt.MqttError, OSError, InputError) as failures:
                 failure = next(_leaves(failures))
                 context.missing["mqtt"] = f"broker {self._where}: {_reason(failure)}"
                 self._log_problem(failure)

@@ -2,28 +2,30 @@
 
 import ssl
 
-from beamtouch_service.config import ConfigError
-from beamtouch_service.settings import MqttTls
+from beamtouch_common.errors import InputError
+from beamtouch_service.outputs.mqtt.section import MqttSection
 
 
-def context(settings: MqttTls) -> ssl.SSLContext:
-    """Return the context of a connection; raises ConfigError if a file cannot be used."""
+def context(section: MqttSection) -> ssl.SSLContext:
+    """Return the context of a connection; raises InputError if a file cannot be used."""
     try:
-        made = ssl.create_default_context(cafile=settings.ca)
+        made = ssl.create_default_context(cafile=section.ca_file)
     except (ssl.SSLError, OSError) as error:
-        message = f"{settings.ca}: {_reason(error)}; set mqtt.ca_file to the PEM certificates of the broker's issuer"
-        raise ConfigError(message) from None
-    if settings.own is None:
+        message = (
+            f"{section.ca_file}: {_reason(error)}; set mqtt.ca_file to the PEM certificates of the broker's issuer"
+        )
+        raise InputError(message) from None
+    if section.certificate_file is None:
         return made
     try:
         # An empty passphrase: otherwise OpenSSL would ask for one at the terminal and wait.
-        made.load_cert_chain(settings.own.certificate, settings.own.key, password="")
+        made.load_cert_chain(section.certificate_file, section.key_file, password="")
     except (ssl.SSLError, OSError) as error:
         message = (
-            f"{settings.own.certificate} and {settings.own.key} are not a PEM certificate and its key without a "
+            f"{section.certificate_file} and {section.key_file} are not a PEM certificate and its key without a "
             f"passphrase ({_reason(error)}); correct mqtt.certificate_file and mqtt.key_file"
         )
-        raise ConfigError(message) from None
+        raise InputError(message) from None
     return made
 
 

@@ -1,0 +1,160 @@
+"""Model files of a service: loading them, and replacing the model of a running surface when its file changes."""
+
+import asyncio
+import logging
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from beamtouch_common.errors import InputError
+from beamtouch_models import modelfile
+from beamtouch_models.modelfile import GraphError, ModelFile, ModelFileError, graph_errors
+from beamtouch_service.api.models import describe
+from beamtouch_service.surfaces.served_model import Inference
+from beamtouch_service.surfaces.surface import Surface
+
+POLL_S = 1.0
+"""Time between two looks at the files. Two looks that find the same new file show that it is complete."""
+MAX_ANSWER_S = 0.1
+"""Longest time for one answer: a thousand times that of a real model. Everything else waits meanwhile."""
+Stamp = tuple[int, int, int, int]
+"""Size, times of change [ns] of content and status, and number of a file: differs when it is written or replaced."""
+
+_log = logging.getLogger("beamtouch.service")
+
+
+def load(path: Path) -> ModelFile:
+    """Load a model and check that a service can use it; raises ModelFileError."""
+    return _parse(modelfile.read(path), str(path))
+
+
+def report(path: Path, *, as_json: bool) -> str:
+    """Return the description of a model; raises InputError if a service would refuse it."""
+    try:
+        model = load(path)
+    except ModelFileError as error:
+        message = f"model {error}"
+        raise InputError(message) from None
+    return describe(model).model_dump_json() if as_json else model.summary()
+
+
+def _parse(content: bytes, origin: str) -> ModelFile:
+    model = modelfile.load_bytes(content, origin)
+    if model.lacks:
+        # The service states intervals, and says when nothing or no single contact explains a sample.
+        message = (
+            f"{origin}: a service needs more outputs than it has; build a model with another estimator "
+            f"({model.metadata.estimator} lacks {', '.join(model.lacks)})"
+        )
+        raise ModelFileError(message)
+    try:
+        with graph_errors():
+            answer_s = _measure_answer_s(model)
+    except GraphError as error:
+        message = f"{origin}: its graph cannot be run as a service does ({error})"
+        raise ModelFileError(message) from None
+    if answer_s > MAX_ANSWER_S:
+        message = (
+            f"{origin}: one answer takes {answer_s * 1e3:.0f} ms, which is over the limit of "
+            f"{MAX_ANSWER_S * 1e3:.0f} ms; build a simpler model"
+        )
+        raise ModelFileError(message)
+    return model
+
+
+def _measure_answer_s(model: ModelFile) -> float:
+    """Return the shortest of a few answer times [s], because the machine may be busy."""
+    inference, golden = Inference(model), model.metadata.golden
+    inputs = (np.array(golden.deflection_mm[:1], np.float32), np.array(golden.whitening_per_mm[:1], np.float32))
+    durations = []
+    for _ in range(3):
+        begin_s = time.perf_counter()
+        inference.ask(*inputs)
+        durations.append(time.perf_counter() - begin_s)
+    return min(durations)
+
+
+class ModelKeeper:
+    """Keeps the model of a surface in step with its file. A file that cannot be used changes nothing."""
+
+    def __init__(self, surface: Surface, path: Path, tried: Stamp | None) -> None:
+        """`tried` is the stamp of the file before the model of the surface was loaded from it."""
+        self.surface = surface
+        self.path = path
+        self._tried = self._seen = tried
+        self._waiting: ModelFile | None = None
+        """A model that was refused because the samples of its beam, or of its channels, do not arrive yet."""
+
+    async def poll(self) -> None:
+        """Load the file if the last poll has seen the same new one.
+
+        A model that waits for its samples is used once they arrive. Raises nothing: the log and `surface.model_error`
+        say why a file was refused.
+        """
+        stamp, seen = stamp_of(self.path), self._seen
+        self._seen = stamp
+        try:
+            if stamp is not None and stamp == seen and stamp != self._tried:
+                self._tried, self._waiting = stamp, None
+                # In a thread, because requests go on meanwhile.
+                self._adopt(await asyncio.to_thread(load, self.path))
+            elif self._waiting is not None and not self._mismatch(self._waiting):
+                self._adopt(self._waiting)
+        except ModelFileError as error:
+            self._refuse(error)
+
+    def _adopt(self, model: ModelFile) -> None:
+        """Use a model from the next sample on; raises ModelFileError if the samples are not those of the model."""
+        old = self.surface.model
+        if old is None or old.identity != model.identity:
+            if mismatch := self._mismatch(model):
+                self._waiting = model
+                message = f"{self.path}: {mismatch}"
+                raise ModelFileError(message)
+            self.surface.adopt(model)
+            former = old.identity if old else "none"
+            _log.info("surface %s: model %s instead of %s", self.surface.name, model.identity, former)
+        self.surface.model_error = self._waiting = None
+
+    def _refuse(self, error: ModelFileError) -> None:
+        if self.surface.model is None:
+            self.surface.model_error = str(error)
+            _log.error("surface %s: no contact until its model file can be used: %s", self.surface.name, error)
+            return
+        self.surface.model_error = f"the old model stays in use: {error}"
+        _log.error("surface %s: the new model cannot be used, the old one stays in use: %s", self.surface.name, error)
+
+    def _mismatch(self, model: ModelFile) -> str:
+        """Return why a model does not fit the samples that arrive; empty if it does.
+
+        If they state no beam, it must be of the same beam as the model in use.
+        """
+        old, new_beam = self.surface.model, model.metadata.beam
+        beam = self.surface.sender_beam or (old.metadata.beam if old else None)
+        if beam not in {None, new_beam}:
+            whose = "the samples are" if self.surface.sender_beam else "the model in use is"
+            return (
+                f"it is of beam {new_beam}, {whose} of beam {beam}; to switch to another beam, give the daemon the "
+                "configuration that was built with this model, and restart it"
+            )
+        offered = self.surface.offered
+        missing = [name for name in model.channels if offered is not None and name not in offered]
+        return f"it needs {', '.join(missing)}, but the samples of this surface lack them" if missing else ""
+
+
+async def watch(keepers: Sequence[ModelKeeper]) -> None:
+    """Look at the model files until cancelled."""
+    while True:
+        await asyncio.sleep(POLL_S)
+        await asyncio.gather(*(keeper.poll() for keeper in keepers))
+
+
+def stamp_of(path: Path) -> Stamp | None:
+    """Return the stamp of a file; None if there is none."""
+    try:
+        status = path.stat()
+    except OSError:
+        return None
+    return status.st_size, status.st_mtime_ns, status.st_ctime_ns, status.st_ino

@@ -1,0 +1,157 @@
+"""Sets up the process: addresses, models, outputs, record and application."""
+
+from __future__ import annotations
+
+import logging
+import ssl
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+from beamtouch_common import log
+from beamtouch_common.errors import FailedError, InputError
+from beamtouch_models.modelfile import ModelFileError
+from beamtouch_service.address import Address
+from beamtouch_service.api.app import create_app
+from beamtouch_service.api.context import Streams
+from beamtouch_service.config import Settings, SurfaceSection, read_access
+from beamtouch_service.events.database import EventStoreError
+from beamtouch_service.events.recorder import Recorder
+from beamtouch_service.host import models
+from beamtouch_service.host.models import ModelKeeper
+from beamtouch_service.host.serve import configure, serve
+from beamtouch_service.surfaces.surface import Surface
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+    from pathlib import Path
+
+    from beamtouch_service.access import Access
+    from beamtouch_service.host.serve import Task
+
+_log = logging.getLogger("beamtouch.service")
+
+
+def run(settings: Settings) -> None:
+    """Serve until SIGTERM or Ctrl-C.
+
+    Raises
+    ------
+    InputError
+        The settings do not work on this machine.
+    FailedError
+        A file with a token, a password or a certificate cannot be read; it may come later.
+    """
+    server, events = settings.server, settings.events
+    access = read_access(server)
+    if server.certificate_file and server.key_file:
+        _require_certificate(server.certificate_file, server.key_file)
+    loaded = [_load_surface(name, section) for name, section in settings.surfaces.items()]
+    surfaces, keepers = [surface for surface, _ in loaded], [keeper for _, keeper in loaded if keeper]
+    address = Address("server", server.host, server.port)
+    if not address.is_loopback:
+        _require_tokens(access, address.shown)
+    log.set_up()
+    tasks: list[Task] = [lambda _context: models.watch(keepers), *_outputs(settings, access)]
+    _warn(settings, access, address, surfaces)
+    try:
+        recorder = Recorder(events.url or events.file, events.keep_days, events.max_mb, replica=server.replica)
+    except EventStoreError as error:
+        raise InputError(str(error)) from None
+    app = create_app(surfaces, access, streams=Streams(server.max_streams), recorder=recorder)
+    try:
+        serve(configure(app, server), address, app.context, tasks)
+    finally:
+        recorder.close()
+
+
+def _require_certificate(certificate: Path, key: Path) -> None:
+    """Raise FailedError unless the files can be read, and InputError unless they belong together."""
+    for path in (certificate, key):
+        try:
+            path.open("rb").close()
+        except OSError as error:
+            message = f"{path}: {error.strerror}"
+            raise FailedError(message) from None
+    try:
+        # An empty passphrase: otherwise OpenSSL would ask for one at the terminal and wait.
+        ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(certificate, key, password="")
+    except (ssl.SSLError, OSError):
+        message = (
+            f"{certificate} and {key} are not a PEM certificate and its key without a passphrase; create them again, "
+            "or correct server.certificate_file and server.key_file"
+        )
+        raise InputError(message) from None
+
+
+def _require_tokens(access: Access, address: str) -> None:
+    needed = {"--write-token-file": access.write, "--read-token-file": access.read}
+    missing = [f"{option} FILE" for option, token in needed.items() if token is None]
+    if missing:
+        message = (
+            f"{address} is open to the network, which requires a write token and a read token: "
+            f"add {' and '.join(missing)}, or use 127.0.0.1"
+        )
+        raise InputError(message)
+
+
+def _load_surface(name: str, section: SurfaceSection) -> tuple[Surface, ModelKeeper | None]:
+    limits = section.stale_ms, section.unexplained_after_s, section.degraded_after_s
+    if section.model is None:
+        return Surface(name, None, *limits), None
+    stamp = models.stamp_of(section.model)
+    try:
+        model = models.load(section.model)
+    except ModelFileError as error:
+        if not name:  # only the model knows it
+            message = f"model {error}"
+            raise InputError(message) from None
+        surface = Surface(name, None, *limits)
+        surface.model_error = str(error)
+    else:
+        surface = Surface(name or model.metadata.name, model, *limits)
+    return surface, ModelKeeper(surface, section.model, stamp)
+
+
+def _warn(settings: Settings, access: Access, address: Address, surfaces: Iterable[Surface]) -> None:
+    """Log what works but may not be meant."""
+    if access.write is None:
+        _log.warning("no write token: every write is refused; start with --write-token-file FILE to allow writes")
+    for surface in surfaces:
+        if surface.model_error is not None:
+            words = "surface %s: no contact until its model file can be used: %s"
+            _log.error(words, surface.name, surface.model_error)
+    if not settings.surfaces:
+        _log.warning("no surface: the service has no contact to give; start with --model MODEL or --config FILE")
+    if settings.server.certificate_file is None and not address.is_loopback:
+        _log.warning("no TLS: others on the network can read the tokens; see certificate_file and key_file")
+
+
+def _outputs(settings: Settings, access: Access) -> list[Task]:
+    """Return the outputs that the configuration has, ready to run."""
+    tasks: list[Task] = []
+    if settings.mqtt is not None:
+        with _extra("mqtt", "mqtt", "aiomqtt", "paho"):
+            from beamtouch_service.outputs.mqtt.publisher import Publisher  # noqa: PLC0415  # needs an extra of its own
+        tasks.append(Publisher(settings.mqtt).run)
+        if settings.mqtt.password_file and not settings.mqtt.tls:
+            _log.warning("no TLS to the MQTT broker: others on the network can read the password; see mqtt.tls")
+    if settings.modbus_server is not None:
+        with _extra("modbus_server", "modbus-server", "pymodbus"):
+            from beamtouch_service.host.modbus import ModbusServer  # noqa: PLC0415  # needs an extra of its own
+        modbus = ModbusServer(settings.modbus_server, len(settings.surfaces))
+        tasks.append(modbus.run)
+        if access.read is not None or not modbus.address.is_loopback:
+            _log.warning("no token protects the Modbus TCP server: everyone who reaches it can read the contacts")
+    return tasks
+
+
+@contextmanager
+def _extra(section: str, extra: str, *modules: str) -> Iterator[None]:
+    """Import what a section of the configuration needs; raises InputError with the extra that brings `modules`."""
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        if error.name not in modules:
+            raise
+        message = f"[{section}] needs {error.name}; run: pip install 'beamtouch[service,{extra}]'"
+        raise InputError(message) from None
