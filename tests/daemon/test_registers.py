@@ -11,7 +11,6 @@ from pymodbus.client.mixin import ModbusClientMixin
 from beamtouch_daemon.config.modules import Encoding, module_of, names, words_of
 from beamtouch_daemon.config.sources import ByteOrder
 from beamtouch_daemon.sources.registers import Block, Value, blocks_of
-from beamtouch_daemon.sources.rtu_frame import Answer, answer_bytes, find_answer, request, with_checksum
 
 
 def words(*registers: int) -> list[Value]:
@@ -72,24 +71,6 @@ def test_a_missing_register_and_nan_are_no_value() -> None:
     for strange in (math.nan, math.inf):
         first, second = struct.unpack(">2H", struct.pack(">f", strange))
         assert Value(0, "f32").decode({0: first, 1: second}) is None
-
-
-def test_a_request_is_the_example_of_the_modbus_manual() -> None:
-    # Modbus over serial line has no full example; this frame is that of the Waveshare manual for its eight inputs.
-    assert request(1, 4, 0, 8) == bytes.fromhex("01 04 00 00 00 08 F1 CC")
-
-
-def test_an_answer_is_found_among_others_and_never_made_of_another() -> None:
-    mine = with_checksum(bytes([5, 4, 4, 0, 1, 2, 3]))
-    other_unit = with_checksum(bytes([6, 4, 4, 9, 9, 9, 9]))
-    other_length = with_checksum(bytes([5, 4, 2, 9, 9]))
-    damaged = mine[:4] + b"\x7f" + mine[5:]
-    found = find_answer(b"\x05\x04" + other_unit + damaged + other_length + mine, 5, 4, 2)
-    assert found == Answer((1, 0x0203))
-    assert len(mine) == answer_bytes(2)
-    for strange in (other_unit, other_length, damaged, mine[:-1], b""):
-        assert find_answer(strange, 5, 4, 2) is None
-    assert find_answer(with_checksum(bytes([5, 0x84, 2])), 5, 4, 2) == Answer(exception=2)
 
 
 def test_every_module_is_whole() -> None:
