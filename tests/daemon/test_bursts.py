@@ -7,9 +7,9 @@ from contextlib import AsyncExitStack, asynccontextmanager
 import pytest
 
 from beamtouch_daemon.config.sources import SerialLine
-from beamtouch_daemon.sources import serial_line
+from beamtouch_daemon.sources import board
+from beamtouch_daemon.sources.board import BoardSource
 from beamtouch_daemon.sources.reading import Reading, first_readings
-from beamtouch_daemon.sources.serial_line import SerialSource
 from beamtouch_daemon.uptime import uptime_s
 from beamtouch_protocol import messages
 from beamtouch_protocol.messages import Message
@@ -80,8 +80,8 @@ async def device_behind(held_s: float) -> AsyncIterator[tuple[DatedDevice, str]]
         adapter.unplug()
 
 
-def source(path: str, rate_hz: float = 200.0) -> SerialSource:
-    return SerialSource(SerialLine(kind="serial", port=path), [0, 1], rate_hz, adc_bits=[16, 16])
+def source(path: str, rate_hz: float = 200.0) -> BoardSource:
+    return BoardSource(SerialLine(kind="serial", port=path), [0, 1], rate_hz, adc_bits=[16, 16])
 
 
 def lateness(device: DatedDevice, readings: list[Reading]) -> list[float]:
@@ -94,7 +94,7 @@ def lateness(device: DatedDevice, readings: list[Reading]) -> list[float]:
 async def test_no_reading_of_a_bursting_line_is_stamped_newer_than_it_is(
     held_s: float, rate_hz: float, was_running: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(serial_line, "SILENCE_S", PATIENCE_S)
+    monkeypatch.setattr(board, "SILENCE_S", PATIENCE_S)
     async with device_behind(held_s) as (device, path):
         if was_running:
             device.restart(round(rate_hz))

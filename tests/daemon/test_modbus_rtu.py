@@ -13,7 +13,7 @@ from beamtouch_daemon.sources.configured import Buses
 from beamtouch_daemon.sources.polled import PolledSource
 from beamtouch_daemon.sources.reading import Reading, SourceError, first_readings
 from beamtouch_daemon.sources.registers import Block
-from beamtouch_daemon.sources.rtu_unit import probes_of
+from beamtouch_daemon.sources.rtu_unit import probes_for
 from beamtouch_daemon.tasks import cancel
 
 from .devices import Fault, NumberingUnit, Pieces, StampingUnit, rtu_units, with_crc
@@ -73,11 +73,10 @@ async def test_registers_are_read_from_pymodbus_own_server() -> None:
 
 @pytest.mark.parametrize("blocks", [[Block(4, 3)], [Block(0, 1), Block(4, 3)], [Block(4, 1)], [Block(0, 125)]])
 def test_no_probe_is_answered_as_a_value_is_and_there_are_several(blocks: list[Block]) -> None:
-    probes = probes_of({(4, block) for block in blocks})
+    probes = probes_for(blocks)
     lengths = {block.count for block in blocks}
     assert len(probes) >= 3
-    assert not [probe for probe in probes if probe.function == 4 and probe.block.count in lengths]
-    assert all(probe.any_length == (probe.function != 4) for probe in probes)
+    assert not [probe for probe in probes if probe.function == 4 and probe.count in lengths]
 
 
 async def test_a_request_is_the_example_of_a_modules_manual() -> None:

@@ -2,9 +2,7 @@
 
 import asyncio
 import json
-import re
 import signal
-import tomllib
 from pathlib import Path
 
 import pytest
@@ -12,7 +10,7 @@ from pymodbus.server import ModbusSerialServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
 from . import configs
-from .devices import SerialDevice, pymodbus_server, rtu_units
+from .devices import Pieces, SerialDevice, pymodbus_server, rtu_units
 from .lines import joined_terminals, terminal
 from .process import Outcome, command, free_port, started
 from .register_units import RegisterUnit
@@ -23,10 +21,13 @@ PATIENT = ("--timeout-ms", "30000")
 """For a starved machine; every unit that is asked exists."""
 
 
-def blocks(outcome: Outcome) -> list[dict[str, object]]:
-    """Return the `[source]` tables that were printed."""
-    tables = re.findall(r"^\[surfaces\.NAME\.source\].*\n(?:\w+ = .*\n)+", outcome.out, re.MULTILINE)
-    return [tomllib.loads(table)["surfaces"]["NAME"]["source"] for table in tables]
+def last_line(outcome: Outcome) -> str:
+    return outcome.err.splitlines()[-1].removeprefix("beamtouch-daemon: ")
+
+
+def sources(outcome: Outcome) -> list[dict[str, object]]:
+    """Return the sources in a report as JSON."""
+    return [unit["source"] for unit in json.loads(outcome.out)["units"]]
 
 
 def written(folder: Path, source: dict[str, object]) -> Path:
@@ -35,49 +36,46 @@ def written(folder: Path, source: dict[str, object]) -> Path:
     return configs.write(folder, configs.surface(source=lines))
 
 
-async def test_the_units_on_a_bus_are_found_with_their_registers_and_the_source_that_reads_them(tmp_path: Path) -> None:
+async def test_the_units_on_a_bus_are_found_with_their_registers_and_the_command_that_configures_them() -> None:
     with terminal() as bus:
-        async with rtu_units(bus, {2: RegisterUnit(8, 0), 5: RegisterUnit(0, 3)}):
-            told = await command("scan", bus.path, "--units", "2,5", "--baud", "9600", "--parity", "none", *PATIENT)
-            checked = await command("check", written(tmp_path, blocks(told)[1]), "--json")
+        async with rtu_units(bus, {2: RegisterUnit(8, 0), 5: RegisterUnit(0, 3), 6: RegisterUnit(0, 0)}):
+            told = await command("scan", bus.path, "--units", "2,5-6", "--baud", "9600", "--parity", "none", *PATIENT)
     assert told.code == 0, told.err
-    assert "at most 124 s, and 1021 s more for each unit that answers" in told.err.splitlines()[0]
-    assert [line.split() for line in told.out.splitlines()[:3]] == [
-        ["unit", "baud", "parity", "input", "registers", "holding", "registers"],
-        ["2", "9600", "none", "0-7", "none", "from", "0"],
-        ["5", "9600", "none", "none", "from", "0", "0-2"],
+    table, init = told.out.split("\n\n")
+    assert [line.split(maxsplit=3) for line in table.splitlines()] == [
+        ["unit", "baud", "parity", "registers from 0"],
+        ["2", "9600", "none", "input"],
+        ["5", "9600", "none", "holding"],
+        ["6", "9600", "none", "none: see its manual"],
     ]
-    assert [(block["unit"], block["function"]) for block in blocks(told)] == [(5, 3), (2, 4)]
-    assert json.loads(checked.out)["surfaces"]["bench"]["error"] is None
+    options = "--baud 9600 --parity none --unit 2 --function 4 --timeout-ms 30000"
+    assert init == f"beamtouch-daemon init daemon.toml --model-config FILE --source rtu:{bus.path} {options}\n"
 
 
-async def test_json_is_one_object_with_every_unit() -> None:
+async def test_json_is_one_object_with_every_unit_and_the_source_that_reads_it(tmp_path: Path) -> None:
     with terminal() as bus:
-        async with rtu_units(bus, {3: RegisterUnit(1, 125)}):
-            told = await command("scan", bus.path, "--units", "3", "--baud", "19200", "--json", *PATIENT)
+        async with rtu_units(bus, {3: RegisterUnit(1, 125), 5: RegisterUnit(0, 8)}):
+            told = await command("scan", bus.path, "--units", "3,5", "--baud", "19200", "--json", *PATIENT)
+            checked = await command("check", written(tmp_path, sources(told)[1]), "--json")
     assert told.code == 0
+    source = {
+        "kind": "modbus-rtu",
+        "port": bus.path,
+        "baud": 19200,
+        "parity": "none",
+        "unit": 3,
+        "function": 4,
+        "timeout_ms": 30000,
+    }
     assert json.loads(told.out) == {
         "target": bus.path,
         "units": [
-            {
-                "unit": 3,
-                "baud": 19200,
-                "parity": "none",
-                "input_registers": 1,
-                "holding_registers": 125,
-                "source": {
-                    "kind": "modbus-rtu",
-                    "port": bus.path,
-                    "baud": 19200,
-                    "parity": "none",
-                    "unit": 3,
-                    "function": 4,
-                    "timeout_ms": 30000,
-                },
-            }
+            {"source": source, "registers": ["input", "holding"]},
+            {"source": source | {"unit": 5, "function": 3}, "registers": ["holding"]},
         ],
         "board": None,
     }
+    assert json.loads(checked.out)["surfaces"]["bench"]["error"] is None
 
 
 async def test_a_scan_sends_only_requests_that_read_and_hellos() -> None:
@@ -86,7 +84,7 @@ async def test_a_scan_sends_only_requests_that_read_and_hellos() -> None:
         bus.on_data(seen.extend)
         told = await command("scan", bus.path, "--units", "1-3", "--baud", "9600", "--parity", "none")
     assert told.code == 1
-    assert told.err.splitlines()[-1].startswith("beamtouch-daemon: nothing answers: check power, wiring")
+    assert last_line(told).startswith("nothing answers: check power, wiring")
     frames = bytes(seen[:48])
     assert [frames[at : at + 2] for at in range(0, 48, 8)] == [
         bytes([unit, function]) for unit in (1, 2, 3) for function in (4, 3)
@@ -98,11 +96,14 @@ async def test_a_board_is_found_and_its_source_reads_it(tmp_path: Path) -> None:
     with terminal() as line:
         SerialDevice(line)
         told = await command("scan", line.path, "--units", "1")
-        (block,) = blocks(told)
-        checked = await command("check", written(tmp_path, block))
-    assert told.code == checked.code == 0
+        as_json = await command("scan", line.path, "--units", "1", "--json")
+        board = json.loads(as_json.out)["board"]
+        checked = await command("check", written(tmp_path, board["source"]))
+    assert told.code == as_json.code == checked.code == 0
     assert "a Beamtouch board at 1000000 baud: 2 channels, 16 ADC bits, at most 1000 readings per second" in told.out
-    assert block == {"kind": "serial", "port": line.path, "baud": 1_000_000}
+    assert f"--source serial:{line.path} --baud 1000000\n" in told.out
+    assert board["source"] == {"kind": "serial", "port": line.path, "baud": 1_000_000}
+    assert (board["channel_count"], board["adc_bits"], board["max_rate_hz"]) == (2, 16, 1000)
 
 
 async def test_units_of_a_server_that_is_not_ours_are_found_on_a_line() -> None:
@@ -117,18 +118,20 @@ async def test_units_of_a_server_that_is_not_ours_are_found_on_a_line() -> None:
         finally:
             await server.shutdown()  # type: ignore[no-untyped-call]  # pymodbus leaves it without annotations
     (unit,) = json.loads(told.out)["units"]
-    assert (unit["unit"], unit["input_registers"], unit["holding_registers"]) == (7, 6, 6)
+    assert (unit["source"]["unit"], unit["registers"]) == (7, ["input", "holding"])
 
 
 async def test_units_behind_a_tcp_address_are_found_and_the_source_reads_them(tmp_path: Path) -> None:
     async with pymodbus_server([20_000, 21_000, 22_000]) as port:
-        told = await command("scan", f"tcp://127.0.0.1:{port}", "--units", "1,2", *PATIENT)
-        (block,) = blocks(told)
-        checked = await command("check", written(tmp_path, block))
-    assert told.code == checked.code == 0
+        target = f"tcp://127.0.0.1:{port}"
+        told = await command("scan", target, "--units", "1,2", *PATIENT)
+        as_json = await command("scan", target, "--units", "1,2", "--json", *PATIENT)
+        (source,) = sources(as_json)
+        checked = await command("check", written(tmp_path, source))
+    assert told.code == as_json.code == checked.code == 0
     rows = told.out.partition("\n\n")[0].splitlines()
-    assert [row.split() for row in rows[1:]] == [["1", "-", "-", "0-2", "0-2"]]  # there is no unit 2
-    assert f"--source tcp://127.0.0.1:{port} --unit 1 --function 4 --timeout-ms 30000" in told.out
+    assert [row.split() for row in rows[1:]] == [["1", "-", "-", "input,", "holding"]]  # there is no unit 2
+    assert f"--source {target} --unit 1 --function 4 --timeout-ms 30000" in told.out
 
 
 async def test_an_address_without_a_device_and_a_port_in_use_fail_with_one_line() -> None:
@@ -177,7 +180,7 @@ async def test_ctrl_c_ends_a_scan_with_130() -> None:
             await asyncio.wait_for(asked.wait(), 60)
             told = await scan.stop(signal.SIGINT)
     assert (told.code, told.out) == (130, "")
-    assert told.err.splitlines()[-1] == "beamtouch-daemon: interrupted"
+    assert last_line(told) == "interrupted"
 
 
 async def test_a_line_that_is_unplugged_ends_the_scan() -> None:
@@ -185,4 +188,41 @@ async def test_a_line_that_is_unplugged_ends_the_scan() -> None:
         bus.on_data(lambda _: bus.unplug())
         told = await command("scan", bus.path, "--timeout-ms", "10000")
     assert told.code == 1
-    assert told.err.splitlines()[-1] == f"beamtouch-daemon: {bus.path} is gone"
+    assert last_line(told) == f"{bus.path} is gone"
+
+
+async def test_line_settings_that_the_port_refuses_are_not_called_silence() -> None:
+    with terminal() as bus:
+        told = await command("scan", bus.path, "--baud", "9600", "--parity", "even")
+    assert told.code == 1
+    assert last_line(told) == f"{bus.path} refuses these line settings, so no Modbus unit was asked; try others"
+
+
+async def test_ctrl_c_prints_what_was_found_before() -> None:
+    asked_next = asyncio.Event()
+
+    def seen(request: bytes) -> Pieces:
+        if request[0] == 3:
+            asked_next.set()
+        return []
+
+    with terminal() as bus:
+        async with (
+            rtu_units(bus, {2: RegisterUnit(8, 0)}, echo=seen),
+            started(
+                "scan", bus.path, "--units", "2,3", "--baud", "9600", "--parity", "none", "--timeout-ms", "30000"
+            ) as scan,
+        ):
+            await asyncio.wait_for(asked_next.wait(), 120)
+            told = await scan.stop(signal.SIGINT)
+    assert told.code == 130
+    assert told.out.splitlines()[1].split() == ["2", "9600", "none", "input"]
+    assert last_line(told) == "interrupted"
+
+
+async def test_the_command_can_be_pasted_whatever_the_name_of_the_port(tmp_path: Path) -> None:
+    with terminal() as bus:
+        (tmp_path / "my port").symlink_to(bus.path)
+        async with rtu_units(bus, {2: RegisterUnit(8, 0)}):
+            told = await command("scan", str(tmp_path / "my port"), "--units", "2", "--baud", "9600", *PATIENT)
+    assert f"--source 'rtu:{tmp_path}/my port' --baud" in told.out

@@ -9,8 +9,8 @@ from itertools import pairwise
 import pytest
 
 from beamtouch_daemon.config.sources import SerialLine
+from beamtouch_daemon.sources.board import BoardSource
 from beamtouch_daemon.sources.reading import Reading, SourceError, first_readings
-from beamtouch_daemon.sources.serial_line import SerialSource
 from beamtouch_daemon.uptime import uptime_s
 from beamtouch_protocol import messages
 
@@ -22,9 +22,9 @@ pytestmark = pytest.mark.anyio
 RATE_HZ = 200.0
 
 
-def make_source(path: str, indices: list[int] | None = None, rate_hz: float = RATE_HZ) -> SerialSource:
+def make_source(path: str, indices: list[int] | None = None, rate_hz: float = RATE_HZ) -> BoardSource:
     settings = SerialLine(kind="serial", port=path, baud=1_000_000)
-    return SerialSource(settings, indices or [0, 1], rate_hz, adc_bits=[16, 16])
+    return BoardSource(settings, indices or [0, 1], rate_hz, adc_bits=[16, 16])
 
 
 async def drain(stream: AsyncGenerator[list[Reading], None], within_s: float = 3.0) -> None:
@@ -72,7 +72,7 @@ async def test_a_count_is_the_mean_of_the_conversions_that_were_asked_for() -> N
     with terminal() as line:
         device = SerialDevice(line, adc_bits=12)
         settings = SerialLine(kind="serial", port=line.path, oversampling=16)
-        source = SerialSource(settings, [0], RATE_HZ, adc_bits=[12])
+        source = BoardSource(settings, [0], RATE_HZ, adc_bits=[12])
         async with aclosing(source.readings()) as stream:
             assert (await anext(stream))[0].counts == (device.counts(0)[0],)
             device.stop()
@@ -92,7 +92,7 @@ async def test_sums_that_do_not_fit_are_refused() -> None:
         SerialDevice(line)
         settings = SerialLine(kind="serial", port=line.path, oversampling=2)
         with pytest.raises(SourceError, match="sums of 2 conversions of 16 bits do not fit; lower oversampling"):
-            await first_readings(SerialSource(settings, [0], 200.0, adc_bits=[16]), 1)
+            await first_readings(BoardSource(settings, [0], 200.0, adc_bits=[16]), 1)
 
 
 async def test_a_repeated_frame_is_not_a_second_reading() -> None:
@@ -194,11 +194,11 @@ async def test_other_adc_bits_than_configured_are_refused() -> None:
         SerialDevice(line)
         settings = SerialLine(kind="serial", port=line.path)
         with pytest.raises(SourceError, match="the device has 16 ADC bits; correct adc_bits"):
-            await first_readings(SerialSource(settings, [0], 200.0, adc_bits=[12]), 1)
+            await first_readings(BoardSource(settings, [0], 200.0, adc_bits=[12]), 1)
 
 
 async def test_a_silent_device_is_an_error_in_the_hello_and_in_the_stream(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("beamtouch_daemon.sources.serial_line.HELLO_TIMEOUT_S", 0.4)
+    monkeypatch.setattr("beamtouch_daemon.sources.board.HELLO_TIMEOUT_S", 0.4)
 
     with terminal() as line:
         with pytest.raises(SourceError, match=r"no hello within 0\.4 s"):

@@ -3,48 +3,49 @@
 import argparse
 import asyncio
 import json
+import math
+import shlex
 import sys
-from collections.abc import AsyncGenerator
-from contextlib import aclosing
-from dataclasses import dataclass, field
+from collections.abc import Awaitable, Callable, Sequence
+from contextlib import closing, suppress
+from dataclasses import asdict
+from itertools import product
 from pathlib import Path
 from time import monotonic
+from typing import get_args
 
 from beamtouch_common.commands import DONE, FAILED
 from beamtouch_common.errors import FailedError, InputError
-from beamtouch_daemon.commands import scan_text
-from beamtouch_daemon.commands.scan_plan import LinePlan, NetworkPlan, duration, plan_of
-from beamtouch_daemon.config.sources import ModbusRtu
+from beamtouch_common.table import aligned
+from beamtouch_daemon.commands.argument_types import RTU_UNITS, address_of, ranges
+from beamtouch_daemon.config.sources import ModbusRtu, ModbusTcp
 from beamtouch_daemon.exits import complain
-from beamtouch_daemon.sources import port
-from beamtouch_daemon.sources.reading import SourceError
-from beamtouch_daemon.sources.scan_line import scan_board, scan_units
-from beamtouch_daemon.sources.scan_network import scan_tcp
-from beamtouch_daemon.sources.scanned_unit import Asked, FoundUnit
+from beamtouch_daemon.sources.board import BoardPort
+from beamtouch_daemon.sources.modbus_tcp import DEVICE_ITSELF, TcpLink
+from beamtouch_daemon.sources.reading import NoAnswerError, SourceError
+from beamtouch_daemon.sources.registers import Answer, Block
+from beamtouch_daemon.sources.rtu_bus import RtuBus
+from beamtouch_daemon.sources.serial_port import Parity, SerialPort
 from beamtouch_protocol.messages import Hello
 
-FIRST_BAUD = 9600
-"""Every port has this rate: whether it can be opened does not depend on the settings to try."""
+BAUDS = (9600, 19_200, 115_200, 38_400, 57_600)
+"""The usual rates of Modbus modules, the most usual first."""
+BOARD_BAUDS = (1_000_000,)
+"""The rate of the boards in firmware_protocol."""
+FIRST_UNITS = tuple(range(1, 17))
+RTU_TIMEOUT_MS, TCP_TIMEOUT_MS = 100.0, 200.0
+"""The defaults of the sources."""
+CONNECT_S = 2.0
+"""Shortest time limit of the first connection."""
 PROGRESS_S = 5.0
 """Time between two lines of progress."""
+KINDS = {4: "input", 3: "holding"}
+"""Registers by the function that reads them; reading them changes no device."""
+ABSENT = (4, 10, 11)
+"""Exceptions for a unit that is not there: of gateways (10, 11), and of servers with a fixed set of units (4)."""
 
-
-@dataclass
-class Found:
-    """What answered."""
-
-    units: list[FoundUnit] = field(default_factory=list)
-    board: tuple[int, Hello] | None = None
-    """Baud rate and hello."""
-    late: set[int] = field(default_factory=set)
-    """Units whose answers came too late."""
-    heard: int = 0
-    """Received bytes that were no answer in time."""
-    asked: int = 0
-    """Units that were asked, once for each of the line settings."""
-
-    def __bool__(self) -> bool:
-        return bool(self.units or self.board)
+Source = dict[str, str | float]
+"""Keys of a `[source]` table."""
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -52,141 +53,202 @@ def run(arguments: argparse.Namespace) -> int:
 
     Ctrl-C and a line that is unplugged end it with a report of what was found before.
     """
-    plan = plan_of(arguments)
-    if isinstance(plan, LinePlan):
-        _require_line(plan.path)
-    _say(f"{plan}; {duration(plan)}; Ctrl-C ends it")
-    found = Found()
+    scan = Scan(arguments)
     try:
-        asyncio.run(_scan_line(plan, found) if isinstance(plan, LinePlan) else _scan_network(plan, found))
+        failure = asyncio.run(scan.network() if "://" in arguments.target else scan.line())
     except KeyboardInterrupt:  # enough was found
-        _report(plan, found, as_json=arguments.json and bool(found))
+        scan.report(is_complete=False)
         raise
     except SourceError as error:
-        _report(plan, found, as_json=arguments.json and bool(found))
+        scan.report(is_complete=False)
         raise FailedError(str(error)) from None
-    _report(plan, found, as_json=arguments.json)
-    if found:
+    scan.report(is_complete=True)
+    if scan.has_found:
         return DONE
-    complain(_failure(plan, found))
+    complain(failure)
     return FAILED
 
 
-def _require_line(path: str) -> None:
-    """Raise InputError if this is no serial port."""
-    if not path.startswith(("/", ".")) and not Path(path).exists():
-        message = f"{path!r} is neither a serial port nor an address; give /dev/ttyUSB0, for example, or tcp://HOST"
-        raise InputError(message)
-    if not Path(path).exists():
-        message = f"{path} does not exist; plug the device in or correct the path"
-        raise InputError(message)
+class Scan:
+    """A scan and everything that has answered."""
 
+    def __init__(self, arguments: argparse.Namespace) -> None:
+        self._arguments = arguments
+        self._units: list[tuple[Source, list[int]]] = []
+        """The source that reads a unit, and the functions that give its register 0."""
+        self._board: tuple[Source, Hello] | None = None
 
-def _report(plan: LinePlan | NetworkPlan, found: Found, *, as_json: bool) -> None:
-    """Print what answered."""
-    if as_json:
-        print(json.dumps(scan_text.as_json(plan, found.units, found.board)))
-    elif found:
-        print("\n".join(scan_text.lines(plan, found.units, found.board)))
+    @property
+    def has_found(self) -> bool:
+        """Whether anything has answered."""
+        return bool(self._units or self._board)
 
-
-def _failure(plan: LinePlan | NetworkPlan, found: Found) -> str:
-    """Return why nothing was found, and what to do."""
-    if isinstance(plan, LinePlan) and not found.asked:
-        return f"{plan.path} refuses these line settings, so no Modbus unit was asked; try others"
-    if found.late:
-        return f"nothing answers in time; {scan_text.late(plan, found.late)}"
-    if found.heard:
-        return f"{found.heard} bytes came, but no answers: {scan_text.TALK}"
-    return f"nothing answers: {scan_text.check(plan)}"
-
-
-async def _scan_line(plan: LinePlan, found: Found) -> None:
-    """Look for units and for a board; SourceError if the port cannot be opened, or is gone.
-
-    A board is looked for after the first line settings: its frames come only to a line on which no unit has answered.
-    """
-    port.close(port.opened(plan.path, FIRST_BAUD))
-    first, *others = plan.settings
-    await _scan_settings(plan, first, found)
-    if not found.units:
-        await _scan_boards(plan, found)
-    for settings in others if found.board is None else ():
-        await _scan_settings(plan, settings, found)
-
-
-async def _scan_boards(plan: LinePlan, found: Found) -> None:
-    for baud in plan.board_bauds:
+    async def network(self) -> str:
+        """Ask the units behind an address; return what to check if none answers, SourceError without a connection."""
+        if self._arguments.baud is not None or self._arguments.parity is not None:
+            message = "--baud and --parity are for a serial line; leave them out with tcp://"
+            raise InputError(message)
+        target, (host, port) = self._arguments.target, address_of(self._arguments.target)
+        units = self._arguments.units or (*FIRST_UNITS, *DEVICE_ITSELF)
+        timeout_ms = self._arguments.timeout_ms or TCP_TIMEOUT_MS
+        settings = ModbusTcp(kind="modbus-tcp", host=host, port=port, timeout_ms=timeout_ms)
+        _say(f"{target}: Modbus TCP units {ranges(units)}; Ctrl-C ends it")
         try:
-            hello = await scan_board(plan.path, baud)
-        except SourceError as error:
-            await _refused(plan, f"{baud} baud", error)
-            continue
-        _say(f"{baud} baud: {'no ' if hello is None else 'a '}Beamtouch board")
-        if hello is not None:
-            found.board = baud, hello
+            async with asyncio.timeout(max(CONNECT_S, timeout_ms / 1e3)):
+                _, writer = await asyncio.open_connection(host, port)
+            writer.close()
+        except OSError as error:  # also a timeout
+            message = f"no connection to {host}:{port}; is the device on, and is the address right?"
+            raise SourceError(message) from error
+
+        async def ask(unit: int, block: Block) -> Answer:
+            link = TcpLink(settings, host, unit)
+            async with link.opened():  # one connection at a time: some devices accept no more
+                return await link.read(block)
+
+        source: Source = {"kind": "modbus-tcp", "host": host, "port": port, "timeout_ms": math.ceil(timeout_ms)}
+        await self._ask_units(target, source, units, ask)
+        more = f"try --units 1-247 or --timeout-ms {10 * timeout_ms:.0f}"  # a gateway waits in vain for absent units
+        return f"nothing answers: {target} accepts connections; check the unit numbers of the device, or {more}"
+
+    async def line(self) -> str:
+        """Look for units and for a board; return what to check if nothing answers, SourceError without a port.
+
+        A board is looked for after the first line settings: its frames come only to a line on which no unit answered.
+        """
+        path = self._arguments.target
+        units = self._arguments.units or FIRST_UNITS
+        _require_line(path, units)
+        settings = list(product(self._arguments.baud or BAUDS, self._arguments.parity or get_args(Parity)))
+        board_bauds = self._arguments.baud or BOARD_BAUDS
+        timeout_ms = self._arguments.timeout_ms or RTU_TIMEOUT_MS
+        SerialPort(path, BAUDS[0]).close()  # whether it can be opened does not depend on the settings to try
+        _say(f"{path}: Modbus RTU units {ranges(units)}, and a Beamtouch board; Ctrl-C ends it")
+        is_refused = True
+        for place, (baud, parity) in enumerate(settings):
+            absent = [unit for unit in units if unit not in {source["unit"] for source, _ in self._units}]
+            try:
+                await self._bus(path, baud, parity, timeout_ms, absent)
+                is_refused = False
+            except SourceError as error:
+                _require_port(path, f"{baud} baud, parity {parity}", error)
+            if place == 0 and not self._units:
+                await self._look_for_board(path, board_bauds)
+            if self._board is not None:
+                break
+        if is_refused:
+            return f"{path} refuses these line settings, so no Modbus unit was asked; try others"
+        more = f"try --units 1-247 or --timeout-ms {5 * timeout_ms:.0f}"
+        wiring = "power, wiring (A and B swapped?) and the address of the device"
+        return f"nothing answers: check {wiring}, stop other masters, or {more}"
+
+    async def _bus(self, path: str, baud: int, parity: Parity, timeout_ms: float, units: Sequence[int]) -> None:
+        """Ask units with these line settings; SourceError if the port does not have them, or is gone."""
+        bus = RtuBus(ModbusRtu(kind="modbus-rtu", port=path, baud=baud, parity=parity))
+        source: Source = {"kind": "modbus-rtu", "port": path, "baud": baud, "parity": parity}
+
+        async def ask(unit: int, block: Block) -> Answer:
+            return await bus.line_to(unit, timeout_ms / 1e3).ask(block)
+
+        async with bus.used():
+            timeout: Source = {"timeout_ms": math.ceil(timeout_ms)}
+            await self._ask_units(f"{baud} baud, parity {parity}", source | timeout, units, ask)
+
+    async def _look_for_board(self, path: str, bauds: Sequence[int]) -> None:
+        """Look for a device that speaks the protocol of `PROTOCOL.md`; SourceError if the port is gone."""
+        for baud in bauds:
+            try:
+                with closing(BoardPort(path, baud)) as port:
+                    self._board = {"kind": "serial", "port": path, "baud": baud}, await port.introduce()
+            except SourceError as error:
+                _require_port(path, f"{baud} baud", error)
+            else:
+                _say(f"{baud} baud: a Beamtouch board")
+                return
+
+    async def _ask_units(
+        self, name: str, source: Source, units: Sequence[int], ask: Callable[[int, Block], Awaitable[Answer]]
+    ) -> None:
+        """Ask units one after the other for the first register of each kind, and say which of them answer."""
+        said_s, before = monotonic(), len(self._units)
+        for number, unit in enumerate(units, 1):
+            exceptions: dict[int, int] = {}
+            for function in KINDS:
+                with suppress(NoAnswerError):
+                    exceptions[function] = (await ask(unit, Block(0, 1, function))).exception
+            if set(exceptions.values()) - set(ABSENT):
+                _say(f"{name}: unit {unit} answers")
+                functions = [function for function, exception in exceptions.items() if not exception]
+                # Input registers hold what a unit measures, holding registers often its settings.
+                self._units.append((source | {"unit": unit, "function": [*functions, 4][0]}, functions))
+            elif monotonic() - said_s >= PROGRESS_S:
+                said_s = monotonic()
+                _say(f"{name}: {number} of {len(units)} units asked, the last is {unit}")
+        if len(self._units) == before:
+            _say(f"{name}: nothing")
+
+    def report(self, *, is_complete: bool) -> None:
+        """Print everything that has answered."""
+        if self._arguments.json:
+            if is_complete or self.has_found:
+                board = None if self._board is None else {"source": self._board[0], **asdict(self._board[1])}
+                units = [
+                    {"source": source, "registers": [KINDS[function] for function in functions]}
+                    for source, functions in self._units
+                ]
+                print(json.dumps({"target": self._arguments.target, "units": units, "board": board}))
             return
+        if self._board is not None:
+            source, hello = self._board
+            print(f"a Beamtouch board at {source['baud']} baud: {_describe(hello)}\n\n{_init_command(source)}")
+        if self._units:
+            head = ("unit", "baud", "parity", "registers from 0")
+            print("\n".join(aligned(head, [_row(source, functions) for source, functions in self._units])))
+            print(f"\n{_init_command(self._units[0][0])}")
 
 
-async def _refused(plan: LinePlan, settings: str, error: SourceError) -> None:
-    """Say that a port does not have these settings: pseudo-terminals have no parity. SourceError if it is gone."""
-    if not await asyncio.to_thread(Path(plan.path).exists):
-        message = f"{plan.path} is gone"
+def _require_line(path: str, units: Sequence[int]) -> None:
+    """Raise InputError if this is no serial port, or if a line has no such units."""
+    message = ""
+    if not Path(path).exists():
+        message = f"{path!r} is neither a serial port nor an address; give /dev/ttyUSB0, for example, or tcp://HOST"
+        if path.startswith(("/", ".")):
+            message = f"{path} does not exist; plug the device in or correct the path"
+    elif not set(units) <= set(RTU_UNITS):
+        message = "--units: a serial line has units 1 to 247"
+    if message:
+        raise InputError(message)
+
+
+def _require_port(path: str, name: str, error: SourceError) -> None:
+    """Say what failed, such as line settings that the port does not have; SourceError if the port is gone."""
+    if not Path(path).exists():
+        message = f"{path} is gone"
         raise SourceError(message)
-    _say(f"{settings}: not tried: {error}")
+    _say(f"{name}: {error}")
 
 
-async def _scan_settings(plan: LinePlan, settings: ModbusRtu, found: Found) -> None:
-    """Ask all units that have not answered with other line settings."""
-    left = [unit for unit in plan.units if unit not in {one.unit for one in found.units}]
-    if not left:
-        return
-    name = f"{settings.baud} baud, parity {settings.parity}"
-    before = len(found.units)
-    try:
-        await _collect(scan_units(settings, left), _Progress(name, len(left)), found)
-    except SourceError as error:
-        await _refused(plan, name, error)
-        return
-    if len(found.units) == before:
-        _say(f"{name}: nothing")
+def _row(source: Source, functions: Sequence[int]) -> tuple[str, ...]:
+    kinds = ", ".join(KINDS[function] for function in functions) or "none: see its manual"
+    return str(source["unit"]), str(source.get("baud", "-")), str(source.get("parity", "-")), kinds
 
 
-async def _scan_network(plan: NetworkPlan, found: Found) -> None:
-    answers = scan_tcp(plan.host, plan.port, plan.units, plan.timeout_ms)
-    await _collect(answers, _Progress(plan.url, len(plan.units)), found)
+def _init_command(source: Source) -> str:
+    """Return the command that writes a configuration with a source."""
+    if source["kind"] == "modbus-tcp":
+        host = f"[{source['host']}]" if ":" in str(source["host"]) else source["host"]
+        where = f"tcp://{host}:{source['port']}"
+    else:
+        where = f"{'serial' if source['kind'] == 'serial' else 'rtu'}:{source['port']}"
+    keys = [key for key in ("baud", "parity", "unit", "function", "timeout_ms") if key in source]
+    options = " ".join(f"--{key.replace('_', '-')} {source[key]}" for key in keys)
+    return f"beamtouch-daemon init daemon.toml --model-config FILE --source {shlex.quote(where)} {options}"
 
 
-async def _collect(answers: AsyncGenerator[Asked, None], progress: "_Progress", found: Found) -> None:
-    async with aclosing(answers) as each:
-        async for one in each:
-            found.asked += 1
-            found.heard += one.heard
-            found.late |= one.late
-            progress.asked(one)
-            if one.found is not None:
-                found.units.append(one.found)
-
-
-class _Progress:
-    """Says which units answer, and now and then how far a scan has come."""
-
-    def __init__(self, name: str, units: int) -> None:
-        self._name = name
-        self._units = units
-        self._asked = 0
-        self._said_s = monotonic()
-
-    def asked(self, one: Asked) -> None:
-        """Count a unit that was asked."""
-        self._asked += 1
-        for unit in one.late:
-            _say(f"{self._name}: unit {unit} answers too late")
-        if one.found is not None:
-            _say(f"{self._name}: unit {one.unit} answers")
-        elif monotonic() - self._said_s >= PROGRESS_S:
-            self._said_s = monotonic()
-            _say(f"{self._name}: {self._asked} of {self._units} units asked, the last is {one.unit}")
+def _describe(hello: Hello) -> str:
+    if not hello.is_compatible:
+        return f"it speaks protocol {hello.protocol_version}, another than this daemon; update the older of the two"
+    return f"{hello.channel_count} channels, {hello.adc_bits} ADC bits, at most {hello.max_rate_hz} readings per second"
 
 
 def _say(text: str) -> None:

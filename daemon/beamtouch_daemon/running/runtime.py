@@ -7,9 +7,6 @@ from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from time import monotonic
-from typing import Any
-
-from pymodbus.exceptions import ModbusException
 
 from beamtouch_common.errors import FailedError, InputError
 from beamtouch_common.systemd import ServiceManager
@@ -48,7 +45,6 @@ async def run(load: Callable[[], Config]) -> Ended:
     config = load()
     stop, reload = asyncio.Event(), asyncio.Event()
     loop = asyncio.get_running_loop()
-    loop.set_exception_handler(_on_loop_error)
     signals: list[signal.Signals] = []
 
     def on_signal(number: signal.Signals) -> None:
@@ -165,11 +161,3 @@ async def _store(config: Config) -> AsyncIterator[LogStore]:
         raise InputError(message) from error
     finally:
         await store.close()
-
-
-def _on_loop_error(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
-    """Ignore errors that pymodbus raises in the loop for a frame it cannot decode: the request then times out."""
-    if isinstance(context.get("exception"), ModbusException):
-        _log.debug("undecodable frame: %s", context["exception"])
-    else:
-        loop.default_exception_handler(context)

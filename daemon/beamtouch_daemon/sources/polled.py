@@ -8,14 +8,17 @@ other units little.
 import asyncio
 import logging
 from collections.abc import AsyncGenerator, Mapping, Sequence
-from contextlib import AsyncExitStack
+from contextlib import AbstractAsyncContextManager, AsyncExitStack
+from typing import Protocol
 
-from beamtouch_daemon.faults import Fault
-from beamtouch_daemon.sources.part import GIVEN_UP_AFTER, Part
+from beamtouch_common.log import Repeated
 from beamtouch_daemon.sources.reading import NoAnswerError, Reading, Schedule, SourceError
-from beamtouch_daemon.sources.registers import Block
+from beamtouch_daemon.sources.registers import Answer, Block, Value
 from beamtouch_daemon.tasks import cancel
 from beamtouch_daemon.uptime import uptime_s
+
+GIVEN_UP_AFTER = 3
+"""A unit is given up after this many failed slots in a row."""
 
 _EXCEPTIONS = {
     1: "it does not know this function",
@@ -29,6 +32,94 @@ _EXCEPTIONS = {
 _log = logging.getLogger(__name__)
 
 
+class Link(Protocol):
+    """Connection to one unit."""
+
+    name: str
+    """For messages."""
+    rest_s: float
+    """Pause before a unit that does not answer is tried again."""
+
+    @property
+    def limits(self) -> tuple[str, ...]:
+        """Known cases in which old or foreign answers may pass unnoticed, a sentence each."""
+        ...
+
+    def opened(self) -> AbstractAsyncContextManager[None]:
+        """Return a context in which the unit can be read; SourceError if the link cannot be opened."""
+        ...
+
+    async def read(self, block: Block) -> Answer:
+        """Read registers; NoAnswerError if the unit does not answer, SourceError if the link is gone."""
+        ...
+
+
+class Part:
+    """One unit of a surface, its channels, and whether it answers.
+
+    Parameters
+    ----------
+    link
+        Connection to the unit.
+    blocks
+        Registers that are read.
+    values
+        Values by the index of their channel in the reading.
+    """
+
+    def __init__(self, link: Link, blocks: Sequence[Block], values: Mapping[int, Value]) -> None:
+        self.link = link
+        self.values = values
+        self.rests_until_s = 0.0
+        self.complaint = ""
+        """Reason of the last failure."""
+        self._blocks = blocks
+        self._failures = 0
+        """Failed slots in a row."""
+        self.revive()
+
+    @property
+    def is_given_up(self) -> bool:
+        """Whether the unit is left out of the slots."""
+        return self._failures >= GIVEN_UP_AFTER
+
+    def revive(self) -> None:
+        """Take part in the slots again. A unit that then does not answer is given up at once."""
+        self._failures = GIVEN_UP_AFTER - 1
+
+    async def read(self) -> tuple[Mapping[int, int], float] | None:
+        """Return the contents of the registers, and the time of the first request; None if the unit failed.
+
+        The delay of an answer is unknown, so the time of the request is the latest safe time stamp. Raises SourceError
+        if the link is gone.
+        """
+        contents: dict[int, int] = {}
+        asked_s: list[float] = []
+        refusal = "no registers"
+        try:
+            for block in self._blocks:
+                answer = await self.link.read(block)
+                asked_s.append(answer.asked_s)
+                contents.update(enumerate(answer.registers, block.first))
+                if answer.exception:
+                    refusal = _refusal_text(answer.exception, block)
+        except NoAnswerError as error:
+            self.failed(str(error))
+            return None
+        if not contents:
+            self.failed(f"{self.link.name} answers with {refusal}")
+            return None
+        self._failures = 0
+        return contents, asked_s[0]
+
+    def failed(self, complaint: str) -> None:
+        """Note a failure."""
+        self._failures += 1
+        self.complaint = complaint
+        if self.is_given_up:
+            self.rests_until_s = uptime_s() + self.link.rest_s
+
+
 class PolledSource:
     """Yields readings of one surface, each from all units that answered in its slot."""
 
@@ -36,7 +127,8 @@ class PolledSource:
         self._parts = tuple(parts)
         self._channels = channels
         self._rate_hz = rate_hz
-        self._faults = {part.link.name: Fault(_log, f"{name}: {part.link.name}") for part in parts}
+        self._repeated = {part: Repeated(_log, f"{name}: {part.link.name}") for part in parts}
+        self._attempts: dict[Part, asyncio.Task[None]] = {}
 
     @property
     def limits(self) -> tuple[str, ...]:
@@ -53,8 +145,7 @@ class PolledSource:
             schedule, unread = Schedule(self._rate_hz, uptime_s()), 0
             while True:
                 unread += await schedule.wait()
-                if len(self._parts) > 1:
-                    self._attempt_again()
+                self._attempt_again()
                 reading = await self._poll(unread)
                 if reading is None:
                     unread += 1
@@ -69,25 +160,20 @@ class PolledSource:
             await asyncio.sleep(max(0.0, until_s - uptime_s()))
             for part in self._parts:
                 if part.rests_until_s <= until_s:
-                    part.failures = GIVEN_UP_AFTER - 1
+                    part.revive()
 
     async def _poll(self, lost: int) -> Reading | None:
         """Read all units that are not given up; None if none answered, SourceError if all are given up.
 
         The reading is as old as its oldest part.
         """
-        if len(self._parts) == 1:
-            live: Sequence[Part] = self._parts
-            taken = [await self._read(live[0])]
-        else:
-            live = [part for part in self._parts if not part.is_given_up]
-            taken = await asyncio.gather(*map(self._read, live))
+        live = [part for part in self._parts if not part.is_given_up]
         stamps: list[float] = []
         counts: list[float | None] = [None] * self._channels
-        for part, found in zip(live, taken, strict=True):
-            if found is not None:
-                contents, stamp_s = found
-                stamps.append(stamp_s)
+        for part, answers in zip(live, await asyncio.gather(*map(self._read, live)), strict=True):
+            if answers is not None:
+                contents, asked_s = answers
+                stamps.append(asked_s)
                 for index, value in part.values.items():
                     counts[index] = value.decode(contents)
         if stamps:
@@ -97,58 +183,34 @@ class PolledSource:
         return None
 
     async def _read(self, part: Part) -> tuple[Mapping[int, int], float] | None:
-        """Return the contents of a unit's registers, and the time of the first request; None if it failed.
-
-        The delay of an answer is unknown, so the time of the request is the latest safe time stamp.
-        """
-        contents: dict[int, int] = {}
-        refusal: tuple[int, Block] | None = None
-        begin_s = None
-        try:
-            for block in part.blocks:
-                answer, asked_s, _ = await part.link.read(block)
-                begin_s = asked_s if begin_s is None else begin_s
-                if answer.exception:
-                    refusal = answer.exception, block
-                contents.update(enumerate(answer.registers, block.first))
-        except NoAnswerError as error:
-            part.failures = 0 if error.lives else part.failures
-            self._failed(part, str(error))
-            return None
-        if not contents or begin_s is None:
-            self._failed(part, f"{part.link.name} answers with {_refusal_text(refusal)}")
-            return None
-        if part.failures:
-            part.failures = 0
-            self._faults[part.link.name].recovered()
-        return contents, begin_s
-
-    def _failed(self, part: Part, complaint: str) -> None:
-        part.failed(complaint)
-        if part.is_given_up and len(self._parts) > 1:  # the end of the session is logged elsewhere
-            self._faults[part.link.name].failed(f"{complaint}; trying again")
+        """Read a unit, and log once if it is given up while others go on."""
+        answers = await part.read()
+        if answers is not None:
+            self._repeated[part].over()
+        elif part.is_given_up and len(self._parts) > 1:  # the end of the session is logged elsewhere
+            self._repeated[part].failed(f"{part.complaint}; trying again")
+        return answers
 
     def _attempt_again(self) -> None:
         """Try units again that were given up, after their pause and outside the slots."""
         for part in self._parts:
-            idle = part.attempt is None or part.attempt.done()
-            if part.is_given_up and idle and uptime_s() >= part.rests_until_s:
-                part.attempt = asyncio.create_task(self._attempt(part))
+            if part.is_given_up and part not in self._attempts and uptime_s() >= part.rests_until_s:
+                self._attempts[part] = asyncio.create_task(self._attempt(part))
 
     async def _attempt(self, part: Part) -> None:
         try:
             await self._read(part)
         except SourceError as error:
             part.failed(str(error))
+        finally:
+            self._attempts.pop(part, None)
 
     async def _end_attempts(self) -> None:
-        await cancel(part.attempt for part in self._parts if part.attempt is not None)
+        await cancel(self._attempts.values())
+        self._attempts.clear()  # one that has not begun does not remove itself
 
 
-def _refusal_text(refusal: tuple[int, Block] | None) -> str:
-    if refusal is None:
-        return "no registers"
-    exception, block = refusal
+def _refusal_text(exception: int, block: Block) -> str:
     last = block.first + block.count - 1
     registers = f"{block.first}" if block.count == 1 else f"{block.first} to {last}"
     return f"exception {exception}: {_EXCEPTIONS.get(exception, 'an error').format(registers=registers)}"

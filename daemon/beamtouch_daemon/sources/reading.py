@@ -14,19 +14,7 @@ class SourceError(Exception):
 
 
 class NoAnswerError(Exception):
-    """A unit did not answer, or its answer was damaged; the text is one line for the log.
-
-    Parameters
-    ----------
-    message
-        The text.
-    lives
-        Whether the unit has just answered another request.
-    """
-
-    def __init__(self, message: str, *, lives: bool = False) -> None:
-        super().__init__(message)
-        self.lives = lives
+    """A unit did not answer, or its answer was damaged; the text is one line for the log."""
 
 
 class Reading(NamedTuple):

@@ -1,15 +1,21 @@
-"""Registers of Modbus units: their grouping into requests, and their decoding. Pure; no I/O."""
+"""Registers of Modbus units: their grouping into requests, the answers, and their decoding. Pure; no I/O."""
 
 import math
 import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
+
+from pymodbus.pdu import DecodePDU
 
 from beamtouch_daemon.config.modules import Encoding, words_of
 from beamtouch_daemon.config.sources import ByteOrder
 
 MAX_REGISTERS = 125
 """Limit of registers in one request."""
+READ_INPUT_REGISTERS, READ_HOLDING_REGISTERS = 4, 3
+DECODER = DecodePDU(is_server=False)
+"""Decodes the answers of units."""
 
 _FORMATS = {"u16": ">H", "i16": ">h", "u32": ">I", "i32": ">i", "f32": ">f"}
 
@@ -20,6 +26,44 @@ class Block:
 
     first: int
     count: int
+    function: int = READ_INPUT_REGISTERS
+
+    @property
+    def request(self) -> bytes:
+        """The request, without the number of the unit and without a checksum."""
+        return struct.pack(">BHH", self.function, self.first, self.count)
+
+
+class Answer(NamedTuple):
+    """An answer to a request for registers."""
+
+    registers: Sequence[int] = ()
+    exception: int = 0
+    """Code of the refusal; 0: not refused."""
+    asked_s: float = 0.0
+    """Time of the request by the clock of `uptime_s`."""
+
+
+def answer_to(block: Block, data: bytes, asked_s: float = 0.0) -> Answer | None:
+    """Return the answer to the request for a block; None if the data answer another request.
+
+    Parameters
+    ----------
+    block
+        Registers that were asked for. Of other functions than 3 and 4, the contents are left out.
+    data
+        Function and contents of the answer, as in `Block.request`.
+    asked_s
+        Time of the request.
+    """
+    answer = DECODER.decode(data)
+    if answer is None or answer.function_code & 0x7F != block.function:
+        return None
+    if answer.isError():
+        return Answer(exception=answer.exception_code, asked_s=asked_s)
+    if block.function not in (READ_INPUT_REGISTERS, READ_HOLDING_REGISTERS):
+        return Answer(asked_s=asked_s)
+    return Answer(answer.registers, asked_s=asked_s) if len(answer.registers) == block.count else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +105,12 @@ class Value:
         return value if math.isfinite(value) else None
 
 
-def blocks_of(values: Sequence[Value], max_registers: int = MAX_REGISTERS, bridge: int = 0) -> tuple[Block, ...]:
+def blocks_of(
+    values: Sequence[Value],
+    max_registers: int = MAX_REGISTERS,
+    bridge: int = 0,
+    function: int = READ_INPUT_REGISTERS,
+) -> tuple[Block, ...]:
     """Return the smallest number of blocks with all values. No value is split, so its halves are of one instant.
 
     Parameters
@@ -72,14 +121,15 @@ def blocks_of(values: Sequence[Value], max_registers: int = MAX_REGISTERS, bridg
         Limit of registers in a block.
     bridge
         Largest number of consecutive unused registers within a block.
+    function
+        Reads them.
     """
     blocks: list[Block] = []
-    for registers in sorted({(value.registers.start, value.registers.stop) for value in values}):
-        begin, end = registers
+    for begin, end in sorted({(value.registers.start, value.registers.stop) for value in values}):
         last = blocks[-1] if blocks else None
         # The longest possible blocks give the smallest number of them.
         if last and begin - (last.first + last.count) <= bridge and end - last.first <= max_registers:
-            blocks[-1] = Block(last.first, max(last.count, end - last.first))
+            blocks[-1] = Block(last.first, max(last.count, end - last.first), function)
         else:
-            blocks.append(Block(begin, end - begin))
+            blocks.append(Block(begin, end - begin, function))
     return tuple(blocks)

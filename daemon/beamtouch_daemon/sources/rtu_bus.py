@@ -2,20 +2,20 @@
 
 Answers carry no number: only order, unit, function and length tell them apart. A client that continues after a late
 answer assigns every answer to the wrong request, without an error. Serial clients of libraries do that, so this one is
-written by hand. It has at most one request on the bus, and removes echoes; `rtu_unit` proves which answers are new.
+written by hand. It has at most one request on the bus; `rtu_unit` proves which answers are new.
 """
 
 import asyncio
-from collections import defaultdict, deque
-from collections.abc import AsyncIterator, Collection
+from collections.abc import AsyncIterator, Collection, Iterator, Sequence
 from contextlib import asynccontextmanager
 
+from pymodbus.framer import FramerRTU
+
 from beamtouch_daemon.config.sources import ModbusRtu
-from beamtouch_daemon.sources import rtu_frame
-from beamtouch_daemon.sources.registers import Block
-from beamtouch_daemon.sources.rtu_frame import Answer
-from beamtouch_daemon.sources.rtu_port import RtuPort
-from beamtouch_daemon.sources.rtu_unit import READ_FUNCTIONS, Request, Unit
+from beamtouch_daemon.sources.reading import NoAnswerError, SourceError
+from beamtouch_daemon.sources.registers import DECODER, Answer, Block, answer_to
+from beamtouch_daemon.sources.rtu_unit import READ_FUNCTIONS, Unit, forgotten_s
+from beamtouch_daemon.sources.serial_port import Chunk, SerialPort
 from beamtouch_daemon.uptime import uptime_s
 
 BITS_PER_CHARACTER = 11
@@ -23,15 +23,14 @@ MIN_SILENCE_S = 0.00175
 """Silence between frames: 3.5 characters, or this long above 19200 baud."""
 QUIET_S = (0.1, 0.5)
 """Bounds of the silence that a proof needs at the start of a session; in between, it is one timeout."""
-DAMAGED_AFTER_S = 0.05
-"""A damaged answer ends when no byte comes for this long: three latency timers (16 ms) of a USB adapter."""
-
-
-def silence_s(settings: ModbusRtu) -> float:
-    """Return the silence between two frames on a bus [s]."""
-    if settings.silence_ms is not None:
-        return settings.silence_ms / 1e3
-    return max(MIN_SILENCE_S if settings.baud > 19_200 else 0.0, 3.5 * BITS_PER_CHARACTER / settings.baud)
+REST_S, REST_TIMEOUTS = 0.5, 13.0
+"""A unit that was given up is tried again after the longer of this time and this number of timeouts: it takes at most
+1/14 of the bus."""
+COPIES = (
+    "Modbus RTU answers carry no number. Two kinds of answers cannot be told from the right one: a copy that comes "
+    "after the next request, and the answer to another master that asks the same unit for as many registers."
+)
+_FRAMER = FramerRTU(DECODER)
 
 
 class RtuBus:
@@ -40,27 +39,25 @@ class RtuBus:
     def __init__(self, settings: ModbusRtu) -> None:
         self.line = settings.line
         """Line settings of all its users."""
-        self.port = RtuPort(settings)
-        self._silence_s = silence_s(settings)
+        self._settings = settings
+        self._silence_s = _silence_s(settings)
         self._lock = asyncio.Lock()
         """Held for one request and its answer."""
-        self._turns: defaultdict[int, asyncio.Lock] = defaultdict(asyncio.Lock)
-        """Held while a unit is read, by address; other units may be asked between two requests."""
         self._users = 0
+        self._port: SerialPort | None = None
         self._units: dict[int, Unit] = {}
-        self._sent: deque[bytes] = deque(maxlen=2)
         self._free_s = 0.0
 
-    def unit(self, address: int, function: int, blocks: Collection[Block]) -> Unit:
-        """Return the unit at an address, which will be asked for `blocks`; all its users share it."""
-        unit = self._units.setdefault(address, Unit(address))
-        unit.will_be_asked(function, blocks)
-        return unit
+    def unit(self, address: int) -> Unit:
+        """Return the unit at an address, shared by all its users."""
+        return self._units.setdefault(address, Unit(address))
 
     @asynccontextmanager
     async def used(self) -> AsyncIterator[None]:
         """Keep the port open during the block; SourceError if it cannot be opened."""
-        if self.port.open():
+        if self._port is None or self._port.failure:
+            settings = self._settings
+            self._port = SerialPort(settings.port, settings.baud, settings.parity, settings.stop_bits)
             for unit in self._units.values():
                 unit.restart()
         self._users += 1
@@ -68,113 +65,125 @@ class RtuBus:
             yield
         finally:
             self._users -= 1
-            if not self._users:
-                self.port.close()
+            if not self._users and self._port is not None:
+                self._port.close()
 
-    async def read(self, unit: Unit, request: Request, timeout_s: float) -> tuple[Answer, float, float]:
-        """Read registers; return the answer, and the times of request and answer on the monotonic clock [s].
-
-        Raises
-        ------
-        NoAnswerError
-            The unit does not answer, or is left alone because it did not answer.
-        SourceError
-            The port is gone.
-        """
-        async with self._turns[unit.address]:
-            line = UnitLine(self, unit.address, timeout_s)
-            answer = await unit.read(line, request)
-            return answer, line.asked_s, uptime_s()
+    def line_to(self, address: int, timeout_s: float) -> "UnitLine":
+        """Return the way to a unit through the port as it is open now; SourceError if it is not open."""
+        if self._port is None:
+            message = f"{self._settings.port} is not open"
+            raise SourceError(message)
+        return UnitLine(self, self._port, address, timeout_s)
 
     @asynccontextmanager
-    async def turn(self) -> AsyncIterator[bytes]:
+    async def turn(self, port: SerialPort) -> AsyncIterator[bytes]:
         """Hold the line for one request, once it has been silent for long enough; give what came unexpectedly."""
         async with self._lock:
             await asyncio.sleep(max(0.0, self._free_s - uptime_s()))
-            self.port.read()
-            unexpected = self.received
+            unexpected = _joined(port.take())
             for unit in self._units.values():
-                if any(rtu_frame.begins(unexpected, unit.address, *asked) for asked in unit.asked):
-                    unit.take_unexpected()
-            self.port.received.clear()
+                for data in _answers_of(unit.address, unexpected):
+                    if any(answer_to(block, data) for block in unit.blocks):
+                        unit.suspect()
             try:
                 yield unexpected
             finally:
                 self._free_s = uptime_s() + self._silence_s
-                self.port.received.clear()
-
-    @property
-    def received(self) -> bytes:
-        """Received bytes that are not used yet, without echoes."""
-        for frame in self._sent:
-            while (begin := self.port.received.find(frame)) >= 0:
-                del self.port.received[begin : begin + len(frame)]
-        return bytes(self.port.received)
-
-    def send(self, frame: bytes) -> None:
-        """Send a request."""
-        self._sent.append(frame)
-        self.port.send(frame)
 
 
 class UnitLine:
-    """The way to one unit on a bus."""
+    """The way to one unit on a bus, through a port that is open."""
 
-    def __init__(self, bus: RtuBus, address: int, timeout_s: float) -> None:
+    def __init__(self, bus: RtuBus, port: SerialPort, address: int, timeout_s: float) -> None:
         self.timeout_s = timeout_s
-        self.complaint = ""
-        """Why the last request has no answer."""
-        self.asked_s = 0.0
-        """Time of the last request."""
-        self.strays = bytearray()
-        """Received bytes that were no answer in time."""
         self._bus = bus
+        self._port = port
         self._address = address
 
-    async def ask(self, request: Request) -> Answer | None:
-        """Send a request; return its answer or refusal, None if neither comes intact within the timeout."""
-        block = request.block
-        async with self._bus.turn() as unexpected:
-            self.asked_s = uptime_s()
-            self._bus.send(rtu_frame.request(self._address, request.function, block.first, block.count))
-            answer = await self._answer(request)
-            late = b"" if answer else self._bus.received
-            self.complaint = self._complaint(late)
-            self.strays += unexpected + late
-            return answer
+    async def ask(self, block: Block) -> Answer:
+        """Send a request; return its answer or refusal, NoAnswerError if neither comes intact within the timeout."""
+        request = _FRAMER.encode(block.request, self._address, 0)
+        async with self._bus.turn(self._port):
+            asked_s, received = uptime_s(), b""
+            self._port.send(request)
+            while (left_s := asked_s + self.timeout_s - uptime_s()) > 0:
+                received += _joined(await self._port.receive(left_s))
+                received = received.replace(request, b"")  # adapters may echo
+                for data in _answers_of(self._address, received):
+                    if answer := answer_to(block, data, asked_s):
+                        return answer
+        within = f"within {self.timeout_s * 1e3:.0f} ms"
+        message = f"unit {self._address} does not answer{' intact' if received else ''} {within}"
+        if any(_answers_of(self._address, received)):
+            message = f"unit {self._address} answers, but not {within}: its answers come late"
+        raise NoAnswerError(message)
 
     async def is_quiet(self) -> bool:
         """Listen for answers to an earlier program; return whether none came."""
-        async with self._bus.turn():
-            until_s = uptime_s() + min(max(self.timeout_s, QUIET_S[0]), QUIET_S[1])
+        until_s = uptime_s() + min(max(self.timeout_s, QUIET_S[0]), QUIET_S[1])
+        async with self._bus.turn(self._port) as unexpected:
+            received = unexpected
             while (left_s := until_s - uptime_s()) > 0:
-                await self._bus.port.more(left_s)
-            return not self._has_come(self._bus.received)
+                received += _joined(await self._port.receive(left_s))
+        codes = [code for function in READ_FUNCTIONS for code in (function, function | 0x80)]
+        return not any(bytes([self._address, code]) in received for code in codes)
 
-    async def wait(self, for_s: float) -> None:
-        """Send nothing to the unit for a time [s]."""
-        await asyncio.sleep(for_s)
 
-    async def _answer(self, request: Request) -> Answer | None:
-        count = None if request.any_length else request.block.count
-        while True:
-            received = self._bus.received
-            answer = rtu_frame.find_answer(received, self._address, request.function, count)
-            if answer is not None:
-                return answer
-            left_s = self.asked_s + self.timeout_s - uptime_s()
-            if count and rtu_frame.is_damaged(received, self._address, request.function, count):
-                left_s = min(left_s, DAMAGED_AFTER_S)
-            if left_s <= 0 or not await self._bus.port.more(left_s):
-                return None
+class RtuLink:
+    """A unit on a serial bus, as a surface reads it."""
 
-    def _has_come(self, received: bytes) -> bool:
-        """Return whether the received bytes contain the start of any answer of the unit."""
-        codes = [code for function in READ_FUNCTIONS for code in (function, function | rtu_frame.EXCEPTION)]
-        return any(bytes([self._address, code]) in received for code in codes)
+    def __init__(self, bus: RtuBus, address: int, blocks: Collection[Block], timeout_s: float) -> None:
+        self.name = f"unit {address}"
+        self.rest_s = max(REST_S, REST_TIMEOUTS * timeout_s)
+        self._bus = bus
+        self._unit = bus.unit(address)
+        self._blocks = blocks
+        self._timeout_s = timeout_s
 
-    def _complaint(self, received: bytes) -> str:
-        within = f"within {self.timeout_s * 1e3:.0f} ms"
-        if any(rtu_frame.find_answer(received, self._address, function, None) for function in READ_FUNCTIONS):
-            return f"answers, but not {within}: its answers come late"
-        return f"does not answer{' intact' if received else ''} {within}"
+    @property
+    def limits(self) -> tuple[str, ...]:
+        """Cases in which old or foreign answers may pass unnoticed, a sentence each."""
+        if not self._unit.is_unprovable:
+            return (COPIES,)
+        unprovable = (
+            f"{self.name} answers only requests for its values, so a late answer looks like a new one. After a missing "
+            f"answer it is left alone for {forgotten_s(self._timeout_s):g} s; an answer that comes even later counts "
+            "as a new one."
+        )
+        return unprovable, COPIES
+
+    @asynccontextmanager
+    async def opened(self) -> AsyncIterator[None]:
+        """Keep the port open; SourceError if it cannot be opened."""
+        async with self._bus.used():
+            async with self._unit.turn:
+                self._unit.will_be_asked(self._blocks)
+            yield
+
+    async def read(self, block: Block) -> Answer:
+        """Read registers, in turn with the other users of the bus."""
+        async with self._unit.turn:
+            return await self._unit.read(self._bus.line_to(self._unit.address, self._timeout_s), block)
+
+
+def _silence_s(settings: ModbusRtu) -> float:
+    """Return the silence between two frames on a bus [s]."""
+    if settings.silence_ms is not None:
+        return settings.silence_ms / 1e3
+    return max(MIN_SILENCE_S if settings.baud > 19_200 else 0.0, 3.5 * BITS_PER_CHARACTER / settings.baud)
+
+
+def _joined(chunks: Sequence[Chunk]) -> bytes:
+    return b"".join(data for _, data in chunks)
+
+
+def _answers_of(address: int, received: bytes) -> Iterator[bytes]:
+    """Yield function and contents of all intact answers of a unit.
+
+    A frame has no start mark, only a checksum at its end. So everything that begins as an answer of the unit is tried.
+    """
+    for begin in range(len(received) - 1):
+        if received[begin] == address and received[begin + 1] & 0x7F in READ_FUNCTIONS:
+            *_, data = _FRAMER.decode(received[begin:])
+            if data:
+                yield data

@@ -1,87 +1,126 @@
-"""A serial port on the event loop that sends messages and receives them with their arrival times."""
+"""A serial port on the event loop, for all kinds of lines."""
 
 import asyncio
-import contextlib
-from typing import NamedTuple
+import errno
+import os
+import termios
+from collections import deque
+from contextlib import suppress
+from typing import Literal
 
-from beamtouch_daemon.sources import port
+import serial
+
 from beamtouch_daemon.sources.reading import SourceError
 from beamtouch_daemon.uptime import uptime_s
-from beamtouch_protocol.framing import Decoder, encode
-from beamtouch_protocol.messages import Message
 
-_MAX_READS = 64
+Parity = Literal["none", "even", "odd"]
+Chunk = tuple[float, bytes]
+"""Bytes that arrived together, and when, by the clock of `uptime_s` [s]."""
+
+READ_BYTES = 4096
+"""Largest number of bytes that one call reads."""
+MAX_READS = 64
 """Limit of reads at a time: several times the buffers of serial drivers."""
+MAX_CHUNKS = 4096
+"""Limit of chunks that nobody has taken; beyond it, the oldest is dropped."""
+FAILURES = (OSError, termios.error)
+"""Exceptions of reading and writing once the device is gone."""
 
-
-class Arrival(NamedTuple):
-    """A message and its arrival time."""
-
-    monotonic_s: float
-    message: Message
+_PARITIES = {"none": serial.PARITY_NONE, "even": serial.PARITY_EVEN, "odd": serial.PARITY_ODD}
+_IN_USE = "another program uses it: stop that one"
+_ADVICE = {
+    errno.EAGAIN: _IN_USE,  # of the lock
+    errno.EBUSY: _IN_USE,
+    errno.ENOTTY: "correct the path",
+    errno.ENOENT: "plug the device in or correct the path",
+    errno.EACCES: "this user needs the right to use it, usually as a member of the group dialout",
+}
+"""What to do, by the number of the error."""
 
 
 class SerialPort:
-    """An open port that no other program can open; its functions raise SourceError."""
+    """An open port that no other program can open.
 
-    def __init__(self, path: str, baud: int) -> None:
-        self._path = path
-        self._decoder = Decoder()
-        self._arrived: list[Arrival] = []
+    Raises
+    ------
+    SourceError
+        The port cannot be opened with these settings.
+    """
+
+    def __init__(self, path: str, baud: int, parity: Parity = "none", stop_bits: int = 1) -> None:
+        self.path = path
+        self.failure = ""
+        """Why the port can no longer be used; empty while it can."""
+        self._chunks: deque[Chunk] = deque(maxlen=MAX_CHUNKS)
         self._changed = asyncio.Event()
-        self._failure: str | None = None
-        self._serial = port.opened(path, baud)
-        self._fd = self._serial.fileno()
-        asyncio.get_running_loop().add_reader(self._fd, self._read)
+        self._serial = _open(path, baud, _PARITIES[parity], stop_bits)
+        asyncio.get_running_loop().add_reader(self._serial.fileno(), self._read)
 
-    @property
-    def rejected(self) -> int:
-        """Number of damaged frames since the port was opened."""
-        return self._decoder.counts.rejected
+    def close(self, failure: str = "") -> None:
+        """Close the port, because of a failure or not."""
+        self.failure = self.failure or failure or f"{self.path} is closed"
+        if self._serial.is_open:
+            asyncio.get_running_loop().remove_reader(self._serial.fileno())
+            with suppress(OSError):  # an unplugged device may complain
+                self._serial.close()
+        self._changed.set()
 
-    def close(self) -> None:
-        """Close the port."""
-        asyncio.get_running_loop().remove_reader(self._fd)
-        port.close(self._serial)
-
-    def send(self, message: Message) -> None:
-        """Send a message without waiting: a command always fits into the driver's buffer."""
-        data = encode(message)
+    def send(self, data: bytes) -> None:
+        """Send bytes without waiting, as they fit into the driver's buffer; SourceError if they do not."""
         try:
             sent = self._serial.write(data)
-        except port.FAILURES as error:
-            failure = f"{self._path} accepts no data: {error}"
-            raise SourceError(failure) from error
+        except FAILURES as error:
+            self.close(f"{self.path} is gone or accepts no data: {error}")
+            raise SourceError(self.failure) from error
         if sent != len(data):
-            failure = f"{self._path} accepts no data: its buffer is full"
+            failure = f"{self.path} accepts no data: its buffer is full"
             raise SourceError(failure)
 
-    async def receive(self, timeout_s: float) -> list[Arrival]:
-        """Wait for at least one message and return all arrivals; empty if none came within `timeout_s`."""
-        with contextlib.suppress(TimeoutError):
-            async with asyncio.timeout(timeout_s):
-                await self._changed.wait()
-        self._changed.clear()
-        arrived, self._arrived = self._arrived, []
-        if not arrived and self._failure:
-            raise SourceError(self._failure)
-        return arrived
+    async def receive(self, within_s: float) -> list[Chunk]:
+        """Wait for bytes and return all that have arrived; empty if none come in time, SourceError without a port."""
+        if not self._chunks and not self.failure:
+            self._changed.clear()
+            with suppress(TimeoutError):
+                async with asyncio.timeout(within_s):
+                    await self._changed.wait()
+        chunks = self._take()
+        if not chunks and self.failure:
+            raise SourceError(self.failure)
+        return chunks
+
+    def take(self) -> list[Chunk]:
+        """Return all bytes that have arrived."""
+        self._read()
+        return self._take()
+
+    def _take(self) -> list[Chunk]:
+        chunks = list(self._chunks)
+        self._chunks.clear()
+        return chunks
 
     def _read(self) -> None:
+        """Read everything that has arrived, because the newest frame determines the age of the others."""
         now_s = uptime_s()
         data = b""
         try:
-            # Read everything: the newest frame determines the age of the others.
-            for _ in range(_MAX_READS):
-                data += (chunk := self._serial.read(port.READ_BYTES))
-                if len(chunk) < port.READ_BYTES // 2:
+            for _ in range(MAX_READS if not self.failure else 0):
+                data += (chunk := self._serial.read(READ_BYTES))
+                if len(chunk) < READ_BYTES // 2:
                     break
-        except port.FAILURES as error:
-            self._failure = f"{self._path} is gone: {error}"
-            # A hung-up port stays readable, so the loop would spin.
-            asyncio.get_running_loop().remove_reader(self._fd)
+        except FAILURES as error:
+            self.close(f"{self.path} is gone: {error}")
+        if data:
+            self._chunks.append((now_s, data))
             self._changed.set()
-            return
-        self._arrived += [Arrival(now_s, message) for message in self._decoder.feed(data)]
-        if self._arrived:
-            self._changed.set()
+
+
+def _open(path: str, baud: int, parity: str, stop_bits: int) -> serial.Serial:
+    """Open a port whose calls never wait; SourceError if it cannot be opened."""
+    try:
+        return serial.Serial(path, baud, parity=parity, stopbits=stop_bits, timeout=0, write_timeout=0, exclusive=True)
+    except (*FAILURES, ValueError) as error:
+        code = error.errno if isinstance(error, OSError) else None
+        advice = _ADVICE.get(code or 0, "does it exist, and is no other program using it?")
+        reason = os.strerror(code) if code in _ADVICE else error
+        message = f"{path} cannot be opened ({reason}); {advice}"
+        raise SourceError(message) from error

@@ -1,0 +1,244 @@
+"""A device that speaks the protocol of `PROTOCOL.md` on a serial line.
+
+A session: stop, hello, check the device, ping until its clock is known, start, then take readings and ping now and
+then. It ends with SourceError when the port disappears, when the device falls silent or was reset, when its clock goes
+back, or when it is not the device in the configuration.
+"""
+
+import secrets
+from collections.abc import AsyncGenerator, Callable, Sequence
+from contextlib import aclosing, suppress
+from typing import NamedTuple, TypeGuard
+
+from beamtouch_daemon.config.sources import SerialLine
+from beamtouch_daemon.sources.clock import HostClock
+from beamtouch_daemon.sources.reading import Reading, SourceError
+from beamtouch_daemon.sources.serial_port import SerialPort
+from beamtouch_daemon.uptime import uptime_s
+from beamtouch_protocol import messages
+from beamtouch_protocol.framing import Decoder, encode
+from beamtouch_protocol.messages import Hello, HelloRequest, Message, Ping, Pong, Start, Stop
+from beamtouch_protocol.sequence import DeviceClock, missing_between
+
+HELLO_TIMEOUT_S = 3.0
+"""Opening the port resets many boards, whose boot loaders then take a while."""
+HELLO_REPEAT_S = 0.3
+SILENCE_S, SILENCE_PERIODS = 0.5, 10.0
+"""A device is silent after the longer of this time and this number of periods without a reading."""
+MAX_COUNT = 65_535
+PING_S, FIRST_PING_S, FIRST_PINGS = 0.5, 0.05, 10
+"""Time between pings; the first ones come faster, so that the drift of the clocks is known soon."""
+LATEST_PONG_S = 3.0
+BACK_S = 0.1
+"""A reading that is older than its predecessor by more than this shows that the device's clock went back."""
+CLOCK_WENT_BACK = "the device's clock went back"
+_TOKENS = 1 << 16
+_REPEATED = 1 << 15
+"""More readings cannot be lost without a silence, so a larger step of the sequence is a repeated reading."""
+
+
+class Arrival(NamedTuple):
+    """A message and its arrival by the clock of `uptime_s`."""
+
+    monotonic_s: float
+    message: Message
+
+
+class BoardPort(SerialPort):
+    """An open port that carries messages."""
+
+    def __init__(self, path: str, baud: int) -> None:
+        super().__init__(path, baud)
+        self._baud = baud
+        self._decoder = Decoder()
+
+    @property
+    def damage(self) -> str:
+        """A remark if frames came that were damaged."""
+        return ", only damaged frames" if self._decoder.counts.rejected else ""
+
+    def tell(self, message: Message) -> None:
+        """Send a message; SourceError if the port does not accept it."""
+        self.send(encode(message))
+
+    async def listen(self, within_s: float) -> list[Arrival]:
+        """Wait for bytes and return the messages in them, if any; SourceError without a port."""
+        chunks = await self.receive(within_s)
+        return [Arrival(at_s, message) for at_s, data in chunks for message in self._decoder.feed(data)]
+
+    async def ask(self, question: Callable[[], Sequence[Message]]) -> AsyncGenerator[list[Arrival], None]:
+        """Send a question again and again for `HELLO_TIMEOUT_S`, and yield what arrives."""
+        deadline_s = uptime_s() + HELLO_TIMEOUT_S
+        while (now_s := uptime_s()) < deadline_s:
+            for message in question():
+                self.tell(message)
+            while (left_s := now_s + HELLO_REPEAT_S - uptime_s()) > 0:
+                yield await self.listen(left_s)
+
+    async def introduce(self) -> Hello:
+        """Return the hello of the device, without the readings of a stream that still runs.
+
+        Raises
+        ------
+        SourceError
+            None came within `HELLO_TIMEOUT_S`, or the port is gone.
+        """
+        async with aclosing(self.ask(lambda: (Stop(), HelloRequest()))) as stream:
+            async for arrivals in stream:
+                for arrival in reversed(arrivals):
+                    if isinstance(arrival.message, Hello):
+                        return arrival.message
+        advice = f"is it a beamtouch device, and is {self._baud} its baud rate?"
+        message = f"{self.path}: no hello within {HELLO_TIMEOUT_S:g} s{self.damage}; {advice}"
+        raise SourceError(message)
+
+
+class Session:
+    """The state of one session: the boot of the device, the sequence of its readings, and both clocks."""
+
+    def __init__(self, hello: Hello, indices: tuple[int, ...]) -> None:
+        self.knows_the_clocks = False
+        """Whether there was a round trip."""
+        self._hello = hello
+        self._indices = indices
+        self._sequence: int | None = None
+        self._device_s = 0.0
+        """Time of the last reading on the device's clock [s]."""
+        self._device_clock = DeviceClock()
+        self._host_clock = HostClock()
+        self._pinged_s: dict[int, float] = {}
+        self._pings = 0
+        self._next_ping_s = 0.0
+        # Tokens differ between sessions, because an adapter may hold back an answer to an earlier ping.
+        self._first_token = secrets.randbelow(_TOKENS)
+
+    def ping(self, now_s: float) -> Ping:
+        """Return the next ping, which is sent now."""
+        self._next_ping_s = now_s + (FIRST_PING_S if self._pings < FIRST_PINGS else PING_S)
+        token = (self._first_token + self._pings) % _TOKENS
+        self._pings += 1
+        self._pinged_s = {old: at_s for old, at_s in self._pinged_s.items() if now_s - at_s < LATEST_PONG_S}
+        self._pinged_s[token] = now_s
+        return Ping(token)
+
+    def ping_if_due(self, now_s: float) -> Ping | None:
+        """Return the ping to send now; None if it is not time yet."""
+        return None if now_s < self._next_ping_s else self.ping(now_s)
+
+    def take(self, arrivals: Sequence[Arrival]) -> list[Reading]:
+        """Return the readings among the arrivals; SourceError if the device was reset or its clock went back.
+
+        The clock sees all arrivals before the first reading gets its time: in a burst only the newest is fresh.
+        """
+        self.take_answers(arrivals)
+        fitting = [(at_s, message) for at_s, message in arrivals if self._fits(message)]
+        dated = [(at_s, self._device_clock.follow(reading.device_us) / 1e6, reading) for at_s, reading in fitting]
+        dated = [row for row in dated if not self._host_clock.is_beyond(row[1], row[0])]
+        for arrival_s, device_s, _ in dated:
+            self._host_clock.heard(device_s, arrival_s)
+        readings = []
+        for arrival_s, device_s, reading in dated:
+            lost = 0 if self._sequence is None else missing_between(self._sequence, reading.sequence)
+            if lost >= _REPEATED:
+                continue
+            if self._sequence is not None and device_s < self._device_s - BACK_S:
+                raise SourceError(CLOCK_WENT_BACK)
+            self._sequence, self._device_s = reading.sequence, device_s
+            counts = tuple(reading.counts[index] / reading.oversampling for index in self._indices)
+            readings.append(Reading(self._host_clock.to_host(device_s, arrival_s), counts, lost))
+        return readings
+
+    def take_answers(self, arrivals: Sequence[Arrival]) -> None:
+        """Use the answers to pings among the arrivals; SourceError if the device was reset or its clock went back."""
+        for arrival_s, message in arrivals:
+            if isinstance(message, Hello) and message.boot_id != self._hello.boot_id:
+                text = "the device was reset"
+                raise SourceError(text)
+            if isinstance(message, Pong) and (sent_s := self._pinged_s.pop(message.token, None)) is not None:
+                device_s = self._device_clock.follow(message.device_us) / 1e6
+                if self._host_clock.is_behind(device_s, sent_s):
+                    raise SourceError(CLOCK_WENT_BACK)
+                self._host_clock.round_trip(sent_s, device_s, arrival_s)
+                self.knows_the_clocks = True
+
+    def _fits(self, message: Message) -> TypeGuard[messages.Reading]:
+        """Return whether a message is a plausible reading of this device."""
+        if not isinstance(message, messages.Reading):
+            return False
+        highest = message.oversampling * (2**self._hello.adc_bits - 1)
+        return len(message.counts) == self._hello.channel_count and highest > 0 and max(message.counts) <= highest
+
+
+class BoardSource:
+    """Yields readings as the device sends them, with device times mapped to the host's clock."""
+
+    def __init__(self, settings: SerialLine, indices: Sequence[int], rate_hz: float, adc_bits: Sequence[int]) -> None:
+        self._path = settings.port
+        self._baud = settings.baud
+        self._indices = tuple(indices)
+        self._rate_hz = int(rate_hz)
+        self._oversampling = settings.oversampling
+        self._adc_bits = tuple(adc_bits)
+        self._silence_s = max(SILENCE_S, SILENCE_PERIODS / rate_hz)
+
+    @property
+    def limits(self) -> tuple[str, ...]:
+        """Empty: each reading has a number and the device's time."""
+        return ()
+
+    async def readings(self) -> AsyncGenerator[list[Reading], None]:
+        """Open the port, check and start the device, and yield its readings."""
+        port = BoardPort(self._path, self._baud)
+        try:
+            hello = await port.introduce()
+            self._require(hello)
+            session = Session(hello, self._indices)
+            await self._meet(port, session)
+            port.tell(Start(self._rate_hz, self._oversampling))
+            heard_s = uptime_s()
+            while True:
+                if (ping := session.ping_if_due(uptime_s())) is not None:
+                    port.tell(ping)
+                arrivals = await port.listen(self._silence_s)
+                if readings := session.take(arrivals):
+                    heard_s = uptime_s()
+                    yield readings
+                elif uptime_s() - heard_s >= self._silence_s:
+                    asked = f"{self._rate_hz} Hz, oversampling {self._oversampling}"
+                    message = f"{self._path}: no reading for {self._silence_s:g} s{port.damage} ({asked})"
+                    raise SourceError(message)
+        finally:
+            with suppress(SourceError):  # the port may be gone
+                port.tell(Stop())
+            port.close()
+
+    async def _meet(self, port: BoardPort, session: Session) -> None:
+        """Ping until the device's clock is known, because the first reading may be an old one."""
+        async with aclosing(port.ask(lambda: (session.ping(uptime_s()),))) as stream:
+            async for arrivals in stream:
+                session.take_answers(arrivals)
+                if session.knows_the_clocks:
+                    return
+        doubt = "so the age of its readings is unknown"
+        message = f"{self._path}: no answer to a ping within {HELLO_TIMEOUT_S:g} s, {doubt}"
+        raise SourceError(message)
+
+    def _require(self, hello: Hello) -> None:
+        """Raise SourceError unless the device fits the configuration."""
+        wrong = ""
+        if not hello.is_compatible:
+            wrong = (
+                f"the device speaks protocol {hello.protocol_version} ({hello.schema_hash:08x}), "
+                f"this daemon {messages.PROTOCOL_VERSION} ({messages.SCHEMA_HASH:08x}); update the older of the two"
+            )
+        elif max(self._indices) >= hello.channel_count:
+            wrong = f"the device has {hello.channel_count} channels; register {max(self._indices)} is beyond the last"
+        elif any(bits != hello.adc_bits for bits in self._adc_bits):
+            wrong = f"the device has {hello.adc_bits} ADC bits; correct adc_bits of its channels"
+        elif self._rate_hz > hello.max_rate_hz:
+            wrong = f"the device gives at most {hello.max_rate_hz} readings per second; lower rate_hz"
+        elif self._oversampling * (2**hello.adc_bits - 1) > MAX_COUNT:
+            wrong = f"sums of {self._oversampling} conversions of {hello.adc_bits} bits do not fit; lower oversampling"
+        if wrong:
+            message = f"{self._path}: {wrong}"
+            raise SourceError(message)
