@@ -5,7 +5,6 @@ import os
 import re
 import sys
 from collections.abc import Callable, Iterable
-from difflib import get_close_matches
 from importlib import metadata
 from typing import Any, NoReturn
 
@@ -14,6 +13,8 @@ from beamtouch_common.errors import FailedError, InputError
 DONE, FAILED, WRONG_INPUT = 0, 1, 2
 INTERRUPTED = 130
 """After Ctrl-C, as shells report it: 128 plus the number of the signal."""
+_PLAIN = {"invalid float value": "not a number", "invalid int value": "not a whole number"}
+"""Words of argparse, in plain ones."""
 
 
 class Parser(argparse.ArgumentParser):
@@ -26,29 +27,18 @@ class Parser(argparse.ArgumentParser):
 
     def parse_known_args(self, args: Iterable[str] | None = None, namespace: object = None) -> tuple[Any, list[str]]:
         """Parse arguments, and refuse unknown ones here: the parser of a subcommand names its own help."""
-        found, unknown = super().parse_known_args(args, namespace)
+        known, unknown = super().parse_known_args(args, namespace)
         if unknown:
-            near = get_close_matches(unknown[0].partition("=")[0], self._option_string_actions, n=1)
-            self.error(f"unknown argument {' '.join(unknown)}{f'; did you mean {near[0]}?' if near else ''}")
-        return found, unknown
+            self.error(f"unknown argument {' '.join(unknown)}")
+        return known, unknown
 
     def error(self, message: str) -> NoReturn:
         """Print a message and exit with code 2."""
-        self.exit(complain(self.prog, f"{_plain(message)}; see {self.prog} --help", WRONG_INPUT))
-
-
-def _plain(message: str) -> str:
-    """Return a complaint of argparse in plain words, in the same ones whatever the version of Python."""
-    message = re.sub(r"invalid float value: '(.*)'$", r"must be a number (given: \1)", message)
-    message = re.sub(r"invalid int value: '(.*)'$", r"must be a whole number (given: \1)", message)
-    found = re.fullmatch(r"argument (\S+): invalid choice: '(.*)' \(choose from (.*)\)", message, re.DOTALL)
-    if found is None:
-        return message
-    name, given, choices = found[1], found[2], found[3].replace("'", "").split(", ")
-    near = get_close_matches(given, choices, n=1)
-    return f"argument {name}: must be one of {', '.join(choices)} (given: {given})" + (
-        f"; did you mean {near[0]}?" if near else ""
-    )
+        for theirs, plain in _PLAIN.items():
+            message = message.replace(theirs, plain)
+        # Python 3.12 and later print the choices without quotes.
+        message = re.sub(r"\(choose from .*\)", lambda choices: choices[0].replace("'", ""), message)
+        self.exit(complain(self.prog, f"{message}; see {self.prog} --help", WRONG_INPUT))
 
 
 def whole_number(low: int, high: int) -> Callable[[str], int]:
@@ -117,7 +107,7 @@ def _complain_of(error: Exception, program: str, input_errors: tuple[type[Except
 def complain(program: str, text: str, code: int) -> int:
     """Print one line to standard error, with control characters escaped, and return `code`."""
     line = " ".join(text.split())
-    shown = "".join(one if one.isprintable() else one.encode("unicode_escape").decode() for one in line)
+    shown = "".join(sign if sign.isprintable() else sign.encode("unicode_escape").decode() for sign in line)
     print(f"{program}: {shown}", file=sys.stderr)
     return code
 

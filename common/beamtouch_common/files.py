@@ -10,10 +10,8 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from beamtouch_common.complaints import complaint
+from beamtouch_common.complaints import complaint, parser_complaint
 from beamtouch_common.errors import InputError
-from beamtouch_common.file_kinds import mistaken_kind
-from beamtouch_common.plain_toml import parser_complaint
 
 MAX_BYTES = 1024 * 1024
 """Largest text file, a thousand times a usual one; a larger file was given by mistake."""
@@ -45,8 +43,7 @@ def read_text(path: Path) -> str:
     try:
         return content.decode("utf-8-sig")  # some editors begin a file with a byte order mark
     except UnicodeDecodeError:
-        is_model = path.suffix == ".onnx"
-        message = f"{path}: {'this is a model file; give a text file' if is_model else 'not a text file in UTF-8'}"
+        message = f"{path}: not a text file in UTF-8; is it the right file?"
         raise InputError(message) from None
 
 
@@ -77,7 +74,7 @@ def parse_toml(
         content = tomllib.loads(text)
     except (ValueError, RecursionError) as error:
         # These include numbers and nesting beyond the limits of the parser.
-        message = f"{origin}: not valid TOML: {parser_complaint(error, text)}"
+        message = f"{origin}: not valid TOML: {parser_complaint(error)}"
         raise InputError(message) from None
     return validate(kind, content, origin, context=context)
 
@@ -93,7 +90,7 @@ def validate(
     try:
         return kind.model_validate(content, context=dict(context))
     except ValidationError as error:
-        message = f"{origin}: {mistaken_kind(kind, content) or complaint(error, kind, content)}"
+        message = f"{origin}: {complaint(error, kind, content)}"
         raise InputError(message) from None
 
 

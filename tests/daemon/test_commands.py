@@ -255,7 +255,7 @@ async def test_help_needs_no_extra() -> None:
         (("tare", "daemon.toml", "--new"), " tare: unknown argument --new; see beamtouch-daemon tare --help"),
         (
             ("record", "daemon.toml", "-o", "x.csv", "--seconds", "a"),
-            " record: argument --seconds: must be a number (given: a); see beamtouch-daemon record --help",
+            " record: argument --seconds: not a number: 'a'; see beamtouch-daemon record --help",
         ),
     ],
 )

@@ -205,7 +205,7 @@ def test_a_file_that_cannot_be_read_is_an_error(tmp_path: Path) -> None:
 
 
 def test_a_configuration_without_a_surface_is_refused(tmp_path: Path) -> None:
-    assert complaint(configs.write(tmp_path, "[surfaces]")).startswith("surfaces: must not be empty")
+    assert complaint(configs.write(tmp_path, "[surfaces]")).startswith("surfaces: must have at least 1 item, not 0")
 
 
 def test_a_serial_port_serves_one_surface(tmp_path: Path) -> None:

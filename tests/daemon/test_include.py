@@ -72,7 +72,7 @@ def test_paths_start_from_the_file_that_states_them(tmp_path: Path, monkeypatch:
             "{file}: unknown key surfaces.one.filter.windw; did you mean window?",
         ),
         (configs.PUBLISH, "{file}: publish belongs in {path}; a file that is included has only [surfaces.NAME] tables"),
-        ("", "{file}: [surfaces.NAME] is missing; add it"),
+        ("", "{file}: surfaces is missing; add it"),
         ("surfaces = 3", "{file}: surfaces: must be"),
         (configs.surface("bench"), "{file}: surfaces.bench is also in {path}; remove one of the two"),
         (configs.surface("other"), "{file}: surfaces.other is also in {other}; remove one of the two"),

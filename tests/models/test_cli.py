@@ -221,7 +221,7 @@ def test_it_prints_its_version() -> None:
     ("arguments", "said"),
     [
         ((), "design-sensors: the following arguments are required: COMMAND"),
-        (("guess",), "design-sensors: argument COMMAND: must be one of build, "),
+        (("guess",), "design-sensors: argument COMMAND: invalid choice: 'guess' (choose from build, "),
         (("build", "scene.toml"), "design-sensors build: the following arguments are required: -o"),
         (("place", "scene.toml", "--sensors", "two"), "'two' is not a whole number from 1 to 64"),
         (("place", "scene.toml", "--seed", "9" * 5000), "is not a whole number from 0 to 4294967295"),

@@ -51,5 +51,5 @@ def test_the_papers_network_builds_and_is_evaluated(paper_network: Path, design_
 def test_an_unknown_estimator_is_refused(design_sensors_here: Command, tmp_path: Path) -> None:
     done = design_sensors_here("build", SCENES / "paper.toml", "--estimator", "oracle", "-o", tmp_path / "m.onnx")
     assert done.returncode == 2
-    assert "must be one of posterior, small-network" in done.stderr
+    assert "(choose from posterior, small-network" in done.stderr
     assert not list(tmp_path.iterdir())

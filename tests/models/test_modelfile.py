@@ -106,7 +106,7 @@ def test_wrong_golden_answers_are_refused(tmp_path: Path, bench_model: Path, ben
         ("beamtouch.floor", '{"gain": [0.1], "zero_mm": [0]}', "thresholds and floor: each list must have 4 entries"),
         ("beamtouch.floor", '{"gain": [1e200, 0, 0, 0], "zero_mm": [0, 0, 0, 0]}', r"floor\.gain\.0: must be at most"),
         ("beamtouch.floor", '{"gain": [0, 0, 0, 0], "zero_mm": [0, 1e9, 0, 0]}', "floor.zero_mm hides the largest"),
-        ("beamtouch.drawn", json.dumps(DRAWN | {"at_mm": []}), r"drawn\.at_mm: must have at least 2 entries"),
+        ("beamtouch.drawn", json.dumps(DRAWN | {"at_mm": []}), r"drawn\.at_mm: must have at least 2 items"),
         ("beamtouch.drawn", json.dumps(DRAWN | {"load_mm": [1, 2]}), "drawn: .* must hold 2 rows of 2 values"),
         ("beamtouch.drawn", json.dumps(DRAWN | {"at_mm": [400, 0]}), "drawn: at_mm and load_mm must ascend"),
         ("beamtouch.drawn", json.dumps(DRAWN | {"load_mm": [1e300]}), "drawn: every position must lie on the beam"),

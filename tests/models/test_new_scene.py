@@ -93,7 +93,7 @@ def _keys(part: str) -> set[str]:
         ),
         (("a.toml", *STRIP, "--roller-mm", "nan"), "--roller-mm nan: must be a finite number"),
         (("a.toml", *STRIP, "--force-n", 1, 1e6), "at 1e+06 N the beam slopes by"),
-        (("a.toml", *STRIP, "--material", "steal"), "must be one of steel, "),
+        (("a.toml", *STRIP, "--material", "steal"), "invalid choice: 'steal' (choose from steel, "),
     ],
 )
 def test_what_is_no_scene_is_refused_in_one_line(

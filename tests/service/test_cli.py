@@ -25,8 +25,8 @@ def test_version_names_the_program_and_its_version(capsys: pytest.CaptureFixture
     ("arguments", "complaint"),
     [
         ([], "the following arguments are required: COMMAND"),
-        (["run", "--port", "many"], "argument --port: must be a whole number (given: many)"),
-        (["run", "--hos", "::1"], "unknown argument --hos ::1; did you mean --host?"),
+        (["run", "--port", "many"], "argument --port: not a whole number: 'many'"),
+        (["run", "--hos", "::1"], "unknown argument --hos ::1; see beamtouch-service run --help"),
         (["check"], "the following arguments are required: MODEL"),
     ],
 )
@@ -43,5 +43,5 @@ def test_a_wrong_option_is_one_line_and_exit_code_2(
 def test_a_wrong_setting_is_one_line_and_exit_code_2(capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["run", "--stale-ms", "nan"]) == 2
     assert capsys.readouterr().err == (
-        "beamtouch-service: command line: --stale-ms: must be a finite number (given: nan)\n"
+        "beamtouch-service: command line: --stale-ms: must be a finite number (given: NaN)\n"
     )

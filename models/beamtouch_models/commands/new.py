@@ -9,8 +9,8 @@ from typing import Any, TypeVar, get_args
 
 from pydantic import ValidationError
 
+from beamtouch_common.complaints import reason_of
 from beamtouch_common.files import require_writable, write_atomically
-from beamtouch_common.reasons import reason_of
 from beamtouch_common.typed import is_terminal, typed_line
 from beamtouch_models.building.checks import check_scene
 from beamtouch_models.building.new_scene import Answers, End, scene_text

@@ -5,8 +5,8 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, PositiveFloat, ValidationError, model_validator
 
+from beamtouch_common.complaints import reason_of
 from beamtouch_common.digits import digits
-from beamtouch_common.reasons import reason_of
 from beamtouch_models.errors import ModelFileError
 from beamtouch_models.metadata.accuracy import Accuracy, Golden
 from beamtouch_models.metadata.calibration import Calibration

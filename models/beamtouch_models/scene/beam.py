@@ -6,7 +6,7 @@ from typing import Annotated, Any, Self
 
 from pydantic import Field, ValidationError, model_validator
 
-from beamtouch_common.reasons import reason_of
+from beamtouch_common.complaints import reason_of
 from beamtouch_models.errors import SceneError
 from beamtouch_models.scene.beam_parts import END_KINDS, Section, Segment, Support, Supports
 from beamtouch_models.scene.fields import DampingRatio, PositiveFinite, Strict
