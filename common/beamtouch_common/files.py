@@ -18,7 +18,6 @@ MAX_BYTES = 1024 * 1024
 _NONE: Mapping[str, Any] = MappingProxyType({})
 
 Model = TypeVar("Model", bound=BaseModel)
-_PathT = TypeVar("_PathT", str, Path)
 
 
 def load_toml(kind: type[Model], path: Path, *, context: Mapping[str, Any] = _NONE) -> Model:
@@ -43,7 +42,7 @@ def read_text(path: Path) -> str:
     try:
         return content.decode("utf-8-sig")  # some editors begin a file with a byte order mark
     except UnicodeDecodeError:
-        message = f"{path}: not a text file in UTF-8; is it the right file?"
+        message = f"{path}: not a text file in UTF-8"
         raise InputError(message) from None
 
 
@@ -94,9 +93,9 @@ def validate(
         raise InputError(message) from None
 
 
-def file_path(path: _PathT) -> _PathT:
+def file_path(path: Path) -> Path:
     """Return a path that a person states; ValueError if no file can have it."""
-    if "\0" in str(path):
+    if path == Path() or "\0" in str(path):
         message = "must be the path of a file"
         raise ValueError(message)
     return path

@@ -17,9 +17,6 @@ class Section(BaseModel):
 
 def _from_folder(path: Path, info: ValidationInfo) -> Path:
     """Return a path from the folder of the configuration, which the validation context has."""
-    if path == Path():
-        message = "must be the path of a file"
-        raise ValueError(message)
     folder: Path = (info.context or {}).get("folder", Path())
     return folder / file_path(path)
 
