@@ -130,8 +130,7 @@ def _add_scan(command: argparse.ArgumentParser) -> None:
 def _add_init(command: argparse.ArgumentParser) -> None:
     command.description = (
         "Write a configuration: what belongs to the model, from the file that design-sensors build --daemon-config "
-        "wrote, and the source and the service of this machine. Without --model-config or --source it asks, on a "
-        "terminal."
+        "wrote, and the source and the service of this machine."
     )
     command.add_argument("config", metavar="CONFIG", type=Path, help="configuration file to write (TOML)")
     words = "configuration that design-sensors build --daemon-config wrote for the model"

@@ -87,14 +87,12 @@ def test_what_is_wrong_is_said_with_the_file_and_the_key(tmp_path: Path, text: s
 @pytest.mark.parametrize(
     ("include", "said"),
     [
-        ('["surfacs/*.toml"]', "include: no file matches 'surfacs/*.toml'; correct it"),
-        ('["/etc/*.toml"]', "include: '/etc/*.toml' is not a pattern relative to this file"),
-        ('[""]', "include: '' is not a pattern relative to this file"),
-        ('["surfaces/**.toml"]', "include: 'surfaces/**.toml' is not a pattern relative to this file"),
-        (f'["{"x" * 300}"]', f"include: '{'x' * 300}': File name too long"),
-        ('["."]', "include: '.' is not a pattern relative to this file"),
-        ('[".."]', "include: no file matches '..'; correct it, for example to ../*.toml, or write"),
-        ('["surfaces/"]', "include: no file matches 'surfaces/'; correct it, for example to surfaces/*.toml, or write"),
+        ('["surfacs/*.toml"]', "include: no file matches 'surfacs/*.toml'; correct it, for example to surfaces/*.toml"),
+        ('[""]', "include: no file matches ''; correct it"),
+        (f'["{"x" * 300}"]', f"include: no file matches '{'x' * 300}'; correct it"),
+        ('[".."]', "include: no file matches '..'; correct it"),
+        ('["surfaces/"]', "include: no file matches 'surfaces/'; correct it, for example to surfaces/*.toml"),
+        ('["a\\u0000b"]', "include[0]: must be the path of a file"),
         ('"surfaces/*.toml"', "include: must be "),
         ("[3]", "include[0]: must be "),
     ],
@@ -126,17 +124,16 @@ def test_a_folder_that_this_user_may_not_read_is_said() -> None:
         path = including(Path(name), a=configs.surface("one"))
         surfaces = path.parent / "surfaces"
         surfaces.chmod(0)
-        assert complaint(path) == f"{path}: include: {surfaces}: Permission denied"
+        assert complaint(path).startswith(f"{path}: include: no file matches 'surfaces/*.toml'; ")
+        assert complaint(path).endswith("let this user read the folder")
         surfaces.chmod(0o700)
 
 
-def test_a_folder_that_a_wildcard_means_and_this_user_may_not_read_is_told() -> None:
-    with TemporaryDirectory() as name, without_root(Path(name)):
-        path = including(Path(name), a=configs.surface("one"))
-        path.write_text(path.read_text().replace("surfaces/*.toml", "*/*.toml"))
-        closed = path.parent / "closed"
-        closed.mkdir(mode=0)
-        assert complaint(path) == f"{path}: include: {closed}: Permission denied"
+def test_files_anywhere_may_be_included(tmp_path: Path) -> None:
+    path = including(tmp_path, configs.surface("bench"), a=configs.surface("one"))
+    pattern = f'["{tmp_path}/surf*/**/*.toml"]'
+    path.write_text(path.read_text().replace('["surfaces/*.toml"]', pattern))
+    assert list(load_config(path).surfaces) == ["bench", "one"]
 
 
 def test_a_file_that_this_user_may_not_reach_is_told() -> None:

@@ -157,7 +157,10 @@ def test_a_folder_that_is_closed_to_this_user_is_said(capsys: pytest.CaptureFixt
         (("--source", "tcp://h", "--baud", "9600"), "--baud: a source such as tcp://h has none; leave it out"),
         (("--source", "serial:/dev/x", "--unit", "3"), "--unit: a source such as serial:/dev/x has none"),
         (("--source", "rtu:/dev/x", "--unit", "0"), "surfaces.bench.source.unit: must be at least 1"),
-        (("--source", "tcp://h", "--url", "beams"), "'beams' is not the address of a service"),
+        (
+            ("--source", "tcp://h", "--url", "beams"),
+            'daemon.toml: publish.url: must look like http://127.0.0.1:8420 (given: "beams")',
+        ),
     ],
 )
 async def test_what_is_wrong_is_one_line_and_nothing_is_written(

@@ -5,37 +5,49 @@ to know of one: channels, characteristics, rate, noise and filter. The service d
 """
 
 import argparse
+import json
 import os
+import re
 import shlex
+from collections.abc import Mapping
 from pathlib import Path
 
 from beamtouch_common.commands import DONE
 from beamtouch_common.errors import FailedError, InputError
 from beamtouch_common.files import parse_toml, read_text, require_writable, write_atomically
-from beamtouch_daemon.commands.init_dialogue import Stated, complete
-from beamtouch_daemon.commands.init_template import load_template
-from beamtouch_daemon.commands.init_text import NoTableError, with_publish, with_source
+from beamtouch_daemon.commands.argument_types import address_of
+from beamtouch_daemon.config.file import load_config
 from beamtouch_daemon.config.settings import Config
 
 MODE = 0o644
 """Permissions: a configuration holds no secret, and the user of the service reads what root wrote."""
+SOURCES = "rtu:/dev/ttyUSB0, serial:/dev/ttyACM0 or tcp://HOST[:PORT]"
+OPTIONS = {
+    "rtu": ("baud", "parity", "unit", "function", "timeout_ms"),
+    "serial": ("baud",),
+    "tcp": ("unit", "function", "timeout_ms"),
+}
+"""Options of a source, by the kind that its address begins with."""
+
+Keys = Mapping[str, str | float]
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run the command; InputError for wrong or missing answers, FailedError if the file cannot be written."""
+    """Run the command; InputError for wrong or missing options, FailedError if the file cannot be written."""
     path: Path = arguments.config
-    _require_free(path, force=arguments.force)
-    stated = complete(Stated.of(arguments), path.parent)
-    content, config = configuration(stated, path)
-    _require_free(path, force=arguments.force)
+    require_writable([path])
+    if path.exists() and not arguments.force:
+        message = f"{path}: already exists; add --force to replace it, or name another file"
+        raise InputError(message)
+    text, config = _configuration(arguments, path)
     try:
-        write_atomically(path, content, mode=MODE)
+        write_atomically(path, text.encode(), mode=MODE)
     except OSError as error:
         message = f"{path}: not written: {error.strerror}"
         raise FailedError(message) from None
     ((name, surface),) = config.surfaces.items()
     channels = ", ".join(surface.channel_names)
-    print(f"{path}: {name}, channels {channels}, {surface.rate_hz:g} readings per second from {stated.source}")
+    print(f"{path}: {name}, channels {channels}, {surface.rate_hz:g} readings per second from {arguments.source}")
     token = path.resolve().parent / config.publish.token_file
     if not os.access(token, os.R_OK):
         print(f"next: copy the service's token to {token}, so that this user can read it")
@@ -44,35 +56,70 @@ def run(arguments: argparse.Namespace) -> int:
     return DONE
 
 
-def configuration(stated: Stated, path: Path) -> tuple[bytes, Config]:
-    """Return the content of the file, and the configuration; InputError if the answers do not give one.
-
-    Parameters
-    ----------
-    stated
-        The answers.
-    path
-        Where it will be written. Relative paths in it start there.
-    """
-    template = stated.model_config
-    known = load_template(template)
+def _configuration(arguments: argparse.Namespace, path: Path) -> tuple[str, Config]:
+    """Return the text of the file, and the configuration; InputError if the options do not give one."""
+    template: Path | None = arguments.model_config
+    if template is None:
+        message = "--model-config: give the configuration that design-sensors build --daemon-config wrote"
+        raise InputError(message)
+    known = _template(template)
+    source = _source(arguments)
+    token = arguments.token_file or path.parent / known.publish.token_file
+    publish = {"url": (arguments.url or known.publish.url).rstrip("/"), "token_file": _seen_from(path, token)}
+    if arguments.certificate_file is not None:
+        publish["certificate_file"] = _seen_from(path, arguments.certificate_file)
     (name,) = known.surfaces
-    token = stated.token_file or path.parent / known.publish.token_file
-    service = {"url": stated.url or known.publish.url, "token_file": _seen_from(path, token)}
-    if stated.certificate_file is not None:
-        service["certificate_file"] = _seen_from(path, stated.certificate_file)
     try:
-        text = with_publish(with_source(read_text(template), name, stated.settings()), service)
-    except NoTableError as error:
-        message = f"{template}: {error}; give what design-sensors build --daemon-config wrote"
+        text = read_text(template).replace("\r\n", "\n")
+        text = _with_table(text, ("surfaces", name, "source"), source)
+        text = _with_table(text, ("publish",), publish, keeps_others=True)
+        text.encode()
+    except LookupError as error:
+        message = f"{template}: has no table {error.args[0]}; give what design-sensors build --daemon-config wrote"
         raise InputError(message) from None
-    try:
-        content = text.encode()
     except UnicodeEncodeError:  # names of files may be any bytes
         message = "the source and the files must have names in UTF-8"
         raise InputError(message) from None
-    context = {"directory": path.absolute().parent}
-    return content, parse_toml(Config, text, str(path), context=context)
+    return text, parse_toml(Config, text, str(path), context={"directory": path.absolute().parent})
+
+
+def _template(path: Path) -> Config:
+    """Return the configuration of one surface in a file; InputError if it is something else."""
+    if path.suffix == ".onnx":
+        message = f"{path}: the daemon reads no models; give what design-sensors build --daemon-config FILE wrote"
+        raise InputError(message)
+    known = load_config(path)
+    if len(known.surfaces) > 1 or known.include:
+        message = f"{path}: has several surfaces; give a configuration with the surface of one model"
+        raise InputError(message)
+    return known
+
+
+def _source(arguments: argparse.Namespace) -> Keys:
+    """Return the keys of the table of the source; InputError if the options do not give it."""
+    address: str | None = arguments.source
+    if not address:
+        message = f"--source: give {SOURCES}; beamtouch-daemon scan finds it"
+        raise InputError(message)
+    kind, _, where = address.partition(":")
+    if kind not in OPTIONS or not where:
+        message = f"{address!r} is not a source; give {SOURCES}"
+        raise InputError(message)
+    options: dict[str, str | float] = {
+        key: value for key in OPTIONS["rtu"] if (value := getattr(arguments, key)) is not None
+    }
+    for key in options.keys() - OPTIONS[kind]:
+        message = f"--{key.replace('_', '-')}: a source such as {address} has none; leave it out"
+        raise InputError(message)
+    if kind == "tcp":
+        host, port = address_of(address)
+        return {"kind": "modbus-tcp", "host": host, "port": port} | options
+    return {"kind": "modbus-rtu" if kind == "rtu" else "serial", "port": where} | options
+
+
+def toml_of(keys: Keys) -> list[str]:
+    """Return the lines of a table."""
+    return [f"{key} = {json.dumps(value, ensure_ascii=False)}" for key, value in keys.items()]
 
 
 def _seen_from(path: Path, file: Path) -> str:
@@ -81,9 +128,19 @@ def _seen_from(path: Path, file: Path) -> str:
     return str(file.absolute()) if relative.startswith("..") else relative
 
 
-def _require_free(path: Path, *, force: bool) -> None:
-    """Raise InputError if the file cannot be written, or exists and may not be replaced."""
-    require_writable([path])
-    if path.exists() and not force:
-        message = f"{path}: already exists; add --force to replace it, or name another file"
-        raise InputError(message)
+def _with_table(text: str, names: tuple[str, ...], keys: Keys, *, keeps_others: bool = False) -> str:
+    """Return a configuration with other keys in a table; comments outside of it stay.
+
+    LookupError with its header if there is no such table.
+    """
+    lines = text.split("\n")  # not splitlines: other line ends may stand in a comment
+    header = re.compile(r"\s*\[\s*" + r"\s*\.\s*".join(f"[\"']?{re.escape(name)}[\"']?" for name in names) + r"\s*\]")
+    begin = next((place for place, line in enumerate(lines, 1) if header.match(line)), None)
+    if begin is None:
+        raise LookupError(f"[{'.'.join(names)}]")
+    end = next((place for place in range(begin, len(lines)) if lines[place].lstrip().startswith("[")), len(lines))
+    table = toml_of(keys)
+    if keeps_others:
+        others = (line for line in lines[begin:end] if line.strip())
+        table += [line for line in others if line.partition("=")[0].strip(" \t\"'") not in keys]
+    return "\n".join([*lines[:begin], *table, "", *lines[end:]]).rstrip("\n") + "\n"
