@@ -8,7 +8,7 @@ from pathlib import Path
 import httpx2
 import pytest
 
-from beamtouch_daemon.commands.resolution import counts_text, decimals_of, rounded
+from beamtouch_daemon.commands.check import counts_text, decimals_of, rounded
 from plain_http import TIMEOUT_S
 from service.small_model import write_model
 

@@ -208,7 +208,10 @@ async def test_a_missing_token_file_is_named(tmp_path: Path) -> None:
     (tmp_path / "beamtouch.token").unlink()
     outcome = await command("run", config)
     assert outcome.code == 1  # it may come later, and systemd starts the daemon again
-    assert "publish.token_file: cannot read " in outcome.complaint()
+    assert outcome.complaint() == (
+        f"token file {tmp_path / 'beamtouch.token'}: No such file or directory; "
+        "publish.token_file must name a file with the service's token"
+    )
 
 
 async def test_a_surface_that_does_not_exist_is_wrong_input(tmp_path: Path) -> None:

@@ -257,7 +257,7 @@ def test_an_invalid_token_is_refused_with_a_remedy(tmp_path: Path, content: byte
     token.unlink()
     if content is not None:
         token.write_bytes(content)
-    with pytest.raises(FailedError if content is None else InputError, match=r"publish\.token_file: .*'s token"):
+    with pytest.raises(FailedError if content is None else InputError, match=r"publish\.token_file .*'s token"):
         config.read_token()
 
 

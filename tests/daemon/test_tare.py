@@ -9,28 +9,28 @@ import pytest
 
 from beamtouch_common.errors import InputError
 from beamtouch_daemon.config import tare_file
-from beamtouch_daemon.config.signal import Channel
-from beamtouch_daemon.processing import tare
-from beamtouch_daemon.processing.characteristic import Characteristic
+from beamtouch_daemon.config.settings import Surface
+from beamtouch_daemon.processing.at_rest import NotAtRestError, rest_gaps
 from beamtouch_models.filters import FloatArray
 
 CHANNELS = ["s1", "s2"]
 NOISE_MM = 0.002
-CHARACTERISTIC = Characteristic.of(
-    [
-        Channel.model_validate(
-            {
-                "name": name,
-                "register": index,
-                "gain_mm_per_count": -0.0001,
-                "offset_mm": 4.5,
-                "rest_gap_mm": 2.5,
-                "range_mm": [1.0, 4.0],
-            }
-        )
+
+
+def surface_of(noise_mm: float | None = None) -> Surface:
+    channels = [
+        {
+            "name": name,
+            "register": index,
+            "gain_mm_per_count": -0.0001,
+            "offset_mm": 4.5,
+            "rest_gap_mm": 2.5,
+            "range_mm": [1.0, 4.0],
+        }
         for index, name in enumerate(CHANNELS)
     ]
-)
+    source = {"kind": "modbus-tcp", "host": "127.0.0.1"}
+    return Surface.model_validate({"rate_hz": 200, "source": source, "noise_mm": noise_mm, "channels": channels})
 
 
 def counts(motion_mm: FloatArray, seed: int = 1) -> FloatArray:
@@ -45,7 +45,7 @@ STILL = np.zeros(200)
 
 
 def test_a_surface_at_rest_gives_the_mean_gap_of_every_channel() -> None:
-    gaps = tare.rest_gaps(counts(STILL), CHARACTERISTIC, CHANNELS, None)
+    gaps = rest_gaps(counts(STILL), surface_of())
     assert list(gaps) == CHANNELS
     assert gaps["s1"] == pytest.approx(2.4, abs=4 * NOISE_MM / np.sqrt(200))
     assert gaps["s2"] == pytest.approx(2.6, abs=4 * NOISE_MM / np.sqrt(200))
@@ -56,8 +56,8 @@ def test_noise_alone_is_hardly_ever_taken_for_motion(readings: int) -> None:
     refused = 0
     for seed in range(500):
         try:
-            tare.rest_gaps(counts(np.zeros(readings), seed), CHARACTERISTIC, CHANNELS, None)
-        except tare.TareRefusedError:
+            rest_gaps(counts(np.zeros(readings), seed), surface_of())
+        except NotAtRestError:
             refused += 1
     assert refused <= 2  # two channels at 3.5 standard deviations and a step of the ADC: under 0.05 % each
 
@@ -65,7 +65,7 @@ def test_noise_alone_is_hardly_ever_taken_for_motion(readings: int) -> None:
 def test_an_adc_coarser_than_the_noise_is_not_motion() -> None:
     constant = np.full((200, 2), 20_000.0)
     constant[100:, 0] += 1  # one step, once
-    assert tare.rest_gaps(constant, CHARACTERISTIC, CHANNELS, None)["s2"] == pytest.approx(2.5)
+    assert rest_gaps(constant, surface_of())["s2"] == pytest.approx(2.5)
 
 
 @pytest.mark.parametrize("noise_mm", [None, NOISE_MM])
@@ -79,20 +79,20 @@ def test_an_adc_coarser_than_the_noise_is_not_motion() -> None:
     ids=["creeps", "is touched", "swings"],
 )
 def test_a_surface_that_moves_is_refused(noise_mm: float | None, motion_mm: FloatArray) -> None:
-    with pytest.raises(tare.TareRefusedError, match="s2 moved: standard deviation"):
-        tare.rest_gaps(counts(motion_mm), CHARACTERISTIC, CHANNELS, noise_mm)
+    with pytest.raises(NotAtRestError, match="s2 moved: standard deviation"):
+        rest_gaps(counts(motion_mm), surface_of(noise_mm))
 
 
 def test_fast_vibration_is_refused_when_the_noise_is_known() -> None:
-    with pytest.raises(tare.TareRefusedError, match="s2 moved"):
-        tare.rest_gaps(counts(np.tile([5 * NOISE_MM, -5 * NOISE_MM], 100)), CHARACTERISTIC, CHANNELS, NOISE_MM)
+    with pytest.raises(NotAtRestError, match="s2 moved"):
+        rest_gaps(counts(np.tile([5 * NOISE_MM, -5 * NOISE_MM], 100)), surface_of(NOISE_MM))
 
 
 def test_a_channel_that_is_not_good_is_refused() -> None:
     values = counts(STILL)
     values[7, 0] = 65_535
-    with pytest.raises(tare.TareRefusedError, match="s1 is saturated in 1 of 200 readings"):
-        tare.rest_gaps(values, CHARACTERISTIC, CHANNELS, None)
+    with pytest.raises(NotAtRestError, match="s1 is saturated in 1 of 200 readings"):
+        rest_gaps(values, surface_of())
 
 
 def test_a_saved_tare_file_loads_again(tmp_path: Path) -> None:

@@ -9,11 +9,10 @@ import pytest
 import tomli_w
 
 from beamtouch_daemon.config.settings import Surface
+from beamtouch_daemon.processing.at_rest import select_rest
 from beamtouch_daemon.processing.characteristic import Characteristic
-from beamtouch_daemon.processing.noise_keys import Keys, keys_of
+from beamtouch_daemon.processing.noise import Keys, keys_of, measure_noise
 from beamtouch_daemon.processing.pipeline import Pipeline
-from beamtouch_daemon.processing.rest_checks import at_rest
-from beamtouch_daemon.processing.rest_noise import measured
 from beamtouch_daemon.sources.reading import Reading
 from beamtouch_models.arrays import Floats
 from beamtouch_models.building.sensor_rules import sensor_of
@@ -147,7 +146,7 @@ def test_the_challenge_states_what_noise_prints(steps: int, alike: float) -> Non
     line = Line(sensor_of(real), noise_mm, alike, 3)
     unmeasured = surface_of(real, line.sensor)
     recording = line.counts(np.zeros(CHANNELS), RECORDED, np.random.default_rng(5).uniform(-0.05, 0.05, CHANNELS))
-    keys = keys_of(measured(at_rest(recording, unmeasured, {}), unmeasured), unmeasured)
+    keys = keys_of(measure_noise(select_rest(recording, unmeasured, {}), unmeasured), unmeasured)
     if alike:
         expected = noise_mm * coloured_times(alike, choose_filter(real).window)
         assert keys.daemon_noise_mm == pytest.approx(expected, rel=0.12)  # the noisiest of four channels
@@ -169,7 +168,7 @@ def test_measured_noise_gives_intervals_that_hold(steps: int, noise_mm: float, a
     line = Line(sensor_of(real), noise_mm, alike, 3)
     unmeasured = surface_of(real, line.sensor)
     recording = line.counts(np.zeros(CHANNELS), RECORDED, np.random.default_rng(5).uniform(-0.05, 0.05, CHANNELS))
-    keys = keys_of(measured(at_rest(recording, unmeasured, {}), unmeasured), unmeasured)
+    keys = keys_of(measure_noise(select_rest(recording, unmeasured, {}), unmeasured), unmeasured)
     bits = {} if keys.adc_bits is None else {"adc_bits": keys.adc_bits}
     printed = scene_with(noise_mm=keys.scene_noise_mm, zero_drift_mm=keys.zero_drift_mm, **bits)
     share, moving = held(Model(printed, layout), line, surface_of(real, line.sensor, keys))

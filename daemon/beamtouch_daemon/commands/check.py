@@ -2,14 +2,17 @@
 
 import argparse
 import asyncio
-import dataclasses
 import json
+import math
 import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
 from time import monotonic
 
 from beamtouch_common.commands import DONE, FAILED
-from beamtouch_daemon.commands.check_text import ChannelState, SurfaceState, as_json, lines
-from beamtouch_daemon.commands.resolution import decimals_of
+from beamtouch_common.digits import digits
+from beamtouch_common.table import aligned
 from beamtouch_daemon.config import tare_file
 from beamtouch_daemon.config.file import load_config
 from beamtouch_daemon.config.settings import Config, Surface
@@ -20,71 +23,130 @@ from beamtouch_daemon.processing.characteristic import QUALITIES, Characteristic
 from beamtouch_daemon.processing.pipeline import counts_of
 from beamtouch_daemon.sources.configured import Buses, source_of
 from beamtouch_daemon.sources.reading import Reading, SourceError, first_readings
+from beamtouch_service.samples import Quality
 
 PAUSE_S = 0.5
 """Pause between two attempts of --wait."""
-
+MAX_DECIMALS = 6
+"""A nanometre: less than any sensor resolves."""
+MAX_FRACTION = 1e6
+"""Counts from which on parts of one are left out."""
+HEAD = ("surface", "channel", "counts", "gap mm", "deflection mm", "quality")
+NUMBERS = (2, 3, 4)
+"""Columns with numbers, which stand to the right."""
 NOT_ASKED = "The service was not asked whether it takes these samples; check --wait 5 asks it."
+CAUSES = {
+    Quality.OUT_OF_RANGE: "the gap is outside range_mm; take everything off the beam, or correct the characteristic",
+    Quality.SATURATED: "the counts stand at an end of the ADC; check the wiring, and adc_bits or counts_range",
+    Quality.MISSING: "the device sent no value; check unit and register, which counts from 0",
+}
+"""Qualities that a single reading can have beside good, with their usual causes."""
+
+
+@dataclass(frozen=True, slots=True)
+class ChannelState:
+    """One channel in one reading."""
+
+    channel: str
+    counts: float | None
+    gap_mm: float | None
+    deflection_mm: float | None
+    """Both as the channel resolves them; None for a missing count."""
+    quality: Quality
+    decimals: int
+    """Decimals of lengths in mm that the channel resolves."""
+
+
+@dataclass(frozen=True, slots=True)
+class SurfaceState:
+    """All channels of a surface in one reading, or the error that prevented it."""
+
+    surface: str
+    file: Path
+    """The configuration file that has the surface."""
+    channels: tuple[ChannelState, ...] = ()
+    error: str | None = None
+    limits: tuple[str, ...] = ()
+    """Cases in which old or foreign readings may pass unnoticed, a sentence each."""
+    refusal: str | None = None
+    """Reason why the service does not take the samples of this surface; None: it takes them, or was not asked."""
+    doubt: str | None = None
+    """Reason why the service's model seems to be that of another surface."""
+
+    @property
+    def awaited(self) -> str:
+        """What the surface lacks that may still come; empty if it lacks nothing."""
+        has_all = all(channel.quality is not Quality.MISSING for channel in self.channels)
+        return self.error or ("" if has_all else "not all channels arrive") or self.refusal or ""
+
+    @property
+    def is_good(self) -> bool:
+        """Whether every channel is good in a reading, and the service takes the samples, if it was asked."""
+        return not list(self.complaints())
+
+    def complaints(self) -> Iterator[str]:
+        """Yield what prevents readings, and what prevents samples."""
+        if self.error:
+            yield self.error
+        for quality, cause in CAUSES.items():
+            if names := [channel.channel for channel in self.channels if channel.quality is quality]:
+                yield f"{', '.join(names)} {quality.value}: {cause}"
+        if self.refusal:
+            yield self.refusal
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the command; InputError if the configuration, a tare file or the token cannot be used."""
-    settings = load_config(arguments.config)
+    config = load_config(arguments.config)
     wait_s: float | None = arguments.wait
-    states = asyncio.run(check(settings) if wait_s is None else wait(settings, wait_s))
+    states = asyncio.run(_read_all(config) if wait_s is None else _wait(config, wait_s))
     is_good = all(state.is_good for state in states)
     if arguments.json:
-        surfaces = {state.surface: as_json(state, asked=wait_s is not None) for state in states}
+        surfaces = {state.surface: _as_json(state, asked=wait_s is not None) for state in states}
         print(json.dumps({"good": is_good, "surfaces": surfaces}))
     else:
-        print("\n".join(lines(states, with_files=bool(settings.include))))
+        print("\n".join(_lines(states, with_files=bool(config.include))))
         if wait_s is None:
             print(NOT_ASKED)
     for state in states:
-        for text in state.complaints:
+        for text in state.complaints():
             complain(f"{state.surface}: {text}")
     return DONE if is_good else FAILED
 
 
-async def wait(config: Config, wait_s: float) -> list[SurfaceState]:
+async def _wait(config: Config, wait_s: float) -> list[SurfaceState]:
     """Check until all channels arrive and the service takes samples, for about `wait_s` [s]; return the last states.
 
     An attempt that has begun is completed. InputError if a tare file, the token or a certificate cannot be used.
     """
     deadline_s = monotonic() + wait_s
-    said: list[str] = []
+    printed: list[str] = []
     async with ServiceClient(config.publish.url, config.read_token(), config.read_certificates()) as client:
         while True:
-            states = await check(config)
+            states = await _read_all(config)
             states = await asyncio.gather(*(_ask(client, state, config.surfaces[state.surface]) for state in states))
-            waiting = [f"{state.surface}: {_awaited(state)}" for state in states if _awaited(state)]
+            waiting = [f"waiting: {state.surface}: {state.awaited}" for state in states if state.awaited]
             left_s = deadline_s - monotonic()
             if not waiting or left_s <= 0:
                 return states
-            if waiting != said:
-                print(*(f"waiting: {text}" for text in waiting), sep="\n", file=sys.stderr, flush=True)
-                said = waiting
+            if waiting != printed:
+                print(*waiting, sep="\n", file=sys.stderr, flush=True)
+                printed = waiting
             await asyncio.sleep(min(PAUSE_S, left_s))
 
 
 async def _ask(client: ServiceClient, state: SurfaceState, surface: Surface) -> SurfaceState:
     refusal = await refusal_of(client, state.surface, surface)
     doubt = None if refusal else await doubt_of(client, state.surface, surface)
-    return dataclasses.replace(state, refusal=refusal, doubt=doubt)
+    return replace(state, refusal=refusal, doubt=doubt)
 
 
-def _awaited(state: SurfaceState) -> str:
-    """Return what a surface lacks that may still come; empty if it lacks nothing."""
-    missing = "" if state.has_arrived else "not all channels arrive"
-    return state.error or missing or state.refusal or ""
-
-
-async def check(config: Config) -> list[SurfaceState]:
+async def _read_all(config: Config) -> list[SurfaceState]:
     """Read every surface once, all at the same time; InputError if a tare file does not fit."""
     rest = {name: tare_file.load(config.tare_file(name), s.channel_names) for name, s in config.surfaces.items()}
     buses: Buses = {}
 
-    async def one(name: str, surface: Surface) -> SurfaceState:
+    async def read(name: str, surface: Surface) -> SurfaceState:
         source = source_of(surface, name, buses)
         try:
             (reading,) = await first_readings(source, 1)
@@ -92,25 +154,91 @@ async def check(config: Config) -> list[SurfaceState]:
             return SurfaceState(name, config.file_of(name), error=str(error))
         return SurfaceState(name, config.file_of(name), _channels(surface, rest[name], reading), limits=source.limits)
 
-    return await asyncio.gather(*(one(name, surface) for name, surface in config.surfaces.items()))
+    return await asyncio.gather(*(read(name, surface) for name, surface in config.surfaces.items()))
 
 
 def _channels(surface: Surface, rest_gap_mm: dict[str, float], reading: Reading) -> tuple[ChannelState, ...]:
     characteristic = Characteristic.of(surface.channels, rest_gap_mm)
     counts = counts_of([reading])
-    gap = characteristic.gap(counts)
-    columns = zip(
-        surface.channel_names,
-        reading.counts,
-        gap[0].tolist(),
-        characteristic.deflection(gap)[0].tolist(),
-        characteristic.quality(counts)[0].tolist(),
-        (decimals_of(step_mm, surface.noise_mm) for step_mm in characteristic.steepest.tolist()),
-        strict=True,
-    )
-    return tuple(
-        ChannelState(channel, count, None, None, QUALITIES[code], decimals)
-        if count is None
-        else ChannelState(channel, count, gap_mm, deflection_mm, QUALITIES[code], decimals)
-        for channel, count, gap_mm, deflection_mm, code, decimals in columns
-    )
+    (gaps,) = characteristic.gap(counts)
+    qualities = [QUALITIES[code] for code in characteristic.quality(counts)[0].tolist()]
+    steps = characteristic.steepest.tolist()
+    states = []
+    for index, (name, count) in enumerate(zip(surface.channel_names, reading.counts, strict=True)):
+        decimals = decimals_of(steps[index], surface.noise_mm)
+        gap_mm = deflection_mm = None
+        if count is not None:
+            gap_mm = rounded(float(gaps[index]), decimals)
+            deflection_mm = rounded(float(characteristic.rest_gap[index] - gaps[index]), decimals)
+        states.append(ChannelState(name, count, gap_mm, deflection_mm, qualities[index], decimals))
+    return tuple(states)
+
+
+def _as_json(state: SurfaceState, *, asked: bool) -> dict[str, object]:
+    """Return the state of a surface for JSON; `asked`: whether the service was asked."""
+    return {
+        "file": str(state.file),
+        "error": state.error,
+        "channels": [
+            {
+                "channel": channel.channel,
+                "counts": None if channel.counts is None else json.loads(counts_text(channel.counts)),
+                "gap_mm": channel.gap_mm,
+                "deflection_mm": channel.deflection_mm,
+                "quality": channel.quality,
+            }
+            for channel in state.channels
+        ],
+        "limits": state.limits,
+        "service": (state.refusal or "takes samples") if asked else None,
+        "doubt": state.doubt,
+    }
+
+
+def _lines(states: Sequence[SurfaceState], *, with_files: bool) -> Iterator[str]:
+    """Yield the table, with the file of each surface if there are several, and the limits below it."""
+    rows = [
+        (
+            state.surface,
+            channel.channel,
+            "-" if channel.counts is None else counts_text(channel.counts),
+            *(
+                "-" if length_mm is None else f"{length_mm:.{channel.decimals}f}"
+                for length_mm in (channel.gap_mm, channel.deflection_mm)
+            ),
+            channel.quality.value,
+            *[str(state.file)] * with_files,
+        )
+        for state in states
+        for channel in state.channels
+    ]
+    yield from aligned([*HEAD, *["file"] * with_files], rows, right=NUMBERS)
+    for state in states:
+        yield from (f"{state.surface}: {text}" for text in (*state.limits, state.doubt) if text)
+
+
+def decimals_of(step_mm: float, noise_mm: float | None) -> int:
+    """Return the decimals of a length in mm that one count or the noise of a reading, if it is larger, allows.
+
+    Parameters
+    ----------
+    step_mm
+        Change of the gap with one count [mm].
+    noise_mm
+        Standard deviation of a reading [mm], if known.
+    """
+    smallest_mm = max(step_mm, noise_mm or 0.0)
+    return min(max(math.ceil(-math.log10(smallest_mm)), 0), MAX_DECIMALS) if smallest_mm > 0 else MAX_DECIMALS
+
+
+def rounded(value: float, decimals: int) -> float:
+    """Return a value with this number of decimals; never -0.0."""
+    return round(value, decimals) + 0.0
+
+
+def counts_text(counts: float) -> str:
+    """Return counts: whole ones in full, means of several conversions and floating-point values to seven digits.
+
+    From a million on, such a mean is rounded to a whole number, because an exponent would take digits away.
+    """
+    return f"{counts:.0f}" if counts == int(counts) or abs(counts) >= MAX_FRACTION else digits(counts, 7)

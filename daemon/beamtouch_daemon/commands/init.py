@@ -111,10 +111,11 @@ def _source(arguments: argparse.Namespace) -> Keys:
     for key in options.keys() - OPTIONS[kind]:
         message = f"--{key.replace('_', '-')}: a source such as {address} has none; leave it out"
         raise InputError(message)
+    keys: dict[str, str | float] = {"kind": "modbus-rtu" if kind == "rtu" else "serial", "port": where}
     if kind == "tcp":
         host, port = address_of(address)
-        return {"kind": "modbus-tcp", "host": host, "port": port} | options
-    return {"kind": "modbus-rtu" if kind == "rtu" else "serial", "port": where} | options
+        keys = {"kind": "modbus-tcp", "host": host, "port": port}
+    return keys | options
 
 
 def toml_of(keys: Keys) -> list[str]:

@@ -5,6 +5,7 @@ import asyncio
 import json
 import math
 import sys
+from collections.abc import Sequence
 from contextlib import aclosing
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -14,16 +15,15 @@ import numpy as np
 from beamtouch_common.commands import DONE, FAILED
 from beamtouch_common.digits import digits
 from beamtouch_common.errors import InputError
-from beamtouch_daemon.commands import noise_text
-from beamtouch_daemon.commands.noise_text import Measured
+from beamtouch_common.table import aligned
 from beamtouch_daemon.config import tare_file
 from beamtouch_daemon.config.file import load_config
 from beamtouch_daemon.config.settings import Config, Surface
+from beamtouch_daemon.config.signal import Adaptive, GrowingMean, LowPass, MovingAverage
 from beamtouch_daemon.exits import complain
-from beamtouch_daemon.processing.noise_keys import keys_of
+from beamtouch_daemon.processing.at_rest import NotAtRestError, select_rest
+from beamtouch_daemon.processing.noise import ChannelNoise, Keys, keys_of, measure_noise, readings_needed
 from beamtouch_daemon.processing.pipeline import counts_of
-from beamtouch_daemon.processing.rest_checks import NotMeasuredError, at_rest
-from beamtouch_daemon.processing.rest_noise import measured, readings_needed
 from beamtouch_daemon.sources.configured import Buses, source_of
 from beamtouch_daemon.sources.reading import Source, SourceError
 from beamtouch_models.filters import FloatArray
@@ -36,7 +36,7 @@ MAX_READINGS = 2_000_000
 """Limit of the readings of a surface, for memory."""
 PATIENCE_S = 60.0
 """Limit of the extra time when readings are lost; the time that was asked for, if that is longer."""
-PROGRESS_S = 10.0
+HEAD = ("surface", "channel", "noise mm", "correlation ms", "effective mm", "drift mm", "step mm")
 
 
 class Recording(NamedTuple):
@@ -49,46 +49,51 @@ class Recording(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Refused:
-    """A surface whose noise was not measured."""
+class Measurement:
+    """The noise of a surface."""
 
     surface: str
-    reason: str
+    settings: Surface
+    recording: Recording
+    channels: Sequence[ChannelNoise]
+    keys: Keys
+
+    def correlation_ms(self, channel: ChannelNoise) -> float:
+        """Return the time after which a reading counts as independent; about a period for white noise."""
+        return 1e3 * channel.correlated_readings / self.settings.rate_hz
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the command; InputError if the configuration, a tare file or an argument cannot be used."""
     config = load_config(arguments.config)
-    chosen: str | None = arguments.surface
-    if chosen is not None and chosen not in config.surfaces:
-        message = f"--surface: there is no surface {chosen}; choose one of {', '.join(config.surfaces)}"
-        raise InputError(message)
-    names = [chosen] if chosen else list(config.surfaces)
+    names = config.choose_surfaces(arguments.surface)
     seconds = {name: _seconds(arguments.seconds, config.surfaces[name]) for name in names}
-    answers = asyncio.run(_measure(config, seconds))
-    done = [answer for answer in answers if isinstance(answer, Measured)]
-    refused = [answer for answer in answers if isinstance(answer, Refused)]
+    rest_mm = {name: tare_file.load(config.tare_file(name), config.surfaces[name].channel_names) for name in names}
+    answers = asyncio.run(_measure_all(config, seconds, rest_mm))
+    measurements = [answer for answer in answers.values() if isinstance(answer, Measurement)]
+    reasons = {name: answer for name, answer in answers.items() if isinstance(answer, str)}
     if arguments.json:
-        surfaces = {answer.surface: noise_text.as_json(answer) for answer in done}
-        print(json.dumps({"surfaces": surfaces | {answer.surface: {"error": answer.reason} for answer in refused}}))
-    elif done:
-        print("\n".join(noise_text.lines(done)))
-    for answer in refused:
-        complain(f"{answer.surface}: not measured: {answer.reason}")
-    return FAILED if refused else DONE
+        surfaces = {measurement.surface: _as_json(measurement) for measurement in measurements}
+        print(json.dumps({"surfaces": surfaces | {name: {"error": reason} for name, reason in reasons.items()}}))
+    elif measurements:
+        print("\n".join(report(measurements)))
+    for name, reason in reasons.items():
+        complain(f"{name}: not measured: {reason}")
+    return FAILED if reasons else DONE
 
 
 def _seconds(asked: float | None, surface: Surface) -> float:
     """Return the time to record; InputError if it is too short, or too long for the memory."""
     needed_s = readings_needed(surface) / surface.rate_hz
-    seconds = max(DEFAULT_S, MARGIN * needed_s) if asked is None else asked
     longest_s = min(MAX_SECONDS, MAX_READINGS / surface.rate_hz)
+    if needed_s > longest_s:
+        message = (
+            f"its filter needs {_rounded(needed_s)} s of readings, and at most {_rounded(longest_s)} s are recorded"
+        )
+        raise InputError(message)
+    seconds = min(max(DEFAULT_S, MARGIN * needed_s), longest_s) if asked is None else asked
     if not needed_s <= seconds <= longest_s:
         message = f"--seconds: give {_rounded(needed_s)} to {_rounded(longest_s)}, as its rate and its filter require"
-        if needed_s > longest_s:
-            message = (
-                f"its filter needs {_rounded(needed_s)} s of readings, and at most {_rounded(longest_s)} s are recorded"
-            )
         raise InputError(message)
     return seconds
 
@@ -98,46 +103,144 @@ def _rounded(seconds: float) -> str:
     return digits(seconds, 3) if seconds < 999.5 else f"{seconds:.0f}"
 
 
-async def _measure(config: Config, seconds: dict[str, float]) -> list[Measured | Refused]:
-    """Record all surfaces at the same time, as `run` reads them; InputError if a tare file does not fit."""
-    rest = {name: tare_file.load(config.tare_file(name), config.surfaces[name].channel_names) for name in seconds}
+async def _measure_all(
+    config: Config, seconds: dict[str, float], rest_mm: dict[str, dict[str, float]]
+) -> dict[str, Measurement | str]:
+    """Record all surfaces at the same time, as `run` reads them; return what is measured, or why nothing is."""
     buses: Buses = {}
 
-    async def one(name: str) -> Measured | Refused:
+    async def measure(name: str) -> Measurement | str:
         surface = config.surfaces[name]
+        print(f"{name}: recording {digits(seconds[name], 3)} s at rest; keep everything off the beam", file=sys.stderr)
         try:
-            recording = await _record(source_of(surface, name, buses), name, seconds[name], surface)
-            return await asyncio.to_thread(_measured, name, surface, recording, rest[name])
-        except (SourceError, NotMeasuredError) as error:
-            return Refused(name, str(error))
+            recording = await _record(source_of(surface, name, buses), seconds[name], surface)
+            return await asyncio.to_thread(_measure, name, surface, recording, rest_mm[name])
+        except (SourceError, NotAtRestError) as error:
+            return str(error)
 
-    return await asyncio.gather(*(one(name) for name in seconds))
-
-
-def _measured(name: str, surface: Surface, recording: Recording, rest_mm: dict[str, float]) -> Measured:
-    found = measured(at_rest(recording.counts, surface, rest_mm), surface)
-    return Measured(
-        name, surface, len(recording.counts), recording.lost, recording.seconds, found, keys_of(found, surface)
-    )
+    answers = await asyncio.gather(*map(measure, seconds))
+    return dict(zip(seconds, answers, strict=True))
 
 
-async def _record(source: Source, name: str, seconds: float, surface: Surface) -> Recording:
-    """Return the readings of the next seconds; SourceError if the source fails."""
-    needed, taken = readings_needed(surface), 0
-    print(f"{name}: recording {digits(seconds, 3)} s at rest; keep everything off the beam", file=sys.stderr)
-    parts: list[FloatArray] = []
-    lost, first_s, passed_s, said_s = 0, math.nan, 0.0, PROGRESS_S
+async def _record(source: Source, seconds: float, surface: Surface) -> Recording:
+    """Return the readings of the next seconds, and some more if many are lost; SourceError if the source fails."""
+    needed, parts = readings_needed(surface), list[FloatArray]()
+    taken, lost, begin_s = 0, 0, math.nan
     async with aclosing(source.readings()) as stream:
         async for readings in stream:
             if not parts:
-                first_s = readings[0].monotonic_s - 1 / surface.rate_hz
+                begin_s = readings[0].monotonic_s - 1 / surface.rate_hz
             parts.append(counts_of(readings))
-            lost += sum(reading.lost for reading in readings)
-            passed_s = readings[-1].monotonic_s - first_s
             taken += len(readings)
+            lost += sum(reading.lost for reading in readings)
+            passed_s = readings[-1].monotonic_s - begin_s
             if passed_s >= seconds + (0.0 if taken >= needed else max(PATIENCE_S, seconds)):
                 break
-            if passed_s >= said_s:
-                print(f"{name}: {passed_s:.0f} of {seconds:.0f} s", file=sys.stderr)
-                said_s += PROGRESS_S
+    if taken < needed:
+        message = f"{taken} readings arrived and its filter needs {needed}; give a longer --seconds"
+        raise NotAtRestError(message)
     return Recording(np.concatenate(parts), lost, passed_s)
+
+
+def _measure(name: str, surface: Surface, recording: Recording, rest_mm: dict[str, float]) -> Measurement:
+    """Return the noise of a recording; NotAtRestError if it does not show the noise at rest."""
+    channels = measure_noise(select_rest(recording.counts, surface, rest_mm), surface)
+    return Measurement(name, surface, recording, channels, keys_of(channels, surface))
+
+
+def _as_json(measurement: Measurement) -> dict[str, object]:
+    keys = measurement.keys
+    scene = {"noise_mm": keys.scene_noise_mm, "zero_drift_mm": keys.zero_drift_mm}
+    return {
+        "error": None,
+        "readings": len(measurement.recording.counts),
+        "readings_lost": measurement.recording.lost,
+        "seconds": measurement.recording.seconds,
+        "filter": filter_name(measurement.settings),
+        "channels": [
+            {
+                "channel": channel.channel,
+                "noise_mm": channel.noise_mm,
+                "correlation_ms": measurement.correlation_ms(channel),
+                "effective_noise_mm": channel.effective_noise_mm,
+                "drift_mm": channel.drift_mm,
+                "step_mm": channel.step_mm,
+                "steps_hide_noise": channel.is_rounded,
+            }
+            for channel in measurement.channels
+        ],
+        "daemon": {"noise_mm": keys.daemon_noise_mm, "stuck_after_ms": keys.stuck_after_ms},
+        "scene": scene if keys.adc_bits is None else scene | {"adc_bits": keys.adc_bits},
+    }
+
+
+def report(measurements: Sequence[Measurement]) -> list[str]:
+    """Return the lines for people: a table of all channels, then the lines to paste for each surface."""
+    rows = [
+        (
+            measurement.surface,
+            channel.channel,
+            digits(channel.noise_mm, 3),
+            digits(measurement.correlation_ms(channel), 2),
+            digits(channel.effective_noise_mm, 3),
+            digits(channel.drift_mm, 2),
+            digits(channel.step_mm, 3) if channel.step_mm else "-",
+        )
+        for measurement in measurements
+        for channel in measurement.channels
+    ]
+    table = aligned(HEAD, rows, right=range(2, len(HEAD)))
+    return [*table, *(line for measurement in measurements for line in _lines_to_paste(measurement))]
+
+
+def _lines_to_paste(measurement: Measurement) -> list[str]:
+    keys, name = measurement.keys, measurement.surface
+    counts, lost, seconds = measurement.recording
+    taken = f"{len(counts)} readings in {digits(seconds, 3)} s{f', {lost} lost' if lost else ''}"
+    return [
+        "",
+        f"{name}: {taken}; effective noise for {filter_name(measurement.settings)}",
+        *_remarks(measurement),
+        "",
+        f"[surfaces.{json.dumps(name)}]        # in the daemon's configuration",
+        f"noise_mm = {keys.daemon_noise_mm!r}",
+        *(
+            f"stuck_after_ms = {time!r}        # under the channel {channel}: noise_mm would call it stuck"
+            for channel, time in keys.stuck_after_ms.items()
+        ),
+        "",
+        "[sensors]        # in the scene, without noise_percent_of_max; then build the model again",
+        f"noise_mm = {keys.scene_noise_mm!r}",
+        f"zero_drift_mm = {keys.zero_drift_mm!r}        # within such a time; zeros drift further in a longer one",
+        *([] if keys.adc_bits is None else [f"adc_bits = {keys.adc_bits}"]),
+    ]
+
+
+def _remarks(measurement: Measurement) -> list[str]:
+    remarks = []
+    if hidden := [channel.channel for channel in measurement.channels if channel.is_rounded]:
+        remarks.append(
+            f"  {', '.join(hidden)}: the ADC's steps hide the noise, so a mean stays as wrong as a reading; "
+            "a finer ADC or more noise would help"
+        )
+    if alike := [channel for channel in measurement.channels if channel.is_coloured]:
+        times = max(channel.effective_noise_mm / channel.noise_mm for channel in alike)
+        remarks.append(
+            f"  {', '.join(channel.channel for channel in alike)}: successive readings are alike, so "
+            f"{filter_name(measurement.settings)} is up to {digits(times, 2)} times as noisy as with white noise"
+        )
+    return remarks
+
+
+def filter_name(surface: Surface) -> str:
+    """Return the configured filter in words."""
+    chosen = surface.filter
+    if isinstance(chosen, MovingAverage):
+        return f"the mean of {chosen.window} readings"
+    if isinstance(chosen, Adaptive):
+        return f"an adaptive mean of up to {chosen.window} readings"
+    if isinstance(chosen, LowPass):
+        return f"a low-pass of {chosen.cutoff_hz:g} Hz"
+    if isinstance(chosen, GrowingMean):
+        return "a growing mean"
+    return "single readings"

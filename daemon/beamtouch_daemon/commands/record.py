@@ -1,105 +1,286 @@
-"""`record`: records known loads for `design-sensors calibrate`."""
+"""`record`: records known loads for `design-sensors calibrate`.
+
+`calibrate` trusts what is recorded. So a load must be within the configured limits, it must deflect the beam visibly,
+and it must not move while it is recorded. A load that the user accepts is recorded without these checks.
+"""
 
 import argparse
 import asyncio
 import sys
+import threading
+import time
+from collections import deque
+from collections.abc import Sequence
+from contextlib import aclosing, suppress
+from dataclasses import replace
+
+import numpy as np
 
 from beamtouch_common.commands import DONE, FAILED
+from beamtouch_common.digits import digits
 from beamtouch_common.errors import FailedError, InputError
-from beamtouch_common.typed import is_terminal
-from beamtouch_daemon.commands.load_recorder import LoadRecorder, LoadRefusedError, require_stated
-from beamtouch_daemon.commands.record_dialogue import ACCEPT, HELP, Dialogue, Undo, load_of
-from beamtouch_daemon.commands.record_table import Load, Table, table
+from beamtouch_common.typed import is_terminal, typed_line
+from beamtouch_daemon.commands.loads import Load, LoadFile, parse_load
 from beamtouch_daemon.config import tare_file
 from beamtouch_daemon.config.file import load_config
-from beamtouch_daemon.config.settings import Config, Loads
-from beamtouch_daemon.sources.reading import SourceError
+from beamtouch_daemon.config.settings import Loads, Surface
+from beamtouch_daemon.processing.at_rest import NotAtRestError, describe_motion, noise_of, rest_gaps
+from beamtouch_daemon.processing.characteristic import QUALITIES, Characteristic
+from beamtouch_daemon.processing.pipeline import Pipeline, Taken, counts_of
+from beamtouch_daemon.sources.configured import source_of
+from beamtouch_daemon.sources.reading import Reading, SourceError
 from beamtouch_daemon.tasks import cancel
+from beamtouch_daemon.uptime import uptime_s
+from beamtouch_service.samples import Quality
 
 MAX_SECONDS = 3600.0
+SETTLED_S = 0.5
+MIN_READINGS = 20
+"""All channels must be steady for the longer of this time and this number of readings before a load is recorded."""
+MIN_SAMPLES = 2
+"""Smallest number of samples of a load; a single one cannot show whether the load was steady."""
+GIVE_UP_S = 30.0
+"""Limit on waiting for a load to settle, and on recording for longer than asked when readings are lost."""
+SEEN = 3.0
+"""A load is seen if it deflects a channel by more than this, in standard deviations of one reading."""
+
+ACCEPT, UNDO = "accept", "undo"
+"""Answers: record a load without checks, and remove the load that was recorded last."""
+HELP = f"""\
+Put a load on the beam, then answer. Two more answers are possible:
+  {UNDO:7} removes the last load. The recording ends with the last load of --at; to replace that one, record it again
+          with --append and without --at
+  {ACCEPT:7} after a load (or alone, with --at) records it without checks"""
+
+
+class LoadRefusedError(Exception):
+    """The load is not recorded; the text is one line with the reason."""
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the command; InputError for wrong input, FailedError if a load was not recorded."""
-    settings = load_config(arguments.config)
-    names = ", ".join(settings.surfaces)
-    name: str | None = arguments.surface or (names if len(settings.surfaces) == 1 else None)
-    if name is None:
-        message = f"--surface: choose one of {names}"
-        raise InputError(message)
-    if name not in settings.surfaces:
-        message = f"--surface: there is no surface {name}; choose one of {names}"
+    config = load_config(arguments.config)
+    names, path = config.choose_surfaces(arguments.surface), arguments.output
+    if len(names) > 1:
+        message = f"--surface: choose one of {', '.join(names)}"
         raise InputError(message)
     if not 0 < arguments.seconds <= MAX_SECONDS:
         message = f"--seconds: give more than 0 and at most {MAX_SECONDS:g}"
         raise InputError(message)
+    name, surface = names[0], config.surfaces[names[0]]
     try:
-        given = _given(arguments, settings.surfaces[name].loads)
-    except (ValueError, LoadRefusedError) as error:
+        given = [parse_load(words, surface.loads, is_accepted=arguments.accept) for words in arguments.at or ()]
+    except ValueError as error:
         message = f"--at: {error}"
         raise InputError(message) from None
-    return _record_to_file(settings, name, given, arguments)
-
-
-def _given(arguments: argparse.Namespace, known: Loads | None) -> list[Load] | None:
-    """Return the loads of --at, None without it."""
-    if arguments.at is None:
-        return None
-    given = [load_of([*words, *([ACCEPT] * arguments.accept)]) for words in arguments.at]
-    for load in given:
-        require_stated(load, known)
-    return given
-
-
-def _record_to_file(settings: Config, name: str, given: list[Load] | None, arguments: argparse.Namespace) -> int:
-    surface, path = settings.surfaces[name], arguments.output
-    rest_gap_mm = tare_file.load(settings.tare_file(name), surface.channel_names)
-
-    async def recorded(to: Table) -> list[Load]:
-        dialogue = Dialogue(given, surface.loads)
-        await record_loads(LoadRecorder(surface, rest_gap_mm), to, dialogue, arguments.seconds)
-        return sorted(dialogue.not_recorded, key=str)
-
-    with table(path, surface.channel_names, append=arguments.append) as to:
-        if surface.loads is None:
-            print(f"without [surfaces.{name}.loads], positions and forces are not checked", file=sys.stderr)
-        if is_terminal():
-            print(HELP, file=sys.stderr)
-        try:
-            not_recorded = asyncio.run(recorded(to))
-        except SourceError as error:
-            message = f"{name}: {error}; {to.loads} loads are in {path}"
-            raise FailedError(message) from None
-    print(f"{to.loads} loads in {path}; next: design-sensors calibrate MODEL {path} -o MODEL")
-    if not_recorded:
-        message = f"{name}: not recorded: {', '.join(map(str, not_recorded))}; put them on again"
-        raise FailedError(message)
-    return DONE if to.loads else FAILED
-
-
-async def record_loads(recorder: LoadRecorder, to: Table, dialogue: Dialogue, seconds: float) -> None:
-    """Record loads until the dialogue has no more; SourceError if the source fails."""
-    following = asyncio.ensure_future(recorder.follow())
-    recording = asyncio.ensure_future(_record_loads(recorder, to, dialogue, seconds))
+    recorder = Recorder(surface, tare_file.load(config.tare_file(name), surface.channel_names))
+    file = LoadFile(path, surface.channel_names, append=arguments.append)
+    if surface.loads is None:
+        print(f"without [surfaces.{name}.loads], positions and forces are not checked", file=sys.stderr)
+    if is_terminal():
+        print(HELP, file=sys.stderr)
+    dialogue = Dialogue(recorder, file, surface.loads, arguments.seconds)
     try:
-        await asyncio.wait({following, recording}, return_when=asyncio.FIRST_COMPLETED)
-        if following.done() and not recording.done():
-            following.result()
-        await recording
+        asyncio.run(_while_reading(recorder, dialogue, given))
+    except SourceError as error:
+        message = f"{name}: {error}; {file.loads} loads are in {path}"
+        raise FailedError(message) from None
+    print(f"{file.loads} loads in {path}; next: design-sensors calibrate MODEL {path} -o MODEL")
+    if dialogue.refused:
+        message = f"{name}: not recorded: {', '.join(map(str, dialogue.refused))}; put them on again"
+        raise FailedError(message)
+    return DONE if file.loads else FAILED
+
+
+async def _while_reading(recorder: "Recorder", dialogue: "Dialogue", given: Sequence[Load]) -> None:
+    """Hold the dialogue while the source is read; SourceError if the source fails."""
+    reading = asyncio.ensure_future(recorder.read())
+    asking = asyncio.ensure_future(dialogue.record_given(given) if given else dialogue.record_stated())
+    try:
+        await asyncio.wait({reading, asking}, return_when=asyncio.FIRST_COMPLETED)
+        if reading.done() and not asking.done():
+            reading.result()
+        await asking
     finally:
-        await cancel((recording, following))
+        await cancel((asking, reading))
 
 
-async def _record_loads(recorder: LoadRecorder, to: Table, dialogue: Dialogue, seconds: float) -> None:
-    while (load := await dialogue.next_load(to.loads + 1)) is not None:
-        if isinstance(load, Undo):
-            number, gone = to.loads, to.remove_last()
-            dialogue.say("there is no load to remove" if gone is None else f"load {number}, {gone}, is removed")
-            continue
+class Dialogue:
+    """Asks for loads and records them. After a wrong answer, and a load that is refused, it asks again."""
+
+    def __init__(self, recorder: "Recorder", file: LoadFile, limits: Loads | None, seconds: float) -> None:
+        self.refused: list[Load] = []
+        """Loads that were refused or removed, and have not been recorded since."""
+        self._recorder = recorder
+        self._file = file
+        self._limits = limits
+        self._seconds = seconds
+        self._lines: asyncio.Queue[str] = asyncio.Queue()
+
+    async def record_stated(self) -> None:
+        """Record loads whose position and force are typed, until an empty line."""
+        question = "put it on, then enter position in mm and force in N (empty line: done; undo)"
+        while words := (await self._ask(question)).split():
+            if words == [UNDO]:
+                self._undo()
+                continue
+            is_accepted = words[2:] == [ACCEPT]
+            try:
+                load = parse_load(words[:2] if is_accepted else words, self._limits, is_accepted=is_accepted)
+            except ValueError as error:
+                _say(str(error))
+            else:
+                await self._record(load)
+
+    async def record_given(self, given: Sequence[Load]) -> None:
+        """Record these loads, each after Enter says that it is on."""
+        begun = self._file.loads
+        while (done := self._file.loads - begun) < len(given):
+            answer = await self._ask(f"put {given[done]} on, then press Enter ({UNDO})")
+            match answer.split():
+                case [] if not answer:
+                    return
+                case [] | ["accept"]:
+                    await self._record(
+                        replace(given[done], is_accepted=given[done].is_accepted or bool(answer.strip()))
+                    )
+                case ["undo"]:
+                    self.refused += [load for load in (self._undo(),) if load]
+                case _:
+                    _say(f"{answer.strip()!r}: press Enter once the load is on, or type {UNDO} or {ACCEPT}")
+
+    async def _record(self, load: Load) -> None:
         try:
-            samples = await recorder.record(load, seconds)
+            samples = await self._recorder.record(load, self._seconds)
         except LoadRefusedError as error:
-            dialogue.refused(load, str(error))
+            self.refused += [load] if load not in self.refused else []
+            _say(f"{load} not recorded: {error}; put it on again, or answer {ACCEPT} to record it without checks")
         else:
-            to.write(load, samples)
-            dialogue.recorded(load, f"load {to.loads}: {load}, {len(samples)} samples")
+            self._file.write(load, samples)
+            self.refused = [other for other in self.refused if other != load]
+            _say(f"load {self._file.loads}: {load}, {len(samples)} samples")
+
+    def _undo(self) -> Load | None:
+        number, load = self._file.loads, self._file.remove_last()
+        _say(f"load {number}, {load}, is removed" if load else "there is no load to remove")
+        return load
+
+    async def _ask(self, question: str) -> str:
+        """Return the answer to a question, with its line end; empty at the end of the answers."""
+        print(
+            f"load {self._file.loads + 1}: {question}: ", end="" if is_terminal() else "\n", file=sys.stderr, flush=True
+        )
+        # Standard input may be a terminal, a pipe or a file. Only a blocking read in a thread works for all three, and
+        # the thread must not hold up the end of the program.
+        threading.Thread(target=self._read_line, args=[asyncio.get_running_loop()], daemon=True).start()
+        return await self._lines.get()
+
+    def _read_line(self, loop: asyncio.AbstractEventLoop) -> None:
+        line = typed_line()
+        with suppress(RuntimeError):  # the loop has ended
+            loop.call_soon_threadsafe(self._lines.put_nowait, line)
+
+
+class Recorder:
+    """Reads a surface without a break, so that its filter never restarts; keeps the samples of a load on request."""
+
+    def __init__(self, surface: Surface, rest_gap_mm: dict[str, float]) -> None:
+        self._surface = surface
+        self._source = source_of(surface)
+        self._characteristic = Characteristic.of(surface.channels, rest_gap_mm)
+        self._pipeline = Pipeline(surface, rest_gap_mm)
+        self._recent: deque[Reading] = deque(maxlen=max(MIN_READINGS, round(SETTLED_S * surface.rate_hz)))
+        self._samples: list[Taken] = []
+        self._changed = asyncio.Event()
+        self._keeps = False
+
+    async def read(self) -> None:
+        """Read until cancelled; SourceError where the source fails."""
+        async with aclosing(self._source.readings()) as stream:
+            async for readings in stream:
+                samples = self._pipeline.process(readings, time.time() - uptime_s())
+                self._recent.extend(readings)
+                if self._keeps:
+                    self._samples += samples
+                self._changed.set()
+
+    async def record(self, load: Load, seconds: float) -> list[Taken]:
+        """Wait until the surface has settled, then return the samples of the next `seconds`.
+
+        Lost readings are waited for, for up to `GIVE_UP_S`.
+
+        Raises
+        ------
+        LoadRefusedError
+            The surface did not settle within `GIVE_UP_S`, or the load moved, is not seen, or deflects the beam upwards.
+        """
+        self._recent.clear()
+        if not load.is_accepted:
+            await self._settle()
+        self._samples, self._keeps = [], True
+        enough = max(MIN_SAMPLES, round(seconds * self._surface.rate_hz))
+        deadline_s = time.monotonic() + seconds + GIVE_UP_S
+        try:
+            while len(self._samples) < enough and (left_s := deadline_s - time.monotonic()) > 0:
+                await self._wait(left_s)
+        finally:
+            self._keeps = False
+        if not load.is_accepted:
+            self._require_still_and_seen([sample.reading for sample in self._samples])
+        return self._samples
+
+    def _require_still_and_seen(self, readings: Sequence[Reading]) -> None:
+        """Raise LoadRefusedError if a channel moved, none deflects visibly, or the load lifts the beam."""
+        counts = counts_of(readings) if readings else np.empty((0, len(self._surface.channels)))
+        good = self._characteristic.quality(counts) == QUALITIES.index(Quality.GOOD)
+        deflections = self._characteristic.deflection(self._characteristic.gap(counts))
+        is_seen, largest, channel, noise = False, 0.0, "", 0.0
+        for index, (name, step) in enumerate(
+            zip(self._surface.channel_names, self._characteristic.steepest.tolist(), strict=True)
+        ):
+            values = deflections[good[:, index], index]
+            if len(values) < 2:
+                continue
+            if moved := describe_motion(values, step, self._surface.noise_mm):
+                message = f"the load moved while it was recorded: {name}, {moved}"
+                raise LoadRefusedError(message)
+            mean, noise_mm = float(np.mean(values)), noise_of(values, self._surface.noise_mm)
+            is_seen = is_seen or abs(mean) > SEEN * noise_mm + step
+            if not channel or abs(mean) > abs(largest):
+                largest, channel, noise = mean, name, noise_mm
+        message = ""
+        if not channel:
+            message = "no channel gave good readings"
+        elif not is_seen:
+            message = f"no load is seen: the largest deflection is {digits(abs(largest), 2)} mm ({channel}), noise "
+            message += f"{digits(noise, 2)} mm"
+        elif largest < 0:
+            message = f"the largest deflection is negative: {digits(largest, 2)} mm ({channel}), against the load, "
+            message += "which is right only where an overhang lifts"
+        if message:
+            raise LoadRefusedError(message)
+
+    async def _settle(self) -> None:
+        """Wait until the surface is steady; LoadRefusedError if it is not within `GIVE_UP_S`."""
+        deadline_s, reason = time.monotonic() + GIVE_UP_S, "no readings arrived"
+        while (left_s := deadline_s - time.monotonic()) > 0:
+            await self._wait(left_s)
+            if len(self._recent) < (self._recent.maxlen or 0):
+                continue
+            try:
+                rest_gaps(counts_of(list(self._recent)), self._surface)
+            except NotAtRestError as error:
+                reason = str(error).partition(";")[0]
+            else:
+                return
+        message = f"not settled within {GIVE_UP_S:g} s: {reason}"
+        raise LoadRefusedError(message)
+
+    async def _wait(self, seconds: float) -> None:
+        self._changed.clear()
+        with suppress(TimeoutError):
+            await asyncio.wait_for(self._changed.wait(), seconds)
+
+
+def _say(text: str) -> None:
+    print(text, file=sys.stderr, flush=True)

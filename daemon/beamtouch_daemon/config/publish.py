@@ -67,7 +67,8 @@ def read_certificates(path: Path) -> str:
     try:
         pem = path.read_text(encoding="ascii")
     except (OSError, UnicodeDecodeError) as error:
-        message = f"publish.certificate_file: cannot read {path} ({_reason(error)})"
+        reason = error.strerror if isinstance(error, OSError) else "not text"
+        message = f"publish.certificate_file: cannot read {path} ({reason})"
         raise (FailedError if isinstance(error, OSError) else InputError)(message) from error
     try:
         ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT).load_verify_locations(cadata=pem)
@@ -75,24 +76,3 @@ def read_certificates(path: Path) -> str:
         message = f"publish.certificate_file: {path} contains no PEM certificate; name the service's"
         raise InputError(message) from error
     return pem
-
-
-def read_token(path: Path) -> str:
-    """Return the bearer token in a file.
-
-    InputError if there is none in it; FailedError if the file cannot be read, as it may come later.
-    """
-    try:
-        token = path.read_text(encoding="ascii").strip()
-    except (OSError, UnicodeDecodeError) as error:
-        message = f"publish.token_file: cannot read {path} ({_reason(error)}); it must contain the service's token"
-        raise (FailedError if isinstance(error, OSError) else InputError)(message) from error
-    if not token or not token.isprintable() or " " in token:
-        message = f"publish.token_file: {path} must contain the service's token and nothing else"
-        raise InputError(message)
-    return token
-
-
-def _reason(error: OSError | UnicodeDecodeError) -> str:
-    """Return the reason why a file cannot be read, in a few words."""
-    return (error.strerror if isinstance(error, OSError) else None) or "not text"

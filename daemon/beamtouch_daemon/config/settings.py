@@ -7,9 +7,11 @@ from typing import Annotated, Self
 
 from pydantic import Field, FiniteFloat, PrivateAttr, ValidationInfo, model_validator
 
+from beamtouch_common.errors import InputError
+from beamtouch_common.secrets import read_token
 from beamtouch_daemon.config.modules import module_of
 from beamtouch_daemon.config.places import place_of
-from beamtouch_daemon.config.publish import Publish, read_certificates, read_token
+from beamtouch_daemon.config.publish import Publish, read_certificates
 from beamtouch_daemon.config.signal import Channel, Filter, GrowingMean, LowPass, NoFilter, Pair, Positive, ZeroTracking
 from beamtouch_daemon.config.sources import ModbusRtu, ModbusTcp, NetworkPort, RelativePath, SerialLine, Source, Strict
 from beamtouch_service.samples import MAX_CHANNELS, BeamIdentity, SurfaceName
@@ -181,6 +183,13 @@ class Config(Strict):
                 raise ValueError(message)
         return self
 
+    def choose_surfaces(self, name: str | None) -> list[str]:
+        """Return the names of the surfaces that --surface means, all without it; InputError if there is none."""
+        if name is not None and name not in self.surfaces:
+            message = f"--surface: there is no surface {name}; choose one of {', '.join(self.surfaces)}"
+            raise InputError(message)
+        return list(self.surfaces) if name is None else [name]
+
     def file_of(self, name: str) -> Path:
         """Return the file that has surface `name`: the configuration, or one that it includes."""
         return self._files[name]
@@ -200,5 +209,6 @@ class Config(Strict):
         return None if file is None else read_certificates(self._directory / file)
 
     def read_token(self) -> str:
-        """Return the bearer token; errors as `publish.read_token` raises them."""
-        return read_token(self._directory / self.publish.token_file)
+        """Return the bearer token; errors as of `secrets.read_token`."""
+        remedy = "publish.token_file must name a file with the service's token"
+        return read_token(self._directory / self.publish.token_file, remedy)

@@ -14,7 +14,7 @@ COLOURED = 0.7
 COARSE = 3.0
 """Step of a coarse ADC over the noise."""
 HIDDEN = 0.02
-"""Noise that `beamtouch-daemon noise` states where the steps hide it, in steps: `HIDDEN` of its `noise_keys`."""
+"""Noise that `beamtouch-daemon noise` states where the steps hide it, in steps: `HIDDEN` of its module `noise`."""
 TARED = 100
 """Readings of a tare."""
 

@@ -5,11 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from beamtouch_daemon.commands.noise_text import Measured, as_json, lines
+from beamtouch_daemon.commands.noise import Measurement, Recording, filter_name, report
 from beamtouch_daemon.config.settings import Surface
-from beamtouch_daemon.processing import noise_keys
-from beamtouch_daemon.processing.noise_keys import keys_of, rounded_up
-from beamtouch_daemon.processing.rest_noise import ChannelNoise, measured, readings_needed
+from beamtouch_daemon.processing import noise as daemon_noise
+from beamtouch_daemon.processing.noise import ChannelNoise, keys_of, measure_noise, readings_needed, round_up
 from beamtouch_models.challenge import noises
 from beamtouch_models.filters import FloatArray
 from beamtouch_models.pricing import noise as priced_noise
@@ -62,7 +61,7 @@ def of_white(window: int, alike: float) -> float:
 @pytest.mark.parametrize("window", [1, 4, 20])
 @pytest.mark.parametrize("alike", [0.0, 0.5, 0.9])
 def test_the_effective_noise_is_that_of_white_readings_with_the_same_mean(window: int, alike: float) -> None:
-    found = measured(counts_of(NOISE_MM * autoregressive(alike)), surface_of(mean_of(window)))
+    found = measure_noise(counts_of(NOISE_MM * autoregressive(alike)), surface_of(mean_of(window)))
     for one in found:
         assert one.noise_mm == pytest.approx(NOISE_MM, rel=0.05)
         assert one.effective_noise_mm == pytest.approx(NOISE_MM * of_white(window, alike), rel=0.08)
@@ -79,19 +78,19 @@ def test_the_effective_noise_of_a_low_pass_is_its_closed_form(alike: float) -> N
     kept = math.exp(-2 * math.pi * 10 / RATE_HZ)
     theory = math.sqrt((1 + alike * kept) / (1 - alike * kept))
     surface = surface_of({"kind": "low-pass", "cutoff_hz": 10.0})
-    for one in measured(counts_of(NOISE_MM * autoregressive(alike)), surface):
+    for one in measure_noise(counts_of(NOISE_MM * autoregressive(alike)), surface):
         assert one.effective_noise_mm == pytest.approx(NOISE_MM * theory, rel=0.08)
 
 
 def test_noise_that_stays_alike_for_a_second_is_found_in_a_minute() -> None:
-    found = measured(counts_of(NOISE_MM * autoregressive(0.99)), surface_of())
+    found = measure_noise(counts_of(NOISE_MM * autoregressive(0.99)), surface_of())
     assert np.mean([one.effective_noise_mm for one in found]) == pytest.approx(NOISE_MM * of_white(20, 0.99), rel=0.12)
 
 
 def test_drift_is_not_taken_for_noise() -> None:
     drift_mm = 10 * NOISE_MM
     moved = NOISE_MM * autoregressive(0.0) + np.linspace(0, drift_mm, MINUTE)[:, np.newaxis]
-    for one in measured(counts_of(moved), surface_of()):
+    for one in measure_noise(counts_of(moved), surface_of()):
         assert one.noise_mm == pytest.approx(NOISE_MM, rel=0.03)
         assert one.effective_noise_mm == pytest.approx(NOISE_MM, rel=0.06)
         # A zero that moves evenly is on average this far from where it was at the last tare.
@@ -104,7 +103,7 @@ def test_the_shortest_recording_gives_the_noise_within_some_percent() -> None:
     ratios = [
         one.effective_noise_mm / NOISE_MM
         for seed in range(20)
-        for one in measured(counts_of(NOISE_MM * autoregressive(0.0, 500, seed)), surface)
+        for one in measure_noise(counts_of(NOISE_MM * autoregressive(0.0, 500, seed)), surface)
     ]
     assert 0.98 < np.mean(ratios) < 1.06
     assert np.std(ratios) < 0.07
@@ -115,7 +114,7 @@ def test_the_shortest_recording_gives_the_noise_within_some_percent() -> None:
 def test_steps_hide_a_noise_of_less_than_half_a_step(noise: float, hides: bool) -> None:
     between = np.random.default_rng(4).uniform(size=CHANNELS)
     counts = np.rint(20_000 + between + noise * autoregressive(0.0))
-    for one in measured(counts, surface_of()):
+    for one in measure_noise(counts, surface_of()):
         assert one.is_rounded == hides
         if not hides:  # with the rounding, which is as good as independent noise here
             assert one.noise_mm == pytest.approx(math.hypot(noise, 1 / math.sqrt(12)) * STEP_MM, rel=0.03)
@@ -126,14 +125,14 @@ def test_means_of_conversions_are_judged_by_the_steps_of_a_conversion() -> None:
     fresh = np.random.default_rng(5).standard_normal((2000, 16, CHANNELS))
     for noise, hides in ((0.1, True), (0.7, False)):
         counts = np.rint(20_000.5 + noise * fresh).mean(axis=1)
-        assert {one.is_rounded for one in measured(counts, surface)} == {hides}
+        assert {one.is_rounded for one in measure_noise(counts, surface)} == {hides}
 
 
 def keys_for(noise: float, alike: float, channels: slice = slice(None)) -> tuple[list[ChannelNoise], Surface]:
     counts = np.full((MINUTE, CHANNELS), 20_000.0)
     counts[:, channels] = np.rint(20_000 + noise * autoregressive(alike))[:, channels]
     surface = surface_of()
-    return measured(counts, surface), surface
+    return measure_noise(counts, surface), surface
 
 
 def test_white_noise_is_stated_as_it_is() -> None:
@@ -184,17 +183,19 @@ def test_a_channel_that_changes_slowly_is_not_stuck_by_its_own_noise() -> None:
 )
 def test_the_filter_is_named_for_people(chosen: dict[str, object], named: str) -> None:
     surface = surface_of(chosen)
-    channels = measured(counts_of(NOISE_MM * autoregressive(0.0)), surface)
-    found = Measured("bench", surface, MINUTE, 3, 60.0, channels, keys_of(channels, surface))
-    assert as_json(found)["filter"] == named
-    assert f"bench: {MINUTE} readings in 60 s, 3 lost; effective noise for {named}" in lines([found])
+    counts = counts_of(NOISE_MM * autoregressive(0.0))
+    channels = measure_noise(counts, surface)
+    assert filter_name(surface) == named
+    measurement = Measurement("bench", surface, Recording(counts, 3, 60.0), channels, keys_of(channels, surface))
+    assert f"bench: {MINUTE} readings in 60 s, 3 lost; effective noise for {named}" in report([measurement])
 
 
 def test_noise_that_steps_hide_and_noise_that_stays_alike_are_remarked_on() -> None:
     def remarks(noise: float, alike: float) -> list[str]:
         channels, surface = keys_for(noise, alike)
-        found = lines([Measured("bench", surface, MINUTE, 0, 60.0, channels, keys_of(channels, surface))])
-        return [line for line in found if line.startswith("  s1, s2, s3, s4: ")]
+        recording = Recording(np.zeros((MINUTE, CHANNELS)), 0, 60.0)
+        lines = report([Measurement("bench", surface, recording, channels, keys_of(channels, surface))])
+        return [line for line in lines if line.startswith("  s1, s2, s3, s4: ")]
 
     (hidden,) = remarks(0.1, 0.0)
     assert "the ADC's steps hide the noise" in hidden
@@ -204,7 +205,7 @@ def test_noise_that_steps_hide_and_noise_that_stays_alike_are_remarked_on() -> N
 
 
 def test_values_are_rounded_up_to_three_digits() -> None:
-    assert [rounded_up(value) for value in (0.0, 0.0012301, 0.00123, 9.991, 1e-12)] == [
+    assert [round_up(value) for value in (0.0, 0.0012301, 0.00123, 9.991, 1e-12)] == [
         0.0,
         0.00124,
         0.00123,
@@ -214,5 +215,5 @@ def test_values_are_rounded_up_to_three_digits() -> None:
 
 
 def test_daemon_and_models_take_the_same_for_hidden_noise_and_for_zeros() -> None:
-    assert noise_keys.HIDDEN == noises.HIDDEN
-    assert noise_keys.ZERO_SHARE == priced_noise.ZERO_SHARE
+    assert daemon_noise.HIDDEN == noises.HIDDEN
+    assert daemon_noise.ZERO_SHARE == priced_noise.ZERO_SHARE

@@ -1,0 +1,141 @@
+"""Known loads, and the CSV file of their samples that `design-sensors calibrate` reads."""
+
+import csv
+import io
+import math
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from beamtouch_common.errors import FailedError, InputError
+from beamtouch_common.files import require_writable
+from beamtouch_daemon.commands.check import MAX_DECIMALS, counts_text, rounded
+from beamtouch_daemon.config.settings import Loads
+from beamtouch_daemon.processing.pipeline import Taken
+
+LOAD_COLUMNS = ("unix_time_s", "load", "position_mm", "force_n")
+CHANNEL_COLUMNS = ("counts", "deflection_mm", "quality")
+
+
+@dataclass(frozen=True)
+class Load:
+    """A known load, as the user states it."""
+
+    position_mm: float
+    force_n: float
+    is_accepted: bool = field(default=False, compare=False)
+    """Whether it is recorded without checks."""
+
+    def __str__(self) -> str:
+        return f"{self.force_n:g} N at {self.position_mm:g} mm"
+
+
+def parse_load(words: Sequence[str], limits: Loads | None, *, is_accepted: bool) -> Load:
+    """Return the load with a position and a force; ValueError with one line if it cannot be, or is outside `limits`."""
+    try:
+        position_mm, force_n = (float(word.replace(",", ".")) for word in words)
+    except ValueError:
+        message = "give two numbers: the position in mm from the left end, and the force in N, as in 150 10"
+        raise ValueError(message) from None
+    message = ""
+    if not 0 <= position_mm < math.inf:
+        message = f"a position of {position_mm:g} mm is not on the beam; count from its left end"
+    elif not 0 < force_n < math.inf:
+        message = f"a force of {force_n:g} N is no load; give newtons (1 kg weighs 9.81 N)"
+    elif limits and not is_accepted:
+        low_mm, high_mm = limits.position_mm
+        if not low_mm <= position_mm <= high_mm:
+            message = f"{position_mm:g} mm is not within {low_mm:g} to {high_mm:g} mm, the range that the model covers"
+        elif force_n > limits.max_force_n:
+            message = f"{force_n:g} N is more than {limits.max_force_n:g} N, the largest force that the model covers"
+    if message:
+        raise ValueError(message)
+    return Load(position_mm, force_n, is_accepted)
+
+
+class LoadFile:
+    """A file with a row per sample; it contains each load completely or not at all.
+
+    Parameters
+    ----------
+    path
+        The file.
+    channels
+        Names of the channels.
+    append
+        Whether to add to an existing file.
+
+    Raises
+    ------
+    InputError
+        The file exists and `append` is false, or it is not a recording of these channels, or it cannot be written.
+    """
+
+    def __init__(self, path: Path, channels: Sequence[str], *, append: bool) -> None:
+        self.path = path
+        self.loads = 0
+        """Number of the last load in the file; 0 if there is none."""
+        self._recorded: list[tuple[int, Load]] = []
+        """Position in the file, and load, of each load that was added."""
+        header = [*LOAD_COLUMNS, *(f"{name}_{column}" for name in channels for column in CHANNEL_COLUMNS)]
+        if path.exists() and not append:
+            message = f"{path}: already exists; add --append or name another file"
+            raise InputError(message)
+        require_writable([path])
+        if path.exists():
+            self.loads = _last_load(path, header)
+        else:
+            self._append([header])
+
+    def write(self, load: Load, samples: Sequence[Taken]) -> None:
+        """Add a load; FailedError if that is impossible."""
+        number = self.loads + 1
+        self._recorded.append((self.path.stat().st_size, load))
+        self._append([_row(number, load, taken) for taken in samples])
+        self.loads = number
+
+    def remove_last(self) -> Load | None:
+        """Remove the load that was added last and return it; None if there is none."""
+        if not self._recorded:
+            return None
+        size, load = self._recorded.pop()
+        os.truncate(self.path, size)
+        self.loads -= 1
+        return load
+
+    def _append(self, rows: Sequence[Sequence[object]]) -> None:
+        text = io.StringIO()
+        csv.writer(text, lineterminator="\n").writerows(rows)
+        try:
+            with self.path.open("a", newline="", encoding="utf-8") as file:
+                file.write(text.getvalue())
+        except OSError as error:
+            message = f"{self.path}: {error.strerror}; {self.loads} loads are in it"
+            raise FailedError(message) from None
+
+
+def _last_load(path: Path, header: Sequence[str]) -> int:
+    """Return the number of the last load in a file; InputError if it is not a recording with these columns."""
+    message = f"{path}: not a recording; write to another file"
+    try:
+        text = path.read_text(encoding="utf-8")
+        rows = list(csv.reader(io.StringIO(text)))
+        if rows[:1] != [header]:
+            message = f"{path}: its columns are not those of this surface; write to another file"
+        elif text.endswith("\n") and {len(row) for row in rows} == {len(header)}:
+            return max((int(row[1]) for row in rows[1:]), default=0)
+    except ValueError:  # also bytes that are no text
+        pass
+    except OSError as error:
+        message = f"{path}: {error.strerror}"
+    raise InputError(message)
+
+
+def _row(number: int, load: Load, taken: Taken) -> list[object]:
+    sample = taken.sample
+    cells: list[object] = [f"{sample.acquired_unix_us / 1e6:.6f}", number, load.position_mm, load.force_n]
+    for count, value, quality in zip(taken.reading.counts, sample.deflection_mm, sample.quality, strict=True):
+        deflection = "" if value is None else f"{rounded(value, MAX_DECIMALS):.{MAX_DECIMALS}f}"
+        cells += ["" if count is None else counts_text(count), deflection, quality.value]
+    return cells

@@ -1,0 +1,271 @@
+"""Checks that nothing touches the beam, for `tare`, `record` and `noise`. Pure.
+
+A load moves the beam when it comes, and holds it away from its rest gaps while it stays.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beamtouch_common.digits import digits
+from beamtouch_daemon.config.places import encoding_of
+from beamtouch_daemon.config.settings import Surface
+from beamtouch_daemon.processing import stuck
+from beamtouch_daemon.processing.characteristic import QUALITIES, Characteristic
+from beamtouch_models.filters import FloatArray
+from beamtouch_service.samples import Quality
+
+TARE_S = 1.0
+MIN_TARE_READINGS = 50
+"""A tare averages the longer of this time and this number of readings; below it, noise looks like motion too often."""
+MAX_SPREAD = 2.0
+"""Largest standard deviation at rest, relative to the noise of one reading."""
+MAX_DRIFT = 1.0
+"""Largest difference between the means of both halves, relative to the noise of one reading."""
+DRIFT_DEVIATIONS = 5.0
+"""The same difference, relative to its own standard deviation; the smaller of both limits counts."""
+MOUNTED_WITHIN = 0.1
+"""Largest difference from the configured rest gap, which may be nominal, as a part of the linear range."""
+DRIFTS_WITHIN = 0.02
+"""Largest difference between two tares, from warmth and settling, as a part of the linear range."""
+LOAD_SHARE = 0.1
+"""The same for both, as a part of what the smallest force causes where it moves the channel most. Smaller parts would
+refuse ordinary settling. With it, the smallest force shows everywhere but within a few percent of the supports."""
+STATED_DEVIATIONS = 4.0
+"""A difference within this many standard deviations of the stated drift is never refused."""
+
+MAX_BAD = 0.01
+"""Largest share of the readings of a recording in which a channel is not good."""
+FEW_VALUES = 4
+"""A channel whose counts never change is stuck if another takes more values than this: a coarse ADC gives no more."""
+JUMP_S = 0.1
+JUMP_READINGS = 4
+"""Means over the longer of this time and this number of readings show whether the beam is touched."""
+LONGER = 4
+MIN_MEANS = 30
+"""Factor between the lengths of means, of which longer ones show lighter touches, and the fewest means of a length."""
+MAX_JUMP = 8.0
+"""Largest change between two adjacent means, wherever they meet, relative to their usual change; noise does not reach
+it in a year."""
+VIBRATION_S = 0.5
+VIBRATION_READINGS = 20
+"""Vibrations are sought within the longer of this time and this number of readings; slower changes are drift."""
+MAX_TOGETHER = 0.5
+"""Largest correlation between two channels; beyond it, more than half of their scatter has one cause."""
+CHANCE = 3.0
+"""Correlations up to this, over the root of the number of such stretches, may be chance, however slow the noise is."""
+
+
+class NotAtRestError(Exception):
+    """The beam is not at rest, or a sensor does not work; the text is one line for the user."""
+
+
+def readings_for_tare(rate_hz: float) -> int:
+    """Return the number of readings that a tare averages."""
+    return max(MIN_TARE_READINGS, math.ceil(TARE_S * rate_hz))
+
+
+def rest_gaps(counts: FloatArray, surface: Surface) -> dict[str, float]:
+    """Return the mean gap of each channel [mm], by name, of counts of shape (readings, channels), NaN where missing.
+
+    Without `noise_mm`, the noise is estimated from the differences between successive readings, which a slow motion
+    hardly changes.
+
+    Raises
+    ------
+    NotAtRestError
+        A channel was not always good, or the surface moved: its spread or drift exceeds what noise and one ADC step
+        explain.
+    """
+    characteristic = Characteristic.of(surface.channels)
+    _require_good(characteristic.quality(counts), surface.channel_names, max_share=0.0)
+    gaps = characteristic.gap(counts)
+    for name, gap, step_mm in zip(surface.channel_names, gaps.T, characteristic.steepest.tolist(), strict=True):
+        if moved := describe_motion(gap, step_mm, surface.noise_mm):
+            message = f"{name} moved: {moved}; take everything off the beam and try again"
+            raise NotAtRestError(message)
+    return dict(zip(surface.channel_names, np.mean(gaps, axis=0).tolist(), strict=True))
+
+
+def noise_of(gap_mm: FloatArray, noise_mm: float | None) -> float:
+    """Return the noise of a reading [mm]: `noise_mm`, or estimated from differences between successive readings."""
+    return float(np.std(np.diff(gap_mm))) / math.sqrt(2.0) if noise_mm is None else noise_mm
+
+
+def describe_motion(gap_mm: FloatArray, step_mm: float, noise_mm: float | None) -> str:
+    """Describe the motion in the gaps of a channel, shape (readings,); empty if noise and one ADC step explain it."""
+    noise = noise_of(gap_mm, noise_mm)
+    spread = float(np.std(gap_mm))
+    first, second = np.array_split(gap_mm, 2)
+    drift = abs(float(np.mean(second) - np.mean(first)))
+    # The difference of two means of n / 2 readings has 2 / sqrt(n) times the standard deviation of a reading.
+    max_drift = min(MAX_DRIFT, DRIFT_DEVIATIONS * 2 / math.sqrt(len(gap_mm))) * noise
+    if spread <= MAX_SPREAD * noise + step_mm and drift <= max_drift + step_mm:
+        return ""
+    return f"standard deviation {digits(spread, 2)} mm, drift {digits(drift, 2)} mm, noise {digits(noise, 2)} mm"
+
+
+def find_contradictions(rest_gap_mm: Mapping[str, float], last_mm: Mapping[str, float], surface: Surface) -> list[str]:
+    """Return a phrase for each channel whose rest gap differs too much from the last tare, or the configuration.
+
+    Parameters
+    ----------
+    rest_gap_mm
+        Measured rest gaps [mm], by channel name.
+    last_mm
+        Rest gaps of the last tare [mm], by channel name; empty without one: then the configuration counts.
+    surface
+        The configuration.
+    """
+    reference = "the last tare" if last_mm else "its rest_gap_mm"
+    return [
+        f"{name} {difference_mm:+.3f} mm from {reference}"
+        for name, difference_mm, allowed_mm in _differences(rest_gap_mm, last_mm, surface)
+        if abs(difference_mm) > allowed_mm
+    ]
+
+
+def describe_comparison(rest_gap_mm: Mapping[str, float], last_mm: Mapping[str, float], surface: Surface) -> str:
+    """Describe what accepted rest gaps were compared with, and how closely; arguments as `find_contradictions`."""
+    differences = _differences(rest_gap_mm, last_mm, surface)
+    name, difference_mm, _ = max(differences, key=lambda difference: abs(difference[1]))
+    smallest_mm = min(allowed_mm for _, _, allowed_mm in differences)
+    what = "compared with the last tare" if last_mm else "first tare, compared with rest_gap_mm"
+    text = (
+        f"{what}: {name} differs most, by {digits(abs(difference_mm), 2)} mm; {digits(smallest_mm, 2)} mm are allowed"
+    )
+    if all(channel.smallest_force_mm is None for channel in surface.channels):
+        return f"{text}; a load that moves less is not noticed, as the channels state no smallest_force_mm"
+    return text
+
+
+def _differences(
+    rest_gap_mm: Mapping[str, float], last_mm: Mapping[str, float], surface: Surface
+) -> list[tuple[str, float, float]]:
+    """Return name, difference [mm] and largest allowed difference [mm] of each channel."""
+    followed_mm = surface.zero_tracking.max_mm if surface.zero_tracking else 0.0
+    drift_mm = max(followed_mm, STATED_DEVIATIONS * surface.zero_drift_mm)
+    differences = []
+    for channel in surface.channels:
+        largest_mm = (DRIFTS_WITHIN if last_mm else MOUNTED_WITHIN) * (channel.range_mm[1] - channel.range_mm[0])
+        if channel.smallest_force_mm is not None:
+            largest_mm = min(largest_mm, LOAD_SHARE * channel.smallest_force_mm)
+        difference_mm = rest_gap_mm[channel.name] - last_mm.get(channel.name, channel.rest_gap_mm)
+        differences.append((channel.name, difference_mm, max(largest_mm, drift_mm) + (surface.noise_mm or 0.0)))
+    return differences
+
+
+def select_rest(counts: FloatArray, surface: Surface, last_mm: Mapping[str, float]) -> FloatArray:
+    """Return the readings of a long recording in which all channels are good. It does not trust the stated noise.
+
+    Parameters
+    ----------
+    counts
+        Shape (readings, channels), NaN where missing.
+    surface
+        The configuration.
+    last_mm
+        Rest gaps of the last tare [mm], by channel name; empty without one.
+
+    Raises
+    ------
+    NotAtRestError
+        A channel is not good or stuck, or the beam is touched, moves or drifts.
+    """
+    characteristic, names = Characteristic.of(surface.channels), surface.channel_names
+    good = _require_good(characteristic.quality(counts), names, MAX_BAD)
+    counts = counts[good.all(axis=1)]
+    if frozen := _find_stuck(counts, surface, characteristic):
+        message = f"{', '.join(frozen)} stuck: the counts do not change; check the sensor"
+        raise NotAtRestError(message)
+    gaps = characteristic.gap(counts)
+    rest = dict(zip(names, gaps.mean(axis=0).tolist(), strict=True))
+    if contradictions := find_contradictions(rest, last_mm, surface):
+        message = (
+            f"{', '.join(contradictions)}; take everything off the beam, or tare it again if its sensors were moved"
+        )
+        raise NotAtRestError(message)
+    if moved := _find_jump(gaps, surface, characteristic) or _find_vibration(gaps, surface):
+        message = f"{moved}; take everything off the beam, leave it alone and try again"
+        raise NotAtRestError(message)
+    return counts
+
+
+def without_line(values: FloatArray) -> FloatArray:
+    """Return values, shape (readings, channels), without their mean and their straight trend."""
+    time = np.arange(len(values)) - (len(values) - 1) / 2
+    centred = values - values.mean(axis=0)
+    residual: FloatArray = centred - time[:, np.newaxis] * (time @ centred / (time @ time))
+    return residual
+
+
+def _require_good(codes: NDArray[np.int8], channels: Sequence[str], max_share: float) -> NDArray[np.bool_]:
+    """Return where channels are good, shape (readings, channels); NotAtRestError if one is not in too many readings."""
+    good: NDArray[np.bool_] = codes == QUALITIES.index(Quality.GOOD)
+    bad = [
+        f"{name} is {QUALITIES[int(wrong[0])]} in {len(wrong)} of {len(codes)} readings"
+        for name, wrong in zip(channels, (column[column != 0] for column in codes.T), strict=True)
+        if len(wrong) > max_share * len(codes)
+    ]
+    if bad:
+        message = f"{', '.join(bad)}; check the sensor"
+        raise NotAtRestError(message)
+    return good
+
+
+def _find_stuck(counts: FloatArray, surface: Surface, characteristic: Characteristic) -> list[str]:
+    """Return the names of channels that never change, where the stated noise or the other channels would show."""
+    values = np.array([len(np.unique(column)) for column in counts.T])
+    longest = stuck.longest_runs(surface.channels, characteristic.steepest, surface.noise_mm, surface.rate_hz)
+    fractional = np.array([encoding_of(surface.source, channel) == "f32" for channel in surface.channels])
+    frozen = (values == 1) & (np.isfinite(longest) | fractional | (values.max() > FEW_VALUES))
+    return [name for name, is_frozen in zip(surface.channel_names, frozen.tolist(), strict=True) if is_frozen]
+
+
+def _find_jump(gaps: FloatArray, surface: Surface, characteristic: Characteristic) -> str:
+    """Describe a sudden change, or a drift that is too large, in gaps (readings, channels); empty if there is none."""
+    residual = without_line(gaps)
+    medians = np.median(np.stack([residual[:-2], residual[1:-1], residual[2:]]), axis=0)  # without single spikes
+    fifths = gaps[: len(gaps) // 5 * 5].reshape(5, -1, gaps.shape[1]).mean(axis=1)
+    for index, channel in enumerate(surface.channels):
+        width = max(JUMP_READINGS, round(JUMP_S * surface.rate_hz))
+        if jump := _largest_jump(medians[:, index], width, float(characteristic.steepest[index])):
+            place, size_mm = jump
+            return f"{channel.name} moved by {digits(size_mm, 2)} mm after {digits(place / surface.rate_hz, 3)} s"
+        drift_mm = float(np.ptp(fifths[:, index]))
+        if drift_mm > DRIFTS_WITHIN * (channel.range_mm[1] - channel.range_mm[0]):
+            return f"{channel.name} drifted by {digits(drift_mm, 2)} mm"
+    return ""
+
+
+def _largest_jump(values: FloatArray, width: int, step: float) -> tuple[int, float] | None:
+    """Return place and size of the largest change of values (readings,) beyond noise; None if there is none."""
+    total = np.concatenate([[0.0], np.cumsum(values)])
+    longest = max(width, len(values) // MIN_MEANS)
+    while width <= longest:
+        change = np.abs(total[2 * width :] - 2 * total[width:-width] + total[: -2 * width]) / width
+        usual = float(np.median(change)) / 0.6745  # of Gaussian changes, half are smaller than 0.6745 deviations
+        if (largest := float(change.max())) > MAX_JUMP * usual + step:
+            return int(change.argmax()) + width, largest
+        width *= LONGER
+    return None
+
+
+def _find_vibration(gaps: FloatArray, surface: Surface) -> str:
+    """Describe the two channels that scatter most alike; empty if that may be chance, or if only one varies."""
+    width = max(VIBRATION_READINGS, round(VIBRATION_S * surface.rate_hz))
+    blocks = without_line(gaps)[: len(gaps) // width * width].reshape(-1, width, gaps.shape[1])
+    fast = (blocks - blocks.mean(axis=1, keepdims=True)).reshape(-1, gaps.shape[1])
+    varying = np.flatnonzero(fast.any(axis=0))
+    if len(varying) < 2:
+        return ""
+    fast = fast[:, varying]
+    alike = np.abs(np.corrcoef(fast.T))
+    np.fill_diagonal(alike, 0.0)
+    first, second = np.unravel_index(int(alike.argmax()), alike.shape)
+    if alike[first, second] <= max(MAX_TOGETHER, CHANCE / math.sqrt(len(blocks))):
+        return ""
+    names = [surface.channel_names[int(varying[place])] for place in (first, second)]
+    return f"{' and '.join(names)} move together (correlation {alike[first, second]:.2f}), so the beam moves"
