@@ -118,11 +118,6 @@ def _source(arguments: argparse.Namespace) -> Keys:
     return keys | options
 
 
-def toml_of(keys: Keys) -> list[str]:
-    """Return the lines of a table."""
-    return [f"{key} = {json.dumps(value, ensure_ascii=False)}" for key, value in keys.items()]
-
-
 def _seen_from(path: Path, file: Path) -> str:
     """Return a file as a configuration names it: relative to its folder if the file is in it or below."""
     relative = os.path.relpath(file.absolute(), path.absolute().parent)
@@ -140,7 +135,7 @@ def _with_table(text: str, names: tuple[str, ...], keys: Keys, *, keeps_others: 
     if begin is None:
         raise LookupError(f"[{'.'.join(names)}]")
     end = next((place for place in range(begin, len(lines)) if lines[place].lstrip().startswith("[")), len(lines))
-    table = toml_of(keys)
+    table = [f"{key} = {json.dumps(value, ensure_ascii=False)}" for key, value in keys.items()]
     if keeps_others:
         others = (line for line in lines[begin:end] if line.strip())
         table += [line for line in others if line.partition("=")[0].strip(" \t\"'") not in keys]
