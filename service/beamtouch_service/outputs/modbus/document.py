@@ -4,6 +4,7 @@ import json
 from collections.abc import Sequence
 from typing import Any
 
+from beamtouch_common.table import aligned_markdown
 from beamtouch_service.outputs.modbus.registers import BLOCK, REGISTERS, STATES, identity
 from beamtouch_service.problems import Kind
 from beamtouch_service.samples import Note
@@ -41,15 +42,17 @@ def as_text(surfaces: Sequence[str], word_order: str) -> str:
     states = [(str(code), f"`{_state_name(state)}`", words) for state, (code, words) in STATES.items()]
     parts = [
         f"Input registers (function 4). Each surface has a block of {BLOCK}; offsets count from its first register.",
-        _table(("offset", "register", "type", "value"), registers),
-        _table(("state", "name", "meaning"), states),
-        _table(("bit of `notes`", "note", "meaning"), [(str(one.bit), f"`{one}`", one.meaning) for one in Note]),
+        aligned_markdown(("offset", "register", "type", "value"), registers),
+        aligned_markdown(("state", "name", "meaning"), states),
+        aligned_markdown(
+            ("bit of `notes`", "note", "meaning"), [(str(one.bit), f"`{one}`", one.meaning) for one in Note]
+        ),
     ]
     if surfaces:
         blocks = [
             (f"`{name}`", _range(place * BLOCK, BLOCK), str(identity(name))) for place, name in enumerate(surfaces)
         ]
-        parts += [_table(("surface", "addresses", "identity"), blocks), f"Word order: {word_order}."]
+        parts += [aligned_markdown(("surface", "addresses", "identity"), blocks), f"Word order: {word_order}."]
     return "\n\n".join(parts)
 
 
@@ -59,12 +62,3 @@ def _state_name(state: object) -> str:
 
 def _range(first: int, count: int) -> str:
     return str(first) if count == 1 else f"{first} to {first + count - 1}"
-
-
-def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Return a Markdown table whose columns are aligned, so that a terminal shows it well, too."""
-    widths = [max(map(len, column)) for column in zip(head, *rows, strict=True)]
-    lines = [head, ["-" * width for width in widths], *rows]
-    return "\n".join(
-        "| " + " | ".join(f"{cell:<{width}}" for cell, width in zip(line, widths, strict=True)) + " |" for line in lines
-    )
