@@ -29,9 +29,11 @@ def _parser() -> Parser:
     parser = Parser(PROGRAM, description=words)
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     _add_run(commands.add_parser("run", help="serve until SIGTERM or Ctrl-C"))
-    words = "Describe a model file, or say why the service would refuse it."
-    check = commands.add_parser("check", help="describe a model file", description=words)
-    check.add_argument("model", metavar="MODEL", help="model file from `design-sensors build`")
+    words = "Describe a model file or a configuration, or say why the service would refuse it."
+    check = commands.add_parser("check", help="describe a model file or a configuration", description=words)
+    subject = check.add_mutually_exclusive_group(required=True)
+    subject.add_argument("model", nargs="?", metavar="MODEL", help="model file from `design-sensors build`")
+    subject.add_argument("--config", metavar="FILE", help="configuration of the service, with the files that it names")
     check.add_argument("--json", action="store_true", help="print one JSON object on standard output")
     _add_registers(commands.add_parser("registers", help="print the Modbus register map"))
     return parser
@@ -65,9 +67,13 @@ def _add_run(run: argparse.ArgumentParser) -> None:
 
 
 def _check(arguments: argparse.Namespace) -> int:
-    from beamtouch_service.host import models  # noqa: PLC0415  # as in _run
+    settings = load_settings(Path(arguments.config), {}) if arguments.config else None
+    from beamtouch_service.host import models, setup  # noqa: PLC0415  # as in _run
 
-    print(models.report(Path(arguments.model), as_json=arguments.json))
+    if settings is not None:
+        print(setup.report(settings, as_json=arguments.json))
+    else:
+        print(models.report(Path(arguments.model), as_json=arguments.json))
     return DONE
 
 

@@ -39,6 +39,9 @@ class ServerSection(Section):
     """PEM, with its chain. With `key_file`, the service speaks HTTPS instead of HTTP."""
     key_file: File | None = None
     """PEM, the private key of the certificate."""
+    proxy: Host | None = None
+    """Name or address of the proxy in front of a service that listens beyond loopback. Without one, the service warns:
+    by itself it bounds neither the connections of one address nor slow requests."""
     replica: bool = False
     """This service is one of several that share the surfaces, behind a load balancer. Needs `events.url`."""
     max_streams: Annotated[int, Field(ge=0, le=1000)] = 32

@@ -39,7 +39,7 @@ CONSOLE = {
     "docs/how-to/design.md": 3,  # minutes on all cores, and a cluster
     "docs/how-to/mqtt.md": 2,  # a broker
     "docs/how-to/troubleshooting.md": 1,  # systemd
-    "docs/how-to/two-hosts.md": 4,  # systemd and root
+    "docs/how-to/two-hosts.md": 5,  # systemd and root
     "docs/how-to/upgrade.md": 1,  # systemd and root
     "docs/reference/rig.md": 2,  # they run until a person stops them
 }

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from beamtouch_models import modelfile
-from beamtouch_service.api.beam import Beam
+from beamtouch_service.api.surfaces import Beam
 from beamtouch_service.surfaces.surface import Surface
 from service.conftest import kind
 
@@ -37,11 +37,3 @@ def test_without_a_model_or_a_surface_there_is_none(make_bench: type[Bench]) -> 
     served = make_bench(Surface("press-7"))
     assert kind(served.get("/surfaces/press-7/beam")) == "no-model"
     assert kind(served.get("/surfaces/press-8/beam")) == "unknown-surface"
-
-
-def test_the_example_is_such_a_beam(make_bench: type[Bench]) -> None:
-    paths = make_bench().get("/openapi.json").json()["paths"]
-    content = paths["/surfaces/{name}/beam"]["get"]["responses"]["200"]["content"]["application/json"]
-    (example,) = content["examples"].values()
-    drawn = Beam.model_validate(example["value"]).drawn
-    assert [len(row) for row in drawn.deflection_mm_per_n] == [len(drawn.at_mm)] * len(drawn.load_mm)

@@ -27,7 +27,7 @@ def test_version_names_the_program_and_its_version(capsys: pytest.CaptureFixture
         ([], "the following arguments are required: COMMAND"),
         (["run", "--port", "many"], "argument --port: not a whole number: 'many'"),
         (["run", "--hos", "::1"], "unknown argument --hos ::1; see beamtouch-service run --help"),
-        (["check"], "the following arguments are required: MODEL"),
+        (["check"], "one of the arguments MODEL --config is required"),
     ],
 )
 def test_a_wrong_option_is_one_line_and_exit_code_2(

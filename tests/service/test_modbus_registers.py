@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 from beamtouch_models.modelfile import State
 from beamtouch_service import cli
-from beamtouch_service.api import contact
 from beamtouch_service.outputs.modbus.registers import BLOCK, REGISTERS, STATES
 from beamtouch_service.problems import Kind
 from beamtouch_service.samples import Note, Quality
@@ -34,9 +33,9 @@ def test_no_two_registers_share_an_address() -> None:
 
 
 def test_every_state_and_every_problem_of_a_surface_has_a_code() -> None:
-    of_requests = {Kind.NO_SURFACE, Kind.UNKNOWN_SURFACE}
+    problems = {Kind.STALE, Kind.NO_SAMPLES, Kind.OTHER_BEAM, Kind.NO_MODEL, Kind.TOO_FEW_CHANNELS}
 
-    assert set(STATES) == {*State, *contact.PROBLEMS} - of_requests
+    assert set(STATES) == {*State, *problems, Kind.UNUSABLE_ESTIMATE}
     assert len({code for code, _ in STATES.values()}) == len(STATES)
     assert all(code >= 16 for state, (code, _) in STATES.items() if isinstance(state, Kind))
 

@@ -7,21 +7,20 @@ from collections.abc import Iterable
 from typing import Any
 
 from fastapi import FastAPI, Request, Response
+from fastapi.responses import JSONResponse
 
 from beamtouch_common.commands import version
 from beamtouch_service.access import Access, Role
 from beamtouch_service.api import (
-    beam,
     calibration,
     contact,
     errors,
     events,
     gate,
+    health,
     metrics,
-    models,
     openapi,
     page,
-    probes,
     samples,
     stream,
     surfaces,
@@ -37,21 +36,20 @@ _description_router = gate.make_router("description", Role.READ)
 
 @_description_router.get("/openapi.json", include_in_schema=False)
 async def _get_openapi(request: Request) -> Response:
-    return Response(openapi.encoded(request.app.openapi()), media_type="application/json")
+    return JSONResponse(request.app.openapi())
 
 
 _ROUTERS = (
     contact.router,
     samples.router,
     surfaces.router,
-    models.router,
-    beam.router,
+    surfaces.model_router,
     calibration.router,
     metrics.router,
     stream.router,
     events.router,
-    probes.live_router,
-    probes.ready_router,
+    health.live_router,
+    health.ready_router,
     _description_router,
 )
 

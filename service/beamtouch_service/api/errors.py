@@ -14,7 +14,6 @@ from beamtouch_service.api.context import context_of
 from beamtouch_service.events.database import EventsAwayError
 from beamtouch_service.problems import MEDIA_TYPE, Kind, Problem, ProblemError
 
-NO_STORE = {"Cache-Control": "no-store"}
 MAX_ERRORS = 10
 """Places that an answer lists. A batch can be wrong in thousands."""
 _MAX_POINTER = 200
@@ -31,7 +30,7 @@ def install(app: FastAPI) -> None:
 
 def answer(problem: Problem, headers: dict[str, str] | None = None) -> Response:
     """Return a problem as an answer."""
-    return Response(encoded(problem), problem.kind.status, {**NO_STORE, **(headers or {})}, MEDIA_TYPE)
+    return Response(encoded(problem), problem.kind.status, headers, MEDIA_TYPE)
 
 
 def encoded(problem: Problem) -> bytes:
@@ -93,7 +92,7 @@ async def _http(request: Request, error: Exception) -> Response:
         return _counted(request.scope, Problem(Kind.NOT_FOUND, "See /openapi.json for the addresses."), headers)
     # The framework has a few more. It words them well enough, and RFC 9457 has a type for them.
     body = {"type": "about:blank", "title": error.detail, "status": error.status_code, "detail": error.detail}
-    return Response(json.dumps(body), error.status_code, {**NO_STORE, **headers}, MEDIA_TYPE)
+    return Response(json.dumps(body), error.status_code, headers, MEDIA_TYPE)
 
 
 async def _validation(request: Request, error: Exception) -> Response:

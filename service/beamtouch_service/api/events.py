@@ -1,28 +1,50 @@
 """The event routes. A thread reads and encodes the answers; the event loop sends them."""
 
-from dataclasses import dataclass
+import csv
+import io
+from collections.abc import Sequence
+from datetime import datetime
 from typing import Annotated, Literal
 from urllib.parse import urlencode
 
 from fastapi import Path as PathParameter
 from fastapi import Query, Request, Response
-from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
+from pydantic import AwareDatetime, BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, field_validator
 
 from beamtouch_service.access import Role
-from beamtouch_service.api import event_answers, gate, openapi
+from beamtouch_service.api import gate
 from beamtouch_service.api.context import ContextParameter
-from beamtouch_service.api.errors import NO_STORE
-from beamtouch_service.api.event_answers import EventList, EventWithPath
-from beamtouch_service.api.times import Time, microseconds
-from beamtouch_service.events.event import EventKind
-from beamtouch_service.events.store import Selection, Store
+from beamtouch_service.events.contradiction import Contradiction
+from beamtouch_service.events.event import Begin, End, EventKind, thin
+from beamtouch_service.events.event import Event as RecordedEvent
+from beamtouch_service.events.store import Numbered, Selection, Store
 from beamtouch_service.problems import Kind, Problem, ProblemError
 from beamtouch_service.samples import SurfaceName
+from beamtouch_service.surfaces.contact import ContactQuality, rfc3339
 
-CSV = "text/csv"
+_CSV = "text/csv"
 _MAX_LIMIT = 1000
 _MAX_PATHS = 50
 """With its path, an event is a hundred times as large."""
+
+router = gate.make_router("events", Role.READ)
+
+
+def _require_rfc3339(value: object) -> object:
+    # pydantic takes a bare number for seconds since 1970, or for milliseconds if it is large.
+    if isinstance(value, str) and "T" not in value.upper():
+        message = "expected a time such as 2026-11-20T23:40:46Z"
+        raise ValueError(message)
+    return value
+
+
+Time = Annotated[AwareDatetime, BeforeValidator(_require_rfc3339)]
+"""A time with its zone (RFC 3339)."""
+
+
+def microseconds(moment: datetime | None) -> int | None:
+    """Return a time in microseconds since 1970."""
+    return None if moment is None else round(moment.timestamp() * 1e6)
 
 
 class EventQuery(BaseModel):
@@ -42,7 +64,7 @@ class EventQuery(BaseModel):
         le=_MAX_LIMIT,
         description=f"Maximum number of events; with paths, at most {_MAX_PATHS}.",
     )
-    format: Literal["json", "csv"] | None = Field(None, description="Overrides the header `Accept`.")
+    format: Literal["json", "csv"] = Field("json", description="JSON, or CSV with a row per event.")
 
     @field_validator("limit")
     @classmethod
@@ -53,80 +75,170 @@ class EventQuery(BaseModel):
         return limit
 
 
-def _selection(query: EventQuery, *, path: bool) -> Selection:
-    touched, _, number = (query.after or "").partition(".")
-    return Selection(
-        surface=query.surface,
-        kind=query.kind,
-        since_us=microseconds(query.since),
-        until_us=microseconds(query.until),
-        after=(int(touched), int(number)) if query.after else None,
-        # One event more shows whether there is a next page.
-        limit=query.limit + 1,
-        path=path,
-    )
+class PathPoint(BaseModel):
+    """The position and force of a contact at one time."""
+
+    at: str
+    position_mm: float
+    force_n: float | None
 
 
-def _wants_csv(query: EventQuery, request: Request) -> bool:
-    if query.format:
-        return query.format == "csv"
-    accepted = [entry.split(";")[0].strip() for entry in request.headers.get("accept", "").split(",")]
-    return CSV in accepted and "application/json" not in accepted
+class Event(BaseModel):
+    """One contact from touch to lift, or one unexplained stretch. Times are from the sender's clock, in UTC."""
+
+    id: int
+    surface: str
+    kind: EventKind
+    """`contact`: a contact, with the unexplained stretches during it; `unexplained`: a stretch without a contact
+    before it, which has neither force nor position."""
+    touched_at: str
+    """Time of the first sample of the event (RFC 3339)."""
+    lifted_at: str | None
+    """Time of the first clear sample after it; null if that is not known."""
+    begin: Begin
+    """`touch` (a contact) or `clear` (a stretch): the sample before was clear; `unexplained`: a contact after an
+    unexplained stretch, so its touch was not seen; `unseen`: the sample before is not known."""
+    end: End
+    """`lift` (a contact) or `clear` (a stretch): the sample after it was clear; `unexplained`: a contact whose last
+    samples are unexplained before a clear one, so it was lifted somewhere in them; `contact`: a stretch before a
+    contact; `open`: the event continues; `unseen`: the sample after it is not known, as it is lost or its state is."""
+    dwell_ms: float
+    """Time from the first sample to `lifted_at`, or to the last sample if that is null."""
+    unexplained_ms: float
+    """The part of `dwell_ms` that was unexplained. It counts in no force and no position."""
+    peak_force_n: float | None
+    """Null without a contact, or if the model does not estimate force."""
+    peak_position_mm: float | None
+    """Position at the peak force."""
+    mean_position_mm: float | None
+    samples: int
+    """Number of samples in the mean position."""
+    unsteady: bool
+    """Whether peak and mean are those of unsteady samples, because the event has no others."""
+    quality: ContactQuality
+    """`degraded` if at least one sample lacked channels."""
+    model: str
+    boot_id: str
+    """Boot id of the sender."""
 
 
-@dataclass(frozen=True)
-class _Page:
-    content: bytes
-    is_empty: bool
-    following: str | None
-    """Value of `after` for the next page."""
+class EventWithPath(Event):
+    """One event, with the path of its contact, and what was unexplained."""
+
+    path: list[PathPoint]
+    """At most 200 points, evenly spread in time, without unexplained samples."""
+    capture: list[Contradiction]
+    """Its first unexplained samples, channel by channel: at most 5."""
 
 
-def _page(store: Store, query: EventQuery, *, as_csv: bool) -> _Page:
-    path = query.path and not as_csv
-    found = store.read(_selection(query, path=path))
-    page = found[: query.limit]
-    following = f"{page[-1][1].touched_us}.{page[-1][0]}" if len(found) > len(page) else None
-    if as_csv:
-        return _Page(event_answers.as_csv(page), not page, following)
-    return _Page(event_answers.as_json(page, following, path=path), not page, following)
+class EventList(BaseModel):
+    """Events, newest touch first: all with a path, or all without."""
+
+    events: list[EventWithPath] | list[Event]
+    next: str | None
+    """Value of `after` for the next page; null on the last page."""
 
 
-def _one(store: Store, number: int) -> bytes | None:
-    found = store.get(number)
-    return event_answers.event_with_path(number, found).model_dump_json().encode() if found else None
+def _members(number: int, recorded: RecordedEvent) -> dict[str, object]:
+    end_us = recorded.last_us if recorded.lifted_us is None else recorded.lifted_us
+    unexplained_us = recorded.unexplained_us + (max(0, end_us - recorded.last_us) if recorded.ends_unexplained else 0)
+    return {
+        "id": number,
+        "surface": recorded.surface,
+        "kind": recorded.kind,
+        "touched_at": rfc3339(recorded.touched_us),
+        "lifted_at": None if recorded.lifted_us is None else rfc3339(recorded.lifted_us),
+        "begin": recorded.begin,
+        "end": recorded.end,
+        # The sender's clock may have been set back during the contact.
+        "dwell_ms": max(0.0, round((end_us - recorded.touched_us) / 1e3, 3)),
+        "unexplained_ms": round(unexplained_us / 1e3, 3),
+        "peak_force_n": recorded.peak_force_n,
+        "peak_position_mm": recorded.peak_position_mm,
+        "mean_position_mm": None if recorded.mean_position_mm is None else round(recorded.mean_position_mm, 4),
+        "samples": recorded.samples,
+        "unsteady": recorded.unsteady,
+        "quality": ContactQuality.DEGRADED if recorded.degraded else ContactQuality.GOOD,
+        "model": recorded.model,
+        "boot_id": recorded.boot_id,
+    }
 
 
-_PROBLEMS = (Kind.INVALID_REQUEST, Kind.EVENTS_AWAY)
-_LIST = {200: openapi.EVENTS, **openapi.problems(Kind.UNKNOWN_SURFACE, Kind.NO_SURFACE, *_PROBLEMS)}
-_ONE = {200: openapi.EVENT, **openapi.problems(Kind.UNKNOWN_EVENT, *_PROBLEMS)}
+def event(number: int, recorded: RecordedEvent) -> Event:
+    """Return an event without its path."""
+    return Event.model_validate(_members(number, recorded))
 
 
-_Number = Annotated[int, PathParameter(alias="id", ge=1, lt=2**63)]
+def _with_path(number: int, recorded: RecordedEvent) -> EventWithPath:
+    """Return an event with its path."""
+    points = thin(recorded.path)
+    path = [{"at": rfc3339(at), "position_mm": position, "force_n": force} for at, position, force in points]
+    return EventWithPath.model_validate({**_members(number, recorded), "path": path, "capture": recorded.capture})
 
-router = gate.make_router("events", Role.READ)
 
-
-@router.get("/events", responses=_LIST, response_model=EventList)
+@router.get("/events", response_model=EventList, responses={200: {"content": {_CSV: {"schema": {"type": "string"}}}}})
 async def get_events(context: ContextParameter, request: Request, query: Annotated[EventQuery, Query()]) -> Response:
     """Return contacts and unexplained stretches, the newest first; as CSV, one row per event."""
-    as_csv = _wants_csv(query, request)
-    page = await context.recorder.ask(lambda store: _page(store, query, as_csv=as_csv))
-    if query.surface and page.is_empty:
+    as_csv = query.format == "csv"
+    page, content, following = await context.recorder.ask(lambda store: _read_page(store, query))
+    if query.surface and not page:
         # A surface that is no longer configured may still have events; if it has none, the name is wrong.
         context.registry.named(query.surface)
-    headers = dict(NO_STORE)
-    if as_csv and page.following:
-        parameters = {**request.query_params, "after": page.following}
-        headers["Link"] = f'</events?{urlencode(parameters)}>; rel="next"'
-    return Response(page.content, headers=headers, media_type=CSV if as_csv else "application/json")
+    headers = {}
+    if as_csv and following:
+        headers["Link"] = f'</events?{urlencode({**request.query_params, "after": following})}>; rel="next"'
+    return Response(content, headers=headers, media_type=_CSV if as_csv else "application/json")
 
 
-@router.get("/events/{id}", responses=_ONE, response_model=EventWithPath)
-async def get_event(context: ContextParameter, number: _Number) -> Response:
+@router.get("/events/{id}", response_model=EventWithPath)
+async def get_event(
+    context: ContextParameter, number: Annotated[int, PathParameter(alias="id", ge=1, lt=2**63)]
+) -> Response:
     """Return one event, with its path and its capture."""
-    content = await context.recorder.ask(lambda store: _one(store, number))
+
+    def read(store: Store) -> str | None:
+        recorded = store.get(number)
+        return _with_path(number, recorded).model_dump_json() if recorded else None
+
+    content = await context.recorder.ask(read)
     if content is None:
         detail = f"There is no event {number}. It was dropped; see GET /events."
         raise ProblemError(Problem(Kind.UNKNOWN_EVENT, detail))
-    return Response(content, headers=NO_STORE, media_type="application/json")
+    return Response(content, media_type="application/json")
+
+
+def _read_page(store: Store, query: EventQuery) -> tuple[Sequence[Numbered], str, str | None]:
+    """Return a page of events, its encoded answer, and the value of `after` for the next page."""
+    path = query.path and query.format == "json"
+    touched, _, number = (query.after or "").partition(".")
+    events = store.read(
+        Selection(
+            surface=query.surface,
+            kind=query.kind,
+            since_us=microseconds(query.since),
+            until_us=microseconds(query.until),
+            after=(int(touched), int(number)) if query.after else None,
+            # One event more shows whether there is a next page.
+            limit=query.limit + 1,
+            path=path,
+        )
+    )
+    page = events[: query.limit]
+    following = f"{page[-1][1].touched_us}.{page[-1][0]}" if len(events) > len(page) else None
+    if query.format == "csv":
+        return page, _as_csv(page), following
+    answer = _with_path if path else event
+    members = {"events": [answer(*numbered) for numbered in page], "next": following}
+    return page, EventList.model_validate(members).model_dump_json(), following
+
+
+def _as_csv(page: Sequence[Numbered]) -> str:
+    """Return a page of events as CSV: one row per event, without paths."""
+    text = io.StringIO()
+    writer = csv.DictWriter(text, list(Event.model_fields), lineterminator="\r\n")
+    writer.writeheader()
+    for numbered in page:
+        members = event(*numbered).model_dump(mode="json")
+        # As in JSON: `true`, not `True`.
+        writer.writerow({name: str(one).lower() if isinstance(one, bool) else one for name, one in members.items()})
+    return text.getvalue()

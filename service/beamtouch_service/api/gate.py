@@ -12,13 +12,13 @@ from starlette.routing import BaseRoute
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from beamtouch_service.access import Role
-from beamtouch_service.api import errors
+from beamtouch_service.api import errors, openapi
 from beamtouch_service.api.context import context_of
 
 _log = logging.getLogger("beamtouch.service")
 
 HEADERS = {
-    **errors.NO_STORE,
+    "Cache-Control": "no-store",
     "X-Content-Type-Options": "nosniff",
     "Content-Security-Policy": "default-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
     "Referrer-Policy": "no-referrer",
@@ -55,7 +55,12 @@ def make_router(tag: str, role: Role) -> APIRouter:
 
     Each operation has the name of its function, which becomes a method name of a generated client.
     """
-    return APIRouter(tags=[tag], dependencies=[_NEEDS[role]], generate_unique_id_function=lambda route: route.name)
+    return APIRouter(
+        tags=[tag],
+        dependencies=[_NEEDS[role]],
+        responses=openapi.PROBLEMS,
+        generate_unique_id_function=lambda route: route.name,
+    )
 
 
 def without_role(routes: Iterable[BaseRoute]) -> list[str]:

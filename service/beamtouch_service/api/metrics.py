@@ -11,7 +11,7 @@ from prometheus_client.registry import Collector
 
 from beamtouch_models.modelfile import State
 from beamtouch_service.access import Role
-from beamtouch_service.api import gate, openapi
+from beamtouch_service.api import gate
 from beamtouch_service.api.context import Context, ContextParameter
 from beamtouch_service.events.recorder import Recorder
 from beamtouch_service.problems import Kind
@@ -151,7 +151,7 @@ def _of_health(summaries: Summaries) -> Iterator[Metric]:
     yield from (gain, zero, changed)
 
 
-@router.get("/metrics", responses={200: {"content": {"text/plain": {}}}, **openapi.problems()})
+@router.get("/metrics", responses={200: {"content": {"text/plain": {}}}})
 async def get_metrics(context: ContextParameter) -> Response:
     """Return counts, ages and durations for Prometheus, as text."""
     return Response(generate_latest(context.counts.registry), media_type=CONTENT_TYPE_LATEST)

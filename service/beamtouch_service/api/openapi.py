@@ -1,11 +1,9 @@
-"""OpenAPI details that signatures of routes do not give: problems, the batch, and roles."""
+"""OpenAPI details that signatures of routes do not give: problems, the batch, examples, and who may read."""
 
-import json
 from typing import Any
 
 from pydantic.json_schema import models_json_schema
 
-from beamtouch_service.api import examples
 from beamtouch_service.problems import MEDIA_TYPE, Kind, Problem, ProblemBody
 from beamtouch_service.samples import Batch
 
@@ -17,55 +15,90 @@ DESCRIPTION = (
 )
 
 _REFERENCE = "#/components/schemas/{model}"
-EVENTS: dict[str, Any] = {
-    "description": "Events, the newest first.",
-    "content": {
-        "application/json": {
-            "examples": {
-                "one contact, and more behind it": {"value": {"events": [examples.EVENT], "next": examples.NEXT}},
-                "with path=true": {"value": {"events": [examples.EVENT_WITH_PATH], "next": examples.NEXT}},
-            }
-        },
-        "text/csv": {
-            "schema": {"type": "string"},
-            "examples": {"one contact": {"value": examples.CSV}},
-        },
-    },
+PROBLEMS: dict[int | str, dict[str, Any]] = {
+    "default": {
+        "description": "Any problem.",
+        "content": {MEDIA_TYPE: {"schema": {"$ref": _REFERENCE.format(model="Problem")}}},
+    }
 }
-"""The answer of the route of the events."""
-
-EVENT: dict[str, Any] = {
-    "description": "The event.",
-    "content": {"application/json": {"examples": {"one contact": {"value": examples.EVENT_WITH_PATH}}}},
-}
-"""The answer of the route of one event."""
-
+"""The `responses` of every route."""
 BATCH_BODY: dict[str, Any] = {
     "requestBody": {
         "required": True,
-        "content": {
-            "application/json": {
-                "schema": {"$ref": _REFERENCE.format(model="Batch")},
-                "examples": {"one sample, one broken channel": {"value": examples.BATCH}},
-            }
-        },
+        "content": {"application/json": {"schema": {"$ref": _REFERENCE.format(model="Batch")}}},
     },
 }
 """For a route that reads its body itself."""
 
-
-def problems(*kinds: Kind) -> dict[int | str, dict[str, Any]]:
-    """Return the `responses` of a route that can end in problems of these kinds, an example for each."""
-    responses: dict[int | str, dict[str, Any]] = {}
-    for kind in kinds:
-        empty = {"schema": {"$ref": _REFERENCE.format(model="Problem")}, "examples": {}}
-        response = responses.setdefault(kind.status, {"description": "", "content": {MEDIA_TYPE: empty}})
-        response["description"] = "; or ".join(filter(None, [response["description"], kind.title]))
-        problem = examples.PROBLEMS.get(kind) or Problem(kind, "The cause, and what to do about it.")
-        response["content"][MEDIA_TYPE]["examples"][kind.slug] = {"value": problem.body()}
-    # Covers every other problem, and keeps the framework from describing a 422 that no route gives.
-    content = {MEDIA_TYPE: {"schema": {"$ref": _REFERENCE.format(model="Problem")}}}
-    return {**responses, "default": {"description": "Any other problem.", "content": content}}
+_CONTACT = {
+    "surface": "press-7",
+    "state": "contact",
+    "position_mm": 123.4,
+    "position_low_mm": 121.9,
+    "position_high_mm": 125.0,
+    "force_n": 9.8,
+    "force_low_n": 9.5,
+    "force_high_n": 10.1,
+    "age_ms": 12.3,
+    "sampled_at": "2026-11-20T23:40:46.123Z",
+    "sequence": 4711,
+    "readings": 40,
+    "misfit": 1.8,
+    "quality": "good",
+    "degraded_channels": [],
+    "notes": [],
+    "model": "paper@4f2c91",
+}
+_CLEAR = _CONTACT | {name: None for name in _CONTACT if name.startswith(("position_", "force_"))} | {"state": "clear"}
+_UNEXPLAINED = _CLEAR | {"state": "unexplained", "misfit": 412.7, "notes": ["check-s3"]}
+_BATCH = {
+    "boot_id": "6f1d2c84-0b7e-4a53",
+    "channels": ["s1", "s2", "s3"],
+    "newest_age_ms": 3.2,
+    "samples": [
+        {
+            "sequence": 4711,
+            "acquired_unix_us": 1795218046123000,
+            "deflection_mm": [0.112, 0.243, None],
+            "quality": ["good", "good", "missing"],
+            "readings": 40,
+        }
+    ],
+}
+_EVENT = {
+    "id": 42,
+    "surface": "press-7",
+    "kind": "contact",
+    "touched_at": "2026-11-20T23:40:46.123Z",
+    "lifted_at": "2026-11-20T23:40:47.373Z",
+    "begin": "touch",
+    "end": "lift",
+    "dwell_ms": 1250.0,
+    "unexplained_ms": 0.0,
+    "peak_force_n": 9.8,
+    "peak_position_mm": 123.4,
+    "mean_position_mm": 123.1,
+    "samples": 250,
+    "unsteady": False,
+    "quality": "good",
+    "model": "paper@4f2c91",
+    "boot_id": "6f1d2c84-0b7e-4a53",
+}
+_STRETCH = _EVENT | dict.fromkeys(["peak_force_n", "peak_position_mm", "mean_position_mm"])
+_STRETCH |= {"kind": "unexplained", "begin": "clear", "end": "clear", "samples": 0, "unexplained_ms": 1250.0}
+_STALE = Problem(
+    Kind.STALE,
+    "The newest sample is 2140.7 ms old; the limit is 500 ms. Check that the daemon runs and reaches the device.",
+    "press-7",
+    {"age_ms": 2140.7, "stale_ms": 500.0},
+)
+_EXAMPLES = {
+    "Contact": [_CONTACT, _CLEAR, _UNEXPLAINED],
+    "Event": [_EVENT, _STRETCH],
+    "Batch": [_BATCH],
+    "Problem": [_STALE.body()],
+}
+"""By schema. Not at the models: the framework drops every null there, and a clear contact or a stretch has many."""
 
 
 def complete(description: dict[str, Any], *, needs_read_token: bool) -> None:
@@ -73,58 +106,19 @@ def complete(description: dict[str, Any], *, needs_read_token: bool) -> None:
 
     Parameters
     ----------
-    description : as the framework makes it; gets the schemas that routes refer to by name, and examples with nulls
+    description : as the framework makes it; gets the schemas that routes refer to by name, and examples
     needs_read_token : whether reading takes a token in this service
     """
-    _, schemas = models_json_schema([(Batch, "validation"), (ProblemBody, "validation")], ref_template=_REFERENCE)
-    components = description.setdefault("components", {})
+    _, named = models_json_schema([(Batch, "validation"), (ProblemBody, "validation")], ref_template=_REFERENCE)
+    schemas = description.setdefault("components", {}).setdefault("schemas", {})
     # In the code `Problem` is the value. Outside there is only its body, so the shorter name is free.
-    renamed = {"Problem" if name == "ProblemBody" else name: schema for name, schema in schemas["$defs"].items()}
-    components.setdefault("schemas", {}).update(renamed)
+    schemas |= {"Problem" if name == "ProblemBody" else name: schema for name, schema in named["$defs"].items()}
+    for name, examples in _EXAMPLES.items():
+        schemas[name]["examples"] = examples
     for operations in description["paths"].values():
         for operation in operations.values():
-            _add_refusals(operation, needs_read_token=needs_read_token)
-    _add_examples(description)
-
-
-def encoded(description: dict[str, Any]) -> bytes:
-    """Return a description as JSON."""
-    return json.dumps(description, ensure_ascii=False).encode()
-
-
-def _add_refusals(operation: dict[str, Any], *, needs_read_token: bool) -> None:
-    """Say how an operation refuses other tokens than those it takes."""
-    security = operation.setdefault("security", [])
-    if not security:
-        return
-    is_read = {"read_token": []} in security
-    if is_read:
-        # The other token reads too. An empty requirement: also without a token.
-        security += [{"write_token": []}]
-        security[:0] = [] if needs_read_token else [{}]
-    if is_read and not needs_read_token:
-        return
-    kinds = (Kind.UNAUTHORIZED,) if is_read else (Kind.UNAUTHORIZED, Kind.FORBIDDEN)
-    responses = {str(status): response for status, response in problems(*kinds).items() if status != "default"}
-    challenge = {"description": "`Bearer` and the realm.", "schema": {"type": "string"}}
-    responses[str(Kind.UNAUTHORIZED.status)]["headers"] = {"WWW-Authenticate": challenge}
-    operation["responses"] = {**responses, **operation["responses"]}
-
-
-def _add_examples(description: dict[str, Any]) -> None:
-    # Not at the routes: the framework drops every null from examples there, and a clear contact or a stretch has many.
-    contacts = {
-        "contact": examples.CONTACT,
-        "clear": examples.CLEAR,
-        "unexplained": examples.UNEXPLAINED,
-        "degraded": examples.DEGRADED,
-    }
-    for path, operations in description["paths"].items():
-        if path.endswith("/contact"):
-            content = operations["get"]["responses"]["200"]["content"]["application/json"]
-            content["examples"] = {name: {"value": value} for name, value in contacts.items()}
-    stretch = {"value": {"events": [examples.STRETCH], "next": None}}
-    content = description["paths"]["/events"]["get"]["responses"]["200"]["content"]["application/json"]
-    content["examples"]["an unexplained stretch"] = stretch
-    content = description["paths"]["/events/{id}"]["get"]["responses"]["200"]["content"]["application/json"]
-    content["examples"]["an unexplained stretch"] = {"value": examples.STRETCH_WITH_PATH}
+            security = operation.setdefault("security", [])
+            if {"read_token": []} in security:
+                # The other token reads too. An empty requirement: also without a token.
+                security += [{"write_token": []}]
+                security[:0] = [] if needs_read_token else [{}]

@@ -25,20 +25,9 @@ _CLOSE = {"Connection": "close"}
 """The rest of the body may still come, and nobody reads it."""
 
 router = gate.make_router("samples", Role.WRITE)
-_PROBLEMS = openapi.problems(
-    Kind.MALFORMED_JSON,
-    Kind.UNKNOWN_SURFACE,
-    Kind.TOO_SLOW,
-    Kind.TOO_LARGE,
-    Kind.INVALID_REQUEST,
-    Kind.MISSING_CHANNELS,
-    Kind.OTHER_BEAM,
-    Kind.NO_SURFACE,
-    Kind.STOPPING,
-)
 
 
-@router.post("/surfaces/{name}/samples", response_model=Receipt, openapi_extra=openapi.BATCH_BODY, responses=_PROBLEMS)
+@router.post("/surfaces/{name}/samples", response_model=Receipt, openapi_extra=openapi.BATCH_BODY)
 async def post_samples(name: SurfaceInPath, request: Request) -> Response:
     """Take a batch of samples. A repeated batch changes nothing. State the age of the newest sample at each attempt."""
     context = context_of(request.scope)

@@ -2,7 +2,7 @@
 
 Nothing is queued: each stream reads the newest state at its own pace, so a slow client gets fewer events.
 
-A client that takes nothing for some seconds is dropped by the system (`host/listener.py`).
+A client that takes nothing for some seconds is dropped by the system (`address.py`).
 """
 
 import json
@@ -17,9 +17,8 @@ from starlette.responses import StreamingResponse
 from starlette.types import Receive, Scope, Send
 
 from beamtouch_service.access import Role
-from beamtouch_service.api import examples, gate, openapi
+from beamtouch_service.api import gate
 from beamtouch_service.api.context import Context, ContextParameter, SurfaceInPath, SurfaceInQuery
-from beamtouch_service.problems import Kind
 from beamtouch_service.surfaces.state import changing, state_of
 from beamtouch_service.surfaces.surface import Surface
 
@@ -32,8 +31,9 @@ AppStatus.disable_automatic_graceful_drain()  # type: ignore[no-untyped-call]  #
 
 _INTERVAL = "Shortest time between two events [ms]. An event is sent after a change, and at least every second."
 _Interval = Annotated[int, Query(ge=20, le=5000, description=_INTERVAL)]
-_PROBLEMS = (Kind.NO_SURFACE, Kind.UNKNOWN_SURFACE, Kind.INVALID_REQUEST, Kind.TOO_MANY_CLIENTS, Kind.STOPPING)
-_UNNAMED = (Kind.SURFACE_REQUIRED, Kind.ONE_OF_SEVERAL)
+_RESPONSES: dict[int | str, dict[str, Any]] = {
+    200: {"description": "Server-sent events named `state`.", "content": {MEDIA_TYPE: {"schema": {"type": "string"}}}}
+}
 
 router = gate.make_router("stream", Role.READ)
 
@@ -82,13 +82,7 @@ class StateStream(EventSourceResponse):
                 await wait_for(stop.wait(), interval_s)
 
 
-def _responses(*kinds: Kind) -> dict[int | str, dict[str, Any]]:
-    events = {"schema": {"type": "string"}, "examples": {"a clear beam": {"value": examples.STATE_EVENT}}}
-    answer = {"description": "Server-sent events named `state`.", "content": {MEDIA_TYPE: events}}
-    return {200: answer, **openapi.problems(*kinds)}
-
-
-@router.get("/stream", response_class=StreamingResponse, responses=_responses(*_UNNAMED, *_PROBLEMS))
+@router.get("/stream", response_class=StreamingResponse, responses=_RESPONSES)
 async def get_stream(
     context: ContextParameter, surface: SurfaceInQuery = None, interval_ms: _Interval = 50
 ) -> StateStream:
@@ -97,7 +91,7 @@ async def get_stream(
     return StateStream(context, context.registry.chosen(surface), interval_ms / 1e3)
 
 
-@router.get("/surfaces/{name}/stream", response_class=StreamingResponse, responses=_responses(*_PROBLEMS))
+@router.get("/surfaces/{name}/stream", response_class=StreamingResponse, responses=_RESPONSES)
 async def get_surface_stream(
     context: ContextParameter, name: SurfaceInPath, interval_ms: _Interval = 50
 ) -> StateStream:

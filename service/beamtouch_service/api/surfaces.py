@@ -1,14 +1,17 @@
-"""`GET /surfaces`: the surfaces of the service, each with its summary."""
+"""`GET /surfaces`: the surfaces of the service with their summaries, models and beams."""
 
 from pydantic import BaseModel
 
+from beamtouch_models.modelfile import Accuracy, Calibration, Drawn, ModelFile, Noise, Ranges
 from beamtouch_service.access import Role
-from beamtouch_service.api import gate, openapi
-from beamtouch_service.api.context import ContextParameter, SurfaceInPath
-from beamtouch_service.problems import Kind
+from beamtouch_service.api import gate
+from beamtouch_service.api.context import Context, ContextParameter, SurfaceInPath
+from beamtouch_service.problems import ProblemError
+from beamtouch_service.surfaces import refusals
 from beamtouch_service.surfaces.summary import SurfaceSummary
 
 router = gate.make_router("surfaces", Role.READ)
+model_router = gate.make_router("model", Role.READ)
 
 
 class SurfaceList(BaseModel):
@@ -17,7 +20,38 @@ class SurfaceList(BaseModel):
     surfaces: list[SurfaceSummary]
 
 
-@router.get("/surfaces", responses=openapi.problems(Kind.ONE_OF_SEVERAL))
+class ModelDescription(BaseModel):
+    """Metadata of a model."""
+
+    identity: str
+    """Name and the first digits of the file's SHA-256."""
+    beam: str
+    """Identity of the beam with its layout, which a batch may state."""
+    estimator: str
+    length_mm: float
+    channels: list[str]
+    """Names of the channels, in input order."""
+    positions_mm: list[float]
+    """Positions of the channels, from the left end of the beam."""
+    min_channels: int
+    outputs: list[str]
+    ranges: Ranges
+    max_deflection_mm: float
+    noise: Noise
+    accuracy: Accuracy
+    calibration: Calibration | None
+
+
+class Beam(BaseModel):
+    """The data to draw a beam."""
+
+    model: str
+    """Name and fingerprint of the model; a contact that states the same one belongs to this beam."""
+    length_mm: float
+    drawn: Drawn
+
+
+@router.get("/surfaces")
 async def get_surfaces(context: ContextParameter) -> SurfaceList:
     """Return all surfaces of this service."""
     context.require_all("Ask for /surfaces/NAME of each.")
@@ -25,7 +59,50 @@ async def get_surfaces(context: ContextParameter) -> SurfaceList:
     return SurfaceList(surfaces=[surface.summary(now_s) for surface in context.registry])
 
 
-@router.get("/surfaces/{name}", responses=openapi.problems(Kind.UNKNOWN_SURFACE, Kind.NO_SURFACE))
+@router.get("/surfaces/{name}")
 async def get_surface(context: ContextParameter, name: SurfaceInPath) -> SurfaceSummary:
     """Return one surface: its channels, model, age limit, and counts of samples."""
     return context.registry.named(name).summary(context.clock())
+
+
+@model_router.get("/surfaces/{name}/model")
+async def get_model(context: ContextParameter, name: SurfaceInPath) -> ModelDescription:
+    """Return the metadata of the model of this surface: layout, ranges, accuracy, calibration."""
+    return describe(_model(context, name))
+
+
+@model_router.get("/surfaces/{name}/beam")
+async def get_beam(context: ContextParameter, name: SurfaceInPath) -> Beam:
+    """Return the supports of the beam, and its deflection per newton for positions of the contact along it.
+
+    It changes only with the model, so it is not part of the stream.
+    """
+    model = _model(context, name)
+    return Beam(model=model.identity, length_mm=model.metadata.length_mm, drawn=model.metadata.drawn)
+
+
+def _model(context: Context, name: str) -> ModelFile:
+    surface = context.registry.named(name)
+    if surface.model is None:
+        raise ProblemError(refusals.no_model(name, surface.model_error))
+    return surface.model
+
+
+def describe(model: ModelFile) -> ModelDescription:
+    """Return the description of a model."""
+    metadata = model.metadata
+    return ModelDescription(
+        identity=model.identity,
+        beam=metadata.beam,
+        estimator=metadata.estimator,
+        length_mm=metadata.length_mm,
+        channels=model.channels,
+        positions_mm=[channel.position_mm for channel in metadata.layout],
+        min_channels=metadata.min_channels,
+        outputs=list(model.outputs),
+        ranges=metadata.ranges,
+        max_deflection_mm=metadata.max_deflection_mm,
+        noise=metadata.noise,
+        accuracy=metadata.accuracy,
+        calibration=metadata.calibration,
+    )

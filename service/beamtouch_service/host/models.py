@@ -11,7 +11,7 @@ import numpy as np
 from beamtouch_common.errors import InputError
 from beamtouch_models import modelfile
 from beamtouch_models.modelfile import GraphError, ModelFile, ModelFileError, graph_errors
-from beamtouch_service.api.models import describe
+from beamtouch_service.api.surfaces import describe
 from beamtouch_service.surfaces.served_model import Inference
 from beamtouch_service.surfaces.surface import Surface
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import logging
 import ssl
 from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from beamtouch_common import log
@@ -22,7 +24,7 @@ from beamtouch_service.host.serve import configure, serve
 from beamtouch_service.surfaces.surface import Surface
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Iterator
     from pathlib import Path
 
     from beamtouch_service.access import Access
@@ -31,37 +33,74 @@ if TYPE_CHECKING:
 _log = logging.getLogger("beamtouch.service")
 
 
-def run(settings: Settings) -> None:
-    """Serve until SIGTERM or Ctrl-C.
+@dataclass(frozen=True)
+class Parts:
+    """The parts of a service that its settings name, found and checked."""
+
+    access: Access
+    address: Address
+    surfaces: list[Surface]
+    keepers: list[ModelKeeper]
+    tasks: list[Task]
+    """Outputs, ready to run."""
+    warnings: list[str]
+    """What works, but may not be meant."""
+
+
+def prepare(settings: Settings) -> Parts:
+    """Read the files that the settings name, and check that they work on this machine.
 
     Raises
     ------
     InputError
-        The settings do not work on this machine.
+        They do not.
     FailedError
         A file with a token, a password or a certificate cannot be read; it may come later.
     """
-    server, events = settings.server, settings.events
+    server = settings.server
     access = read_access(server)
     if server.certificate_file and server.key_file:
         _require_certificate(server.certificate_file, server.key_file)
     loaded = [_load_surface(name, section) for name, section in settings.surfaces.items()]
-    surfaces, keepers = [surface for surface, _ in loaded], [keeper for _, keeper in loaded if keeper]
     address = Address("server", server.host, server.port)
     if not address.is_loopback:
         _require_tokens(access, address.shown)
+    warnings = _warnings(settings, access, address)
+    tasks = _outputs(settings, access, warnings)
+    keepers = [keeper for _, keeper in loaded if keeper]
+    return Parts(access, address, [surface for surface, _ in loaded], keepers, tasks, warnings)
+
+
+def run(settings: Settings) -> None:
+    """Serve until SIGTERM or Ctrl-C; errors as of `prepare`."""
+    parts, server, events = prepare(settings), settings.server, settings.events
     log.set_up()
-    tasks: list[Task] = [lambda _context: models.watch(keepers), *_outputs(settings, access)]
-    _warn(settings, access, address, surfaces)
+    for warning in parts.warnings:
+        _log.warning(warning)
+    for surface in parts.surfaces:
+        if surface.model_error is not None:
+            words = "surface %s: no contact until its model file can be used: %s"
+            _log.error(words, surface.name, surface.model_error)
     try:
         recorder = Recorder(events.url or events.file, events.keep_days, events.max_mb, replica=server.replica)
     except EventStoreError as error:
         raise InputError(str(error)) from None
-    app = create_app(surfaces, access, streams=Streams(server.max_streams), recorder=recorder)
+    app = create_app(parts.surfaces, parts.access, streams=Streams(server.max_streams), recorder=recorder)
+    tasks: list[Task] = [lambda _context: models.watch(parts.keepers), *parts.tasks]
     try:
-        serve(configure(app, server), address, app.context, tasks)
+        serve(configure(app, server), parts.address, app.context, tasks)
     finally:
         recorder.close()
+
+
+def report(settings: Settings, *, as_json: bool) -> str:
+    """Return what a service with these settings would serve, and what may not be meant; errors as of `prepare`."""
+    parts = prepare(settings)
+    found = {one.name: one.model_error or (one.model.identity if one.model else None) for one in parts.surfaces}
+    if as_json:
+        return json.dumps({"surfaces": found, "warnings": parts.warnings})
+    lines = [f"surface {name}: {words or 'no model'}" for name, words in found.items()]
+    return "\n".join([*lines, *(f"warning: {warning}" for warning in parts.warnings)])
 
 
 def _require_certificate(certificate: Path, key: Path) -> None:
@@ -112,36 +151,39 @@ def _load_surface(name: str, section: SurfaceSection) -> tuple[Surface, ModelKee
     return surface, ModelKeeper(surface, section.model, stamp)
 
 
-def _warn(settings: Settings, access: Access, address: Address, surfaces: Iterable[Surface]) -> None:
-    """Log what works but may not be meant."""
-    if access.write is None:
-        _log.warning("no write token: every write is refused; start with --write-token-file FILE to allow writes")
-    for surface in surfaces:
-        if surface.model_error is not None:
-            words = "surface %s: no contact until its model file can be used: %s"
-            _log.error(words, surface.name, surface.model_error)
-    if not settings.surfaces:
-        _log.warning("no surface: the service has no contact to give; start with --model MODEL or --config FILE")
-    if settings.server.certificate_file is None and not address.is_loopback:
-        _log.warning("no TLS: others on the network can read the tokens; see certificate_file and key_file")
+def _warnings(settings: Settings, access: Access, address: Address) -> list[str]:
+    """Return what works, but may not be meant."""
+    server, is_open = settings.server, not address.is_loopback
+    concerns = {
+        "no write token: every write is refused; start with --write-token-file FILE to allow writes": not access.write,
+        "no surface: the service has no contact to give; start with --model MODEL or --config FILE": (
+            not settings.surfaces
+        ),
+        "no TLS: others on the network can read the tokens; see certificate_file and key_file": (
+            is_open and not server.certificate_file and not server.proxy
+        ),
+        "no proxy: other machines can hold connections and send slow requests; put HAProxy in front, as "
+        "deploy/haproxy-one.cfg does, and name it in server.proxy": is_open and not server.proxy,
+    }
+    return [words for words, applies in concerns.items() if applies]
 
 
-def _outputs(settings: Settings, access: Access) -> list[Task]:
-    """Return the outputs that the configuration has, ready to run."""
+def _outputs(settings: Settings, access: Access, warnings: list[str]) -> list[Task]:
+    """Return the outputs that the configuration has, ready to run, and add what may not be meant to `warnings`."""
     tasks: list[Task] = []
     if settings.mqtt is not None:
         with _extra("mqtt", "mqtt", "aiomqtt", "paho"):
             from beamtouch_service.outputs.mqtt.publisher import Publisher  # noqa: PLC0415  # needs an extra of its own
         tasks.append(Publisher(settings.mqtt).run)
         if settings.mqtt.password_file and not settings.mqtt.tls:
-            _log.warning("no TLS to the MQTT broker: others on the network can read the password; see mqtt.tls")
+            warnings.append("no TLS to the MQTT broker: others on the network can read the password; see mqtt.tls")
     if settings.modbus_server is not None:
         with _extra("modbus_server", "modbus-server", "pymodbus"):
             from beamtouch_service.host.modbus import ModbusServer  # noqa: PLC0415  # needs an extra of its own
         modbus = ModbusServer(settings.modbus_server, len(settings.surfaces))
         tasks.append(modbus.run)
         if access.read is not None or not modbus.address.is_loopback:
-            _log.warning("no token protects the Modbus TCP server: everyone who reaches it can read the contacts")
+            warnings.append("no token protects the Modbus TCP server: everyone who reaches it can read the contacts")
     return tasks
 
 

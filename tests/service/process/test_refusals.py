@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 from typing import TYPE_CHECKING
@@ -127,3 +128,31 @@ def test_a_missing_extra(missing: str) -> None:
 
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr == f"beamtouch-service: {missing} is not installed; run: pip install 'beamtouch[service]'\n"
+
+
+def test_check_says_when_a_service_is_open_to_other_machines_without_a_proxy(
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+    build_model: BuildModel,
+    token_file: Path,
+    read_token_file: Path,
+) -> None:
+    config = tmp_path / "service.toml"
+    tokens = f'write_token_file = "{token_file}"\nread_token_file = "{read_token_file}"\n'
+    surface = f'[surfaces.press-7]\nmodel = "{build_model().name}"\n'
+
+    def check(server: str, *options: str) -> str:
+        config.write_text(f"[server]\nport = 0\n{tokens}{server}\n{surface}")
+        assert cli.main(["check", "--config", str(config), *options]) == 0
+        return capsys.readouterr().out
+
+    assert check('host = "127.0.0.1"').startswith("surface press-7: press-7@")
+    assert "warning" not in check('host = "127.0.0.1"')
+    assert "warning: no proxy: other machines can hold connections" in check('host = "0.0.0.0"')
+    assert "warning" not in check('host = "0.0.0.0"\nproxy = "192.168.1.4"')
+    (line, *_) = json.loads(check('host = "0.0.0.0"', "--json"))["warnings"]
+    assert line.startswith("no TLS")
+
+    config.write_text(f'[server]\nhost = "0.0.0.0"\n{surface}')
+    assert cli.main(["check", "--config", str(config)]) == 2
+    assert "is open to the network" in capsys.readouterr().err

@@ -4,7 +4,7 @@ import asyncio
 import logging
 from contextlib import suppress
 
-from beamtouch_service.api import event_answers
+from beamtouch_service.api import events as event_answers
 from beamtouch_service.events.database import EventsAwayError
 from beamtouch_service.events.recorder import Recorder
 from beamtouch_service.events.store import Due

@@ -1,0 +1,214 @@
+"""HAProxy with `deploy/haproxy-one.cfg` in front of one service: a line gets its answers while others attack."""
+
+from __future__ import annotations
+
+import re
+import socket
+import ssl
+import subprocess
+import threading
+import time
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import httpx2
+import pytest
+
+from balancer import answers
+from free_ports import free_port
+from parts import require
+from service.conftest import TOKEN, batch_of
+from waiting import wait_until
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from service.conftest import BuildModel
+    from service.process.conftest import Service, StartService
+
+CONFIG = Path(__file__).parents[3] / "deploy" / "haproxy-one.cfg"
+MAX_WAIT_S = 2.0
+"""Longest time without an answer that the line accepts."""
+MAX_OF_ADDRESS = 64
+HEAD_S = 5.0
+"""Time for a head, as the configuration states it."""
+
+
+class Proxy:
+    """HAProxy in front of a service, on a free port."""
+
+    def __init__(self, folder: Path, service: Service, certificate: tuple[Path, Path]) -> None:
+        self.port = free_port()
+        self.url = f"https://127.0.0.1:{self.port}"
+        self.tls = ssl.create_default_context(cafile=str(certificate[0]))
+        pem = folder / "beamtouch.pem"
+        pem.write_text("".join(path.read_text() for path in certificate))
+        places = {":8443": f"127.0.0.1:{self.port}", "/etc/haproxy/beamtouch.pem": str(pem)}
+        text = CONFIG.read_text().replace("server one 127.0.0.1:8420", f"server one {service.url.rpartition('/')[2]}")
+        for place, here in places.items():
+            assert text.count(place) == 1
+            text = text.replace(place, here)
+        path = folder / "haproxy.cfg"
+        path.write_text(text)
+        self.process = subprocess.Popen([require("haproxy", "haproxy"), "-f", path], stderr=subprocess.DEVNULL)
+
+    def connect(self, address: str, *, tls: bool = True) -> socket.socket:
+        """Return a connection from this address of loopback."""
+        plain = socket.create_connection(("127.0.0.1", self.port), timeout=30, source_address=(address, 0))
+        return self.tls.wrap_socket(plain, server_hostname="127.0.0.1") if tls else plain
+
+
+class Line:
+    """A daemon and a client that ask through the proxy, until the end of a block."""
+
+    def __init__(self, proxy: Proxy) -> None:
+        self.waits_s: list[float] = []
+        self.wrong: list[Any] = []
+        self._proxy = proxy
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run)
+
+    def __enter__(self) -> Line:
+        self._thread.start()
+        wait_until(lambda: len(self.waits_s) > 3)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stop.set()
+        self._thread.join(60)
+
+    def _run(self) -> None:
+        headers, number = {"Authorization": f"Bearer {TOKEN}"}, 0
+        with httpx2.Client(
+            base_url=self._proxy.url, verify=self._proxy.tls, headers=headers, trust_env=False
+        ) as client:
+            while not self._stop.wait(0.05):
+                number += 1
+                begin_s = time.monotonic()
+                receipt = client.post("/surfaces/press-7/samples", json=batch_of(sequence=number)).json()
+                contact = client.get("/contact").json()
+                self.waits_s.append(time.monotonic() - begin_s)
+                if (receipt.get("accepted"), contact.get("sequence")) != (1, number):
+                    self.wrong.append((receipt, contact))
+
+
+@pytest.fixture
+def proxy(
+    start_service: StartService,
+    build_model: BuildModel,
+    token_file: Path,
+    tmp_path: Path,
+    certificate: tuple[Path, Path],
+) -> Iterator[tuple[Proxy, Service]]:
+    service = start_service("--model", build_model(), "--write-token-file", token_file, "--stale-ms", "60000")
+    proxy = Proxy(tmp_path, service, certificate)
+    try:
+        wait_until(lambda: _takes(proxy))
+        yield proxy, service
+    finally:
+        proxy.process.kill()
+        proxy.process.wait(60)
+
+
+def _takes(proxy: Proxy) -> bool:
+    try:
+        proxy.connect("127.0.0.1").close()
+    except OSError:
+        return False
+    return True
+
+
+def _is_closed(connection: socket.socket, within_s: float) -> bool:
+    connection.settimeout(within_s)
+    try:
+        while connection.recv(4096):
+            pass
+    except TimeoutError:
+        return False
+    except OSError:
+        pass
+    return True
+
+
+@pytest.mark.long
+def test_a_line_gets_its_answers_while_others_hold_connections_and_flood(proxy: tuple[Proxy, Service]) -> None:
+    front, service = proxy
+    with ExitStack() as stack:
+        line = stack.enter_context(Line(front))
+
+        # Slow heads: a byte now and then. Each connection is ended after the time for a head.
+        slow = [stack.enter_context(front.connect("127.0.0.9")) for _ in range(50)]
+        begin_s = time.monotonic()
+        for byte in b"GET /":
+            for connection in slow:
+                connection.sendall(bytes([byte]))
+            time.sleep(0.5)
+        assert all(_is_closed(connection, 30) for connection in slow)
+        assert time.monotonic() - begin_s < HEAD_S + 30
+
+        # 1000 connections that never say a word, from 20 addresses.
+        idle = [stack.enter_context(front.connect(f"127.0.1.{number % 20 + 1}", tls=False)) for number in range(1000)]
+        assert not any(_is_closed(connection, 0.01) for connection in idle[-20:])
+        before = len(line.waits_s)
+        wait_until(lambda: len(line.waits_s) > before + 20)
+
+        # A flood from one address: at most 64 connections at a time, and 400 in 10 s.
+        taken = 0
+        for _ in range(600):
+            try:
+                connection = stack.enter_context(front.connect("127.0.0.10", tls=False))
+                connection.settimeout(0.01)
+                taken += not _is_closed(connection, 0.01)
+            except OSError:
+                continue
+        assert 0 < taken <= MAX_OF_ADDRESS
+        before = len(line.waits_s)
+        wait_until(lambda: len(line.waits_s) > before + 20)
+
+    assert line.wrong == []
+    assert max(line.waits_s) < MAX_WAIT_S
+    assert answers(service.url)
+
+
+HIDDEN = b"GET /hidden HTTP/1.1\r\nHost: x\r\n\r\n"
+SMUGGLED = [
+    b"POST /contact HTTP/1.1\r\nHost: x\r\nContent-Length: 5\r\nTransfer-Encoding: chunked\r\n\r\n0\r\n\r\n" + HIDDEN,
+    b"POST /contact HTTP/1.1\r\nHost: x\r\nContent-Length: %d\r\nContent-Length: 0\r\n\r\n" % len(HIDDEN) + HIDDEN,
+    b"POST /contact HTTP/1.1\r\nHost: x\r\nTransfer-Encoding: xchunked\r\nContent-Length: 0\r\n\r\n" + HIDDEN,
+    b"POST /contact HTTP/1.1\r\nHost: x\r\nTransfer-Encoding : chunked\r\n\r\n0\r\n\r\n" + HIDDEN,
+    b"POST /contact HTTP/1.1\r\nHost: x\r\nContent-Length: +%d\r\n\r\n" % len(HIDDEN) + HIDDEN,
+    b"GET /contact HTTP/1.1\r\nHost: x\r\nHost: y\r\n\r\n" + HIDDEN,
+    b"GET /contact HTTP/1.1\r\nHost: x\r\nX: a\nTransfer-Encoding: chunked\r\n\r\n0\r\n\r\n" + HIDDEN,
+]
+"""Requests of whose end a proxy and a server may have different opinions, with another request behind it."""
+
+
+def test_no_request_is_hidden_in_another(proxy: tuple[Proxy, Service]) -> None:
+    front, service = proxy
+    statuses = []
+    with Line(front) as line:
+        for words in SMUGGLED:
+            with front.connect("127.0.0.11") as connection:
+                connection.sendall(words)
+                connection.settimeout(3)
+                content = b""
+                try:
+                    while part := connection.recv(65536):
+                        content += part
+                except (TimeoutError, ConnectionResetError):
+                    pass
+                statuses.append(re.findall(rb"HTTP/1\.1 (\d+)", content))
+    assert line.wrong == []
+    assert all(statuses)
+    # Each that the service has seen was answered to the one who sent it, and to nobody else.
+    seen = sum(found.count(b"404") for found in statuses)
+    counted = re.search(r'beamtouch_problems_total{kind="not-found"} (\S+)', service.get("/metrics").text)
+    assert float(counted[1] if counted else 0) == seen
+
+
+def test_a_body_that_is_too_large_is_refused(proxy: tuple[Proxy, Service]) -> None:
+    front, _ = proxy
+    with front.connect("127.0.0.12") as connection:
+        connection.sendall(b"POST /surfaces/press-7/samples HTTP/1.1\r\nHost: x\r\nContent-Length: 2000000\r\n\r\n")
+        assert connection.recv(4096).startswith(b"HTTP/1.1 413 ")
