@@ -172,7 +172,7 @@ class Batch(BaseModel):
     backlog, which never moves the answer."""
     sent_us: int | None = Field(default=None, ge=0, lt=2**53)
     """When `newest_age_ms` was true, by a clock of the sender that never jumps, with any origin. From two batches the
-    service sees which one waited on the way, and counts that to the age. Older senders state none."""
+    service sees which one waited on the way, and counts that to the age. Null: the sender has no such clock."""
     samples: list[Sample] = Field(max_length=MAX_SAMPLES)
     """The samples, in the order in which they were taken. None: the sender only asks how far the record is."""
     backlog: bool = False
@@ -183,9 +183,9 @@ class Batch(BaseModel):
     earlier: list[BootId] = Field(default=[], max_length=MAX_EARLIER)
     """The past boots that the sender's log still holds samples of."""
     notes: list[Literal["rate"]] = Field(default=[], max_length=1)
-    """Notes of the sender while it took these samples. Older senders state none."""
+    """Notes of the sender while it took these samples."""
     noise_mm: list[Noise] | None = Field(default=None, max_length=MAX_CHANNELS)
-    """Standard deviation of one reading of each channel, as the sender assumes it. Older senders state none."""
+    """Standard deviation of one reading of each channel, as the sender assumes it. Null: the sender does not say."""
     characteristic: str | None = Field(default=None, pattern=r"^[A-Za-z0-9-]{1,64}$")
     """Identity of the sender's characteristics and rest gaps; it changes with either."""
     beam: BeamIdentity | None = None

@@ -14,7 +14,7 @@ from pydantic import BaseModel
 from beamtouch_service.access import Access
 from beamtouch_service.api.app import create_app
 from beamtouch_service.api.events import Event
-from beamtouch_service.api.gate import without_role
+from beamtouch_service.api.page import FOLDER
 from beamtouch_service.problems import MEDIA_TYPE, Kind, ProblemBody
 from beamtouch_service.samples import Batch
 from beamtouch_service.surfaces.contact import Contact
@@ -117,15 +117,12 @@ def test_every_route_says_which_tokens_it_takes_and_does_so(has_read_token: bool
             assert ("WWW-Authenticate" in answer.headers) == (answer.status_code == 401)
 
 
-def test_every_route_has_exactly_one_role(bench: Bench) -> None:
-    app = bench.app
+def test_no_route_is_open_but_the_page_and_the_check_that_the_process_answers() -> None:
+    app = create_app([Surface("press-7")], Access(TOKEN, READ_TOKEN))
+    client = TestClient(app)
+    page = {"/" if path.name == "index.html" else f"/{path.name}" for path in FOLDER.iterdir()}
     paths = {str(route.path) for route in iter_route_contexts(app.routes)}
-    assert set(without_role(app.routes)) == {path for path in paths if path.count("/") == 1 and "." in path} - {
-        "/openapi.json"
-    } | {"/"}
-
-    @app.get("/forgotten")
-    async def get_forgotten() -> str:
-        return "without a role"
-
-    assert "/forgotten" in without_role(app.routes)
+    assert page < paths
+    for path in paths - page - {"/health/live"}:
+        method = "POST" if path.endswith("/samples") else "GET"
+        assert client.request(method, path.format(name="press-7", id=1)).status_code == 401, path

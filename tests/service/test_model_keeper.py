@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 import onnx
 import pytest
 
-from beamtouch_service.host import models
 from beamtouch_service.problems import ProblemError
 from beamtouch_service.surfaces.surface import Surface
 from service.kept_model import NO_FORCE, identity, polls, put
@@ -118,15 +117,6 @@ async def test_a_model_of_another_beam_waits_for_samples_of_that_beam(
     assert (identity(kept) != old, kept.surface.model_error) == (True, None)
     kept.surface.receive(other, arrival_s=10.2)
     assert kept.surface.contact(10.2).model == identity(kept)
-
-
-async def test_a_model_whose_answers_take_long_is_refused(
-    kept: ModelKeeper, build_model: BuildModel, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    put(kept.path, build_model(outputs=NO_FORCE).read_bytes())
-    monkeypatch.setattr(models, "MAX_ANSWER_S", 0.0)
-    await polls(kept)
-    assert "one answer takes 0 ms" in str(kept.surface.model_error)
 
 
 async def test_a_copy_under_way_is_waited_for(kept: ModelKeeper, build_model: BuildModel) -> None:

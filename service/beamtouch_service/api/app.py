@@ -114,14 +114,5 @@ def create_app(
     counts.registry.register(metrics.SurfaceCollector(context))
     app = Application(context)
     errors.install(app)
-    _require_roles(app)
     app.router.routes.extend(page.routes())
     return app
-
-
-def _require_roles(app: FastAPI) -> None:
-    """Refuse to start with a route that states no role."""
-    found = gate.without_role(app.routes)
-    if found:
-        message = f"routes without exactly one role: {', '.join(found)}"
-        raise RuntimeError(message)

@@ -2,13 +2,10 @@
 
 import logging
 from asyncio import CancelledError
-from collections.abc import Iterable
 
 from fastapi import APIRouter, Depends, Security, params
-from fastapi.routing import iter_route_contexts
 from fastapi.security import HTTPBearer
 from starlette.requests import HTTPConnection
-from starlette.routing import BaseRoute
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from beamtouch_service.access import Role
@@ -61,16 +58,6 @@ def make_router(tag: str, role: Role) -> APIRouter:
         responses=openapi.PROBLEMS,
         generate_unique_id_function=lambda route: route.name,
     )
-
-
-def without_role(routes: Iterable[BaseRoute]) -> list[str]:
-    """Return the paths of routes without exactly one role."""
-    found = []
-    for route in iter_route_contexts(list(routes)):
-        dependencies = getattr(route, "dependencies", [])
-        if sum(one in _NEEDS.values() for one in dependencies) != 1:
-            found.append(str(route.path))
-    return found
 
 
 class Gate:

@@ -2,7 +2,6 @@
 
 import asyncio
 import logging
-import time
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -17,8 +16,6 @@ from beamtouch_service.surfaces.surface import Surface
 
 POLL_S = 1.0
 """Time between two looks at the files. Two looks that find the same new file show that it is complete."""
-MAX_ANSWER_S = 0.1
-"""Longest time for one answer: a thousand times that of a real model. Everything else waits meanwhile."""
 Stamp = tuple[int, int, int, int]
 """Size, times of change [ns] of content and status, and number of a file: differs when it is written or replaced."""
 
@@ -49,31 +46,15 @@ def _parse(content: bytes, origin: str) -> ModelFile:
             f"({model.metadata.estimator} lacks {', '.join(model.lacks)})"
         )
         raise ModelFileError(message)
+    golden = model.metadata.golden
     try:
         with graph_errors():
-            answer_s = _measure_answer_s(model)
+            inputs = golden.deflection_mm[:1], golden.whitening_per_mm[:1]
+            Inference(model).ask(*(np.array(values, np.float32) for values in inputs))
     except GraphError as error:
         message = f"{origin}: its graph cannot be run as a service does ({error})"
         raise ModelFileError(message) from None
-    if answer_s > MAX_ANSWER_S:
-        message = (
-            f"{origin}: one answer takes {answer_s * 1e3:.0f} ms, which is over the limit of "
-            f"{MAX_ANSWER_S * 1e3:.0f} ms; build a simpler model"
-        )
-        raise ModelFileError(message)
     return model
-
-
-def _measure_answer_s(model: ModelFile) -> float:
-    """Return the shortest of a few answer times [s], because the machine may be busy."""
-    inference, golden = Inference(model), model.metadata.golden
-    inputs = (np.array(golden.deflection_mm[:1], np.float32), np.array(golden.whitening_per_mm[:1], np.float32))
-    durations = []
-    for _ in range(3):
-        begin_s = time.perf_counter()
-        inference.ask(*inputs)
-        durations.append(time.perf_counter() - begin_s)
-    return min(durations)
 
 
 class ModelKeeper:
