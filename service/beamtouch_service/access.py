@@ -42,7 +42,7 @@ class Access:
         """
         if role is Role.OPEN or (role is Role.READ and self.read is None):
             return
-        if self._tokens()[role] is None:
+        if role is Role.WRITE and self.write is None:
             raise _unauthorized(_NO_WRITES)
         held = self._role_of(authorization or b"")
         if held is role or role is Role.READ:
@@ -50,27 +50,19 @@ class Access:
         detail = f"This is the {held.token} token. Use the {role.token} token ({role.option})."
         raise ProblemError(Problem(Kind.FORBIDDEN, detail))
 
-    def _tokens(self) -> dict[Role, str | None]:
-        return {Role.READ: self.read, Role.WRITE: self.write}
-
     def _role_of(self, authorization: bytes) -> Role:
-        if authorization.partition(b" ")[0].lower() != b"bearer":
-            raise _unauthorized("Send the header `Authorization: Bearer TOKEN` with a token of the service.")
-        held = self._held(authorization)
-        if held is None:
-            raise _unauthorized("This is not a token of the service. Check its token files.")
-        return held
-
-    def _held(self, authorization: bytes) -> Role | None:
         scheme, _, given = authorization.partition(b" ")
-        given = given.strip()
+        if scheme.lower() != b"bearer":
+            raise _unauthorized("Send the header `Authorization: Bearer TOKEN` with a token of the service.")
         # Compares with every token, so that the time it takes tells nothing about them.
-        fits = [
+        roles = [
             role
-            for role, token in self._tokens().items()
-            if token is not None and hmac.compare_digest(given, token.encode())
+            for role, token in ((Role.READ, self.read), (Role.WRITE, self.write))
+            if token is not None and hmac.compare_digest(given.strip(), token.encode())
         ]
-        return fits[0] if fits and scheme.lower() == b"bearer" else None
+        if not roles:
+            raise _unauthorized("This is not a token of the service. Check its token files.")
+        return roles[0]
 
 
 def _unauthorized(detail: str) -> ProblemError:
