@@ -5,7 +5,6 @@ import secrets
 import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
@@ -15,12 +14,13 @@ from beamtouch_common.errors import InputError
 
 MAX_BYTES = 1024 * 1024
 """Largest text file, a thousand times a usual one; a larger file was given by mistake."""
-_NONE: Mapping[str, Any] = MappingProxyType({})
 
+Context = Mapping[str, Any] | None
+"""What validators of a model need to know beside the file."""
 Model = TypeVar("Model", bound=BaseModel)
 
 
-def load_toml(kind: type[Model], path: Path, *, context: Mapping[str, Any] = _NONE) -> Model:
+def load_toml(kind: type[Model], path: Path, *, context: Context = None) -> Model:
     """Read a TOML file into a pydantic model; InputError as `read_text` and `parse_toml` raise it."""
     return parse_toml(kind, read_text(path), str(path), context=context)
 
@@ -46,13 +46,7 @@ def read_text(path: Path) -> str:
         raise InputError(message) from None
 
 
-def parse_toml(
-    kind: type[Model],
-    text: str,
-    origin: str,
-    *,
-    context: Mapping[str, Any] = _NONE,
-) -> Model:
+def parse_toml(kind: type[Model], text: str, origin: str, *, context: Context = None) -> Model:
     """Read TOML text into a pydantic model.
 
     Parameters
@@ -78,16 +72,10 @@ def parse_toml(
     return validate(kind, content, origin, context=context)
 
 
-def validate(
-    kind: type[Model],
-    content: Mapping[str, Any],
-    origin: str,
-    *,
-    context: Mapping[str, Any] = _NONE,
-) -> Model:
+def validate(kind: type[Model], content: Mapping[str, Any], origin: str, *, context: Context = None) -> Model:
     """Make a pydantic model of values; parameters and InputError as of `parse_toml`."""
     try:
-        return kind.model_validate(content, context=dict(context))
+        return kind.model_validate(content, context=context)
     except ValidationError as error:
         message = f"{origin}: {complaint(error, kind, content)}"
         raise InputError(message) from None
