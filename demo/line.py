@@ -111,6 +111,11 @@ class Line:
             process.stdout.close()
         self._start_service(int(self.url.rpartition(":")[2]))
 
+    def restart_daemon(self) -> None:
+        """End the daemon, and start it with the configuration that `daemon.toml` now holds."""
+        self.end("daemon")
+        self._run_daemon()
+
     def dead(self) -> list[str]:
         """Return the names of the processes that have ended by themselves."""
         return [name for name, process in self._processes.items() if process.poll() is not None]
@@ -150,9 +155,12 @@ class Line:
         (template,) = config["surfaces"].values()
         config["publish"].update({"url": self.url, "token_file": "token"})
         config["surfaces"] = {name: {**template, "source": source} for name, source in sources.items()}
-        path = self.folder / "daemon.toml"
-        path.write_text(tomli_w.dumps(config))
-        self._start("daemon", ["beamtouch-daemon", "run", str(path), "--summary", str(self.summary)])
+        (self.folder / "daemon.toml").write_text(tomli_w.dumps(config))
+        self._run_daemon()
+
+    def _run_daemon(self) -> None:
+        config = self.folder / "daemon.toml"
+        self._start("daemon", ["beamtouch-daemon", "run", str(config), "--summary", str(self.summary)])
 
     def _start(self, name: str, command: list[str]) -> None:
         program = str(Path(sys.executable).parent / command[0])

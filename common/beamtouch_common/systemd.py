@@ -1,8 +1,7 @@
-"""Notifications to systemd: ready, reloading, stopping, alive (sd_notify, systemd 252)."""
+"""Notifications to systemd: ready, stopping, alive (sd_notify, systemd 252)."""
 
 import os
 import socket
-from time import monotonic_ns
 
 
 class ServiceManager:
@@ -17,13 +16,9 @@ class ServiceManager:
         """Time without progress after which the manager restarts this process [s]; None: never."""
 
     def ready(self, status: str) -> None:
-        """Report that the start, or a reload, is complete."""
+        """Report that the start is complete."""
         self._is_ready = True
         self._send(f"READY=1\nSTATUS={status}")
-
-    def reloading(self) -> None:
-        """Report that files are being read again."""
-        self._send(f"RELOADING=1\nMONOTONIC_USEC={monotonic_ns() // 1000}")
 
     def stopping(self) -> None:
         """Report that the stop has begun."""

@@ -8,8 +8,8 @@ import importlib
 from collections.abc import Sequence
 from pathlib import Path
 
+from beamtouch_common import log
 from beamtouch_common.commands import Parser, exit_code, whole_number
-from beamtouch_daemon import logs
 from beamtouch_daemon.commands.argument_types import BAUDS, MAX_TIMEOUT_MS, bauds, between, numbers, parities
 from beamtouch_daemon.exits import PROGRAM
 
@@ -21,7 +21,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     def work() -> int:
         arguments = _parser().parse_args(argv)
-        logs.set_up(as_json=arguments.log_format == "json")
+        log.set_up(as_json=arguments.log_format == "json")
         code: int = importlib.import_module(f"beamtouch_daemon.commands.{arguments.command}").run(arguments)
         return code
 

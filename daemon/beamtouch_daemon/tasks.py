@@ -5,8 +5,8 @@ import logging
 from collections.abc import Awaitable, Callable, Iterable
 from typing import Any
 
-from beamtouch_daemon.faults import BACKOFF_MAX_S
-
+RESTART_S = 2.0
+"""Pause after an unexpected error."""
 _CANCEL_AGAIN_S = 0.1
 _log = logging.getLogger(__name__)
 
@@ -30,6 +30,6 @@ async def keep_going(name: str, work: Callable[[], Awaitable[None]]) -> None:
             await work()
         except Exception:  # noqa: BLE001 - logged whole; one surface's fault must not stop the others
             _log.exception("%s: unexpected error; restarting", name)
-            await asyncio.sleep(BACKOFF_MAX_S)
+            await asyncio.sleep(RESTART_S)
         else:
             return

@@ -32,7 +32,7 @@ def metrics() -> str:
         counts = create_app([], recorder=recorder).context.counts
         labels = {_name(one): _labels(one) for one in vars(counts).values() if isinstance(one, MetricWrapperBase)}
         served = _metrics(counts.registry.collect(), labels)
-    read = _metrics(WorkerCollector(list, dict).collect(), {})
+    read = _metrics(WorkerCollector([], dict).collect(), {})
     return f"## Service\n\n{served}\n\n## Daemon\n\n{read}"
 
 

@@ -52,7 +52,7 @@ class Bench:
         self.logs = self.store.surface("bench")
         self.log = self.logs.begin(sender, max_samples)
         self.live = Live(self._client, "bench", self.logs, self.log)
-        self.backlog = Backlog(self._client, "bench", self.store, self.live)
+        self.backlog = Backlog(self._client, "bench", self.store)
 
     async def __aenter__(self) -> "Bench":
         self._tasks = [asyncio.ensure_future(run()) for run in (self.live.run, self.backlog.run, self.store.run)]
@@ -61,7 +61,7 @@ class Bench:
     async def __aexit__(self, *_: object) -> None:
         ends = [task.exception() for task in self._tasks if task.done()]
         await cancel(self._tasks)
-        await self._client.close()
+        await self._client.__aexit__()
         assert ends == []
 
     def put(self, samples: list[Taken]) -> None:

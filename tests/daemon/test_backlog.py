@@ -37,7 +37,7 @@ async def test_a_service_that_died_is_asked_within_a_second_and_gets_again_what_
         service.restart()
         service.commit_s = 0.0
         async with asyncio.timeout(5.0):
-            await until(lambda: not len(bench.log))
+            await until(lambda: bench.log.is_empty)
     assert service.record.numbers() == {"boot-0001": list(range(1, 51))}
     assert [len(batch.samples) for batch in of_backlog(service)][:2] == [0, 50]
 
@@ -49,7 +49,7 @@ async def test_a_backlog_has_no_age_and_says_what_there_is(tmp_path: Path) -> No
         for _ in range(20):
             bench.count(1)
             await asyncio.sleep(0.02)
-        await until(lambda: not len(bench.log) and not bench.logs.on_disk)
+        await until(lambda: bench.log.is_empty and not bench.logs.on_disk)
     parts = [batch for batch in of_backlog(service) if batch.boot_id == "boot-0000" and batch.samples]
     assert len(parts) > 3  # in parts that the service takes, none of which looks younger than another
     assert all(batch.newest_age_ms is None and batch.sent_us is None for batch in of_backlog(service))
@@ -91,7 +91,7 @@ async def test_what_is_refused_for_now_waits(tmp_path: Path, status: int, kind: 
         await store.write(None)
         assert (bench.logs.on_disk, bench.logs.in_memory) == (1, 0)
         service.problem_of = lambda *_: None
-        await until(lambda: not len(bench.log))
+        await until(lambda: bench.log.is_empty)
     assert service.record.numbers() == {"boot-0001": [1]}
     assert bench.logs.counts.dropped == bench.logs.refused == 0
 
@@ -108,7 +108,7 @@ async def test_a_sample_that_is_refused_alone_is_dropped_and_counted_and_the_oth
     async with stored(tmp_path / "samples") as store, serving(Service()) as service, Bench(service, store) as bench:
         service.problem_of = problem
         bench.count(10)
-        await until(lambda: not len(bench.log) and not bench.logs.on_disk)
+        await until(lambda: bench.log.is_empty and not bench.logs.on_disk)
     assert service.record.numbers() == {"boot-0000": [*range(1, 7), 8, 9, 10], "boot-0001": [1, 2, *range(5, 11)]}
     assert service.record.lost == {("bench", "boot-0000"): [7], ("bench", "boot-0001"): [3, 4]}
     assert (bench.logs.counts.dropped, bench.logs.counts.published) == (3, 17)
@@ -131,10 +131,10 @@ async def test_a_boot_that_is_refused_holds_up_no_other_and_is_named_once(
     async with stored(tmp_path / "samples") as store, serving(Service()) as service, Bench(service, store) as bench:
         service.problem_of = problem
         bench.count(5)
-        await until(lambda: service.attempts > 12 or (bench.logs.on_disk == 20 and not len(bench.log)))
+        await until(lambda: service.attempts > 12 or (bench.logs.on_disk == 20 and bench.log.is_empty))
         await asyncio.sleep(1.0)
         bench.count(5)
-        await until(lambda: not len(bench.log))
+        await until(lambda: bench.log.is_empty)
         assert service.record.numbers() == {"boot-000b": list(range(1, 21)), "boot-0001": list(range(1, 11))}
         assert (bench.logs.refused, bench.logs.on_disk) == (1, 20)
         fits = True
@@ -157,7 +157,7 @@ async def test_a_record_that_takes_nothing_is_asked_less_and_less_often() -> Non
         assert 2 < len(of_backlog(service)) < 8
         service.commit_s = 0.0
         service.recorder.MAX_PENDING = 100
-        await until(lambda: not len(bench.log))
+        await until(lambda: bench.log.is_empty)
     assert service.record.numbers() == {"boot-0001": list(range(1, 51))}
 
 

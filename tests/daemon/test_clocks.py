@@ -5,7 +5,7 @@ import random
 
 import pytest
 
-from beamtouch_daemon.faults import Backoff
+from beamtouch_common.waits import Backoff
 from beamtouch_daemon.sources.clock import HostClock, RoundTrips
 from beamtouch_daemon.sources.reading import Schedule
 

@@ -2,8 +2,6 @@
 
 import asyncio
 import json
-import signal
-import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -14,11 +12,10 @@ from beamtouch_daemon.sources.reading import Reading
 
 from . import configs
 from .devices import NumberingUnit, Pieces, StampingUnit, rtu_units
-from .faulty import plain, running
+from .faulty import plain
 from .faulty_bus import Outcome, patterns, run, values_only
 from .lines import terminal
 from .process import command
-from .service import Service, serving
 from .sessions import source_in, take_across_sessions
 
 pytestmark = pytest.mark.anyio
@@ -50,7 +47,7 @@ async def test_no_value_is_stale_or_foreign(name: str) -> None:
     assert outcome.answered >= 25
 
 
-@pytest.mark.parametrize("is_killed", [False, True], ids=["read again", "killed"])
+@pytest.mark.parametrize("is_killed", [False, True], ids=["goes on", "killed"])
 async def test_a_session_that_begins_while_an_answer_is_owed_gives_no_old_value(*, is_killed: bool) -> None:
     with terminal() as line:
         requests = asyncio.Event()
@@ -74,33 +71,6 @@ async def test_a_session_that_begins_while_an_answer_is_owed_gives_no_old_value(
                 await asyncio.gather(owing, return_exceptions=True)
                 await stream.aclose()
                 buses = {} if is_killed else buses
-
-
-async def test_a_configuration_that_is_read_again_leaves_the_answers_in_step(tmp_path: Path) -> None:
-    busy_s, rate_hz = 0.15, 10.0  # each answer comes after the next slot has begun, so that a lag would stay
-
-    with terminal() as line:
-        unit = StampingUnit(lambda _number, frame: [(busy_s, frame)])
-        offset_s = time.time() - time.monotonic()
-        async with (
-            rtu_units(line, {1: unit}),
-            serving(Service()) as service,
-            running(tmp_path, table(line.path, 1000.0), service.url) as daemon,
-        ):
-            path = tmp_path / "daemon.toml"
-            await service.until(2, within_s=60)
-            for turn in range(4):
-                head, _, tail = path.read_text().partition("rate_hz = ")
-                path.write_text(f"{head}rate_hz = {rate_hz + turn}\n{tail.partition(chr(10))[2]}")
-                daemon.tell(signal.SIGHUP)
-                await service.until(len(service.samples()) + 6, within_s=60)
-            assert (await daemon.stop()).code == 0
-        ages_s = [
-            unit.age_s(-sample.deflection_mm[0], sample.acquired_unix_us / 1e6 - offset_s)
-            for sample in service.samples()
-            if sample.deflection_mm[0] is not None
-        ]
-    assert sum(age_s > busy_s for age_s in ages_s) < 0.3 * len(ages_s)  # the middle of its own request is half as old
 
 
 @pytest.mark.parametrize("kind", ["answers other requests", "answers only values"])

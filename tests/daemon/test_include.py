@@ -2,7 +2,6 @@
 
 import asyncio
 import json
-import signal
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -14,8 +13,7 @@ from unprivileged import without_root
 
 from . import configs
 from .devices import pymodbus_server
-from .process import command, started
-from .service import Service, serving
+from .process import command
 
 pytestmark = pytest.mark.anyio
 
@@ -177,27 +175,3 @@ async def test_check_shows_the_file_of_each_surface(tmp_path: Path) -> None:
     ]
     files = {name: found["file"] for name, found in json.loads(report.out)["surfaces"].items()}
     assert files == {"bench": str(path), "one": str(tmp_path / "surfaces" / "a.toml")}
-
-
-async def test_a_surface_comes_and_goes_with_its_file_on_a_reload(tmp_path: Path) -> None:
-    async with serving(Service()) as service, pymodbus_server([21_000, 65_535]) as port:
-        one, other = (configs.surface(name, configs.patient_tcp(port)) for name in ("one", "other"))
-        path = including(tmp_path, url=service.url, a=one)
-        new, old = (tmp_path / "surfaces" / f"{name}.toml" for name in "ba")
-        async with started("run", path, "--summary", tmp_path / "summary.json") as daemon:
-            await service.until(20, "one")
-            new.write_text("[surfaces.other]")
-            daemon.tell(signal.SIGHUP)
-            await service.until(len(service.samples("one")) + 50, "one")
-            new.write_text(other)
-            daemon.tell(signal.SIGHUP)
-            await service.until(20, "other")
-            old.unlink()
-            daemon.tell(signal.SIGHUP)
-            await service.until(len(service.samples("other")) + 50, "other")
-            outcome = await daemon.stop()
-    assert outcome.code == 0
-    assert f"the old one stays in use: {new}: surfaces.other." in outcome.err
-    assert "configuration read again; restarted: other\n" in outcome.err
-    assert "configuration read again; restarted: nothing\n" in outcome.err
-    assert len({batch.boot_id for name, batch, _ in service.batches if name == "other"}) == 1

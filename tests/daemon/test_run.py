@@ -23,12 +23,13 @@ from .service import Service, serving
 pytestmark = pytest.mark.anyio
 
 
-async def test_readings_become_samples_and_a_stop_delivers_all_of_them(tmp_path: Path) -> None:
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP], ids=["a stop", "a terminal that closes"])
+async def test_readings_become_samples_and_a_stop_delivers_all_of_them(tmp_path: Path, number: signal.Signals) -> None:
     async with serving(Service()) as service, pymodbus_server([21_000, 65_535]) as port:
         config = configs.write(tmp_path, configs.surface(source=configs.tcp(port)), url=service.url)
         async with started("run", config, "--summary", tmp_path / "summary.json") as daemon:
             await service.until(100)
-            outcome = await daemon.stop()
+            outcome = await daemon.stop(number)
     samples = service.samples()
     assert [sample.sequence for sample in samples] == list(range(1, len(samples) + 1))
     assert {tuple(sample.quality) for sample in samples} == {(Quality.GOOD, Quality.SATURATED)}

@@ -6,8 +6,8 @@ import logging
 
 import pytest
 
+from beamtouch_common.log import JsonFormatter
 from beamtouch_daemon import tasks
-from beamtouch_daemon.logs import JsonFormatter
 
 pytestmark = pytest.mark.anyio
 
@@ -15,7 +15,7 @@ pytestmark = pytest.mark.anyio
 async def test_work_starts_again_after_an_unexpected_error_which_is_logged_whole(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr(tasks, "BACKOFF_MAX_S", 0.01)
+    monkeypatch.setattr(tasks, "RESTART_S", 0.01)
     attempts = 0
 
     async def work() -> None:

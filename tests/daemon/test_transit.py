@@ -56,7 +56,7 @@ async def test_a_batch_that_was_held_is_told_from_one_that_was_not() -> None:
         for number in range(5):
             bench.count(1)
             await service.until(number + 1)
-        await until(lambda: bench.log.flying is None)
+        await until(lambda: bench.log.live_from == bench.log.next)
         relay.opens.clear()
         bench.count(1)
         await relay.holds.wait()

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
 import re
-import signal
 import subprocess
 import tomllib
 from typing import TYPE_CHECKING, Any
@@ -76,7 +74,7 @@ class Watched:
         before: list[float] = channel["range_mm"]
         channel["range_mm"] = range_mm
         path.write_text(tomli_w.dumps(config))
-        os.kill(self.line.pids()["daemon"], signal.SIGHUP)
+        self.line.restart_daemon()
         return before
 
 

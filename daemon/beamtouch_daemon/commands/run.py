@@ -5,15 +5,14 @@ import asyncio
 import dataclasses
 import json
 import sys
-from functools import partial
 from pathlib import Path
 
 from beamtouch_common.commands import DONE, INTERRUPTED
 from beamtouch_common.errors import FailedError
 from beamtouch_common.files import require_writable, write_atomically
 from beamtouch_daemon.config.file import load_config
-from beamtouch_daemon.running import runtime
-from beamtouch_daemon.running.supervisor import Summary
+from beamtouch_daemon.running import daemon
+from beamtouch_daemon.running.daemon import Summary
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -21,7 +20,7 @@ def run(arguments: argparse.Namespace) -> int:
     path: Path | None = arguments.summary
     require_writable([path], [arguments.config])
     files = {"token_file": arguments.token_file, "log_file": arguments.sample_log_file}
-    ended = asyncio.run(runtime.run(partial(load_config, arguments.config, files)))
+    ended = asyncio.run(daemon.run(load_config(arguments.config, files)))
     for name, summary in ended.summaries.items():
         _print(name, summary)
     if path:

@@ -62,7 +62,7 @@ def _tare(config: Config, name: str, *, accept_change: bool) -> int:
     answers = {None: "the service could not be asked, or has no contact to give", "": "the service sees a beam at rest"}
     answer = answers.get(contact, f"the service sees {contact}")
     print(f"{name}: {at_rest.describe_comparison(gaps, last_mm, surface)}; {answer}")
-    print(f"{name}: a running daemon takes them when it is told: systemctl reload beamtouch-daemon, or kill -HUP PID")
+    print(f"{name}: a running daemon takes them when it starts again: systemctl restart beamtouch-daemon")
     return DONE
 
 

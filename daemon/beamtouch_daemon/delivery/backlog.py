@@ -6,161 +6,92 @@ the service refuses, or that the record cannot take, holds up no other.
 
 import asyncio
 import logging
-from contextlib import suppress
-from dataclasses import dataclass, field
 from time import monotonic
 
-from beamtouch_daemon.delivery.client import Answer, ServiceClient, UnreachableError, Verdict
-from beamtouch_daemon.delivery.live import Live
-from beamtouch_daemon.delivery.log import MAX_BATCH, Log
+from beamtouch_daemon.delivery.client import NEVER_ACCEPTED, Answer, ServiceClient, Verdict
+from beamtouch_daemon.delivery.log import Log
 from beamtouch_daemon.delivery.log_file import LogFileError
 from beamtouch_daemon.delivery.log_store import LogStore
-from beamtouch_daemon.faults import Backoff, Fault
+from beamtouch_daemon.delivery.sending import Sending
 from beamtouch_service.samples import Batch
 
 ASK_S = 1.0
 """While samples are not durable, the record is asked at least this often."""
-RETRY_S = 5.0
-"""Longest wait after a request that brought the record no further."""
 LAST_ASK_S = 0.2
 """Time between two questions while the daemon stops."""
 _log = logging.getLogger(__name__)
 
 
-@dataclass
-class _Turn:
-    """When and how to deliver a boot next."""
-
-    at_s: float = 0.0
-    tried_s: float = 0.0
-    backoff: Backoff = field(default_factory=lambda: Backoff(max_s=RETRY_S))
-    max_samples: int = MAX_BATCH
-
-
 class Backlog:
-    """Delivers all logs of one surface.
+    """Delivers all logs of one surface."""
 
-    Parameters
-    ----------
-    client, surface, store
-        Where the samples go, and where they come from.
-    live
-        The live reader of the present boot; None if the surface is no longer configured.
-    """
-
-    def __init__(self, client: ServiceClient, surface: str, store: LogStore, live: Live | None = None) -> None:
-        self._client = client
+    def __init__(self, client: ServiceClient, surface: str, store: LogStore) -> None:
         self._surface = surface
         self._store = store
         self._logs = store.surface(surface)
-        self._live = live
-        self._wake = live.behind if live else asyncio.Event()
-        self._turns: dict[str, _Turn] = {}
-        self._fault = Fault(_log, f"{surface}: delivering the backlog")
+        self._sending = Sending(client, surface, self._logs)
 
     async def run(self) -> None:
         """Deliver until cancelled."""
         while True:
-            now_s = monotonic()
-            due = {log: self._due_s(log) for log in self._logs.by_boot.values() if len(log)}
-            log = min(due, key=lambda one: due[one], default=None)
-            if log is not None and due[log] <= now_s:
+            logs = [log for log in self._logs.by_boot.values() if not log.is_empty]
+            log = min(logs, key=_due_s, default=None)
+            wait_s = ASK_S if log is None else min(ASK_S, _due_s(log) - monotonic())
+            if log is not None and wait_s <= 0:
                 await self._deliver(log)
-                continue
-            with suppress(TimeoutError):
-                async with asyncio.timeout(min([ASK_S, *(at_s - now_s for at_s in due.values())])):
-                    await self._wake.wait()
-            self._wake.clear()
+            else:
+                await asyncio.sleep(wait_s)
 
     async def finish(self) -> None:
         """Deliver what is left of each boot until it is durable, or the service does not take it."""
-        self._logs.end()
         for log in reversed(self._logs.by_boot.values()):
-            while len(log):
-                lacked = log.is_behind
-                if not await self._deliver(log):
-                    break
-                if not lacked:
-                    await asyncio.sleep(LAST_ASK_S)
-
-    def _turn(self, log: Log) -> _Turn:
-        return self._turns.setdefault(log.sender.boot_id, _Turn())
-
-    def _due_s(self, log: Log) -> float:
-        """Return when to deliver a boot on the monotonic clock."""
-        turn = self._turn(log)
-        is_back = self._live is not None and turn.tried_s < self._live.back_s
-        at_s = 0.0 if is_back else turn.at_s
-        return at_s if log.is_behind else max(at_s, log.told_s + ASK_S)
+            log.end()
+            while not log.is_empty and await self._deliver(log):
+                pause_s = log.due_s - monotonic() if log.missing else LAST_ASK_S
+                await asyncio.sleep(pause_s)
 
     async def _deliver(self, log: Log) -> bool:
         """Send what the record lacks of a boot, or ask how far it is; return whether the service took it."""
-        turn, lacked = self._turn(log), log.lacking if log.is_behind else None
-        turn.tried_s = monotonic()
+        first = log.missing[:1]
         try:
-            batch = await self._batch(log, turn.max_samples)
-            answer = await self._client.post_samples(self._surface, batch)
+            batch = await self._batch(log)
+            answer = await self._sending.send(log, batch)
         except LogFileError:  # the store says so
-            turn.at_s = monotonic() + ASK_S
-            return False
-        except UnreachableError as error:
-            self._failed(log, f"no answer from {self._client.url} ({error}); trying again")
-            return False
-        if answer.receipt is not None:
-            log.told(answer.receipt)
-            self._taken(log, is_further=log.lacking != lacked)
-            return True
-        if answer.verdict is Verdict.SMALLER and self._split(turn, log, batch, answer):
-            return True
-        if answer.verdict is Verdict.LATER:
-            self._failed(log, f"the service takes no samples ({answer.explanation}); trying again")
+            answer = None
+        is_taken = answer is not None and answer.verdict is Verdict.TAKEN
+        if is_taken:
+            log.most = min(2 * log.most, log.sender.max_samples)
+        is_further = is_taken and (not first or log.missing[:1] != first)
+        if is_further or (answer is not None and self._reduce(log, batch, answer)):
+            log.backoff.reset()
+            log.due_s = 0.0
         else:
-            self._refused(log, answer.explanation)
-            turn.at_s = monotonic() + turn.backoff.next()
-        return False
+            log.due_s = monotonic() + log.backoff.next()
+        return is_taken
 
-    async def _batch(self, log: Log, most: int) -> Batch:
-        number, most = log.lacking, min(most, log.sender.max_samples)
-        if number is None or number >= log.brought:
-            batch = log.sender.batch([])
-        elif (chunk := log.chunk_of(number)) is not None:
-            batch = log.part_of(await self._store.read(chunk), number, most)
-        else:
-            batch = log.sender.batch(log.memory_from(number, min(most, log.unsent - number)))
-        return batch.model_copy(update={"oldest": log.oldest, "earlier": self._logs.others(log)})
+    async def _batch(self, log: Log) -> Batch:
+        numbers = log.missing[: log.most]
+        if numbers and (chunk := log.chunk_of(numbers[0])) is not None:
+            batch = await self._store.read(chunk)
+            return batch.model_copy(update={"samples": [one for one in batch.samples if one.sequence in numbers]})
+        return log.sender.batch(log.from_memory(numbers) if numbers else [])
 
-    def _taken(self, log: Log, *, is_further: bool) -> None:
-        turn = self._turn(log)
-        turn.max_samples = min(2 * turn.max_samples, MAX_BATCH)
-        self._fault.recovered()
-        if log.refusal:
-            _log.info("%s: the service takes the samples of boot %s again", self._surface, log.sender.boot_id)
-            log.refusal = ""
-        if is_further and log.expected is not None:
-            turn.backoff.reset()
-        else:
-            turn.at_s = monotonic() + turn.backoff.next()
-
-    def _split(self, turn: _Turn, log: Log, batch: Batch, answer: Answer) -> bool:
+    def _reduce(self, log: Log, batch: Batch, answer: Answer) -> bool:
         """Send half as many next time; drop a sample that is refused alone. False if that does not help."""
-        if len(batch.samples) > 1:
-            turn.max_samples = len(batch.samples) // 2
-            return True
-        if not batch.samples or not answer.is_of_service:
+        if answer.verdict is not Verdict.SMALLER:
             return False
-        number = batch.samples[0].sequence
-        _log.warning("%s: sample %d is dropped: %s", self._surface, number, answer.explanation)
-        log.refuse(number)
+        if len(batch.samples) > 1:
+            log.most = len(batch.samples) // 2
+        elif batch.samples and answer.problem in NEVER_ACCEPTED:
+            number = batch.samples[0].sequence
+            _log.warning("%s: sample %d is dropped: %s", self._surface, number, answer.explanation)
+            log.refuse(number)
+        else:
+            self._sending.refuse(log, batch, answer.explanation)
+            return False
         return True
 
-    def _refused(self, log: Log, reason: str) -> None:
-        if reason != log.refusal:
-            words = "%s: the samples of boot %s wait, the service does not take them (%s)"
-            _log.warning(words, self._surface, log.sender.boot_id, reason)
-        log.refusal = reason
 
-    def _failed(self, log: Log, reason: str) -> None:
-        turn = self._turn(log)
-        turn.at_s = monotonic() + turn.backoff.next()
-        if self._live is None or not self._live.fails:  # else the live reader says why
-            self._fault.failed(reason)
+def _due_s(log: Log) -> float:
+    """Return when to deliver a boot next, on the monotonic clock."""
+    return log.due_s if log.missing else max(log.due_s, log.told_s + ASK_S)

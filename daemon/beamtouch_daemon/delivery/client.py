@@ -1,16 +1,13 @@
 """HTTP client of the service: a verdict on each batch, and words for everything that keeps an answer away."""
 
-import json
 import os
 import ssl
 from dataclasses import dataclass
 from enum import Enum
-from http import HTTPStatus
-from typing import Self
+from typing import Self, TypeVar
 
 import aiohttp
-from pydantic import ValidationError
-from yarl import URL
+from pydantic import BaseModel, ValidationError
 
 from beamtouch_service.samples import Batch, Receipt
 
@@ -24,36 +21,16 @@ OTHER_BEAM = PROBLEM + "other-beam"
 INVALID_REQUEST = PROBLEM + "invalid-request"
 NEVER_ACCEPTED = {TOO_LARGE, PROBLEM + "malformed-json", INVALID_REQUEST}
 """Types of problems with a batch. Only the service sends them, never a proxy in front of it."""
+_T = TypeVar("_T", bound=BaseModel)
 
 
 class UnreachableError(Exception):
-    """There was no answer; the service may or may not have seen the request.
-
-    Parameters
-    ----------
-    reason
-        What happened, in a few words.
-    advice
-        What to change; empty if the service may just be away.
-    """
+    """There was no answer, for a reason in a few words; the service may or may not have seen the request."""
 
     def __init__(self, reason: str, advice: str = "") -> None:
         super().__init__(reason)
         self.advice = advice
-
-
-_NAME = "publish.url must have a name or address that the certificate states"
-_TRUST = "publish.certificate_file must be the service's certificate, or that of its authority"
-_CERTIFICATE_ADVICE = {
-    9: "check the clock of this machine",  # X509_V_ERR_CERT_NOT_YET_VALID of OpenSSL
-    10: "renew it, or check the clock of this machine",  # CERT_HAS_EXPIRED
-    18: _TRUST,  # DEPTH_ZERO_SELF_SIGNED_CERT
-    19: _TRUST,  # SELF_SIGNED_CERT_IN_CHAIN
-    20: _TRUST,  # UNABLE_TO_GET_ISSUER_CERT_LOCALLY
-    21: _TRUST,  # UNABLE_TO_VERIFY_LEAF_SIGNATURE
-    62: _NAME,  # HOSTNAME_MISMATCH
-    64: _NAME,  # IP_ADDRESS_MISMATCH
-}
+        """What to change; empty if the service may just be away."""
 
 
 class Verdict(Enum):
@@ -68,70 +45,65 @@ class Verdict(Enum):
     """Some of the samples may be taken alone."""
 
 
+class _Problem(BaseModel):
+    """What counts here of a problem of the service."""
+
+    type: str = ""
+    detail: str = ""
+
+
 @dataclass(frozen=True)
 class Answer:
-    """Answer of the service to a request."""
+    """Answer of the service, or of another program, to a request."""
 
     status: int
     content: bytes
 
     @property
     def is_success(self) -> bool:
-        """Whether the batch was taken."""
-        return HTTPStatus.OK <= self.status < HTTPStatus.MULTIPLE_CHOICES
-
-    @property
-    def type(self) -> str:
-        """Type of the problem; empty if the answer is not a problem of the service."""
-        return str(self._problem.get("type", ""))
+        """Whether the request was answered as it should be."""
+        return 200 <= self.status < 300
 
     @property
     def receipt(self) -> Receipt | None:
         """The receipt of a batch that was taken; None if it was not."""
-        try:
-            return Receipt.model_validate_json(self.content) if self.is_success else None
-        except ValidationError:
-            return None
+        return self.parsed(Receipt) if self.is_success else None
 
     @property
-    def is_of_service(self) -> bool:
-        """Whether the service itself, and no proxy in front of it, says that these samples are wrong."""
-        return self.type in NEVER_ACCEPTED
+    def problem(self) -> str:
+        """Type of the problem; empty if the answer is not a problem of the service."""
+        return (self.parsed(_Problem) or _Problem()).type
 
     @property
     def verdict(self) -> Verdict:
         """The verdict, by the type of the problem, because a bare status may come from a proxy."""
         if self.receipt is not None:
             return Verdict.TAKEN
-        if self.status == HTTPStatus.REQUEST_ENTITY_TOO_LARGE or self.type in NEVER_ACCEPTED:
+        if self.status == 413 or self.problem in NEVER_ACCEPTED:
             return Verdict.SMALLER
-        if self.type == OTHER_BEAM:
-            return Verdict.REFUSED
-        is_for_now = self.status in {HTTPStatus.REQUEST_TIMEOUT, HTTPStatus.TOO_MANY_REQUESTS}
-        is_refusal = HTTPStatus.BAD_REQUEST <= self.status < HTTPStatus.INTERNAL_SERVER_ERROR and not is_for_now
-        return Verdict.REFUSED if is_refusal else Verdict.LATER
+        is_refusal = 400 <= self.status < 500 and self.status not in {408, 429}  # a timeout, too many requests
+        return Verdict.REFUSED if is_refusal or self.problem == OTHER_BEAM else Verdict.LATER
 
     @property
     def explanation(self) -> str:
         """Status and explanation, in one line."""
         if self.is_success:
             return "the answer is no receipt; is publish.url the address of another program?"
-        if self.status == HTTPStatus.UNAUTHORIZED:
+        if self.status == 401:
             return "status 401: wrong token; correct publish.token_file and restart"
-        detail = str(self._problem.get("detail", ""))[:MAX_DETAIL]
+        detail = (self.parsed(_Problem) or _Problem()).detail[:MAX_DETAIL]
         return f"status {self.status}: {detail}" if detail else f"status {self.status}"
 
-    @property
-    def _problem(self) -> dict[str, object]:
+    def parsed(self, model: type[_T]) -> _T | None:
+        """Return the content as a model; None if it is something else."""
         try:
-            content = json.loads(self.content)
-        except (ValueError, RecursionError):  # of another program
-            return {}
-        return content if isinstance(content, dict) else {}
+            return model.model_validate_json(self.content)
+        except ValidationError:
+            return None
 
 
 class ServiceClient:
-    """Client of the service at `url`, with a bearer token. Create it in the event loop, and close it.
+    """Client of the service at `url`, with a bearer token. Use it as a context manager, in the event loop.
 
     With https it trusts the given certificates (PEM), or those of the system. It ignores proxies in the environment
     and follows no redirects.
@@ -139,8 +111,6 @@ class ServiceClient:
 
     def __init__(self, url: str, token: str, certificates: str | None = None) -> None:
         self.url = url
-        self._urls: dict[str, URL] = {}
-        """Surface -> address for its samples."""
         trusted = ssl.create_default_context(cadata=certificates) if certificates is not None else True
         self._session = aiohttp.ClientSession(
             connector=aiohttp.TCPConnector(ssl=trusted),
@@ -153,32 +123,24 @@ class ServiceClient:
         return self
 
     async def __aexit__(self, *_: object) -> None:
-        await self.close()
+        await self._session.close()
 
     async def post_samples(self, surface: str, batch: Batch | None) -> Answer:
         """Send a batch, or nothing to see whether the service would take one; raises UnreachableError."""
-        if surface not in self._urls:
-            self._urls[surface] = self._url(f"/surfaces/{surface}/samples")
         content = b"{}" if batch is None else batch.model_dump_json(exclude_defaults=True).encode()
-        return await self._request("POST", self._urls[surface], content)
+        return await self._request("POST", f"/surfaces/{surface}/samples", content)
 
     async def get(self, path: str) -> Answer:
         """Ask for a path; raises UnreachableError."""
-        return await self._request("GET", self._url(path), None)
+        return await self._request("GET", path, None)
 
-    def _url(self, path: str) -> URL:
-        return URL(f"{self.url.rstrip('/')}{path}")
-
-    async def _request(self, method: str, url: URL, content: bytes | None) -> Answer:
+    async def _request(self, method: str, path: str, content: bytes | None) -> Answer:
+        url = f"{self.url.rstrip('/')}{path}"
         try:
             async with self._session.request(method, url, data=content, allow_redirects=False) as response:
                 return Answer(response.status, await response.read())
         except (aiohttp.ClientError, TimeoutError) as error:
             raise _unreachable(error) from error
-
-    async def close(self) -> None:
-        """Close the connection."""
-        await self._session.close()
 
 
 def _unreachable(error: aiohttp.ClientError | TimeoutError) -> UnreachableError:
@@ -189,7 +151,7 @@ def _unreachable(error: aiohttp.ClientError | TimeoutError) -> UnreachableError:
             reason = "timeout"
         case aiohttp.ClientConnectorCertificateError(certificate_error=ssl.SSLCertVerificationError() as refused):
             reason = f"certificate refused: {refused.verify_message.rstrip('.')}"
-            advice = _CERTIFICATE_ADVICE.get(refused.verify_code, "")
+            advice = _certificate_advice(refused.verify_code)
         case aiohttp.ClientConnectorSSLError():
             reason = "TLS failed"
             advice = "if the service has no certificate, publish.url must begin with http://"
@@ -197,13 +159,20 @@ def _unreachable(error: aiohttp.ClientError | TimeoutError) -> UnreachableError:
             reason = "no such host is known"
         case aiohttp.ClientConnectorError():
             reason = os.strerror(error.errno) if error.errno else "no connection"
-        case aiohttp.ServerDisconnectedError() | aiohttp.ClientOSError() | aiohttp.ClientConnectionResetError():
-            reason = "connection closed"
         case aiohttp.ClientPayloadError():
             reason = "the answer broke off"
         case aiohttp.ClientResponseError():
             reason = "the answer is not HTTP"
             advice = "is publish.url the address of another program?"
         case _:
-            reason = type(error).__name__
+            reason = "connection closed"
     return UnreachableError(reason, advice)
+
+
+def _certificate_advice(code: int) -> str:
+    """Return what to change, by OpenSSL's code for what is wrong with a certificate."""
+    if code in {9, 10}:  # not yet valid, expired
+        return "renew it, or check the clock of this machine"
+    if code in {62, 64}:  # for another name, for another address
+        return "publish.url must have a name or address that the certificate states"
+    return "publish.certificate_file must be the service's certificate, or that of its authority"

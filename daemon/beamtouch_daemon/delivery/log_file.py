@@ -4,24 +4,19 @@ Every change has reached the disk when the call returns. All calls block; `LogSt
 file is set aside whole, and `sqlite3 FILE .recover` shows what is left in it.
 """
 
-import logging
 import sqlite3
-import time
 import zlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Sequence, Set
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from beamtouch_daemon.delivery.log import Chunk
 from beamtouch_service.samples import Batch
 
 APPLICATION_ID = 0x62746C31
 """Marks the file, and the version of its schema."""
 JOURNAL_BYTES = 65_536
 """Initial length of the journal: several times what the deletion of a chunk needs, also while the disk is full."""
-DAMAGED_FILES = 3
-"""Limit of damaged files that are kept."""
 _SCHEMA = """CREATE TABLE chunk (
     id INTEGER PRIMARY KEY AUTOINCREMENT, surface TEXT NOT NULL, boot TEXT NOT NULL,
     first INTEGER NOT NULL, last INTEGER NOT NULL, bytes INTEGER NOT NULL, checksum INTEGER NOT NULL,
@@ -31,31 +26,31 @@ _DAMAGE = {
     *(sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB),
     *(sqlite3.SQLITE_IOERR_READ, sqlite3.SQLITE_IOERR_CORRUPTFS),  # a bad sector
 }
-_log = logging.getLogger(__name__)
 
 
 class LogFileError(Exception):
-    """The file cannot be used now; the text is one line for the log."""
+    """The file cannot be used now, or what was in it is lost; the text is one line for the log."""
 
 
 class ForeignFileError(LogFileError):
     """The file belongs to another program: only another path helps."""
 
 
-class LostFileError(LogFileError):
-    """What was in the file is no longer there; the log says why."""
+class Chunk(NamedTuple):
+    """Samples in one row of the file, without a gap."""
 
-
-class _DamagedError(sqlite3.DatabaseError):
-    """A row is not as it was written."""
+    row: int
+    first: int
+    last: int
 
 
 class Entry(NamedTuple):
-    """A chunk in the file, and the boot that it belongs to."""
+    """A chunk in the file, and where it belongs."""
 
     surface: str
-    boot_id: str
     chunk: Chunk
+    example: Batch
+    """The oldest chunk of the same surface and boot."""
 
 
 class LogFile:
@@ -70,13 +65,13 @@ class LogFile:
     """
 
     def __init__(self, path: Path, max_bytes: int) -> None:
+        self.rows: dict[int, int] = {}
+        """Row -> length of its content, oldest first."""
         self._path = path
         self._max_bytes = max_bytes
         self._database: sqlite3.Connection | None = None
         self._identity: tuple[int, int] | None = None
         """Device and inode number of the open file."""
-        self._bytes: dict[int, int] = {}
-        """Row -> length of its content, oldest first."""
 
     @property
     def is_open(self) -> bool:
@@ -86,59 +81,37 @@ class LogFile:
     def open(self) -> list[Entry]:
         """Open or create the file; return the chunks in it, oldest first."""
         try:
-            try:
+            with self._errors("opened"):
                 return self._open()
-            except sqlite3.DatabaseError as error:
-                if not _is_damage(error):
-                    raise
-                self._set_aside(str(error))
-                return self._open()
-        except (sqlite3.DatabaseError, OSError) as error:
+        except LogFileError:
             self.close()
-            reason = "in use by another process" if _code(error) == sqlite3.SQLITE_BUSY else str(error)
-            message = f"{self._path} cannot be opened ({reason})"
-            raise LogFileError(message) from error
+            raise
 
-    def change(self, add: Sequence[tuple[str, Batch]], remove: Sequence[int]) -> tuple[list[int], list[int]]:
-        """Add a chunk for each batch of a surface, and delete rows; without room, delete the oldest, too.
+    def change(self, add: Sequence[tuple[str, Batch]], keep: Set[int]) -> list[int]:
+        """Add a chunk for each batch of a surface, and delete the rows that are not in `keep`.
 
-        Returns
-        -------
-        tuple
-            The rows that were added, and the rows that were deleted for lack of room, perhaps some of the former.
+        Beyond the limit, the oldest rows are deleted too, perhaps new ones. Returns the rows that were added.
         """
-        rows = [_row_of(surface, batch) for surface, batch in add]
-        removed = set(remove)
-        left = {row: length for row, length in self._bytes.items() if row not in removed}
         added: list[int] = []
-        with self._access("write to") as database:
-            database.executemany("DELETE FROM chunk WHERE id = ?", [(row,) for row in remove])
-            for columns in rows:
-                cursor = database.execute("INSERT INTO chunk VALUES (NULL, ?, ?, ?, ?, ?, ?, ?)", columns)
-                added.append(cursor.lastrowid or 0)
-                left[added[-1]] = len(columns[-1])
-            dropped = _excess(left, self._max_bytes)
-            database.executemany("DELETE FROM chunk WHERE id = ?", [(row,) for row in dropped])
-        self._bytes = {row: left[row] for row in list(left)[len(dropped) :]}
-        return added, dropped
+        with self._use("written") as database:
+            left = {row: length for row, length in self.rows.items() if row in keep}
+            for surface, batch in add:
+                columns = _columns(surface, batch)
+                row = database.execute("INSERT INTO chunk VALUES (NULL, ?, ?, ?, ?, ?, ?, ?)", columns).lastrowid or 0
+                added.append(row)
+                left[row] = len(columns[-1])
+            excess = sum(left.values()) - self._max_bytes
+            while excess > 0:
+                excess -= left.pop(next(iter(left)))
+            gone = {*self.rows, *added} - left.keys()
+            database.executemany("DELETE FROM chunk WHERE id = ?", [(row,) for row in gone])
+        self.rows = left
+        return added
 
     def read(self, row: int) -> Batch:
         """Return a chunk as it was written."""
-        query = "SELECT surface, boot, first, last, bytes, checksum, content FROM chunk WHERE id = ?"
-        with self._access("read") as database:
-            columns = database.execute(query, (row,)).fetchone()
-        if columns is None:
-            message = f"row {row} of {self._path} was deleted"
-            raise LogFileError(message)
-        try:
-            batch = Batch.model_validate_json(columns[-1])
-            if _row_of(columns[0], batch, columns[-1]) == columns:
-                return batch
-            reason = "a checksum does not match"
-        except (TypeError, ValueError) as error:
-            reason = str(error).splitlines()[0]
-        self._set_aside(reason)
-        raise LostFileError
+        with self._use("read") as database:
+            return _read(database, row)
 
     def close(self) -> None:
         """Close the file."""
@@ -147,12 +120,11 @@ class LogFile:
             self._database = None
 
     def _open(self) -> list[Entry]:
-        self._database = database = sqlite3.connect(self._path, timeout=1.0, check_same_thread=False)
+        self._database = database = sqlite3.connect(self._path, timeout=1.0)
         database.text_factory = lambda text: text.decode(errors="replace")
         database.execute("PRAGMA locking_mode = EXCLUSIVE")
         (mark,), tables = database.execute("PRAGMA application_id").fetchone(), "SELECT count(*) FROM sqlite_master"
         if mark != APPLICATION_ID and database.execute(tables).fetchone() != (0,):
-            self.close()
             message = f"{self._path} is the database of another program or of another version; choose another file"
             raise ForeignFileError(message)
         # A journal that keeps its length: a deletion on a full disk needs no new room.
@@ -163,83 +135,86 @@ class LogFile:
             if mark != APPLICATION_ID:
                 database.execute(f"PRAGMA application_id = {APPLICATION_ID}")
                 database.execute(_SCHEMA)
-        with suppress(OSError), self._path.with_name(f"{self._path.name}-journal").open("ab") as journal:
+        with suppress(OSError), Path(f"{self._path}-journal").open("ab") as journal:
             journal.write(bytes(max(0, JOURNAL_BYTES - journal.tell())))
         self._identity = _identity_of(self._path)
         rows = database.execute("SELECT id, bytes, first, last, surface, boot FROM chunk ORDER BY id").fetchall()
-        if not all(isinstance(number, int) for row in rows for number in row[:4]):
-            message = "a number is none"
-            raise _DamagedError(message)
-        self._bytes = {row: length for row, length, *_ in rows}
-        return [Entry(surface, boot, Chunk(row, first, last)) for row, _, first, last, surface, boot in rows]
+        examples: dict[tuple[str, str], Batch] = {}
+        for row, *_, surface, boot in rows:
+            if (surface, boot) not in examples:
+                examples[surface, boot] = _read(database, row)
+        self.rows = {row: int(length) for row, length, *_ in rows}
+        return [
+            Entry(surface, Chunk(row, int(first), int(last)), examples[surface, boot])
+            for row, _, first, last, surface, boot in rows
+        ]
 
     @contextmanager
-    def _access(self, doing: str) -> Iterator[sqlite3.Connection]:
-        """Use the file in a transaction."""
+    def _use(self, doing: str) -> Iterator[sqlite3.Connection]:
+        """Use the open file in a transaction."""
         if self._database is None:
             message = f"{self._path} is not open"
             raise LogFileError(message)
         if _identity_of(self._path) != self._identity:
-            self.close()
-            _log.error("%s was deleted or replaced while in use; the samples in it are lost", self._path)
-            raise LostFileError
+            self._lose()
+            message = f"{self._path} was deleted or replaced while in use; the samples in it are lost"
+            raise LogFileError(message)
+        with self._errors(doing), self._database as database:
+            yield database
+
+    @contextmanager
+    def _errors(self, doing: str) -> Iterator[None]:
+        """Turn what SQLite raises into LogFileError, and set a damaged file aside."""
         try:
-            with self._database as database:
-                yield database
-        except sqlite3.DatabaseError as error:
-            if _is_damage(error):
-                self._set_aside(str(error))
-                raise LostFileError from error
-            message = f"cannot {doing} {self._path}: {error}"
+            yield
+        except ValueError as error:  # a row is not as it was written
+            raise self._set_aside(str(error).splitlines()[0]) from error
+        except (sqlite3.Error, OSError) as error:
+            code = getattr(error, "sqlite_errorcode", 0)
+            if {code, code & 0xFF} & _DAMAGE:
+                raise self._set_aside(str(error)) from error
+            reason = "in use by another process" if code == sqlite3.SQLITE_BUSY else str(error)
+            message = f"{self._path} cannot be {doing} ({reason})"
             raise LogFileError(message) from error
 
-    def _set_aside(self, reason: str) -> None:
-        """Rename a damaged file, and delete the oldest of those that were renamed before."""
+    def _lose(self) -> None:
         self.close()
-        aside = self._path.with_name(f"{self._path.name}.damaged-{time.time_ns() // 1_000_000}")
+        self.rows = {}
+
+    def _set_aside(self, reason: str) -> LogFileError:
+        """Rename a damaged file, in the place of one that was damaged before, and return what to say."""
+        self._lose()
+        aside, journal = Path(f"{self._path}.damaged"), Path(f"{self._path}-journal")
         try:
-            with suppress(FileNotFoundError):
-                self._path.with_name(f"{self._path.name}-journal").rename(f"{aside}-journal")
-            self._path.rename(aside)
+            journal.touch()
+            journal.replace(f"{aside}-journal")
+            self._path.replace(aside)
         except OSError as error:
-            message = f"{self._path} is damaged ({reason}) and cannot be renamed ({error.strerror})"
-            raise LogFileError(message) from error
-        _log.error("the log file is damaged (%s); `sqlite3 %s .recover` shows what is left in it", reason, aside)
-        files = [path for path in self._path.parent.glob(f"{self._path.name}.damaged-*") if path.suffix[-1].isdigit()]
-        for path in sorted(files)[:-DAMAGED_FILES]:
-            path.unlink()
-            path.with_name(f"{path.name}-journal").unlink(missing_ok=True)
+            return LogFileError(f"{self._path} is damaged ({reason}) and cannot be renamed ({error.strerror})")
+        return LogFileError(f"the file is damaged ({reason}); `sqlite3 {aside} .recover` shows what is left in it")
 
 
-def _row_of(surface: str, batch: Batch, content: bytes | None = None) -> tuple[Any, ...]:
+def _columns(surface: str, batch: Batch, content: bytes | None = None) -> tuple[Any, ...]:
     """Return the columns of a batch, without the number of the row."""
     content = batch.model_dump_json(exclude_defaults=True).encode() if content is None else content
     head = (surface, batch.boot_id, batch.samples[0].sequence, batch.samples[-1].sequence)
     return (*head, len(content), zlib.crc32(repr(head).encode() + content), content)
 
 
-def _excess(left: dict[int, int], max_bytes: int) -> list[int]:
-    """Return the oldest rows, which must go so that the others are within the limit."""
-    excess, rows = sum(left.values()) - max_bytes, list[int]()
-    for row, length in left.items():
-        if excess <= 0:
-            break
-        rows.append(row)
-        excess -= length
-    return rows
+def _read(database: sqlite3.Connection, row: int) -> Batch:
+    """Return the batch in a row; ValueError if it is not as it was written."""
+    query = "SELECT surface, boot, first, last, bytes, checksum, content FROM chunk WHERE id = ?"
+    columns = database.execute(query, (row,)).fetchone()
+    batch = Batch.model_validate_json(columns[-1])
+    if _columns(columns[0], batch, columns[-1]) != columns:
+        message = "a checksum does not match"
+        raise ValueError(message)
+    return batch
 
 
 def _identity_of(path: Path) -> tuple[int, int] | None:
     try:
-        found = path.stat()
+        status = path.stat()
     except OSError:
         return None
-    return found.st_dev, found.st_ino
-
-
-def _code(error: Exception) -> int:
-    return getattr(error, "sqlite_errorcode", 0)
-
-
-def _is_damage(error: Exception) -> bool:
-    return isinstance(error, _DamagedError) or bool({_code(error), _code(error) & 0xFF} & _DAMAGE)
+    return status.st_dev, status.st_ino

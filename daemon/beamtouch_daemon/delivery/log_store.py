@@ -2,15 +2,15 @@
 
 import asyncio
 import logging
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Set
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from time import monotonic
 from typing import TypeVar
 
-from beamtouch_daemon.delivery.log import Chunk, Counts, Log, Sender
-from beamtouch_daemon.delivery.log_file import Entry, ForeignFileError, LogFile, LogFileError, LostFileError
-from beamtouch_daemon.faults import Fault
+from beamtouch_common.log import Repeated
+from beamtouch_daemon.delivery.log import Counts, Log, Sender
+from beamtouch_daemon.delivery.log_file import Chunk, ForeignFileError, LogFile, LogFileError
 from beamtouch_daemon.uptime import uptime_s
 from beamtouch_service.samples import MAX_EARLIER, Batch
 
@@ -27,9 +27,11 @@ class SurfaceLogs:
 
     def __init__(self, name: str) -> None:
         self.counts = Counts(name)
+        self.fault = Repeated(_log, f"{name}: publishing")
+        """Of the delivery to the service."""
+        self.by_boot: dict[str, Log] = {}
         self.present: Log | None = None
         """That of the worker; None if the surface is not configured."""
-        self.by_boot: dict[str, Log] = {}
 
     @property
     def in_memory(self) -> int:
@@ -47,29 +49,31 @@ class SurfaceLogs:
         return sum(bool(log.refusal) for log in list(self.by_boot.values()))
 
     def begin(self, sender: Sender, max_samples: int) -> Log:
-        """Return the log of a new boot; the one before becomes an earlier one."""
-        self.end()
+        """Return the log of the present boot."""
         self.present = self.by_boot[sender.boot_id] = Log(sender, self.counts, max_samples)
         self.present.told_s = monotonic()  # its first live batch asks
         return self.present
 
-    def end(self) -> None:
-        """Make the present boot an earlier one."""
-        if self.present is not None:
-            self.present.end()
-            self.present = None
+    def adopt(self, chunk: Chunk, sender: Sender) -> None:
+        """Take over a chunk of an earlier boot."""
+        if sender.boot_id not in self.by_boot:
+            self.by_boot[sender.boot_id] = Log(sender, self.counts, 0)
+            self.by_boot[sender.boot_id].end()
+        self.by_boot[sender.boot_id].adopt(chunk)
+
+    def give_up(self) -> int:
+        """Drop all samples in memory; return their number."""
+        return sum(log.give_up() for log in self.by_boot.values())
 
     def prune(self) -> None:
         """Forget earlier boots without samples."""
-        for boot_id, log in list(self.by_boot.items()):
-            if not len(log) and not log.forgotten and log is not self.present:
-                del self.by_boot[boot_id]
+        self.by_boot = {boot: log for boot, log in self.by_boot.items() if not log.is_empty or log is self.present}
 
     def others(self, log: Log) -> list[str]:
         """Return the boots beside that of a log that hold samples, and the present one, which may get some."""
-        logs = [one for one in self.by_boot.values() if len(one) and one is not self.present]
-        logs += [self.present] if self.present is not None else []
-        return [one.sender.boot_id for one in logs if one is not log][-MAX_EARLIER:]
+        others = [one for one in self.by_boot.values() if one is not log and (not one.is_empty or one is self.present)]
+        others.sort(key=lambda one: one is self.present)
+        return [one.sender.boot_id for one in others[-MAX_EARLIER:]]
 
 
 class LogStore:
@@ -87,7 +91,7 @@ class LogStore:
         self._file = None if path is None else LogFile(path, max_bytes)
         self._thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix="log")
         self._surfaces: dict[str, SurfaceLogs] = {}
-        self._fault = Fault(_log, "log file")
+        self._fault = Repeated(_log, "log file")
         self._writes = asyncio.Lock()
 
     def surface(self, name: str) -> SurfaceLogs:
@@ -95,7 +99,7 @@ class LogStore:
         return self._surfaces.setdefault(name, SurfaceLogs(name))
 
     def surfaces(self) -> dict[str, SurfaceLogs]:
-        """Return the logs of all surfaces, also of those that are no longer configured."""
+        """Return the logs of all surfaces, also of those that are not configured."""
         return dict(self._surfaces)
 
     async def open(self) -> None:
@@ -103,15 +107,15 @@ class LogStore:
         if self._file is None or self._file.is_open:
             return
         try:
-            entries = await self._call(self._file.open)
-            for entry in entries:
-                await self._adopt(entry)
+            entries = await self._call(LogFile.open)
         except ForeignFileError:
             raise
         except LogFileError as error:
             self._failed(error)
-        else:
-            self._fault.recovered()
+            return
+        for entry in entries:
+            self.surface(entry.surface).adopt(entry.chunk, Sender.of(entry.example))
+        self._fault.over()
 
     async def run(self) -> None:
         """Write what has been in memory for long, until cancelled."""
@@ -122,40 +126,32 @@ class LogStore:
     async def write(self, max_age_s: float | None) -> None:
         """Write the samples that are older, and delete what is durable; None: write all of them."""
         async with self._writes:
-            for surface in self._surfaces.values():
-                surface.prune()
             try:
                 await self.open()
-            except ForeignFileError as error:
+                if self._file is not None and self._file.is_open:
+                    await self._change(max_age_s, self._file.rows.keys())
+            except LogFileError as error:
                 self._failed(error)
-            logs = [(name, log) for name, surface in self._surfaces.items() for log in surface.by_boot.values()]
-            now_s = uptime_s()
-            pieces = [(name, log, piece) for name, log in logs for piece in log.pieces(max_age_s, now_s)]
-            remove = [(log, row) for _, log in logs for row in log.forgotten]
-            if self._file is not None and self._file.is_open and (pieces or remove):
-                add = [(name, log.sender.batch(piece)) for name, log, piece in pieces]
-                change, rows = self._file.change, [row for _, row in remove]
-                try:
-                    added, dropped = await self._call(lambda: change(add, rows))
-                except LogFileError as error:
-                    self._failed(error)
-                    return
-                for log, row in remove:
-                    log.forgotten.remove(row)
-                for (_, log, piece), row in zip(pieces, added, strict=True):
-                    log.adopt(Chunk(row, piece[0].sample.sequence, piece[-1].sample.sequence))
-                for row in dropped:
-                    self._lose(row)
-                self._fault.recovered()
+            for surface in self._surfaces.values():
+                surface.prune()
+
+    async def _change(self, max_age_s: float | None, rows: Set[int]) -> None:
+        logs = [(name, log) for name, surface in self._surfaces.items() for log in surface.by_boot.values()]
+        now_s = uptime_s()
+        pieces = [(name, log, piece) for name, log in logs for piece in log.for_disk(max_age_s, now_s)]
+        keep = {row for _, log in logs for row in log.rows}
+        if pieces or rows - keep:
+            add = [(name, log.sender.batch(piece)) for name, log, piece in pieces]
+            added = await self._call(lambda file: file.change(add, keep))
+            for (_, log, piece), row in zip(pieces, added, strict=True):
+                log.adopt(Chunk(row, piece[0].sample.sequence, piece[-1].sample.sequence))
+            self._drop_lost()
+            self._fault.over()
 
     async def read(self, chunk: Chunk) -> Batch:
         """Return a chunk of the file; LogFileError if it cannot be read."""
-        if self._file is None:
-            message = "there is no file"
-            raise LogFileError(message)
         try:
-            file = self._file
-            return await self._call(lambda: file.read(chunk.row))
+            return await self._call(lambda file: file.read(chunk.row))
         except LogFileError as error:
             self._failed(error)
             raise
@@ -163,31 +159,23 @@ class LogStore:
     async def close(self) -> None:
         """Close the file after the calls in progress."""
         if self._file is not None:
-            await self._call(self._file.close)
+            await self._call(LogFile.close)
         self._thread.shutdown()
 
-    async def _call(self, work: Callable[[], _T]) -> _T:
-        return await asyncio.get_running_loop().run_in_executor(self._thread, work)
-
-    async def _adopt(self, entry: Entry) -> None:
-        """Take over a chunk of an earlier run."""
-        surface = self.surface(entry.surface)
-        if entry.boot_id not in surface.by_boot:
-            sender = Sender.of(await self.read(entry.chunk))
-            surface.by_boot[entry.boot_id] = Log(sender, surface.counts, 0)
-            surface.by_boot[entry.boot_id].end()
-        surface.by_boot[entry.boot_id].adopt(entry.chunk)
+    async def _call(self, work: Callable[[LogFile], _T]) -> _T:
+        """Do something with the file in the thread."""
+        if self._file is None:
+            message = "there is no log file"
+            raise LogFileError(message)
+        return await asyncio.get_running_loop().run_in_executor(self._thread, work, self._file)
 
     def _failed(self, error: LogFileError) -> None:
-        if isinstance(error, LostFileError):
-            self._lose(None)
-        else:
-            self._fault.failed(f"{error}; samples stay in memory, trying again")
+        self._fault.failed(f"{error}; samples stay in memory, trying again")
+        self._drop_lost()
 
-    def _lose(self, row: int | None) -> None:
-        """Drop the samples of a row that the file no longer holds; None: of all rows."""
-        for log in self._logs():
-            log.lose(row)
-
-    def _logs(self) -> Iterator[Log]:
-        return (log for surface in self._surfaces.values() for log in surface.by_boot.values())
+    def _drop_lost(self) -> None:
+        """Drop the samples in rows that the file no longer holds."""
+        rows = set(self._file.rows) if self._file is not None else set[int]()
+        for surface in self._surfaces.values():
+            for log in surface.by_boot.values():
+                log.keep(rows)

@@ -1,8 +1,8 @@
 """Whether the service takes the samples of a surface. Asks without sending a sample, so no answer of it changes."""
 
-from typing import Literal
+from typing import Literal, TypeVar
 
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel
 
 from beamtouch_daemon.config.settings import Surface
 from beamtouch_daemon.delivery.client import INVALID_REQUEST, ServiceClient, UnreachableError
@@ -40,12 +40,13 @@ class _ModelSummary(BaseModel):
     ranges: _Ranges
 
 
+_T = TypeVar("_T", bound=BaseModel)
+
+
 async def contact_on(client: ServiceClient, surface: str) -> str | None:
     """Return what the service sees on a surface now, in words: empty for a beam at rest, None if it cannot tell."""
-    try:
-        answer = await client.get(f"/surfaces/{surface}/contact")
-        contact = _Contact.model_validate_json(answer.content)
-    except (UnreachableError, ValidationError):  # a problem is no contact either
+    contact = await _ask(client, f"/surfaces/{surface}/contact", _Contact)
+    if contact is None:
         return None
     if contact.state == "clear":
         return ""
@@ -62,33 +63,31 @@ async def refusal_of(client: ServiceClient, name: str, surface: Surface) -> str 
     """
     try:
         answer = await client.post_samples(name, None)
-        if answer.type != INVALID_REQUEST:
+        if answer.problem != INVALID_REQUEST:
             return f"the service at {client.url} takes no samples: {answer.explanation}"
-        summary = await client.get(f"/surfaces/{name}")
+        answer = await client.get(f"/surfaces/{name}")
     except UnreachableError as error:
         advice = (
             error.advice or "does it run, is publish.url right (http or https?), and does a firewall let it through?"
         )
         return f"no answer from the service at {client.url} ({error}); {advice}"
-    if not summary.is_success:
-        return f"the service at {client.url}: {summary.explanation}"
-    try:
-        model = _Summary.model_validate_json(summary.content)
-    except ValidationError:
+    if not answer.is_success:
+        return f"the service at {client.url}: {answer.explanation}"
+    summary = answer.parsed(_Summary)
+    if summary is None:
         return f"{client.url} is not a beamtouch service, or another version; correct publish.url"
-    return _mismatch_of(model, name, surface)
+    return _mismatch_of(summary, name, surface)
 
 
-def _mismatch_of(model: _Summary, name: str, surface: Surface) -> str | None:
+def _mismatch_of(summary: _Summary, name: str, surface: Surface) -> str | None:
     """Return why samples of a surface do not fit the service's model; None if they do."""
-    if surface.beam is not None and model.beam not in {None, surface.beam}:
+    if surface.beam is not None and summary.beam not in {None, surface.beam}:
         return (
-            f"the service's model is of beam {model.beam}, but surfaces.{name}.beam is {surface.beam}: give the "
+            f"the service's model is of beam {summary.beam}, but surfaces.{name}.beam is {surface.beam}: give the "
             f"service the model of {surface.beam}, or use the configuration that was built with its model"
         )
-    missing = [channel for channel in model.channels if channel not in surface.channel_names]
-    if missing:
-        needed = ", ".join(model.channels)
+    if missing := [channel for channel in summary.channels if channel not in surface.channel_names]:
+        needed = ", ".join(summary.channels)
         return f"the service's model needs channels {needed}; {', '.join(missing)} not in the configuration"
     return None
 
@@ -102,10 +101,8 @@ async def doubt_of(client: ServiceClient, name: str, surface: Surface) -> str | 
     loads = surface.loads
     if loads is None and surface.beam is not None:
         return None
-    try:
-        answer = await client.get(f"/surfaces/{name}/model")
-        model = _ModelSummary.model_validate_json(answer.content)
-    except (UnreachableError, ValidationError):  # `refusal_of` says what is wrong
+    model = await _ask(client, f"/surfaces/{name}/model", _ModelSummary)
+    if model is None:  # `refusal_of` says what is wrong
         return None
     unnoticed = (
         f"surfaces.{name} states no beam, so a model of another beam would pass unnoticed; "
@@ -122,3 +119,11 @@ async def doubt_of(client: ServiceClient, name: str, surface: Surface) -> str | 
         f"the service's model {model.identity} covers {covers}, surfaces.{name}.loads {records}: "
         "is it the model of this surface?"
     )
+
+
+async def _ask(client: ServiceClient, path: str, model: type[_T]) -> _T | None:
+    """Return the service's answer; None if there is none, or another one, such as a problem."""
+    try:
+        return (await client.get(path)).parsed(model)
+    except UnreachableError:
+        return None

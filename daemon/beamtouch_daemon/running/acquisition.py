@@ -5,13 +5,13 @@ import logging
 import time
 from contextlib import aclosing
 
+from beamtouch_common.log import Repeated
+from beamtouch_common.waits import Backoff
 from beamtouch_daemon.config.settings import Surface
 from beamtouch_daemon.config.sources import SerialLine
 from beamtouch_daemon.delivery.log import Log
-from beamtouch_daemon.faults import Backoff, Fault, Tally
 from beamtouch_daemon.processing import rate
 from beamtouch_daemon.processing.pipeline import Pipeline
-from beamtouch_daemon.sources.configured import Buses, source_of
 from beamtouch_daemon.sources.reading import Reading, Source, SourceError
 from beamtouch_daemon.uptime import uptime_s
 from beamtouch_service.samples import Note, Quality
@@ -24,16 +24,20 @@ _log = logging.getLogger(__name__)
 
 
 class Acquisition:
-    """Reads one surface until cancelled."""
+    """Reads one surface.
+
+    Parameters
+    ----------
+    name, surface
+        Name of the surface, and its configuration.
+    source, pipeline, log
+        Where the readings come from, what makes samples of them, and where these go.
+    batch_s
+        Time to collect readings for one batch [s].
+    """
 
     def __init__(
-        self,
-        name: str,
-        surface: Surface,
-        rest_gap_mm: dict[str, float],
-        log: Log,
-        buses: Buses,
-        batch_s: float,
+        self, name: str, surface: Surface, source: Source, pipeline: Pipeline, log: Log, batch_s: float
     ) -> None:
         self.readings = 0
         """Taken."""
@@ -52,37 +56,37 @@ class Acquisition:
         self._polled = not isinstance(surface.source, SerialLine)
         self.meter = rate.RateMeter(surface.rate_hz, counts_lost=not self._polled)
         """Measures the rate of the readings."""
-        self._source: Source = source_of(surface, name, buses)
-        self._log = log
+        self._source, self._pipeline, self._log = source, pipeline, log
         self._batch_s = batch_s
-        self._pipeline = Pipeline(surface, rest_gap_mm)
         self._unprocessed: list[Reading] = []
         """The newest readings. They become samples once per batch: a few together take about as long as one."""
         self._arrived = asyncio.Event()
         self._backoff = Backoff(max_s=REOPEN_S)
-        self._fault = Fault(_log, name)
-        self._tally = Tally(_log, f"{name}: readings lost: %d")
+        self._repeated = Repeated(_log, name)
 
     async def read(self) -> None:
         """Read until cancelled; a session that fails is followed by another one."""
         while True:
+            self.is_missing = True
+            self.meter.restart()
             try:
-                await self._session()
+                async with aclosing(self._source.readings()) as stream:
+                    async for readings in stream:
+                        self._take(readings)
             except SourceError as error:
-                self.is_missing = True
-                self._fault.failed(f"{error}; trying again")
+                self._repeated.failed(f"{error}; trying again")
             self.turned_s = time.monotonic()
             await asyncio.sleep(self._backoff.next())
 
-    async def process(self) -> None:
+    async def run(self) -> None:
         """Make samples of the readings, once for each live batch, until cancelled."""
         while True:
             await self._arrived.wait()
-            self.process_all()
+            self.process()
             self._log.fresh.set()
             await asyncio.sleep(self._batch_s)
 
-    def process_all(self) -> None:
+    def process(self) -> None:
         """Put the samples of all readings so far into the log."""
         self._arrived.clear()
         readings, self._unprocessed = self._unprocessed, []
@@ -93,38 +97,30 @@ class Acquisition:
             self.quality = samples[-1].sample.quality
             self._log.put(samples)
 
-    async def _session(self) -> None:
-        self.meter.restart()
-        is_first = True
-        async with aclosing(self._source.readings()) as stream:
-            async for readings in stream:
-                if is_first:
-                    readings[0] = self._resume(readings[0])
-                    is_first = False
-                self._take(readings)
-
-    def _resume(self, reading: Reading) -> Reading:
-        """Return the first reading of a session with the number of those lost since the last one, by the clock."""
-        if self.last_s is None:
-            _log.info("%s: reading", self._name)
-        else:
-            lost = max(0, round((reading.monotonic_s - self.last_s) * self._rate_hz) - 1)
-            reading = reading._replace(lost=lost)
-        self.is_missing = False
-        self._fault.recovered()
-        self._backoff.reset()
-        return reading
-
     def _take(self, readings: list[Reading]) -> None:
+        if self.is_missing:
+            readings[0] = self._resume(readings[0])
         self.readings += len(readings)
-        self._count_lost(sum(reading.lost for reading in readings))
+        lost = sum(reading.lost for reading in readings)
+        self.lost += lost
+        self._repeated.count(lost, "readings lost")
         self.last_s = readings[-1].monotonic_s
         self.turned_s = time.monotonic()
         self._watch_rate(readings)
         self._unprocessed += readings
         if len(self._unprocessed) >= MAX_UNPROCESSED:
-            self.process_all()
+            self.process()
         self._arrived.set()
+
+    def _resume(self, reading: Reading) -> Reading:
+        """Return the first reading of a session with the number of those lost since the last one, by the clock."""
+        self.is_missing = False
+        self._repeated.over()
+        self._backoff.reset()
+        if self.last_s is None:
+            _log.info("%s: reading", self._name)
+            return reading
+        return reading._replace(lost=max(0, round((reading.monotonic_s - self.last_s) * self._rate_hz) - 1))
 
     def _watch_rate(self, readings: list[Reading]) -> None:
         verdict = self.meter.add(readings)
@@ -135,7 +131,3 @@ class Acquisition:
             _log.info(words, self._name, verdict.measured_hz, 100 * rate.TOLERANCE, self._rate_hz)
         else:
             _log.warning("%s: %s", self._name, rate.complaint(verdict, self._rate_hz, polled=self._polled))
-
-    def _count_lost(self, number: int) -> None:
-        self.lost += number
-        self._tally.add(number)

@@ -5,7 +5,7 @@ The final summary needs the same counts, so workers and logs keep them, and a co
 
 import asyncio
 import logging
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 from prometheus_client import CollectorRegistry, start_http_server
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
@@ -13,73 +13,61 @@ from prometheus_client.metrics_core import Metric
 from prometheus_client.registry import Collector
 
 from beamtouch_common.listening import remedy
+from beamtouch_common.log import Repeated
+from beamtouch_common.waits import Backoff
 from beamtouch_daemon.delivery.log_store import SurfaceLogs
-from beamtouch_daemon.faults import Backoff, Fault
 from beamtouch_daemon.running.surface_worker import SurfaceWorker
+from beamtouch_daemon.uptime import uptime_s
 from beamtouch_service.samples import Quality
 
 LOOPBACK = "127.0.0.1"
-
 _log = logging.getLogger(__name__)
 
-Workers = Callable[[], Iterable[SurfaceWorker]]
-"""Returns the workers that run now."""
 Logs = Callable[[], Mapping[str, SurfaceLogs]]
-"""Returns the logs of all surfaces, also of those that are no longer configured."""
+"""Returns the logs of all surfaces, also of those that are not configured."""
 
 
 class WorkerCollector(Collector):
-    """Reads the workers' counts on request, in the thread of the metrics server."""
+    """Reads the counts of workers and logs on request, in the thread of the metrics server."""
 
-    def __init__(self, workers: Workers, logs: Logs) -> None:
+    def __init__(self, workers: Sequence[SurfaceWorker], logs: Logs) -> None:
         self._workers = workers
         self._logs = logs
 
     def collect(self) -> Iterator[Metric]:
         """Return all metrics of all surfaces."""
-        readings = CounterMetricFamily("beamtouch_readings", "Readings taken.", labels=["surface"])
-        lost = CounterMetricFamily("beamtouch_readings_lost", "Readings due but not taken.", labels=["surface"])
-        missing = GaugeMetricFamily(
-            "beamtouch_source_missing", "1 while no reading comes from the device.", labels=["surface"]
+        readings = _counter("readings", "Readings taken.")
+        lost = _counter("readings_lost", "Readings due but not taken.")
+        missing = _gauge("source_missing", "1 while no reading comes from the device.")
+        age = _gauge("reading_age_seconds", "Age of the newest reading.")
+        measured = _gauge("readings_per_second", "Measured rate of the readings.")
+        wrong = _gauge("rate_wrong", "1 while the measured rate is not the configured one.")
+        qualities = _gauge(
+            "channel_quality", "1 for the quality of a channel in the newest sample.", "channel", "quality"
         )
-        age = GaugeMetricFamily("beamtouch_reading_age_seconds", "Age of the newest reading.", labels=["surface"])
-        measured = GaugeMetricFamily(
-            "beamtouch_readings_per_second", "Measured rate of the readings.", labels=["surface"]
-        )
-        wrong = GaugeMetricFamily(
-            "beamtouch_rate_wrong", "1 while the measured rate is not the configured one.", labels=["surface"]
-        )
-        words = "1 for the quality of a channel in the newest sample."
-        labels = ["surface", "channel", "quality"]
-        qualities = GaugeMetricFamily("beamtouch_channel_quality", words, labels=labels)
-        for worker in list(self._workers()):
-            surface = [worker.name]
-            readings.add_metric(surface, worker.acquisition.readings)
-            lost.add_metric(surface, worker.acquisition.lost)
-            missing.add_metric(surface, worker.acquisition.is_missing)
-            if (age_s := worker.age_s()) is not None:
-                age.add_metric(surface, age_s)
-            meter = worker.acquisition.meter
-            wrong.add_metric(surface, 0 if meter.fits else 1)
-            # While no reading comes, nothing is known of its rate or its channels.
-            is_known = not worker.acquisition.is_missing
-            if is_known and (measured_hz := meter.measured_hz) is not None:
-                measured.add_metric(surface, measured_hz)
-            found = worker.acquisition.quality if is_known else []
-            for name, quality in zip(worker.surface.channel_names, found, strict=True) if found else ():
-                for one in Quality:
-                    qualities.add_metric([worker.name, name, one.value], quality is one)
+        for worker in self._workers:
+            name, acquisition = worker.name, worker.acquisition
+            readings.add_metric([name], acquisition.readings)
+            lost.add_metric([name], acquisition.lost)
+            missing.add_metric([name], acquisition.is_missing)
+            wrong.add_metric([name], not acquisition.meter.fits)
+            if acquisition.last_s is not None:
+                age.add_metric([name], uptime_s() - acquisition.last_s)
+            if acquisition.is_missing:
+                continue  # nothing is known of its rate or its channels
+            if (measured_hz := acquisition.meter.measured_hz) is not None:
+                measured.add_metric([name], measured_hz)
+            for channel, quality in zip(worker.surface.channel_names, acquisition.quality, strict=False):
+                for word in Quality:
+                    qualities.add_metric([name, channel, word.value], quality is word)
         yield from (readings, lost, missing, age, measured, wrong, qualities)
         yield from self._of_logs()
 
     def _of_logs(self) -> Iterator[Metric]:
-        words = "Samples that are durable in the record of the service."
-        published = CounterMetricFamily("beamtouch_samples_published", words, labels=["surface"])
-        dropped = CounterMetricFamily("beamtouch_samples_dropped", "Samples that never arrive.", labels=["surface"])
-        words = "Samples that are not durable in the record yet."
-        in_log = GaugeMetricFamily("beamtouch_samples_in_log", words, labels=["surface", "where"])
-        words = "Starts of the daemon whose samples the service refuses."
-        refused = GaugeMetricFamily("beamtouch_boots_refused", words, labels=["surface"])
+        published = _counter("samples_published", "Samples that are durable in the record of the service.")
+        dropped = _counter("samples_dropped", "Samples that never arrive.")
+        in_log = _gauge("samples_in_log", "Samples that are not durable in the record yet.", "where")
+        refused = _gauge("boots_refused", "Starts of the daemon whose samples the service refuses.")
         for name, logs in self._logs().items():
             published.add_metric([name], logs.counts.published)
             dropped.add_metric([name], logs.counts.dropped)
@@ -89,11 +77,19 @@ class WorkerCollector(Collector):
         yield from (published, dropped, in_log, refused)
 
 
-async def serve(port: int, workers: Workers, logs: Logs) -> None:
+def _counter(name: str, meaning: str) -> CounterMetricFamily:
+    return CounterMetricFamily(f"beamtouch_{name}", meaning, labels=["surface"])
+
+
+def _gauge(name: str, meaning: str, *labels: str) -> GaugeMetricFamily:
+    return GaugeMetricFamily(f"beamtouch_{name}", meaning, labels=["surface", *labels])
+
+
+async def serve(port: int, workers: Sequence[SurfaceWorker], logs: Logs) -> None:
     """Answer GET /metrics on a loopback port, as soon as it is free, until cancelled."""
     registry = CollectorRegistry()
     registry.register(WorkerCollector(workers, logs))
-    fault, backoff = Fault(_log, "metrics"), Backoff()
+    fault, backoff = Repeated(_log, "metrics"), Backoff()
     while True:
         try:
             server, thread = start_http_server(port, LOOPBACK, registry)
@@ -102,7 +98,7 @@ async def serve(port: int, workers: Workers, logs: Logs) -> None:
             reason = f"port {port} on {LOOPBACK}: {remedy(error, 'metrics.port')}"
             fault.failed(f"{reason}; trying again")
             await asyncio.sleep(backoff.next())
-    fault.recovered()
+    fault.over()
     try:
         await asyncio.Event().wait()
     finally:
