@@ -86,7 +86,7 @@ def test_what_is_wrong_is_said_with_the_file_and_the_key(tmp_path: Path, text: s
     ("include", "said"),
     [
         ('["surfacs/*.toml"]', "include: no file matches 'surfacs/*.toml'; correct it, for example to surfaces/*.toml"),
-        ('[""]', "include: no file matches ''; correct it"),
+        ('[""]', "include[0]: must be the path of a file"),
         (f'["{"x" * 300}"]', f"include: no file matches '{'x' * 300}'; correct it"),
         ('[".."]', "include: no file matches '..'; correct it"),
         ('["surfaces/"]', "include: no file matches 'surfaces/'; correct it, for example to surfaces/*.toml"),

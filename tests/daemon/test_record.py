@@ -7,9 +7,8 @@ import pytest
 
 from beamtouch_daemon.commands import record as record_command
 from beamtouch_daemon.commands.loads import Load, parse_load
-from beamtouch_daemon.commands.record import LoadRefusedError, Recorder
+from beamtouch_daemon.commands.record import LoadRefusedError, record_load
 from beamtouch_daemon.config.file import load_config
-from beamtouch_daemon.tasks import cancel
 
 from . import configs
 from .devices import pymodbus_server
@@ -239,13 +238,8 @@ async def test_a_surface_that_does_not_settle_is_not_recorded(tmp_path: Path, mo
     monkeypatch.setattr(record_command, "GIVE_UP_S", 3.0)
     async with pymodbus_server([20_000, 20_000], noisy(0, 5.0)) as port:
         config = load_config(configs.write(tmp_path, configs.surface(source=configs.tcp(port))))
-        recorder = Recorder(config.surfaces["bench"], {})
-        reading = asyncio.create_task(recorder.read())
-        try:
-            with pytest.raises(LoadRefusedError, match="not settled within 3 s: s2"):
-                await recorder.record(Load(150.0, 10.0), 0.2)
-        finally:
-            await cancel([reading])
+        with pytest.raises(LoadRefusedError, match="not settled within 3 s: s2"):
+            await record_load(config.surfaces["bench"], {}, Load(150.0, 10.0), 0.2)
 
 
 def test_another_surfaces_file_is_not_appended_to(tmp_path: Path) -> None:

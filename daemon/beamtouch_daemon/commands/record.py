@@ -7,10 +7,9 @@ and it must not move while it is recorded. A load that the user accepts is recor
 import argparse
 import asyncio
 import sys
-import threading
 import time
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import aclosing, suppress
 from dataclasses import replace
 
@@ -29,7 +28,6 @@ from beamtouch_daemon.processing.characteristic import QUALITIES, Characteristic
 from beamtouch_daemon.processing.pipeline import Pipeline, Taken, counts_of
 from beamtouch_daemon.sources.configured import source_of
 from beamtouch_daemon.sources.reading import Reading, SourceError
-from beamtouch_daemon.tasks import cancel
 from beamtouch_daemon.uptime import uptime_s
 from beamtouch_service.samples import Quality
 
@@ -73,15 +71,20 @@ def run(arguments: argparse.Namespace) -> int:
     except ValueError as error:
         message = f"--at: {error}"
         raise InputError(message) from None
-    recorder = Recorder(surface, tare_file.load(config.tare_file(name), surface.channel_names))
+    rest_gap_mm = tare_file.load(config.tare_file(name), surface.channel_names)
     file = LoadFile(path, surface.channel_names, append=arguments.append)
     if surface.loads is None:
         print(f"without [surfaces.{name}.loads], positions and forces are not checked", file=sys.stderr)
     if is_terminal():
         print(HELP, file=sys.stderr)
-    dialogue = Dialogue(recorder, file, surface.loads, arguments.seconds)
+    dialogue = Dialogue(
+        file, surface.loads, lambda load: asyncio.run(record_load(surface, rest_gap_mm, load, arguments.seconds))
+    )
     try:
-        asyncio.run(_while_reading(recorder, dialogue, given))
+        if given:
+            dialogue.record_given(given)
+        else:
+            dialogue.record_stated()
     except SourceError as error:
         message = f"{name}: {error}; {file.loads} loads are in {path}"
         raise FailedError(message) from None
@@ -92,35 +95,30 @@ def run(arguments: argparse.Namespace) -> int:
     return DONE if file.loads else FAILED
 
 
-async def _while_reading(recorder: "Recorder", dialogue: "Dialogue", given: Sequence[Load]) -> None:
-    """Hold the dialogue while the source is read; SourceError if the source fails."""
-    reading = asyncio.ensure_future(recorder.read())
-    asking = asyncio.ensure_future(dialogue.record_given(given) if given else dialogue.record_stated())
-    try:
-        await asyncio.wait({reading, asking}, return_when=asyncio.FIRST_COMPLETED)
-        if reading.done() and not asking.done():
-            reading.result()
-        await asking
-    finally:
-        await cancel((asking, reading))
-
-
 class Dialogue:
-    """Asks for loads and records them. After a wrong answer, and a load that is refused, it asks again."""
+    """Asks for loads and records them. After a wrong answer, and a load that is refused, it asks again.
 
-    def __init__(self, recorder: "Recorder", file: LoadFile, limits: Loads | None, seconds: float) -> None:
+    Parameters
+    ----------
+    file
+        Where loads are written.
+    limits
+        The loads that the model covers, None if they are not known.
+    record
+        Returns the samples of a load; LoadRefusedError if it cannot be recorded.
+    """
+
+    def __init__(self, file: LoadFile, limits: Loads | None, record: Callable[[Load], list[Taken]]) -> None:
         self.refused: list[Load] = []
         """Loads that were refused or removed, and have not been recorded since."""
-        self._recorder = recorder
         self._file = file
         self._limits = limits
-        self._seconds = seconds
-        self._lines: asyncio.Queue[str] = asyncio.Queue()
+        self._samples_of = record
 
-    async def record_stated(self) -> None:
+    def record_stated(self) -> None:
         """Record loads whose position and force are typed, until an empty line."""
-        question = "put it on, then enter position in mm and force in N (empty line: done; undo)"
-        while words := (await self._ask(question)).split():
+        question = f"put it on, then enter position in mm and force in N (empty line: done; {UNDO})"
+        while words := self._ask(question).split():
             if words == [UNDO]:
                 self._undo()
                 continue
@@ -130,30 +128,31 @@ class Dialogue:
             except ValueError as error:
                 _say(str(error))
             else:
-                await self._record(load)
+                self._record(load)
 
-    async def record_given(self, given: Sequence[Load]) -> None:
+    def record_given(self, given: Sequence[Load]) -> None:
         """Record these loads, each after Enter says that it is on."""
         begun = self._file.loads
         while (done := self._file.loads - begun) < len(given):
-            answer = await self._ask(f"put {given[done]} on, then press Enter ({UNDO})")
+            load = given[done]
+            answer = self._ask(f"put {load} on, then press Enter ({UNDO})")
+            if not answer:
+                return
             match answer.split():
-                case [] if not answer:
-                    return
-                case [] | ["accept"]:
-                    await self._record(
-                        replace(given[done], is_accepted=given[done].is_accepted or bool(answer.strip()))
-                    )
+                case []:
+                    self._record(load)
+                case ["accept"]:
+                    self._record(replace(load, is_accepted=True))
                 case ["undo"]:
-                    self.refused += [load for load in (self._undo(),) if load]
+                    self.refused += [removed for removed in [self._undo()] if removed]
                 case _:
                     _say(f"{answer.strip()!r}: press Enter once the load is on, or type {UNDO} or {ACCEPT}")
 
-    async def _record(self, load: Load) -> None:
+    def _record(self, load: Load) -> None:
         try:
-            samples = await self._recorder.record(load, self._seconds)
+            samples = self._samples_of(load)
         except LoadRefusedError as error:
-            self.refused += [load] if load not in self.refused else []
+            self.refused += [] if load in self.refused else [load]
             _say(f"{load} not recorded: {error}; put it on again, or answer {ACCEPT} to record it without checks")
         else:
             self._file.write(load, samples)
@@ -165,121 +164,92 @@ class Dialogue:
         _say(f"load {number}, {load}, is removed" if load else "there is no load to remove")
         return load
 
-    async def _ask(self, question: str) -> str:
+    def _ask(self, question: str) -> str:
         """Return the answer to a question, with its line end; empty at the end of the answers."""
-        print(
-            f"load {self._file.loads + 1}: {question}: ", end="" if is_terminal() else "\n", file=sys.stderr, flush=True
-        )
-        # Standard input may be a terminal, a pipe or a file. Only a blocking read in a thread works for all three, and
-        # the thread must not hold up the end of the program.
-        threading.Thread(target=self._read_line, args=[asyncio.get_running_loop()], daemon=True).start()
-        return await self._lines.get()
-
-    def _read_line(self, loop: asyncio.AbstractEventLoop) -> None:
-        line = typed_line()
-        with suppress(RuntimeError):  # the loop has ended
-            loop.call_soon_threadsafe(self._lines.put_nowait, line)
+        end = "" if is_terminal() else "\n"
+        print(f"load {self._file.loads + 1}: {question}: ", end=end, file=sys.stderr, flush=True)
+        return typed_line()
 
 
-class Recorder:
-    """Reads a surface without a break, so that its filter never restarts; keeps the samples of a load on request."""
+async def record_load(surface: Surface, rest_gap_mm: dict[str, float], load: Load, seconds: float) -> list[Taken]:
+    """Wait until the surface has settled, then return the samples of the next `seconds` [s].
 
-    def __init__(self, surface: Surface, rest_gap_mm: dict[str, float]) -> None:
-        self._surface = surface
-        self._source = source_of(surface)
-        self._characteristic = Characteristic.of(surface.channels, rest_gap_mm)
-        self._pipeline = Pipeline(surface, rest_gap_mm)
-        self._recent: deque[Reading] = deque(maxlen=max(MIN_READINGS, round(SETTLED_S * surface.rate_hz)))
-        self._samples: list[Taken] = []
-        self._changed = asyncio.Event()
-        self._keeps = False
+    Lost readings are waited for, for up to `GIVE_UP_S`.
 
-    async def read(self) -> None:
-        """Read until cancelled; SourceError where the source fails."""
-        async with aclosing(self._source.readings()) as stream:
-            async for readings in stream:
-                samples = self._pipeline.process(readings, time.time() - uptime_s())
-                self._recent.extend(readings)
-                if self._keeps:
-                    self._samples += samples
-                self._changed.set()
-
-    async def record(self, load: Load, seconds: float) -> list[Taken]:
-        """Wait until the surface has settled, then return the samples of the next `seconds`.
-
-        Lost readings are waited for, for up to `GIVE_UP_S`.
-
-        Raises
-        ------
-        LoadRefusedError
-            The surface did not settle within `GIVE_UP_S`, or the load moved, is not seen, or deflects the beam upwards.
-        """
-        self._recent.clear()
+    Raises
+    ------
+    LoadRefusedError
+        The surface did not settle within `GIVE_UP_S`, or the load moved, is not seen, or deflects the beam upwards.
+    SourceError
+        The source failed.
+    """
+    pipeline = Pipeline(surface, rest_gap_mm)
+    samples: list[Taken] = []
+    enough = max(MIN_SAMPLES, round(seconds * surface.rate_hz))
+    async with aclosing(source_of(surface).readings()) as stream:
         if not load.is_accepted:
-            await self._settle()
-        self._samples, self._keeps = [], True
-        enough = max(MIN_SAMPLES, round(seconds * self._surface.rate_hz))
-        deadline_s = time.monotonic() + seconds + GIVE_UP_S
-        try:
-            while len(self._samples) < enough and (left_s := deadline_s - time.monotonic()) > 0:
-                await self._wait(left_s)
-        finally:
-            self._keeps = False
-        if not load.is_accepted:
-            self._require_still_and_seen([sample.reading for sample in self._samples])
-        return self._samples
-
-    def _require_still_and_seen(self, readings: Sequence[Reading]) -> None:
-        """Raise LoadRefusedError if a channel moved, none deflects visibly, or the load lifts the beam."""
-        counts = counts_of(readings) if readings else np.empty((0, len(self._surface.channels)))
-        good = self._characteristic.quality(counts) == QUALITIES.index(Quality.GOOD)
-        deflections = self._characteristic.deflection(self._characteristic.gap(counts))
-        is_seen, largest, channel, noise = False, 0.0, "", 0.0
-        for index, (name, step) in enumerate(
-            zip(self._surface.channel_names, self._characteristic.steepest.tolist(), strict=True)
-        ):
-            values = deflections[good[:, index], index]
-            if len(values) < 2:
-                continue
-            if moved := describe_motion(values, step, self._surface.noise_mm):
-                message = f"the load moved while it was recorded: {name}, {moved}"
-                raise LoadRefusedError(message)
-            mean, noise_mm = float(np.mean(values)), noise_of(values, self._surface.noise_mm)
-            is_seen = is_seen or abs(mean) > SEEN * noise_mm + step
-            if not channel or abs(mean) > abs(largest):
-                largest, channel, noise = mean, name, noise_mm
-        message = ""
-        if not channel:
-            message = "no channel gave good readings"
-        elif not is_seen:
-            message = f"no load is seen: the largest deflection is {digits(abs(largest), 2)} mm ({channel}), noise "
-            message += f"{digits(noise, 2)} mm"
-        elif largest < 0:
-            message = f"the largest deflection is negative: {digits(largest, 2)} mm ({channel}), against the load, "
-            message += "which is right only where an overhang lifts"
-        if message:
-            raise LoadRefusedError(message)
-
-    async def _settle(self) -> None:
-        """Wait until the surface is steady; LoadRefusedError if it is not within `GIVE_UP_S`."""
-        deadline_s, reason = time.monotonic() + GIVE_UP_S, "no readings arrived"
-        while (left_s := deadline_s - time.monotonic()) > 0:
-            await self._wait(left_s)
-            if len(self._recent) < (self._recent.maxlen or 0):
-                continue
-            try:
-                rest_gaps(counts_of(list(self._recent)), self._surface)
-            except NotAtRestError as error:
-                reason = str(error).partition(";")[0]
-            else:
-                return
-        message = f"not settled within {GIVE_UP_S:g} s: {reason}"
-        raise LoadRefusedError(message)
-
-    async def _wait(self, seconds: float) -> None:
-        self._changed.clear()
+            await _settle(stream, pipeline, surface)
         with suppress(TimeoutError):
-            await asyncio.wait_for(self._changed.wait(), seconds)
+            async with asyncio.timeout(seconds + GIVE_UP_S):
+                async for readings in stream:
+                    samples += pipeline.process(readings, time.time() - uptime_s())
+                    if len(samples) >= enough:
+                        break
+    if not load.is_accepted:
+        _require_still_and_seen([sample.reading for sample in samples], surface, rest_gap_mm)
+    return samples
+
+
+async def _settle(stream: AsyncIterator[list[Reading]], pipeline: Pipeline, surface: Surface) -> None:
+    """Wait until the surface is steady, and fill its filter; LoadRefusedError if it is not within `GIVE_UP_S`."""
+    recent: deque[Reading] = deque(maxlen=max(MIN_READINGS, round(SETTLED_S * surface.rate_hz)))
+    reason = "no readings arrived"
+    with suppress(TimeoutError):
+        async with asyncio.timeout(GIVE_UP_S):
+            async for readings in stream:
+                pipeline.process(readings, time.time() - uptime_s())
+                recent.extend(readings)
+                if len(recent) < (recent.maxlen or 0):
+                    continue
+                try:
+                    rest_gaps(counts_of(list(recent)), surface)
+                except NotAtRestError as error:
+                    reason = str(error).partition(";")[0]
+                else:
+                    return
+    message = f"not settled within {GIVE_UP_S:g} s: {reason}"
+    raise LoadRefusedError(message)
+
+
+def _require_still_and_seen(readings: Sequence[Reading], surface: Surface, rest_gap_mm: dict[str, float]) -> None:
+    """Raise LoadRefusedError if a channel moved, none deflects visibly, or the load lifts the beam."""
+    characteristic = Characteristic.of(surface.channels, rest_gap_mm)
+    counts = counts_of(readings) if readings else np.empty((0, len(surface.channels)))
+    good = characteristic.quality(counts) == QUALITIES.index(Quality.GOOD)
+    deflections = characteristic.deflection(characteristic.gap(counts))
+    is_seen, largest, channel, noise = False, 0.0, "", 0.0
+    for index, (name, step) in enumerate(zip(surface.channel_names, characteristic.steepest.tolist(), strict=True)):
+        values = deflections[good[:, index], index]
+        if len(values) < 2:
+            continue
+        if moved := describe_motion(values, step, surface.noise_mm):
+            message = f"the load moved while it was recorded: {name}, {moved}"
+            raise LoadRefusedError(message)
+        mean, noise_mm = float(np.mean(values)), noise_of(values, surface.noise_mm)
+        is_seen = is_seen or abs(mean) > SEEN * noise_mm + step
+        if not channel or abs(mean) > abs(largest):
+            largest, channel, noise = mean, name, noise_mm
+    message = ""
+    if not channel:
+        message = "no channel gave good readings"
+    elif not is_seen:
+        message = f"no load is seen: the largest deflection is {digits(abs(largest), 2)} mm ({channel}), noise "
+        message += f"{digits(noise, 2)} mm"
+    elif largest < 0:
+        message = f"the largest deflection is negative: {digits(largest, 2)} mm ({channel}), against the load, "
+        message += "which is right only where an overhang lifts"
+    if message:
+        raise LoadRefusedError(message)
 
 
 def _say(text: str) -> None:

@@ -25,8 +25,13 @@ class _Table(RootModel[dict[str, Any]]):
     """Any TOML file."""
 
 
+def _pattern(text: str) -> str:
+    file_path(Path(text))
+    return text
+
+
 class _Includes(BaseModel):
-    include: Annotated[tuple[Annotated[str, AfterValidator(file_path)], ...], Field(strict=False)] = ()
+    include: Annotated[tuple[Annotated[str, AfterValidator(_pattern)], ...], Field(strict=False)] = ()
 
 
 class _Included(Strict):
