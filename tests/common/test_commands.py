@@ -1,43 +1,44 @@
 """The contract that all commands and subcommands keep: `--version`, wrong input in one line, and Ctrl-C."""
 
-import argparse
 import os
+import re
 import signal
 import subprocess
 import sys
 import time
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import redirect_stdout, suppress
+from io import StringIO
 from pathlib import Path
 
 import pytest
 
-from beamtouch_common.commands import Parser, exit_code, version
+from beamtouch_common.commands import exit_code, version
 from beamtouch_daemon import cli as daemon
 from beamtouch_models import cli as design
 from beamtouch_models.rig import cli as rig
 from beamtouch_service import cli as service
 
 Main = Callable[[list[str]], int]
-PROGRAMS: dict[str, tuple[Main, str, Callable[[], Parser]]] = {
-    "beamtouch-daemon": (daemon.main, "beamtouch_daemon", daemon._parser),
-    "beamtouch-service": (service.main, "beamtouch_service.cli", service._parser),
-    "design-sensors": (design.main, "beamtouch_models.cli", design._parser),
-    "beamtouch-rig": (rig.main, "beamtouch_models.rig.cli", rig._parser),
+PROGRAMS: dict[str, tuple[Main, str]] = {
+    "beamtouch-daemon": (daemon.main, "beamtouch_daemon"),
+    "beamtouch-service": (service.main, "beamtouch_service.cli"),
+    "design-sensors": (design.main, "beamtouch_models.cli"),
+    "beamtouch-rig": (rig.main, "beamtouch_models.rig.cli"),
 }
 
 
-def subcommands(parser: Parser) -> list[str]:
-    """Return the names of the subcommands of a command; empty if it has none."""
-    return [
-        name for action in parser._actions if isinstance(action, argparse._SubParsersAction) for name in action.choices
-    ]
+def subcommands(main: Main) -> list[str]:
+    """Return the subcommands that the help of a command lists; empty if it has none."""
+    with redirect_stdout(StringIO()) as shown, suppress(SystemExit):
+        main(["--help"])
+    return re.findall(r"^    ([a-z]+)", shown.getvalue(), re.MULTILINE)
 
 
 COMMANDS: list[tuple[str, ...]] = [
     command
-    for program, (_, _, parser) in PROGRAMS.items()
-    for command in ((program,), *((program, name) for name in subcommands(parser())))
+    for program, (main, _) in PROGRAMS.items()
+    for command in ((program,), *((program, name) for name in subcommands(main)))
 ]
 """Each command, and each of its subcommands."""
 READING: dict[tuple[str, ...], list[str]] = {

@@ -5,7 +5,6 @@ import random
 
 import pytest
 
-from beamtouch_common.waits import Backoff
 from beamtouch_daemon.sources.clock import HostClock, RoundTrips
 from beamtouch_daemon.sources.reading import Schedule
 
@@ -130,10 +129,3 @@ def test_readings_that_a_stalled_line_delivers_in_a_burst_stay_old() -> None:
     late = [clock.to_host(1.0 + number / 200.0, 104.0) for number in range(600)]  # 3 s of readings, all at 104 s
     assert late[0] == pytest.approx(101.0, abs=0.001)
     assert late[400] == pytest.approx(103.0, abs=0.03)
-
-
-def test_waiting_times_double_up_to_the_greatest_and_begin_again() -> None:
-    backoff = Backoff()
-    assert [backoff.next() for _ in range(7)] == pytest.approx([0.1, 0.2, 0.4, 0.8, 1.6, 2.0, 2.0])
-    backoff.reset()
-    assert backoff.next() == 0.1
