@@ -21,7 +21,6 @@ import numpy as np
 from beamtouch_models import modelfile
 from beamtouch_models.building.build import build
 from beamtouch_models.scene import load_scene
-from beamtouch_service.surfaces.served_model import Inference
 from example_scenes import SCENES
 from processes import processor_s, resident_mb
 
@@ -200,13 +199,12 @@ def estimates(model: modelfile.ModelFile) -> dict[str, object]:
     golden = model.metadata.golden
     values = np.array(golden.deflection_mm[:1], np.float32)
     weights = np.array(golden.whitening_per_mm[:1], np.float32)
-    inference = Inference(model)
     feed = {"deflection_mm": values, "whitening_per_mm": weights}
     mine, bare = [], []
     for _ in range(TURNS):
         begin_s = perf_counter()
         for _ in range(ESTIMATES):
-            inference.ask(values, weights)
+            model.run(values, weights)
         middle_s = perf_counter()
         for _ in range(ESTIMATES):
             model.session.run(None, feed)

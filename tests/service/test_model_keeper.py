@@ -68,7 +68,7 @@ async def test_a_bad_file_changes_nothing_and_is_named_until_there_is_a_good_one
         put(kept.path, content)
         await polls(kept)
         assert kept.surface.model is old
-        assert complaint in str(kept.surface.summary(0).model_error)
+        assert complaint in str(kept.surface.model_error)
         assert complaint in caplog.records[-1].getMessage()
     kept.path.unlink()
     await polls(kept)

@@ -4,21 +4,23 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 import pytest
 
 from beamtouch_models import modelfile
-from beamtouch_service.samples import Batch
-from beamtouch_service.surfaces.contact import Decision
-from beamtouch_service.surfaces.estimates import estimate
-from beamtouch_service.surfaces.follower import Follower
+from beamtouch_service.surfaces.surface import Surface
 from service.event_story import BETWEEN, RESTING, TOUCHING, Row
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    import numpy as np
     from numpy.typing import NDArray
 
     from beamtouch_models.modelfile import Answers
+    from beamtouch_service.samples import Batch
     from service.conftest import Bench, BuildModel, MakeBatch
+
+    ParseBatch = Callable[..., Batch]
 
 PRESSING: Row = [1.0, 0.5, 0.25]
 STILL, MOVING = 1e-4, 0.01
@@ -69,6 +71,17 @@ def test_a_contact_that_is_held_on_a_weak_sample_says_so(bench: Bench, make_batc
     bench.post(make_batch(RESTING, sequence=4))
     clear = bench.get("/contact").json()
     assert (clear["state"], clear["notes"], clear["position_mm"]) == ("clear", [], None)
+
+
+def test_after_a_gap_nothing_is_known_of_the_samples_before(bench: Bench, make_batch: MakeBatch) -> None:
+    bench.post(make_batch(RESTING, TOUCHING, TOUCHING, sequence=1))
+    bench.post(make_batch(BETWEEN, sequence=5))
+    weak = bench.get("/contact").json()
+    assert (weak["state"], weak["notes"], weak["sequence"]) == ("clear", ["unsteady"], 5)
+
+    bench.post(make_batch(TOUCHING, sequence=6))
+    shown = bench.get("/contact").json()
+    assert (shown["state"], shown["notes"], shown["position_mm"]) == ("contact", [], 150.0)
 
 
 @pytest.mark.parametrize("huge_mm", [1e3, -1e3, 1e9, 1e38, -1e300])
@@ -130,36 +143,31 @@ def test_a_covariance_that_rounding_makes_unusable_costs_only_its_own_sample(
     assert problem.json()["detail"] == "For the newest sample, covariance_mm2: it must be positive definite."
 
 
-def test_channels_are_left_out_only_as_often_as_needed(build_model: BuildModel, make_batch: MakeBatch) -> None:
-    model, rows = modelfile.load(build_model(channels=4)), list[int]()
+def test_channels_are_left_out_only_as_often_as_needed(build_model: BuildModel, parse_batch: ParseBatch) -> None:
+    rows = list[int]()
 
-    def ask(deflection_mm: NDArray[np.floating], whitening_per_mm: NDArray[np.floating]) -> Answers:
-        rows.append(len(deflection_mm))
-        return model.run(deflection_mm, whitening_per_mm)
+    class Counted(modelfile.ModelFile):
+        def run(self, deflection_mm: NDArray[np.floating], whitening_per_mm: NDArray[np.floating]) -> Answers:
+            rows.append(len(deflection_mm))
+            return super().run(deflection_mm, whitening_per_mm)
 
-    batch = Batch.model_validate(make_batch(*[[0.5, 0.25, 0.75, 0.125]] * 2000))
-    estimates = estimate(model, "press-7", batch, batch.samples)
-    follower = Follower(model, ask, "press-7", 500)
-    seen = follower.follow(estimates)
+    surface = Surface("press-7", Counted(**vars(modelfile.load(build_model(channels=4)))))
+    surface.receive(parse_batch(*[[0.5, 0.25, 0.75, 0.125]] * 2000), arrival_s=10.0)
 
-    assert seen[-1].state is modelfile.State.UNEXPLAINED
-    # Four rows for each sample of the capture, and for one in twenty of the others.
-    assert sum(rows) <= 4 * 450
-    assert len(rows) <= 10
-    assert isinstance(seen[-1].outcome, Decision)
-    assert seen[-1].outcome.suspect == "s3"
+    contact = surface.contact(10.0)
+    assert (contact.state, contact.notes) == (modelfile.State.UNEXPLAINED, ["check-s3"])
+    # Four rows for each of the first samples, and for one in twenty of the others.
+    assert sum(rows) <= 2000 + 4 * 450
 
 
-def test_a_channel_that_drops_out_is_not_named_any_more(build_model: BuildModel, make_batch: MakeBatch) -> None:
-    model = modelfile.load(build_model(channels=4))
-    follower = Follower(model, model.run, "press-7", 500)
+def test_a_channel_that_drops_out_is_not_named_any_more(
+    make_bench: type[Bench], build_model: BuildModel, make_batch: MakeBatch
+) -> None:
+    bench = make_bench(Surface("press-7", modelfile.load(build_model(channels=4))))
     wedged, two = [0.5, 0.25, 0.75, 0.125], [0.5, 0.25, 0.75, None]
     quality = ["good", "good", "good", "missing"]
-    parts = [make_batch(*[wedged] * 60), make_batch(*[two] * 3, sequence=61, quality=quality)]
     notes = []
-    for part in parts:
-        batch = Batch.model_validate(part)
-        (*_, last) = follower.follow(estimate(model, "press-7", batch, batch.samples))
-        assert isinstance(last.outcome, Decision)
-        notes.append(last.outcome.notes)
+    for part in (make_batch(*[wedged] * 60), make_batch(*[two] * 3, sequence=61, quality=quality)):
+        assert bench.post(part).status_code == 200
+        notes.append(bench.get("/contact").json()["notes"])
     assert notes == [["check-s3"], []]

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import random
+import sqlite3
+from contextlib import closing
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
@@ -298,6 +300,32 @@ def test_services_that_die_take_turns_and_race_record_what_one_service_would(rng
     for event in expected_events:
         event["boot_id"] = boot_id
     assert rounded(found) == rounded(expected_events)
+
+
+@pytest.mark.parametrize("table", ["events", "cursors"])
+def test_events_and_cursor_are_written_together_or_not_at_all(services: Services, tmp_path: Path, table: str) -> None:
+    path = tmp_path / "events.db"
+    story = services.story(CONTACT, path)
+    refusal = f"CREATE TRIGGER full BEFORE INSERT ON {table} BEGIN SELECT RAISE(ABORT, 'disk full'); END"
+    execute(path, refusal)
+    assert story.deliver(0, 5)["expected"] == 6
+    assert story.events == []
+    # Neither is there, for another service either.
+    other = services.story(CONTACT, path)
+    assert other.events == []
+    assert (other.ask()["durable"], story.ask()["durable"]) == (0, 0)
+
+    execute(path, "DROP TRIGGER full")
+    assert ends(story) == [("touch", "open")]
+    assert story.ask()["durable"] == 5
+    story.catch_up()
+    assert rounded(story.events) == rounded(services.straight(CONTACT))
+
+
+def execute(path: Path, statement: str) -> None:
+    with closing(sqlite3.connect(path)) as connection:
+        connection.execute(statement)
+        connection.commit()
 
 
 def test_while_the_record_is_damaged_answers_go_on_and_the_cursor_stands(

@@ -7,11 +7,13 @@ from typing import TYPE_CHECKING
 import pytest
 
 from beamtouch_models import modelfile
-from beamtouch_service.surfaces.surface import Received, Surface
+from beamtouch_service.surfaces.surface import Surface
 from service.conftest import kind
 
 if TYPE_CHECKING:
+    from beamtouch_service.problems import Problem
     from beamtouch_service.samples import Batch
+    from beamtouch_service.surfaces.surface import Answer, Received
     from service.conftest import Bench, BuildModel, MakeBatch
 
 
@@ -195,7 +197,7 @@ def test_a_wrong_method_is_a_problem_that_names_the_right_one(bench: Bench) -> N
 
 def test_a_failure_inside_is_a_problem_without_its_traceback(make_bench: type[Bench], make_batch: MakeBatch) -> None:
     class Broken(Surface):
-        def summary(self, now_s: float) -> None:  # type: ignore[override]  # broken on purpose
+        def answer(self, now_s: float) -> Answer | Problem:
             message = f"secret at {now_s}"
             raise RuntimeError(message)
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from hypothesis import given
 from hypothesis import strategies as st
 
-from beamtouch_service.surfaces.senders import Senders
+from beamtouch_service.surfaces.order import MAX_SENDERS, Senders
 
 if TYPE_CHECKING:
     import pytest
@@ -56,13 +56,13 @@ def test_a_sender_that_started_anew_is_followed_at_once() -> None:
 
 
 def test_of_the_former_senders_those_that_were_followed_last_are_remembered() -> None:
-    senders = Senders(STALE_MS, max_former=2)
-    for number, boot_id in enumerate(["a", "b", "c", "d"]):
-        offer(senders, boot_id, 0, 10.0 + number / 10)
+    senders, boots = Senders(STALE_MS), [f"boot-{number}" for number in range(MAX_SENDERS + 2)]
+    for number, boot_id in enumerate(boots):
+        offer(senders, boot_id, 0, 10.0 + number / 100)
 
-    assert not offer(senders, "c", 1, 10.35)
-    assert not offer(senders, "b", 1, 10.35)
-    assert offer(senders, "a", 1, 10.35)
+    assert not offer(senders, boots[-2], 1, 10.35)
+    assert not offer(senders, boots[1], 1, 10.35)
+    assert offer(senders, boots[0], 1, 10.35)
 
 
 @given(

@@ -8,6 +8,7 @@ import pytest
 
 from beamtouch_models import modelfile
 from beamtouch_service.problems import Kind, ProblemError
+from beamtouch_service.surfaces.state import summary_of
 from beamtouch_service.surfaces.surface import Surface
 
 if TYPE_CHECKING:
@@ -148,7 +149,7 @@ def test_a_batch_without_a_channel_of_the_model_is_refused_whole(surface: Surfac
         surface.receive(parse_batch([0.5, 0.25], channels=["s2", "other"]), arrival_s=10.0)
 
     assert caught.value.problem.members == {"missing_channels": ["s1", "s3"]}
-    assert surface.summary(10.0).samples.accepted == 0
+    assert summary_of(surface, 10.0).samples.accepted == 0
     assert problem(surface, 10.0) is Kind.NO_SAMPLES
 
 
@@ -176,6 +177,6 @@ def test_the_summary_counts(surface: Surface, parse_batch: ParseBatch) -> None:
     surface.receive(parse_batch(*rows, sequence=3), arrival_s=10.1)
     surface.receive(parse_batch(*rows, sequence=8), arrival_s=10.2)
 
-    summary = surface.summary(10.3)
+    summary = summary_of(surface, 10.3)
     assert summary.samples.model_dump() == {"accepted": 8, "repeated": 1, "lost": 2}
     assert (summary.channels, summary.age_ms) == (["s1", "s2", "s3"], 100.0)

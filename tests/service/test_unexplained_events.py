@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from beamtouch_models import modelfile
+from beamtouch_service.surfaces.surface import Surface
 from service.event_story import BETWEEN, ODD, RESTING, START_US, TOUCHING, Row, Story
 
 if TYPE_CHECKING:
@@ -96,6 +97,23 @@ def test_another_model_ends_the_stretch(bench: Bench, make_batch: MakeBatch, bui
     story.deliver(6, 14)
 
     assert [one[:3] for one in told(story)] == [("unexplained", "clear", "unseen"), ("unexplained", "unseen", "clear")]
+
+
+def test_a_stretch_keeps_what_each_channel_of_its_first_samples_contradicts(
+    make_bench: type[Bench], build_model: BuildModel, make_batch: MakeBatch
+) -> None:
+    wedged: Row = [0.5, 0.25, 0.75, 0.125]
+    bench = make_bench(Surface("press-7", modelfile.load(build_model(channels=4))))
+    story = Story(bench, make_batch, [[0.0] * 4, *[wedged] * 20, *[[0.0] * 4] * 4])
+    story.deliver(0, 25)
+
+    (event,) = story.events
+    assert [sample["sequence"] for sample in event["capture"]] == [4, 5, 6, 7, 8]
+    first = event["capture"][0]
+    assert first["misfit"] == 500.0
+    assert [channel["deflection_mm"] for channel in first["channels"]] == wedged
+    assert [channel["name"] for channel in first["channels"] if channel["explained_without"]] == ["s3"]
+    assert first["channels"][2]["misfit_without"] == 0.0
 
 
 def begun(story: Story) -> list[tuple[str, str, str]]:

@@ -11,8 +11,8 @@ from beamtouch_models import modelfile
 from beamtouch_models.physics.beam import scene_influence
 from beamtouch_models.scene import load_scene
 from beamtouch_service.samples import Batch
+from beamtouch_service.surfaces.estimate import Estimator
 from beamtouch_service.surfaces.surface import Surface
-from beamtouch_service.surfaces.weighing import Arrangement
 from example_scenes import SCENES
 
 if TYPE_CHECKING:
@@ -34,6 +34,11 @@ def batch(*samples: dict[str, Any], channels: tuple[str, ...] = ("s1", "s2", "s3
     )
 
 
+def weigh(model: modelfile.ModelFile, given: Batch) -> modelfile.Weighed:
+    """Return the samples of a batch as the model weighs them."""
+    return Estimator(model, "press-7").estimate(given, given.samples)[0].together
+
+
 @pytest.fixture
 def model(build_model: BuildModel) -> modelfile.ModelFile:
     return modelfile.load(build_model())
@@ -41,16 +46,15 @@ def model(build_model: BuildModel) -> modelfile.ModelFile:
 
 def test_a_sample_without_readings_is_a_settled_one(model: modelfile.ModelFile) -> None:
     given = batch({"deflection_mm": [0.1, 0.2, 0.3]})
-    weighed, bad = Arrangement(model, given).weighed(given.samples)
+    weighed = weigh(model, given)
     assert weighed.deflection_mm.tolist() == [[0.1, 0.2, 0.3]]
     assert weighed.covariance_mm2[0] == pytest.approx(np.eye(3) * NOISE_MM**2)
     assert (weighed.noise_mm2[0] == NOISE_MM**2).all()
-    assert bad == [{}]
 
 
 def test_readings_divide_the_noise_that_the_sender_states(model: modelfile.ModelFile) -> None:
     given = batch({"deflection_mm": [0.1, 0.2, 0.3], "readings": 4}, noise_mm=[0.011, 0.012, 0.009])
-    weighed, _ = Arrangement(model, given).weighed(given.samples)
+    weighed = weigh(model, given)
     assert np.diag(weighed.covariance_mm2[0]) == pytest.approx(np.square([0.011, 0.012, 0.009]) / 4)
 
 
@@ -58,7 +62,7 @@ def test_a_covariance_is_taken_in_the_order_of_the_model(model: modelfile.ModelF
     triangle = [3.0, 0.1, 4.0, 0.2, 0.3, 5.0, 0.4, 0.5, 0.6, 6.0]
     sample = {"deflection_mm": [0.3, 9.0, 0.1, 0.2], "readings": 4, "covariance_mm2": triangle}
     given = batch(sample, channels=("s3", "other", "s1", "s2"), noise_mm=[NOISE_MM] * 4)
-    weighed, _ = Arrangement(model, given).weighed(given.samples)
+    weighed = weigh(model, given)
     assert weighed.deflection_mm.tolist() == [[0.1, 0.2, 0.3]]
     assert weighed.covariance_mm2[0].tolist() == [[5.0, 0.6, 0.2], [0.6, 6.0, 0.4], [0.2, 0.4, 3.0]]
     assert weighed.noise_mm2[0] == pytest.approx(np.full(3, NOISE_MM**2 / 4))
@@ -71,7 +75,7 @@ def test_of_two_contradicting_noises_the_larger_counts(
     triangle = [stated**2 / 4 + 1e-6, 0.0, stated**2 / 4, 0.0, 0.0, stated**2 / 4]
     plain = {"deflection_mm": [0.1, 0.2, 0.3], "readings": 4}
     given = batch(plain, plain | {"covariance_mm2": triangle}, noise_mm=[stated] * 3)
-    weighed, _ = Arrangement(model, given).weighed(given.samples)
+    weighed = weigh(model, given)
     white = counts**2 / 4
     assert np.diag(weighed.covariance_mm2[0]) == pytest.approx([white] * 3)
     assert np.diag(weighed.covariance_mm2[1]) == pytest.approx([white + 1e-6, white, white])

@@ -69,11 +69,6 @@ class Hypotheses:
         """The memories so far, without repeats; one if the samples before no longer matter."""
         return tuple(one.memory for one in self._deciders)
 
-    def miss(self) -> None:
-        """Samples are missing: they may have left anything."""
-        self._admit(*memories_after(None))
-        self._merge()
-
     def step(self, evidence: Evidence) -> Judgement:
         """Take the next sample."""
         said, *_ = [one.step(evidence) for one in self._deciders]

@@ -12,7 +12,6 @@ from beamtouch_service.problems import Kind
 from beamtouch_service.samples import Quality
 from beamtouch_service.surfaces.contact import rfc3339
 from beamtouch_service.surfaces.surface import Surface
-from beamtouch_service.surfaces.timings import Timings
 
 REFUSALS = frozenset({Kind.UNAUTHORIZED, Kind.FORBIDDEN})
 """Requests that were refused for their token."""
@@ -63,7 +62,8 @@ class Counts:
 
     def watch(self, surface: Surface) -> None:
         """Measure how long this surface takes, and start its counts at zero."""
-        surface.timings = Timings(self._inference_s.labels(surface.name), self._age_s.labels(surface.name))
+        surface.on_run = self._inference_s.labels(surface.name).observe
+        surface.on_arrival = self._age_s.labels(surface.name).observe
         self.batch_s.labels(surface.name)
         for state in State:
             self.contacts.labels(surface.name, state.value)

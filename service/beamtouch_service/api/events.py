@@ -14,8 +14,7 @@ from pydantic import AwareDatetime, BaseModel, BeforeValidator, ConfigDict, Fiel
 from beamtouch_service.access import Role
 from beamtouch_service.api import gate
 from beamtouch_service.api.context import ContextParameter
-from beamtouch_service.events.contradiction import Contradiction
-from beamtouch_service.events.event import Begin, End, EventKind, thin
+from beamtouch_service.events.event import Begin, Contradiction, End, EventKind, thin
 from beamtouch_service.events.event import Event as RecordedEvent
 from beamtouch_service.events.store import Numbered, Selection, Store
 from beamtouch_service.problems import Kind, Problem, ProblemError

@@ -16,7 +16,7 @@ from beamtouch_service.api.context import Context, ContextParameter
 from beamtouch_service.events.recorder import Recorder
 from beamtouch_service.problems import Kind
 from beamtouch_service.samples import Quality
-from beamtouch_service.surfaces.summary import SurfaceSummary
+from beamtouch_service.surfaces.state import SurfaceSummary, summary_of
 from beamtouch_service.surfaces.surface import Surface
 
 Summaries = list[tuple[Surface, SurfaceSummary]]
@@ -46,7 +46,7 @@ class SurfaceCollector(Collector):
             missing.add_metric([section], bool(reason))
         yield missing
         now_s, registry = self._context.clock(), self._context.registry
-        summaries = [(surface, surface.summary(now_s)) for surface in registry]
+        summaries = [(surface, summary_of(surface, now_s)) for surface in registry]
         yield from _of_samples(summaries)
         yield from _of_states(summaries, now_s)
         yield from _of_channels(summaries, now_s)

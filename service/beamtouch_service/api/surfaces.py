@@ -7,8 +7,8 @@ from beamtouch_service.access import Role
 from beamtouch_service.api import gate
 from beamtouch_service.api.context import Context, ContextParameter, SurfaceInPath
 from beamtouch_service.problems import ProblemError
-from beamtouch_service.surfaces import refusals
-from beamtouch_service.surfaces.summary import SurfaceSummary
+from beamtouch_service.surfaces.contact import no_model
+from beamtouch_service.surfaces.state import SurfaceSummary, summary_of
 
 router = gate.make_router("surfaces", Role.READ)
 model_router = gate.make_router("model", Role.READ)
@@ -56,13 +56,13 @@ async def get_surfaces(context: ContextParameter) -> SurfaceList:
     """Return all surfaces of this service."""
     context.require_all("Ask for /surfaces/NAME of each.")
     now_s = context.clock()
-    return SurfaceList(surfaces=[surface.summary(now_s) for surface in context.registry])
+    return SurfaceList(surfaces=[summary_of(surface, now_s) for surface in context.registry])
 
 
 @router.get("/surfaces/{name}")
 async def get_surface(context: ContextParameter, name: SurfaceInPath) -> SurfaceSummary:
     """Return one surface: its channels, model, age limit, and counts of samples."""
-    return context.registry.named(name).summary(context.clock())
+    return summary_of(context.registry.named(name), context.clock())
 
 
 @model_router.get("/surfaces/{name}/model")
@@ -84,7 +84,7 @@ async def get_beam(context: ContextParameter, name: SurfaceInPath) -> Beam:
 def _model(context: Context, name: str) -> ModelFile:
     surface = context.registry.named(name)
     if surface.model is None:
-        raise ProblemError(refusals.no_model(name, surface.model_error))
+        raise ProblemError(no_model(name, surface.model_error))
     return surface.model
 
 

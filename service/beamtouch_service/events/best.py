@@ -3,14 +3,13 @@
 A sample of many readings is better than one of few. Samples of one stretch share readings, so that only one is kept.
 """
 
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import asdict, dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from beamtouch_models.modelfile import ModelFile, State
-from beamtouch_service.surfaces.estimates import Estimated
-from beamtouch_service.surfaces.judge import Judged
+from beamtouch_service.surfaces.follower import Decision
 
 MAX_AT_REST = 16
 """Samples that the mean of a rest counts for at most, so that it follows the zeros."""
@@ -39,22 +38,16 @@ class Best:
     rest_deviation_mm: Values | None = None
 
     @classmethod
-    def of(cls, kept: dict[str, Any] | None) -> "Best | None":
-        """Return what an event keeps; None if it keeps nothing, or nothing that can be read."""
+    def read(cls, kept: dict[str, Any] | None) -> "Best | None":
+        """Return the best sample that an event keeps; None if it keeps none, or one that cannot be read."""
         try:
             return cls(**kept) if kept else None
         except TypeError:
             return None
 
-    @property
-    def rank(self) -> tuple[bool, int]:
-        """The larger, the better."""
-        return self.is_contact, self.readings
 
-
-@dataclass
-class _Mean:
-    """A sample of the clear beam, or the mean of several that share no readings."""
+class Mean(NamedTuple):
+    """A mean of samples that share no readings."""
 
     mm: Values
     variance_mm2: Values
@@ -63,113 +56,119 @@ class _Mean:
 
 
 @dataclass
-class _Newest(_Mean):
-    """The newest sample that counts."""
+class DisjointMean:
+    """Averages samples, weighted by their readings.
 
-    begin_us: float
-    """Begin of its readings."""
-    at_us: int
+    Means of successive samples share readings. Of samples that share some, the one with the most readings counts; of
+    equal ones the first. The next one is the first that shares none with it.
+    """
 
-
-class Rest:
-    """The clear beam since the last event."""
-
-    def __init__(self, before: _Mean | None = None, newest: _Newest | None = None) -> None:
-        self._before, self._newest = before, newest
+    before: Mean | None = None
+    """The mean of all samples that count but the newest."""
+    newest: Mean | None = None
+    begin_us: float = 0.0
+    """Begin of the readings of the newest sample that counts."""
+    end_us: float = 0.0
 
     @classmethod
-    def of(cls, kept: list[dict[str, Any] | None]) -> "Rest":
-        """Return what `kept` gave; raises TypeError or ValueError for anything else."""
-        before, newest = kept
-        return cls(_Mean(**before) if before else None, _Newest(**newest) if newest else None)
+    def read(cls, kept: dict[str, Any] | None) -> "DisjointMean":
+        """Return what `to_json` gave; raises TypeError for anything else."""
+        if kept is None:
+            return cls()
+        before, newest = (kept[name] and Mean(*kept[name]) for name in ("before", "newest"))
+        return cls(**kept | {"before": before, "newest": newest})
 
-    def kept(self) -> list[dict[str, Any] | None]:
+    def to_json(self) -> dict[str, Any]:
         """Return it as JSON."""
-        return [dict(vars(one)) if one else None for one in (self._before, self._newest)]
+        return asdict(self)
 
-    def add(self, sample: Estimated, readings: int, duration_us: float) -> None:
-        """Add a sample whose readings took this long, unless it shares some with the samples so far."""
-        begin_us, newest = sample.acquired_unix_us - duration_us, self._newest
-        if newest is None or begin_us >= newest.at_us:
-            self._before = self._all()
-        elif begin_us > newest.begin_us or readings <= newest.weight:
+    def add(
+        self,
+        at_us: int,
+        readings: int,
+        reading_us: float,
+        mm: Values,
+        variance_mm2: Values,
+        max_samples: float = float("inf"),
+    ) -> None:
+        """Add a sample of this time, unless it shares readings with one that is better.
+
+        The mean before it counts for at most `max_samples` samples like it.
+        """
+        # Times of readings scatter; half a period is no reading in common.
+        begin_us = at_us - (readings - 0.5) * reading_us
+        if self.newest is None or begin_us >= self.end_us:
+            self.before = self.of_all(max_samples) if self.newest else None
+        elif begin_us > self.begin_us or readings <= self.newest.weight:
             return
-        values_mm: Values = sample.weighed.deflection_mm[sample.row].tolist()
-        variances = _variances(sample).tolist()
-        self._newest = _Newest(values_mm, variances, readings, begin_us, sample.acquired_unix_us)
+        self.newest, self.begin_us, self.end_us = Mean(mm, variance_mm2, readings), begin_us, at_us
 
-    def mean(self) -> tuple[Values, Values] | None:
-        """Return mean and standard deviations. The newest of several is left out: it may hold the touch."""
-        rest = self._before or self._newest
-        return (rest.mm, np.sqrt(rest.variance_mm2).tolist()) if rest else None
-
-    def _all(self) -> _Mean | None:
-        """Return the mean of all samples so far."""
-        before, newest = self._before, self._newest
-        if before is None or newest is None:
-            return newest and _Mean(newest.mm, newest.variance_mm2, newest.weight)
-        known = min(before.weight, MAX_AT_REST * newest.weight)
-        total = known + newest.weight
-        shares = known / total, newest.weight / total
-        pairs = zip(before.mm, newest.mm, before.variance_mm2, newest.variance_mm2, strict=True)
-        found = [
-            (shares[0] * old_mm + shares[1] * new_mm, shares[0] ** 2 * old_mm2 + shares[1] ** 2 * new_mm2)
-            for old_mm, new_mm, old_mm2, new_mm2 in pairs
-        ]
-        return _Mean([mm for mm, _ in found], [mm2 for _, mm2 in found], total)
+    def of_all(self, max_samples: float = float("inf")) -> Mean:
+        """Return the mean of all samples; there must be one."""
+        before, newest = self.before, self.newest
+        assert newest is not None  # noqa: S101
+        if before is None:
+            return newest
+        known = min(before.weight, max_samples * newest.weight)
+        old, new = known / (known + newest.weight), newest.weight / (known + newest.weight)
+        mm = [old * one + new * other for one, other in zip(before.mm, newest.mm, strict=True)]
+        pairs = zip(before.variance_mm2, newest.variance_mm2, strict=True)
+        return Mean(mm, [old**2 * one + new**2 * other for one, other in pairs], known + newest.weight)
 
 
 class BestSamples:
     """Finds the best samples in the decisions on one sender."""
 
-    def __init__(self, model: ModelFile, rest: Rest) -> None:
-        metadata = model.metadata
+    def __init__(self, model: ModelFile, rest: DisjointMean) -> None:
+        """Begin with the mean of the clear beam since the last event."""
+        noise = model.metadata.noise
         self._channels = model.channels
-        self._settled = max(1, round((metadata.noise.reading_mm / metadata.noise.sample_mm) ** 2))
+        self._settled = max(1, round((noise.reading_mm / noise.sample_mm) ** 2))
         """Readings of a sample whose sender states none."""
-        self._reading_us = 1e6 / metadata.sensor.rate_hz
+        self.reading_us = 1e6 / model.metadata.sensor.rate_hz
+        """Time from one reading to the next."""
         self.rest = rest
 
-    def lift(self) -> None:
-        """Forget the rest: another begins."""
-        self.rest = Rest()
-
-    def clear(self, judged: Judged) -> None:
+    def add_rest(self, decision: Decision) -> None:
         """Add a sample of the clear beam to the rest."""
-        if not judged.is_odd and _is_steady(judged):
-            readings = self._readings(judged)
-            self.rest.add(judged.estimated, readings, readings * self._reading_us)
+        if decision.is_odd or not _is_steady(decision):
+            return
+        at_us, (mm, variance_mm2) = decision.estimate.sample.acquired_unix_us, _values(decision)
+        self.rest.add(at_us, self._readings(decision), self.reading_us, mm, variance_mm2, MAX_AT_REST)
 
-    def best(self, known: Best | None, judged: Judged) -> Best | None:
+    def choose(self, so_far: Best | None, decision: Decision) -> Best | None:
         """Return the better one of the best sample so far and this one."""
-        sample, is_contact = judged.estimated, judged.state is State.CONTACT and not judged.is_odd
-        readings = self._readings(judged)
-        if known and known.rank >= (is_contact, readings):
-            return known
-        if not _is_steady(judged) or not (is_contact or judged.state is State.UNEXPLAINED):
-            return known
-        rest_mm, rest_deviation_mm = self.rest.mean() or (None, None)
+        readings = self._readings(decision)
+        is_contact = decision.state is State.CONTACT and not decision.is_odd
+        if so_far and (so_far.is_contact, so_far.readings) >= (is_contact, readings):
+            return so_far
+        if not _is_steady(decision) or not (is_contact or decision.state is State.UNEXPLAINED):
+            return so_far
+        # The newest sample of several at rest may hold the touch.
+        rest = self.rest.before or self.rest.newest
+        deflection_mm, variance_mm2 = _values(decision)
         return Best(
-            sample.acquired_unix_us,
-            is_contact,
-            readings,
-            sample.characteristic,
-            self._channels,
-            sample.weighed.deflection_mm[sample.row].tolist(),
-            np.sqrt(_variances(sample)).tolist(),
-            rest_mm,
-            rest_deviation_mm,
+            at_us=decision.estimate.sample.acquired_unix_us,
+            is_contact=is_contact,
+            readings=readings,
+            characteristic=decision.estimate.characteristic,
+            channels=self._channels,
+            deflection_mm=deflection_mm,
+            deviation_mm=np.sqrt(variance_mm2).tolist(),
+            rest_mm=rest.mm if rest else None,
+            rest_deviation_mm=np.sqrt(rest.variance_mm2).tolist() if rest else None,
         )
 
-    def _readings(self, judged: Judged) -> int:
-        return judged.estimated.readings or self._settled
+    def _readings(self, decision: Decision) -> int:
+        return decision.estimate.sample.readings or self._settled
 
 
-def _is_steady(judged: Judged) -> bool:
+def _is_steady(decision: Decision) -> bool:
     """Return whether all channels are good and the beam is still."""
-    return not judged.estimated.bad and judged.state is not None and not judged.is_unsteady
+    return not decision.estimate.bad and decision.state is not None and not decision.is_unsteady
 
 
-def _variances(sample: Estimated) -> np.ndarray:
-    variances: np.ndarray = sample.weighed.covariance_mm2[sample.row].diagonal()
-    return variances
+def _values(decision: Decision) -> tuple[Values, Values]:
+    """Return deflections [mm] and their variances [mm^2]."""
+    together, row = decision.estimate.together, decision.estimate.row
+    return together.deflection_mm[row].tolist(), together.covariance_mm2[row].diagonal().tolist()

@@ -4,9 +4,8 @@ import json
 import logging
 import os
 import sqlite3
-from abc import ABC, abstractmethod
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import partial
 from pathlib import Path
 from threading import Lock
@@ -50,16 +49,18 @@ class EventStoreError(EventsAwayError):
     """The record cannot be used as it is; the message gives the reason and the remedy, in one line."""
 
 
-class Database(ABC):
+class Database:
     """A database whose every connection is checked before its first use."""
 
-    def __init__(self, engine: Engine) -> None:
-        """Prepare it, unless it is away; raises EventStoreError if it can never be used."""
-        self._engine = engine
+    def __init__(self, engine: Engine, turn: AbstractContextManager[object], words: str = "{}") -> None:
+        """Prepare it, unless it is away; raises EventStoreError if it can never be used.
+
+        `turn` is held during each use. `words` say for a reason in braces why it cannot be used, with a remedy.
+        """
+        self._engine, self._turn, self._words = engine, turn, words
         self._is_prepared = False
         self.away_because = ""
         """Why it was away at first; empty if it was not."""
-        # A database that was away may come back empty, or as another one.
         event.listen(engine, "connect", self._connected)
         try:
             with self.writing():
@@ -73,47 +74,40 @@ class Database(ABC):
     @contextmanager
     def writing(self) -> Iterator[Connection]:
         """Give a transaction, the only one that writes; raises EventsAwayError."""
-        with self._connection() as connection, connection.begin():
+        with self.reading() as connection, connection.begin():
             self._lock(connection)
             yield connection
 
     @contextmanager
     def reading(self) -> Iterator[Connection]:
         """Give a connection for reading; raises EventsAwayError."""
-        with self._connection() as connection:
-            yield connection
-
-    def close(self) -> None:
-        """Close the connections."""
-        self._engine.dispose()
-
-    @abstractmethod
-    def used_bytes(self, connection: Connection) -> int:
-        """Return the size of the events."""
-
-    @abstractmethod
-    def _lock(self, connection: Connection) -> None:
-        """Make a transaction the only one that writes."""
-
-    @abstractmethod
-    def _described(self, reason: str) -> str:
-        """Return why it cannot be used, with a remedy."""
-
-    @contextmanager
-    def _connection(self) -> Iterator[Connection]:
         is_first = not self._is_prepared
         try:
-            with self._engine.connect() as connection:
+            with self._turn, self._engine.connect() as connection:
                 if not self._is_prepared:
                     self._prepare(connection)
                     self._is_prepared, is_first = True, False
                 yield connection
         except OtherFormatError as error:
-            raise EventStoreError(self._described(str(error))) from None
+            raise EventStoreError(self._words.format(error)) from None
         except (SQLAlchemyError, sqlite3.Error, OSError) as error:
             self._is_prepared = False
-            reason = self._described(_reason(error)) if is_first else _reason(error)
+            reason = self._words.format(_reason(error)) if is_first else _reason(error)
             raise (EventStoreError if is_first and not _is_passing(error) else EventsAwayError)(reason) from None
+
+    def close(self) -> None:
+        """Close the connections."""
+        self._engine.dispose()
+
+    def used_bytes(self, connection: Connection) -> int:
+        """Return the size of the used part of the file; later events fill the unused part first."""
+        names = ("page_count", "freelist_count", "page_size")
+        pages, free, size = (int(connection.exec_driver_sql(f"PRAGMA {name}").scalar_one()) for name in names)
+        return (pages - free) * size
+
+    def _lock(self, connection: Connection) -> None:
+        """Make a transaction the only one that writes."""
+        connection.exec_driver_sql("BEGIN IMMEDIATE")
 
     def _prepare(self, connection: Connection) -> None:
         if not is_current(connection):
@@ -123,7 +117,8 @@ class Database(ABC):
                 prepare(connection)
         connection.rollback()
 
-    def _connected(self, _connection: object, _: object) -> None:
+    def _connected(self, _connection: sqlite3.Connection, _: object) -> None:
+        # A database that was away may come back empty, or as another one.
         self._is_prepared = False
 
 
@@ -136,57 +131,27 @@ class FileDatabase(Database):
         """Device and inode of the open file."""
         arguments = {"check_same_thread": False, "isolation_level": None, "timeout": _BUSY_S}
         url = URL.create("sqlite", database=str(path))
-        super().__init__(create_engine(url, json_serializer=_compact_json, connect_args=arguments))
-
-    def used_bytes(self, connection: Connection) -> int:
-        """Return the size of the used part of the file; later events fill the unused part first."""
-        return _used_bytes(connection)
+        engine = create_engine(url, json_serializer=_compact_json, connect_args=arguments)
+        name = str(path).replace("{", "{{").replace("}", "}}")
+        words = f"events file {name}: {{}}; set events.file to one that the service can write"
+        super().__init__(engine, nullcontext(), words)
 
     @contextmanager
-    def _connection(self) -> Iterator[Connection]:
+    def reading(self) -> Iterator[Connection]:
+        """Give a connection; raises EventsAwayError."""
         if self._identity is not None and self._identity != _identity(self._path):
             words = "the file of events was deleted or replaced while open; the record goes on in %s"
             _log.error(words, self._path)
             self._identity = None
             self._engine.dispose()
-        with super()._connection() as connection:
+        with super().reading() as connection:
             self._identity = self._identity or _identity(self._path)
             yield connection
 
-    def _connected(self, connection: object, _: object) -> None:
+    def _connected(self, connection: sqlite3.Connection, _: object) -> None:
         super()._connected(connection, _)
         for pragma in _PRAGMAS:
-            connection.execute(f"PRAGMA {pragma}")  # type: ignore[attr-defined]  # the driver's
-
-    def _lock(self, connection: Connection) -> None:
-        connection.exec_driver_sql("BEGIN IMMEDIATE")
-
-    def _described(self, reason: str) -> str:
-        return f"events file {self._path}: {reason}; set events.file to one that the service can write"
-
-
-class MemoryDatabase(Database):
-    """A database in memory: one connection, for one thread at a time."""
-
-    def __init__(self) -> None:
-        self._turn = Lock()
-        arguments = {"check_same_thread": False, "isolation_level": None}
-        super().__init__(create_engine("sqlite://", poolclass=StaticPool, connect_args=arguments))
-
-    def used_bytes(self, connection: Connection) -> int:
-        """Return the size of the used part of the database."""
-        return _used_bytes(connection)
-
-    @contextmanager
-    def _connection(self) -> Iterator[Connection]:
-        with self._turn, super()._connection() as connection:
-            yield connection
-
-    def _lock(self, connection: Connection) -> None:
-        connection.exec_driver_sql("BEGIN IMMEDIATE")
-
-    def _described(self, reason: str) -> str:
-        return reason
+            connection.execute(f"PRAGMA {pragma}")
 
 
 class ServerDatabase(Database):
@@ -205,7 +170,7 @@ class ServerDatabase(Database):
         except ModuleNotFoundError:
             message = "events.url needs psycopg; run: pip install 'beamtouch[postgresql]'"
             raise EventStoreError(message) from None
-        super().__init__(engine)
+        super().__init__(engine, nullcontext(), "the database of events.url: {}; give Beamtouch a database of its own")
 
     def used_bytes(self, connection: Connection) -> int:
         """Return the size of the rows. The files of the database keep the room of deleted ones."""
@@ -216,31 +181,22 @@ class ServerDatabase(Database):
     def _lock(self, connection: Connection) -> None:
         connection.execute(select(func.pg_advisory_xact_lock(_LOCK)))
 
-    def _described(self, reason: str) -> str:
-        return f"the database of events.url: {reason}; give Beamtouch a database of its own"
-
 
 def opened(place: Path | str | None) -> Database:
     """Open a file, the database of a URL, or memory; raises EventStoreError."""
     if place is None:
-        return MemoryDatabase()
+        arguments = {"check_same_thread": False, "isolation_level": None}
+        # One connection, for one thread at a time.
+        return Database(create_engine("sqlite://", poolclass=StaticPool, connect_args=arguments), Lock())
     return ServerDatabase(place) if isinstance(place, str) else FileDatabase(place)
 
 
 def _identity(path: Path) -> tuple[int, int] | None:
     try:
-        found = os.stat(path)  # noqa: PTH116  # a third of the time of Path.stat, at each use
+        status = os.stat(path)  # noqa: PTH116  # a third of the time of Path.stat, at each use
     except OSError:
         return None
-    return found.st_dev, found.st_ino
-
-
-def _used_bytes(connection: Connection) -> int:
-    pages, free, size = (
-        int(connection.exec_driver_sql(f"PRAGMA {name}").scalar_one())
-        for name in ("page_count", "freelist_count", "page_size")
-    )
-    return (pages - free) * size
+    return status.st_dev, status.st_ino
 
 
 def _is_passing(error: Exception) -> bool:
@@ -251,5 +207,5 @@ def _is_passing(error: Exception) -> bool:
 
 
 def _reason(error: Exception) -> str:
-    found = error.orig if isinstance(error, DBAPIError) else error
-    return (str(found).strip().splitlines() or [type(found).__name__])[0]
+    cause = error.orig if isinstance(error, DBAPIError) else error
+    return (str(cause).strip().splitlines() or [type(cause).__name__])[0]

@@ -6,10 +6,13 @@ contact from there on, with all unexplained stretches that follow it.
 
 from dataclasses import asdict, dataclass, field
 from enum import StrEnum
-from typing import Any, NamedTuple
+from typing import Any
 
-from beamtouch_service.events.best import Best
-from beamtouch_service.surfaces.contact import Figures
+from pydantic import BaseModel
+
+from beamtouch_models.modelfile import State
+from beamtouch_service.events.best import Best, DisjointMean
+from beamtouch_service.surfaces.follower import Decision
 
 MAX_POINTS = 200
 """Points of a path; a longer path is thinned to points evenly spread in time."""
@@ -57,9 +60,35 @@ class End(StrEnum):
     """The event continues."""
 
 
-@dataclass(frozen=True)
+class ChannelDoubt(BaseModel):
+    """One channel of an unexplained sample."""
+
+    name: str
+    deflection_mm: float
+    """Positive in the direction of the load."""
+    misfit_without: float | None
+    """Misfit of the best single contact without this channel; null where too few channels would be left."""
+    explained_without: bool
+    """Whether rest or a single contact explains all other channels."""
+
+
+class Contradiction(BaseModel):
+    """A sample that neither rest nor a single contact explains."""
+
+    sequence: int
+    sampled_at: str
+    """Time of the sample by the sender's clock (RFC 3339)."""
+    misfit: float | None
+    """Misfit of the best single contact."""
+    rest_misfit: float | None
+    """Misfit of rest."""
+    channels: list[ChannelDoubt]
+    """Channels that took part, in the order of the model."""
+
+
+@dataclass
 class Event:
-    """An event on record."""
+    """An event as it is on record."""
 
     surface: str
     model: str
@@ -97,132 +126,73 @@ class Event:
     """Its first unexplained samples, each as a `Contradiction`."""
 
 
-class Taken(NamedTuple):
-    """What an event keeps of one sample."""
-
-    sequence: int
-    acquired_us: int
-    readings: int
-    figures: Figures | None
-    """None if it is unexplained or undecided."""
-    unexplained: bool
-    degraded: bool
-    unsteady: bool
-
-
 class OpenEvent:
     """An event while its samples arrive."""
 
-    def __init__(self, first: Event, number: int | None = None, means: list[list[Any]] | None = None) -> None:
+    def __init__(self, event: Event, number: int | None = None, means: list[Any] | None = None) -> None:
         """Begin with an event whose first sample has yet to be added, or go on with one on record and its `means`."""
+        self.event = event
         self.number = number
         """Its id; None until it is on record."""
-        self._values = dict(vars(first))
-        self.kind = first.kind
-        self.path = list(first.path)
-        self.capture = list(first.capture)
-        self.best = Best.of(first.best)
-        self._means = [DisjointMean(*kept) for kept in means or [[first.first_sequence - 1]] * 2]
-        """Of steady samples and of unsteady ones."""
+        self.best = Best.read(event.best)
+        self._means = [DisjointMean.read(kept) for kept in means or [None, None]]
+        """Positions of steady samples, and of unsteady ones."""
 
     @property
-    def means(self) -> list[list[Any]]:
-        """What it needs beside its event on record to go on."""
-        return [mean.kept() for mean in self._means]
+    def means(self) -> list[Any]:
+        """What it needs beside its event on record to go on, as JSON."""
+        return [mean.to_json() for mean in self._means]
 
-    def add(self, sample: Taken) -> None:
-        """Add the next sample."""
-        values = self._values
-        if values["ends_unexplained"]:
-            values["unexplained_us"] += max(0, sample.acquired_us - values["last_us"])
-        values["last_sequence"], values["last_us"] = sample.sequence, sample.acquired_us
-        values["ends_unexplained"] = sample.unexplained
-        values["degraded"] |= sample.degraded
-        figures = sample.figures
-        if figures is None or figures.position_mm is None:
+    def add(self, decision: Decision, reading_us: float) -> None:
+        """Add the next sample, whose readings are that far apart."""
+        event, sample = self.event, decision.estimate.sample
+        if event.ends_unexplained:
+            event.unexplained_us += max(0, sample.acquired_unix_us - event.last_us)
+        event.last_sequence, event.last_us = sample.sequence, sample.acquired_unix_us
+        event.ends_unexplained = decision.held is State.UNEXPLAINED
+        event.degraded |= bool(decision.estimate.bad) or decision.state is None
+        position_mm, force_n = decision.figures.position_mm, decision.figures.force_n
+        if decision.is_odd or event.ends_unexplained or position_mm is None:
             return
-        self._means[sample.unsteady].add(sample.sequence, sample.readings, figures.position_mm)
-        self.path.append((sample.acquired_us, figures.position_mm, figures.force_n))
-        if len(self.path) > 2 * MAX_POINTS:
-            self.path = thin(self.path)
-        self._count(figures, is_unsteady=sample.unsteady)
+        event.path.append((sample.acquired_unix_us, position_mm, force_n))
+        if len(event.path) > 2 * MAX_POINTS:
+            event.path = thin(event.path)
+        self._count(decision, position_mm)
+        # Readings from before the event do not count.
+        most = 1 + round((sample.acquired_unix_us - event.touched_us) / reading_us)
+        mean = self._means[decision.is_unsteady]
+        mean.add(sample.acquired_unix_us, min(sample.readings or 1, max(1, most)), reading_us, [position_mm], [0.0])
+        if event.unsteady == decision.is_unsteady:
+            event.mean_position_mm = mean.of_all().mm[0]
 
-    def _count(self, figures: Figures, *, is_unsteady: bool) -> None:
+    def _count(self, decision: Decision, position_mm: float) -> None:
         """Count the figures of a sample. Those of unsteady samples count only where there are no others."""
-        values = self._values
-        if values["samples"] and values["unsteady"] != is_unsteady:
-            if is_unsteady:
+        event, force_n = self.event, decision.figures.force_n
+        if event.samples and event.unsteady != decision.is_unsteady:
+            if decision.is_unsteady:
                 return
-            values |= {"samples": 0, "peak_force_n": None, "peak_position_mm": None}
-        values["samples"] += 1
-        values["unsteady"] = is_unsteady
-        peak_n = values["peak_force_n"]
-        if figures.force_n is not None and (peak_n is None or figures.force_n > peak_n):
-            values["peak_force_n"], values["peak_position_mm"] = figures.force_n, figures.position_mm
+            event.samples, event.peak_force_n, event.peak_position_mm = 0, None, None
+        event.samples += 1
+        event.unsteady = decision.is_unsteady
+        if force_n is not None and (event.peak_force_n is None or force_n > event.peak_force_n):
+            event.peak_force_n, event.peak_position_mm = force_n, position_mm
 
     def finish(self, end: End, lifted_us: int | None = None) -> None:
         """End the event."""
-        self._values |= {"end": end, "lifted_us": lifted_us}
+        self.event.end, self.event.lifted_us = end, lifted_us
 
     def lift(self, at_us: int) -> None:
         """End the event before a clear sample at this time."""
-        if self.kind is EventKind.UNEXPLAINED:
+        if self.event.kind is EventKind.UNEXPLAINED:
             self.finish(End.CLEAR, at_us)
         else:
-            self.finish(End.UNEXPLAINED if self._values["ends_unexplained"] else End.LIFT, at_us)
+            self.finish(End.UNEXPLAINED if self.event.ends_unexplained else End.LIFT, at_us)
 
     def row(self) -> dict[str, Any]:
         """Return the event so far, as it is recorded."""
-        mean_mm = self._means[self._values["unsteady"]].mean_mm
-        return self._values | {
-            "mean_position_mm": self._values["mean_position_mm"] if mean_mm is None else mean_mm,
-            "path": list(self.path),
-            "best": asdict(self.best) if self.best else None,
-            "capture": list(self.capture),
-        }
-
-
-class DisjointMean:
-    """Averages positions, weighted by their readings.
-
-    Means of successive samples share readings. Of samples that share some, the one with the most readings counts; of
-    equal ones the first. The next one is the first that shares none with it. Readings from before the event do not
-    count.
-    """
-
-    def __init__(
-        self,
-        before: float,
-        readings: float = 0,
-        sum_mm: float = 0.0,
-        newest: tuple[float, float, float] | None = None,
-    ) -> None:
-        """Begin after the sample with the number `before`."""
-        self._before, self._readings, self._sum_mm = before, readings, sum_mm
-        self._newest = newest
-        """Number, readings and position of the newest sample that counts; the sums are of those before it."""
-
-    def kept(self) -> list[Any]:
-        """Return the arguments that make it anew."""
-        return [self._before, self._readings, self._sum_mm, self._newest]
-
-    def add(self, sequence: int, readings: int, position_mm: float) -> None:
-        """Add the sample with this number, the mean of the `readings` up to it."""
-        taken, newest = min(readings, sequence - self._before), self._newest
-        if newest is not None and sequence - taken >= newest[0]:
-            self._readings += newest[1]
-            self._sum_mm += newest[1] * newest[2]
-        elif newest is not None and taken <= newest[1]:
-            return
-        self._newest = sequence, taken, position_mm
-
-    @property
-    def mean_mm(self) -> float | None:
-        """The mean; None without samples."""
-        if self._newest is None:
-            return None
-        _, readings, position_mm = self._newest
-        return (self._sum_mm + readings * position_mm) / (self._readings + readings)
+        event = self.event
+        best = asdict(self.best) if self.best else None
+        return vars(event) | {"path": list(event.path), "capture": list(event.capture), "best": best}
 
 
 def thin(path: list[Point]) -> list[Point]:

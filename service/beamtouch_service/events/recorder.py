@@ -14,15 +14,14 @@ from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
-from beamtouch_models.modelfile import ModelFile
-from beamtouch_service.events.boots import Boots
 from beamtouch_service.events.database import EventsAwayError
-from beamtouch_service.events.event import End
-from beamtouch_service.events.health import HealthKeeper
+from beamtouch_service.events.event import OpenEvent
+from beamtouch_service.events.health import health_of
+from beamtouch_service.events.record import SurfaceRecord
 from beamtouch_service.events.store import Change, Store
 from beamtouch_service.limits import KEEP_DAYS, MAX_MB
-from beamtouch_service.samples import Batch, Sample
-from beamtouch_service.surfaces.estimates import Estimated, estimate
+from beamtouch_service.samples import Batch
+from beamtouch_service.surfaces.estimate import Estimate, Estimator
 from beamtouch_service.surfaces.surface import Surface
 
 LOAD_S = 0.4
@@ -60,25 +59,21 @@ class Recorder:
         """Times that the record went away, and that another service had written what this one was about to write."""
         self.on_written: Callable[[], None] = lambda: None
         """Called after each commit that ended events."""
-        self._surfaces: dict[str, Surface] = {}
-        self._boots: dict[str, Boots] = {}
+        self._records: dict[str, SurfaceRecord] = {}
         self._loads: dict[tuple[str, str], asyncio.Task[None]] = {}
-        self._health = HealthKeeper(self.store)
-        self._unhealthy: set[str] = set()
-        """Surfaces whose health is to be updated."""
+        self._unread: dict[str, Surface] = {}
+        """Surfaces of which the health on record has yet to be read."""
         self._commit: asyncio.Task[None] | None = None
         self._begun_s = 0.0
         """When the commit that runs began [s, monotonic]."""
         self._reason = ""
         self._resume_s = self._tidied_s = float("-inf")
         self._upkeep: asyncio.Task[None] | None = None
-        self._healing: asyncio.Task[None] | None = None
         self._note(self.store.away_because)
 
     def watch(self, surface: Surface) -> None:
-        """Record the samples of a surface, and state its health."""
-        self._surfaces[surface.name] = surface
-        self._unhealthy.add(surface.name)
+        """State the health of a surface from the start, as far as it is on record."""
+        self._unread[surface.name] = surface
 
     @property
     def away_because(self) -> str:
@@ -91,15 +86,15 @@ class Recorder:
     @property
     def waiting(self) -> dict[str, int]:
         """Samples of each surface that are taken and not durable yet."""
-        return {name: boots.waiting for name, boots in self._boots.items()}
+        return {name: record.waiting for name, record in self._records.items()}
 
     @property
     def lost(self) -> dict[str, int]:
         """Samples of each surface that are missing on record: their sender no longer had them."""
-        return {name: boots.lost for name, boots in self._boots.items()}
+        return {name: record.lost for name, record in self._records.items()}
 
     async def take(
-        self, surface: Surface, batch: Batch, weighed: Mapping[int, Estimated]
+        self, surface: Surface, batch: Batch, weighed: Mapping[int, Estimate]
     ) -> tuple[int | None, int | None]:
         """Take the samples of a batch that are expected; return `durable` and `expected` for its receipt.
 
@@ -108,37 +103,37 @@ class Recorder:
         model = surface.model
         if model is None:
             return _without_model(surface, batch)
-        boots = self._boots.setdefault(surface.name, Boots(surface.name, surface.stale_ms))
-        if boots.get(batch.boot_id) is None:
+        record = self._records.get(surface.name)
+        if record is None or record.boot(batch.boot_id) is None:
             await self._load(surface, batch)
-        boots = self._boots.get(surface.name, boots)
-        if boots.get(batch.boot_id) is None or surface.model is not model:
+            record = self._records.get(surface.name)
+        if record is None or record.boot(batch.boot_id) is None or surface.model is not model:
             return None, None
-        boots.adopt(model)
-        boots.hear(batch, is_newest=surface.newest is not None and surface.newest.boot_id == batch.boot_id)
-        await self._add(surface, model, batch, weighed)
-        boot = self._boots[surface.name].get(batch.boot_id) if surface.name in self._boots else None
-        return (boot.durable, boot.expected) if boot else (None, None)
+        record.adopt(model)
+        record.hear(batch)
+        await self._add(record, batch, weighed)
+        boot = record.boot(batch.boot_id)
+        if boot is None or self._records.get(surface.name) is not record:  # another service has it
+            return None, None
+        return boot.durable, boot.expected
 
-    async def _add(self, surface: Surface, model: ModelFile, batch: Batch, weighed: Mapping[int, Estimated]) -> None:
-        is_heavy = len(batch.samples) > CHUNK
+    async def _add(self, record: SurfaceRecord, batch: Batch, weighed: Mapping[int, Estimate]) -> None:
+        surface, model, is_heavy = record.surface, record.model, len(batch.samples) > CHUNK
         for start in range(0, len(batch.samples), CHUNK):
-            boots = self._boots.get(surface.name)
-            boot = boots.get(batch.boot_id) if boots else None
-            if boots is None or boot is None or surface.model is not model:
+            boot = record.boot(batch.boot_id)
+            if boot is None or not boot.has_room:
                 return
-            part = [one for one in batch.samples[start : start + CHUNK] if one.sequence >= boot.expected]
-            if not part:
-                continue
-            if batch.oldest is not None and (part[0].sequence > boot.expected or not boot.has_room):
+            part = [sample for sample in batch.samples[start : start + CHUNK] if sample.sequence >= boot.expected]
+            if part and batch.oldest is not None and part[0].sequence > boot.expected:
                 return
-            samples = [weighed[one.sequence] for one in part if one.sequence in weighed]
-            if len(samples) < len(part):
-                call: Callable[[], list[Estimated]] = partial(_weighed, model, surface.name, batch, part)
-                samples = await in_thread(call) if is_heavy else call()
-            if surface.model is model and self._boots.get(surface.name) is boots:
-                for sample in samples:
-                    boots.add(batch, sample)
+            estimates = [weighed[sample.sequence] for sample in part if sample.sequence in weighed]
+            if len(estimates) < len(part):
+                call = partial(Estimator(model, surface.name).estimate, batch, part)
+                estimates = await in_thread(call) if is_heavy else call()
+            if surface.model is not model or self._records.get(surface.name) is not record:
+                return
+            for estimate in estimates:
+                record.add(batch, estimate)
 
     async def _load(self, surface: Surface, batch: Batch) -> None:
         """Read what is on record of the boot of a batch, unless that takes long."""
@@ -146,20 +141,23 @@ class Recorder:
             return
         key = surface.name, batch.boot_id
         if key not in self._loads:
-            load = self._loads[key] = asyncio.create_task(self._loaded(surface, batch))
+            load = self._loads[key] = asyncio.create_task(self._read(surface, batch))
             load.add_done_callback(lambda _: self._loads.pop(key))
             await asyncio.wait([load], timeout=LOAD_S)
 
-    async def _loaded(self, surface: Surface, batch: Batch) -> None:
+    async def _read(self, surface: Surface, batch: Batch) -> None:
+        model = surface.model
         try:
-            cursors = await in_thread(lambda: self.store.load(surface.name, batch.boot_id))
+            cursors, row = await in_thread(lambda: self.store.load(surface.name, batch.boot_id))
         except EventsAwayError as error:
             self._resume_s = time.monotonic() + REST_S
             self._note(str(error))
             return
-        if surface.model:
-            boots = self._boots.setdefault(surface.name, Boots(surface.name, surface.stale_ms))
-            boots.put(batch, surface.model, cursors)
+        if surface.name not in self._records and model:
+            health = await in_thread(lambda: health_of(surface.name, model, row))
+            self._records.setdefault(surface.name, SurfaceRecord(surface, model, health))
+        if record := self._records.get(surface.name):
+            record.put(batch, cursors)
 
     def maintain(self) -> None:
         """Begin a commit, and tidy the record once a minute; call this about once a second."""
@@ -193,43 +191,51 @@ class Recorder:
         return await in_thread(lambda: query(self.store))
 
     async def _committed(self) -> None:
-        boots = dict(self._boots)
-        changes = [change for one in boots.values() for change in one.changes()]
+        records = dict(self._records)
+        changes = [change for record in records.values() if (change := record.change())]
         if changes or self._reason:
             try:
-                numbers, lost = await in_thread(lambda: self.store.commit(changes, time.time()))
-            except EventsAwayError as error:
+                numbers, lost = await in_thread(lambda: self._write(changes))
+            except BaseException as error:
+                for change in changes:
+                    records[change.surface].take_back(change)
+                if not isinstance(error, EventsAwayError):
+                    raise
                 self._note(str(error))
-                _take_back(boots, changes)
                 return
-            except BaseException:
-                _take_back(boots, changes)
-                raise
             self._note("")
             for change in changes:
-                boot = boots[change.surface].get(change.boot_id)
-                if change.surface not in lost and boot:
-                    boot.made(change, numbers)
+                if change.surface not in lost:
+                    records[change.surface].made(change, numbers)
             for name in lost:
                 # Another service has written: what is known here is not so any more.
                 self.races += 1
-                self._boots.pop(name, None)
-            ended = {one.surface for one in changes if any(row["end"] is not End.OPEN for _, _, row in one.events)}
-            self._unhealthy |= ended - lost
-            if ended - lost:
+                self._records.pop(name, None)
+            if any(change.has_ended for change in changes if change.surface not in lost):
                 self.on_written()
-        if self._unhealthy and (self._healing is None or self._healing.done()):
-            self._healing = asyncio.create_task(self._update_health())
+        if self._unread:
+            await self._read_health()
 
-    async def _update_health(self) -> None:
-        while self._unhealthy:
-            name = self._unhealthy.pop()
-            try:
-                while await in_thread(partial(self._health.update, self._surfaces[name])):
-                    pass  # there is more to read
-            except EventsAwayError:
-                self._unhealthy.add(name)
-                return
+    def _write(self, changes: list[Change]) -> tuple[dict[OpenEvent, int], set[str]]:
+        """Make changes durable. This runs in a thread: to find changes of sensors takes a while."""
+        for change in changes:
+            if change.health and change.best:
+                change.health.add(change.best)
+        return self.store.commit(changes, time.time())
+
+    async def _read_health(self) -> None:
+        """State the health that is on record of surfaces whose samples have not come yet."""
+        surfaces = [(surface, surface.model) for surface in self._unread.values() if surface.model]
+        try:
+            rows = await self.look(lambda store: store.healths())
+        except EventsAwayError as error:
+            self._note(str(error))
+            return
+        self._unread.clear()
+        for surface, model in surfaces:
+            history = await in_thread(partial(health_of, surface.name, model, rows.get(surface.name)))
+            if history and surface.health is None:
+                surface.health = history.state
 
     async def _tidy(self) -> None:
         try:
@@ -252,7 +258,7 @@ class Recorder:
         changes = list[Change]()
         # What a commit that still runs makes of the cursors is not known. The senders have the samples.
         if self._commit is None or self._commit.done():
-            changes = [change for boots in self._boots.values() for change in boots.changes()]
+            changes = [change for record in self._records.values() if (change := record.change())]
         thread = threading.Thread(target=partial(self._close, changes), daemon=True)
         thread.start()
         thread.join(STOP_S)
@@ -260,8 +266,7 @@ class Recorder:
     def _close(self, changes: list[Change]) -> None:
         try:
             if changes:
-                self.store.commit(changes, time.time())
-            self._health.close()
+                self._write(changes)
         except EventsAwayError as error:
             _log.warning("the record of events is away at the stop: %s; daemons keep their samples", error)
         self.store.close()
@@ -292,17 +297,6 @@ def in_thread(call: Callable[[], _T]) -> "asyncio.Future[_T]":
 
     threading.Thread(target=run, daemon=True).start()
     return answer
-
-
-def _weighed(model: ModelFile, surface: str, batch: Batch, samples: list[Sample]) -> list[Estimated]:
-    return estimate(model, surface, batch, samples)
-
-
-def _take_back(boots: Mapping[str, Boots], changes: list[Change]) -> None:
-    for change in changes:
-        boot = boots[change.surface].get(change.boot_id)
-        if boot:
-            boot.take_back(change)
 
 
 def _without_model(surface: Surface, batch: Batch) -> tuple[int | None, int | None]:

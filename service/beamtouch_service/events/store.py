@@ -8,6 +8,8 @@ from typing import Any
 from sqlalchemy import (
     Connection,
     Row,
+    Select,
+    Table,
     bindparam,
     delete,
     exists,
@@ -23,7 +25,8 @@ from sqlalchemy import (
 
 from beamtouch_service.events.best import Best
 from beamtouch_service.events.database import opened
-from beamtouch_service.events.event import End, Event, EventKind, OpenEvent, Point
+from beamtouch_service.events.event import End, Event, EventKind, OpenEvent
+from beamtouch_service.events.health import HealthHistory
 from beamtouch_service.events.tables import (
     CONTENT,
     CURSORS,
@@ -32,16 +35,12 @@ from beamtouch_service.events.tables import (
     EVENTS,
     HEALTH,
     IS_FINISHED,
-    IS_OPEN,
 )
 
 _PRUNE_SHARE = 20
 """Above the size limit, 1/20 of the events goes at a time."""
 _c = EVENTS.c
 _WITHOUT_PATH = [column for column in CONTENT if column not in (_c.path, _c.best, _c.capture)]
-_UPDATE = update(EVENTS).where(_c.id == bindparam("of_id"))
-_KEY = ("surface", "boot_id")
-_MOVE = update(CURSORS).where(*(CURSORS.c[name] == bindparam(f"of_{name}") for name in _KEY))
 
 Numbered = tuple[int, Event]
 """Id and content of an event."""
@@ -51,7 +50,6 @@ Numbered = tuple[int, Event]
 class Cursor:
     """How far the record of one boot is."""
 
-    surface: str
     boot_id: str
     durable: int
     """Number of the last sample on record."""
@@ -64,10 +62,9 @@ class Cursor:
 
 
 @dataclass(frozen=True)
-class Change:
+class BootChange:
     """What the samples of one boot since its last change add to the record."""
 
-    surface: str
     boot_id: str
     version: int
     """The version that it follows; 0 for a new boot."""
@@ -77,6 +74,22 @@ class Change:
     events: list[tuple[OpenEvent, int | None, dict[str, Any]]]
     """Events that began, went on or ended: each with its id, if it is on record, and its row."""
     open_event: OpenEvent | None
+
+
+@dataclass(frozen=True)
+class Change:
+    """What is to become durable of one surface."""
+
+    surface: str
+    boots: list[BootChange]
+    best: list[Best]
+    """Best samples of events that ended."""
+    health: HealthHistory | None
+
+    @property
+    def has_ended(self) -> bool:
+        """Whether events ended."""
+        return any(row["end"] is not End.OPEN for boot in self.boots for _, _, row in boot.events)
 
 
 @dataclass(frozen=True)
@@ -106,20 +119,6 @@ class Sampled:
 
 
 @dataclass(frozen=True)
-class KeptHealth:
-    """What the best samples of a surface add up to since its baseline began."""
-
-    surface: str
-    model: str
-    characteristic: str | None
-    last_event: int
-    """The newest event in it."""
-    newest_us: int
-    """Time of the newest sample in it [us since 1970]."""
-    history: dict[str, Any]
-
-
-@dataclass(frozen=True)
 class Due:
     """A finished event that a destination has yet to acknowledge."""
 
@@ -141,48 +140,40 @@ class Store:
         """Why the database was away at the start; empty if it was not."""
         return self._database.away_because
 
-    def load(self, surface: str, boot_id: str) -> list[Cursor]:
-        """Return the cursors that matter to a batch of this boot: its own, and those with an open event."""
+    def load(self, surface: str, boot_id: str) -> tuple[list[Cursor], dict[str, Any] | None]:
+        """Return the cursors of this boot and of those with an open event, and the row of the surface's health."""
         of_boot = (CURSORS.c.boot_id == boot_id) | CURSORS.c.event.is_not(null())
         query = select(CURSORS).where(CURSORS.c.surface == surface, of_boot)
         with self._database.reading() as connection:
             rows = connection.execute(query).all()
             numbers = [row.event for row in rows if row.event is not None]
-            found = connection.execute(select(_c.id, *CONTENT).where(_c.id.in_(numbers)))
-            events = {number: event for number, event in map(_numbered, found) if event.end is End.OPEN}
-        return [
-            Cursor(
-                row.surface,
-                row.boot_id,
-                row.durable,
-                row.version,
-                row.model,
-                row.memory,
-                (row.event, events[row.event]) if row.event in events else None,
-            )
-            for row in rows
+            content = connection.execute(select(_c.id, *CONTENT).where(_c.id.in_(numbers)))
+            events = {number: (number, event) for number, event in map(_numbered, content) if event.end is End.OPEN}
+            health = connection.execute(select(HEALTH).where(HEALTH.c.surface == surface)).mappings().first()
+        cursors = [
+            Cursor(row.boot_id, row.durable, row.version, row.model, row.memory, events.get(row.event)) for row in rows
         ]
+        return cursors, dict(health) if health else None
+
+    def healths(self) -> dict[str, dict[str, Any]]:
+        """Return the row of the health of each surface."""
+        with self._database.reading() as connection:
+            return {row["surface"]: dict(row) for row in connection.execute(select(HEALTH)).mappings()}
 
     def commit(self, changes: Sequence[Change], now_s: float) -> tuple[dict[OpenEvent, int], set[str]]:
         """Make changes durable at `now_s` [s since 1970, by the service's clock].
 
-        A surface of which a cursor no longer stands where its change says is left as it is. Returns the ids of new
+        A surface of which a row no longer stands where its change says is left as it is. Returns the ids of new
         events, and the names of these surfaces.
         """
-        keys = [(change.surface, change.boot_id) for change in changes]
-        query = select(CURSORS.c.surface, CURSORS.c.boot_id, CURSORS.c.version)
         with self._database.writing() as connection:
-            rows = connection.execute(query.where(tuple_(CURSORS.c.surface, CURSORS.c.boot_id).in_(keys))).all()
-            versions = {(surface, boot_id): version for surface, boot_id, version in rows}
-            each = zip(changes, keys, strict=True)
-            lost = {change.surface for change, key in each if versions.get(key, 0) != change.version}
-            kept = [change for change in changes if change.surface not in lost]
-            numbers = _write_events(connection, [one for change in kept for one in change.events], now_s)
-            cursors = [_cursor_values(change, numbers, now_s) for change in kept]
-            if new := [values for values in cursors if values["version"] == 1]:
-                connection.execute(insert(CURSORS), new)
-            if moved := [values for values in cursors if values["version"] > 1]:
-                connection.execute(_MOVE, [{f"of_{name}": one[name] for name in _KEY} | one for one in moved])
+            lost = _lost(connection, changes)
+            held = [change for change in changes if change.surface not in lost]
+            boots = [(change.surface, boot) for change in held for boot in change.boots]
+            numbers = _write_events(connection, [event for _, boot in boots for event in boot.events], now_s)
+            _write(connection, CURSORS, [_cursor_row(name, boot, numbers, now_s) for name, boot in boots])
+            healths = [change.health for change in held if change.health]
+            _write(connection, HEALTH, [health.row() for health in healths if health.is_dirty])
         return numbers, lost
 
     def read(self, selection: Selection) -> list[Numbered]:
@@ -192,13 +183,9 @@ class Store:
             query = query.where(_c.surface == selection.surface)
         if selection.kind is not None:
             query = query.where(_c.kind == selection.kind)
-        if selection.since_us is not None:
-            query = query.where(_c.touched_us >= selection.since_us)
-        if selection.until_us is not None:
-            query = query.where(_c.touched_us < selection.until_us)
         if selection.after:
             query = query.where(tuple_(_c.touched_us, _c.id) < tuple_(*selection.after))
-        query = query.order_by(_c.touched_us.desc(), _c.id.desc()).limit(selection.limit)
+        query = _newest(query, selection.since_us, selection.until_us, selection.limit)
         with self._database.reading() as connection:
             return [_numbered(row) for row in connection.execute(query)]
 
@@ -210,40 +197,11 @@ class Store:
 
     def best_samples(self, surface: str, since_us: int | None, until_us: int | None, limit: int) -> list[Sampled]:
         """Return the newest contacts of a surface that have a best sample, oldest first, by the time of their touch."""
-        query = select(_c.id, _c.model, _c.best).where(
-            _c.surface == surface, _c.best.is_not(null()), _c.best["is_contact"].as_boolean()
-        )
-        if since_us is not None:
-            query = query.where(_c.touched_us >= since_us)
-        if until_us is not None:
-            query = query.where(_c.touched_us < until_us)
-        query = query.order_by(_c.touched_us.desc(), _c.id.desc()).limit(limit)
+        is_contact = _c.best["is_contact"].as_boolean()
+        query = select(_c.id, _c.model, _c.best).where(_c.surface == surface, _c.best.is_not(null()), is_contact)
         with self._database.reading() as connection:
-            return [Sampled(row.id, row.model, Best.of(row.best)) for row in connection.execute(query)][::-1]
-
-    def ended_after(self, surface: str, number: int, max_events: int) -> list[Sampled]:
-        """Return events of higher ids with a best sample, in the order of their ids, up to the first that is open."""
-        matters = _c.best.is_not(null()) | IS_OPEN
-        query = select(_c.id, _c.model, _c.best, _c.end).where(_c.surface == surface, _c.id > number, matters)
-        ended = list[Sampled]()
-        with self._database.reading() as connection:
-            for row in connection.execute(query.order_by(_c.id).limit(max_events)):
-                if row.end is End.OPEN:
-                    break
-                ended.append(Sampled(row.id, row.model, Best.of(row.best)))
-        return ended
-
-    def health(self, surface: str) -> KeptHealth | None:
-        """Return what is kept of the health of a surface; None if nothing is."""
-        with self._database.reading() as connection:
-            row = connection.execute(select(HEALTH).where(HEALTH.c.surface == surface)).first()
-        return KeptHealth(**row._asdict()) if row else None
-
-    def keep_health(self, kept: KeptHealth) -> None:
-        """Keep this of the health of a surface."""
-        with self._database.writing() as connection:
-            connection.execute(delete(HEALTH).where(HEALTH.c.surface == kept.surface))
-            connection.execute(insert(HEALTH), vars(kept))
+            rows = connection.execute(_newest(query, since_us, until_us, limit)).all()
+        return [Sampled(row.id, row.model, Best.read(row.best)) for row in reversed(rows)]
 
     def begin_delivery(self, destination: str, *, from_start: bool) -> None:
         """Make a destination known: it gets the events that finish from now on, or all. A known one stays as it is."""
@@ -259,7 +217,7 @@ class Store:
         """Return finished events that a destination has yet to acknowledge, in order, and how many there are."""
         is_due = DELIVERIES.c.destination == destination
         query = (
-            select(DELIVERIES.c.number, _c.id, *_WITHOUT_PATH, _c.capture)
+            select(DELIVERIES.c.number, _c.id, *_WITHOUT_PATH)
             .join(EVENTS, _c.id == DELIVERIES.c.event)
             .where(is_due)
             .order_by(DELIVERIES.c.number)
@@ -296,14 +254,42 @@ class Store:
                 deleted += removed
         return deleted
 
-    def used_bytes(self) -> int:
-        """Return the size of the stored events."""
-        with self._database.reading() as connection:
-            return self._database.used_bytes(connection)
-
     def close(self) -> None:
         """Close the connections."""
         self._database.close()
+
+
+def _newest(query: Select[Any], since_us: int | None, until_us: int | None, limit: int) -> Select[Any]:
+    """Select the newest events of a span of time, newest touch first."""
+    if since_us is not None:
+        query = query.where(_c.touched_us >= since_us)
+    if until_us is not None:
+        query = query.where(_c.touched_us < until_us)
+    return query.order_by(_c.touched_us.desc(), _c.id.desc()).limit(limit)
+
+
+def _lost(connection: Connection, changes: Sequence[Change]) -> set[str]:
+    """Return the surfaces of which another service has written a row since this one read it."""
+    boots = {(change.surface, boot.boot_id): boot.version for change in changes for boot in change.boots}
+    is_of_boot = tuple_(CURSORS.c.surface, CURSORS.c.boot_id).in_(list(boots))
+    cursors = connection.execute(select(CURSORS.c.surface, CURSORS.c.boot_id, CURSORS.c.version).where(is_of_boot))
+    versions = {(surface, boot_id): version for surface, boot_id, version in cursors}
+    lost = {surface for (surface, boot_id), before in boots.items() if versions.get((surface, boot_id), 0) != before}
+    dirty = {change.surface: change.health.version for change in changes if change.health and change.health.is_dirty}
+    healths = connection.execute(select(HEALTH.c.surface, HEALTH.c.version).where(HEALTH.c.surface.in_(list(dirty))))
+    stands = {row.surface: row.version for row in healths}
+    return lost | {surface for surface, before in dirty.items() if stands.get(surface, 0) != before}
+
+
+def _write(connection: Connection, table: Table, rows: list[dict[str, Any]]) -> None:
+    """Insert the rows that are written for the first time, and update the others."""
+    if new := [row for row in rows if row["version"] == 1]:
+        connection.execute(insert(table), new)
+    if again := [row for row in rows if row["version"] > 1]:
+        keys = [column.name for column in table.primary_key]
+        is_row = [table.c[name] == bindparam(f"of_{name}") for name in keys]
+        values = [{f"of_{name}": row[name] for name in keys} | row for row in again]
+        connection.execute(update(table).where(*is_row), values)
 
 
 def _write_events(
@@ -311,15 +297,15 @@ def _write_events(
 ) -> dict[OpenEvent, int]:
     """Write events, and what destinations get of them; return the ids of new ones."""
     numbers: dict[OpenEvent, int] = {}
-    updates = list[dict[str, Any]]()
+    again = list[dict[str, Any]]()
     for event, number, row in events:
         values = row | {"recorded_s": now_s}
         if number is None:
             numbers[event] = connection.execute(insert(EVENTS).returning(_c.id), values).scalar_one()
         else:
-            updates.append(values | {"of_id": number})
-    if updates:
-        connection.execute(_UPDATE, updates)
+            again.append(values | {"of_id": number})
+    if again:
+        connection.execute(update(EVENTS).where(_c.id == bindparam("of_id")), again)
     finished = [numbers.get(event, number) for event, number, row in events if row["end"] is not End.OPEN]
     if finished:
         both = join(EVENTS, DESTINATIONS, true())
@@ -328,15 +314,15 @@ def _write_events(
     return numbers
 
 
-def _cursor_values(change: Change, numbers: Mapping[OpenEvent, int], now_s: float) -> dict[str, Any]:
-    event = change.open_event
+def _cursor_row(surface: str, boot: BootChange, numbers: Mapping[OpenEvent, int], now_s: float) -> dict[str, Any]:
+    event = boot.open_event
     return {
-        "surface": change.surface,
-        "boot_id": change.boot_id,
-        "durable": change.durable,
-        "version": change.version + 1,
-        "model": change.model,
-        "memory": change.memory,
+        "surface": surface,
+        "boot_id": boot.boot_id,
+        "durable": boot.durable,
+        "version": boot.version + 1,
+        "model": boot.model,
+        "memory": boot.memory,
         "event": None if event is None else numbers.get(event, event.number),
         "recorded_s": now_s,
     }
@@ -345,9 +331,5 @@ def _cursor_values(change: Change, numbers: Mapping[OpenEvent, int], now_s: floa
 def _numbered(row: Row[*tuple[Any, ...]]) -> Numbered:
     """Return the event of a row of `CONTENT`, with or without its path."""
     values = {name: value for name, value in row._asdict().items() if name not in ("id", "number")}
-    values["path"] = [_point(*point) for point in values.get("path", [])]
+    values["path"] = [tuple(point) for point in values.get("path", [])]
     return row.id, Event(**values)
-
-
-def _point(at_us: int, position_mm: float, force_n: float | None) -> Point:
-    return at_us, position_mm, force_n

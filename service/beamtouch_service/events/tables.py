@@ -24,7 +24,7 @@ from sqlalchemy import (
 
 from beamtouch_service.events.event import Begin, End, Event, EventKind
 
-FORMAT = 7
+FORMAT = 8
 """The format of the record. A record of another one is refused."""
 _NUMBER = BigInteger().with_variant(Integer, "sqlite")
 _ALL = MetaData()
@@ -82,13 +82,13 @@ HEALTH = Table(
     "health",
     _ALL,
     Column("surface", String, primary_key=True),
+    Column("version", BigInteger, nullable=False),
     Column("model", String, nullable=False),
     Column("characteristic", String),
-    Column("last_event", BigInteger, nullable=False),
     Column("newest_us", BigInteger, nullable=False),
     Column("history", JSON, nullable=False),
 )
-"""A row per surface: what the best samples of its events add up to since its baseline, up to the event `last_event`."""
+"""A row per surface: what the best samples of its events add up to since its baseline began."""
 DESTINATIONS = Table("destinations", _ALL, Column("name", String, primary_key=True))
 DELIVERIES = Table(
     "deliveries",
@@ -102,7 +102,6 @@ DELIVERIES = Table(
 _FORMATS = Table("beamtouch_format", _ALL, Column("format", Integer, nullable=False))
 
 # Written out: SQLite uses a partial index only for a condition without parameters.
-IS_OPEN = EVENTS.c.end == literal_column(f"'{End.OPEN}'")
 IS_FINISHED = EVENTS.c.end != literal_column(f"'{End.OPEN}'")
 Index("by_time", EVENTS.c.touched_us, EVENTS.c.id)
 Index("by_surface", EVENTS.c.surface, EVENTS.c.touched_us, EVENTS.c.id)

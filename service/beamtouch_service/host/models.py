@@ -11,7 +11,6 @@ from beamtouch_common.errors import InputError
 from beamtouch_models import modelfile
 from beamtouch_models.modelfile import GraphError, ModelFile, ModelFileError, graph_errors
 from beamtouch_service.api.surfaces import describe
-from beamtouch_service.surfaces.served_model import Inference
 from beamtouch_service.surfaces.surface import Surface
 
 POLL_S = 1.0
@@ -50,7 +49,7 @@ def _parse(content: bytes, origin: str) -> ModelFile:
     try:
         with graph_errors():
             inputs = golden.deflection_mm[:1], golden.whitening_per_mm[:1]
-            Inference(model).ask(*(np.array(values, np.float32) for values in inputs))
+            model.run(*(np.array(values, np.float32) for values in inputs))
     except GraphError as error:
         message = f"{origin}: its graph cannot be run as a service does ({error})"
         raise ModelFileError(message) from None

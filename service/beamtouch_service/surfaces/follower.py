@@ -1,16 +1,32 @@
-"""Decides on the samples that move the answer of a surface. Pure but for the run of the model."""
+"""The states that samples show, and what is doubtful about them. Pure but for the run of the model."""
 
-from collections.abc import Iterable
+from collections.abc import Callable
 from typing import NamedTuple
 
-import numpy as np
-
-from beamtouch_models.modelfile import LeftOut, ModelFile, State, Suspects, is_overload, is_unchecked
+from beamtouch_models.modelfile import (
+    Evidence,
+    Hypotheses,
+    Memory,
+    ModelFile,
+    State,
+    Suspects,
+    Wirings,
+    is_odd,
+    is_overload,
+    is_unchecked,
+    memories_after,
+)
 from beamtouch_service.problems import Problem
-from beamtouch_service.samples import Note
-from beamtouch_service.surfaces.contact import Decision
-from beamtouch_service.surfaces.estimates import Ask, Estimated
-from beamtouch_service.surfaces.judge import Judge, Judged, evidence_of
+from beamtouch_service.samples import Batch, Note, Sample
+from beamtouch_service.surfaces.contact import (
+    NO_FIGURES,
+    Figures,
+    UnusableEstimateError,
+    figures_of,
+    require_usable,
+    unusable_estimate,
+)
+from beamtouch_service.surfaces.estimate import Estimate, Estimator
 
 _ALL = 40
 """Number of samples at the beginning of a stretch, all of which are examined without each channel: as many as name a
@@ -19,86 +35,175 @@ _EVERY = 20
 """Of later ones, one in this many is: it takes long."""
 
 
-class Seen(NamedTuple):
-    """The decision on one sample."""
+class Past(NamedTuple):
+    """What the samples so far mean for the next one."""
 
-    estimated: Estimated
-    outcome: Decision | Problem
+    memories: tuple[Memory, ...]
+    """What they may have left; several while the state before the first of them still matters."""
+    is_known: bool = False
+    """Whether a state was known at any time."""
+    decided_us: int | None = None
+    """Time of the last decided sample [us since 1970]; None if it is not known."""
+    is_held: bool = False
+    """Whether the samples after that could not be decided, so that the state is held."""
+
+
+NEUTRAL = Past(memories_after(None))
+"""Nothing is known of the samples before."""
+
+
+class Decision(NamedTuple):
+    """The state that a sample shows."""
+
+    estimate: Estimate
+    state: State | None
+    """None if it could not be decided."""
     held: State
     """The state, also for undecided samples that follow closely on a decided one."""
+    is_certain: bool
+    """Whether the state does not depend on samples before the first one."""
+    is_odd: bool = False
+    """Whether neither rest nor a single contact explains the sample. The state follows only after several of them."""
+    is_unsteady: bool = False
+    """Whether position and force are less certain than those of a sample at rest."""
+    figures: Figures = NO_FIGURES
+    problem: Problem | None = None
+    """Why it could not be decided."""
+    suspect: str | None = None
+    """In the state `unexplained`, the channel that contradicts the others, as far as the samples so far say."""
 
     @property
-    def state(self) -> State | None:
-        """The state; None if it could not be decided."""
-        return self.outcome.state if isinstance(self.outcome, Decision) else None
+    def evidence(self) -> Evidence:
+        """The evidence of a decided sample."""
+        evidence = self.estimate.evidence
+        assert isinstance(evidence, Evidence)  # noqa: S101  # a decided sample has evidence
+        return evidence
+
+    def notes(self, model: ModelFile) -> list[str]:
+        """Return the notes on a decided sample: values of `Note`, or `check-NAME`."""
+        is_contact = self.state is State.CONTACT
+        each = {
+            Note.UNSTEADY: self.is_unsteady,
+            Note.OVERLOAD: is_contact and is_overload(model.metadata, self.evidence),
+            Note.UNCHECKED: is_contact and is_unchecked(self.evidence),
+            f"check-{self.suspect}": self.suspect is not None,
+        }
+        return [str(note) for note, applies in each.items() if applies]
+
+    def misfit(self, model: ModelFile) -> tuple[float, float]:
+        """Return the misfit of a decided sample, the smaller of rest and of a contact, with its limit."""
+        evidence, limits = self.evidence, model.metadata.thresholds
+        place = evidence.channels - 1
+        return min((evidence.rest_misfit, limits.rest[place]), (evidence.misfit, limits.misfit[place]))
+
+
+class Judge:
+    """Decides on consecutive samples of one sender.
+
+    Over undecided samples, a state is held for `hold_ms` of the sender's time.
+    """
+
+    def __init__(self, model: ModelFile, surface: str, hold_ms: float, past: Past = NEUTRAL) -> None:
+        """Begin after samples with that past."""
+        self._metadata, self._surface = model.metadata, surface
+        self._hold_us = hold_ms * 1e3
+        self._hypotheses = Hypotheses(model.metadata.thresholds, past.memories, is_known=past.is_known)
+        self._decided_us, self._is_held = past.decided_us, past.is_held
+
+    @property
+    def past(self) -> Past:
+        """What the samples so far mean for the next one."""
+        return Past(self._hypotheses.memories, self._hypotheses.is_known, self._decided_us, self._is_held)
+
+    def judge(self, estimate: Estimate) -> Decision:
+        """Decide on the next sample."""
+        at_us, evidence = estimate.sample.acquired_unix_us, estimate.evidence
+        if self._is_held and self._decided_us is not None and abs(at_us - self._decided_us) > self._hold_us:
+            self._hypotheses = Hypotheses(self._metadata.thresholds, NEUTRAL.memories)
+        if isinstance(evidence, Problem):
+            return self._undecided(estimate, evidence)
+        figures = NO_FIGURES
+        try:
+            require_usable(evidence)
+            verdict = self._hypotheses.step(evidence)
+            if verdict.state is State.CONTACT:
+                figures = figures_of(evidence.answer, self._metadata.length_mm)
+        except UnusableEstimateError as error:
+            detail = (
+                f"For the newest sample, {error}. Check the characteristics and tare of the sensors, then the model."
+            )
+            return self._undecided(estimate, unusable_estimate(self._surface, detail))
+        self._decided_us, self._is_held = at_us, False
+        odd = is_odd(self._metadata.thresholds, evidence)
+        return Decision(estimate, verdict.state, verdict.state, verdict.shown, odd, verdict.unsteady, figures)
+
+    def _undecided(self, estimate: Estimate, problem: Problem) -> Decision:
+        self._is_held = True
+        return Decision(estimate, None, self._hypotheses.state, self._hypotheses.agree, problem=problem)
 
 
 class Follower:
-    """Decides on the samples of one sender, in the order of their numbers; some may be missing."""
+    """Decides on the samples that move the answer of a surface, under one model."""
 
-    def __init__(self, model: ModelFile, ask: Ask, surface: str, hold_ms: float) -> None:
-        self._metadata = model.metadata
+    def __init__(self, model: ModelFile, surface: str, hold_ms: float, on_run: Callable[[float], None]) -> None:
+        """Call `on_run` after each run of the graph on new samples, with the time that it took [s]."""
+        self.model = model
+        self.estimator = Estimator(model, surface, on_run)
+        self._begin = surface, hold_ms
         self._judge = Judge(model, surface, hold_ms)
-        self._suspects = Suspects(model.metadata, ask)
-        self._before: int | None = None
-        """Number of the last sample."""
-        self._decided: Estimated | None = None
-        """The last decided sample."""
+        self._last: tuple[str, int] | None = None
+        """Boot id and number of the last sample."""
+        self._suspects = Suspects(model.metadata, model.run)
+        self._stretch_of: set[str] | None = None
+        """Bad channels of the current unexplained stretch; None without one."""
         self._length = 0
-        """Samples of the current unexplained stretch with the same channels."""
+        """Samples of that stretch."""
+        self._wirings = Wirings(model.metadata, model.run)
+        self._settled: Estimate | None = None
+        """The last settled sample of what acts on the beam."""
 
-    def follow(self, samples: Iterable[Estimated]) -> list[Seen]:
-        """Decide on the next samples."""
-        judged = [self._next(one) for one in samples]
-        # The graph runs once for all samples that need each channel left out.
-        asked = [one.estimated for one, number in judged if _is_asked(number)]
-        left_out = iter(self._suspects.leave_out([one.weighed.part(np.array([one.row])) for one in asked]))
-        return [self._seen(one, number, next(left_out) if _is_asked(number) else None) for one, number in judged]
+    @property
+    def wiring(self) -> str | None:
+        """Cables that seem to be swapped, or a sensor that seems to be inverted, in words; None if there is none."""
+        return self._wirings.finding
 
-    def _next(self, estimated: Estimated) -> tuple[Judged, int | None]:
-        """Return the next sample with its state, and its place in an unexplained stretch."""
-        if self._before is not None and estimated.sequence != self._before + 1:
-            self._judge.miss(estimated.acquired_unix_us)
-        self._before = estimated.sequence
-        judged, last = self._judge.judge(estimated), self._decided
-        if judged.state is None:
-            return judged, None
-        self._decided = estimated
-        if judged.state is not State.UNEXPLAINED or (last and last.bad.keys() != estimated.bad.keys()):
-            self._length = 0
-        if judged.state is not State.UNEXPLAINED:
-            return judged, None
-        self._length += 1
-        return judged, self._length - 1
+    def follow(self, batch: Batch, samples: list[Sample]) -> list[Decision]:
+        """Decide on samples of a batch, in order. After a gap, and with another sender, nothing is known."""
+        return [self._decide(batch.boot_id, estimate) for estimate in self.estimator.estimate(batch, samples)]
 
-    def _seen(self, judged: Judged, number: int | None, without: dict[str, LeftOut] | None) -> Seen:
-        estimated, state = judged.estimated, judged.state
-        if state is None:
-            assert judged.problem  # noqa: S101  # there is one for each undecided sample
-            return Seen(estimated, judged.problem, judged.held)
-        notes: list[str] = [Note.UNSTEADY] if judged.is_unsteady else []
-        suspect = None
-        if number in {None, 0}:
+    def _decide(self, boot_id: str, estimate: Estimate) -> Decision:
+        number = estimate.sample.sequence
+        if self._last != (boot_id, number - 1):
+            self._judge, self._stretch_of = Judge(self.model, *self._begin), None
+        self._last = boot_id, number
+        decision = self._judge.judge(estimate)
+        self._seek_wiring(decision)
+        if decision.state is None:
+            return decision
+        if decision.state is not State.UNEXPLAINED:
+            self._stretch_of = None
+            return decision
+        self._seek_suspect(estimate)
+        return decision._replace(suspect=self._suspects.suspect)
+
+    def _seek_suspect(self, estimate: Estimate) -> None:
+        """Examine a sample of an unexplained stretch without each of its channels, unless enough others were."""
+        if self._stretch_of != estimate.bad.keys():
+            self._stretch_of, self._length = set(estimate.bad), 0
             self._suspects.clear()
-        if state is State.CONTACT:
-            notes += self._doubts(judged)
-        if without is not None:
+        if self._length < _ALL or self._length % _EVERY == 0:
+            (without,) = self._suspects.leave_out([estimate.weighed])
             self._suspects.add(without)
-        if state is State.UNEXPLAINED:
-            suspect = self._suspects.suspect
-            notes += [f"check-{suspect}"] if suspect else []
-        evidence = evidence_of(judged)
-        limits, place = self._metadata.thresholds, evidence.channels - 1
-        misfit, limit = min((evidence.rest_misfit, limits.rest[place]), (evidence.misfit, limits.misfit[place]))
-        return Seen(estimated, Decision(state, judged.figures, misfit, limit, notes, suspect), judged.held)
+        self._length += 1
 
-    def _doubts(self, judged: Judged) -> list[str]:
-        """Return the notes on a contact."""
-        evidence = evidence_of(judged)
-        notes: list[str] = [Note.OVERLOAD] if is_overload(self._metadata, evidence) else []
-        return [*notes, Note.UNCHECKED] if is_unchecked(evidence) else notes
-
-
-def _is_asked(number: int | None) -> bool:
-    """Return whether to examine the sample with this place in a stretch without each channel."""
-    return number is not None and (number < _ALL or number % _EVERY == 0)
+    def _seek_wiring(self, decision: Decision) -> None:
+        """Look at one sample of each contact, and of each unexplained stretch, once it has been lifted."""
+        estimate, evidence = decision.estimate, decision.estimate.evidence
+        if decision.state is State.CLEAR:
+            if self._settled is not None:
+                self._wirings.add(self._settled.weighed)
+            self._settled = None
+        elif isinstance(evidence, Evidence) and evidence.is_settled and not evidence.moves and not estimate.bad:
+            # The state follows a lift only after some samples: those at rest say nothing of the contact.
+            at_rest = evidence.rest_misfit <= self.model.metadata.thresholds.rest[-1]
+            self._settled = self._settled if at_rest else estimate

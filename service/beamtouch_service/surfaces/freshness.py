@@ -8,7 +8,7 @@ import math
 from collections import OrderedDict
 
 from beamtouch_service.samples import Batch
-from beamtouch_service.surfaces.sequence_log import MAX_SENDERS
+from beamtouch_service.surfaces.order import MAX_SENDERS
 
 WINDOW_S = 30.0
 """The quickest batch is that of the last one to two windows [s] with batches."""

@@ -1,30 +1,25 @@
-"""The state of one surface: its newest sample and the contact that its model finds in it.
+"""One surface: its newest sample, and the contact that its model finds in it.
 
 No I/O and no clock: the caller gives the time, in seconds of the service's monotonic clock.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import NamedTuple
 
 from beamtouch_models.modelfile import ModelFile, State
 from beamtouch_service.limits import DEGRADED_AFTER_S, STALE_MS, UNEXPLAINED_AFTER_S
-from beamtouch_service.problems import Kind, Problem, ProblemBody, ProblemError
+from beamtouch_service.problems import Kind, Problem, ProblemError
 from beamtouch_service.samples import Batch, Note, Quality, Sample
-from beamtouch_service.surfaces import refusals
-from beamtouch_service.surfaces.channels_out import ChannelsOut
-from beamtouch_service.surfaces.contact import Contact, Decision
-from beamtouch_service.surfaces.estimates import Estimated
-from beamtouch_service.surfaces.follower import Seen
+from beamtouch_service.surfaces import contact as problems
+from beamtouch_service.surfaces.channels import ChannelHealth, ChannelsOut, SurfaceHealth
+from beamtouch_service.surfaces.contact import Contact, ContactQuality, rfc3339
+from beamtouch_service.surfaces.estimate import Estimate
+from beamtouch_service.surfaces.follower import Decision, Follower
 from beamtouch_service.surfaces.freshness import Transit
-from beamtouch_service.surfaces.health import ChannelHealth, SurfaceHealth
-from beamtouch_service.surfaces.intake import Intake
-from beamtouch_service.surfaces.newest import Decided, Newest
-from beamtouch_service.surfaces.senders import Rivals
-from beamtouch_service.surfaces.served_model import ServedModel
-from beamtouch_service.surfaces.stretches import Stretches
-from beamtouch_service.surfaces.summary import SampleCounts, SurfaceSummary
-from beamtouch_service.surfaces.timings import Timings
+from beamtouch_service.surfaces.order import Order, Rivals, SampleCounts
+from beamtouch_service.surfaces.unexplained import Stretches
 
 SENDER_GONE_S = 10.0
 """A daemon whose samples are refused tries again sooner than this; after it, samples are what is missing."""
@@ -36,8 +31,56 @@ class Received(NamedTuple):
     accepted: int
     """Samples that were new."""
     repeated: int
-    weighed: dict[int, Estimated]
+    weighed: dict[int, Estimate]
     """Those that moved the answer, by number."""
+
+
+@dataclass(frozen=True, slots=True)
+class Newest:
+    """The newest sample and the decision on it."""
+
+    boot_id: str
+    channels: list[str]
+    """The names of the values in the sample."""
+    sample: Sample
+    acquired_s: float
+    sender_notes: list[str]
+    """Notes on the sender: its own, and what the service says of it."""
+    decided: tuple[ModelFile, Decision] | None = None
+    """None without a model."""
+
+    def age_ms(self, now_s: float) -> float:
+        """Return the age at `now_s` [s, monotonic], rounded."""
+        return round((now_s - self.acquired_s) * 1e3, 1)
+
+    @property
+    def bad(self) -> Mapping[str, Quality]:
+        """Channels of the model that took no part."""
+        return self.decided[1].estimate.bad if self.decided else {}
+
+
+class Answer(NamedTuple):
+    """The newest sample with a decision that stands."""
+
+    newest: Newest
+    model: ModelFile
+    decision: Decision
+
+    @property
+    def state(self) -> State:
+        """The state."""
+        return self.decision.held
+
+    @property
+    def notes(self) -> list[str]:
+        """Notes on the sender and on the sample."""
+        return [*self.newest.sender_notes, *self.decision.notes(self.model)]
+
+    @property
+    def misfit(self) -> tuple[float, float]:
+        """The misfit and its limit, rounded."""
+        misfit, limit = self.decision.misfit(self.model)
+        return round(misfit, 2), round(limit, 2)
 
 
 class Surface:
@@ -52,6 +95,7 @@ class Surface:
         degraded_after_s: float = DEGRADED_AFTER_S,
     ) -> None:
         self.name = name
+        self.stale_ms = stale_ms
         self.model_error: str | None = None
         """Reason not to use the newest model file."""
         self.offered: list[str] | None = None
@@ -60,43 +104,56 @@ class Surface:
         """Identity of the beam that the newest samples state, accepted or not; None if they state none."""
         self._sender_s = -math.inf
         """When they came."""
-        self.stale_ms = stale_ms
+        self.newest: Newest | None = None
+        """The newest sample; None before the first."""
+        self.transit = Transit()
+        """Tells when a batch arrived."""
+        self._order = Order(stale_ms)
+        self.rivals = Rivals(stale_ms)
+        """Notices that two daemons send samples."""
         self.stretches = Stretches(unexplained_after_s)
         """The unexplained stretches in the samples that moved the answer."""
         self.channels_out = ChannelsOut(degraded_after_s, stale_ms / 1e3)
         """The channels that were not good for too long in these samples."""
-        self.rivals = Rivals(stale_ms)
-        """Notices that two daemons send samples."""
-        self.newest: Newest | None = None
-        """The newest sample; None before the first."""
-        self._intake = Intake(stale_ms)
-        self._served = ServedModel(model) if model else None
-        self.transit = Transit()
-        """Tells when a batch arrived."""
-        self.timings = Timings()
-        self.on_fresh: Callable[[Surface], None] = lambda _surface: None
-        """Called after each batch that moved the answer."""
         self.health: SurfaceHealth | None = None
         """Health of the sensors, as the recorder finds it in the events so far."""
+        self.on_fresh: Callable[[Surface], None] = lambda _surface: None
+        """Called after each batch that moved the answer."""
+        self.on_run: Callable[[float], None] = lambda _took_s: None
+        """Takes the time of each run of the graph [s]."""
+        self.on_arrival: Callable[[float], None] = lambda _age_s: None
+        """Takes the age of the newest sample of each batch that moves the answer, at its arrival [s]."""
+        self._follower = self._follow(model) if model else None
+
+    def _follow(self, model: ModelFile) -> Follower:
+        return Follower(model, self.name, self.stale_ms, self._note_run)
+
+    def _note_run(self, took_s: float) -> None:
+        self.on_run(took_s)
 
     @property
     def model(self) -> ModelFile | None:
         """The model in use."""
-        return self._served.file if self._served else None
+        return self._follower.model if self._follower else None
 
     @property
     def wiring(self) -> str | None:
         """Cables that seem to be swapped, or a sensor that seems to be inverted, in words; None if there is none."""
-        return self._served.wiring if self._served else None
+        return self._follower.wiring if self._follower else None
 
     @property
     def counts(self) -> SampleCounts:
         """Counts of samples since the start."""
-        return self._intake.counts
+        return self._order.counts
+
+    @property
+    def sender_changes(self) -> int:
+        """Number of changes of the sender of the newest sample."""
+        return self._order.senders.changes
 
     def adopt(self, model: ModelFile) -> None:
         """Use this model from the next sample on. The contact so far stays with the model that gave it."""
-        self._served = ServedModel(model)
+        self._follower = self._follow(model)
         self.channels_out.forget()
 
     def receive(self, batch: Batch, arrival_s: float, address: str = "unknown") -> Received:
@@ -112,20 +169,64 @@ class Surface:
         if not batch.backlog:
             self.offered = batch.channels
         # Samples of a former beam say nothing about the beam that is there.
-        if self._intake.moves_answer(batch, arrival_s):
+        if self._order.moves_answer(batch, arrival_s):
             self.sender_beam, self._sender_s = batch.beam, arrival_s
-        self._require_beam(batch.beam)
-        self._require_channels(batch.channels)
-        taken = self._intake.take(batch, arrival_s)
+        self._require_fit(batch)
+        taken = self._order.take(batch, arrival_s)
         if batch.samples and not batch.backlog:
             self.rivals.hear(batch.boot_id, address, taken.acquired_s)
-        seen = list[Seen]()
-        if taken.fresh:
-            self.timings.arrival_age_s.observe((batch.newest_age_ms or 0.0) / 1e3)
-            seen = self._advance(batch, taken.fresh, taken.acquired_s)
-            self.on_fresh(self)
-        weighed = {one.estimated.sequence: one.estimated for one in seen}
-        return Received(taken.accepted, taken.repeated, weighed)
+        if not taken.fresh:
+            return Received(taken.accepted, taken.repeated, {})
+        self.on_arrival((batch.newest_age_ms or 0.0) / 1e3)
+        estimates = self._advance(batch, taken.fresh, taken.acquired_s)
+        self.on_fresh(self)
+        return Received(taken.accepted, taken.repeated, {one.sample.sequence: one for one in estimates})
+
+    def _require_fit(self, batch: Batch) -> None:
+        """Raise ProblemError unless a batch is of the beam and has the channels of the model."""
+        if problem := self._other_beam(batch.beam):
+            raise ProblemError(problem)
+        missing = [name for name in self.model.channels if name not in batch.channels] if self.model else []
+        if missing:
+            raise ProblemError(problems.missing_channels(self.name, missing))
+
+    def _advance(self, batch: Batch, fresh: list[Sample], acquired_s: float) -> list[Estimate]:
+        """Move the contact to new samples, and return the evidence in them."""
+        follower, estimates, decided = self._follower, list[Estimate](), None
+        if follower is None:
+            bad = [_bad(batch.channels, sample) for sample in fresh]
+        else:
+            decisions = follower.follow(batch, fresh)
+            estimates, decided = [decision.estimate for decision in decisions], (follower.model, decisions[-1])
+            bad = [estimate.bad for estimate in estimates]
+            self.stretches.add(decisions, acquired_s)
+        times_us = [sample.acquired_unix_us for sample in fresh]
+        self.channels_out.add(list(zip(times_us, bad, strict=True)), acquired_s)
+        notes: list[str] = list(batch.notes)
+        if follower is not None:
+            notes += [Note.NOISE] if follower.estimator.contradicts else []
+            notes += [Note.DEGRADED] if self.channels_out.any else []
+            notes += [Note.SENDERS] if self.rivals.at(acquired_s) else []
+        self.newest = Newest(batch.boot_id, batch.channels, fresh[-1], acquired_s, notes, decided)
+        return estimates
+
+    def answer(self, now_s: float) -> Answer | Problem:
+        """Return the newest sample with its decision at `now_s` [s, monotonic], or why there is none."""
+        if self.model is None:
+            return problems.no_model(self.name, self.model_error)
+        newest = self.newest
+        other_beam = self._other_beam(self.sender_beam) if now_s - self._sender_s <= SENDER_GONE_S else None
+        if other_beam and (newest is None or self.is_stale(now_s)):
+            return other_beam
+        if newest is None:
+            return problems.no_samples(self.name)
+        if self.is_stale(now_s):
+            return problems.stale(self.name, newest.age_ms(now_s), self.stale_ms)
+        # A model that came after the newest sample has not seen it.
+        if newest.decided is None:
+            return problems.no_samples(self.name)
+        model, decision = newest.decided
+        return decision.problem or Answer(newest, model, decision)
 
     def contact(self, now_s: float) -> Contact:
         """Return the contact as of `now_s` [s, monotonic].
@@ -135,16 +236,30 @@ class Surface:
         ProblemError
             There is none: no model, no samples, a stale sample, too few channels, or no usable estimate.
         """
-        found = self._decided(now_s)
-        if isinstance(found, Problem):
+        answer = self.answer(now_s)
+        if isinstance(answer, Problem):
             # A new exception each time: one that is raised again collects tracebacks.
-            raise ProblemError(found)
-        return found.contact(self.name, now_s)
+            raise ProblemError(answer)
+        newest, decision, degraded = answer.newest, answer.decision, list(answer.newest.bad)
+        return Contact(
+            surface=self.name,
+            state=answer.state,
+            **decision.figures._asdict(),
+            age_ms=newest.age_ms(now_s),
+            sampled_at=rfc3339(newest.sample.acquired_unix_us),
+            sequence=newest.sample.sequence,
+            readings=newest.sample.readings,
+            misfit=answer.misfit[0],
+            quality=ContactQuality.DEGRADED if degraded else ContactQuality.GOOD,
+            degraded_channels=degraded,
+            notes=answer.notes,
+            model=answer.model.identity,
+        )
 
-    @property
-    def sender_changes(self) -> int:
-        """Number of changes of the sender of the newest sample."""
-        return self._intake.senders.changes
+    def standing(self, now_s: float) -> State | Kind:
+        """Return the state at `now_s` [s, monotonic], or the kind of the problem that prevents a contact."""
+        answer = self.answer(now_s)
+        return answer.kind if isinstance(answer, Problem) else answer.state
 
     def is_stale(self, now_s: float) -> bool:
         """Return whether the newest sample is too old at `now_s` [s, monotonic]; False before the first."""
@@ -156,47 +271,19 @@ class Surface:
 
         If `healthy`, a channel that is out, or has changed for certain, is a reason, too.
         """
-        found = self._decided(now_s)
-        if isinstance(found, Problem):
-            return found
+        answer = self.answer(now_s)
+        if isinstance(answer, Problem):
+            return answer
         if healthy and self.channels_out.any:
-            return refusals.channels_out(self.name, self.channels_out.now)
-        changed = [name for name, one in (self._channel_health() or {}).items() if one.changed] if healthy else []
-        return refusals.changed_channels(self.name, changed) if changed else None
+            return problems.channels_out(self.name, self.channels_out.now)
+        changed = [name for name, one in (self.channel_health or {}).items() if one.changed] if healthy else []
+        return problems.changed_channels(self.name, changed) if changed else None
 
-    def standing(self, now_s: float) -> State | Kind:
-        """Return the state at `now_s` [s, monotonic], or the kind of the problem that prevents a contact."""
-        found = self._decided(now_s)
-        return found.kind if isinstance(found, Problem) else found.decision.state
-
-    def misfit_limit(self, now_s: float) -> float | None:
-        """Return the scale of the misfit of the contact at `now_s` [s, monotonic]; None without a contact."""
-        found = self._decided(now_s)
-        return None if isinstance(found, Problem) else round(found.decision.misfit_limit, 2)
-
-    def summary(self, now_s: float) -> SurfaceSummary:
-        """Return the summary of this surface at `now_s` [s, monotonic]."""
-        newest, found = self.newest, self._decided(now_s)
-        problem = found if isinstance(found, Problem) else None
-        decided = None if isinstance(found, Problem) else found
-        return SurfaceSummary(
-            name=self.name,
-            model=self.model.identity if self.model else None,
-            beam=self.model.metadata.beam if self.model else None,
-            channels=self.model.channels if self.model else [],
-            stale_ms=self.stale_ms,
-            age_ms=newest.age_ms(now_s) if newest else None,
-            state=decided.decision.state if decided else None,
-            problem=problem and ProblemBody.model_validate(problem.body()),
-            notes=decided.all_notes if decided else [],
-            misfit=round(decided.decision.misfit, 2) if decided else None,
-            misfit_limit=self.misfit_limit(now_s),
-            channels_out=self.channels_out.now,
-            model_error=self.model_error,
-            wiring=self.wiring,
-            samples=self.counts.model_copy(),
-            health=self._channel_health(),
-        )
+    @property
+    def channel_health(self) -> dict[str, ChannelHealth] | None:
+        """Channel -> how it has changed; None if nothing can be said with the model in use."""
+        health = self.health
+        return health.channels if health and self.model and health.model == self.model.identity else None
 
     @property
     def qualities(self) -> dict[str, Quality]:
@@ -206,66 +293,13 @@ class Surface:
             return {}
         sent = dict(zip(newest.channels, newest.sample.quality, strict=True))
         names = self.model.channels if self.model else newest.channels
-        bad = newest.seen.estimated.bad if newest.seen else {}
-        return {name: bad.get(name) or sent.get(name, Quality.MISSING) for name in names}
-
-    def _channel_health(self) -> dict[str, ChannelHealth] | None:
-        found = self.health
-        return found.channels if found and self.model and found.model == self.model.identity else None
-
-    def _require_beam(self, stated: str | None) -> None:
-        problem = self._other_beam(stated)
-        if problem:
-            raise ProblemError(problem)
+        return {name: newest.bad.get(name) or sent.get(name, Quality.MISSING) for name in names}
 
     def _other_beam(self, stated: str | None) -> Problem | None:
         """Return the problem of samples that state a beam, if it is another one than that of the model."""
         if self.model is None or stated in {None, self.model.metadata.beam}:
             return None
-        return refusals.other_beam(self.name, self.model.metadata, stated)
-
-    def _require_channels(self, offered: list[str]) -> None:
-        missing = [name for name in self.model.channels if name not in offered] if self.model else []
-        if missing:
-            raise ProblemError(refusals.missing_channels(self.name, missing))
-
-    def _decided(self, now_s: float) -> Decided | Problem:
-        """Return the newest sample with its decision at `now_s` [s, monotonic], or why there is none."""
-        if self.model is None:
-            return refusals.no_model(self.name, self.model_error)
-        newest = self.newest
-        other_beam = self._other_beam(self.sender_beam) if now_s - self._sender_s <= SENDER_GONE_S else None
-        if other_beam and (newest is None or self.is_stale(now_s)):
-            return other_beam
-        if newest is None:
-            return refusals.no_samples(self.name)
-        if self.is_stale(now_s):
-            return refusals.stale(self.name, newest.age_ms(now_s), self.stale_ms)
-        # A model that came after the newest sample has not seen it.
-        if newest.seen is None:
-            return refusals.no_samples(self.name)
-        outcome = newest.seen.outcome
-        return Decided(newest, newest.seen, outcome) if isinstance(outcome, Decision) else outcome
-
-    def _advance(self, batch: Batch, fresh: list[Sample], acquired_s: float) -> list[Seen]:
-        served = self._served
-        if served is None:
-            self.channels_out.add([(one.acquired_unix_us, _bad(batch.channels, one)) for one in fresh], acquired_s)
-            self.newest = Newest(batch.boot_id, batch.channels, fresh[-1], acquired_s, list(batch.notes))
-            return []
-        model, boot_id, arrangement = served.file, batch.boot_id, served.arrangement(batch)
-        seen = served.follow(self.name, self.stale_ms, batch, fresh, self.timings)
-        self.stretches.add(seen, acquired_s)
-        self.channels_out.add([(one.estimated.acquired_unix_us, one.estimated.bad) for one in seen], acquired_s)
-        notes: list[str] = [*batch.notes]
-        for note, applies in (
-            (Note.NOISE, arrangement.contradicts),
-            (Note.DEGRADED, self.channels_out.any),
-            (Note.SENDERS, self.rivals.at(acquired_s) is not None),
-        ):
-            notes += [note] if applies else []
-        self.newest = Newest(boot_id, batch.channels, fresh[-1], acquired_s, notes, seen[-1], model.identity)
-        return seen
+        return problems.other_beam(self.name, self.model.metadata, stated)
 
 
 def _bad(channels: list[str], sample: Sample) -> dict[str, Quality]:

@@ -161,7 +161,7 @@ def test_answers_go_on_while_the_database_is_frozen_and_nothing_is_lost(plant: P
         for (pid,) in backends:
             os.kill(pid, signal.SIGCONT)
     plant.deliver(name, RESTING)
-    assert [event["end"] for event in plant.events(3)] == ["lift"] * 3
+    wait_until(lambda: [event["end"] for event in plant.events(3)] == ["lift"] * 3)
 
 
 def test_a_service_starts_without_its_database(start_service: StartService, postgres: Postgres, config: Path) -> None:

@@ -80,12 +80,12 @@ def test_a_service_that_stands_still_is_not_alive(
         "import sys, time\n"
         "from beamtouch_service import cli\n"
         "from beamtouch_service.surfaces import surface\n"
-        "held = surface.Surface.summary\n"
+        "held = surface.Surface.standing\n"
         "def hang(self, now_s):\n"
         "    if now_s > begin_s + 2: time.sleep(60)\n"
         "    return held(self, now_s)\n"
         "begin_s = time.clock_gettime(time.CLOCK_BOOTTIME)\n"
-        "surface.Surface.summary = hang\n"
+        "surface.Surface.standing = hang\n"
         "sys.exit(cli.main())\n"
     )
     start_service("--model", build_model(), environment=environment, program=("-c", stuck))

@@ -60,7 +60,7 @@ def snapshot(surface: Surface, now_s: float) -> Snapshot:
         now_s=now_s,
         outcome=outcome,
         channels=surface.model.channels if surface.model else [],
-        bad=newest.seen.estimated.bad if is_current and newest and newest.seen else {},
+        bad=newest.bad if is_current and newest else {},
         age_ms=newest.age_ms(now_s) if newest else None,
         sequence=newest.sample.sequence if newest else 0,
     )

@@ -5,8 +5,7 @@ from dataclasses import dataclass
 
 from beamtouch_models.modelfile import State
 from beamtouch_service.problems import Kind
-from beamtouch_service.surfaces.newest import Newest
-from beamtouch_service.surfaces.surface import Surface
+from beamtouch_service.surfaces.surface import Newest, Surface
 
 ALIVE_S = 0.9
 """Without a new sample, a surface is due again after this time. Some delay is left to the second that is promised."""

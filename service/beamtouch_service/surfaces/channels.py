@@ -1,22 +1,57 @@
-"""The channels of one surface that are out: not good for longer than a stated time. Pure."""
+"""The condition of the channels of one surface: out for a stated time, or changed since a baseline. Pure."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from enum import StrEnum
 from typing import NamedTuple
 
 from pydantic import BaseModel
 
 from beamtouch_service.samples import Quality
-from beamtouch_service.surfaces.contact import rfc3339
+from beamtouch_service.surfaces.contact import ChannelOut, rfc3339
 
 
-class ChannelOut(BaseModel):
-    """A channel that is out."""
+class Part(StrEnum):
+    """The properties of a channel that may change."""
 
-    quality: Quality
-    """Its quality when it was last not good."""
+    GAIN = "gain"
+    """Measured deflections are wrong by a factor."""
+    ZERO = "zero"
+    """Measured deflections at rest are not zero."""
+
+
+class ChannelHealth(BaseModel):
+    """Changes of the gain and the zero of a channel since a baseline, with 95 % intervals.
+
+    Contacts show how the gains differ from each other. A change that is common to all gains looks like force and is not
+    seen. A change that looks like another place of the contact is hardly seen: it makes the intervals of outer channels
+    wide.
+    """
+
+    gain_percent: float
+    """Change of the gain, relative to the other channels."""
+    gain_low_percent: float
+    gain_high_percent: float
+    zero_mm: float | None
+    """Change of the deflection at rest, as the sender states it: without what its zero tracking removed. Null if no
+    contact began after a rest that was seen."""
+    zero_low_mm: float | None
+    zero_high_mm: float | None
     since: str
-    """Time of the first sample in which it was not good, by the sender's clock (RFC 3339)."""
+    """Time of the change, or else of the first contact of the baseline (RFC 3339)."""
+    contacts: int
+    """Number of contacts since then."""
+    changed: bool
+    """True if the channel has changed for certain: one false statement in 1e6 contacts."""
+    changes: list[Part]
+    """The properties that have changed."""
+
+
+class SurfaceHealth(NamedTuple):
+    """The health of all channels of a surface under a model."""
+
+    model: str
+    channels: dict[str, ChannelHealth]
 
 
 class Turn(NamedTuple):
@@ -37,7 +72,7 @@ class _Spell:
     """Time in which it was not good, less the time in which it was."""
     is_out: bool = False
 
-    def described(self) -> ChannelOut:
+    def describe(self) -> ChannelOut:
         return ChannelOut(quality=self.quality, since=rfc3339(self.since_us))
 
 
@@ -60,7 +95,7 @@ class ChannelsOut:
     @property
     def now(self) -> dict[str, ChannelOut]:
         """The channels that are out, by name."""
-        return {name: spell.described() for name, spell in self._spells.items() if spell.is_out}
+        return {name: spell.describe() for name, spell in self._spells.items() if spell.is_out}
 
     @property
     def any(self) -> bool:
@@ -76,8 +111,10 @@ class ChannelsOut:
         for unix_us, bad in samples:
             taken_s = max(self._last_s, acquired_s - max(0, newest_us - unix_us) / 1e6)
             passed_s, self._last_s = min(taken_s - self._last_s, self._max_pause_s), taken_s
-            for name in {*bad, *self._spells} if bad or self._spells else ():
-                self._step(name, bad.get(name), unix_us, passed_s)
+            for name, quality in bad.items():
+                self._worsen(name, quality, unix_us, passed_s)
+            for name in self._spells.keys() - bad.keys():
+                self._mend(name, passed_s)
 
     def take_turns(self) -> list[Turn]:
         """Return the channels that went out or came back since the last call."""
@@ -88,20 +125,20 @@ class ChannelsOut:
         """Begin anew, as with another model, which may have other channels."""
         self._spells.clear()
 
-    def _step(self, name: str, quality: Quality | None, unix_us: int, passed_s: float) -> None:
+    def _worsen(self, name: str, quality: Quality, unix_us: int, passed_s: float) -> None:
         spell = self._spells.get(name)
-        if quality is None:
-            assert spell is not None  # noqa: S101  # only a channel with a spell is asked for while it is good
-            spell.bad_s -= passed_s
-            if spell.bad_s <= 0.0:
-                del self._spells[name]
-                if spell.is_out:
-                    self._turns.append(Turn(name, spell.described(), is_back=True))
-            return
         if spell is None:
             self._spells[name] = _Spell(unix_us, quality)
             return
         spell.quality, spell.bad_s = quality, min(self.after_s, spell.bad_s + passed_s)
         if spell.bad_s >= self.after_s and not spell.is_out:
             spell.is_out = True
-            self._turns.append(Turn(name, spell.described(), is_back=False))
+            self._turns.append(Turn(name, spell.describe(), is_back=False))
+
+    def _mend(self, name: str, passed_s: float) -> None:
+        spell = self._spells[name]
+        spell.bad_s -= passed_s
+        if spell.bad_s <= 0.0:
+            del self._spells[name]
+            if spell.is_out:
+                self._turns.append(Turn(name, spell.describe(), is_back=True))

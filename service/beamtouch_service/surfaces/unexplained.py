@@ -4,8 +4,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from beamtouch_models.modelfile import State
-from beamtouch_service.surfaces.contact import Decision
-from beamtouch_service.surfaces.follower import Seen
+from beamtouch_service.surfaces.follower import Decision
 
 
 class Overdue(NamedTuple):
@@ -38,25 +37,25 @@ class Stretches:
         """Whether the current stretch lasts too long."""
         return self._length_s > self.after_s
 
-    def add(self, seen: Sequence[Seen], acquired_s: float) -> None:
+    def add(self, decisions: Sequence[Decision], acquired_s: float) -> None:
         """Add the next samples, of which the last was taken at `acquired_s` [s, monotonic]."""
-        newest_us = seen[-1].estimated.acquired_unix_us
-        for one in seen:
+        newest_us = decisions[-1].estimate.sample.acquired_unix_us
+        for decision in decisions:
             # No sample is newer than the last one, whatever happened to the sender's wall clock.
-            self._add(one, acquired_s - max(0, newest_us - one.estimated.acquired_unix_us) / 1e6)
+            age_us = max(0, newest_us - decision.estimate.sample.acquired_unix_us)
+            # The ages of two batches differ by how long each travelled. No time counts twice.
+            taken_s = max(self._last_s, acquired_s - age_us / 1e6)
+            passed_s, self._last_s = taken_s - self._last_s, taken_s
+            if decision.held is State.UNEXPLAINED:
+                self._extend(decision, passed_s)
+            else:
+                self._since_us, self._length_s = None, 0.0
 
-    def _add(self, seen: Seen, acquired_s: float) -> None:
-        # The ages of two batches differ by how long each travelled. No time counts twice.
-        newest_s = max(self._last_s, acquired_s)
-        passed_s, self._last_s = newest_s - self._last_s, newest_s
-        if seen.held is not State.UNEXPLAINED:
-            self._since_us, self._length_s = None, 0.0
-            return
+    def _extend(self, decision: Decision, passed_s: float) -> None:
         if self._since_us is None:
             self.count += 1
-            self._since_us, self._suspect, passed_s = seen.estimated.acquired_unix_us, None, 0.0
-        if isinstance(seen.outcome, Decision):
-            self._suspect = seen.outcome.suspect or self._suspect
+            self._since_us, self._suspect, passed_s = decision.estimate.sample.acquired_unix_us, None, 0.0
+        self._suspect = decision.suspect or self._suspect
         was_overdue = self.is_overdue
         self._length_s += passed_s
         self.total_s += passed_s

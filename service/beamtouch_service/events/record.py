@@ -1,0 +1,105 @@
+"""The record of one surface in memory: its boots, and the health of its sensors. Pure but for the run of the model."""
+
+from beamtouch_models.modelfile import ModelFile
+from beamtouch_service.events.boot import Boot
+from beamtouch_service.events.event import OpenEvent
+from beamtouch_service.events.health import HealthHistory, health_of
+from beamtouch_service.events.store import Change, Cursor
+from beamtouch_service.samples import MAX_EARLIER, Batch
+from beamtouch_service.surfaces.estimate import Estimate
+from beamtouch_service.surfaces.surface import Surface
+
+
+class SurfaceRecord:
+    """How far the record of each boot of a surface is, and what is not durable yet."""
+
+    def __init__(self, surface: Surface, model: ModelFile, health: HealthHistory | None) -> None:
+        self.surface, self.model = surface, model
+        self.lost = 0
+        """Samples that their sender no longer had."""
+        self._health = health
+        """None if the model file does not hold what this takes."""
+        surface.health = health.state if health else None
+        self._boots: dict[str, Boot] = {}
+
+    @property
+    def waiting(self) -> int:
+        """Number of samples that are not durable."""
+        return sum(boot.expected - 1 - boot.durable for boot in self._boots.values())
+
+    def boot(self, boot_id: str) -> Boot | None:
+        """Return a boot; None if it has yet to be read."""
+        return self._boots.get(boot_id)
+
+    def put(self, batch: Batch, cursors: list[Cursor]) -> None:
+        """Take what is on record of the boot of a batch, and of others that have an open event."""
+        for cursor in cursors:
+            if cursor.boot_id not in self._boots:
+                self._boots[cursor.boot_id] = boot = self._new(cursor.boot_id, cursor.durable)
+                boot.go_on(cursor)
+        first = batch.oldest or (batch.samples[0].sequence if batch.samples else None)
+        if batch.boot_id not in self._boots and first is not None:
+            self._boots[batch.boot_id] = self._new(batch.boot_id, first - 1)
+
+    def _new(self, boot_id: str, durable: int) -> Boot:
+        return Boot(self.surface.name, boot_id, self.model, self.surface.stale_ms, durable)
+
+    def adopt(self, model: ModelFile) -> None:
+        """Decide with this model from now on."""
+        if self.model is model:
+            return
+        self.model = model
+        for boot in self._boots.values():
+            boot.adopt(model)
+        row = {"version": self._health.version, "model": ""} if self._health else None
+        self._health = health_of(self.surface.name, model, row)
+        self.surface.health = self._health.state if self._health else None
+
+    def hear(self, batch: Batch) -> None:
+        """Note what a batch says of lost samples and of other boots.
+
+        Unless it is of the sender of the newest sample, it may have been sent before another boot began.
+        """
+        boot, newest = self._boots[batch.boot_id], self.surface.newest
+        if batch.oldest is not None and boot.has_room:
+            self.lost += boot.pass_to(batch.oldest)
+        for boot_id, other in self._boots.items() if newest and newest.boot_id == batch.boot_id else ():
+            if other.event and boot_id not in (batch.boot_id, *batch.earlier):
+                other.lose()
+
+    def add(self, batch: Batch, estimate: Estimate) -> None:
+        """Add a sample of a batch, if it is the one that is expected."""
+        boot = self._boots.get(batch.boot_id)
+        if boot is None or not boot.has_room:
+            return
+        if batch.oldest is None:
+            self.lost += boot.pass_to(estimate.sample.sequence)
+        if estimate.sample.sequence == boot.expected:
+            boot.add(estimate)
+
+    def change(self) -> Change | None:
+        """Return what is not durable, and forget boots that nobody needs."""
+        idle = [boot_id for boot_id, boot in self._boots.items() if not boot.is_dirty and not boot.event]
+        for boot_id in idle[: max(0, len(self._boots) - MAX_EARLIER)]:
+            del self._boots[boot_id]
+        boots = [boot.change() for boot in self._boots.values() if boot.is_dirty]
+        best = [one for boot in self._boots.values() for one in boot.take_best()]
+        if not boots and not (self._health and self._health.is_dirty):
+            return None
+        return Change(self.surface.name, boots, best, self._health)
+
+    def take_back(self, change: Change) -> None:
+        """Keep a change that could not be made durable."""
+        for one in change.boots:
+            if boot := self._boots.get(one.boot_id):
+                boot.take_back(one)
+
+    def made(self, change: Change, numbers: dict[OpenEvent, int]) -> None:
+        """Note that a change is durable; `numbers` are the ids of new events."""
+        for one in change.boots:
+            if boot := self._boots.get(one.boot_id):
+                boot.made(one, numbers)
+        if change.health and change.health.is_dirty:
+            change.health.version, change.health.is_dirty = change.health.version + 1, False
+            if change.health is self._health:
+                self.surface.health = self._health.state
