@@ -15,8 +15,6 @@ from beamtouch_models.modelfile import (
     MISFIT,
     Evidence,
     Hypotheses,
-    Memory,
-    State,
     memories_after,
 )
 
@@ -104,13 +102,3 @@ def test_a_still_beam_after_a_start_is_clear_at_once() -> None:
 def test_a_strong_contact_after_a_start_is_a_contact_at_once() -> None:
     assert said(sample(STRONG)) == [("contact", False, True)]
     assert said(sample(STRONG, STRONG)) == [("contact", True, True)]
-
-
-def test_after_a_gap_the_state_is_answered_and_yet_not_known() -> None:
-    hypotheses = Hypotheses(THRESHOLDS, [Memory(State.CONTACT)])
-    hypotheses.step(sample(WEAK))
-    hypotheses.miss()
-    found = [hypotheses.step(sample(WEAK)) for _ in range(3)]
-    assert [(one.state.value, one.unsteady, one.shown) for one in found] == [
-        ("contact", False, False), ("contact", False, False), ("contact", False, True)
-    ]  # fmt: skip

@@ -103,8 +103,9 @@ def test_a_stretch_keeps_what_each_channel_of_its_first_samples_contradicts(
     make_bench: type[Bench], build_model: BuildModel, make_batch: MakeBatch
 ) -> None:
     wedged: Row = [0.5, 0.25, 0.75, 0.125]
+    resting: Row = [0.0] * 4
     bench = make_bench(Surface("press-7", modelfile.load(build_model(channels=4))))
-    story = Story(bench, make_batch, [[0.0] * 4, *[wedged] * 20, *[[0.0] * 4] * 4])
+    story = Story(bench, make_batch, [resting, *[wedged] * 20, *[resting] * 4])
     story.deliver(0, 25)
 
     (event,) = story.events
