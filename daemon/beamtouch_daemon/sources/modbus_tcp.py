@@ -58,8 +58,7 @@ class TcpLink:
     async def read(self, block: Block) -> Answer:
         """Read registers; connect first if necessary."""
         try:
-            async with asyncio.timeout(self._timeout_s):
-                reader, writer = await self._connected()
+            reader, writer = await self._connected()
             self._transaction = self._transaction % 0xFFFF + 1
             self._complaint = f"{self.name} does not answer within {self._timeout_s * 1e3:.0f} ms"
             asked_s = uptime_s()
@@ -98,9 +97,10 @@ class TcpLink:
             if not reader.at_eof() and not writer.is_closing():
                 return self._stream
             self._close()
-        address = await self._address()
-        self._complaint = f"no connection to {self._host}:{self._port}; is the device on, and is the address right?"
-        self._stream = await asyncio.open_connection(address, self._port)
+        async with asyncio.timeout(self._timeout_s):
+            address = await self._address()
+            self._complaint = f"no connection to {self._host}:{self._port}; is the device on, and is the address right?"
+            self._stream = await asyncio.open_connection(address, self._port)
         return self._stream
 
     async def _address(self) -> str:

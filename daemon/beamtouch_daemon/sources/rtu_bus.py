@@ -31,14 +31,14 @@ COPIES = (
     "after the next request, and the answer to another master that asks the same unit for as many registers."
 )
 _FRAMER = FramerRTU(DECODER)
+_ENVELOPE_BYTES = 3
+"""Unit and checksum."""
 
 
 class RtuBus:
     """One serial port, opened by its first user and closed by its last."""
 
     def __init__(self, settings: ModbusRtu) -> None:
-        self.line = settings.line
-        """Line settings of all its users."""
         self._settings = settings
         self._silence_s = _silence_s(settings)
         self._lock = asyncio.Lock()
@@ -81,14 +81,18 @@ class RtuBus:
         async with self._lock:
             await asyncio.sleep(max(0.0, self._free_s - uptime_s()))
             unexpected = _joined(port.take())
-            for unit in self._units.values():
-                for data in _answers_of(unit.address, unexpected):
-                    if any(answer_to(block, data) for block in unit.blocks):
-                        unit.suspect()
+            self.take_unexpected(unexpected)
             try:
                 yield unexpected
             finally:
                 self._free_s = uptime_s() + self._silence_s
+
+    def take_unexpected(self, received: bytes) -> None:
+        """Suspect the units that have sent values which nobody waits for."""
+        for unit in self._units.values():
+            answers = [data for _, data in _answers_of(unit.address, received)]
+            if any(answer_to(block, data) for block in unit.blocks for data in answers):
+                unit.suspect()
 
 
 class UnitLine:
@@ -109,8 +113,9 @@ class UnitLine:
             while (left_s := asked_s + self.timeout_s - uptime_s()) > 0:
                 received += _joined(await self._port.receive(left_s))
                 received = received.replace(request, b"")  # adapters may echo
-                for data in _answers_of(self._address, received):
+                for end, data in _answers_of(self._address, received):
                     if answer := answer_to(block, data, asked_s):
+                        self._bus.take_unexpected(received[end:])
                         return answer
         within = f"within {self.timeout_s * 1e3:.0f} ms"
         message = f"unit {self._address} does not answer{' intact' if received else ''} {within}"
@@ -177,8 +182,8 @@ def _joined(chunks: Sequence[Chunk]) -> bytes:
     return b"".join(data for _, data in chunks)
 
 
-def _answers_of(address: int, received: bytes) -> Iterator[bytes]:
-    """Yield function and contents of all intact answers of a unit.
+def _answers_of(address: int, received: bytes) -> Iterator[tuple[int, bytes]]:
+    """Yield function and contents of all intact answers of a unit, each with the place behind it.
 
     A frame has no start mark, only a checksum at its end. So everything that begins as an answer of the unit is tried.
     """
@@ -186,4 +191,4 @@ def _answers_of(address: int, received: bytes) -> Iterator[bytes]:
         if received[begin] == address and received[begin + 1] & 0x7F in READ_FUNCTIONS:
             *_, data = _FRAMER.decode(received[begin:])
             if data:
-                yield data
+                yield begin + len(data) + _ENVELOPE_BYTES, data
