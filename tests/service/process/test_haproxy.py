@@ -119,6 +119,14 @@ def _takes(proxy: Proxy) -> bool:
     return True
 
 
+def _takes_a_byte(connection: socket.socket) -> bool:
+    try:
+        connection.sendall(b"a")
+    except OSError:
+        return False
+    return True
+
+
 def _is_closed(connection: socket.socket, within_s: float) -> bool:
     connection.settimeout(within_s)
     try:
@@ -138,14 +146,12 @@ def test_a_line_gets_its_answers_while_others_hold_connections_and_flood(proxy: 
         line = stack.enter_context(Line(front))
 
         # Slow heads: a byte now and then. Each connection is ended after the time for a head.
-        slow = [stack.enter_context(front.connect("127.0.0.9")) for _ in range(50)]
         begin_s = time.monotonic()
-        for byte in b"GET /":
-            for connection in slow:
-                connection.sendall(bytes([byte]))
+        slow = [stack.enter_context(front.connect("127.0.0.9")) for _ in range(50)]
+        while slow and time.monotonic() - begin_s < 4 * HEAD_S:
+            slow = [connection for connection in slow if _takes_a_byte(connection)]
             time.sleep(0.5)
-        assert all(_is_closed(connection, 30) for connection in slow)
-        assert time.monotonic() - begin_s < HEAD_S + 30
+        assert slow == []
 
         # 1000 connections that never say a word, from 20 addresses.
         idle = [stack.enter_context(front.connect(f"127.0.1.{number % 20 + 1}", tls=False)) for number in range(1000)]
