@@ -10,7 +10,7 @@ import pytest
 
 from beamtouch_daemon.commands.check import counts_text, decimals_of, rounded
 from plain_http import TIMEOUT_S
-from service.small_model import write_model
+from service.small_model import BEAM, write_model
 
 from . import configs
 from .devices import SerialDevice, pymodbus_server
@@ -127,15 +127,19 @@ async def test_it_needs_the_token_that_writes_and_changes_no_answer(tmp_path: Pa
     assert samples["accepted"] == 0
 
 
-@pytest.mark.parametrize(("max_n", "is_doubted"), [(20.0, False), (20.0000001, False), (50.0, True)])
-async def test_a_model_of_other_ranges_is_doubted(tmp_path: Path, model: Path, max_n: float, is_doubted: bool) -> None:
+@pytest.mark.parametrize("states_beam", [False, True])
+async def test_a_configuration_without_beam_is_told_what_to_write(
+    tmp_path: Path, model: Path, *, states_beam: bool
+) -> None:
     async with real_service(tmp_path, model) as url, pymodbus_server([20_000] * 4) as port:
         config = written(tmp_path, url, configs.patient_tcp(port))
-        loads = f"[surfaces.bench.loads]\nposition_mm = [1.0, 399.0]\nmax_force_n = {max_n}\n"
-        config.write_text(config.read_text() + loads)
+        if states_beam:
+            config.write_text(config.read_text().replace("rate_hz", f'beam = "{BEAM}"\nrate_hz', 1))
         told = await waited(config, 300)
     assert told.code == 0, told.err
-    assert ("surfaces.bench.loads 1 to 399 mm and 50 N: is it the model of this surface?" in told.out) is is_doubted
+    words = "surfaces.bench states no beam, so a model of another beam would pass unnoticed; if the service's model "
+    assert (words in told.out) is not states_beam
+    assert (f'is the right one, write beam = "{BEAM}"' in told.out) is not states_beam
 
 
 async def test_without_wait_the_service_is_not_asked_and_check_says_so(tmp_path: Path) -> None:

@@ -25,19 +25,11 @@ class _Contact(BaseModel):
     force_n: float | None
 
 
-class _Ranges(BaseModel):
-    """The loads that a model covers."""
-
-    position_mm: tuple[float, float]
-    force_n: tuple[float, float]
-
-
-class _ModelSummary(BaseModel):
+class _Model(BaseModel):
     """What counts here of the service's description of a model."""
 
     identity: str
     beam: str
-    ranges: _Ranges
 
 
 _T = TypeVar("_T", bound=BaseModel)
@@ -93,31 +85,13 @@ def _mismatch_of(summary: _Summary, name: str, surface: Surface) -> str | None:
 
 
 async def doubt_of(client: ServiceClient, name: str, surface: Surface) -> str | None:
-    """Return why the service's model may be that of another surface; None if nothing says so.
-
-    `build` writes the beam and the ranges of the model into the daemon's configuration, the ranges as the loads that
-    `record` accepts.
-    """
-    loads = surface.loads
-    if loads is None and surface.beam is not None:
-        return None
-    model = await _ask(client, f"/surfaces/{name}/model", _ModelSummary)
+    """Return that nobody would notice a model of another beam, and what to write; None if somebody would."""
+    model = await _ask(client, f"/surfaces/{name}/model", _Model) if surface.beam is None else None
     if model is None:  # `refusal_of` says what is wrong
         return None
-    unnoticed = (
+    return (
         f"surfaces.{name} states no beam, so a model of another beam would pass unnoticed; "
         f'if the service\'s model {model.identity} is the right one, write beam = "{model.beam}"'
-    )
-    if loads is None:
-        return unnoticed
-    (first_mm, last_mm), (_, max_n) = model.ranges.position_mm, model.ranges.force_n
-    covers = f"{first_mm:g} to {last_mm:g} mm and {max_n:g} N"
-    records = f"{loads.position_mm[0]:g} to {loads.position_mm[1]:g} mm and {loads.max_force_n:g} N"
-    if covers == records:  # a smaller difference is a rounding of the file
-        return unnoticed if surface.beam is None else None
-    return (
-        f"the service's model {model.identity} covers {covers}, surfaces.{name}.loads {records}: "
-        "is it the model of this surface?"
     )
 
 
