@@ -18,7 +18,7 @@ from beamtouch_daemon.config.settings import Config
 from beamtouch_models.rig.imperfections import Imperfections
 from beamtouch_models.rig.script import Script
 from beamtouch_models.scene import Scene
-from beamtouch_service.config import Settings
+from beamtouch_service.config import ConfigFile
 from beamtouch_service.problems import ProblemBody
 from beamtouch_service.samples import Batch
 from beamtouch_service.surfaces.contact import Contact
@@ -30,7 +30,7 @@ from stubs import python_interface
 FILES: dict[str, tuple[type[BaseModel], str]] = {
     "scene": (Scene, "Scene of Beamtouch"),
     "daemon": (Config, "Configuration of beamtouch-daemon"),
-    "service": (Settings, "Configuration of beamtouch-service"),
+    "service": (ConfigFile, "Configuration of beamtouch-service"),
     "rig-script": (Script, "Script of beamtouch-rig"),
     "rig-imperfections": (Imperfections, "Imperfections of beamtouch-rig"),
 }

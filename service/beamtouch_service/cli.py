@@ -7,7 +7,8 @@ from pathlib import Path
 
 from beamtouch_common.commands import DONE, INTERRUPTED, Parser, exit_code
 from beamtouch_common.files import load_toml
-from beamtouch_service.config import Settings, load_settings
+from beamtouch_service.config import ConfigFile, load_settings
+from beamtouch_service.outputs import OUTPUTS
 from beamtouch_service.outputs.modbus.section import ModbusServerSection
 
 PROGRAM = "beamtouch-service"
@@ -51,7 +52,8 @@ def _add_run(run: argparse.ArgumentParser) -> None:
     run.add_argument(
         "--model", metavar="MODEL", help="model file; without --config, the surface is named after the model"
     )
-    words = "TOML file with [server], [events], [modbus_server], [mqtt] and [surfaces.NAME]"
+    outputs = ", ".join(f"[{output.name}]" for output in OUTPUTS)
+    words = f"TOML file with [server], [events], [surfaces.NAME] and outputs: {outputs}"
     run.add_argument("--config", metavar="FILE", help=words)
     words = "address to listen on; addresses beyond loopback require a write and a read token (default: 127.0.0.1)"
     run.add_argument("--host", help=words)
@@ -80,8 +82,9 @@ def _check(arguments: argparse.Namespace) -> int:
 def _registers(arguments: argparse.Namespace) -> int:
     from beamtouch_service.outputs.modbus import document  # noqa: PLC0415  # as in _run
 
-    settings = load_toml(Settings, Path(arguments.config)) if arguments.config else Settings()
-    section = settings.modbus_server or ModbusServerSection()
+    settings = load_toml(ConfigFile, Path(arguments.config)) if arguments.config else ConfigFile()
+    sections = [section for section in settings.outputs if isinstance(section, ModbusServerSection)]
+    section = sections[0] if sections else ModbusServerSection()
     show = document.as_json if arguments.json else document.as_text
     print(show(list(settings.surfaces), section.word_order))
     return DONE

@@ -6,9 +6,9 @@ Its sections are the settings. Paths in them are from the folder of the file.
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Self
+from typing import Annotated, Any, Self
 
-from pydantic import ConfigDict, Field, FiniteFloat, model_validator
+from pydantic import ConfigDict, Field, FiniteFloat, create_model, model_validator
 
 from beamtouch_common.errors import InputError
 from beamtouch_common.files import load_toml, validate
@@ -16,8 +16,8 @@ from beamtouch_common.secrets import read_token
 from beamtouch_service import limits
 from beamtouch_service.access import Access
 from beamtouch_service.fields import File, Host, Port, Section, Text, require_pair
-from beamtouch_service.outputs.modbus.section import ModbusServerSection
-from beamtouch_service.outputs.mqtt.section import MqttSection
+from beamtouch_service.outputs import OUTPUTS
+from beamtouch_service.outputs.section import OutputSection
 from beamtouch_service.samples import SurfaceName
 
 StaleMs = Annotated[FiniteFloat, Field(gt=0, le=60_000)]
@@ -93,10 +93,6 @@ class Settings(Section):
     """Address, tokens, certificate, and limits."""
     events: EventsSection = EventsSection()
     """The record of contacts."""
-    modbus_server: ModbusServerSection | None = None
-    """Contacts as Modbus input registers. Default: no Modbus server."""
-    mqtt: MqttSection | None = None
-    """Contacts and events to an MQTT 5 broker. Default: no broker."""
     surfaces: dict[SurfaceName, SurfaceSection] = Field(default_factory=dict)
     """In their order in the file, which is that of their blocks of Modbus registers."""
 
@@ -105,12 +101,27 @@ class Settings(Section):
         if self.server.replica and not self.events.url:
             message = "server.replica: all replicas need one record of events; set events.url"
             raise ValueError(message)
-        if self.mqtt and self.events.url:
-            message = (
-                "[mqtt] does not work with events.url, as each service would send the events of all; set events.file"
-            )
-            raise ValueError(message)
+        for output in self.outputs:
+            if output.not_shared and self.events.url:
+                message = f"[{output.name}] does not work with events.url, {output.not_shared}; set events.file"
+                raise ValueError(message)
         return self
+
+    @property
+    def outputs(self) -> tuple[OutputSection, ...]:
+        """The sections of outputs that the file has."""
+        return tuple(section for output in OUTPUTS if (section := getattr(self, output.name, None)) is not None)
+
+
+def _field_of(output: type[OutputSection]) -> tuple[object, object]:
+    """Return the key of the file for an output; its description is the docstring without the name of the section."""
+    words = (output.__doc__ or "").partition(": ")[2]
+    return output | None, Field(None, description=words[:1].upper() + words[1:])
+
+
+_OUTPUT_FIELDS: dict[str, Any] = {output.name: _field_of(output) for output in OUTPUTS}
+ConfigFile = create_model("ConfigFile", __base__=Settings, __doc__=Settings.__doc__, **_OUTPUT_FIELDS)
+"""`Settings`, with a section for each output."""
 
 
 class Options(ServerSection):
@@ -139,7 +150,7 @@ def load_settings(config: Path | None, options: Mapping[str, object]) -> Setting
     """
     typed = {f"--{name.replace('_', '-')}": value for name, value in options.items() if value is not None}
     line = validate(Options, typed, "command line")
-    settings = load_toml(Settings, config, context={"folder": config.parent}) if config else Settings()
+    settings = load_toml(ConfigFile, config, context={"folder": config.parent}) if config else Settings()
     stated: dict[str, object] = {name: getattr(line, name) for name in line.model_fields_set}
     of_surface: dict[str, object] = {name: stated.pop(name) for name in ("model", "stale_ms") if name in stated}
     server = settings.server.model_copy(update=stated)

@@ -26,11 +26,11 @@ for found in pkgutil.walk_packages(package.__path__, package.__name__ + "."):
         print(found.name)
 """
 
-MODBUS_SERVER = ("beamtouch_service.host.modbus", "beamtouch_service.outputs.modbus.requests")
+MODBUS_SERVER = ("beamtouch_service.outputs.modbus.requests", "beamtouch_service.outputs.modbus.server")
 """What needs pymodbus."""
 MQTT = tuple(
     f"beamtouch_service.outputs.mqtt.{name}"
-    for name in ("connection", "contacts", "events", "messages", "publisher", "statuses")
+    for name in ("connection", "contacts", "discovery", "events", "messages", "publisher", "statuses")
 )
 """What needs an MQTT client."""
 

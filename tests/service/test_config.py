@@ -9,7 +9,7 @@ import pytest
 from pydantic import ValidationError
 
 from beamtouch_common.errors import InputError
-from beamtouch_service.config import EventsSection, Settings, load_settings, read_access
+from beamtouch_service.config import ConfigFile, EventsSection, Settings, load_settings, read_access
 from beamtouch_service.outputs.modbus.section import ModbusServerSection
 from wrong_numbers import with_wrong_numbers
 
@@ -171,11 +171,11 @@ unexplained_after_s = 60
 
 def test_only_a_number_is_a_number() -> None:
     content = tomllib.loads(NUMBERS)
-    Settings.model_validate(content)
+    ConfigFile.model_validate(content)
     taken = []
     for what, wrong in with_wrong_numbers(content):
         try:
-            Settings.model_validate(wrong)
+            ConfigFile.model_validate(wrong)
         except ValidationError:
             continue
         taken.append(what)
@@ -183,14 +183,13 @@ def test_only_a_number_is_a_number() -> None:
 
 
 def test_the_example_shows_the_modbus_server_as_it_is_by_default(tmp_path: Path) -> None:
-    assert load_settings(None, {}).modbus_server is None
-    by_default = load(tmp_path, "[modbus_server]\n").modbus_server
+    assert load_settings(None, {}).outputs == ()
+    (by_default,) = load(tmp_path, "[modbus_server]\n").outputs
     _, _, section = EXAMPLE.read_text().partition("# [modbus_server]")
     shown = section.partition("\n\n")[0].replace("\n# ", "\n")
 
-    assert load(tmp_path, f"[modbus_server] # {shown}\n").modbus_server == by_default
+    assert load(tmp_path, f"[modbus_server] # {shown}\n").outputs == (by_default,)
     assert by_default == ModbusServerSection()
-    assert by_default is not None
     assert tuple(by_default.model_dump().values()) == ("127.0.0.1", 502, "big", 32, 60)
 
 

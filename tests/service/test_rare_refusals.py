@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-import socket
 import sys
 
 import pytest
 
-from beamtouch_common.errors import InputError
 from beamtouch_service.events.database import EventStoreError
 from beamtouch_service.events.store import Store
-from beamtouch_service.host.modbus import ModbusServer
-from beamtouch_service.outputs.modbus.registers import MAX_SURFACES
-from beamtouch_service.outputs.modbus.section import ModbusServerSection
 
 DAY_S = 86_400.0
 
@@ -28,11 +23,3 @@ def test_a_database_without_its_library_names_the_extra(monkeypatch: pytest.Monk
     monkeypatch.setitem(sys.modules, "psycopg", None)  # as if it were not installed
     with pytest.raises(EventStoreError, match=r"needs psycopg; run: pip install 'beamtouch\[postgresql\]'"):
         Store("postgresql://beamtouch@127.0.0.1/beamtouch", DAY_S, 1_000_000)
-
-
-def test_more_surfaces_than_modbus_has_addresses_are_refused_before_it_listens() -> None:
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        settings = ModbusServerSection(port=taken.getsockname()[1])
-        with pytest.raises(InputError, match=f"hold {MAX_SURFACES} surfaces, but there are {MAX_SURFACES + 1}"):
-            ModbusServer(settings, MAX_SURFACES + 1)
-        assert "modbus_server.port" in ModbusServer(settings, MAX_SURFACES).address.missing

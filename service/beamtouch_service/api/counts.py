@@ -49,7 +49,6 @@ class Counts:
         self.batch_s = self._histogram("batch", "Time from the head of a batch to its receipt.", _BATCH_S)
         self._problems = self._counter("problems", "Answers that were a problem.", "kind")
         self._refusals = self._counter("refusals", "Requests refused for their token.", "kind")
-        self._evicted = self._counter("connections_evicted", "Connections closed to make room for others.")
         self._inference_s = self._histogram("inference", "Time per estimate.", _INFERENCE_S)
         self._age_s = self._histogram("sample_arrival_age", "Age of the newest sample at its arrival.", _AGE_S)
         for kind in REFUSALS:
@@ -128,14 +127,6 @@ class Counts:
             self._rivalled.add(surface.name)
             words = "surface %s: two daemons send its samples, from %s and from %s; stop one of them"
             _log.warning(words, surface.name, *pair)
-
-    def eviction(self, client: str) -> None:
-        """Count a connection from this address that was closed to make room; log it once per minute."""
-        self._evicted.inc()
-        times = self._minutely.due("eviction")
-        if times:
-            words = "too many connections: closed %d to make room since the last such line, the newest from %s"
-            _log.warning(words, times, client)
 
     def problem(self, kind: Kind, client: str) -> None:
         """Count a problem that was answered to this address; log a refusal once per minute and kind."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import logging
 import ssl
-from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -21,14 +20,15 @@ from beamtouch_service.events.recorder import Recorder
 from beamtouch_service.host import models
 from beamtouch_service.host.models import ModelKeeper
 from beamtouch_service.host.serve import configure, serve
+from beamtouch_service.outputs import make
 from beamtouch_service.surfaces.surface import Surface
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
     from pathlib import Path
 
     from beamtouch_service.access import Access
     from beamtouch_service.host.serve import Task
+    from beamtouch_service.outputs.section import Output
 
 _log = logging.getLogger("beamtouch.service")
 
@@ -41,8 +41,7 @@ class Parts:
     address: Address
     surfaces: list[Surface]
     keepers: list[ModelKeeper]
-    tasks: list[Task]
-    """Outputs, ready to run."""
+    outputs: list[Output]
     warnings: list[str]
     """What works, but may not be meant."""
 
@@ -65,10 +64,10 @@ def prepare(settings: Settings) -> Parts:
     address = Address("server", server.host, server.port)
     if not address.is_loopback:
         _require_tokens(access, address.shown)
-    warnings = _warnings(settings, access, address)
-    tasks = _outputs(settings, access, warnings)
+    outputs = [make(section, len(loaded), access) for section in settings.outputs]
+    warnings = _warnings(settings, access, address) + [words for output in outputs for words in output.warnings]
     keepers = [keeper for _, keeper in loaded if keeper]
-    return Parts(access, address, [surface for surface, _ in loaded], keepers, tasks, warnings)
+    return Parts(access, address, [surface for surface, _ in loaded], keepers, outputs, warnings)
 
 
 def run(settings: Settings) -> None:
@@ -86,7 +85,7 @@ def run(settings: Settings) -> None:
     except EventStoreError as error:
         raise InputError(str(error)) from None
     app = create_app(parts.surfaces, parts.access, streams=Streams(server.max_streams), recorder=recorder)
-    tasks: list[Task] = [lambda _context: models.watch(parts.keepers), *parts.tasks]
+    tasks: list[Task] = [lambda _context: models.watch(parts.keepers), *(output.run for output in parts.outputs)]
     try:
         serve(configure(app, server), parts.address, app.context, tasks)
     finally:
@@ -166,34 +165,3 @@ def _warnings(settings: Settings, access: Access, address: Address) -> list[str]
         "deploy/haproxy-one.cfg does, and name it in server.proxy": is_open and not server.proxy,
     }
     return [words for words, applies in concerns.items() if applies]
-
-
-def _outputs(settings: Settings, access: Access, warnings: list[str]) -> list[Task]:
-    """Return the outputs that the configuration has, ready to run, and add what may not be meant to `warnings`."""
-    tasks: list[Task] = []
-    if settings.mqtt is not None:
-        with _extra("mqtt", "mqtt", "aiomqtt", "paho"):
-            from beamtouch_service.outputs.mqtt.publisher import Publisher  # noqa: PLC0415  # needs an extra of its own
-        tasks.append(Publisher(settings.mqtt).run)
-        if settings.mqtt.password_file and not settings.mqtt.tls:
-            warnings.append("no TLS to the MQTT broker: others on the network can read the password; see mqtt.tls")
-    if settings.modbus_server is not None:
-        with _extra("modbus_server", "modbus-server", "pymodbus"):
-            from beamtouch_service.host.modbus import ModbusServer  # noqa: PLC0415  # needs an extra of its own
-        modbus = ModbusServer(settings.modbus_server, len(settings.surfaces))
-        tasks.append(modbus.run)
-        if access.read is not None or not modbus.address.is_loopback:
-            warnings.append("no token protects the Modbus TCP server: everyone who reaches it can read the contacts")
-    return tasks
-
-
-@contextmanager
-def _extra(section: str, extra: str, *modules: str) -> Iterator[None]:
-    """Import what a section of the configuration needs; raises InputError with the extra that brings `modules`."""
-    try:
-        yield
-    except ModuleNotFoundError as error:
-        if error.name not in modules:
-            raise
-        message = f"[{section}] needs {error.name}; run: pip install 'beamtouch[service,{extra}]'"
-        raise InputError(message) from None

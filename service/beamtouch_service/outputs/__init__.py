@@ -1,1 +1,31 @@
-"""Other ways to the contacts than HTTP, one folder each."""
+"""Other ways to the contacts than HTTP, one folder each. A new output is a folder, and a line in `OUTPUTS`."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+from beamtouch_common.errors import InputError
+from beamtouch_service.outputs.modbus.section import ModbusServerSection
+from beamtouch_service.outputs.mqtt.section import MqttSection
+
+if TYPE_CHECKING:
+    from beamtouch_service.access import Access
+    from beamtouch_service.outputs.section import Output, OutputSection
+
+OUTPUTS: tuple[type[OutputSection], ...] = (ModbusServerSection, MqttSection)
+"""The only list of outputs: configuration, process and help take them from here."""
+
+
+def make(section: OutputSection, surfaces: int, access: Access) -> Output:
+    """Return the output of a section; raises InputError and FailedError, also if one of its libraries is missing."""
+    try:
+        module = import_module(section.module)
+    except ModuleNotFoundError as error:
+        library = (error.name or "").partition(".")[0]
+        if library.startswith("beamtouch"):
+            raise
+        message = f"[{section.name}] needs {library}; run: pip install 'beamtouch[service,{section.extra}]'"
+        raise InputError(message) from None
+    output: Output = module.make(section, surfaces, access)
+    return output

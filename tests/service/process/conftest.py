@@ -41,10 +41,10 @@ class Service:
         headers = {"Authorization": f"Bearer {token}"} if token else {}
         return httpx2.get(self.url + path, headers=headers, trust_env=False, verify=NO_TLS, timeout=TIMEOUT_S)
 
-    def post(self, body: dict[str, Any] | bytes | Iterator[bytes]) -> httpx2.Response:
+    def post(self, body: dict[str, Any] | bytes | Iterator[bytes], surface: str = "press-7") -> httpx2.Response:
         content = json.dumps(body).encode() if isinstance(body, dict) else body
         headers = {"Authorization": f"Bearer {self.token}"}
-        url = f"{self.url}/surfaces/press-7/samples"
+        url = f"{self.url}/surfaces/{surface}/samples"
         return httpx2.post(url, content=content, headers=headers, trust_env=False, verify=NO_TLS, timeout=TIMEOUT_S)
 
     def stop(self, signal_number: int) -> tuple[int, str]:

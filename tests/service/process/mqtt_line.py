@@ -11,7 +11,7 @@ from service.conftest import batch_of
 from waiting import wait_until
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
     from pathlib import Path
 
     from service.process.broker import Broker
@@ -68,13 +68,19 @@ class Line:
     model: Path
     token_file: Path
 
-    def start(self, *mqtt: str, stale_ms: float = 60_000, port: int | None = None) -> Service:
+    def start(
+        self,
+        *mqtt: str,
+        stale_ms: float = 60_000,
+        port: int | None = None,
+        surfaces: Sequence[str] = ("press-7",),
+    ) -> Service:
         """Start a service with these lines in `[mqtt]`."""
         lines = ['host = "127.0.0.1"', f"port = {port or self.broker.port}", *mqtt]
         (self.folder / "service.toml").write_text(
             f"[server]\nwrite_token_file = '{self.token_file}'\n[events]\nfile = 'events.db'\n[mqtt]\n"
             + "\n".join(lines)
-            + f"\n[surfaces.press-7]\nmodel = '{self.model}'\nstale_ms = {stale_ms}\n"
+            + "".join(f"\n[surfaces.{name}]\nmodel = '{self.model}'\nstale_ms = {stale_ms}\n" for name in surfaces)
         )
         return self.start_service("--config", self.folder / "service.toml")
 

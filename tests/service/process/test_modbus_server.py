@@ -14,6 +14,7 @@ import pytest
 
 from processes import resident_mb
 from service.conftest import batch_of
+from waiting import wait_until
 
 from .modbus_service import ModbusService, answered, ask, request, start_modbus
 from .raw import closes
@@ -96,18 +97,24 @@ def test_a_client_that_ends_its_side_still_gets_its_answers(server: ModbusServic
         assert [answered(connection)[:2] for _ in range(3)] == [b"\x00\x01", b"\x00\x02", b""]
 
 
-def test_a_hundred_connections_do_not_keep_out_a_controller(server: ModbusService) -> None:
-    """More than the limit come and stay silent; the oldest of them leave, and the controller stays."""
+def test_a_hundred_connections_do_not_disturb_a_controller(start_service: StartService, tmp_path: Path) -> None:
+    """Those above the limit are closed; when the others have been silent for too long, there is place again."""
+    server = start_modbus(start_service, tmp_path, "max_clients = 4\nidle_s = 3.0")
     with ExitStack() as stack:
         controller = stack.enter_context(server.connected())
-        words = ask(controller, 2, 1)
         crowd = []
         for _ in range(100):
             crowd.append(stack.enter_context(server.connected()))
-            assert ask(controller, 2, 1) == words
-        assert [closes(one) for one in crowd[:96]] == [True] * 96
+            assert ask(controller, 52, 1) == [16]
+        refused = "beamtouch_modbus_connections_refused_total 97.0"
+        wait_until(lambda: refused in server.http.get("/metrics").text.splitlines())
+        with ThreadPoolExecutor() as pool:
+            closed = [pool.submit(closes, one) for one in crowd]
+            while not all(one.done() for one in closed):
+                assert ask(controller, 52, 1) == [16]
+        assert [one.result() for one in closed] == [True] * 100
         late = stack.enter_context(server.connected())
-        assert ask(late, 2, 1) == ask(controller, 2, 1) == words
+        assert ask(late, 52, 1) == ask(controller, 52, 1) == [16]
     code, errors = server.http.stop(signal.SIGTERM)
     assert (code, errors.count("too many connections")) == (0, 1)
 
@@ -179,6 +186,17 @@ def test_without_pymodbus_one_line_names_the_extra(command: Command, tmp_path: P
 
     assert (process.wait(), errors.count("\n")) == (2, 1)
     assert "pip install 'beamtouch[service,modbus-server]'" in errors
+
+
+def test_more_surfaces_than_modbus_has_addresses_are_refused(command: Command, tmp_path: Path) -> None:
+    surfaces = "\n".join(f"[surfaces.press-{number}]" for number in range(1311))
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        (tmp_path / "service.toml").write_text(f"[modbus_server]\nport = {port}\n{surfaces}\n")
+        process = command("run", "--port", "0", "--config", "service.toml")
+        _, errors = process.communicate(timeout=60)
+    assert (process.wait(), errors.count("\n")) == (2, 1)
+    assert "[modbus_server]: the addresses of Modbus hold 1310 surfaces, but there are 1311" in errors
 
 
 @pytest.mark.usefixtures("read_token_file")

@@ -175,10 +175,9 @@ def test_settings_that_cannot_work(
 def test_a_missing_library_is_one_line(tmp_path: Path) -> None:
     (tmp_path / "service.toml").write_text('[mqtt]\nhost = "broker"\n')
     program = (
-        "import sys; sys.modules['aiomqtt'] = None\n"
-        "from beamtouch_service.cli import main; sys.exit(main(sys.argv[1:]))"
+        "import sys; sys.modules['paho'] = None\nfrom beamtouch_service.cli import main; sys.exit(main(sys.argv[1:]))"
     )
     command = [sys.executable, "-c", program, "run", "--port", "0", "--config", str(tmp_path / "service.toml")]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
     assert (done.returncode, done.stdout) == (2, "")
-    assert done.stderr == "beamtouch-service: [mqtt] needs aiomqtt; run: pip install 'beamtouch[service,mqtt]'\n"
+    assert done.stderr == "beamtouch-service: [mqtt] needs paho; run: pip install 'beamtouch[service,mqtt]'\n"

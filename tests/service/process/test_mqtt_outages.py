@@ -21,6 +21,7 @@ from service.process.mqtt_line import (
     wait_connected,
     wait_for,
 )
+from service.process.relay import Relay
 
 if TYPE_CHECKING:
     from service.process.mqtt_line import Line
@@ -100,3 +101,25 @@ def test_a_broker_that_was_never_there(line: Line) -> None:
     assert code == 0
     (said,) = [one for one in errors.splitlines() if f"127.0.0.1:{port}" in one]
     assert "refused" in said.lower()
+
+
+@pytest.mark.long
+def test_a_contact_that_the_socket_does_not_take_in_time_is_dropped(line: Line) -> None:
+    """The broker answers, and then takes nothing: what has not left the service's machine must never leave it."""
+    names = [f"press-{number}" for number in range(7, 47)]
+    relay = Relay(line.broker.port)
+    service = line.start(stale_ms=STALE_S * 1e3, port=relay.port, surfaces=names)
+    for name in names[:5]:
+        batch = now_batch(TOUCHING, sequence=1)
+        assert service.post(batch, surface=name).status_code == 200
+    relay.start()
+    try:
+        assert relay.is_over.wait(60)
+        # Without a limit for each contact, an acknowledgement that does not come ends the connection after 5 s.
+        assert relay.reset_s < STALE_S + SLOW_S
+        assert len(relay.rest) <= relay.waiting_bytes < 10_000
+        wait_connected(service)
+    finally:
+        relay.close()
+    _, errors = service.stop(signal.SIGTERM)
+    assert "it does not answer; the service goes on and tries again" in errors

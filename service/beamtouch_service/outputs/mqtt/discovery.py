@@ -5,7 +5,7 @@ import re
 
 from beamtouch_common.commands import version
 from beamtouch_models.modelfile import State
-from beamtouch_service.outputs.mqtt.topics import OFFLINE, ONLINE, READY, Topics
+from beamtouch_service.outputs.mqtt.messages import OFFLINE, ONLINE, READY, Topics
 
 EXPIRE_S = 3
 """Without a contact for this long, Home Assistant shows the figures as unavailable. One arrives each second."""

@@ -4,60 +4,58 @@ import asyncio
 import logging
 from contextlib import suppress
 
+from prometheus_client import Counter, Gauge
+
 from beamtouch_service.api import events as event_answers
+from beamtouch_service.api.context import Context
 from beamtouch_service.events.database import EventsAwayError
-from beamtouch_service.events.recorder import Recorder
 from beamtouch_service.events.store import Due
-from beamtouch_service.outputs.mqtt.connection import WINDOW, Connection, RefusedError
-from beamtouch_service.outputs.mqtt.counts import MqttCounts
-from beamtouch_service.outputs.mqtt.messages import JSON, properties
-from beamtouch_service.outputs.mqtt.topics import Topics
+from beamtouch_service.outputs.mqtt.connection import REFUSED_RETRY_S, WINDOW, Connection, RefusedError
+from beamtouch_service.outputs.mqtt.messages import JSON, Topics, properties
 
 RETRY_S = 1.0
 """Pause before the same events are sent again, or read again."""
-REFUSED_RETRY_S = 30.0
-"""Pause after the broker refused an event: someone has to change its rights first."""
 RETURN_S = 10.0
 """After an outage, subscribers have this long to return: until then, an event that none of them gets is sent again."""
 
-_PROPERTIES = properties(JSON)
 _log = logging.getLogger("beamtouch.service.mqtt")
 
 
 class EventSender:
     """Sends the events of all surfaces to one destination."""
 
-    def __init__(self, recorder: Recorder, destination: str, topics: Topics, counts: MqttCounts) -> None:
-        self._recorder = recorder
+    def __init__(self, context: Context, destination: str, topics: Topics, sent: Counter) -> None:
+        self._recorder = context.recorder
         self._destination = destination
         self._topics = topics
-        self._counts = counts
+        self._sent = sent
+        """Those that the broker acknowledged."""
+        words = "Finished events that the MQTT broker has yet to acknowledge."
+        self._pending = Gauge("beamtouch_mqtt_events_pending", words, registry=context.counts.registry)
         self._written = asyncio.Event()
         self._begun = asyncio.Event()
         """The record knows the destination."""
         self._resume_s = float("-inf")
-        """When to try again after a refusal [s, of the loop]."""
+        """When to try again after a refusal, also over the next connection [s, of the loop]."""
 
     async def begin(self, *, from_start: bool) -> None:
         """Make the destination known to the record; a new one gets the events from now on, or all."""
         loop, destination = asyncio.get_running_loop(), self._destination
         self._recorder.on_written = lambda: _call(loop, self._written)
-        while True:
+        while not self._begun.is_set():
             try:
                 await self._recorder.look(lambda store: store.begin_delivery(destination, from_start=from_start))
+                self._begun.set()
             except EventsAwayError:  # the log has it
                 await asyncio.sleep(RETRY_S)
-            else:
-                self._begun.set()
-                return
 
-    async def count(self) -> None:
+    async def count_pending(self) -> None:
         """Count the events that have yet to be acknowledged."""
         if self._begun.is_set():
             await self._due(limit=0)
 
     async def run(self, connection: Connection) -> None:
-        """Send events over a connection; raises MqttError when it is lost."""
+        """Send events over a connection; raises BrokerError when it is lost."""
         await self._begun.wait()
         loop = asyncio.get_running_loop()
         settled_s = loop.time() + RETURN_S
@@ -68,11 +66,14 @@ class EventSender:
             if not due:
                 await self._written.wait()
                 continue
-            async with connection.telling:
-                await self._send(connection, due)
-            if connection.refusal is not None:
+            try:
+                has_listeners = await self._send(connection, due)
+            except RefusedError as error:
+                self._resume_s = loop.time() + REFUSED_RETRY_S
+                words = "the MQTT broker refuses events (%s); allow this user to write to %s"
+                _log.warning(words, error, self._topics.event("+"))
                 continue
-            if connection.has_listeners or loop.time() > settled_s:
+            if has_listeners or loop.time() > settled_s:
                 await self._acknowledge(due)
             else:
                 await asyncio.sleep(RETRY_S)
@@ -86,29 +87,22 @@ class EventSender:
             # Read again, whether an event is written meanwhile or not.
             self._written.set()
             return []
-        self._counts.pending.set(count)
+        self._pending.set(count)
         return due
 
-    async def _send(self, connection: Connection, due: list[Due]) -> None:
-        """Send events. If the broker refuses one, none is sent for a while, also over the next connection."""
+    async def _send(self, connection: Connection, due: list[Due]) -> bool:
+        """Send events, and return whether the broker had a subscriber for each."""
         messages = [
             (
-                self._topics.event(one.event.surface),
-                event_answers.event(one.number, one.event).model_dump_json().encode(),
+                self._topics.event(delivery.event.surface),
+                event_answers.event(delivery.number, delivery.event).model_dump_json().encode(),
             )
-            for one in due
+            for delivery in due
         ]
-        try:
-            with suppress(RefusedError):
-                await connection.tell(*messages, content_type=_PROPERTIES)
-        finally:
-            if connection.refusal is not None:
-                self._resume_s = asyncio.get_running_loop().time() + REFUSED_RETRY_S
-                words = "the MQTT broker refuses events (%s); allow this user to write to %s"
-                _log.warning(words, connection.refusal, self._topics.event("+"))
+        return await connection.tell(*messages, properties=properties(JSON))
 
     async def _acknowledge(self, due: list[Due]) -> None:
-        self._counts.events.inc(len(due))
+        self._sent.inc(len(due))
         with suppress(EventsAwayError):  # they are sent again
             await self._recorder.look(lambda store: store.acknowledge(due))
 

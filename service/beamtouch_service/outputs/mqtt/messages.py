@@ -1,24 +1,51 @@
-"""The properties of messages: what their text is, and how long the broker may keep them."""
+"""Messages to the broker: their topics, and their properties. Pure."""
 
+from dataclasses import dataclass
 from math import ceil
 
 from paho.mqtt.packettypes import PacketTypes
 from paho.mqtt.properties import Properties
 
 JSON, TEXT = "application/json", "text/plain"
+ONLINE, OFFLINE = "online", "offline"
+"""What the status says: the service is connected to the broker, or not."""
+READY = "ready"
+"""What the status of a surface says when it has a contact to give."""
 _UTF_8 = 1
 
 
-def properties(content_type: str, expiry_s: int | None = None) -> Properties:
-    """Return the properties of a message: the type of its text, and how long the broker may keep it [s]."""
+@dataclass(frozen=True)
+class Topics:
+    """The topics below one prefix."""
+
+    prefix: str
+
+    @property
+    def status(self) -> str:
+        """Of the service; the broker keeps its last message."""
+        return f"{self.prefix}/status"
+
+    def surface_status(self, surface: str) -> str:
+        """Of the status of a surface; the broker keeps its last message."""
+        return f"{self.prefix}/{surface}/status"
+
+    def contact(self, surface: str) -> str:
+        """Of the contacts on a surface."""
+        return f"{self.prefix}/{surface}/contact"
+
+    def event(self, surface: str) -> str:
+        """Of the finished events of a surface."""
+        return f"{self.prefix}/{surface}/event"
+
+
+def properties(content_type: str, stale_ms: float | None = None) -> Properties:
+    """Return the properties of a message: the type of its text, and that the broker drops it after this limit of age.
+
+    MQTT counts the limit in whole seconds, from 1 on.
+    """
     made = Properties(PacketTypes.PUBLISH)  # type: ignore[no-untyped-call]  # the library's
     made.PayloadFormatIndicator = _UTF_8
     made.ContentType = content_type
-    if expiry_s is not None:
-        made.MessageExpiryInterval = expiry_s
+    if stale_ms is not None:
+        made.MessageExpiryInterval = max(1, ceil(stale_ms / 1e3))
     return made
-
-
-def expiry_s(stale_ms: float) -> int:
-    """Return the expiry of contacts with this limit of age. MQTT counts it in whole seconds, from 1 on."""
-    return max(1, ceil(stale_ms / 1e3))

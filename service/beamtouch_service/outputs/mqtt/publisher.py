@@ -1,152 +1,172 @@
-"""Keeps a connection to the broker, and sends contacts and events over it. Nothing else waits for the broker."""
+"""Keeps a connection to the broker, and sends contacts, statuses and events over it. Nothing else waits for it."""
 
 import asyncio
 import logging
-import os
 import ssl
-from collections.abc import Iterator
+from collections.abc import Callable
+from functools import partial
 from time import monotonic
 
-import aiomqtt
-from aiomqtt.exceptions import MqttConnectError
-from paho.mqtt.reasoncodes import ReasonCode
+from prometheus_client import Counter, Gauge
 
 from beamtouch_common.errors import InputError
 from beamtouch_common.secrets import read_password
+from beamtouch_common.waits import Backoff
+from beamtouch_service.access import Access
 from beamtouch_service.api.context import Context
-from beamtouch_service.outputs.mqtt import discovery, tls
-from beamtouch_service.outputs.mqtt.connection import Connection, RefusedError, connected
+from beamtouch_service.outputs.mqtt import discovery
+from beamtouch_service.outputs.mqtt.connection import BrokerError, Connection, RefusedError
 from beamtouch_service.outputs.mqtt.contacts import ContactSender
-from beamtouch_service.outputs.mqtt.counts import MqttCounts
 from beamtouch_service.outputs.mqtt.events import EventSender
-from beamtouch_service.outputs.mqtt.messages import JSON, TEXT, properties
+from beamtouch_service.outputs.mqtt.messages import JSON, ONLINE, TEXT, Topics, properties
 from beamtouch_service.outputs.mqtt.section import MqttSection
 from beamtouch_service.outputs.mqtt.statuses import StatusSender
-from beamtouch_service.outputs.mqtt.topics import ONLINE, Topics
+from beamtouch_service.outputs.section import Output
 
 RETRY_S, MAX_RETRY_S = 0.5, 8.0
-"""Pause after a connection was lost, and the longest one; it doubles with each failure."""
+"""Pause after a connection was lost, and the longest one."""
 STEADY_S = 10.0
-"""A connection that lasts this long ends the doubling."""
-_NO_ANSWER, _LOST = "it does not answer", "the connection is lost"
-_ACCOUNT = "check mqtt.username and mqtt.password_file"
-_WORDS = {
-    "": _NO_ANSWER,
-    "Operation timed out": _NO_ANSWER,
-    "Unspecified error": _LOST,
-    "Bad user name or password": f"it refuses the user name or the password; {_ACCOUNT}",
-    "Not authorized": f"it refuses this client: not authorized; {_ACCOUNT}, and the rights of this user",
-    "Session taken over": "another client has the same mqtt.client_id; each service needs a prefix of its own",
-}
-"""What the library, or the protocol, says of a failure, and what the log says instead."""
+"""A connection that lasts this long ends the doubling of pauses."""
+
+BEGIN_S = 5.0
+"""Longest wait for the record before the first connection. Contacts do not need it."""
 
 _log = logging.getLogger("beamtouch.service.mqtt")
 
 
+def make(section: MqttSection, _surfaces: int, _access: Access) -> Output:
+    """Return the publisher; raises InputError and FailedError as `Publisher`."""
+    return Publisher(section)
+
+
 class Publisher:
-    """Sends what the surfaces tell to one broker."""
+    """Sends contacts, statuses and events to one broker."""
 
-    def __init__(self, settings: MqttSection) -> None:
-        """Check the TLS files and read the password.
+    def __init__(self, section: MqttSection) -> None:
+        """Read the password and the TLS files; raises InputError and FailedError if they cannot be used."""
+        self._section = section
+        self._tls = _tls(section)
+        self._password = read_password(section.password_file) if section.password_file else None
+        is_open = self._password is not None and self._tls is None
+        words = "no TLS to the MQTT broker: others on the network can read the password; see mqtt.tls"
+        self.warnings = [words] if is_open else []
 
-        Raises InputError if they cannot be used, FailedError if there is no file of the password yet.
-        """
-        if settings.tls:
-            tls.context(settings)
-        self._settings = settings
-        self._password = read_password(settings.password_file) if settings.password_file else None
-        self._where = f"{settings.host}:{settings.broker_port}"
-        self._topics = Topics(settings.prefix)
-        self._problem: str | None = None
+    async def run(self, context: Context) -> None:
+        """Connect, and connect again after each failure, until cancelled."""
+        link = _Link(self._section, context, partial(Connection, self._section, self._password, self._tls))
+        await link.keep()
+
+
+class _Link:
+    """The connections to the broker, one after the other, and what is sent over them."""
+
+    def __init__(self, section: MqttSection, context: Context, connect: Callable[[], Connection]) -> None:
+        self._section = section
+        self._context = context
+        self._connect = connect
+        self._where = f"{section.host}:{section.broker_port}"
+        self._topics = topics = Topics(section.prefix)
+        registry = context.counts.registry
+        self._connected = Gauge("beamtouch_mqtt_connected", "1 while the MQTT broker answers.", registry=registry)
+        sent = Counter("beamtouch_mqtt_messages", "Messages sent to the MQTT broker.", ["kind"], registry=registry)
+        self._contacts = ContactSender(context, topics, section.max_rate_hz, sent.labels("contact"))
+        self._statuses = StatusSender(context, topics)
+        destination = f"mqtt://{self._where}/{section.prefix}"
+        self._events = EventSender(context, destination, topics, sent.labels("event"))
+        self._problem = ""
         """Why there is no connection, as it was logged."""
         self._lost_s = monotonic()
 
-    async def run(self, context: Context) -> None:
-        """Serve one application until it ends."""
-        settings, counts = self._settings, MqttCounts(context.counts.registry)
-        contacts = ContactSender(context, self._topics, settings.max_rate_hz, counts)
-        statuses = StatusSender(context, self._topics)
-        events = EventSender(context.recorder, f"mqtt://{self._where}/{settings.prefix}", self._topics, counts)
-        beginning = asyncio.create_task(events.begin(from_start=settings.send_recorded_events))
+    async def keep(self) -> None:
+        """Connect, and connect again after each failure, until cancelled."""
+        beginning = asyncio.create_task(self._events.begin(from_start=self._section.send_recorded_events))
+        backoff = Backoff(RETRY_S, MAX_RETRY_S)
         try:
-            await self._serve(context, counts, events, (contacts, statuses))
+            # A new broker gets the events from now on.
+            await asyncio.wait([beginning], timeout=BEGIN_S)
+            while True:
+                begin_s = monotonic()
+                await self._serve_connection()
+                if monotonic() - begin_s > STEADY_S:
+                    backoff.reset()
+                await self._events.count_pending()
+                await asyncio.sleep(backoff.next())
         finally:
             beginning.cancel()
 
-    async def _serve(
-        self,
-        context: Context,
-        counts: MqttCounts,
-        events: EventSender,
-        others: tuple[ContactSender, StatusSender],
-    ) -> None:
-        """Connect, and connect again after each failure, until cancelled."""
-        settings, pause_s = self._settings, RETRY_S
-        while True:
-            begin_s = monotonic()
-            try:
-                async with connected(settings, self._password) as connection, asyncio.TaskGroup() as tasks:
-                    await self._introduce(connection, context)
-                    counts.connected.set(1)
-                    context.missing["mqtt"] = ""
-                    for sender in (events, *others):
-                        tasks.create_task(sender.run(connection))
-                    tasks.create_task(connection.watch())
-            except* (aiomqtt.MqttError, OSError, InputError) as failures:
-                failure = next(_leaves(failures))
-                context.missing["mqtt"] = f"broker {self._where}: {_reason(failure)}"
-                self._log_problem(failure)
-            counts.connected.set(0)
-            if monotonic() - begin_s > STEADY_S:
-                pause_s = RETRY_S
-            await events.count()
-            await asyncio.sleep(pause_s)
-            pause_s = min(2 * pause_s, MAX_RETRY_S)
-
-    async def _introduce(self, connection: Connection, context: Context) -> None:
-        """Say that the service is there, and describe its surfaces if that was asked for."""
-        topic, topics = self._topics.status, self._topics
+    async def _serve_connection(self) -> None:
+        """Connect, and send until the connection is lost."""
+        connection = self._connect()
         try:
-            await connection.tell((topic, ONLINE.encode()), content_type=properties(TEXT), retain=True)
-            for surface in context.registry if self._settings.home_assistant_discovery else ():
-                topic = discovery.topic(topics, surface.name)
-                text = discovery.description(topics, surface.name)
-                await connection.tell((topic, text), content_type=properties(JSON), retain=True)
-        except RefusedError as error:
-            message = f"it refuses messages to {topic} ({error}); allow this user to write there"
-            raise RefusedError(message) from None
-        if self._problem is None:
-            _log.info("MQTT broker %s: connected; topics %s/...", self._where, self._settings.prefix)
-        else:
-            _log.info("MQTT broker %s: connected again after %.1f s", self._where, monotonic() - self._lost_s)
-        self._problem = None
+            await connection.open()
+            await self._introduce(connection)
+            async with asyncio.TaskGroup() as tasks:
+                for sender in (self._events, self._contacts, self._statuses):
+                    tasks.create_task(sender.run(connection))
+                tasks.create_task(connection.watch())
+        except* BrokerError as failures:
+            self._note_failure(failures.exceptions[0])
+        finally:
+            connection.close()
+            self._connected.set(0)
 
-    def _log_problem(self, failure: BaseException) -> None:
+    async def _introduce(self, connection: Connection) -> None:
+        """Say that the service is there, and describe its surfaces if that was asked for."""
+        messages = [(self._topics.status, ONLINE.encode(), TEXT)]
+        if self._section.home_assistant_discovery:
+            messages += [
+                (discovery.topic(self._topics, name), discovery.description(self._topics, name), JSON)
+                for name in self._context.registry.names
+            ]
+        for topic, text, content_type in messages:
+            try:
+                await connection.tell((topic, text), properties=properties(content_type), retain=True)
+            except RefusedError as error:
+                message = f"it refuses messages to {topic} ({error}); allow this user to write there"
+                raise RefusedError(message) from None
+        if self._problem:
+            _log.info("MQTT broker %s: connected again after %.1f s", self._where, monotonic() - self._lost_s)
+        else:
+            _log.info("MQTT broker %s: connected; topics %s/...", self._where, self._section.prefix)
+        self._problem = ""
+        self._connected.set(1)
+        self._context.missing[self._section.name] = ""
+
+    def _note_failure(self, failure: Exception) -> None:
         """Log why there is no connection: once per outage, and again if the broker refuses what it did not before."""
-        is_first, is_refused = self._problem is None, isinstance(failure, MqttConnectError | RefusedError)
+        reason = str(failure)
+        self._context.missing[self._section.name] = f"broker {self._where}: {reason}"
+        is_first = not self._problem
         if is_first:
             self._lost_s = monotonic()
-        reason = _reason(failure)
-        if is_first or (is_refused and reason != self._problem):
+        if is_first or (isinstance(failure, RefusedError) and reason != self._problem):
             _log.warning("MQTT broker %s: %s; the service goes on and tries again", self._where, reason)
             self._problem = reason
 
 
-def _leaves(group: BaseExceptionGroup[BaseException]) -> Iterator[BaseException]:
-    for one in group.exceptions:
-        if isinstance(one, BaseExceptionGroup):
-            yield from _leaves(one)
-        else:
-            yield one
+def _tls(section: MqttSection) -> ssl.SSLContext | None:
+    """Return the TLS context of connections; raises InputError if a file cannot be used."""
+    if not section.tls:
+        return None
+    certificate, key = section.certificate_file, section.key_file
+    try:
+        context = ssl.create_default_context(cafile=section.ca_file)
+    except OSError as error:
+        words = "set mqtt.ca_file to the PEM certificates of the broker's issuer"
+        message = f"{section.ca_file}: {_reason(error)}; {words}"
+        raise InputError(message) from None
+    if certificate:
+        try:
+            # An empty passphrase: otherwise OpenSSL would ask for one at the terminal and wait.
+            context.load_cert_chain(certificate, key, password="")
+        except OSError as error:
+            message = (
+                f"{certificate} and {key} are not a PEM certificate and its key without a passphrase "
+                f"({_reason(error)}); correct mqtt.certificate_file and mqtt.key_file"
+            )
+            raise InputError(message) from None
+    return context
 
 
-def _reason(failure: BaseException) -> str:
-    """Return why there is no connection, and what to do about it."""
-    # The library names the reason of a lost connection only as the cause.
-    cause = failure.__cause__ or failure
-    code = getattr(cause, "rc", None)
-    text = str(code) if isinstance(code, ReasonCode) else str(cause)
-    if isinstance(cause, OSError) and not isinstance(cause, ssl.SSLError):
-        # Errors of name resolution have negative numbers.
-        text = os.strerror(cause.errno) if cause.errno and cause.errno > 0 else cause.strerror or ""
-    return _WORDS.get(text, text)
+def _reason(error: OSError) -> str:
+    return "not PEM" if isinstance(error, ssl.SSLError) else str(error.strerror)

@@ -1,14 +1,20 @@
-"""`[mqtt]` of the configuration."""
+"""`[mqtt]` in the configuration."""
 
-from typing import Annotated, Self
+from typing import Annotated, ClassVar, Self
 
 from pydantic import Field, FiniteFloat, model_validator
 
-from beamtouch_service.fields import File, Host, Section, Text, require_pair
+from beamtouch_service.fields import File, Host, Text, require_pair
+from beamtouch_service.outputs.section import OutputSection
 
 
-class MqttSection(Section):
+class MqttSection(OutputSection):
     """`[mqtt]`: contacts and events to an MQTT 5 broker. Without this section, the service knows no broker."""
+
+    name: ClassVar[str] = "mqtt"
+    module: ClassVar[str] = "beamtouch_service.outputs.mqtt.publisher"
+    extra: ClassVar[str] = "mqtt"
+    not_shared: ClassVar[str] = "as each service would send the events of all"
 
     host: Host
     """Name or address of the broker."""

@@ -1,0 +1,35 @@
+"""The contract of an output: its section in the configuration, and what is made from it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar, Protocol
+
+from beamtouch_service.fields import Section
+
+if TYPE_CHECKING:
+    from beamtouch_service.api.context import Context
+
+
+class OutputSection(Section):
+    """One output. A subclass in the folder of the output states the keys of its section."""
+
+    name: ClassVar[str]
+    """Name of the section."""
+    module: ClassVar[str]
+    """The module with `make(section, surfaces, access)`, which returns an `Output` for this number of surfaces and
+    these tokens. It raises InputError if the output can never work like this, and FailedError if a file cannot be read:
+    it may come later."""
+    extra: ClassVar[str]
+    """The extra of the distribution that brings the libraries of that module."""
+    not_shared: ClassVar[str] = ""
+    """Why the output does not work with a record of events that several services share."""
+
+
+class Output(Protocol):
+    """Another way to the contacts than HTTP."""
+
+    warnings: list[str]
+    """What works, but may not be meant."""
+
+    async def run(self, context: Context) -> None:
+        """Serve one application until cancelled."""

@@ -1,0 +1,87 @@
+"""A relay between a service and its broker, which can stop reading from the service in the middle of a turn."""
+
+import fcntl
+import select
+import socket
+import struct
+import termios
+import threading
+import time
+from contextlib import suppress
+
+_UNSUBACK = 0xB0
+_RECEIVE_BYTES = 4096
+WAIT_S = 30.0
+
+
+class Relay:
+    """Passes bytes on. After its first UNSUBACK, it reads no more from the first connection until that is reset."""
+
+    def __init__(self, broker_port: int) -> None:
+        self._broker_port = broker_port
+        self._listener = socket.socket()
+        # Connections inherit it: little waits in the relay itself.
+        self._listener.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BYTES)
+        self._listener.bind(("127.0.0.1", 0))
+        self.port: int = self._listener.getsockname()[1]
+        self.reset_s = float("inf")
+        """Time from the stop until the service reset the connection; infinite if it did not in `WAIT_S`."""
+        self.waiting_bytes = 0
+        """What the relay itself had of the connection then, unread."""
+        self.rest = b""
+        """What still came when it was read again."""
+        self.is_over = threading.Event()
+
+    def start(self) -> None:
+        self._listener.listen()
+        threading.Thread(target=self._accept, daemon=True).start()
+
+    def close(self) -> None:
+        self._listener.close()
+
+    def _accept(self) -> None:
+        is_first = True
+        with suppress(OSError):
+            while True:
+                service, _ = self._listener.accept()
+                broker = socket.create_connection(("127.0.0.1", self._broker_port))
+                reads = threading.Event()
+                reads.set()
+                up = self._pass_first_up if is_first else _pass_on
+                threading.Thread(target=up, args=(service, broker, reads), daemon=True).start()
+                threading.Thread(target=self._pass_down, args=(broker, service, reads, is_first), daemon=True).start()
+                is_first = False
+
+    def _pass_first_up(self, service: socket.socket, broker: socket.socket, reads: threading.Event) -> None:
+        arrival, reset = select.poll(), select.poll()
+        arrival.register(service, select.POLLIN)
+        reset.register(service, 0)
+        with service, broker:
+            while reads.is_set():
+                if arrival.poll(10):
+                    broker.sendall(service.recv(512))
+            begin_s = time.monotonic()
+            if reset.poll(WAIT_S * 1e3):
+                self.reset_s = time.monotonic() - begin_s
+            self.waiting_bytes = struct.unpack("i", fcntl.ioctl(service, termios.FIONREAD, b"    "))[0]
+            with suppress(OSError):
+                while arrival.poll(2000) and (part := service.recv(65_536)):
+                    self.rest += part
+        self.is_over.set()
+
+    def _pass_down(self, broker: socket.socket, service: socket.socket, reads: threading.Event, is_first: bool) -> None:
+        with suppress(OSError), broker.makefile("rb") as packets:
+            while head := packets.read(1):
+                size = packets.read(1)
+                assert size[0] < 0x80, "the broker's packets are short"
+                rest = packets.read(size[0])
+                if is_first and head[0] == _UNSUBACK:
+                    # First the stop, so that nothing of the turn passes.
+                    reads.clear()
+                service.sendall(head + size + rest)
+
+
+def _pass_on(source: socket.socket, target: socket.socket, _reads: threading.Event) -> None:
+    with source, target, suppress(OSError):
+        while part := source.recv(65_536):
+            target.sendall(part)
