@@ -31,15 +31,15 @@ def address_of(text: str) -> tuple[str, int]:
 
 def numbers(text: str) -> tuple[int, ...]:
     """Return the unit numbers in a list such as 1-16,20; ArgumentTypeError if it is not one."""
-    found: list[int] = []
+    units: list[int] = []
     for part in text.split(","):
         match = re.fullmatch(r"(\d{1,3})(?:-(\d{1,3}))?", part.strip(), re.ASCII)
         first, last = (int(match[1]), int(match[2] or match[1])) if match else (1, 0)
         if first > last or last not in TCP_UNITS:
             message = f"{text!r} is not a list of unit numbers from 0 to 255, such as 1-16 or 1,2,20-30"
             raise argparse.ArgumentTypeError(message)
-        found += range(first, last + 1)
-    return tuple(dict.fromkeys(found))
+        units += range(first, last + 1)
+    return tuple(dict.fromkeys(units))
 
 
 def ranges(units: Sequence[int]) -> str:

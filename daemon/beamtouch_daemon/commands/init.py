@@ -62,13 +62,13 @@ def _configuration(arguments: argparse.Namespace, path: Path) -> tuple[str, Conf
     if template is None:
         message = "--model-config: give the configuration that design-sensors build --daemon-config wrote"
         raise InputError(message)
-    known = _template(template)
+    model_config = _template(template)
     source = _source(arguments)
-    token = arguments.token_file or path.parent / known.publish.token_file
-    publish = {"url": (arguments.url or known.publish.url).rstrip("/"), "token_file": _seen_from(path, token)}
+    token = arguments.token_file or path.parent / model_config.publish.token_file
+    publish = {"url": (arguments.url or model_config.publish.url).rstrip("/"), "token_file": _seen_from(path, token)}
     if arguments.certificate_file is not None:
         publish["certificate_file"] = _seen_from(path, arguments.certificate_file)
-    (name,) = known.surfaces
+    (name,) = model_config.surfaces
     try:
         text = read_text(template).replace("\r\n", "\n")
         text = _with_table(text, ("surfaces", name, "source"), source)
@@ -88,11 +88,11 @@ def _template(path: Path) -> Config:
     if path.suffix == ".onnx":
         message = f"{path}: the daemon reads no models; give what design-sensors build --daemon-config FILE wrote"
         raise InputError(message)
-    known = load_config(path)
-    if len(known.surfaces) > 1 or known.include:
+    model_config = load_config(path)
+    if len(model_config.surfaces) > 1 or model_config.include:
         message = f"{path}: has several surfaces; give a configuration with the surface of one model"
         raise InputError(message)
-    return known
+    return model_config
 
 
 def _source(arguments: argparse.Namespace) -> Keys:

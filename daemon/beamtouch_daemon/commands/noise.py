@@ -87,20 +87,13 @@ def _seconds(asked: float | None, surface: Surface) -> float:
     needed_s = readings_needed(surface) / surface.rate_hz
     longest_s = min(MAX_SECONDS, MAX_READINGS / surface.rate_hz)
     if needed_s > longest_s:
-        message = (
-            f"its filter needs {_rounded(needed_s)} s of readings, and at most {_rounded(longest_s)} s are recorded"
-        )
+        message = f"its filter needs {needed_s:g} s of readings, and at most {longest_s:g} s are recorded"
         raise InputError(message)
     seconds = min(max(DEFAULT_S, MARGIN * needed_s), longest_s) if asked is None else asked
     if not needed_s <= seconds <= longest_s:
-        message = f"--seconds: give {_rounded(needed_s)} to {_rounded(longest_s)}, as its rate and its filter require"
+        message = f"--seconds: give {needed_s:g} to {longest_s:g}, as its rate and its filter require"
         raise InputError(message)
     return seconds
-
-
-def _rounded(seconds: float) -> str:
-    """Return a time in at least three digits, never as a power of ten."""
-    return digits(seconds, 3) if seconds < 999.5 else f"{seconds:.0f}"
 
 
 async def _measure_all(

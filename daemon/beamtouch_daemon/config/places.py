@@ -31,5 +31,5 @@ def place_of(source: Source, channel: Channel) -> tuple[str, int, int]:
 def encoding_of(source: Source, channel: Channel) -> Encoding:
     """Return the data type of the counts of a channel; those of a serial device are whole numbers or their means."""
     module = None if isinstance(source, SerialLine) else source.module
-    known: Encoding = "u16" if module is None else module_of(module).type
-    return channel.type or known
+    default: Encoding = "u16" if module is None else module_of(module).type
+    return channel.type or default

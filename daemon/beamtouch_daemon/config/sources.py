@@ -52,14 +52,14 @@ class Modbus(Strict):
     @property
     def function_code(self) -> int:
         """Number of the function that reads the registers."""
-        known = None if self.module is None else module_of(self.module).function
-        return self.function or known or 4
+        default = None if self.module is None else module_of(self.module).function
+        return self.function or default or 4
 
     @property
     def max_request_registers(self) -> int:
         """Limit of registers in one request."""
-        known = None if self.module is None else module_of(self.module).max_registers
-        return self.max_registers or known or 125
+        default = None if self.module is None else module_of(self.module).max_registers
+        return self.max_registers or default or 125
 
 
 class ModbusTcp(Modbus):

@@ -46,16 +46,16 @@ def uncertainties(filtered: Filtered) -> list[Uncertainty]:
     number = np.maximum(np.floor(filtered.readings + 1e-6), 1.0)  # NaN stays NaN
     relative = variance * number[:, np.newaxis]
     differs = (relative < PLAIN[0]) | (relative > PLAIN[1])  # False for NaN
-    found = [UNKNOWN if math.isnan(readings) else Uncertainty(int(readings), None) for readings in number.tolist()]
+    results = [UNKNOWN if math.isnan(readings) else Uncertainty(int(readings), None) for readings in number.tolist()]
     stated = np.flatnonzero(filtered.uncertain | differs.any(axis=1))
     if len(stated):
         row, column = np.tril_indices(filtered.mean_mm.shape[1])
         triangles, least = filtered.covariances_mm2(stated)[:, row, column], float(filtered.noise_mm.min())
         for index, triangle in zip(stated.tolist(), triangles, strict=True):
-            readings = found[index].readings
+            readings = results[index].readings
             if readings is not None:
-                found[index] = Uncertainty(readings, _rounded(triangle, least**2 / readings))
-    return found
+                results[index] = Uncertainty(readings, _rounded(triangle, least**2 / readings))
+    return results
 
 
 def _rounded(triangle: FloatArray, white_mm2: float) -> list[float]:
