@@ -1,1 +1,1 @@
-"""The record of contacts: segments from decided samples, joined to events and stored."""
+"""The record: events from every sample, once and in order, stored with the cursor of each boot."""
