@@ -152,16 +152,17 @@ def _load_surface(name: str, section: SurfaceSection) -> tuple[Surface, ModelKee
 
 def _warnings(settings: Settings, access: Access, address: Address) -> list[str]:
     """Return what works, but may not be meant."""
-    server, is_open = settings.server, not address.is_loopback
-    concerns = {
-        "no write token: every write is refused; start with --write-token-file FILE to allow writes": not access.write,
-        "no surface: the service has no contact to give; start with --model MODEL or --config FILE": (
-            not settings.surfaces
-        ),
-        "no TLS: others on the network can read the tokens; see certificate_file and key_file": (
-            is_open and not server.certificate_file and not server.proxy
-        ),
+    server, warnings = settings.server, list[str]()
+    if access.write is None:
+        warnings.append("no write token: every write is refused; start with --write-token-file FILE to allow writes")
+    if not settings.surfaces:
+        warnings.append("no surface: the service has no contact to give; start with --model MODEL or --config FILE")
+    if address.is_loopback or server.proxy:
+        return warnings
+    if not server.certificate_file:
+        warnings.append("no TLS: others on the network can read the tokens; see certificate_file and key_file")
+    warnings.append(
         "no proxy: other machines can hold connections and send slow requests; put HAProxy in front, as "
-        "deploy/haproxy-one.cfg does, and name it in server.proxy": is_open and not server.proxy,
-    }
-    return [words for words, applies in concerns.items() if applies]
+        "deploy/haproxy-one.cfg does, and name it in server.proxy"
+    )
+    return warnings
