@@ -38,13 +38,15 @@ class Blocks:
             message = f"address {end - 1} belongs to no surface"
             raise NoSuchRegisterError(message)
         first = address // BLOCK
-        found = [word for one in self._surfaces[first : -(-end // BLOCK)] for word in self._block(one, now_s)]
-        return found[address - first * BLOCK : end - first * BLOCK]
+        surfaces = self._surfaces[first : -(-end // BLOCK)]
+        words = [word for surface in surfaces for word in self._block(surface, now_s)]
+        return words[address - first * BLOCK : end - first * BLOCK]
 
     def _block(self, surface: Surface, now_s: float) -> list[int]:
-        found, block = snapshot(surface, now_s), [0] * BLOCK
-        for one in REGISTERS:
-            block[one.offset : one.offset + one.type.count] = self._words(one.type, one.value(found))
+        values, block = snapshot(surface, now_s), [0] * BLOCK
+        for register in REGISTERS:
+            end = register.offset + register.type.count
+            block[register.offset : end] = self._words(register.type, register.value(values))
         return block
 
     def _words(self, kind: Type, value: float) -> list[int]:

@@ -39,9 +39,9 @@ def frame_bytes(head: bytes) -> int:
 
 def answer(frame: bytes, read: Read) -> bytes:
     """Return the answer to one whole frame. Any unit is answered, under its own number."""
-    found = _answer(frame[7], frame[8:], read)
-    found.transaction_id, found.dev_id = int.from_bytes(frame[:2]), frame[6]
-    return _FRAMER.buildFrame(found)
+    pdu = _answer(frame[7], frame[8:], read)
+    pdu.transaction_id, pdu.dev_id = int.from_bytes(frame[:2]), frame[6]
+    return _FRAMER.buildFrame(pdu)
 
 
 def _answer(function: int, data: bytes, read: Read) -> ModbusPDU:
