@@ -105,6 +105,21 @@ def test_what_is_behind_a_gap_waits_for_the_backlog_and_the_answer_does_not(serv
     assert story.ask()["durable"] == 10
 
 
+def test_a_gap_within_a_batch_is_no_loss_while_the_sender_has_the_samples(
+    services: Services, make_batch: MakeBatch
+) -> None:
+    story = services.story(CONTACT)
+    samples = make_batch(*CONTACT)["samples"]
+    for sample in samples:
+        sample["acquired_unix_us"] = START_US + (sample["sequence"] - 1) * 5000
+    receipt = story.deliver(0, 0, samples=[*samples[:3], *samples[6:]])
+    assert receipt["expected"] == 4
+    assert ends(story) == [("touch", "open")]
+    story.catch_up()
+    assert rounded(story.events) == rounded(services.straight(CONTACT))
+    assert 'beamtouch_record_samples_lost_total{surface="press-7"} 0.0' in story.bench.get("/metrics").text
+
+
 def test_a_backlog_gives_no_answer_and_chooses_no_sender(services: Services) -> None:
     story = services.story(CONTACT)
     story.backlog(0, 10)
