@@ -170,7 +170,8 @@ class ServerDatabase(Database):
         except ModuleNotFoundError:
             message = "events.url needs psycopg; run: pip install 'beamtouch[postgresql]'"
             raise EventStoreError(message) from None
-        super().__init__(engine, nullcontext(), "the database of events.url: {}; give Beamtouch a database of its own")
+        words = "the database of events.url: {}; check events.url, and that its server runs"
+        super().__init__(engine, nullcontext(), words)
 
     def used_bytes(self, connection: Connection) -> int:
         """Return the size of the rows. The files of the database keep the room of deleted ones."""

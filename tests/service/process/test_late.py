@@ -108,3 +108,20 @@ def test_what_is_missing_is_named_and_used_when_it_comes(
     finally:
         broker.close()
     assert record.stat().st_size > 0
+
+
+def test_a_database_that_is_away_is_waited_for(
+    command: Command, build_model: BuildModel, token_file: Path, tmp_path: Path
+) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as probe:
+        port = probe.getsockname()[1]
+    (tmp_path / "service.toml").write_text(
+        f'[server]\nport = 0\nwrite_token_file = "{token_file}"\n'
+        f'[events]\nurl = "postgresql://beamtouch@127.0.0.1:{port}/beamtouch"\n'
+        f'[surfaces.press-7]\nmodel = "{build_model()}"\n'
+    )
+    process = command("run", "--config", tmp_path / "service.toml")
+    assert process.stderr is not None
+    line = next(line for line in process.stderr if "the record of events is away" in line)
+    assert "Connection refused; check events.url, and that its server runs; answers go on" in line
+    assert missing(service_of(process, "")) == {"events"}
