@@ -64,7 +64,7 @@ class Watched:
 
     def log(self, level: str) -> list[str]:
         lines = self.line.log("service").splitlines()
-        return [line.partition(" beamtouch.service: ")[2] for line in lines if level in line and "channel" in line]
+        return [line.partition(f" {level} ")[2] for line in lines if level in line and "channel" in line]
 
     def set_range(self, range_mm: list[float]) -> list[float]:
         """Make the daemon take another range for the sensor that dies; return the one that it had."""

@@ -19,7 +19,7 @@ BUILT = ROOT / "build" / "deb"
 DEBIAN = ROOT / "packaging" / "debian"
 MAX_MIB = {"daemon": 30, "service": 70}
 """Largest size of a package: a gateway fetches the daemon's over a slow line."""
-NEEDED = {"daemon": {"pymodbus", "pyserial"}, "service": {"paho", "onnxruntime", "psycopg", "pymodbus"}}
+NEEDED = {"daemon": {"pymodbus", "pyserial"}, "service": {"paho-mqtt", "onnxruntime", "psycopg", "pymodbus"}}
 """Distributions that a source or a section of the configuration needs: they cannot be added later."""
 FOREIGN = {"daemon": {"onnxruntime", "fastapi", "sqlalchemy"}, "service": {"aiohttp", "pyserial"}}
 """Distributions that only the other package needs."""

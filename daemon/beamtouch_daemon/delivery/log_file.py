@@ -205,8 +205,10 @@ def _read(database: sqlite3.Connection, row: int) -> Batch:
     """Return the batch in a row; ValueError if it is not as it was written."""
     query = "SELECT surface, boot, first, last, bytes, checksum, content FROM chunk WHERE id = ?"
     columns = database.execute(query, (row,)).fetchone()
-    batch = Batch.model_validate_json(columns[-1])
-    if _columns(columns[0], batch, columns[-1]) != columns:
+    content = columns[-1]
+    # SQLite keeps whatever type a column was given.
+    batch = Batch.model_validate_json(content) if isinstance(content, bytes) else None
+    if batch is None or _columns(columns[0], batch, content) != columns:
         message = "a checksum does not match"
         raise ValueError(message)
     return batch
