@@ -52,10 +52,13 @@ async def test_a_register_that_is_not_there_is_an_error_that_says_so() -> None:
             await first_readings(make_source(port, [40]), 1)
 
 
-async def test_a_channel_that_the_device_refuses_is_missing_and_the_others_are_there() -> None:
+async def test_a_channel_that_the_device_refuses_is_missing_and_the_others_are_there(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
     async with pymodbus_server([1, 2]) as port:
-        (reading,) = await first_readings(make_source(port, [0, 1, 40]), 1)
-        assert reading.counts == (1, 2, None)
+        readings = await first_readings(make_source(port, [0, 1, 40]), 3)
+    assert [reading.counts for reading in readings] == [(1, 2, None)] * 3
+    assert caplog.text.count("it has no such register: asked for 40") == 1
 
 
 async def test_a_device_failure_is_an_error() -> None:

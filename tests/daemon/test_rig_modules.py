@@ -88,3 +88,16 @@ async def test_a_wrong_function_unit_or_register_is_refused_as_a_module_does(ben
     assert "exception 1: it does not know this function" in said[0]
     assert "exception 11: gateway: the device does not answer" in said[1]
     assert "exception 2: it has no such register: asked for 106; addresses count from 0" in said[2]
+
+
+async def test_a_register_that_is_not_there_is_named_while_the_others_are_read(
+    bench_model: Path, tmp_path: Path
+) -> None:
+    with rig(bench_model, "--modbus-tcp", "127.0.0.1:0", "--by-hand") as port:
+        config = configuration(tmp_path, TCP.format(port=port), "register = {index}")
+        config.write_text(config.read_text().replace("register = 3\n", "register = 103\n"))
+        done = await command("check", config)
+    assert done.code == 1
+    assert done.out.count("good") == 3
+    assert "s4 missing" in done.err
+    assert "unit 1 answers with exception 2: it has no such register: asked for 103; addresses count from 0" in done.err

@@ -1,4 +1,4 @@
-"""Two daemons that send for one surface are told; one that was started anew, or delivers its spool, is not."""
+"""Two daemons that send for one surface are told; one that was started anew, or delivers its log, is not."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def test_two_that_send_in_turn_are_told_until_one_stops(
     ]
 
 
-def test_a_daemon_that_is_started_anew_and_delivers_its_spool_is_one(bench: Bench, make_batch: MakeBatch) -> None:
+def test_a_daemon_that_is_started_anew_and_delivers_its_log_is_one(bench: Bench, make_batch: MakeBatch) -> None:
     boots = [Daemon(bench, make_batch, f"daemon-{number}") for number in range(3)]
     begun_s = []
     for number, boot in enumerate(boots):

@@ -73,6 +73,8 @@ class Part:
         self.rests_until_s = 0.0
         self.complaint = ""
         """Reason of the last failure."""
+        self.refusal = ""
+        """Why some of the registers are missing from the last answers; empty if none are."""
         self._blocks = blocks
         self._failures = 0
         """Failed slots in a row."""
@@ -95,19 +97,19 @@ class Part:
         """
         contents: dict[int, int] = {}
         asked_s: list[float] = []
-        refusal = "no registers"
+        self.refusal = ""
         try:
             for block in self._blocks:
                 answer = await self.link.read(block)
                 asked_s.append(answer.asked_s)
                 contents.update(enumerate(answer.registers, block.first))
                 if answer.exception:
-                    refusal = _refusal_text(answer.exception, block)
+                    self.refusal = f"{self.link.name} answers with {_refusal_text(answer.exception, block)}"
         except NoAnswerError as error:
             self.failed(str(error))
             return None
         if not contents:
-            self.failed(f"{self.link.name} answers with {refusal}")
+            self.failed(self.refusal or f"{self.link.name} answers with no registers")
             return None
         self._failures = 0
         return contents, asked_s[0]
@@ -127,13 +129,18 @@ class PolledSource:
         self._parts = tuple(parts)
         self._channels = channels
         self._rate_hz = rate_hz
-        self._repeated = {part: Repeated(_log, f"{name}: {part.link.name}") for part in parts}
+        self._repeated = {part: Repeated(_log, name) for part in parts}
         self._attempts: dict[Part, asyncio.Task[None]] = {}
 
     @property
     def limits(self) -> tuple[str, ...]:
         """Known cases in which old or foreign answers may pass unnoticed, a sentence each."""
         return tuple(dict.fromkeys(limit for part in self._parts for limit in part.link.limits))
+
+    @property
+    def refusals(self) -> tuple[str, ...]:
+        """Why values are missing from the readings, a sentence for each unit that refuses some of its registers."""
+        return tuple(part.refusal for part in self._parts if part.refusal)
 
     async def readings(self) -> AsyncGenerator[list[Reading], None]:
         """Open the links and yield a reading per slot, until no unit answers."""
@@ -187,10 +194,12 @@ class PolledSource:
         return None
 
     async def _read(self, part: Part) -> tuple[Mapping[int, int], float] | None:
-        """Read a unit, and log once if it is given up while others go on."""
+        """Read a unit; log once if it refuses some of its registers, or is given up while others go on."""
         answers = await part.read()
-        if answers is not None:
-            self._repeated[part].over()
+        if answers is not None and part.refusal:
+            self._repeated[part].failed(part.refusal)
+        elif answers is not None:
+            self._repeated[part].over(f"{part.link.name} works again")
         elif part.is_given_up and len(self._parts) > 1:  # the end of the session is logged elsewhere
             self._repeated[part].failed(f"{part.complaint}; trying again")
         return answers
