@@ -203,6 +203,7 @@ async def test_a_file_that_is_deleted_or_replaced_in_use_is_begun_anew_and_the_l
         await until(lambda: bench.logs.counts.dropped == 30)
         if replaced:
             await until(lambda: len(service.record.numbers().get("boot-000c", [])) == 7)
+            await until(lambda: not bench.logs.on_disk)
         service.problem_of = lambda *_: (503, "busy")
         bench.count(5)
     assert sum("was deleted or replaced while in use" in text for text in caplog.messages) == 1
