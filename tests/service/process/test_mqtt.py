@@ -64,6 +64,7 @@ def test_every_change_of_state_is_sent_however_low_the_rate(line: Line) -> None:
     service = line.start("max_rate_hz = 1")
     wait_connected(service)
     told = ["no-samples"]
+    wait_for(lambda: states(subscriber) == told)
     for sequence, row in enumerate([RESTING, TOUCHING, RESTING, TOUCHING], start=1):
         service.post(now_batch(row, sequence=sequence))
         told.append("clear" if row is RESTING else "contact")
