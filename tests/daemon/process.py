@@ -52,6 +52,12 @@ class Daemon:
         self._process.send_signal(number)
         return await self.end()
 
+    def answer(self, line: str) -> None:
+        """Write a line to its standard input."""
+        assert self._process.stdin is not None
+        self._process.stdin.write(f"{line}\n")
+        self._process.stdin.flush()
+
     def tell(self, number: signal.Signals) -> None:
         """Send a signal and go on."""
         self._process.send_signal(number)

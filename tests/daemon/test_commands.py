@@ -285,6 +285,8 @@ async def test_ctrl_c_ends_a_command_with_130_and_no_traceback(tmp_path: Path, n
             config = configs.write(tmp_path, configs.surface(source=f"{configs.rtu(bus.path)}\ntimeout_ms = 20000"))
             options = ("-o", tmp_path / "loads.csv") if name == "record" else ()
             async with started(name, config, *options) as daemon:
+                if name == "record":
+                    daemon.answer("100 5")
                 await asked.wait()
                 outcome = await daemon.stop(signal.SIGINT)
     assert outcome.code == 130

@@ -156,9 +156,7 @@ async def _read_all(config: Config) -> list[SurfaceState]:
         except SourceError as error:
             return SurfaceState(name, config.file_of(name), error=str(error))
         channels = _channels(surface, rest[name], reading)
-        return SurfaceState(
-            name, config.file_of(name), channels, limits=source.limits, refused_values=source.refusals
-        )
+        return SurfaceState(name, config.file_of(name), channels, limits=source.limits, refused_values=source.refusals)
 
     return await asyncio.gather(*(read(name, surface) for name, surface in config.surfaces.items()))
 
