@@ -9,7 +9,7 @@ PACKAGES := common/beamtouch_common firmware_protocol/beamtouch_protocol models/
 # of processes.
 WORKERS ?= $(shell expr 2 \* $$(nproc))
 
-.PHONY: help install demo test coverage bench check docs reference release format deb clean
+.PHONY: help install demo test faults coverage bench check docs reference release format deb clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 10
@@ -26,6 +26,9 @@ demo: $(INSTALLED)  ## build a model, run rig, service and daemon, show live con
 
 test: $(INSTALLED)  ## all tests
 	PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest --numprocesses $(WORKERS)
+
+faults: $(INSTALLED)  ## put each fault of tests/faults/faults.toml into a copy, and see a test catch it; NAMES="delivery ..."
+	$(BIN)/python tests/faults $(NAMES)
 
 coverage: $(INSTALLED)  ## all tests, then the lines of the packages that no process of the tests ran
 	PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest --numprocesses $(WORKERS) --cov
