@@ -63,9 +63,10 @@ async def test_check_fails_when_a_channel_is_not_good_or_a_surface_cannot_be_rea
         "quality": "good",
     }
     assert report["surfaces"]["press-7"]["channels"] == []
-    saturated, missing, refused = outcome.err.splitlines()
+    named, saturated, missing, refused = outcome.err.splitlines()
     assert saturated.startswith("beamtouch-daemon: bench: s1 saturated: the counts stand at an end of the ADC; check ")
     assert missing.startswith("beamtouch-daemon: bench: s3 missing: the device sent no value; check unit and register")
+    assert "bench: unit 1 answers with exception 2: it has no such register: asked for 40; addresses count" in named
     assert refused.startswith("beamtouch-daemon: press-7: no connection to 127.0.0.1:")
 
 

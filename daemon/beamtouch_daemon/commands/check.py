@@ -68,8 +68,6 @@ class SurfaceState:
     error: str | None = None
     limits: tuple[str, ...] = ()
     """Cases in which old or foreign readings may pass unnoticed, a sentence each."""
-    refused_values: tuple[str, ...] = ()
-    """Why a device gives some values and refuses others, a sentence each."""
     refusal: str | None = None
     """Reason why the service does not take the samples of this surface; None: it takes them, or was not asked."""
     doubt: str | None = None
@@ -93,7 +91,6 @@ class SurfaceState:
         for quality, cause in CAUSES.items():
             if names := [channel.channel for channel in self.channels if channel.quality is quality]:
                 yield f"{', '.join(names)} {quality.value}: {cause}"
-        yield from self.refused_values
         if self.refusal:
             yield self.refusal
 
@@ -155,8 +152,7 @@ async def _read_all(config: Config) -> list[SurfaceState]:
             (reading,) = await first_readings(source, 1)
         except SourceError as error:
             return SurfaceState(name, config.file_of(name), error=str(error))
-        channels = _channels(surface, rest[name], reading)
-        return SurfaceState(name, config.file_of(name), channels, limits=source.limits, refused_values=source.refusals)
+        return SurfaceState(name, config.file_of(name), _channels(surface, rest[name], reading), limits=source.limits)
 
     return await asyncio.gather(*(read(name, surface) for name, surface in config.surfaces.items()))
 
@@ -194,7 +190,6 @@ def _as_json(state: SurfaceState, *, asked: bool) -> dict[str, object]:
             for channel in state.channels
         ],
         "limits": state.limits,
-        "refused_values": state.refused_values,
         "service": (state.refusal or "takes samples") if asked else None,
         "doubt": state.doubt,
     }

@@ -186,11 +186,6 @@ class BoardSource:
         """Empty: each reading has a number and the device's time."""
         return ()
 
-    @property
-    def refusals(self) -> tuple[str, ...]:
-        """Empty: a reading has all values."""
-        return ()
-
     async def readings(self) -> AsyncGenerator[list[Reading], None]:
         """Open the port, check and start the device, and yield its readings."""
         port = BoardPort(self._path, self._baud)

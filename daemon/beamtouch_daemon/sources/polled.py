@@ -137,11 +137,6 @@ class PolledSource:
         """Known cases in which old or foreign answers may pass unnoticed, a sentence each."""
         return tuple(dict.fromkeys(limit for part in self._parts for limit in part.link.limits))
 
-    @property
-    def refusals(self) -> tuple[str, ...]:
-        """Why values are missing from the readings, a sentence for each unit that refuses some of its registers."""
-        return tuple(part.refusal for part in self._parts if part.refusal)
-
     async def readings(self) -> AsyncGenerator[list[Reading], None]:
         """Open the links and yield a reading per slot, until no unit answers."""
         async with AsyncExitStack() as stack:

@@ -36,11 +36,6 @@ class Source(Protocol):
         """Known cases in which old or foreign readings may pass unnoticed, a sentence each."""
         ...
 
-    @property
-    def refusals(self) -> tuple[str, ...]:
-        """Why the device gives some values and refuses others, a sentence each."""
-        ...
-
     def readings(self) -> AsyncGenerator[list[Reading], None]:
         """Open the device and yield non-empty lists of readings, oldest first, until SourceError.
 
