@@ -63,14 +63,10 @@ def exit_code(
 
     Parameters
     ----------
-    program
-        Name of the command.
-    extra
-        The extra of the distribution that the command needs.
-    work
-        The command. It imports what the extra installs, so that a missing extra is reported here.
-    input_errors
-        Errors that mean wrong input.
+    program : Name of the command.
+    extra : The extra of the distribution that the command needs.
+    work : The command. It imports what the extra installs, so that a missing extra is reported here.
+    input_errors : Errors that mean wrong input.
     """
     try:
         code = work()
@@ -95,10 +91,13 @@ def _complain_of(error: Exception, program: str, input_errors: tuple[type[Except
     """Report an expected error in one line and return its exit code; None for any other."""
     if _is_interrupted(error):
         return complain(program, "interrupted", INTERRUPTED)
-    if isinstance(error, OSError) and (_is_output_lost() or isinstance(error, BrokenPipeError)):
+    is_output_lost = _is_output_lost()
+    if isinstance(error, OSError) and (is_output_lost or isinstance(error, BrokenPipeError)):
         return complain(program, f"not all was printed to standard output: {error.strerror}", FAILED)
     if isinstance(error, FailedError):
-        return complain(program, str(error), FAILED)
+        for line in error.args:
+            complain(program, line, FAILED)
+        return FAILED
     if isinstance(error, input_errors):
         return complain(program, _text(error), WRONG_INPUT)
     return None

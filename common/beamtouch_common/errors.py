@@ -6,4 +6,4 @@ class InputError(ValueError):
 
 
 class FailedError(RuntimeError):
-    """The input is right, but the work failed; the message is one line that says why. Exit code 1."""
+    """The input is right, but the work failed; each argument is one line that says why. Exit code 1."""

@@ -51,12 +51,9 @@ def parse_toml(kind: type[Model], text: str, origin: str, *, context: Context = 
 
     Parameters
     ----------
-    kind
-        The model.
-    text, origin
-        The text, and its name for messages.
-    context
-        Context of the validation.
+    kind : The model.
+    text, origin : The text, and its name for messages.
+    context : Context of the validation.
 
     Raises
     ------
@@ -94,10 +91,8 @@ def write_atomically(path: Path, content: bytes, *, mode: int | None = None) -> 
 
     Parameters
     ----------
-    path, content
-        The file, and all of its content.
-    mode
-        Its permissions; by default the umask decides.
+    path, content : The file, and all of its content.
+    mode : Its permissions; by default the umask decides.
     """
     partial = path.with_name(f".{path.name}.{secrets.token_hex(4)}.partial")
     try:
@@ -121,10 +116,8 @@ def require_writable(outputs: Sequence[Path | None], inputs: Sequence[Path | Non
 
     Parameters
     ----------
-    outputs
-        Files to write; None for one that was not asked for.
-    inputs
-        Files that are read and must stay as they are.
+    outputs : Files to write; None for one that was not asked for.
+    inputs : Files that are read and must stay as they are.
     """
     read = {path.resolve() for path in inputs if path is not None}
     written: set[Path] = set()

@@ -11,8 +11,8 @@ from pathlib import Path
 from beamtouch_common import log
 from beamtouch_common.commands import Parser, exit_code, whole_number
 from beamtouch_daemon.commands.argument_types import BAUDS, MAX_TIMEOUT_MS, bauds, between, numbers, parities
-from beamtouch_daemon.exits import PROGRAM
 
+PROGRAM = "beamtouch-daemon"
 MAX_WAIT_S = 86_400.0
 
 

@@ -7,7 +7,7 @@ from typing import Any
 from prometheus_client.metrics import MetricWrapperBase
 from prometheus_client.metrics_core import Metric
 
-from beamtouch_daemon.running.metrics import WorkerCollector
+from beamtouch_daemon.running.metrics import CountCollector
 from beamtouch_service.api.app import create_app
 from beamtouch_service.events.recorder import Recorder
 from beamtouch_service.problems import Kind
@@ -32,7 +32,7 @@ def metrics() -> str:
         counts = create_app([], recorder=recorder).context.counts
         labels = {_name(one): _labels(one) for one in vars(counts).values() if isinstance(one, MetricWrapperBase)}
         served = _metrics(counts.registry.collect(), labels)
-    read = _metrics(WorkerCollector([], dict).collect(), {})
+    read = _metrics(CountCollector([], dict).collect(), {})
     return f"## Service\n\n{served}\n\n## Daemon\n\n{read}"
 
 

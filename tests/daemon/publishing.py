@@ -5,21 +5,24 @@ from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from pathlib import Path
 
-from beamtouch_daemon.delivery.backlog import Backlog
 from beamtouch_daemon.delivery.client import ServiceClient
-from beamtouch_daemon.delivery.live import Live
-from beamtouch_daemon.delivery.log import Sender
 from beamtouch_daemon.delivery.log_store import LogStore
+from beamtouch_daemon.delivery.readers import Backlog, Live
 from beamtouch_daemon.processing.pipeline import Taken
 from beamtouch_daemon.sources.reading import Reading
 from beamtouch_daemon.tasks import cancel
 from beamtouch_daemon.uptime import uptime_s
-from beamtouch_service.samples import Note, Quality, Sample
+from beamtouch_service.samples import Batch, Note, Quality, Sample
 
 from .service import TOKEN, Service
 
-SENDER = Sender("boot-0001", ["s1", "s2"])
+CHANNELS = ["s1", "s2"]
 ROOM = 10_000_000
+
+
+def boot(boot_id: str = "boot-0001", channels: list[str] = CHANNELS) -> Batch:
+    """Return what all batches of a boot state."""
+    return Batch(boot_id=boot_id, channels=channels, samples=[])
 
 
 def taken(first: int, number: int, age_s: float = 0.0, notes: tuple[Note, ...] = ()) -> list[Taken]:
@@ -45,14 +48,14 @@ class Bench:
         *,
         max_samples: int = 10_000,
         token: str = TOKEN,
-        sender: Sender = SENDER,
+        boot_id: str = "boot-0001",
     ) -> None:
         self.store = store or LogStore(None, 0)
         self._client = ServiceClient(service.url, token)
         self.logs = self.store.surface("bench")
-        self.log = self.logs.begin(sender, max_samples)
-        self.live = Live(self._client, "bench", self.logs, self.log)
-        self.backlog = Backlog(self._client, "bench", self.store)
+        self.log = self.logs.begin(boot(boot_id), max_samples)
+        self.live = Live(self._client, self.logs, self.log)
+        self.backlog = Backlog(self._client, self.store, self.logs)
 
     async def __aenter__(self) -> "Bench":
         self._tasks = [asyncio.ensure_future(run()) for run in (self.live.run, self.backlog.run, self.store.run)]
@@ -86,10 +89,10 @@ async def stored(path: Path, max_bytes: int = ROOM) -> AsyncIterator[LogStore]:
         await store.close()
 
 
-async def keep(path: Path, *numbers: int, boot_id: str = "boot-0000", channels: list[str] = SENDER.channels) -> None:
+async def keep(path: Path, *numbers: int, boot_id: str = "boot-0000", channels: list[str] = CHANNELS) -> None:
     """Leave samples of an earlier boot in the file: as many in each chunk."""
     async with stored(path) as store:
-        log = store.surface("bench").begin(Sender(boot_id, channels), sum(numbers))
+        log = store.surface("bench").begin(boot(boot_id, channels), sum(numbers))
         for number in numbers:
             log.put(taken(log.next, number))
             await store.write(None)

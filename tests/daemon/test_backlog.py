@@ -7,7 +7,6 @@ from pathlib import Path
 import pytest
 
 from beamtouch_daemon.delivery.client import INVALID_REQUEST, NEVER_ACCEPTED, OTHER_BEAM, TOO_LARGE
-from beamtouch_daemon.delivery.log import Sender
 from beamtouch_service.problems import Kind
 from beamtouch_service.samples import Batch
 
@@ -179,10 +178,9 @@ async def test_a_course_of_random_faults_leaves_every_sample_in_the_record_once_
     dropped = 0
     async with serving(service):
         for boot_id in ("boot-0000", "boot-0001", "boot-0002"):
-            sender = Sender(boot_id, ["s1", "s2"])
             async with (
                 stored(tmp_path / "samples") as store,
-                Bench(service, store, max_samples=400, sender=sender) as bench,
+                Bench(service, store, max_samples=400, boot_id=boot_id) as bench,
             ):
                 for _ in range(60):
                     bench.count(chance.randrange(1, 12))

@@ -8,7 +8,6 @@ from pydantic import ValidationError
 
 from beamtouch_common.errors import FailedError, InputError
 from beamtouch_daemon.config.file import load_config
-from beamtouch_daemon.config.places import place_of
 from beamtouch_daemon.config.settings import Config
 from beamtouch_daemon.config.signal import Adaptive, GrowingMean, LowPass, MovingAverage, NoFilter, ZeroTracking
 from beamtouch_daemon.config.sources import ModbusRtu, ModbusTcp, SerialLine
@@ -236,7 +235,7 @@ def test_an_input_of_a_module_has_its_register_and_its_limits(tmp_path: Path) ->
     source = f'{configs.tcp(502)}\nmodule = "iologik-e1240"'
     text = configs.surface(source=source, rate_hz=10.0).replace("register = ", "input = ")
     surface = load_config(configs.write(tmp_path, text)).surfaces["bench"]
-    assert [place_of(surface.source, channel) for channel in surface.channels] == [("127.0.0.1", 1, n) for n in (0, 1)]
+    assert [surface.place_of(channel) for channel in surface.channels] == [("127.0.0.1", 1, n) for n in (0, 1)]
     assert isinstance(surface.source, ModbusTcp)
     assert (surface.source.function_code, surface.source.max_request_registers) == (4, 8)
     beyond = configs.write(tmp_path, text.replace("input = 1", "input = 8"))

@@ -18,7 +18,7 @@ from . import configs
 from .devices import SerialDevice, pymodbus_server
 from .faulty import BACK_S, LOG_FILE, SLACK_S, batches_in, cable, counts_of, everything, names, running, samples_in
 from .process import free_port, summary_of
-from .publishing import SENDER, keep, stored, taken
+from .publishing import boot, keep, stored, taken
 from .service import Service, serving
 
 pytestmark = [pytest.mark.anyio, pytest.mark.long]
@@ -144,7 +144,7 @@ async def test_a_damaged_file_costs_its_own_samples_and_live_delivery_nothing(tm
 
 async def test_the_log_of_a_removed_surface_is_delivered(tmp_path: Path) -> None:
     async with stored(tmp_path / LOG_FILE) as store:
-        store.surface("press").begin(SENDER, 100).put(taken(1, 7))
+        store.surface("press").begin(boot(), 100).put(taken(1, 7))
     with cable(tmp_path) as usb:
         SerialDevice(usb.plug())
         async with (

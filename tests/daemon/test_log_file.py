@@ -10,14 +10,13 @@ from pathlib import Path
 import pytest
 
 from beamtouch_daemon.delivery import log_store
-from beamtouch_daemon.delivery.log import Sender
 from beamtouch_daemon.delivery.log_file import ForeignFileError
 from beamtouch_daemon.processing.pipeline import Taken
 from beamtouch_daemon.sources.reading import Reading
 from beamtouch_daemon.uptime import uptime_s
-from beamtouch_service.samples import Note, Sample
+from beamtouch_service.samples import Batch, Note, Sample
 
-from .publishing import ROOM, SENDER, Bench, keep, stored, taken, until
+from .publishing import ROOM, Bench, boot, keep, stored, taken, until
 from .service import Service, serving
 
 pytestmark = pytest.mark.anyio
@@ -25,11 +24,10 @@ pytestmark = pytest.mark.anyio
 
 async def recorded(path: Path) -> Service:
     """Deliver a file to a service; return that."""
-    sender = Sender("boot-last", SENDER.channels)
     async with (
         stored(path) as store,
         serving(Service()) as service,
-        Bench(service, store, sender=sender) as bench,
+        Bench(service, store, boot_id="boot-last") as bench,
     ):
         await until(lambda: not bench.logs.on_disk)
     return service
@@ -38,7 +36,14 @@ async def recorded(path: Path) -> Service:
 async def test_samples_of_earlier_boots_are_read_out_in_order_with_the_facts_they_were_taken_with(
     tmp_path: Path,
 ) -> None:
-    sender = Sender("boot-0000", ["a", "b"], [0.2, 0.1], "4f2c91d0aa17", "beam-1")
+    head = Batch(
+        boot_id="boot-0000",
+        channels=["a", "b"],
+        samples=[],
+        noise_mm=[0.2, 0.1],
+        characteristic="4f2c91d0aa17",
+        beam="beam-1",
+    )
     stated = [
         Taken(
             Reading(uptime_s(), (None, None)),
@@ -51,8 +56,8 @@ async def test_samples_of_earlier_boots_are_read_out_in_order_with_the_facts_the
         for number in range(1, 8)
     ]
     async with stored(tmp_path / "samples") as store:
-        store.surface("bench").begin(sender, 100).put(stated)
-        store.surface("other").begin(SENDER, 100).put(taken(1, 3))
+        store.surface("bench").begin(head, 100).put(stated)
+        store.surface("other").begin(boot(), 100).put(taken(1, 3))
     await keep(tmp_path / "samples", 5, 6, boot_id="boot-000b")
     service = await recorded(tmp_path / "samples")
     assert service.record.numbers() == {"boot-0000": list(range(1, 8)), "boot-000b": list(range(1, 12))}
@@ -100,7 +105,7 @@ async def test_beyond_its_size_the_oldest_are_dropped_and_counted_and_lost_to_th
 
 
 async def _chunks(store: log_store.LogStore, surface: str, number: int) -> None:
-    log = store.surface(surface).begin(SENDER, 100)
+    log = store.surface(surface).begin(boot(), 100)
     for _ in range(number):
         log.put(taken(log.next, 10))
         await store.write(None)
@@ -266,7 +271,7 @@ async def test_a_file_that_another_daemon_uses_is_used_when_it_is_free(
 async def test_a_folder_that_comes_later_is_used(tmp_path: Path) -> None:
     path = tmp_path / "mount" / "samples"
     async with stored(path) as store:
-        log = store.surface("bench").begin(SENDER, 100)
+        log = store.surface("bench").begin(boot(), 100)
         log.put(taken(1, 10))
         await store.write(None)
         assert (log.in_memory, log.on_disk) == (10, 0)

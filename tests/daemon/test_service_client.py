@@ -10,6 +10,7 @@ import pytest
 
 from beamtouch_common.errors import FailedError, InputError
 from beamtouch_daemon.config.file import load_config
+from beamtouch_daemon.config.publish import trust
 from beamtouch_daemon.delivery.client import Answer, ServiceClient, UnreachableError, Verdict
 from certificates import make_certificate
 
@@ -42,15 +43,17 @@ async def test_a_certificate_is_trusted_where_it_is_named_and_nowhere_else(tmp_p
     certificate, key = make_certificate(tmp_path)
     (tmp_path / "other").mkdir()
     other, _ = make_certificate(tmp_path / "other")
+    both = tmp_path / "both.pem"
+    both.write_text(other.read_text() + certificate.read_text())
 
-    async def post(url: str, certificates: str | None) -> Answer:
-        async with ServiceClient(url, "token", certificates) as client:
+    async def post(url: str, trusted: Path | None) -> Answer:
+        async with ServiceClient(url, "token", trusted and trust(trusted)) as client:
             return await client.post_samples("bench", None)
 
     async with serving(certificate, key) as url:
-        assert (await post(url, certificate.read_text())).status == 200
-        assert (await post(url, other.read_text() + certificate.read_text())).status == 200
-        for stranger in (None, other.read_text()):
+        assert (await post(url, certificate)).status == 200
+        assert (await post(url, both)).status == 200
+        for stranger in (None, other):
             with pytest.raises(UnreachableError, match=r"^certificate refused: self-signed certificate$") as caught:
                 await post(url, stranger)
             assert "publish.certificate_file" in caught.value.advice
@@ -68,8 +71,8 @@ async def unencrypted() -> AsyncIterator[int]:
         yield server.sockets[0].getsockname()[1]
 
 
-async def refused(url: str, certificates: str | None = None) -> UnreachableError:
-    async with ServiceClient(url, "token", certificates) as client:
+async def refused(url: str, trusted: Path | None = None) -> UnreachableError:
+    async with ServiceClient(url, "token", trusted and trust(trusted)) as client:
         with pytest.raises(UnreachableError) as caught:
             await client.post_samples("bench", None)
     return caught.value
@@ -78,7 +81,7 @@ async def refused(url: str, certificates: str | None = None) -> UnreachableError
 async def test_a_certificate_for_another_name_is_said_with_the_name(tmp_path: Path) -> None:
     certificate, key = make_certificate(tmp_path, "DNS:beams.example")
     async with serving(certificate, key) as url:
-        error = await refused(url, certificate.read_text())
+        error = await refused(url, certificate)
     assert str(error) == "certificate refused: IP address mismatch, certificate is not valid for '127.0.0.1'"
     assert error.advice == "publish.url must have a name or address that the certificate states"
 
@@ -89,7 +92,7 @@ async def test_https_without_tls_and_a_refused_connection_are_said(tmp_path: Pat
         plain = await refused(url.replace("https", "http"))
     gone = await refused(url.replace("https", "http"))
     async with unencrypted() as port:
-        bare = await refused(f"https://127.0.0.1:{port}", certificate.read_text())
+        bare = await refused(f"https://127.0.0.1:{port}", certificate)
     assert str(plain) == "connection closed"
     assert str(gone) == "Connection refused"
     assert str(bare) == "TLS failed"
@@ -145,14 +148,16 @@ def test_an_invalid_certificate_is_refused_in_one_line(
         (tmp_path / "service.pem").write_bytes(content)
 
     with pytest.raises(error, match=rf"^publish\.certificate_file: .*{said}") as caught:
-        load_config(path).read_certificates()
+        load_config(path).read_trust()
     assert "\n" not in str(caught.value)
 
 
 def test_a_certificate_is_found_beside_the_configuration(tmp_path: Path) -> None:
     make_certificate(tmp_path)
     path = configs.write(tmp_path, configs.surface(source=configs.serial("/dev/null")))
-    assert load_config(path).read_certificates() is None
+    assert load_config(path).read_trust() is None
     path.write_text(path.read_text().replace("[publish]", '[publish]\ncertificate_file = "certificate.pem"'))
 
-    assert load_config(path).read_certificates() == (tmp_path / "certificate.pem").read_text()
+    trusted = load_config(path).read_trust()
+    assert trusted is not None
+    assert len(trusted.get_ca_certs()) == 1

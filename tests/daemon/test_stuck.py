@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from beamtouch_daemon.config.signal import Channel
+from beamtouch_daemon.config.settings import Surface
 from beamtouch_daemon.processing.stuck import fresh, longest_run, longest_runs, runs
 from beamtouch_models.filters import FloatArray
 
@@ -87,9 +87,15 @@ def test_any_split_of_the_stream_gives_the_same(rows: list[tuple[float, float]],
 
 
 def test_a_stated_time_overrides_the_noise_and_the_steepest_piece_counts() -> None:
-    values = {"register": 0, "rest_gap_mm": 2.0, "range_mm": [1.0, 4.0]}
-    table = Channel.model_validate(values | {"name": "a", "table": [[0, 1.0], [10, 1.1], [20, 4.1]]})
-    timed = Channel.model_validate(values | {"name": "b", "table": [[0, 1.0], [10, 4.0]], "stuck_after_ms": 251.0})
-    noise_mm = 0.3 * stated(2.0)
-    assert longest_runs([table, timed], np.array([0.3, 0.3]), noise_mm, 200.0).tolist() == [18, 51]
-    assert longest_runs([table, timed], np.array([0.3, 0.3]), None, 200.0).tolist() == [math.inf, 51]
+    values = {"rest_gap_mm": 2.0, "range_mm": [1.0, 4.0]}
+    table = values | {"name": "a", "register": 0, "table": [[0, 1.0], [10, 1.1], [20, 4.1]]}
+    timed = values | {"name": "b", "register": 1, "table": [[0, 1.0], [10, 4.0]], "stuck_after_ms": 251.0}
+
+    def longest(noise_mm: float | None) -> list[float]:
+        source = {"kind": "serial", "port": "/dev/ttyACM0"}
+        keys = {"rate_hz": 200.0, "source": source, "noise_mm": noise_mm, "channels": [table, timed]}
+        runs: list[float] = longest_runs(Surface.model_validate(keys)).tolist()
+        return runs
+
+    assert longest(0.3 * stated(2.0)) == [18, 51]
+    assert longest(None) == [math.inf, 51]

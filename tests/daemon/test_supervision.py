@@ -15,7 +15,7 @@ import httpx2
 import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
-from beamtouch_daemon.running.surface_worker import PATIENCE_S, SurfaceWorker
+from beamtouch_daemon.running.acquisition import PATIENCE_S, Acquisition
 from parts import require
 
 from . import configs
@@ -73,17 +73,15 @@ async def test_the_service_manager_is_told_of_start_progress_and_stop(tmp_path: 
 
 
 def test_a_line_without_progress_hangs_and_one_without_a_device_does_not() -> None:
-    def worker(acquired_s: float, rate_hz: float = 100.0) -> SurfaceWorker:
-        found = SimpleNamespace(
-            surface=SimpleNamespace(rate_hz=rate_hz), acquisition=SimpleNamespace(turned_s=acquired_s)
-        )
-        return cast("SurfaceWorker", found)
+    def line(turned_s: float, rate_hz: float = 100.0) -> Acquisition:
+        found = SimpleNamespace(surface=SimpleNamespace(rate_hz=rate_hz), turned_s=turned_s)
+        return cast("Acquisition", found)
 
     now_s, long_ago_s = 1000.0, 1000.0 - PATIENCE_S - 1
-    hangs: Callable[[SurfaceWorker, float], bool] = SurfaceWorker.hangs
-    assert not hangs(worker(now_s), now_s)
-    assert hangs(worker(long_ago_s), now_s)  # reading stands still
-    assert not hangs(worker(long_ago_s, rate_hz=0.1), now_s)  # it reads that seldom
+    hangs: Callable[[Acquisition, float], bool] = Acquisition.hangs
+    assert not hangs(line(now_s), now_s)
+    assert hangs(line(long_ago_s), now_s)  # reading stands still
+    assert not hangs(line(long_ago_s, rate_hz=0.1), now_s)  # it reads that seldom
 
 
 async def test_metrics_are_those_of_the_summary_and_only_on_this_machine(tmp_path: Path) -> None:

@@ -6,19 +6,18 @@ import json
 import math
 import sys
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from time import monotonic
 
-from beamtouch_common.commands import DONE, FAILED
+from beamtouch_common.commands import DONE
 from beamtouch_common.digits import digits
+from beamtouch_common.errors import FailedError
 from beamtouch_common.table import aligned
-from beamtouch_daemon.config import tare_file
 from beamtouch_daemon.config.file import load_config
 from beamtouch_daemon.config.settings import Config, Surface
 from beamtouch_daemon.delivery.client import ServiceClient
 from beamtouch_daemon.delivery.readiness import doubt_of, refusal_of
-from beamtouch_daemon.exits import complain
 from beamtouch_daemon.processing.characteristic import QUALITIES, Characteristic
 from beamtouch_daemon.processing.pipeline import counts_of
 from beamtouch_daemon.sources.configured import Buses, source_of
@@ -96,7 +95,7 @@ class SurfaceState:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run the command; InputError if the configuration, a tare file or the token cannot be used."""
+    """Run the command; FailedError if a surface is not good, InputError if a file cannot be used."""
     config = load_config(arguments.config)
     wait_s: float | None = arguments.wait
     states = asyncio.run(_read_all(config) if wait_s is None else _wait(config, wait_s))
@@ -108,10 +107,9 @@ def run(arguments: argparse.Namespace) -> int:
         print("\n".join(_lines(states, with_files=bool(config.include))))
         if wait_s is None:
             print(NOT_ASKED)
-    for state in states:
-        for text in state.complaints():
-            complain(f"{state.surface}: {text}")
-    return DONE if is_good else FAILED
+    if not is_good:
+        raise FailedError(*(f"{state.surface}: {text}" for state in states for text in state.complaints()))
+    return DONE
 
 
 async def _wait(config: Config, wait_s: float) -> list[SurfaceState]:
@@ -121,7 +119,7 @@ async def _wait(config: Config, wait_s: float) -> list[SurfaceState]:
     """
     deadline_s = monotonic() + wait_s
     printed: list[str] = []
-    async with ServiceClient(config.publish.url, config.read_token(), config.read_certificates()) as client:
+    async with ServiceClient.of(config) as client:
         while True:
             states = await _read_all(config)
             states = await asyncio.gather(*(_ask(client, state, config.surfaces[state.surface]) for state in states))
@@ -143,7 +141,7 @@ async def _ask(client: ServiceClient, state: SurfaceState, surface: Surface) -> 
 
 async def _read_all(config: Config) -> list[SurfaceState]:
     """Read every surface once, all at the same time; InputError if a tare file does not fit."""
-    rest = {name: tare_file.load(config.tare_file(name), s.channel_names) for name, s in config.surfaces.items()}
+    rest = config.read_rest_gaps()
     buses: Buses = {}
 
     async def read(name: str, surface: Surface) -> SurfaceState:
@@ -181,11 +179,8 @@ def _as_json(state: SurfaceState, *, asked: bool) -> dict[str, object]:
         "error": state.error,
         "channels": [
             {
-                "channel": channel.channel,
+                **{key: value for key, value in asdict(channel).items() if key != "decimals"},
                 "counts": None if channel.counts is None else json.loads(counts_text(channel.counts)),
-                "gap_mm": channel.gap_mm,
-                "deflection_mm": channel.deflection_mm,
-                "quality": channel.quality,
             }
             for channel in state.channels
         ],
@@ -222,10 +217,8 @@ def decimals_of(step_mm: float, noise_mm: float | None) -> int:
 
     Parameters
     ----------
-    step_mm
-        Change of the gap with one count [mm].
-    noise_mm
-        Standard deviation of a reading [mm], if known.
+    step_mm : Change of the gap with one count [mm].
+    noise_mm : Standard deviation of a reading [mm], if known.
     """
     smallest_mm = max(step_mm, noise_mm or 0.0)
     return min(max(math.ceil(-math.log10(smallest_mm)), 0), MAX_DECIMALS) if smallest_mm > 0 else MAX_DECIMALS

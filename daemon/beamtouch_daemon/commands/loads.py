@@ -59,12 +59,9 @@ class LoadFile:
 
     Parameters
     ----------
-    path
-        The file.
-    channels
-        Names of the channels.
-    append
-        Whether to add to an existing file.
+    path : The file.
+    channels : Names of the channels.
+    append : Whether to add to an existing file.
 
     Raises
     ------

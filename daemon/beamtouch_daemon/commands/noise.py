@@ -12,15 +12,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from beamtouch_common.commands import DONE, FAILED
+from beamtouch_common.commands import DONE
 from beamtouch_common.digits import digits
-from beamtouch_common.errors import InputError
+from beamtouch_common.errors import FailedError, InputError
 from beamtouch_common.table import aligned
-from beamtouch_daemon.config import tare_file
 from beamtouch_daemon.config.file import load_config
 from beamtouch_daemon.config.settings import Config, Surface
 from beamtouch_daemon.config.signal import Adaptive, GrowingMean, LowPass, MovingAverage
-from beamtouch_daemon.exits import complain
 from beamtouch_daemon.processing.at_rest import NotAtRestError, select_rest
 from beamtouch_daemon.processing.noise import ChannelNoise, Keys, keys_of, measure_noise, readings_needed
 from beamtouch_daemon.processing.pipeline import counts_of
@@ -64,12 +62,11 @@ class Measurement:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run the command; InputError if the configuration, a tare file or an argument cannot be used."""
+    """Run the command; FailedError if the noise of a surface was not measured, InputError for wrong input."""
     config = load_config(arguments.config)
     names = config.choose_surfaces(arguments.surface)
     seconds = {name: _seconds(arguments.seconds, config.surfaces[name]) for name in names}
-    rest_mm = {name: tare_file.load(config.tare_file(name), config.surfaces[name].channel_names) for name in names}
-    answers = asyncio.run(_measure_all(config, seconds, rest_mm))
+    answers = asyncio.run(_measure_all(config, seconds, config.read_rest_gaps(names)))
     measurements = [answer for answer in answers.values() if isinstance(answer, Measurement)]
     reasons = {name: answer for name, answer in answers.items() if isinstance(answer, str)}
     if arguments.json:
@@ -77,9 +74,9 @@ def run(arguments: argparse.Namespace) -> int:
         print(json.dumps({"surfaces": surfaces | {name: {"error": reason} for name, reason in reasons.items()}}))
     elif measurements:
         print("\n".join(report(measurements)))
-    for name, reason in reasons.items():
-        complain(f"{name}: not measured: {reason}")
-    return FAILED if reasons else DONE
+    if reasons:
+        raise FailedError(*(f"{name}: not measured: {reason}" for name, reason in reasons.items()))
+    return DONE
 
 
 def _seconds(asked: float | None, surface: Surface) -> float:

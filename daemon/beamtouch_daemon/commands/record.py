@@ -20,7 +20,6 @@ from beamtouch_common.digits import digits
 from beamtouch_common.errors import FailedError, InputError
 from beamtouch_common.typed import is_terminal, typed_line
 from beamtouch_daemon.commands.loads import Load, LoadFile, parse_load
-from beamtouch_daemon.config import tare_file
 from beamtouch_daemon.config.file import load_config
 from beamtouch_daemon.config.settings import Loads, Surface
 from beamtouch_daemon.processing.at_rest import NotAtRestError, describe_motion, noise_of, rest_gaps
@@ -71,7 +70,7 @@ def run(arguments: argparse.Namespace) -> int:
     except ValueError as error:
         message = f"--at: {error}"
         raise InputError(message) from None
-    rest_gap_mm = tare_file.load(config.tare_file(name), surface.channel_names)
+    rest_gap_mm = config.read_rest_gaps([name])[name]
     file = LoadFile(path, surface.channel_names, append=arguments.append)
     if surface.loads is None:
         print(f"without [surfaces.{name}.loads], positions and forces are not checked", file=sys.stderr)
@@ -100,12 +99,9 @@ class Dialogue:
 
     Parameters
     ----------
-    file
-        Where loads are written.
-    limits
-        The loads that the model covers, None if they are not known.
-    record
-        Returns the samples of a load; LoadRefusedError if it cannot be recorded.
+    file : Where loads are written.
+    limits : The loads that the model covers, None if they are not known.
+    record : Returns the samples of a load; LoadRefusedError if it cannot be recorded.
     """
 
     def __init__(self, file: LoadFile, limits: Loads | None, record: Callable[[Load], list[Taken]]) -> None:

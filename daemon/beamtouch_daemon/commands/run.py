@@ -20,17 +20,17 @@ def run(arguments: argparse.Namespace) -> int:
     path: Path | None = arguments.summary
     require_writable([path], [arguments.config])
     files = {"token_file": arguments.token_file, "log_file": arguments.sample_log_file}
-    ended = asyncio.run(daemon.run(load_config(arguments.config, files)))
-    for name, summary in ended.summaries.items():
+    summaries, is_interrupted = asyncio.run(daemon.run(load_config(arguments.config, files)))
+    for name, summary in summaries.items():
         _print(name, summary)
     if path:
-        content = {"surfaces": {name: dataclasses.asdict(summary) for name, summary in ended.summaries.items()}}
+        content = {"surfaces": {name: dataclasses.asdict(summary) for name, summary in summaries.items()}}
         try:
             write_atomically(path, (json.dumps(content, indent=2) + "\n").encode(), mode=0o644)
         except OSError as error:
             message = f"--summary: cannot write {path}: {error.strerror}"
             raise FailedError(message) from None
-    return INTERRUPTED if ended.is_interrupted else DONE
+    return INTERRUPTED if is_interrupted else DONE
 
 
 def _print(name: str, summary: Summary) -> None:

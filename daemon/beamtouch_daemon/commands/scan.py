@@ -14,17 +14,16 @@ from pathlib import Path
 from time import monotonic
 from typing import get_args
 
-from beamtouch_common.commands import DONE, FAILED
+from beamtouch_common.commands import DONE
 from beamtouch_common.errors import FailedError, InputError
 from beamtouch_common.table import aligned
 from beamtouch_daemon.commands.argument_types import RTU_UNITS, address_of, ranges
 from beamtouch_daemon.config.sources import ModbusRtu, ModbusTcp
-from beamtouch_daemon.exits import complain
 from beamtouch_daemon.sources.board import BoardPort
 from beamtouch_daemon.sources.modbus_tcp import DEVICE_ITSELF, TcpLink
 from beamtouch_daemon.sources.reading import NoAnswerError, SourceError
 from beamtouch_daemon.sources.registers import Answer, Block
-from beamtouch_daemon.sources.rtu_bus import RtuBus
+from beamtouch_daemon.sources.rtu_bus import RtuBus, RtuLink
 from beamtouch_daemon.sources.serial_port import Parity, SerialPort
 from beamtouch_protocol.messages import Hello
 
@@ -49,7 +48,7 @@ Source = dict[str, str | float]
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run the command; InputError for wrong arguments, FailedError if the line or the address cannot be opened.
+    """Run the command; InputError for wrong arguments, FailedError if nothing answers.
 
     Ctrl-C and a line that is unplugged end it with a report of what was found before.
     """
@@ -63,10 +62,9 @@ def run(arguments: argparse.Namespace) -> int:
         scan.report(is_complete=False)
         raise FailedError(str(error)) from None
     scan.report(is_complete=True)
-    if scan.has_found:
-        return DONE
-    complain(failure)
-    return FAILED
+    if not scan.has_found:
+        raise FailedError(failure)
+    return DONE
 
 
 class Scan:
@@ -148,7 +146,9 @@ class Scan:
         source: Source = {"kind": "modbus-rtu", "port": path, "baud": baud, "parity": parity}
 
         async def ask(unit: int, block: Block) -> Answer:
-            return await bus.line_to(unit, timeout_ms / 1e3).ask(block)
+            link = RtuLink(bus, unit, [block], timeout_ms / 1e3)
+            async with link.opened():
+                return await link.ask(block)
 
         async with bus.used():
             timeout: Source = {"timeout_ms": math.ceil(timeout_ms)}

@@ -13,10 +13,8 @@ from beamtouch_daemon.config.file import load_config
 from beamtouch_daemon.config.settings import Config, Surface
 from beamtouch_daemon.delivery.client import ServiceClient
 from beamtouch_daemon.delivery.readiness import contact_on
-from beamtouch_daemon.exits import complain
 from beamtouch_daemon.processing import at_rest, stuck
 from beamtouch_daemon.processing.at_rest import NotAtRestError
-from beamtouch_daemon.processing.characteristic import Characteristic
 from beamtouch_daemon.processing.pipeline import counts_of
 from beamtouch_daemon.sources.configured import source_of
 from beamtouch_daemon.sources.reading import SourceError, first_readings
@@ -33,17 +31,23 @@ FIRST_REMEDY = (
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run the command; InputError if the configuration cannot be used."""
-    config = load_config(arguments.config)
-    accept: bool = arguments.accept_change
-    return max(_tare(config, name, accept_change=accept) for name in config.choose_surfaces(arguments.surface))
+    """Run the command; FailedError if a surface was not tared, InputError if the configuration cannot be used."""
+    config, failures = load_config(arguments.config), list[str]()
+    for name in config.choose_surfaces(arguments.surface):
+        try:
+            _tare(config, name, accept_change=arguments.accept_change)
+        except FailedError as error:
+            failures += error.args
+    if failures:
+        raise FailedError(*failures)
+    return DONE
 
 
-def _tare(config: Config, name: str, *, accept_change: bool) -> int:
-    """Tare one surface and return the exit code."""
+def _tare(config: Config, name: str, *, accept_change: bool) -> None:
+    """Tare one surface; FailedError if that is impossible."""
     surface, path = config.surfaces[name], config.tare_file(name)
     try:
-        last_mm = tare_file.load(path, surface.channel_names)
+        last_mm = config.read_rest_gaps([name])[name]
     except (InputError, FailedError):
         last_mm = {}  # a file that cannot be used is replaced
     try:
@@ -51,19 +55,21 @@ def _tare(config: Config, name: str, *, accept_change: bool) -> int:
         gaps = _measure_rest(counts_of(readings), surface, last_mm, accept_change=accept_change)
         contact = asyncio.run(_ask_for_contact(config, name))
         if contact and not accept_change:
-            return complain(f"{name}: not tared: the service sees {contact}; {REMEDY}")
+            message = f"the service sees {contact}; {REMEDY}"
+            raise NotAtRestError(message)
         tare_file.save(path, name, len(readings), gaps)
     except (SourceError, NotAtRestError) as error:
-        return complain(f"{name}: not tared: {error}")
+        message = f"{name}: not tared: {error}"
+        raise FailedError(message) from error
     except OSError as error:
-        return complain(f"{name}: cannot write {path}: {error.strerror}")
+        message = f"{name}: cannot write {path}: {error.strerror}"
+        raise FailedError(message) from error
     text = ", ".join(f"{channel} {gap:.4f} mm" for channel, gap in gaps.items())
     print(f"{name}: rest gaps {text}, mean of {len(readings)} readings, in {path}")
     answers = {None: "the service could not be asked, or has no contact to give", "": "the service sees a beam at rest"}
     answer = answers.get(contact, f"the service sees {contact}")
     print(f"{name}: {at_rest.describe_comparison(gaps, last_mm, surface)}; {answer}")
     print(f"{name}: a running daemon takes them when it starts again: systemctl restart beamtouch-daemon")
-    return DONE
 
 
 def _measure_rest(
@@ -71,9 +77,7 @@ def _measure_rest(
 ) -> dict[str, float]:
     """Return the rest gaps [mm] by channel name; NotAtRestError if the beam moves, or they contradict earlier ones."""
     lengths, _ = stuck.runs(counts, stuck.fresh(len(surface.channels)))
-    steepest_mm = Characteristic.of(surface.channels).steepest
-    longest = stuck.longest_runs(surface.channels, steepest_mm, surface.noise_mm, surface.rate_hz)
-    for index in np.flatnonzero((lengths > longest).any(axis=0)).tolist():
+    for index in np.flatnonzero((lengths > stuck.longest_runs(surface)).any(axis=0)).tolist():
         message = f"{surface.channel_names[index]} is stuck: its counts do not change; check the sensor"
         raise NotAtRestError(message)
     gaps = at_rest.rest_gaps(counts, surface)
@@ -87,8 +91,8 @@ def _measure_rest(
 async def _ask_for_contact(config: Config, name: str) -> str | None:
     """Return what the service sees on a surface, as `contact_on` does; None also if it cannot be asked."""
     try:
-        secrets = config.read_token(), config.read_certificates()
+        client = ServiceClient.of(config)
     except (InputError, FailedError):
-        return None  # the daemon has them from elsewhere
-    async with ServiceClient(config.publish.url, *secrets) as client:
+        return None  # the daemon has the token from elsewhere
+    async with client:
         return await contact_on(client, name)

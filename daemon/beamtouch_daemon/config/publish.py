@@ -59,20 +59,16 @@ class Publish(Strict):
     """Limit of the size of that file; beyond it the oldest samples are dropped and counted. 0: no file."""
 
 
-def read_certificates(path: Path) -> str:
-    """Return the certificates in a file (PEM).
+def trust(path: Path) -> ssl.SSLContext:
+    """Return a context that trusts the certificates in a file (PEM).
 
     InputError if they cannot be used; FailedError if the file cannot be read, as it may come later.
     """
     try:
-        pem = path.read_text(encoding="ascii")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "not text"
-        message = f"publish.certificate_file: cannot read {path} ({reason})"
-        raise (FailedError if isinstance(error, OSError) else InputError)(message) from error
-    try:
-        ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT).load_verify_locations(cadata=pem)
-    except (ssl.SSLError, ValueError) as error:
+        return ssl.create_default_context(cafile=path)
+    except ssl.SSLError as error:
         message = f"publish.certificate_file: {path} contains no PEM certificate; name the service's"
         raise InputError(message) from error
-    return pem
+    except OSError as error:
+        message = f"publish.certificate_file: cannot read {path} ({error.strerror})"
+        raise FailedError(message) from error

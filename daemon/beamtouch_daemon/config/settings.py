@@ -1,7 +1,8 @@
 """The daemon's configuration: unknown keys are refused, and names state their units. `config.file` reads it."""
 
+import ssl
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Annotated, Self
 
@@ -9,9 +10,9 @@ from pydantic import Field, FiniteFloat, PrivateAttr, ValidationInfo, model_vali
 
 from beamtouch_common.errors import InputError
 from beamtouch_common.secrets import read_token
-from beamtouch_daemon.config.modules import module_of
-from beamtouch_daemon.config.places import place_of
-from beamtouch_daemon.config.publish import Publish, read_certificates
+from beamtouch_daemon.config import tare_file
+from beamtouch_daemon.config.modules import Encoding, Module
+from beamtouch_daemon.config.publish import Publish, trust
 from beamtouch_daemon.config.signal import Channel, Filter, GrowingMean, LowPass, NoFilter, Pair, Positive, ZeroTracking
 from beamtouch_daemon.config.sources import ModbusRtu, ModbusTcp, NetworkPort, RelativePath, SerialLine, Source, Strict
 from beamtouch_service.samples import MAX_CHANNELS, BeamIdentity, SurfaceName
@@ -83,8 +84,7 @@ class Surface(Strict):
 
     @model_validator(mode="after")
     def _rate_is_possible(self) -> Self:
-        module = getattr(self.source, "module", None)
-        max_hz = None if module is None else module_of(module).max_hz
+        max_hz = self.module.max_hz if self.module else None
         message = ""
         if isinstance(self.filter, LowPass) and self.filter.cutoff_hz >= self.rate_hz / 2:
             message = f"filter.cutoff_hz must lie below half of rate_hz, {self.rate_hz / 2} Hz"
@@ -102,6 +102,7 @@ class Surface(Strict):
                 f"slowest_period_ms: at most {MAX_PERIOD_READINGS} readings, {MAX_PERIOD_READINGS / self.rate_hz:g} s"
             )
         elif max_hz is not None and self.rate_hz > max_hz:
+            module = getattr(self.source, "module", "")
             message = f"rate_hz: {module} converts {max_hz:g} times a second; a higher rate would read old values again"
         if message:
             raise ValueError(message)
@@ -120,7 +121,7 @@ class Surface(Strict):
 
     @model_validator(mode="after")
     def _channels_can_be_read(self) -> Self:
-        places = Counter(place_of(self.source, channel) for channel in self.channels)
+        places = Counter(self.place_of(channel) for channel in self.channels)
         (_, _, register), times = places.most_common(1)[0]
         if times > 1:
             message = f"two channels have the same register {register}"
@@ -131,6 +132,42 @@ class Surface(Strict):
     def channel_names(self) -> list[str]:
         """The channel names in their order."""
         return [channel.name for channel in self.channels]
+
+    @property
+    def module(self) -> Module | None:
+        """The module that the source names, if any."""
+        return None if isinstance(self.source, SerialLine) else self.source.known_module
+
+    def place_of(self, channel: Channel) -> tuple[str, int, int]:
+        """Return host, unit and first register of a channel; ValueError if the configuration does not state them."""
+        source, module, message = self.source, self.module, ""
+        if isinstance(source, SerialLine) and (channel.input, channel.unit, channel.host, channel.type) != (None,) * 4:
+            message = "input, unit, host and type are for Modbus; a serial channel has a register"
+        elif isinstance(source, ModbusRtu) and channel.host is not None:
+            message = "host is for modbus-tcp"
+        elif (channel.input is None) == (channel.register_ is None):
+            message = f"state its register{' or its input' if module else ''}"
+        elif channel.input is not None and module is None:
+            message = "input needs the source's module; state the register"
+        elif channel.input is not None and module is not None and channel.input >= module.inputs:
+            message = f"the module has inputs 0 to {module.inputs - 1}"
+        if message:
+            message = f"channel {channel.name}: {message}"
+            raise ValueError(message)
+        register = channel.register_
+        if register is None and module is not None and channel.input is not None:
+            register = module.register_of(channel.input)
+        host, unit = getattr(source, "host", ""), getattr(source, "unit", 0)
+        return channel.host or host, unit if channel.unit is None else channel.unit, register or 0
+
+    def encoding_of(self, channel: Channel) -> Encoding:
+        """Return the data type of a channel's counts; those of a serial device are whole numbers or their means."""
+        return channel.type or (self.module.type if self.module else "u16")
+
+    @property
+    def has_fractions(self) -> list[bool]:
+        """Whether the counts of each channel are fractional numbers, without steps."""
+        return [self.encoding_of(channel) == "f32" for channel in self.channels]
 
     @property
     def conversions(self) -> int:
@@ -203,10 +240,17 @@ class Config(Strict):
         """Return the path of the tare file of surface `name`."""
         return self._directory / (self.surfaces[name].tare_file or f"{name}.tare.json")
 
-    def read_certificates(self) -> str | None:
-        """Return the certificates to trust (PEM), None for those of the system; errors as `publish` raises them."""
+    def read_rest_gaps(self, names: Iterable[str] | None = None) -> dict[str, dict[str, float]]:
+        """Return the rest gaps in the tare files of surfaces, by default of all; errors as of `tare_file.load`."""
+        return {
+            name: tare_file.load(self.tare_file(name), self.surfaces[name].channel_names)
+            for name in (self.surfaces if names is None else names)
+        }
+
+    def read_trust(self) -> ssl.SSLContext | None:
+        """Return the configured trust in certificates, None for that of the system; errors as of `publish.trust`."""
         file = self.publish.certificate_file
-        return None if file is None else read_certificates(self._directory / file)
+        return None if file is None else trust(self._directory / file)
 
     def read_token(self) -> str:
         """Return the bearer token; errors as of `secrets.read_token`."""

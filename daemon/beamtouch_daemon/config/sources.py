@@ -7,7 +7,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat, 
 
 from beamtouch_common.files import file_path
 from beamtouch_common.hosts import host_name
-from beamtouch_daemon.config.modules import module_of
+from beamtouch_daemon.config.modules import Module, module_of
 
 Milliseconds = Annotated[FiniteFloat, Field(ge=1, le=60_000)]
 Host = Annotated[str, Field(min_length=1), AfterValidator(host_name)]
@@ -43,23 +43,26 @@ class Modbus(Strict):
 
     @model_validator(mode="after")
     def _module_is_of_this_kind(self) -> Self:
-        kind = None if self.module is None else module_of(self.module).kind
+        kind = self.known_module.kind if self.known_module else None
         if kind is not None and kind != getattr(self, "kind", kind):
             message = f"module {self.module} speaks {kind}"
             raise ValueError(message)
         return self
 
     @property
+    def known_module(self) -> Module | None:
+        """The module that is named, if any."""
+        return None if self.module is None else module_of(self.module)
+
+    @property
     def function_code(self) -> int:
         """Number of the function that reads the registers."""
-        default = None if self.module is None else module_of(self.module).function
-        return self.function or default or 4
+        return self.function or (self.known_module.function if self.known_module else 4)
 
     @property
     def max_request_registers(self) -> int:
         """Limit of registers in one request."""
-        default = None if self.module is None else module_of(self.module).max_registers
-        return self.max_registers or default or 125
+        return self.max_registers or (self.known_module.max_registers if self.known_module else 125)
 
 
 class ModbusTcp(Modbus):

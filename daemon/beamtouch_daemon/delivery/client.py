@@ -4,11 +4,13 @@ import os
 import ssl
 from dataclasses import dataclass
 from enum import Enum
+from functools import cached_property
 from typing import Self, TypeVar
 
 import aiohttp
 from pydantic import BaseModel, ValidationError
 
+from beamtouch_daemon.config.settings import Config
 from beamtouch_service.samples import Batch, Receipt
 
 REQUEST_TIMEOUT_S = 2.0
@@ -64,7 +66,7 @@ class Answer:
         """Whether the request was answered as it should be."""
         return 200 <= self.status < 300
 
-    @property
+    @cached_property
     def receipt(self) -> Receipt | None:
         """The receipt of a batch that was taken; None if it was not."""
         return self.parsed(Receipt) if self.is_success else None
@@ -105,19 +107,23 @@ class Answer:
 class ServiceClient:
     """Client of the service at `url`, with a bearer token. Use it as a context manager, in the event loop.
 
-    With https it trusts the given certificates (PEM), or those of the system. It ignores proxies in the environment
+    With https it trusts what `trusted` does, or the certificates of the system. It ignores proxies in the environment
     and follows no redirects.
     """
 
-    def __init__(self, url: str, token: str, certificates: str | None = None) -> None:
+    def __init__(self, url: str, token: str, trusted: ssl.SSLContext | None = None) -> None:
         self.url = url
-        trusted = ssl.create_default_context(cadata=certificates) if certificates is not None else True
         self._session = aiohttp.ClientSession(
-            connector=aiohttp.TCPConnector(ssl=trusted),
+            connector=aiohttp.TCPConnector(ssl=trusted or True),
             headers={"Authorization": f"Bearer {token}", "Content-Type": "application/json"},
             timeout=aiohttp.ClientTimeout(total=REQUEST_TIMEOUT_S),
             cookie_jar=aiohttp.DummyCookieJar(),
         )
+
+    @classmethod
+    def of(cls, config: Config) -> Self:
+        """Return the client of a configuration; errors as of `Config.read_token` and `Config.read_trust`."""
+        return cls(config.publish.url, config.read_token(), config.read_trust())
 
     async def __aenter__(self) -> Self:
         return self

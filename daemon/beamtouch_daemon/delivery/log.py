@@ -5,10 +5,8 @@ import logging
 import math
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence, Set
-from dataclasses import dataclass, fields
 from itertools import groupby, islice
 from time import monotonic
-from typing import Literal, Self
 
 from beamtouch_common.log import Repeated
 from beamtouch_common.waits import Backoff
@@ -24,36 +22,6 @@ RETRY_S = 5.0
 _ENDED = 2**53
 """Beyond all numbers."""
 _log = logging.getLogger(__name__)
-
-
-@dataclass(frozen=True)
-class Sender:
-    """The origin of samples."""
-
-    boot_id: str
-    channels: list[str]
-    noise_mm: list[float] | None = None
-    """Standard deviation of one reading of each channel, if it is known."""
-    characteristic: str | None = None
-    """Identity of the characteristics and rest gaps."""
-    beam: str | None = None
-    """Identity of the beam and layout, if the configuration states it."""
-
-    @classmethod
-    def of(cls, batch: Batch) -> Self:
-        """Return the sender of a batch."""
-        return cls(**{field.name: getattr(batch, field.name) for field in fields(cls)})
-
-    @property
-    def max_samples(self) -> int:
-        """Limit of samples in a batch."""
-        channels = len(self.channels)
-        return min(MAX_BATCH, MAX_BATCH_VALUES // (channels + channels * (channels + 1) // 2))
-
-    def batch(self, samples: Sequence[Taken]) -> Batch:
-        """Return a backlog of samples with the same notes. The service validates it."""
-        notes: list[Literal["rate"]] = ["rate"] if samples and Note.RATE in samples[0].notes else []
-        return Batch.model_construct(**vars(self), samples=[one.sample for one in samples], notes=notes, backlog=True)
 
 
 class Counts:
@@ -73,11 +41,21 @@ class Counts:
 
 
 class Log:
-    """Samples of one boot, numbered from 1 on. The oldest are in chunks of the file, the others in memory."""
+    """Samples of one boot, numbered from 1 on. The oldest are in chunks of the file, the others in memory.
 
-    def __init__(self, sender: Sender, counts: Counts, max_samples: int) -> None:
-        self.sender = sender
+    Parameters
+    ----------
+    head : what all batches of the boot state, and no samples
+    counts : the counts of the surface
+    max_samples : limit of the samples in memory
+    """
+
+    def __init__(self, head: Batch, counts: Counts, max_samples: int) -> None:
+        channels = len(head.channels)
+        self.head = head
         self.counts = counts
+        self.max_batch = min(MAX_BATCH, MAX_BATCH_VALUES // (channels + channels * (channels + 1) // 2))
+        """Limit of samples in a batch."""
         self.next = 1
         """Number of the next sample."""
         self.fresh = asyncio.Event()
@@ -91,7 +69,7 @@ class Log:
         self.due_s = 0.0
         """Time of the next request of the backlog on the monotonic clock, at the earliest."""
         self.backoff = Backoff(max_s=RETRY_S)
-        self.most = sender.max_samples
+        self.most = self.max_batch
         """Limit of samples in the next batch of the backlog."""
         self._max_samples = max_samples
         self._expected: int | None = None
@@ -133,6 +111,12 @@ class Log:
         first = _ENDED if self._expected is None else max(self._expected, self.oldest)
         return range(first, min(self.live_from, self._refused, self.next))
 
+    def batch(self, samples: Sequence[Taken]) -> Batch:
+        """Return a backlog of samples with the same notes. The service validates it."""
+        notes = ["rate"] if samples and Note.RATE in samples[0].notes else []
+        update = {"samples": [one.sample for one in samples], "notes": notes, "backlog": True}
+        return self.head.model_copy(update=update)
+
     def put(self, samples: Sequence[Taken]) -> None:
         """Add samples with the next numbers; without room, drop the oldest in memory."""
         self._memory.extend(samples)
@@ -159,7 +143,7 @@ class Log:
 
     def for_live(self) -> list[Taken]:
         """Return new samples for a live batch; those that do not fit in it are left to the backlog."""
-        self.live_from = max(self.live_from, self.next - min(self.sender.max_samples, len(self._memory)))
+        self.live_from = max(self.live_from, self.next - min(self.max_batch, len(self._memory)))
         return self.from_memory(range(self.live_from, self.next))
 
     def from_memory(self, numbers: range) -> list[Taken]:
@@ -184,7 +168,7 @@ class Log:
             if now_s - self._memory[0].monotonic_s < max_age_s and number < self._max_samples / 2:
                 return []
             number = max(0, min(number, self.live_from - (self.next - number)))
-        return list(_runs(islice(self._memory, number), self.sender.max_samples))
+        return list(_runs(islice(self._memory, number), self.max_batch))
 
     def adopt(self, chunk: Chunk) -> None:
         """Take over a chunk that the file holds; what is in it need not be in memory."""

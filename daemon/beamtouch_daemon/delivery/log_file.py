@@ -58,10 +58,8 @@ class LogFile:
 
     Parameters
     ----------
-    path
-        Created by `open` if it does not exist.
-    max_bytes
-        Limit of all chunks together; beyond it the oldest are deleted.
+    path : Created by `open` if it does not exist.
+    max_bytes : Limit of all chunks together; beyond it the oldest are deleted.
     """
 
     def __init__(self, path: Path, max_bytes: int) -> None:

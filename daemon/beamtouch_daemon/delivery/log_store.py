@@ -9,7 +9,7 @@ from time import monotonic
 from typing import TypeVar
 
 from beamtouch_common.log import Repeated
-from beamtouch_daemon.delivery.log import Counts, Log, Sender
+from beamtouch_daemon.delivery.log import Counts, Log
 from beamtouch_daemon.delivery.log_file import Chunk, ForeignFileError, LogFile, LogFileError
 from beamtouch_daemon.uptime import uptime_s
 from beamtouch_service.samples import MAX_EARLIER, Batch
@@ -26,6 +26,7 @@ class SurfaceLogs:
     """The logs of one surface: that of the present boot, and those of earlier ones that still hold samples."""
 
     def __init__(self, name: str) -> None:
+        self.name = name
         self.counts = Counts(name)
         self.fault = Repeated(_log, f"{name}: publishing")
         """Of the delivery to the service."""
@@ -48,18 +49,19 @@ class SurfaceLogs:
         """Number of boots that the service refuses."""
         return sum(bool(log.refusal) for log in list(self.by_boot.values()))
 
-    def begin(self, sender: Sender, max_samples: int) -> Log:
-        """Return the log of the present boot."""
-        self.present = self.by_boot[sender.boot_id] = Log(sender, self.counts, max_samples)
+    def begin(self, head: Batch, max_samples: int) -> Log:
+        """Return the log of the present boot, whose batches begin with `head`."""
+        self.present = self.by_boot[head.boot_id] = Log(head, self.counts, max_samples)
         self.present.told_s = monotonic()  # its first live batch asks
         return self.present
 
-    def adopt(self, chunk: Chunk, sender: Sender) -> None:
-        """Take over a chunk of an earlier boot."""
-        if sender.boot_id not in self.by_boot:
-            self.by_boot[sender.boot_id] = Log(sender, self.counts, 0)
-            self.by_boot[sender.boot_id].end()
-        self.by_boot[sender.boot_id].adopt(chunk)
+    def adopt(self, chunk: Chunk, example: Batch) -> None:
+        """Take over a chunk of an earlier boot; `example` is one of that boot."""
+        log = self.by_boot.get(example.boot_id)
+        if log is None:
+            log = self.by_boot[example.boot_id] = Log(example.model_copy(update={"samples": []}), self.counts, 0)
+            log.end()
+        log.adopt(chunk)
 
     def give_up(self) -> int:
         """Drop all samples in memory; return their number."""
@@ -73,7 +75,7 @@ class SurfaceLogs:
         """Return the boots beside that of a log that hold samples, and the present one, which may get some."""
         others = [one for one in self.by_boot.values() if one is not log and (not one.is_empty or one is self.present)]
         others.sort(key=lambda one: one is self.present)
-        return [one.sender.boot_id for one in others[-MAX_EARLIER:]]
+        return [one.head.boot_id for one in others[-MAX_EARLIER:]]
 
 
 class LogStore:
@@ -81,10 +83,8 @@ class LogStore:
 
     Parameters
     ----------
-    path
-        The file; None: the logs are in memory only.
-    max_bytes
-        Limit of what the file holds.
+    path : The file; None: the logs are in memory only.
+    max_bytes : Limit of what the file holds.
     """
 
     def __init__(self, path: Path | None, max_bytes: int) -> None:
@@ -114,7 +114,7 @@ class LogStore:
             self._failed(error)
             return
         for entry in entries:
-            self.surface(entry.surface).adopt(entry.chunk, Sender.of(entry.example))
+            self.surface(entry.surface).adopt(entry.chunk, entry.example)
         self._fault.over()
 
     async def run(self) -> None:
@@ -141,7 +141,7 @@ class LogStore:
         pieces = [(name, log, piece) for name, log in logs for piece in log.for_disk(max_age_s, now_s)]
         keep = {row for _, log in logs for row in log.rows}
         if pieces or rows - keep:
-            add = [(name, log.sender.batch(piece)) for name, log, piece in pieces]
+            add = [(name, log.batch(piece)) for name, log, piece in pieces]
             added = await self._call(lambda file: file.change(add, keep))
             for (_, log, piece), row in zip(pieces, added, strict=True):
                 log.adopt(Chunk(row, piece[0].sample.sequence, piece[-1].sample.sequence))

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beamtouch_common.digits import digits
-from beamtouch_daemon.config.places import encoding_of
 from beamtouch_daemon.config.settings import Surface
 from beamtouch_daemon.processing import stuck
 from beamtouch_daemon.processing.characteristic import QUALITIES, Characteristic
@@ -112,12 +111,9 @@ def find_contradictions(rest_gap_mm: Mapping[str, float], last_mm: Mapping[str, 
 
     Parameters
     ----------
-    rest_gap_mm
-        Measured rest gaps [mm], by channel name.
-    last_mm
-        Rest gaps of the last tare [mm], by channel name; empty without one: then the configuration counts.
-    surface
-        The configuration.
+    rest_gap_mm : Measured rest gaps [mm], by channel name.
+    last_mm : Rest gaps of the last tare [mm], by channel name; empty without one: then the configuration counts.
+    surface : The configuration.
     """
     reference = "the last tare" if last_mm else "its rest_gap_mm"
     return [
@@ -162,12 +158,9 @@ def select_rest(counts: FloatArray, surface: Surface, last_mm: Mapping[str, floa
 
     Parameters
     ----------
-    counts
-        Shape (readings, channels), NaN where missing.
-    surface
-        The configuration.
-    last_mm
-        Rest gaps of the last tare [mm], by channel name; empty without one.
+    counts : Shape (readings, channels), NaN where missing.
+    surface : The configuration.
+    last_mm : Rest gaps of the last tare [mm], by channel name; empty without one.
 
     Raises
     ------
@@ -177,7 +170,7 @@ def select_rest(counts: FloatArray, surface: Surface, last_mm: Mapping[str, floa
     characteristic, names = Characteristic.of(surface.channels), surface.channel_names
     good = _require_good(characteristic.quality(counts), names, MAX_BAD)
     counts = counts[good.all(axis=1)]
-    if frozen := _find_stuck(counts, surface, characteristic):
+    if frozen := _find_stuck(counts, surface):
         message = f"{', '.join(frozen)} stuck: the counts do not change; check the sensor"
         raise NotAtRestError(message)
     gaps = characteristic.gap(counts)
@@ -215,12 +208,12 @@ def _require_good(codes: NDArray[np.int8], channels: Sequence[str], max_share: f
     return good
 
 
-def _find_stuck(counts: FloatArray, surface: Surface, characteristic: Characteristic) -> list[str]:
+def _find_stuck(counts: FloatArray, surface: Surface) -> list[str]:
     """Return the names of channels that never change, where the stated noise or the other channels would show."""
     values = np.array([len(np.unique(column)) for column in counts.T])
-    longest = stuck.longest_runs(surface.channels, characteristic.steepest, surface.noise_mm, surface.rate_hz)
-    fractional = np.array([encoding_of(surface.source, channel) == "f32" for channel in surface.channels])
-    frozen = (values == 1) & (np.isfinite(longest) | fractional | (values.max() > FEW_VALUES))
+    frozen = (values == 1) & (
+        np.isfinite(stuck.longest_runs(surface)) | surface.has_fractions | (values.max() > FEW_VALUES)
+    )
     return [name for name, is_frozen in zip(surface.channel_names, frozen.tolist(), strict=True) if is_frozen]
 
 

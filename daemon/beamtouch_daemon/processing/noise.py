@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from beamtouch_daemon.config.places import encoding_of
 from beamtouch_daemon.config.settings import Surface
 from beamtouch_daemon.config.signal import GrowingMean
 from beamtouch_daemon.processing.at_rest import without_line
@@ -103,10 +102,8 @@ def measure_noise(counts: FloatArray, surface: Surface) -> list[ChannelNoise]:
 
     Parameters
     ----------
-    counts
-        Counts at rest without missing ones, shape (readings, channels); at least `readings_needed`.
-    surface
-        The configuration.
+    counts : Counts at rest without missing ones, shape (readings, channels); at least `readings_needed`.
+    surface : The configuration.
     """
     characteristic = Characteristic.of(surface.channels)
     number = int(np.clip(len(counts) / (BLOCK_MEANS * _averaged(surface)), MIN_BLOCKS, MAX_BLOCKS))
@@ -208,7 +205,7 @@ def _blocks(values: FloatArray, number: int) -> FloatArray:
 
 def _steps(counts: FloatArray, surface: Surface, index: int) -> tuple[float, float]:
     """Return the step of a reading and that of a conversion in it, in counts; zeros for fractional numbers."""
-    if encoding_of(surface.source, surface.channels[index]) == "f32":
+    if surface.has_fractions[index]:
         return 0.0, 0.0
     steps: Sequence[float] = np.diff(np.unique(counts)).tolist()
     fine = min(steps, default=1.0)

@@ -7,10 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beamtouch_daemon.config.settings import Surface
-from beamtouch_daemon.processing import stuck, zero_tracking
+from beamtouch_daemon.processing import stuck
 from beamtouch_daemon.processing.characteristic import QUALITIES, Characteristic
-from beamtouch_daemon.processing.filters import chain_of
-from beamtouch_daemon.processing.uncertainty import Uncertainty, uncertainties
+from beamtouch_daemon.processing.filters import Uncertainty, chain_of, uncertainties
+from beamtouch_daemon.processing.zero_tracking import ZeroTracker
 from beamtouch_daemon.sources.reading import Reading
 from beamtouch_models.filters import FloatArray
 from beamtouch_service.samples import Note, Quality, Sample
@@ -58,14 +58,11 @@ class Pipeline:
         channels = len(surface.channels)
         self._characteristic = Characteristic.of(surface.channels, rest_gap_mm)
         self._chain = chain_of(surface)
-        self._longest_runs = stuck.longest_runs(
-            surface.channels, self._characteristic.steepest, surface.noise_mm, surface.rate_hz
-        )
+        self._longest_runs = stuck.longest_runs(surface)
         self._judges_runs = bool(np.isfinite(self._longest_runs).any())
         self._runs = stuck.fresh(channels)
         tracking = surface.zero_tracking
-        self._zero_rules = None if tracking is None else zero_tracking.Rules.of(tracking, surface.rate_hz)
-        self._zero = zero_tracking.fresh(channels)
+        self._zeros = None if tracking is None else ZeroTracker(tracking, surface.rate_hz, channels)
         self._sequence = 1
 
     def process(
@@ -75,12 +72,9 @@ class Pipeline:
 
         Parameters
         ----------
-        readings
-            At least one, oldest first.
-        unix_minus_monotonic_s
-            Wall clock minus the clock of the readings now [s]; dates the samples for the record.
-        notes
-            Notes on the surface, which the samples carry.
+        readings : At least one, oldest first.
+        unix_minus_monotonic_s : Wall clock minus the clock of the readings now [s]; dates the samples for the record.
+        notes : Notes on the surface, which the samples carry.
         """
         counts = counts_of(readings)
         gap_mm = self._characteristic.gap(counts)
@@ -110,9 +104,8 @@ class Pipeline:
         self, raw: FloatArray, good: NDArray[np.bool_], lost: Sequence[int]
     ) -> tuple[FloatArray, list[Uncertainty]]:
         """Return the deflections to publish, and their uncertainty; `lost` is the readings lost before each."""
-        if self._zero_rules is not None:
-            zeros, self._zero = zero_tracking.track(np.where(good, raw, np.nan), self._zero, self._zero_rules, lost)
-            raw = raw - zeros
+        if self._zeros is not None:
+            raw = raw - self._zeros.track(np.where(good, raw, np.nan), lost)
         filtered = self._chain.apply(np.where(good, raw, np.nan), lost)
         return np.where(good, filtered.mean_mm, raw), uncertainties(filtered)
 

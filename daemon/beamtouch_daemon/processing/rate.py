@@ -5,8 +5,6 @@ device they last longer or shorter than configured. If the daemon polls and miss
 Either way, the samples are not what the model was made for.
 """
 
-from dataclasses import dataclass
-
 from beamtouch_common.digits import digits
 from beamtouch_daemon.sources.reading import Reading
 
@@ -20,29 +18,21 @@ AGREEING = 2
 """Number of successive measurements that must agree, as a single one may be disturbed."""
 
 
-@dataclass(frozen=True, slots=True)
-class Verdict:
-    """The measured rate, and whether it fits."""
-
-    fits: bool
-    measured_hz: float
-
-
 class RateMeter:
     """Measures the rate of one surface.
 
     It uses the time stamps of the readings. These follow the device's clock, if it has one, so readings that arrive in
-    a burst count with the times at which they were taken. If the device numbers its readings (`counts_lost`), readings
-    lost on the way count as taken. If the daemon polls, they do not.
+    a burst count with the times at which they were taken. If the device numbers its readings, readings lost on the way
+    count as taken. If the daemon polls (`is_polled`), they do not.
     """
 
-    def __init__(self, configured_hz: float, *, counts_lost: bool) -> None:
+    def __init__(self, configured_hz: float, *, is_polled: bool) -> None:
         self.measured_hz: float | None = None
         """Result of the last measurement; None before the first."""
         self.fits = True
         """Whether the rate is the configured one, as far as is known."""
         self._configured_hz = configured_hz
-        self._counts_lost = counts_lost
+        self._is_polled = is_polled
         self._disagreeing = 0
         self.restart()
 
@@ -51,46 +41,43 @@ class RateMeter:
         self._begin_s: float | None = None
         self._readings = 0
 
-    def add(self, readings: list[Reading]) -> Verdict | None:
-        """Add readings, oldest first; return the verdict if it has just changed."""
-        changed = None
+    def add(self, readings: list[Reading]) -> bool:
+        """Add readings, oldest first; return whether the verdict has just changed."""
+        before = self.fits
         for reading in readings:
             if self._begin_s is None:
                 self._begin_s = reading.monotonic_s
                 continue
-            self._readings += 1 + (reading.lost if self._counts_lost else 0)
+            self._readings += 1 + (0 if self._is_polled else reading.lost)
             lasted_s = reading.monotonic_s - self._begin_s
-            if lasted_s >= BLOCK_S and self._enough(lasted_s):
-                changed = self._judge(self._readings / lasted_s) or changed
+            # Enough readings, or enough time for them at the configured rate.
+            if lasted_s >= BLOCK_S and max(self._readings, lasted_s * self._configured_hz) >= BLOCK_READINGS:
+                self._judge(self._readings / lasted_s)
                 self._begin_s, self._readings = reading.monotonic_s, 0
-        return changed
+        return self.fits != before
 
-    def _enough(self, lasted_s: float) -> bool:
-        """Return whether there are enough readings, or enough time for them at the configured rate."""
-        return self._readings >= BLOCK_READINGS or lasted_s * self._configured_hz >= BLOCK_READINGS
-
-    def _judge(self, measured_hz: float) -> Verdict | None:
+    def _judge(self, measured_hz: float) -> None:
         self.measured_hz = measured_hz
         fits = abs(measured_hz / self._configured_hz - 1) <= TOLERANCE
         self._disagreeing = 0 if fits == self.fits else self._disagreeing + 1
-        if self._disagreeing < AGREEING:
-            return None
-        self.fits, self._disagreeing = fits, 0
-        return Verdict(fits, measured_hz)
+        if self._disagreeing == AGREEING:
+            self.fits, self._disagreeing = fits, 0
 
-
-def complaint(verdict: Verdict, configured_hz: float, *, polled: bool) -> str:
-    """Return one line: the measured rate, the configured rate, and what to set."""
-    measured_hz = verdict.measured_hz
-    times = digits(max(configured_hz / measured_hz, measured_hz / configured_hz), 2)
-    if polled:
+    def __str__(self) -> str:
+        """Return one line: the measured rate, the configured rate, and what to set if they differ."""
+        measured_hz, configured_hz = self.measured_hz or 0.0, self._configured_hz
+        if self.fits:
+            within = f"within {100 * TOLERANCE:g} % of rate_hz = {configured_hz:g}"
+            return f"{measured_hz:.4g} readings per second, {within}"
+        times = digits(max(configured_hz / measured_hz, measured_hz / configured_hz), 2)
+        if self._is_polled:
+            return (
+                f"only {digits(measured_hz, 4)} of {configured_hz:g} readings per second could be polled: means are of "
+                f"{times} times fewer readings than configured; set rate_hz to {digits(0.95 * measured_hz, 2)} or less"
+            )
+        windows = "longer" if measured_hz < configured_hz else "shorter"
         return (
-            f"only {digits(measured_hz, 4)} of {configured_hz:g} readings per second could be polled: means are of "
-            f"{times} times fewer readings than configured; set rate_hz to {digits(0.95 * measured_hz, 2)} or less"
+            f"the device sends {digits(measured_hz, 4)} readings per second, rate_hz is {configured_hz:g}: "
+            f"filter windows last {times} times {windows} than configured; "
+            f"set rate_hz = {max(1, round(measured_hz))} or correct the device"
         )
-    windows = "longer" if measured_hz < configured_hz else "shorter"
-    return (
-        f"the device sends {digits(measured_hz, 4)} readings per second, rate_hz is {configured_hz:g}: "
-        f"filter windows last {times} times {windows} than configured; "
-        f"set rate_hz = {max(1, round(measured_hz))} or correct the device"
-    )

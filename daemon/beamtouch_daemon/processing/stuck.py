@@ -7,11 +7,11 @@ conversions have fractions and repeat less often, so the same n is safe for them
 """
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 
-from beamtouch_daemon.config.signal import Channel
+from beamtouch_daemon.config.settings import Surface
+from beamtouch_daemon.processing.characteristic import Characteristic
 from beamtouch_models.filters import FloatArray
 
 CHANCE = 1e-12
@@ -23,28 +23,18 @@ ROUNDING = 1 / math.sqrt(12)
 """Standard deviation of rounding to whole counts [counts]; Widrow & Kollar, Quantization Noise, 2008, sec. 1.2."""
 
 
-def longest_runs(
-    channels: Sequence[Channel], steepest_mm: FloatArray, noise_mm: float | None, rate_hz: float
-) -> FloatArray:
+def longest_runs(surface: Surface) -> FloatArray:
     """Return the longest normal run of equal counts of each channel, shape (channels,); inf if it is not judged.
 
-    Parameters
-    ----------
-    channels
-        Channels with `stuck_after_ms` are judged by that time.
-    steepest_mm
-        Largest change of the gap with one count [mm], shape (channels,), where the noise in counts is smallest.
-    noise_mm
-        Standard deviation of one reading [mm], None if unknown.
-    rate_hz
-        Readings per second.
+    Channels with `stuck_after_ms` are judged by that time, the others by the noise of a reading, if it is known, where
+    the characteristic is steepest: there the noise in counts is smallest.
     """
     return np.array(
         [
-            longest_run(0.0 if noise_mm is None else noise_mm / step, rate_hz)
+            longest_run((surface.noise_mm or 0.0) / step_mm, surface.rate_hz)
             if channel.stuck_after_ms is None
-            else max(1.0, math.ceil(channel.stuck_after_ms * rate_hz / 1e3))
-            for channel, step in zip(channels, steepest_mm.tolist(), strict=True)
+            else max(1.0, math.ceil(channel.stuck_after_ms * surface.rate_hz / 1e3))
+            for channel, step_mm in zip(surface.channels, Characteristic.of(surface.channels).steepest, strict=True)
         ]
     )
 
@@ -76,10 +66,8 @@ def runs(counts: FloatArray, state: FloatArray) -> tuple[FloatArray, FloatArray]
 
     Parameters
     ----------
-    counts
-        Shape (readings, channels), oldest first.
-    state
-        Shape (2, channels): the last count that was not missing, and the length of its run.
+    counts : Shape (readings, channels), oldest first.
+    state : Shape (2, channels): the last count that was not missing, and the length of its run.
     """
     rows = np.concatenate([state[:1], counts])
     if len(counts) and not np.isnan(rows.sum()):  # the usual case, in half the time

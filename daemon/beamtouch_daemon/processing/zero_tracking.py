@@ -13,7 +13,6 @@ noise exceeds 4.5 standard deviations once in 150 000 readings. A wider band mis
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -25,70 +24,37 @@ CALM_READINGS = 10
 """Zeros move after the longer of this time and this number of readings within the band."""
 
 
-@dataclass(frozen=True)
-class Rules:
-    """The configuration, converted to steps per reading."""
+class ZeroTracker:
+    """The zeros of one surface. Any split of the stream of readings gives the same zeros.
 
-    band_mm: float
-    step_mm: float
-    """Largest step of a zero with one reading."""
-    max_mm: float
-    calm: int
-    """Readings in a row within the band, including the newest, before zeros move."""
-
-    @classmethod
-    def of(cls, settings: ZeroTracking, rate_hz: float) -> "Rules":
-        """Return the rules of a configuration at a rate of readings."""
-        calm = max(CALM_READINGS, math.ceil(CALM_S * rate_hz))
-        return cls(settings.band_mm, settings.rate_mm_per_min / 60 / rate_hz, settings.max_mm, calm)
-
-
-@dataclass(frozen=True)
-class State:
-    """State after a reading."""
-
-    zero_mm: FloatArray
-    """Zero of each channel, to be subtracted, shape (channels,)."""
-    calm: int = 0
-    """Readings within the band since the last disturbance."""
-
-
-def fresh(channels: int) -> State:
-    """Return the initial state."""
-    return State(np.zeros(channels))
-
-
-def track(
-    deflection: FloatArray, state: State, rules: Rules, lost: Sequence[int] | None = None
-) -> tuple[FloatArray, State]:
-    """Return the zero to subtract from each deflection [mm], and the state after them.
-
-    A zero depends only on earlier readings, and any split of the stream gives the same zeros. Steps of a limited size
-    make it follow the median, which a few odd readings do not move.
-
-    Parameters
-    ----------
-    deflection
-        Deflections [mm], shape (readings, channels), oldest first; NaN where a channel is not good.
-    state
-        State after the previous readings.
-    rules
-        Rules for the zeros.
-    lost
-        Number of readings lost before each, shape (readings,); None: none.
+    Steps of a limited size make a zero follow the median, which a few odd readings do not move.
     """
-    zeros = np.empty_like(deflection)
-    zero, calm = state.zero_mm, state.calm
-    for row, (value, gap) in enumerate(zip(deflection, lost or [0] * len(deflection), strict=True)):
-        zeros[row] = zero
-        if gap >= rules.calm:
-            calm = 0
-        left = value - zero
-        if not np.all(np.abs(left) <= rules.band_mm):  # NaN, a channel that is not good, is outside the band too
-            calm = 0
-            continue
-        calm += 1
-        if calm >= rules.calm:
-            moved = zero + np.clip(left, -rules.step_mm, rules.step_mm)
-            zero = np.clip(moved, -rules.max_mm, rules.max_mm)
-    return zeros, State(zero, calm)
+
+    def __init__(self, settings: ZeroTracking, rate_hz: float, channels: int) -> None:
+        self.zero_mm: FloatArray = np.zeros(channels)
+        """Zero of each channel after the last reading, shape (channels,)."""
+        self.calm_after = max(CALM_READINGS, math.ceil(CALM_S * rate_hz))
+        """Readings in a row within the band, including the newest, before zeros move."""
+        self._settings = settings
+        self._step_mm = settings.rate_mm_per_min / 60 / rate_hz
+        self._calm = 0
+        """Readings within the band since the last disturbance."""
+
+    def track(self, deflection: FloatArray, lost: Sequence[int] | None = None) -> FloatArray:
+        """Return the zero to subtract from each deflection [mm]; it depends only on earlier readings.
+
+        Parameters
+        ----------
+        deflection : Deflections [mm], shape (readings, channels), oldest first; NaN where a channel is not good.
+        lost : Number of readings lost before each, shape (readings,); None: none.
+        """
+        zeros = np.empty_like(deflection)
+        band_mm, max_mm = self._settings.band_mm, self._settings.max_mm
+        for row, (value, gap) in enumerate(zip(deflection, lost or [0] * len(deflection), strict=True)):
+            zeros[row] = self.zero_mm
+            left = value - self.zero_mm
+            is_calm = bool(np.all(np.abs(left) <= band_mm))  # NaN, a channel that is not good, is outside the band too
+            self._calm = (0 if gap >= self.calm_after else self._calm) + 1 if is_calm else 0
+            if self._calm >= self.calm_after:
+                self.zero_mm = np.clip(self.zero_mm + np.clip(left, -self._step_mm, self._step_mm), -max_mm, max_mm)
+        return zeros

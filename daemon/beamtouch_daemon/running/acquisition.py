@@ -10,8 +10,8 @@ from beamtouch_common.waits import Backoff
 from beamtouch_daemon.config.settings import Surface
 from beamtouch_daemon.config.sources import SerialLine
 from beamtouch_daemon.delivery.log import Log
-from beamtouch_daemon.processing import rate
 from beamtouch_daemon.processing.pipeline import Pipeline
+from beamtouch_daemon.processing.rate import RateMeter
 from beamtouch_daemon.sources.reading import Reading, Source, SourceError
 from beamtouch_daemon.uptime import uptime_s
 from beamtouch_service.samples import Note, Quality
@@ -20,6 +20,9 @@ REOPEN_S = 0.5
 """Longest wait before a source is opened again; opening costs other users nothing."""
 MAX_UNPROCESSED = 64
 """At most this many readings wait to become samples. More at once would not take less time for each."""
+PATIENCE_S = 15.0
+PATIENCE_PERIODS = 20.0
+"""A surface without progress for the longer of this time and this number of reading periods hangs."""
 _log = logging.getLogger(__name__)
 
 
@@ -28,17 +31,17 @@ class Acquisition:
 
     Parameters
     ----------
-    name, surface
-        Name of the surface, and its configuration.
-    source, pipeline, log
-        Where the readings come from, what makes samples of them, and where these go.
-    batch_s
-        Time to collect readings for one batch [s].
+    name, surface : Name of the surface, and its configuration.
+    source, pipeline, log : Where the readings come from, what makes samples of them, and where these go.
+    batch_s : Time to collect readings for one batch [s].
     """
 
     def __init__(
         self, name: str, surface: Surface, source: Source, pipeline: Pipeline, log: Log, batch_s: float
     ) -> None:
+        self.name = name
+        self.surface = surface
+        self.log = log
         self.readings = 0
         """Taken."""
         self.lost = 0
@@ -51,18 +54,19 @@ class Acquisition:
         """Time of the last progress on the monotonic clock: a reading, or a session that ended with an error."""
         self.quality: list[Quality] = []
         """Of each channel in the newest sample; empty before the first."""
-        self._name = name
-        self._rate_hz = surface.rate_hz
-        self._polled = not isinstance(surface.source, SerialLine)
-        self.meter = rate.RateMeter(surface.rate_hz, counts_lost=not self._polled)
+        self.meter = RateMeter(surface.rate_hz, is_polled=not isinstance(surface.source, SerialLine))
         """Measures the rate of the readings."""
-        self._source, self._pipeline, self._log = source, pipeline, log
+        self._source, self._pipeline = source, pipeline
         self._batch_s = batch_s
         self._unprocessed: list[Reading] = []
         """The newest readings. They become samples once per batch: a few together take about as long as one."""
         self._arrived = asyncio.Event()
         self._backoff = Backoff(max_s=REOPEN_S)
         self._repeated = Repeated(_log, name)
+
+    def hangs(self, now_s: float) -> bool:
+        """Return whether the source hangs at `now_s` on the monotonic clock: no reading comes, and no error either."""
+        return now_s - self.turned_s > PATIENCE_S + PATIENCE_PERIODS / self.surface.rate_hz
 
     async def read(self) -> None:
         """Read until cancelled; a session that fails is followed by another one."""
@@ -83,7 +87,7 @@ class Acquisition:
         while True:
             await self._arrived.wait()
             self.process()
-            self._log.fresh.set()
+            self.log.fresh.set()
             await asyncio.sleep(self._batch_s)
 
     def process(self) -> None:
@@ -95,7 +99,7 @@ class Acquisition:
         notes = () if self.meter.fits else (Note.RATE,)
         if samples := self._pipeline.process(readings, time.time() - uptime_s(), notes):
             self.quality = samples[-1].sample.quality
-            self._log.put(samples)
+            self.log.put(samples)
 
     def _take(self, readings: list[Reading]) -> None:
         if self.is_missing:
@@ -106,7 +110,8 @@ class Acquisition:
         self._repeated.count(lost, "readings lost")
         self.last_s = readings[-1].monotonic_s
         self.turned_s = time.monotonic()
-        self._watch_rate(readings)
+        if self.meter.add(readings):
+            _log.log(logging.INFO if self.meter.fits else logging.WARNING, "%s: %s", self.name, self.meter)
         self._unprocessed += readings
         if len(self._unprocessed) >= MAX_UNPROCESSED:
             self.process()
@@ -118,16 +123,6 @@ class Acquisition:
         self._repeated.over()
         self._backoff.reset()
         if self.last_s is None:
-            _log.info("%s: reading", self._name)
+            _log.info("%s: reading", self.name)
             return reading
-        return reading._replace(lost=max(0, round((reading.monotonic_s - self.last_s) * self._rate_hz) - 1))
-
-    def _watch_rate(self, readings: list[Reading]) -> None:
-        verdict = self.meter.add(readings)
-        if verdict is None:
-            return
-        if verdict.fits:
-            words = "%s: %.4g readings per second, within %g %% of rate_hz = %g"
-            _log.info(words, self._name, verdict.measured_hz, 100 * rate.TOLERANCE, self._rate_hz)
-        else:
-            _log.warning("%s: %s", self._name, rate.complaint(verdict, self._rate_hz, polled=self._polled))
+        return reading._replace(lost=max(0, round((reading.monotonic_s - self.last_s) * self.surface.rate_hz) - 1))

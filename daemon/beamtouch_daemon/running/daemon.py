@@ -1,25 +1,28 @@
-"""The running daemon: the log, a worker per surface, metrics and systemd, from the start to a signal."""
+"""The running daemon, from its start to a signal: acquisitions, the log with its readers, metrics and systemd."""
 
 import asyncio
 import logging
 import signal
-from collections.abc import AsyncIterator, Sequence
+import uuid
+from collections.abc import AsyncIterator, Awaitable, Callable, Mapping, Sequence
 from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass
 from time import monotonic
 
 from beamtouch_common.errors import InputError
 from beamtouch_common.systemd import ServiceManager
-from beamtouch_daemon.config import tare_file
 from beamtouch_daemon.config.settings import Config
-from beamtouch_daemon.delivery.backlog import Backlog
 from beamtouch_daemon.delivery.client import ServiceClient
 from beamtouch_daemon.delivery.log_file import ForeignFileError
 from beamtouch_daemon.delivery.log_store import LogStore
+from beamtouch_daemon.delivery.readers import Backlog, Live
+from beamtouch_daemon.processing.characteristic import Characteristic
+from beamtouch_daemon.processing.pipeline import Pipeline
 from beamtouch_daemon.running import metrics
-from beamtouch_daemon.running.surface_worker import SurfaceWorker
-from beamtouch_daemon.sources.configured import Buses
+from beamtouch_daemon.running.acquisition import Acquisition
+from beamtouch_daemon.sources.configured import Buses, source_of
 from beamtouch_daemon.tasks import cancel, keep_going
+from beamtouch_service.samples import Batch
 
 WATCH_S = 1.0
 """Longest time between two checks for progress."""
@@ -44,18 +47,10 @@ class Summary:
     """In the log file, delivered after the next start."""
 
 
-@dataclass(frozen=True)
-class Ended:
-    """The end of a run."""
-
-    summaries: dict[str, Summary]
-    """By surface."""
-    is_interrupted: bool
-    """Whether SIGINT (Ctrl-C) ended it."""
-
-
-async def run(config: Config) -> Ended:
+async def run(config: Config) -> tuple[dict[str, Summary], bool]:
     """Read and publish all surfaces until SIGTERM, SIGINT or SIGHUP.
+
+    Returns the counts by surface, and whether SIGINT (Ctrl-C) ended it.
 
     Raises
     ------
@@ -64,8 +59,7 @@ async def run(config: Config) -> Ended:
     FailedError
         Such a file cannot be read; it may come later.
     """
-    secrets = config.read_token(), config.read_certificates()
-    rest = {name: tare_file.load(config.tare_file(name), s.channel_names) for name, s in config.surfaces.items()}
+    rest_gaps_mm = config.read_rest_gaps()
     loop = asyncio.get_running_loop()
     signalled: asyncio.Future[signal.Signals] = loop.create_future()
 
@@ -75,42 +69,55 @@ async def run(config: Config) -> Ended:
 
     for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
         loop.add_signal_handler(number, on_signal, number)
-    async with _opened_store(config) as store, ServiceClient(config.publish.url, *secrets) as client:
+    async with ServiceClient.of(config) as client, _opened_store(config) as store:
         buses: Buses = {}
-        workers = [
-            SurfaceWorker(name, surface, rest[name], config.publish, client, store, buses)
-            for name, surface in config.surfaces.items()
-        ]
-        backlogs = [Backlog(client, name, store) for name in store.surfaces()]
+        acquisitions = [_begin(config, name, rest_mm, store, buses) for name, rest_mm in rest_gaps_mm.items()]
+        lives = [Live(client, store.surface(one.name), one.log) for one in acquisitions]
+        backlogs = [Backlog(client, store, logs) for logs in store.surfaces().values()]
         for name in store.surfaces().keys() - config.surfaces.keys():
             _log.info("%s: not configured; the samples in its log are delivered", name)
-        await _serve(config, workers, backlogs, store, signalled)
+        jobs = [(one.name, job) for one in acquisitions for job in (one.read, one.run)]
+        jobs += [("live", live.run) for live in lives] + [("backlog", backlog.run) for backlog in backlogs]
+        jobs.append(("log file", store.run))
+        if (port := config.metrics.port) is not None:
+            jobs.append(("metrics", lambda: metrics.serve(port, acquisitions, store.surfaces)))
+        await _serve(acquisitions, jobs, signalled)
         await _finish(backlogs, store)
-        summaries = _summaries(workers, store)
-    return Ended(summaries, signalled.result() is signal.SIGINT)
+        summaries = _summaries(acquisitions, store)
+    return summaries, signalled.result() is signal.SIGINT
+
+
+def _begin(config: Config, name: str, rest_gap_mm: Mapping[str, float], store: LogStore, buses: Buses) -> Acquisition:
+    """Return the acquisition of a surface, with a new log."""
+    surface, publish = config.surfaces[name], config.publish
+    head = Batch.model_construct(
+        boot_id=str(uuid.uuid4()),
+        channels=surface.channel_names,
+        samples=[],
+        noise_mm=None if surface.noise_mm is None else [surface.noise_mm] * len(surface.channels),
+        characteristic=Characteristic.of(surface.channels, rest_gap_mm).identity,
+        beam=surface.beam,
+    )
+    log = store.surface(name).begin(head, publish.log_samples)
+    source, pipeline = source_of(surface, name, buses), Pipeline(surface, rest_gap_mm)
+    return Acquisition(name, surface, source, pipeline, log, publish.batch_ms / 1e3)
 
 
 async def _serve(
-    config: Config,
-    workers: Sequence[SurfaceWorker],
-    backlogs: Sequence[Backlog],
-    store: LogStore,
+    acquisitions: Sequence[Acquisition],
+    jobs: Sequence[tuple[str, Callable[[], Awaitable[None]]]],
     signalled: asyncio.Future[signal.Signals],
 ) -> None:
-    """Keep everything running until a signal comes."""
+    """Keep all jobs running until a signal comes; then make samples of the last readings."""
     manager = ServiceManager()
-    manager.ready(_status(workers))
-    jobs = [(worker.name, job) for worker in workers for job in worker.jobs]
-    jobs += [("backlog", backlog.run) for backlog in backlogs]
-    jobs += [("log file", store.run), ("watchdog", lambda: _watch(workers, manager))]
-    if (port := config.metrics.port) is not None:
-        jobs.append(("metrics", lambda: metrics.serve(port, workers, store.surfaces)))
-    tasks = [asyncio.create_task(keep_going(name, job)) for name, job in jobs]
+    manager.ready(_status(acquisitions))
+    watchdog = ("watchdog", lambda: _watch(acquisitions, manager))
+    tasks = [asyncio.create_task(keep_going(name, job)) for name, job in (*jobs, watchdog)]
     await signalled
     manager.stopping()
     await cancel(tasks)
-    for worker in workers:
-        worker.acquisition.process()
+    for acquisition in acquisitions:
+        acquisition.process()
 
 
 async def _finish(backlogs: Sequence[Backlog], store: LogStore) -> None:
@@ -121,9 +128,9 @@ async def _finish(backlogs: Sequence[Backlog], store: LogStore) -> None:
     await store.write(None)
 
 
-def _summaries(workers: Sequence[SurfaceWorker], store: LogStore) -> dict[str, Summary]:
+def _summaries(acquisitions: Sequence[Acquisition], store: LogStore) -> dict[str, Summary]:
     """Return the counts by surface. What is still in memory counts as dropped."""
-    summaries = {one.name: Summary(one.acquisition.readings, one.acquisition.lost) for one in workers}
+    summaries = {one.name: Summary(one.readings, one.lost) for one in acquisitions}
     for name, logs in store.surfaces().items():
         if lost := logs.give_up():
             _log.warning("%s: %d samples dropped: neither the service nor the log file took them", name, lost)
@@ -134,22 +141,22 @@ def _summaries(workers: Sequence[SurfaceWorker], store: LogStore) -> dict[str, S
     return summaries
 
 
-async def _watch(workers: Sequence[SurfaceWorker], manager: ServiceManager) -> None:
-    """Report progress to the service manager. While a worker hangs, nothing is reported, so the manager restarts us."""
+async def _watch(acquisitions: Sequence[Acquisition], manager: ServiceManager) -> None:
+    """Report progress to the service manager. While a surface hangs, nothing is reported: the manager restarts us."""
     pause_s = min(WATCH_S, (manager.watchdog_s or WATCH_S) / 4)
     while True:
-        if hanging := [worker.name for worker in workers if worker.hangs(monotonic())]:
+        if hanging := [one.name for one in acquisitions if one.hangs(monotonic())]:
             _log.error("no progress on %s", ", ".join(hanging))
         else:
-            manager.alive(_status(workers))
+            manager.alive(_status(acquisitions))
         await asyncio.sleep(pause_s)
 
 
-def _status(workers: Sequence[SurfaceWorker]) -> str:
+def _status(acquisitions: Sequence[Acquisition]) -> str:
     """Return which surfaces are read, and which have no device yet."""
     words = []
     for text, is_missing in (("reading", False), ("waiting for the device of", True)):
-        if names := [worker.name for worker in workers if worker.acquisition.is_missing is is_missing]:
+        if names := [one.name for one in acquisitions if one.is_missing is is_missing]:
             words.append(f"{text} {', '.join(names)}")
     return "; ".join(words)
 

@@ -1,6 +1,7 @@
 """Counts and ages of all surfaces for Prometheus, on a loopback port.
 
-The final summary needs the same counts, so workers and logs keep them, and a collector of prometheus_client reads them.
+The final summary needs the same counts, so acquisitions and logs keep them; a collector of prometheus_client reads
+them.
 """
 
 import asyncio
@@ -16,7 +17,7 @@ from beamtouch_common.listening import remedy
 from beamtouch_common.log import Repeated
 from beamtouch_common.waits import Backoff
 from beamtouch_daemon.delivery.log_store import SurfaceLogs
-from beamtouch_daemon.running.surface_worker import SurfaceWorker
+from beamtouch_daemon.running.acquisition import Acquisition
 from beamtouch_daemon.uptime import uptime_s
 from beamtouch_service.samples import Quality
 
@@ -27,11 +28,11 @@ Logs = Callable[[], Mapping[str, SurfaceLogs]]
 """Returns the logs of all surfaces, also of those that are not configured."""
 
 
-class WorkerCollector(Collector):
-    """Reads the counts of workers and logs on request, in the thread of the metrics server."""
+class CountCollector(Collector):
+    """Reads the counts of acquisitions and logs on request, in the thread of the metrics server."""
 
-    def __init__(self, workers: Sequence[SurfaceWorker], logs: Logs) -> None:
-        self._workers = workers
+    def __init__(self, acquisitions: Sequence[Acquisition], logs: Logs) -> None:
+        self._acquisitions = acquisitions
         self._logs = logs
 
     def collect(self) -> Iterator[Metric]:
@@ -45,8 +46,8 @@ class WorkerCollector(Collector):
         qualities = _gauge(
             "channel_quality", "1 for the quality of a channel in the newest sample.", "channel", "quality"
         )
-        for worker in self._workers:
-            name, acquisition = worker.name, worker.acquisition
+        for acquisition in self._acquisitions:
+            name = acquisition.name
             readings.add_metric([name], acquisition.readings)
             lost.add_metric([name], acquisition.lost)
             missing.add_metric([name], acquisition.is_missing)
@@ -57,7 +58,7 @@ class WorkerCollector(Collector):
                 continue  # nothing is known of its rate or its channels
             if (measured_hz := acquisition.meter.measured_hz) is not None:
                 measured.add_metric([name], measured_hz)
-            for channel, quality in zip(worker.surface.channel_names, acquisition.quality, strict=False):
+            for channel, quality in zip(acquisition.surface.channel_names, acquisition.quality, strict=False):
                 for word in Quality:
                     qualities.add_metric([name, channel, word.value], quality is word)
         yield from (readings, lost, missing, age, measured, wrong, qualities)
@@ -85,10 +86,10 @@ def _gauge(name: str, meaning: str, *labels: str) -> GaugeMetricFamily:
     return GaugeMetricFamily(f"beamtouch_{name}", meaning, labels=["surface", *labels])
 
 
-async def serve(port: int, workers: Sequence[SurfaceWorker], logs: Logs) -> None:
+async def serve(port: int, acquisitions: Sequence[Acquisition], logs: Logs) -> None:
     """Answer GET /metrics on a loopback port, as soon as it is free, until cancelled."""
     registry = CollectorRegistry()
-    registry.register(WorkerCollector(workers, logs))
+    registry.register(CountCollector(acquisitions, logs))
     fault, backoff = Repeated(_log, "metrics"), Backoff()
     while True:
         try:

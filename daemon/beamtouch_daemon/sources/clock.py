@@ -73,10 +73,8 @@ class HostClock:
 
         Parameters
         ----------
-        device_s
-            Time of the reading on the device's clock.
-        arrival_s
-            Arrival of its frame on the monotonic clock.
+        device_s : Time of the reading on the device's clock.
+        arrival_s : Arrival of its frame on the monotonic clock.
         """
         self.heard(device_s, arrival_s)
         latest_s = device_s + self._max_offset_s + MAX_DRIFT * (self._device_s - device_s)

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 
-from beamtouch_daemon.config.places import encoding_of, place_of
 from beamtouch_daemon.config.settings import Surface
 from beamtouch_daemon.config.sources import ModbusRtu, ModbusTcp, SerialLine
 from beamtouch_daemon.sources.board import BoardSource
@@ -21,12 +20,9 @@ def source_of(surface: Surface, name: str = "", buses: Buses | None = None) -> S
 
     Parameters
     ----------
-    surface
-        The configuration.
-    name
-        Name of the surface, for the log.
-    buses
-        The buses in use; a new bus is added.
+    surface : The configuration.
+    name : Name of the surface, for the log.
+    buses : The buses in use; a new bus is added.
     """
     settings = surface.source
     if isinstance(settings, SerialLine):
@@ -34,8 +30,8 @@ def source_of(surface: Surface, name: str = "", buses: Buses | None = None) -> S
         return BoardSource(settings, registers, surface.rate_hz, [channel.adc_bits for channel in surface.channels])
     units: dict[tuple[str, int], dict[int, Value]] = {}
     for index, channel in enumerate(surface.channels):
-        host, unit, register = place_of(settings, channel)
-        value = Value(register, encoding_of(settings, channel), settings.byte_order)
+        host, unit, register = surface.place_of(channel)
+        value = Value(register, surface.encoding_of(channel), settings.byte_order)
         units.setdefault((host, unit), {})[index] = value
     shared = {} if buses is None else buses
     limits = settings.max_request_registers, settings.bridge_registers, settings.function_code

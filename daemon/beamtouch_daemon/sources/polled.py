@@ -59,12 +59,9 @@ class Part:
 
     Parameters
     ----------
-    link
-        Connection to the unit.
-    blocks
-        Registers that are read.
-    values
-        Values by the index of their channel in the reading.
+    link : Connection to the unit.
+    blocks : Registers that are read.
+    values : Values by the index of their channel in the reading.
     """
 
     def __init__(self, link: Link, blocks: Sequence[Block], values: Mapping[int, Value]) -> None:

@@ -60,10 +60,8 @@ class Schedule:
 
     Parameters
     ----------
-    rate_hz
-        Slots per second.
-    start_s
-        Beginning of slot 0, by the clock of `uptime_s`.
+    rate_hz : Slots per second.
+    start_s : Beginning of slot 0, by the clock of `uptime_s`.
     """
 
     def __init__(self, rate_hz: float, start_s: float) -> None:

@@ -49,12 +49,9 @@ def answer_to(block: Block, data: bytes, asked_s: float = 0.0) -> Answer | None:
 
     Parameters
     ----------
-    block
-        Registers that were asked for. Of other functions than 3 and 4, the contents are left out.
-    data
-        Function and contents of the answer, as in `Block.request`.
-    asked_s
-        Time of the request.
+    block : Registers that were asked for. Of other functions than 3 and 4, the contents are left out.
+    data : Function and contents of the answer, as in `Block.request`.
+    asked_s : Time of the request.
     """
     answer = DECODER.decode(data)
     if answer is None or answer.function_code & 0x7F != block.function:
@@ -89,8 +86,7 @@ class Value:
 
         Parameters
         ----------
-        contents
-            Contents of the registers that were read, 0 to 65535.
+        contents : Contents of the registers that were read, 0 to 65535.
         """
         if self.encoding == "u16" and not self.swaps_bytes:
             return contents.get(self.register)
@@ -115,14 +111,10 @@ def blocks_of(
 
     Parameters
     ----------
-    values
-        The values to read.
-    max_registers
-        Limit of registers in a block.
-    bridge
-        Largest number of consecutive unused registers within a block.
-    function
-        Reads them.
+    values : The values to read.
+    max_registers : Limit of registers in a block.
+    bridge : Largest number of consecutive unused registers within a block.
+    function : Reads them.
     """
     blocks: list[Block] = []
     for begin, end in sorted({(value.registers.start, value.registers.stop) for value in values}):

@@ -12,7 +12,7 @@ from contextlib import asynccontextmanager
 from pymodbus.framer import FramerRTU
 
 from beamtouch_daemon.config.sources import ModbusRtu
-from beamtouch_daemon.sources.reading import NoAnswerError, SourceError
+from beamtouch_daemon.sources.reading import NoAnswerError
 from beamtouch_daemon.sources.registers import DECODER, Answer, Block, answer_to
 from beamtouch_daemon.sources.rtu_unit import READ_FUNCTIONS, Unit, forgotten_s
 from beamtouch_daemon.sources.serial_port import Chunk, SerialPort
@@ -53,7 +53,7 @@ class RtuBus:
         return self._units.setdefault(address, Unit(address))
 
     @asynccontextmanager
-    async def used(self) -> AsyncIterator[None]:
+    async def used(self) -> AsyncIterator[SerialPort]:
         """Keep the port open during the block; SourceError if it cannot be opened."""
         if self._port is None or self._port.failure:
             settings = self._settings
@@ -62,18 +62,11 @@ class RtuBus:
                 unit.restart()
         self._users += 1
         try:
-            yield
+            yield self._port
         finally:
             self._users -= 1
             if not self._users and self._port is not None:
                 self._port.close()
-
-    def line_to(self, address: int, timeout_s: float) -> "UnitLine":
-        """Return the way to a unit through the port as it is open now; SourceError if it is not open."""
-        if self._port is None:
-            message = f"{self._settings.port} is not open"
-            raise SourceError(message)
-        return UnitLine(self, self._port, address, timeout_s)
 
     @asynccontextmanager
     async def turn(self, port: SerialPort) -> AsyncIterator[bytes]:
@@ -95,32 +88,61 @@ class RtuBus:
                 unit.suspect()
 
 
-class UnitLine:
-    """The way to one unit on a bus, through a port that is open."""
+class RtuLink:
+    """A unit on a serial bus, as a surface reads it; the way to it while the link is open."""
 
-    def __init__(self, bus: RtuBus, port: SerialPort, address: int, timeout_s: float) -> None:
+    def __init__(self, bus: RtuBus, address: int, blocks: Collection[Block], timeout_s: float) -> None:
+        self.name = f"unit {address}"
+        self.rest_s = max(REST_S, REST_TIMEOUTS * timeout_s)
         self.timeout_s = timeout_s
         self._bus = bus
-        self._port = port
-        self._address = address
+        self._unit = bus.unit(address)
+        self._blocks = blocks
+        self._port: SerialPort
+        """The port that this session has opened. If it fails, the session ends, and the next one proves anew."""
+
+    @property
+    def limits(self) -> tuple[str, ...]:
+        """Cases in which old or foreign answers may pass unnoticed, a sentence each."""
+        if not self._unit.is_unprovable:
+            return (COPIES,)
+        unprovable = (
+            f"{self.name} answers only requests for its values, so a late answer looks like a new one. After a missing "
+            f"answer it is left alone for {forgotten_s(self.timeout_s):g} s; an answer that comes even later counts "
+            "as a new one."
+        )
+        return unprovable, COPIES
+
+    @asynccontextmanager
+    async def opened(self) -> AsyncIterator[None]:
+        """Keep the port open; SourceError if it cannot be opened."""
+        async with self._bus.used() as self._port:
+            async with self._unit.turn:
+                self._unit.will_be_asked(self._blocks)
+            yield
+
+    async def read(self, block: Block) -> Answer:
+        """Read registers, in turn with the other users of the bus."""
+        async with self._unit.turn:
+            return await self._unit.read(self, block)
 
     async def ask(self, block: Block) -> Answer:
         """Send a request; return its answer or refusal, NoAnswerError if neither comes intact within the timeout."""
-        request = _FRAMER.encode(block.request, self._address, 0)
+        request = _FRAMER.encode(block.request, self._unit.address, 0)
         async with self._bus.turn(self._port):
             asked_s, received = uptime_s(), b""
             self._port.send(request)
             while (left_s := asked_s + self.timeout_s - uptime_s()) > 0:
                 received += _joined(await self._port.receive(left_s))
                 received = received.replace(request, b"")  # adapters may echo
-                for end, data in _answers_of(self._address, received):
+                for end, data in _answers_of(self._unit.address, received):
                     if answer := answer_to(block, data, asked_s):
                         self._bus.take_unexpected(received[end:])
                         return answer
         within = f"within {self.timeout_s * 1e3:.0f} ms"
-        message = f"unit {self._address} does not answer{' intact' if received else ''} {within}"
-        if any(_answers_of(self._address, received)):
-            message = f"unit {self._address} answers, but not {within}: its answers come late"
+        message = f"{self.name} does not answer{' intact' if received else ''} {within}"
+        if any(_answers_of(self._unit.address, received)):
+            message = f"{self.name} answers, but not {within}: its answers come late"
         raise NoAnswerError(message)
 
     async def is_quiet(self) -> bool:
@@ -131,44 +153,7 @@ class UnitLine:
             while (left_s := until_s - uptime_s()) > 0:
                 received += _joined(await self._port.receive(left_s))
         codes = [code for function in READ_FUNCTIONS for code in (function, function | 0x80)]
-        return not any(bytes([self._address, code]) in received for code in codes)
-
-
-class RtuLink:
-    """A unit on a serial bus, as a surface reads it."""
-
-    def __init__(self, bus: RtuBus, address: int, blocks: Collection[Block], timeout_s: float) -> None:
-        self.name = f"unit {address}"
-        self.rest_s = max(REST_S, REST_TIMEOUTS * timeout_s)
-        self._bus = bus
-        self._unit = bus.unit(address)
-        self._blocks = blocks
-        self._timeout_s = timeout_s
-
-    @property
-    def limits(self) -> tuple[str, ...]:
-        """Cases in which old or foreign answers may pass unnoticed, a sentence each."""
-        if not self._unit.is_unprovable:
-            return (COPIES,)
-        unprovable = (
-            f"{self.name} answers only requests for its values, so a late answer looks like a new one. After a missing "
-            f"answer it is left alone for {forgotten_s(self._timeout_s):g} s; an answer that comes even later counts "
-            "as a new one."
-        )
-        return unprovable, COPIES
-
-    @asynccontextmanager
-    async def opened(self) -> AsyncIterator[None]:
-        """Keep the port open; SourceError if it cannot be opened."""
-        async with self._bus.used():
-            async with self._unit.turn:
-                self._unit.will_be_asked(self._blocks)
-            yield
-
-    async def read(self, block: Block) -> Answer:
-        """Read registers, in turn with the other users of the bus."""
-        async with self._unit.turn:
-            return await self._unit.read(self._bus.line_to(self._unit.address, self._timeout_s), block)
+        return not any(bytes([self._unit.address, code]) in received for code in codes)
 
 
 def _silence_s(settings: ModbusRtu) -> float:

@@ -38,7 +38,7 @@ FORGOTTEN_S, FORGOTTEN_TIMEOUTS = 5.0, 10
 
 
 class Line(Protocol):
-    """The way to one unit."""
+    """The way to one unit, through a port that is open."""
 
     timeout_s: float
 
@@ -88,10 +88,8 @@ class Unit:
 
     Parameters
     ----------
-    address
-        Of the unit.
-    clock
-        Monotonic seconds.
+    address : Of the unit.
+    clock : Monotonic seconds.
     """
 
     def __init__(self, address: int, clock: Callable[[], float] = uptime_s) -> None:
