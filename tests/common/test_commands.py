@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 
 from beamtouch_common.commands import exit_code, version
+from beamtouch_common.errors import FailedError
 from beamtouch_daemon import cli as daemon
 from beamtouch_models import cli as design
 from beamtouch_models.rig import cli as rig
@@ -135,6 +136,14 @@ def test_ctrl_c_in_the_import_of_compiled_code_is_130(capsys: pytest.CaptureFixt
 
     assert exit_code("press", "design", work) == 130
     assert capsys.readouterr() == ("", "press: interrupted\n")
+
+
+def test_a_failure_is_a_line_for_each_of_its_reasons(capsys: pytest.CaptureFixture[str]) -> None:
+    def work() -> int:
+        raise FailedError("s1 is stuck", "s2 is\nmissing")
+
+    assert exit_code("press", "design", work) == 1
+    assert capsys.readouterr() == ("", "press: s1 is stuck\npress: s2 is missing\n")
 
 
 def opened_by_its_reader(pipe: Path, process: subprocess.Popen[str]) -> int:

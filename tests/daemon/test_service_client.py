@@ -47,7 +47,7 @@ async def test_a_certificate_is_trusted_where_it_is_named_and_nowhere_else(tmp_p
     both.write_text(other.read_text() + certificate.read_text())
 
     async def post(url: str, trusted: Path | None) -> Answer:
-        async with ServiceClient(url, "token", trusted and trust(trusted)) as client:
+        async with ServiceClient(url, "token", trust(trusted) if trusted else None) as client:
             return await client.post_samples("bench", None)
 
     async with serving(certificate, key) as url:
@@ -72,7 +72,7 @@ async def unencrypted() -> AsyncIterator[int]:
 
 
 async def refused(url: str, trusted: Path | None = None) -> UnreachableError:
-    async with ServiceClient(url, "token", trusted and trust(trusted)) as client:
+    async with ServiceClient(url, "token", trust(trusted) if trusted else None) as client:
         with pytest.raises(UnreachableError) as caught:
             await client.post_samples("bench", None)
     return caught.value

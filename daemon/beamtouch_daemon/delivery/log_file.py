@@ -44,15 +44,6 @@ class Chunk(NamedTuple):
     last: int
 
 
-class Entry(NamedTuple):
-    """A chunk in the file, and where it belongs."""
-
-    surface: str
-    chunk: Chunk
-    example: Batch
-    """The oldest chunk of the same surface and boot."""
-
-
 class LogFile:
     """The file; only one process can use it at a time. Raises LogFileError.
 
@@ -76,8 +67,11 @@ class LogFile:
         """Whether the file is open."""
         return self._database is not None
 
-    def open(self) -> list[Entry]:
-        """Open or create the file; return the chunks in it, oldest first."""
+    def open(self) -> list[tuple[str, Chunk, Batch]]:
+        """Open or create the file; return the chunks in it, oldest first.
+
+        Each comes with its surface, and with the oldest chunk of the same surface and boot, as it was written.
+        """
         try:
             with self._errors("opened"):
                 return self._open()
@@ -117,7 +111,7 @@ class LogFile:
             self._database.close()
             self._database = None
 
-    def _open(self) -> list[Entry]:
+    def _open(self) -> list[tuple[str, Chunk, Batch]]:
         self._database = database = sqlite3.connect(self._path, timeout=1.0)
         database.text_factory = lambda text: text.decode(errors="replace")
         database.execute("PRAGMA locking_mode = EXCLUSIVE")
@@ -143,7 +137,7 @@ class LogFile:
                 examples[surface, boot] = _read(database, row)
         self.rows = {row: int(length) for row, length, *_ in rows}
         return [
-            Entry(surface, Chunk(row, int(first), int(last)), examples[surface, boot])
+            (surface, Chunk(row, int(first), int(last)), examples[surface, boot])
             for row, _, first, last, surface, boot in rows
         ]
 

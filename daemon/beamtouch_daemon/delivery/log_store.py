@@ -113,8 +113,8 @@ class LogStore:
         except LogFileError as error:
             self._failed(error)
             return
-        for entry in entries:
-            self.surface(entry.surface).adopt(entry.chunk, entry.example)
+        for surface, chunk, example in entries:
+            self.surface(surface).adopt(chunk, example)
         self._fault.over()
 
     async def run(self) -> None:

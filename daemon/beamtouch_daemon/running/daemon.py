@@ -72,13 +72,12 @@ async def run(config: Config) -> tuple[dict[str, Summary], bool]:
     async with ServiceClient.of(config) as client, _opened_store(config) as store:
         buses: Buses = {}
         acquisitions = [_begin(config, name, rest_mm, store, buses) for name, rest_mm in rest_gaps_mm.items()]
-        lives = [Live(client, store.surface(one.name), one.log) for one in acquisitions]
         backlogs = [Backlog(client, store, logs) for logs in store.surfaces().values()]
         for name in store.surfaces().keys() - config.surfaces.keys():
             _log.info("%s: not configured; the samples in its log are delivered", name)
         jobs = [(one.name, job) for one in acquisitions for job in (one.read, one.run)]
-        jobs += [("live", live.run) for live in lives] + [("backlog", backlog.run) for backlog in backlogs]
-        jobs.append(("log file", store.run))
+        jobs += [(one.name, Live(client, store.surface(one.name), one.log).run) for one in acquisitions]
+        jobs += [*(("backlog", backlog.run) for backlog in backlogs), ("log file", store.run)]
         if (port := config.metrics.port) is not None:
             jobs.append(("metrics", lambda: metrics.serve(port, acquisitions, store.surfaces)))
         await _serve(acquisitions, jobs, signalled)
