@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from beamtouch_daemon.config.settings import Surface
-from beamtouch_daemon.processing.stuck import fresh, longest_run, longest_runs, runs
+from beamtouch_daemon.processing.stuck import Runs, longest_run, longest_runs
 from beamtouch_models.filters import FloatArray
 
 NOISES = (0.3, 0.5, 2.0)
@@ -41,13 +41,13 @@ def test_a_run_longer_than_ten_seconds_judges_nothing() -> None:
 @pytest.mark.parametrize("noise", NOISES)
 def test_noise_at_its_worst_is_not_taken_for_stuck_in_a_million_readings(noise: float) -> None:
     counts = np.rint(1000 + noise * np.random.default_rng(2).standard_normal((1_000_000, 1)))
-    lengths, _ = runs(counts, fresh(1))
+    lengths = Runs(1).lengths(counts)
     assert lengths.max() <= longest_run(stated(noise), 200.0)
 
 
 def test_runs_of_noise_are_as_long_as_the_formula_says() -> None:
     counts = np.rint(0.5 * np.random.default_rng(3).standard_normal((1_000_000, 1)))
-    lengths, _ = runs(counts, fresh(1))
+    lengths = Runs(1).lengths(counts)
     repeat = math.erf(0.5 / (0.5 * math.sqrt(2)))
     for run in (5, 10, 15):  # a reading ends so many equal ones in a row with the chance q^run, if they are the middle
         in_run = np.mean((lengths >= run) & (counts == 0))
@@ -58,15 +58,15 @@ def test_runs_of_noise_are_as_long_as_the_formula_says() -> None:
 def test_a_frozen_channel_is_found_with_the_first_reading_that_is_too_many(noise: float) -> None:
     run = int(longest_run(stated(noise), 200.0))
     counts = np.concatenate([[1.0, 2.0], np.full(run + 5, 3.0), [4.0]])[:, np.newaxis]
-    lengths, _ = runs(counts, fresh(1))
+    lengths = Runs(1).lengths(counts)
     is_stuck = lengths[:, 0] > run
     assert np.flatnonzero(is_stuck).tolist() == list(range(2 + run, 2 + run + 5))
 
 
 def test_a_missing_count_neither_adds_to_a_run_nor_ends_it() -> None:
-    lengths, _ = runs(np.array([[7.0], [7.0], [math.nan], [7.0], [math.nan], [8.0]]), fresh(1))
+    lengths = Runs(1).lengths(np.array([[7.0], [7.0], [math.nan], [7.0], [math.nan], [8.0]]))
     assert lengths[:, 0].tolist() == [1, 2, 2, 3, 3, 1]
-    lengths, _ = runs(np.array([[math.nan], [7.0]]), fresh(1))
+    lengths = Runs(1).lengths(np.array([[math.nan], [7.0]]))
     assert lengths[:, 0].tolist() == [0, 1]
 
 
@@ -77,13 +77,12 @@ columns = st.lists(st.tuples(*[st.sampled_from([1.0, 1.0, 2.5, math.nan])] * 2),
 def test_any_split_of_the_stream_gives_the_same(rows: list[tuple[float, float]], data: st.DataObject) -> None:
     counts: FloatArray = np.array(rows)
     cuts = sorted(data.draw(st.lists(st.integers(0, len(rows)), max_size=6), label="cuts"))
-    whole, end = runs(counts, fresh(2))
-    state, pieces = fresh(2), []
-    for piece in np.split(counts, cuts):
-        lengths, state = runs(piece, state)
-        pieces.append(lengths)
+    at_once, split = Runs(2), Runs(2)
+    whole = at_once.lengths(counts)
+    pieces = [split.lengths(piece) for piece in np.split(counts, cuts)]
     np.testing.assert_array_equal(np.concatenate(pieces), whole)
-    np.testing.assert_array_equal(state, end)
+    following = np.array([[1.0, 2.5]])
+    np.testing.assert_array_equal(split.lengths(following), at_once.lengths(following))
 
 
 def test_a_stated_time_overrides_the_noise_and_the_steepest_piece_counts() -> None:

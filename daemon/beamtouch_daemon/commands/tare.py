@@ -76,7 +76,7 @@ def _measure_rest(
     counts: FloatArray, surface: Surface, last_mm: Mapping[str, float], *, accept_change: bool
 ) -> dict[str, float]:
     """Return the rest gaps [mm] by channel name; NotAtRestError if the beam moves, or they contradict earlier ones."""
-    lengths, _ = stuck.runs(counts, stuck.fresh(len(surface.channels)))
+    lengths = stuck.Runs(len(surface.channels)).lengths(counts)
     for index in np.flatnonzero((lengths > stuck.longest_runs(surface)).any(axis=0)).tolist():
         message = f"{surface.channel_names[index]} is stuck: its counts do not change; check the sensor"
         raise NotAtRestError(message)

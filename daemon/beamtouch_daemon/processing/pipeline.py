@@ -60,7 +60,7 @@ class Pipeline:
         self._chain = chain_of(surface)
         self._longest_runs = stuck.longest_runs(surface)
         self._judges_runs = bool(np.isfinite(self._longest_runs).any())
-        self._runs = stuck.fresh(channels)
+        self._runs = stuck.Runs(channels)
         tracking = surface.zero_tracking
         self._zeros = None if tracking is None else ZeroTracker(tracking, surface.rate_hz, channels)
         self._sequence = 1
@@ -96,8 +96,7 @@ class Pipeline:
     def _quality(self, counts: FloatArray, gap_mm: FloatArray) -> NDArray[np.int8]:
         codes = self._characteristic.quality(counts, gap_mm)
         if self._judges_runs:
-            lengths, self._runs = stuck.runs(counts, self._runs)
-            codes[(codes == _GOOD) & (lengths > self._longest_runs)] = _STUCK
+            codes[(codes == _GOOD) & (self._runs.lengths(counts) > self._longest_runs)] = _STUCK
         return codes
 
     def _values(

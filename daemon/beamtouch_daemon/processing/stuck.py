@@ -54,32 +54,29 @@ def longest_run(noise_counts: float, rate_hz: float) -> float:
     return run if run <= MAX_RUN_S * rate_hz else math.inf
 
 
-def fresh(channels: int) -> FloatArray:
-    """Return the initial state of `runs`."""
-    return np.stack([np.full(channels, np.nan), np.zeros(channels)])
+class Runs:
+    """The runs of equal counts of all channels. Any split of the stream of readings gives the same lengths."""
 
+    def __init__(self, channels: int) -> None:
+        self._last = np.full(channels, np.nan)
+        """The last count of each channel that was not missing."""
+        self._length = np.zeros(channels)
 
-def runs(counts: FloatArray, state: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the length of the run of equal counts that ends with each reading, and the state after them.
+    def lengths(self, counts: FloatArray) -> FloatArray:
+        """Return the length of the run that ends with each reading, shape (readings, channels) as the counts.
 
-    A missing count (NaN) neither extends a run nor ends it. Any split of the stream gives the same result.
-
-    Parameters
-    ----------
-    counts : Shape (readings, channels), oldest first.
-    state : Shape (2, channels): the last count that was not missing, and the length of its run.
-    """
-    rows = np.concatenate([state[:1], counts])
-    if len(counts) and not np.isnan(rows.sum()):  # the usual case, in half the time
-        arrived = np.arange(1.0, len(rows))[:, np.newaxis]
-        begins = rows[1:] != rows[:-1]
-        lengths = arrived - np.maximum.accumulate(np.where(begins, arrived - 1.0, -state[1]), axis=0)
-        return lengths, np.stack([rows[-1], lengths[-1]])
-    there = ~np.isnan(rows)
-    latest = np.maximum.accumulate(np.where(there, np.arange(len(rows))[:, np.newaxis], 0))
-    held = np.take_along_axis(rows, latest, axis=0)  # each count, or the last one before it that was not missing
-    arrived = np.cumsum(there[1:], axis=0)
-    begins = there[1:] & (counts != held[:-1])
-    before = np.maximum.accumulate(np.where(begins, arrived - 1.0, -state[1]), axis=0)
-    lengths = arrived - before
-    return lengths, np.stack([held[-1], np.concatenate([state[1:], lengths])[-1]])
+        A missing count (NaN) neither extends a run nor ends it.
+        """
+        rows = np.concatenate([self._last[np.newaxis], counts])
+        if len(counts) and not np.isnan(rows.sum()):  # the usual case, in half the time
+            held, arrived = rows, np.arange(1.0, len(rows))[:, np.newaxis]
+            begins = rows[1:] != rows[:-1]
+        else:
+            there = ~np.isnan(rows)
+            latest = np.maximum.accumulate(np.where(there, np.arange(len(rows))[:, np.newaxis], 0))
+            held = np.take_along_axis(rows, latest, axis=0)  # each count, or the last one before it that was there
+            arrived = np.cumsum(there[1:], axis=0)
+            begins = there[1:] & (counts != held[:-1])
+        lengths: FloatArray = arrived - np.maximum.accumulate(np.where(begins, arrived - 1.0, -self._length), axis=0)
+        self._last, self._length = held[-1], np.concatenate([self._length[np.newaxis], lengths])[-1]
+        return lengths

@@ -1,14 +1,12 @@
 """The source of readings that a configuration describes: Modbus TCP, Modbus RTU or the serial protocol."""
 
-from collections.abc import Sequence
-
 from beamtouch_daemon.config.settings import Surface
-from beamtouch_daemon.config.sources import ModbusRtu, ModbusTcp, SerialLine
+from beamtouch_daemon.config.sources import ModbusTcp, SerialLine
 from beamtouch_daemon.sources.board import BoardSource
 from beamtouch_daemon.sources.modbus_tcp import TcpLink
 from beamtouch_daemon.sources.polled import Link, Part, PolledSource
 from beamtouch_daemon.sources.reading import Source
-from beamtouch_daemon.sources.registers import Block, Value, blocks_of
+from beamtouch_daemon.sources.registers import Value, blocks_of
 from beamtouch_daemon.sources.rtu_bus import RtuBus, RtuLink
 
 Buses = dict[str, RtuBus]
@@ -38,12 +36,11 @@ def source_of(surface: Surface, name: str = "", buses: Buses | None = None) -> S
     parts = []
     for (host, unit), values in units.items():
         blocks = blocks_of(list(values.values()), *limits)
-        parts.append(Part(_link(settings, host, unit, blocks, shared), blocks, values))
+        link: Link
+        if isinstance(settings, ModbusTcp):
+            link = TcpLink(settings, host, unit)
+        else:
+            bus = shared.setdefault(settings.port, RtuBus(settings))
+            link = RtuLink(bus, unit, blocks, settings.timeout_ms / 1e3)
+        parts.append(Part(link, blocks, values))
     return PolledSource(name, parts, len(surface.channels), surface.rate_hz)
-
-
-def _link(settings: ModbusTcp | ModbusRtu, host: str, unit: int, blocks: Sequence[Block], buses: Buses) -> Link:
-    if isinstance(settings, ModbusTcp):
-        return TcpLink(settings, host, unit)
-    bus = buses.setdefault(settings.port, RtuBus(settings))
-    return RtuLink(bus, unit, blocks, settings.timeout_ms / 1e3)
