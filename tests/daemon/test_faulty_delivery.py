@@ -142,15 +142,20 @@ async def test_a_damaged_file_costs_its_own_samples_and_live_delivery_nothing(tm
     assert list(numbers.values()) == [list(range(1, counts["readings"] + 1))]
 
 
-async def test_the_log_of_a_removed_surface_is_delivered(tmp_path: Path) -> None:
+@pytest.mark.parametrize("is_late", [False, True], ids=["at the start", "once the file is free"])
+async def test_the_log_of_a_removed_surface_is_delivered(tmp_path: Path, *, is_late: bool) -> None:
     async with stored(tmp_path / LOG_FILE) as store:
         store.surface("press").begin(boot(), 100).put(taken(1, 7))
-    with cable(tmp_path) as usb:
+    with cable(tmp_path) as usb, closing(sqlite3.connect(tmp_path / LOG_FILE)) as other:
+        if is_late:
+            other.execute("BEGIN EXCLUSIVE")
         SerialDevice(usb.plug())
         async with (
             serving(Service()) as service,
             running(tmp_path, configs.serial(str(usb.path)), service.url) as daemon,
         ):
+            await service.until(50)
+            other.rollback()
             await service.until(7, "press", within_s=60)
             await everything(service)
             assert (await daemon.stop()).code == 0

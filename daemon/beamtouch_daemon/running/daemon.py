@@ -72,16 +72,13 @@ async def run(config: Config) -> tuple[dict[str, Summary], bool]:
     async with ServiceClient.of(config) as client, _opened_store(config) as store:
         buses: Buses = {}
         acquisitions = [_begin(config, name, rest_mm, store, buses) for name, rest_mm in rest_gaps_mm.items()]
-        backlogs = [Backlog(client, store, logs) for logs in store.surfaces().values()]
-        for name in store.surfaces().keys() - config.surfaces.keys():
-            _log.info("%s: not configured; the samples in its log are delivered", name)
         jobs = [(one.name, job) for one in acquisitions for job in (one.read, one.run)]
         jobs += [(one.name, Live(client, store.surface(one.name), one.log).run) for one in acquisitions]
-        jobs += [*(("backlog", backlog.run) for backlog in backlogs), ("log file", store.run)]
+        jobs += [("backlog", lambda: _deliver_backlogs(config, client, store)), ("log file", store.run)]
         if (port := config.metrics.port) is not None:
             jobs.append(("metrics", lambda: metrics.serve(port, acquisitions, store.surfaces)))
         await _serve(acquisitions, jobs, signalled)
-        await _finish(backlogs, store)
+        await _finish(client, store)
         summaries = _summaries(acquisitions, store)
     return summaries, signalled.result() is signal.SIGINT
 
@@ -119,11 +116,25 @@ async def _serve(
         acquisition.process()
 
 
-async def _finish(backlogs: Sequence[Backlog], store: LogStore) -> None:
+async def _deliver_backlogs(config: Config, client: ServiceClient, store: LogStore) -> None:
+    """Deliver the backlog of each surface, also of those that a log file shows which is opened late."""
+    begun: set[str] = set()
+    async with asyncio.TaskGroup() as backlogs:
+        while True:
+            for name, logs in store.surfaces().items():
+                if name not in begun:
+                    begun.add(name)
+                    backlogs.create_task(keep_going("backlog", Backlog(client, store, logs).run))
+                    if name not in config.surfaces:
+                        _log.info("%s: not configured; the samples in its log are delivered", name)
+            await asyncio.sleep(WATCH_S)
+
+
+async def _finish(client: ServiceClient, store: LogStore) -> None:
     """Deliver what is left, and write the rest to the log file."""
     with suppress(TimeoutError):
         async with asyncio.timeout(FINISH_S):
-            await asyncio.gather(*(backlog.finish() for backlog in backlogs))
+            await asyncio.gather(*(Backlog(client, store, logs).finish() for logs in store.surfaces().values()))
     await store.write(None)
 
 
