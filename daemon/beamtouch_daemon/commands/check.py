@@ -17,7 +17,7 @@ from beamtouch_common.table import aligned
 from beamtouch_daemon.config.file import load_config
 from beamtouch_daemon.config.settings import Config, Surface
 from beamtouch_daemon.delivery.client import ServiceClient
-from beamtouch_daemon.delivery.readiness import doubt_of, refusal_of
+from beamtouch_daemon.delivery.readiness import readiness_of
 from beamtouch_daemon.processing.characteristic import QUALITIES, Characteristic
 from beamtouch_daemon.processing.pipeline import counts_of
 from beamtouch_daemon.sources.configured import Buses, source_of
@@ -78,13 +78,8 @@ class SurfaceState:
         has_all = all(channel.quality is not Quality.MISSING for channel in self.channels)
         return self.error or ("" if has_all else "not all channels arrive") or self.refusal or ""
 
-    @property
-    def is_good(self) -> bool:
-        """Whether every channel is good in a reading, and the service takes the samples, if it was asked."""
-        return not list(self.complaints())
-
     def complaints(self) -> Iterator[str]:
-        """Yield what prevents readings, and what prevents samples."""
+        """Yield what prevents readings, and what prevents samples; nothing if the surface is good."""
         if self.error:
             yield self.error
         for quality, cause in CAUSES.items():
@@ -99,16 +94,16 @@ def run(arguments: argparse.Namespace) -> int:
     config = load_config(arguments.config)
     wait_s: float | None = arguments.wait
     states = asyncio.run(_read_all(config) if wait_s is None else _wait(config, wait_s))
-    is_good = all(state.is_good for state in states)
+    complaints = [f"{state.surface}: {text}" for state in states for text in state.complaints()]
     if arguments.json:
         surfaces = {state.surface: _as_json(state, asked=wait_s is not None) for state in states}
-        print(json.dumps({"good": is_good, "surfaces": surfaces}))
+        print(json.dumps({"good": not complaints, "surfaces": surfaces}))
     else:
         print("\n".join(_lines(states, with_files=bool(config.include))))
         if wait_s is None:
             print(NOT_ASKED)
-    if not is_good:
-        raise FailedError(*(f"{state.surface}: {text}" for state in states for text in state.complaints()))
+    if complaints:
+        raise FailedError(*complaints)
     return DONE
 
 
@@ -134,9 +129,8 @@ async def _wait(config: Config, wait_s: float) -> list[SurfaceState]:
 
 
 async def _ask(client: ServiceClient, state: SurfaceState, surface: Surface) -> SurfaceState:
-    refusal = await refusal_of(client, state.surface, surface)
-    doubt = None if refusal else await doubt_of(client, state.surface, surface)
-    return replace(state, refusal=refusal, doubt=doubt)
+    readiness = await readiness_of(client, state.surface, surface)
+    return replace(state, refusal=readiness.refusal, doubt=readiness.doubt)
 
 
 async def _read_all(config: Config) -> list[SurfaceState]:

@@ -75,10 +75,12 @@ class Surface(Strict):
     """Sensors, in the order of the model's channels."""
 
     @model_validator(mode="after")
-    def _names_are_distinct(self) -> Self:
-        name, times = Counter(channel.name for channel in self.channels).most_common(1)[0]
-        if times > 1:
-            message = f"two channels have the same name {name}"
+    def _channels_are_distinct(self) -> Self:
+        (name, same_name), *_ = Counter(self.channel_names).most_common(1)
+        ((_, _, register), same_place), *_ = Counter(map(self.place_of, self.channels)).most_common(1)
+        if same_name > 1 or same_place > 1:
+            what = f"name {name}" if same_name > 1 else f"register {register}"
+            message = f"two channels have the same {what}"
             raise ValueError(message)
         return self
 
@@ -116,15 +118,6 @@ class Surface(Strict):
                 f"noise_mm = {self.noise_mm:g} is half the range of a sensor or more; "
                 f"if it is in um, write {self.noise_mm / 1e3:g}"
             )
-            raise ValueError(message)
-        return self
-
-    @model_validator(mode="after")
-    def _channels_can_be_read(self) -> Self:
-        places = Counter(self.place_of(channel) for channel in self.channels)
-        (_, _, register), times = places.most_common(1)[0]
-        if times > 1:
-            message = f"two channels have the same register {register}"
             raise ValueError(message)
         return self
 

@@ -172,6 +172,9 @@ class Session:
 class BoardSource:
     """Yields readings as the device sends them, with device times mapped to the host's clock."""
 
+    limits: tuple[str, ...] = ()
+    """None: each reading has a number and the device's time."""
+
     def __init__(self, settings: SerialLine, indices: Sequence[int], rate_hz: float, adc_bits: Sequence[int]) -> None:
         self._path = settings.port
         self._baud = settings.baud
@@ -180,11 +183,6 @@ class BoardSource:
         self._oversampling = settings.oversampling
         self._adc_bits = tuple(adc_bits)
         self._silence_s = max(SILENCE_S, SILENCE_PERIODS / rate_hz)
-
-    @property
-    def limits(self) -> tuple[str, ...]:
-        """Empty: each reading has a number and the device's time."""
-        return ()
 
     async def readings(self) -> AsyncGenerator[list[Reading], None]:
         """Open the port, check and start the device, and yield its readings."""
