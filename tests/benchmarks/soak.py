@@ -184,7 +184,7 @@ def report(seen: Seen, summary: dict[str, int], minutes: float, rate_hz: int) ->
     rows = [
         ("readings", f"{summary['readings']:,}"),
         ("readings missed by the daemon", f"{summary['readings_lost']:,}"),
-        ("readings to settle the filter, at the start and after gaps", f"{settling:,}"),
+        ("readings without a sample of their own, at rest and while the filter settles", f"{settling:,}"),
         ("samples acknowledged by the service", f"{summary['samples_published']:,}"),
         ("samples dropped", f"{summary['samples_dropped']:,}"),
         ("samples left on disk", f"{summary['samples_in_log']:,}"),

@@ -137,9 +137,8 @@ def compare(line: Line) -> tuple[list[Compared], list[Any]]:
             if position is None and not truth.steady(moment, LIFT_SEEN_S):
                 continue
             if (position is not None) != (contact["state"] == "contact"):
-                if {"rate", "unsteady"} <= set(contact["notes"]):
-                    continue  # readings were lost to other programs: the filter settles later, and says so
-                mistaken.append((load, contact))
+                # Where other programs cost readings, the filter settles later, and says so.
+                mistaken += [] if {"rate", "unsteady"} <= set(contact["notes"]) else [(load, contact)]
             elif position is not None:
                 found.append(Compared(position, force, contact))
     truth.close()

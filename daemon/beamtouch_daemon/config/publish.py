@@ -50,6 +50,10 @@ class Publish(Strict):
     """Certificates to trust with https (PEM); default: those of the system."""
     batch_ms: Annotated[FiniteFloat, Field(ge=1, le=10_000)] = 4.0
     """Longest time to collect samples for one request."""
+    rest_ms: Annotated[FiniteFloat, Field(ge=0, le=10_000)] = 100.0
+    """Time from one sample to the next while nothing changes, at most a fifth of `stale_ms` of the service. The first
+    reading that leaves what the mean explains ends that, and the readings that waited become samples too. 0: a sample
+    for each reading always."""
     log_samples: Annotated[int, Field(ge=100, le=10_000_000)] = 20_000
     """Limit of the samples per surface in memory that the record of the service does not have yet; beyond it the oldest
     are dropped and counted."""

@@ -64,6 +64,8 @@ class Log:
         """Number of the first sample that a live batch is bringing, or will bring."""
         self.refusal = ""
         """Why the service refuses this boot; empty if it does not."""
+        self.stale_ms: float | None = None
+        """After this time an answer is stale, by the last receipt [ms]; None before the first."""
         self.told_s = -math.inf
         """Time of the last receipt on the monotonic clock."""
         self.due_s = 0.0
@@ -126,6 +128,7 @@ class Log:
     def told(self, receipt: Receipt) -> None:
         """Forget what is durable. Receipts may come late, so that only ever grows."""
         self.told_s = monotonic()
+        self.stale_ms = receipt.stale_ms
         self.refusal = ""
         self._expected = receipt.expected
         if receipt.durable is not None:

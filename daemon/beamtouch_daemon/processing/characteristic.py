@@ -86,6 +86,12 @@ class Characteristic:
         gaps: FloatArray = gap + slope * (counts - begin)
         return gaps
 
+    def mm_per_count(self, counts: FloatArray) -> FloatArray:
+        """Return the change of each deflection with a count, at these counts (channels,); NaN stays NaN."""
+        piece = (counts[:, np.newaxis] >= self.counts[:, 1:]).sum(axis=-1)
+        slopes: FloatArray = np.where(np.isnan(counts), np.nan, -self.slopes[np.arange(len(counts)), piece])
+        return slopes
+
     def deflection(self, gap: FloatArray) -> FloatArray:
         """Return deflections [mm], positive in the direction of the load, of gaps, shape (readings, channels)."""
         return self.rest_gap - gap

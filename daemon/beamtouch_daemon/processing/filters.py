@@ -9,7 +9,7 @@ from beamtouch_daemon.config.settings import Surface
 from beamtouch_daemon.config.signal import Adaptive, Filter, GrowingMean, LowPass, MovingAverage
 from beamtouch_daemon.processing.characteristic import Characteristic
 from beamtouch_models import filters
-from beamtouch_models.filters import Chain, Filtered, FloatArray, Stage
+from beamtouch_models.filters import Chain, Filtered, FloatArray, Rest, Stage
 
 PLAIN = (0.9, 1.02)
 """No covariance is stated while the variance is within these factors of that of a mean of the stated readings. The
@@ -29,6 +29,19 @@ def chain_of(surface: Surface) -> Chain:
     period = (surface.slowest_period_ms or 0.0) * surface.rate_hz / 1e3
     chosen = stages(surface.filter, surface.rate_hz, unit_mm, period)
     return Chain(chosen, channels, surface.noise_mm, period, steps)
+
+
+def rest_of(surface: Surface) -> Rest | None:
+    """Return what notices that nothing happens.
+
+    None if the noise is not known, as nothing then says what motion is; and for a filter other than the growing mean,
+    which does not show a touch that came and went between two samples.
+    """
+    if surface.noise_mm is None or not isinstance(surface.filter, GrowingMean):
+        return None
+    unit_mm = filters.unit_of(surface.noise_mm, steps_mm(surface), len(surface.channels))
+    period = (surface.slowest_period_ms or 0.0) * surface.rate_hz / 1e3
+    return Rest(unit_mm, surface.filter.longest(surface.rate_hz), period)
 
 
 def steps_mm(surface: Surface) -> FloatArray:

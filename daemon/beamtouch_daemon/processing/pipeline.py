@@ -12,7 +12,7 @@ from beamtouch_daemon.processing.characteristic import QUALITIES, Characteristic
 from beamtouch_daemon.processing.filters import Uncertainty, chain_of, uncertainties
 from beamtouch_daemon.processing.zero_tracking import ZeroTracker
 from beamtouch_daemon.sources.reading import Reading
-from beamtouch_models.filters import FloatArray
+from beamtouch_models.filters import Filtered, FloatArray, Rest
 from beamtouch_service.samples import Note, Quality, Sample
 
 _GOOD = QUALITIES.index(Quality.GOOD)
@@ -54,10 +54,14 @@ class Pipeline:
     has filled, so the newest sample before a gap stays in use until then.
     """
 
-    def __init__(self, surface: Surface, rest_gap_mm: Mapping[str, float] | None = None) -> None:
+    def __init__(
+        self, surface: Surface, rest_gap_mm: Mapping[str, float] | None = None, rest: Rest | None = None
+    ) -> None:
+        """Begin with nothing known; without `rest`, each reading becomes a sample."""
         channels = len(surface.channels)
         self._characteristic = Characteristic.of(surface.channels, rest_gap_mm)
         self._chain = chain_of(surface)
+        self._rest = rest
         self._longest_runs = stuck.longest_runs(surface)
         self._judges_runs = bool(np.isfinite(self._longest_runs).any())
         self._runs = stuck.Runs(channels)
@@ -65,10 +69,21 @@ class Pipeline:
         self._zeros = None if tracking is None else ZeroTracker(tracking, surface.rate_hz, channels)
         self._sequence = 1
 
+    @property
+    def most_waiting(self) -> int:
+        """Readings that may wait before they are processed, as nothing happens; 0 while something does."""
+        return self._rest.most_waiting if self._rest is not None and self._rest.lasts else 0
+
+    def explains(self, reading: Reading) -> bool:
+        """Return whether a reading at rest is explained by those before it."""
+        return self._rest is not None and self._rest.explains(reading.counts)
+
     def process(
         self, readings: Sequence[Reading], unix_minus_monotonic_s: float, notes: tuple[Note, ...] = ()
     ) -> list[Taken]:
-        """Return one sample per reading, or none while the filter has too few readings of every channel.
+        """Return one sample per reading, one of all of them if nothing happens, or none.
+
+        There is none while the filter has too few readings of every channel.
 
         Parameters
         ----------
@@ -80,7 +95,14 @@ class Pipeline:
         gap_mm = self._characteristic.gap(counts)
         codes = self._quality(counts, gap_mm)
         raw = self._characteristic.deflection(gap_mm)
-        values, stated = self._values(raw, codes == _GOOD, [reading.lost for reading in readings])
+        lost = [reading.lost for reading in readings]
+        good = codes == _GOOD
+        zeroed = self._zeroed(raw, good, lost)
+        filtered = self._chain.apply(np.where(good, zeroed, np.nan), lost)
+        if self._rests(filtered, good, zeroed[-1], counts[-1]):
+            readings, codes, good, zeroed = readings[-1:], codes[-1:], good[-1:], zeroed[-1:]
+            filtered = filtered.at(np.array([len(filtered.moves) - 1]))
+        values, stated = np.where(good, filtered.mean_mm, zeroed), uncertainties(filtered)
         unsettled = (codes == _GOOD) & np.isnan(values)  # the filter has too few readings
         waits = [False] * len(readings)
         if unsettled.any():
@@ -99,14 +121,15 @@ class Pipeline:
             codes[(codes == _GOOD) & (self._runs.lengths(counts) > self._longest_runs)] = _STUCK
         return codes
 
-    def _values(
-        self, raw: FloatArray, good: NDArray[np.bool_], lost: Sequence[int]
-    ) -> tuple[FloatArray, list[Uncertainty]]:
-        """Return the deflections to publish, and their uncertainty; `lost` is the readings lost before each."""
-        if self._zeros is not None:
-            raw = raw - self._zeros.track(np.where(good, raw, np.nan), lost)
-        filtered = self._chain.apply(np.where(good, raw, np.nan), lost)
-        return np.where(good, filtered.mean_mm, raw), uncertainties(filtered)
+    def _zeroed(self, raw: FloatArray, good: NDArray[np.bool_], lost: Sequence[int]) -> FloatArray:
+        """Return deflections from the tracked zeros; `lost` is the readings lost before each."""
+        return raw if self._zeros is None else raw - self._zeros.track(np.where(good, raw, np.nan), lost)
+
+    def _rests(self, filtered: Filtered, good: NDArray[np.bool_], zeroed_mm: FloatArray, counts: FloatArray) -> bool:
+        """Return whether nothing happens, up to the newest reading, of which the last two are."""
+        if self._rest is None:
+            return False
+        return self._rest.follow(filtered, good, zeroed_mm, counts, self._characteristic.mm_per_count(counts))
 
     def _sample(self, unix_s: float, values: list[float], codes: list[int], uncertainty: Uncertainty) -> Sample:
         qualities = [QUALITIES[code] for code in codes]

@@ -2,6 +2,7 @@
 
 import asyncio
 import logging
+import math
 import time
 from contextlib import aclosing
 
@@ -23,6 +24,9 @@ MAX_UNPROCESSED = 64
 PATIENCE_S = 15.0
 PATIENCE_PERIODS = 20.0
 """A surface without progress for the longer of this time and this number of reading periods hangs."""
+STALE_PART = 0.2
+"""A sample at rest is followed by another one within this part of the time after which it is stale: a live batch is
+not repeated, and some may be lost."""
 _log = logging.getLogger(__name__)
 
 
@@ -33,11 +37,18 @@ class Acquisition:
     ----------
     name, surface : Name of the surface, and its configuration.
     source, pipeline, log : Where the readings come from, what makes samples of them, and where these go.
-    batch_s : Time to collect readings for one batch [s].
+    batch_s, rest_s : Time to collect readings for one batch, and from one sample to the next while nothing happens [s].
     """
 
     def __init__(
-        self, name: str, surface: Surface, source: Source, pipeline: Pipeline, log: Log, batch_s: float
+        self,
+        name: str,
+        surface: Surface,
+        source: Source,
+        pipeline: Pipeline,
+        log: Log,
+        batch_s: float,
+        rest_s: float,
     ) -> None:
         self.name = name
         self.surface = surface
@@ -57,7 +68,9 @@ class Acquisition:
         self.meter = RateMeter(surface.rate_hz, is_polled=not isinstance(surface.source, SerialLine))
         """Measures the rate of the readings."""
         self._source, self._pipeline = source, pipeline
-        self._batch_s = batch_s
+        self._batch_s, self._rest_s = batch_s, rest_s
+        self._sampled_s = -math.inf
+        """Time of the newest reading that became a sample, by the clock of `uptime_s`."""
         self._unprocessed: list[Reading] = []
         """The newest readings. They become samples once per batch: a few together take about as long as one."""
         self._arrived = asyncio.Event()
@@ -79,6 +92,7 @@ class Acquisition:
                         self._take(readings)
             except SourceError as error:
                 self._repeated.failed(f"{error}; trying again")
+            self._arrived.set()  # what waited at rest waits for no other reading
             self.turned_s = time.monotonic()
             await asyncio.sleep(self._backoff.next())
 
@@ -99,6 +113,7 @@ class Acquisition:
         notes = () if self.meter.fits else (Note.RATE,)
         if samples := self._pipeline.process(readings, time.time() - uptime_s(), notes):
             self.quality = samples[-1].sample.quality
+            self._sampled_s = samples[-1].monotonic_s
             self.log.put(samples)
 
     def _take(self, readings: list[Reading]) -> None:
@@ -113,9 +128,23 @@ class Acquisition:
         if self.meter.add(readings):
             _log.log(logging.INFO if self.meter.fits else logging.WARNING, "%s: %s", self.name, self.meter)
         self._unprocessed += readings
+        if self._may_wait(readings):
+            return
         if len(self._unprocessed) >= MAX_UNPROCESSED:
             self.process()
         self._arrived.set()
+
+    def _may_wait(self, readings: list[Reading]) -> bool:
+        """Return whether new readings say no more than the newest sample, and that sample is not due to be followed.
+
+        How long an answer may stand on it, only a receipt says.
+        """
+        stale_ms = self.log.stale_ms
+        if len(self._unprocessed) > self._pipeline.most_waiting or stale_ms is None:
+            return False
+        if readings[-1].monotonic_s - self._sampled_s >= min(self._rest_s, STALE_PART * stale_ms / 1e3):
+            return False
+        return all(self._pipeline.explains(reading) for reading in readings)
 
     def _resume(self, reading: Reading) -> Reading:
         """Return the first reading of a session with the number of those lost since the last one, by the clock."""

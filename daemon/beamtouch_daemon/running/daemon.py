@@ -17,6 +17,7 @@ from beamtouch_daemon.delivery.log_file import ForeignFileError
 from beamtouch_daemon.delivery.log_store import LogStore
 from beamtouch_daemon.delivery.readers import Backlog, Live
 from beamtouch_daemon.processing.characteristic import Characteristic
+from beamtouch_daemon.processing.filters import rest_of
 from beamtouch_daemon.processing.pipeline import Pipeline
 from beamtouch_daemon.running import metrics
 from beamtouch_daemon.running.acquisition import Acquisition
@@ -95,8 +96,9 @@ def _begin(config: Config, name: str, rest_gap_mm: Mapping[str, float], store: L
         beam=surface.beam,
     )
     log = store.surface(name).begin(head, publish.log_samples)
-    source, pipeline = source_of(surface, name, buses), Pipeline(surface, rest_gap_mm)
-    return Acquisition(name, surface, source, pipeline, log, publish.batch_ms / 1e3)
+    rest = rest_of(surface) if publish.rest_ms else None
+    source, pipeline = source_of(surface, name, buses), Pipeline(surface, rest_gap_mm, rest)
+    return Acquisition(name, surface, source, pipeline, log, publish.batch_ms / 1e3, publish.rest_ms / 1e3)
 
 
 async def _serve(

@@ -13,6 +13,7 @@ the weight of those that are missing. A lost reading is a row of NaN in all chan
 from beamtouch_models.filters.chain import Chain
 from beamtouch_models.filters.filtered import Filtered
 from beamtouch_models.filters.means import FloatArray, smoothing
+from beamtouch_models.filters.rest import Rest
 from beamtouch_models.filters.stages import (
     Stage,
     adaptive_stage,
@@ -30,6 +31,7 @@ __all__ = [
     "Chain",
     "Filtered",
     "FloatArray",
+    "Rest",
     "Stage",
     "adaptive_stage",
     "chosen_stages",

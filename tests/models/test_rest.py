@@ -1,0 +1,96 @@
+"""When nothing happens: readings at rest wait, and nothing that happens does."""
+
+import numpy as np
+import pytest
+
+from beamtouch_models import filters
+from beamtouch_models.filters import Chain, FloatArray, Rest
+
+NOISE_MM, MM_PER_COUNT, CHANNELS, LONGEST = 0.004, -5e-5, 4, 1000
+RATE_HZ, PERIOD = 1000.0, 98.0
+BLOCK = 100
+
+
+class Surface:
+    """A filter of four channels, and what notices that nothing happens."""
+
+    def __init__(self, longest: int = LONGEST) -> None:
+        unit_mm = np.full(CHANNELS, NOISE_MM)
+        stages = filters.chosen_stages(
+            "growing-mean", window=4, longest=longest, spike_mm=0.03, unit_mm=unit_mm, slowest_period=PERIOD
+        )
+        self.chain = Chain(stages, CHANNELS, NOISE_MM, PERIOD)
+        self.rest = Rest(unit_mm, longest, PERIOD)
+
+    def take(self, values_mm: FloatArray) -> bool:
+        """Take a block of readings, shape (readings, channels); NaN is a reading that is not good."""
+        good = ~np.isnan(values_mm)
+        slopes = np.where(good[-1], MM_PER_COUNT, np.nan)
+        return self.rest.follow(self.chain.apply(values_mm), good, values_mm[-1], values_mm[-1] / MM_PER_COUNT, slopes)
+
+    def explains(self, *values_mm: float | None) -> bool:
+        return self.rest.explains([None if value is None else value / MM_PER_COUNT for value in values_mm])
+
+
+def noise(seed: int, readings: int) -> FloatArray:
+    return np.random.default_rng(seed).normal(0.0, NOISE_MM, (readings, CHANNELS))
+
+
+def resting(seed: int = 1, longest: int = LONGEST) -> Surface:
+    """A surface that has rested for long enough, at 0.1 mm."""
+    surface = Surface(longest)
+    values_mm = 0.1 + noise(seed, 3 * LONGEST)
+    for start in range(0, len(values_mm), 4):
+        surface.take(values_mm[start : start + 4])
+        if start > LONGEST and surface.rest.lasts:
+            return surface
+    return surface
+
+
+def test_blocks_of_noise_are_nothing() -> None:
+    surface, lasted = resting(), 0
+    for seed in range(50):
+        lasted += surface.take(0.1 + noise(seed, BLOCK))
+    # A mean is taken for one that moves once in a hundred readings; after it, the next block begins a rest again.
+    assert lasted >= 45
+
+
+def test_readings_up_to_five_deviations_of_noise_are_explained() -> None:
+    surface = resting()
+    for count in (-4.5, 0.0, 4.5):
+        assert surface.explains(0.1 + count * NOISE_MM, 0.1, 0.1, 0.1)
+        assert not surface.explains(0.1 + np.copysign(5.5, count) * NOISE_MM, 0.1, 0.1, 0.1)
+    assert not surface.explains(None, 0.1, 0.1, 0.1)
+    assert not surface.explains(0.1, 0.1, 0.1, float("nan"))
+
+
+@pytest.mark.parametrize("deviations", [1.5, 2.0, 3.0])
+def test_a_touch_too_weak_for_a_reading_ends_the_rest_with_the_next_mean(deviations: float) -> None:
+    for seed in range(20):
+        surface, touched_mm = resting(seed), 0.1 + noise(100 + seed, BLOCK)
+        touched_mm[BLOCK // 2 :] += deviations * NOISE_MM
+        assert not surface.take(touched_mm)
+
+
+def test_a_tap_that_is_over_before_the_next_sample_ends_the_rest() -> None:
+    for seed in range(20):
+        surface, tapped_mm = resting(seed), 0.1 + noise(100 + seed, BLOCK)
+        tapped_mm[20:70] += 3 * NOISE_MM
+        assert not surface.take(tapped_mm)
+
+
+def test_a_channel_that_is_lost_ends_the_rest_and_rests_without_it() -> None:
+    surface, values_mm = resting(), 0.1 + noise(5, 2000)
+    values_mm[:, 1] = np.nan
+    assert not surface.take(values_mm[:4])
+    surface.take(values_mm[4:8])
+    assert surface.take(values_mm[8:40]) or surface.take(values_mm[40:80])
+    assert surface.explains(0.1, None, 0.1, 0.1)
+    assert surface.explains(0.1, 7.0, 0.1, 0.1)
+    assert not surface.take(0.1 + noise(6, BLOCK))
+
+
+def test_a_mean_that_cannot_hold_what_waits_never_rests() -> None:
+    surface = resting(longest=200)
+    assert surface.rest.most_waiting <= 0
+    assert not surface.rest.lasts
