@@ -21,7 +21,7 @@ from typing import TextIO
 
 LIBRARIES = (
     *("aiohttp", "cobs.cobs", "pymodbus.client", "serial", "sqlite3"),
-    *("fastapi", "httptools", "sqlalchemy.dialects.postgresql", "sqlalchemy.dialects.sqlite", "sse_starlette"),
+    *("fastapi", "httptools", "sqlalchemy.dialects.postgresql", "sqlalchemy.dialects.sqlite"),
     *("uvicorn.protocols.http.httptools_impl", "pydantic.v1", "statistics", "tomllib"),
     *("numpy.typing", "prometheus_client", "pydantic.main"),
 )

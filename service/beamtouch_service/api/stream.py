@@ -12,7 +12,7 @@ from contextlib import suppress
 from typing import Annotated, Any
 
 from fastapi import Query
-from sse_starlette.sse import AppStatus, EventSourceResponse
+from fastapi.sse import format_sse_event
 from starlette.responses import StreamingResponse
 from starlette.types import Receive, Scope, Send
 
@@ -25,9 +25,6 @@ from beamtouch_service.surfaces.surface import Surface
 MEDIA_TYPE = "text/event-stream"
 _ALIVE_S = 1.0
 """Without a change the state is sent this often, so that a client can tell a quiet surface from a dead connection."""
-
-# `Streams.stop` ends the streams. The library would cut them off at the signal, without their regular end.
-AppStatus.disable_automatic_graceful_drain()  # type: ignore[no-untyped-call]  # the library's
 
 _INTERVAL = "Shortest time between two events [ms]. An event is sent after a change, and at least every second."
 _Interval = Annotated[int, Query(ge=20, le=5000, description=_INTERVAL)]
@@ -55,15 +52,15 @@ class Pace:
         return json.dumps(state, allow_nan=False)
 
 
-class StateStream(EventSourceResponse):
+class StateStream(StreamingResponse):
     """Sends the state of a surface until the client leaves or is dropped, or the service stops."""
 
     def __init__(self, context: Context, surface: Surface, interval_s: float) -> None:
         context.streams.admit()
         self._streams = context.streams
-        super().__init__(self._events(context, surface, interval_s), ping=0, sep="\n")
-        # The protocol decides whether the connection stays open.
-        del self.headers["connection"]
+        # nginx would collect the events otherwise.
+        headers = {"X-Accel-Buffering": "no"}
+        super().__init__(self._events(context, surface, interval_s), headers=headers, media_type=MEDIA_TYPE)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Serve one client."""
@@ -72,12 +69,12 @@ class StateStream(EventSourceResponse):
         finally:
             self._streams.open -= 1
 
-    async def _events(self, context: Context, surface: Surface, interval_s: float) -> AsyncIterator[dict[str, str]]:
+    async def _events(self, context: Context, surface: Surface, interval_s: float) -> AsyncIterator[bytes]:
         pace, stop = Pace(), self._streams.stop
         while not stop.is_set():
             data = pace.next(surface, context.clock())
             if data:
-                yield {"event": "state", "data": data}
+                yield format_sse_event(event="state", data_str=data)
             with suppress(TimeoutError):
                 await wait_for(stop.wait(), interval_s)
 
