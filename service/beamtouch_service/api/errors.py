@@ -21,19 +21,19 @@ _MAX_POINTER = 200
 
 def install(app: FastAPI) -> None:
     """Make `app` answer every error with problem+json."""
-    app.add_exception_handler(ProblemError, _problem)
-    app.add_exception_handler(EventsAwayError, _events_away)
-    app.add_exception_handler(HTTPException, _http)
-    app.add_exception_handler(RequestValidationError, _validation)
-    app.add_exception_handler(ClientDisconnect, _disconnect)
+    app.exception_handler(ProblemError)(_problem)
+    app.exception_handler(EventsAwayError)(_events_away)
+    app.exception_handler(HTTPException)(_http)
+    app.exception_handler(RequestValidationError)(_validation)
+    app.exception_handler(ClientDisconnect)(_disconnect)
 
 
 def answer(problem: Problem, headers: dict[str, str] | None = None) -> Response:
     """Return a problem as an answer."""
-    return Response(encoded(problem), problem.kind.status, headers, MEDIA_TYPE)
+    return Response(encode(problem), problem.kind.status, headers, MEDIA_TYPE)
 
 
-def encoded(problem: Problem) -> bytes:
+def encode(problem: Problem) -> bytes:
     """Return a problem as JSON."""
     # allow_nan=False: NaN is not JSON, so it must not leave the service, not even in an error.
     return json.dumps(problem.body(), allow_nan=False, ensure_ascii=False).encode("utf-8", "replace")
@@ -67,18 +67,16 @@ def _counted(scope: Scope, problem: Problem, headers: dict[str, str] | None = No
     return answer(problem, headers)
 
 
-async def _problem(request: Request, error: Exception) -> Response:
-    assert isinstance(error, ProblemError)  # noqa: S101  # narrows the type; registered for nothing else
+async def _problem(request: Request, error: ProblemError) -> Response:
     return _counted(request.scope, error.problem, error.headers)
 
 
-async def _events_away(request: Request, error: Exception) -> Response:
+async def _events_away(request: Request, error: EventsAwayError) -> Response:
     detail = f"{error}. Answers go on, and daemons keep their samples."
     return _counted(request.scope, Problem(Kind.EVENTS_AWAY, detail), {"Retry-After": "1"})
 
 
-async def _http(request: Request, error: Exception) -> Response:
-    assert isinstance(error, HTTPException)  # noqa: S101  # narrows the type; registered for nothing else
+async def _http(request: Request, error: HTTPException) -> Response:
     headers = dict(error.headers or {})
     try:
         # No route and no role: which addresses exist is told only to clients that may read.
@@ -95,13 +93,12 @@ async def _http(request: Request, error: Exception) -> Response:
     return Response(json.dumps(body), error.status_code, headers, MEDIA_TYPE)
 
 
-async def _validation(request: Request, error: Exception) -> Response:
-    assert isinstance(error, RequestValidationError)  # noqa: S101  # narrows the type; registered for nothing else
+async def _validation(request: Request, error: RequestValidationError) -> Response:
     found = error.errors()
     places = [{"pointer": pointer(tuple(one["loc"])), "detail": str(one["msg"])} for one in found[:MAX_ERRORS]]
     return _counted(request.scope, invalid_request(places, len(found)))
 
 
-async def _disconnect(_request: Request, _error: Exception) -> Response:
+async def _disconnect(_request: Request, _error: ClientDisconnect) -> Response:
     # The sender left in the middle of its body: nobody reads this answer, and nothing was accepted.
     return Response(status_code=400)

@@ -65,7 +65,7 @@ class ContactSender:
         try:
             contact = surface.contact(now_s)
         except ProblemError as error:
-            text, content_type, age_s = errors.encoded(error.problem), MEDIA_TYPE, 0.0
+            text, content_type, age_s = errors.encode(error.problem), MEDIA_TYPE, 0.0
         else:
             text, content_type, age_s = contact.model_dump_json().encode(), JSON, contact.age_ms / 1e3
         topic = self._topics.contact(surface.name)
