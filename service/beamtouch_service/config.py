@@ -3,25 +3,29 @@
 Its sections are the settings. Paths in them are from the folder of the file.
 """
 
-import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Self
 
-from pydantic import ConfigDict, Field, FiniteFloat, create_model, model_validator
+from pydantic import ConfigDict, Field, create_model, model_validator
 
 from beamtouch_common.errors import InputError
 from beamtouch_common.files import load_toml, validate
 from beamtouch_common.secrets import read_token
-from beamtouch_service import limits
 from beamtouch_service.access import Access
-from beamtouch_service.fields import File, Host, Port, Section, Text, require_pair
 from beamtouch_service.outputs import OUTPUTS
 from beamtouch_service.outputs.section import OutputSection
 from beamtouch_service.samples import SurfaceName
-
-StaleMs = Annotated[FiniteFloat, Field(gt=0, le=60_000)]
-_DATABASE = re.compile(r"postgresql://[^/?#\s]*/[^/?#\s]+(\?\S*)?")
+from beamtouch_service.sections import (
+    EventsSection,
+    File,
+    Host,
+    Port,
+    Section,
+    StaleMs,
+    SurfaceSection,
+    require_pair,
+)
 
 
 class ServerSection(Section):
@@ -46,44 +50,6 @@ class ServerSection(Section):
     """This service is one of several that share the surfaces, behind a load balancer. Needs `events.url`."""
     max_streams: Annotated[int, Field(ge=0, le=1000)] = 32
     """Open streams. Further ones get 503."""
-
-
-class EventsSection(Section):
-    """`[events]`: the record of contacts."""
-
-    file: File | None = None
-    """SQLite file. Without it and `url`, events are kept in memory until the service stops."""
-    url: Text | None = Field(None, repr=False)
-    """PostgreSQL database, as postgresql://USER@HOST/NAME. Several services can share it."""
-    keep_days: Annotated[FiniteFloat, Field(gt=0, le=36_500)] = limits.KEEP_DAYS
-    """Age at which events are deleted."""
-    max_mb: Annotated[FiniteFloat, Field(ge=1, le=1e6)] = limits.MAX_MB
-    """Size of the record. Beyond it, the oldest events are deleted."""
-
-    @model_validator(mode="after")
-    def _name_one_place(self) -> Self:
-        if self.url and self.file:
-            message = "file and url are both given; events are in a file or in a database"
-            raise ValueError(message)
-        if self.url and not _DATABASE.fullmatch(self.url):
-            # Not at the field: a complaint there quotes the value, which may hold a password.
-            message = "url must look like postgresql://beamtouch@127.0.0.1/beamtouch"
-            raise ValueError(message)
-        return self
-
-
-class SurfaceSection(Section):
-    """`[surfaces.NAME]`: one surface."""
-
-    model: File | None = None
-    """Model file. Without it, the surface accepts samples but gives no contact."""
-    stale_ms: StaleMs = limits.STALE_MS
-    """No contact is given from a sample older than this."""
-    unexplained_after_s: Annotated[FiniteFloat, Field(gt=0, le=86_400)] = limits.UNEXPLAINED_AFTER_S
-    """A state `unexplained` that lasts longer raises a metric and writes a line to the log."""
-    degraded_after_s: Annotated[FiniteFloat, Field(gt=0, le=86_400)] = limits.DEGRADED_AFTER_S
-    """A channel that is missing, stuck, saturated or out of range for longer is out: the contact gets the note
-    `degraded`, and log, metrics, MQTT status and `/health/ready?health=true` say so."""
 
 
 class Settings(Section):

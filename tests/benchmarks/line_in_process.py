@@ -23,6 +23,7 @@ from beamtouch_models.scene import parse_scene
 from beamtouch_service.api.app import Application, create_app
 from beamtouch_service.api.samples import parse_batch
 from beamtouch_service.samples import Batch
+from beamtouch_service.sections import SurfaceSection
 from beamtouch_service.surfaces.surface import Surface
 from example_scenes import SCENES
 
@@ -103,7 +104,7 @@ class Line:
         return median_us(taken) / self._in_batch, median_us(posted) / self._in_batch, contacts
 
     def _served(self) -> tuple[Surface, Application]:
-        surface = Surface("bench", modelfile.load(self._model), stale_ms=60_000)
+        surface = Surface("bench", modelfile.load(self._model), SurfaceSection(stale_ms=60_000))
         return surface, create_app([surface], TOKEN)
 
 

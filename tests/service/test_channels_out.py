@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from beamtouch_models import modelfile
+from beamtouch_service.sections import SurfaceSection
 from beamtouch_service.surfaces.surface import Surface
 
 if TYPE_CHECKING:
@@ -21,7 +22,7 @@ GOOD, BAD = ["good"] * 4, ["good", "good", "missing", "good"]
 
 @pytest.fixture
 def bench(make_bench: type[Bench], build_model: BuildModel) -> Bench:
-    return make_bench(Surface("press-7", modelfile.load(build_model(channels=4)), degraded_after_s=2.0))
+    return make_bench(Surface("press-7", modelfile.load(build_model(channels=4)), SurfaceSection(degraded_after_s=2.0)))
 
 
 @pytest.fixture

@@ -10,6 +10,7 @@ import pytest
 
 from beamtouch_service.config import load_settings
 from beamtouch_service.events.store import Selection, Store
+from beamtouch_service.sections import EventsSection
 from parts import require
 from postgres import PASSWORD, Postgres
 
@@ -49,6 +50,6 @@ def test_the_password_comes_from_a_file_that_a_group_may_read(
     file.chmod(0o440)
     monkeypatch.setenv("PGSERVICEFILE", str(file))
     here = url.replace("127.0.0.1/beamtouch", f"127.0.0.1:{postgres.port}/{events_url.rpartition('/')[2]}")
-    store = Store(here, 86_400.0, 1_000_000)
+    store = Store(EventsSection(url=here))
     assert store.read(Selection()) == []
     store.close()

@@ -24,7 +24,7 @@ TOUCHING, BETWEEN, RESTING = [0.5, 0.25, 0.125], [0.05, 0.0, 0.0], [0.0, 0.0, 0.
 
 @pytest.fixture
 def surface(build_model: BuildModel) -> Surface:
-    return Surface("press-7", modelfile.load(build_model()), stale_ms=500)
+    return Surface("press-7", modelfile.load(build_model()))
 
 
 def states(surface: Surface, batch: Batch, each: int) -> str:
@@ -77,7 +77,7 @@ def test_after_a_long_gap_a_contact_must_begin_anew(surface: Surface, parse_batc
 def test_a_batch_is_answered_as_its_samples_one_by_one(surface: Surface, parse_batch: ParseBatch) -> None:
     batch = parse_batch(*[TOUCHING, BETWEEN, RESTING, BETWEEN] * 20)
     assert states(surface, batch, each=1) == "ooll" * 20
-    again = Surface("press-7", surface.model, stale_ms=500)
+    again = Surface("press-7", surface.model)
     assert states(again, batch, each=2) == "ol" * 20
 
 

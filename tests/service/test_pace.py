@@ -34,7 +34,7 @@ class Press:
 
 @pytest.fixture
 def press(build_model: BuildModel, parse_batch: Callable[..., Batch]) -> Press:
-    return Press(Surface("press-7", modelfile.load(build_model()), stale_ms=500), parse_batch)
+    return Press(Surface("press-7", modelfile.load(build_model())), parse_batch)
 
 
 def test_a_state_is_due_at_once_and_a_sample_in_it_at_its_turn(press: Press) -> None:

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from beamtouch_models import modelfile
 from beamtouch_service.events.recorder import Recorder
+from beamtouch_service.sections import EventsSection
 from beamtouch_service.surfaces.surface import Surface
 from service.event_story import BETWEEN, HARDER, ODD, RESTING, START_US, TOUCHING, Row, Story
 
@@ -36,7 +37,8 @@ class Services:
 
     def story(self, rows: list[Row], place: Path | str | None = None) -> Story:
         """Return a service that has started now, and the samples to deliver."""
-        recorder = Recorder(place)
+        events = EventsSection(url=place) if isinstance(place, str) else EventsSection(file=place)
+        recorder = Recorder(events)
         self._recorders.append(recorder)
         surface = Surface("press-7", self.model)
         return Story(self._make_bench(surface, recorder=recorder), self._make_batch, rows)

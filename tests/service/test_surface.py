@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 @pytest.fixture
 def surface(build_model: BuildModel) -> Surface:
-    return Surface("press-7", modelfile.load(build_model()), stale_ms=500)
+    return Surface("press-7", modelfile.load(build_model()))
 
 
 def problem(surface: Surface, now_s: float) -> Kind:
@@ -46,7 +46,7 @@ def test_the_limit_of_age_is_sharp(surface: Surface, parse_batch: ParseBatch) ->
 
 
 def test_a_model_says_nothing_of_a_sample_from_before_it(build_model: BuildModel, parse_batch: ParseBatch) -> None:
-    surface = Surface("press-7", stale_ms=500)
+    surface = Surface("press-7")
     surface.receive(parse_batch(), arrival_s=8.0)
     assert problem(surface, 8.1) is Kind.NO_MODEL
 

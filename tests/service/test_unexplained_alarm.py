@@ -10,6 +10,7 @@ from prometheus_client.parser import text_string_to_metric_families
 
 from beamtouch_models import modelfile
 from beamtouch_service.api.stream import Pace
+from beamtouch_service.sections import SurfaceSection
 from beamtouch_service.surfaces.surface import Surface
 from service.event_story import ODD, RESTING, TOUCHING, Row, Story
 
@@ -34,7 +35,8 @@ def values(bench: Bench) -> dict[str, float]:
 
 @pytest.fixture
 def soon(make_bench: type[Bench], build_model: BuildModel) -> Bench:
-    return make_bench(Surface("press-7", modelfile.load(build_model(channels=4)), unexplained_after_s=0.5))
+    model = modelfile.load(build_model(channels=4))
+    return make_bench(Surface("press-7", model, SurfaceSection(unexplained_after_s=0.5)))
 
 
 def deliver(story: Story, first: int, last: int) -> None:
@@ -95,7 +97,7 @@ def test_a_stretch_that_lasts_raises_a_metric_and_writes_one_line(
 def test_without_a_suspect_the_line_says_what_to_look_for(
     make_bench: type[Bench], build_model: BuildModel, make_batch: MakeBatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    bench = make_bench(Surface("press-7", modelfile.load(build_model()), unexplained_after_s=0.1))
+    bench = make_bench(Surface("press-7", modelfile.load(build_model()), SurfaceSection(unexplained_after_s=0.1)))
     with caplog.at_level(logging.WARNING, "beamtouch.service"):
         # The stretch has ended by the end of the batch.
         Story(bench, make_batch, [RESTING, *[ODD] * 50, *[RESTING] * 5]).deliver(0, 56)

@@ -76,7 +76,7 @@ class Sender:
 
 def events(model: ModelFile, samples: list[Sample], cuts: list[int], lost: set[int]) -> list[dict[str, Any]]:
     """Deliver samples in parts, of which those of some numbers come as a backlog only; return the events."""
-    app = create_app([Surface("bench", model, stale_ms=500)], TOKEN, clock=lambda: NOW_S)
+    app = create_app([Surface("bench", model)], TOKEN, clock=lambda: NOW_S)
     with TestClient(app) as client:
         sender = Sender(model, client, samples)
         for place, (first, last) in enumerate(pairwise([0, *cuts, len(samples)])):

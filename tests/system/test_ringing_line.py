@@ -53,7 +53,7 @@ def answers(name: str, path: Path, pause: int = 0) -> Iterator[Answer]:
     table["source"] = {"kind": "modbus-tcp", "host": "127.0.0.1"}
     config = Config.model_validate(table)
     rig = VirtualSurface(scene, model.metadata, 1, Imperfections(damping_ratio=DAMPING))
-    daemon, service = Pipeline(config), Surface(name, model, stale_ms=500)
+    daemon, service = Pipeline(config), Surface(name, model)
     random = np.random.default_rng(3)
     low, high = scene.contact.force_range_n
     channels, number, lost = [channel.name for channel in config.channels], count(), 0

@@ -183,7 +183,7 @@ class ServerDatabase(Database):
         connection.execute(select(func.pg_advisory_xact_lock(_LOCK)))
 
 
-def opened(place: Path | str | None) -> Database:
+def open_database(place: Path | str | None) -> Database:
     """Open a file, the database of a URL, or memory; raises EventStoreError."""
     if place is None:
         arguments = {"check_same_thread": False, "isolation_level": None}

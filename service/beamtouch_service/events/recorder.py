@@ -11,7 +11,6 @@ import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from functools import partial
-from pathlib import Path
 from typing import TypeVar
 
 from beamtouch_service.events.database import EventsAwayError
@@ -19,8 +18,8 @@ from beamtouch_service.events.event import OpenEvent
 from beamtouch_service.events.health import health_of
 from beamtouch_service.events.record import SurfaceRecord
 from beamtouch_service.events.store import Change, Store
-from beamtouch_service.limits import KEEP_DAYS, MAX_MB
 from beamtouch_service.samples import Batch
+from beamtouch_service.sections import EventsSection
 from beamtouch_service.surfaces.estimate import Estimate, Estimator
 from beamtouch_service.surfaces.surface import Surface
 
@@ -35,6 +34,7 @@ STOP_S = 2.0
 CHUNK = 64
 """Samples of a backlog that are weighed together, in a thread if there are more: live answers do not wait for it."""
 _TIDY_S = 60.0
+_DEFAULTS = EventsSection()
 
 _log = logging.getLogger("beamtouch.service.events")
 _T = TypeVar("_T")
@@ -43,18 +43,11 @@ _T = TypeVar("_T")
 class Recorder:
     """The record of a service."""
 
-    def __init__(
-        self,
-        place: Path | str | None = None,
-        keep_days: float = KEEP_DAYS,
-        max_mb: float = MAX_MB,
-        *,
-        replica: bool = False,
-    ) -> None:
+    def __init__(self, events: EventsSection = _DEFAULTS, *, replica: bool = False) -> None:
         """Open a file, the database of a URL, or memory; raises EventStoreError if it cannot be used."""
         self.is_replica = replica
         """Whether other services have the samples of some surfaces."""
-        self.store = Store(place, keep_days * 86_400, int(max_mb * 1e6))
+        self.store = Store(events)
         self.outages = self.races = 0
         """Times that the record went away, and that another service had written what this one was about to write."""
         self.on_written: Callable[[], None] = lambda: None
@@ -170,7 +163,7 @@ class Recorder:
         """Make durable what was taken so far, unless that is being done."""
         if self._commit is None or self._commit.done():
             self._begun_s = time.monotonic()
-            self._commit = asyncio.create_task(self._committed())
+            self._commit = asyncio.create_task(self._write_changes())
             self._commit.add_done_callback(_log_failure)
         return self._commit
 
@@ -190,7 +183,7 @@ class Recorder:
         """Return the answer to a query of what is durable; raises EventsAwayError."""
         return await in_thread(lambda: query(self.store))
 
-    async def _committed(self) -> None:
+    async def _write_changes(self) -> None:
         records = dict(self._records)
         changes = [change for record in records.values() if (change := record.change())]
         if changes or self._reason:

@@ -2,7 +2,6 @@
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from sqlalchemy import (
@@ -24,7 +23,7 @@ from sqlalchemy import (
 )
 
 from beamtouch_service.events.best import Best
-from beamtouch_service.events.database import opened
+from beamtouch_service.events.database import open_database
 from beamtouch_service.events.event import End, Event, EventKind, OpenEvent
 from beamtouch_service.events.health import HealthHistory
 from beamtouch_service.events.tables import (
@@ -36,6 +35,7 @@ from beamtouch_service.events.tables import (
     HEALTH,
     IS_FINISHED,
 )
+from beamtouch_service.sections import EventsSection
 
 _PRUNE_SHARE = 20
 """Above the size limit, 1/20 of the events goes at a time."""
@@ -130,10 +130,10 @@ class Due:
 class Store:
     """The record of all surfaces. While its database is away, every call raises EventsAwayError."""
 
-    def __init__(self, place: Path | str | None, keep_s: float, max_bytes: int) -> None:
+    def __init__(self, events: EventsSection) -> None:
         """Open a file, the database of a URL, or memory; raises EventStoreError."""
-        self._keep_s, self._max_bytes = keep_s, max_bytes
-        self._database = opened(place)
+        self._keep_s, self._max_bytes = events.keep_days * 86_400, events.max_mb * 1e6
+        self._database = open_database(events.url or events.file)
 
     @property
     def away_because(self) -> str:
@@ -148,7 +148,7 @@ class Store:
             rows = connection.execute(query).all()
             numbers = [row.event for row in rows if row.event is not None]
             content = connection.execute(select(_c.id, *CONTENT).where(_c.id.in_(numbers)))
-            events = {number: (number, event) for number, event in map(_numbered, content) if event.end is End.OPEN}
+            events = {number: (number, event) for number, event in map(_event_of, content) if event.end is End.OPEN}
             health = connection.execute(select(HEALTH).where(HEALTH.c.surface == surface)).mappings().first()
         cursors = [
             Cursor(row.boot_id, row.durable, row.version, row.model, row.memory, events.get(row.event)) for row in rows
@@ -167,7 +167,7 @@ class Store:
         events, and the names of these surfaces.
         """
         with self._database.writing() as connection:
-            lost = _lost(connection, changes)
+            lost = _find_lost(connection, changes)
             held = [change for change in changes if change.surface not in lost]
             boots = [(change.surface, boot) for change in held for boot in change.boots]
             numbers = _write_events(connection, [event for _, boot in boots for event in boot.events], now_s)
@@ -187,13 +187,13 @@ class Store:
             query = query.where(tuple_(_c.touched_us, _c.id) < tuple_(*selection.after))
         query = _newest(query, selection.since_us, selection.until_us, selection.limit)
         with self._database.reading() as connection:
-            return [_numbered(row) for row in connection.execute(query)]
+            return [_event_of(row) for row in connection.execute(query)]
 
     def get(self, number: int) -> Event | None:
         """Return the event of that id; None if there is none."""
         with self._database.reading() as connection:
             row = connection.execute(select(_c.id, *CONTENT).where(_c.id == number)).first()
-        return _numbered(row)[1] if row else None
+        return _event_of(row)[1] if row else None
 
     def best_samples(self, surface: str, since_us: int | None, until_us: int | None, limit: int) -> list[Sampled]:
         """Return the newest contacts of a surface that have a best sample, oldest first, by the time of their touch."""
@@ -203,18 +203,11 @@ class Store:
             rows = connection.execute(_newest(query, since_us, until_us, limit)).all()
         return [Sampled(row.id, row.model, Best.read(row.best)) for row in reversed(rows)]
 
-    def begin_delivery(self, destination: str, *, from_start: bool) -> None:
-        """Make a destination known: it gets the events that finish from now on, or all. A known one stays as it is."""
-        with self._database.writing() as connection:
-            if connection.execute(select(DESTINATIONS).where(DESTINATIONS.c.name == destination)).first():
-                return
-            connection.execute(insert(DESTINATIONS).values(name=destination))
-            if from_start:
-                each = select(bindparam("destination", destination), _c.id).where(IS_FINISHED).order_by(_c.id)
-                connection.execute(insert(DELIVERIES).from_select(["destination", "event"], each))
+    def due(self, destination: str, limit: int, *, from_start: bool) -> tuple[list[Due], int]:
+        """Return finished events that a destination has yet to acknowledge, in order, and how many there are.
 
-    def due(self, destination: str, limit: int) -> tuple[list[Due], int]:
-        """Return finished events that a destination has yet to acknowledge, in order, and how many there are."""
+        A destination that the record does not know gets the events that finish from now on, or all.
+        """
         is_due = DELIVERIES.c.destination == destination
         query = (
             select(DELIVERIES.c.number, _c.id, *_WITHOUT_PATH)
@@ -223,10 +216,11 @@ class Store:
             .order_by(DELIVERIES.c.number)
             .limit(limit)
         )
-        with self._database.reading() as connection:
+        with self._database.writing() as connection:
+            _make_known(connection, destination, from_start=from_start)
             count = connection.scalar(select(func.count()).select_from(DELIVERIES).where(is_due)) or 0
             rows = connection.execute(query).all() if limit and count else []
-        return [Due(row.number, *_numbered(row)) for row in rows], count
+        return [Due(row.number, *_event_of(row)) for row in rows], count
 
     def acknowledge(self, delivered: Collection[Due]) -> None:
         """Note that these events were acknowledged."""
@@ -268,7 +262,7 @@ def _newest(query: Select[Any], since_us: int | None, until_us: int | None, limi
     return query.order_by(_c.touched_us.desc(), _c.id.desc()).limit(limit)
 
 
-def _lost(connection: Connection, changes: Sequence[Change]) -> set[str]:
+def _find_lost(connection: Connection, changes: Sequence[Change]) -> set[str]:
     """Return the surfaces of which another service has written a row since this one read it."""
     boots = {(change.surface, boot.boot_id): boot.version for change in changes for boot in change.boots}
     is_of_boot = tuple_(CURSORS.c.surface, CURSORS.c.boot_id).in_(list(boots))
@@ -314,6 +308,15 @@ def _write_events(
     return numbers
 
 
+def _make_known(connection: Connection, destination: str, *, from_start: bool) -> None:
+    if connection.execute(select(DESTINATIONS).where(DESTINATIONS.c.name == destination)).first():
+        return
+    connection.execute(insert(DESTINATIONS).values(name=destination))
+    if from_start:
+        each = select(bindparam("destination", destination), _c.id).where(IS_FINISHED).order_by(_c.id)
+        connection.execute(insert(DELIVERIES).from_select(["destination", "event"], each))
+
+
 def _cursor_row(surface: str, boot: BootChange, numbers: Mapping[OpenEvent, int], now_s: float) -> dict[str, Any]:
     event = boot.open_event
     return {
@@ -328,7 +331,7 @@ def _cursor_row(surface: str, boot: BootChange, numbers: Mapping[OpenEvent, int]
     }
 
 
-def _numbered(row: Row[*tuple[Any, ...]]) -> Numbered:
+def _event_of(row: Row[*tuple[Any, ...]]) -> Numbered:
     """Return the event of a row of `CONTENT`, with or without its path."""
     values = {name: value for name, value in row._asdict().items() if name not in ("id", "number")}
     values["path"] = [tuple(point) for point in values.get("path", [])]

@@ -14,13 +14,14 @@ from beamtouch_models.modelfile import ModelFileError
 from beamtouch_service.address import Address
 from beamtouch_service.api.app import create_app
 from beamtouch_service.api.context import Streams
-from beamtouch_service.config import Settings, SurfaceSection, read_access
+from beamtouch_service.config import Settings, read_access
 from beamtouch_service.events.database import EventStoreError
 from beamtouch_service.events.recorder import Recorder
 from beamtouch_service.host import models
 from beamtouch_service.host.models import ModelKeeper
 from beamtouch_service.host.serve import configure, serve
 from beamtouch_service.outputs import make
+from beamtouch_service.sections import SurfaceSection, load_pair
 from beamtouch_service.surfaces.surface import Surface
 
 if TYPE_CHECKING:
@@ -72,7 +73,7 @@ def prepare(settings: Settings) -> Parts:
 
 def run(settings: Settings) -> None:
     """Serve until SIGTERM or Ctrl-C; errors as of `prepare`."""
-    parts, server, events = prepare(settings), settings.server, settings.events
+    parts, server = prepare(settings), settings.server
     log.set_up()
     for warning in parts.warnings:
         _log.warning(warning)
@@ -81,7 +82,7 @@ def run(settings: Settings) -> None:
             words = "surface %s: no contact until its model file can be used: %s"
             _log.error(words, surface.name, surface.model_error)
     try:
-        recorder = Recorder(events.url or events.file, events.keep_days, events.max_mb, replica=server.replica)
+        recorder = Recorder(settings.events, replica=server.replica)
     except EventStoreError as error:
         raise InputError(str(error)) from None
     app = create_app(parts.surfaces, parts.access, streams=Streams(server.max_streams), recorder=recorder)
@@ -110,15 +111,8 @@ def _require_certificate(certificate: Path, key: Path) -> None:
         except OSError as error:
             message = f"{path}: {error.strerror}"
             raise FailedError(message) from None
-    try:
-        # An empty passphrase: otherwise OpenSSL would ask for one at the terminal and wait.
-        ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(certificate, key, password="")
-    except (ssl.SSLError, OSError):
-        message = (
-            f"{certificate} and {key} are not a PEM certificate and its key without a passphrase; create them again, "
-            "or correct server.certificate_file and server.key_file"
-        )
-        raise InputError(message) from None
+    advice = "create them again, or correct server.certificate_file and server.key_file"
+    load_pair(ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER), certificate, key, advice)
 
 
 def _require_tokens(access: Access, address: str) -> None:
@@ -133,9 +127,8 @@ def _require_tokens(access: Access, address: str) -> None:
 
 
 def _load_surface(name: str, section: SurfaceSection) -> tuple[Surface, ModelKeeper | None]:
-    limits = section.stale_ms, section.unexplained_after_s, section.degraded_after_s
     if section.model is None:
-        return Surface(name, None, *limits), None
+        return Surface(name, None, section), None
     stamp = models.stamp_of(section.model)
     try:
         model = models.load(section.model)
@@ -143,10 +136,10 @@ def _load_surface(name: str, section: SurfaceSection) -> tuple[Surface, ModelKee
         if not name:  # only the model knows it
             message = f"model {error}"
             raise InputError(message) from None
-        surface = Surface(name, None, *limits)
+        surface = Surface(name, None, section)
         surface.model_error = str(error)
     else:
-        surface = Surface(name or model.metadata.name, model, *limits)
+        surface = Surface(name or model.metadata.name, model, section)
     return surface, ModelKeeper(surface, section.model, stamp)
 
 

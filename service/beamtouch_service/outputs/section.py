@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar, Protocol
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
 
-from beamtouch_service.fields import Section
+from beamtouch_service.sections import Section
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Coroutine
+
     from beamtouch_service.api.context import Context
 
 
@@ -25,11 +28,11 @@ class OutputSection(Section):
     """Why the output does not work with a record of events that several services share."""
 
 
-class Output(Protocol):
+@dataclass(frozen=True)
+class Output:
     """Another way to the contacts than HTTP."""
 
+    run: Callable[[Context], Coroutine[Any, Any, None]]
+    """Serves one application until cancelled."""
     warnings: list[str]
     """What works, but may not be meant."""
-
-    async def run(self, context: Context) -> None:
-        """Serve one application until cancelled."""

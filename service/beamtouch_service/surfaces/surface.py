@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from beamtouch_models.modelfile import ModelFile, State
-from beamtouch_service.limits import DEGRADED_AFTER_S, STALE_MS, UNEXPLAINED_AFTER_S
 from beamtouch_service.problems import Kind, Problem, ProblemError
 from beamtouch_service.samples import Batch, Note, Quality, Sample
+from beamtouch_service.sections import SurfaceSection
 from beamtouch_service.surfaces import contact as problems
 from beamtouch_service.surfaces.channels import ChannelHealth, ChannelsOut, SurfaceHealth
 from beamtouch_service.surfaces.contact import Contact, ContactQuality, rfc3339
@@ -21,6 +21,7 @@ from beamtouch_service.surfaces.freshness import Transit
 from beamtouch_service.surfaces.order import Order, Rivals, SampleCounts
 from beamtouch_service.surfaces.unexplained import Stretches
 
+_DEFAULTS = SurfaceSection()
 SENDER_GONE_S = 10.0
 """A daemon whose samples are refused tries again sooner than this; after it, samples are what is missing."""
 
@@ -86,16 +87,9 @@ class Answer(NamedTuple):
 class Surface:
     """One surface: takes batches, gives the contact."""
 
-    def __init__(
-        self,
-        name: str,
-        model: ModelFile | None = None,
-        stale_ms: float = STALE_MS,
-        unexplained_after_s: float = UNEXPLAINED_AFTER_S,
-        degraded_after_s: float = DEGRADED_AFTER_S,
-    ) -> None:
+    def __init__(self, name: str, model: ModelFile | None = None, section: SurfaceSection = _DEFAULTS) -> None:
         self.name = name
-        self.stale_ms = stale_ms
+        self.stale_ms = section.stale_ms
         self.model_error: str | None = None
         """Reason not to use the newest model file."""
         self.offered: list[str] | None = None
@@ -108,12 +102,12 @@ class Surface:
         """The newest sample; None before the first."""
         self.transit = Transit()
         """Tells when a batch arrived."""
-        self._order = Order(stale_ms)
-        self.rivals = Rivals(stale_ms)
+        self._order = Order(self.stale_ms)
+        self.rivals = Rivals(self.stale_ms)
         """Notices that two daemons send samples."""
-        self.stretches = Stretches(unexplained_after_s)
+        self.stretches = Stretches(section.unexplained_after_s)
         """The unexplained stretches in the samples that moved the answer."""
-        self.channels_out = ChannelsOut(degraded_after_s, stale_ms / 1e3)
+        self.channels_out = ChannelsOut(section.degraded_after_s, self.stale_ms / 1e3)
         """The channels that were not good for too long in these samples."""
         self.health: SurfaceHealth | None = None
         """Health of the sensors, as the recorder finds it in the events so far."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import signal
 from typing import TYPE_CHECKING
 
@@ -88,6 +89,24 @@ def test_a_frozen_broker_finds_no_old_contact_when_it_goes_on(line: Line, *, is_
     assert len(late) <= 1
     wait_for(lambda: {one["id"] for one in events(service)} == {one["id"] for one in subscriber.of(EVENT)})
     assert subscriber.texts(STATUS)[-1] == "online"
+
+
+def test_events_go_on_in_a_file_that_replaced_another(line: Line) -> None:
+    subscriber = line.broker.subscribe("-t", EVENT)
+    service = line.start()
+    wait_connected(service)
+    service.post(now_batch(RESTING, TOUCHING, RESTING, sequence=1))
+    wait_for(lambda: len(subscriber.of(EVENT)) == 1)
+    for path in line.folder.glob("events.db*"):
+        path.unlink()
+    # The record begins anew with a later batch, and learns then where its events go.
+    sequence = itertools.count(4, 3)
+
+    def arrives() -> bool:
+        service.post(now_batch(RESTING, TOUCHING, RESTING, sequence=next(sequence)))
+        return len(subscriber.of(EVENT)) > 1
+
+    wait_for(arrives)
 
 
 def test_a_broker_that_was_never_there(line: Line) -> None:

@@ -4,8 +4,8 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, FiniteFloat
 
-from beamtouch_service.fields import Host, Port
 from beamtouch_service.outputs.section import OutputSection
+from beamtouch_service.sections import Host, Port
 
 WordOrder = Literal["big", "little"]
 """The half of a 32-bit value that its first register holds: `big` the high one (ABCD), `little` the low one (CDAB)."""

@@ -21,37 +21,29 @@ _log = logging.getLogger("beamtouch.service")
 
 
 def make(section: ModbusServerSection, surfaces: int, access: Access) -> Output:
-    """Return the server; raises InputError as `ModbusServer`."""
-    return ModbusServer(section, surfaces, access)
+    """Return the server; raises InputError if it may never listen there, or if the map has no room for the surfaces."""
+    if surfaces > MAX_SURFACES:
+        message = f"[modbus_server]: the addresses of Modbus hold {MAX_SURFACES} surfaces, but there are {surfaces}"
+        raise InputError(message)
+    address = Address(section.name, section.host, section.port, option="modbus_server.port")
+    is_protected = access.read is None and address.is_loopback
+    words = "no token protects the Modbus TCP server: everyone who reaches it can read the contacts"
+    return Output(partial(_serve, section, address), [] if is_protected else [words])
 
 
-class ModbusServer:
-    """Answers Modbus requests, as soon as its address is there."""
-
-    def __init__(self, section: ModbusServerSection, surfaces: int, access: Access) -> None:
-        """Raise InputError if it may never listen there, or if there are too many surfaces for the map."""
-        if surfaces > MAX_SURFACES:
-            message = f"[modbus_server]: the addresses of Modbus hold {MAX_SURFACES} surfaces, but there are {surfaces}"
-            raise InputError(message)
-        self._section = section
-        self._address = Address(section.name, section.host, section.port, option="modbus_server.port")
-        is_protected = access.read is None and self._address.is_loopback
-        words = "no token protects the Modbus TCP server: everyone who reaches it can read the contacts"
-        self.warnings = [] if is_protected else [words]
-
-    async def run(self, context: Context) -> None:
-        """Answer requests until cancelled."""
-        connections = _Connections(self._section, context)
-        listener = await self._address.listen(partial(context.missing.__setitem__, self._section.name))
-        server = await asyncio.start_server(connections.serve, sock=listener)
-        host, port = listener.getsockname()[:2]
-        shown = f"[{host}]" if ":" in host else host
-        _log.info("Modbus TCP server: listening on %s:%d, word order %s", shown, port, self._section.word_order)
-        try:
-            await asyncio.Event().wait()
-        finally:
-            server.close()
-            connections.abort()
+async def _serve(section: ModbusServerSection, address: Address, context: Context) -> None:
+    """Answer requests, as soon as the address is there, until cancelled."""
+    connections = _Connections(section, context)
+    listener = await address.listen(partial(context.missing.__setitem__, section.name))
+    server = await asyncio.start_server(connections.serve, sock=listener)
+    host, port = listener.getsockname()[:2]
+    shown = f"[{host}]" if ":" in host else host
+    _log.info("Modbus TCP server: listening on %s:%d, word order %s", shown, port, section.word_order)
+    try:
+        await asyncio.Event().wait()
+    finally:
+        server.close()
+        connections.abort()
 
 
 class _Connections:

@@ -12,9 +12,12 @@ from beamtouch_service.events.database import EventsAwayError
 from beamtouch_service.events.store import Due
 from beamtouch_service.outputs.mqtt.connection import REFUSED_RETRY_S, WINDOW, Connection, RefusedError
 from beamtouch_service.outputs.mqtt.messages import JSON, Topics, properties
+from beamtouch_service.outputs.mqtt.section import MqttSection
 
 RETRY_S = 1.0
 """Pause before the same events are sent again, or read again."""
+COUNT_S = 5.0
+"""Longest wait for the record before a connection. Contacts do not need it."""
 RETURN_S = 10.0
 """After an outage, subscribers have this long to return: until then, an event that none of them gets is sent again."""
 
@@ -24,39 +27,29 @@ _log = logging.getLogger("beamtouch.service.mqtt")
 class EventSender:
     """Sends the events of all surfaces to one destination."""
 
-    def __init__(self, context: Context, destination: str, topics: Topics, sent: Counter) -> None:
+    def __init__(self, context: Context, section: MqttSection, topics: Topics, sent: Counter) -> None:
         self._recorder = context.recorder
-        self._destination = destination
+        self._destination = f"mqtt://{section.host}:{section.broker_port}/{section.prefix}"
+        self._from_start = section.send_recorded_events
+        """Whether a new destination gets all events on record, or those from now on."""
         self._topics = topics
         self._sent = sent
         """Those that the broker acknowledged."""
         words = "Finished events that the MQTT broker has yet to acknowledge."
         self._pending = Gauge("beamtouch_mqtt_events_pending", words, registry=context.counts.registry)
         self._written = asyncio.Event()
-        self._begun = asyncio.Event()
-        """The record knows the destination."""
+        self._recorder.on_written = self._written.set
         self._resume_s = float("-inf")
         """When to try again after a refusal, also over the next connection [s, of the loop]."""
 
-    async def begin(self, *, from_start: bool) -> None:
-        """Make the destination known to the record; a new one gets the events from now on, or all."""
-        loop, destination = asyncio.get_running_loop(), self._destination
-        self._recorder.on_written = lambda: _call(loop, self._written)
-        while not self._begun.is_set():
-            try:
-                await self._recorder.look(lambda store: store.begin_delivery(destination, from_start=from_start))
-                self._begun.set()
-            except EventsAwayError:  # the log has it
-                await asyncio.sleep(RETRY_S)
-
     async def count_pending(self) -> None:
-        """Count the events that have yet to be acknowledged."""
-        if self._begun.is_set():
-            await self._due(limit=0)
+        """Count the events that have yet to be acknowledged, unless the record takes long."""
+        with suppress(TimeoutError):
+            async with asyncio.timeout(COUNT_S):
+                await self._due(limit=0)
 
     async def run(self, connection: Connection) -> None:
         """Send events over a connection; raises BrokerError when it is lost."""
-        await self._begun.wait()
         loop = asyncio.get_running_loop()
         settled_s = loop.time() + RETURN_S
         while True:
@@ -79,9 +72,9 @@ class EventSender:
                 await asyncio.sleep(RETRY_S)
 
     async def _due(self, limit: int) -> list[Due]:
-        destination = self._destination
+        destination, from_start = self._destination, self._from_start
         try:
-            due, count = await self._recorder.look(lambda store: store.due(destination, limit))
+            due, count = await self._recorder.look(lambda store: store.due(destination, limit, from_start=from_start))
         except EventsAwayError:  # the log has it
             await asyncio.sleep(RETRY_S)
             # Read again, whether an event is written meanwhile or not.
@@ -105,8 +98,3 @@ class EventSender:
         self._sent.inc(len(due))
         with suppress(EventsAwayError):  # they are sent again
             await self._recorder.look(lambda store: store.acknowledge(due))
-
-
-def _call(loop: asyncio.AbstractEventLoop, written: asyncio.Event) -> None:
-    if not loop.is_closed():
-        loop.call_soon_threadsafe(written.set)

@@ -22,43 +22,29 @@ from beamtouch_service.outputs.mqtt.messages import JSON, ONLINE, TEXT, Topics, 
 from beamtouch_service.outputs.mqtt.section import MqttSection
 from beamtouch_service.outputs.mqtt.statuses import StatusSender
 from beamtouch_service.outputs.section import Output
+from beamtouch_service.sections import load_pair
 
 RETRY_S, MAX_RETRY_S = 0.5, 8.0
 """Pause after a connection was lost, and the longest one."""
 STEADY_S = 10.0
 """A connection that lasts this long ends the doubling of pauses."""
 
-BEGIN_S = 5.0
-"""Longest wait for the record before the first connection. Contacts do not need it."""
-
 _log = logging.getLogger("beamtouch.service.mqtt")
 
 
 def make(section: MqttSection, _surfaces: int, _access: Access) -> Output:
-    """Return the publisher; raises InputError and FailedError as `Publisher`."""
-    return Publisher(section)
+    """Read the password and the TLS files; raises InputError and FailedError if they cannot be used."""
+    tls = _tls(section)
+    password = read_password(section.password_file) if section.password_file else None
+    words = "no TLS to the MQTT broker: others on the network can read the password; see mqtt.tls"
+    connect = partial(Connection, section, password, tls)
+    return Output(
+        lambda context: Publisher(section, context, connect).run(), [words] if password is not None and not tls else []
+    )
 
 
 class Publisher:
-    """Sends contacts, statuses and events to one broker."""
-
-    def __init__(self, section: MqttSection) -> None:
-        """Read the password and the TLS files; raises InputError and FailedError if they cannot be used."""
-        self._section = section
-        self._tls = _tls(section)
-        self._password = read_password(section.password_file) if section.password_file else None
-        is_open = self._password is not None and self._tls is None
-        words = "no TLS to the MQTT broker: others on the network can read the password; see mqtt.tls"
-        self.warnings = [words] if is_open else []
-
-    async def run(self, context: Context) -> None:
-        """Connect, and connect again after each failure, until cancelled."""
-        link = _Link(self._section, context, partial(Connection, self._section, self._password, self._tls))
-        await link.keep()
-
-
-class _Link:
-    """The connections to the broker, one after the other, and what is sent over them."""
+    """The connections to one broker, one after the other, and what is sent over them."""
 
     def __init__(self, section: MqttSection, context: Context, connect: Callable[[], Connection]) -> None:
         self._section = section
@@ -71,28 +57,22 @@ class _Link:
         sent = Counter("beamtouch_mqtt_messages", "Messages sent to the MQTT broker.", ["kind"], registry=registry)
         self._contacts = ContactSender(context, topics, section.max_rate_hz, sent.labels("contact"))
         self._statuses = StatusSender(context, topics)
-        destination = f"mqtt://{self._where}/{section.prefix}"
-        self._events = EventSender(context, destination, topics, sent.labels("event"))
+        self._events = EventSender(context, section, topics, sent.labels("event"))
         self._problem = ""
         """Why there is no connection, as it was logged."""
         self._lost_s = monotonic()
 
-    async def keep(self) -> None:
+    async def run(self) -> None:
         """Connect, and connect again after each failure, until cancelled."""
-        beginning = asyncio.create_task(self._events.begin(from_start=self._section.send_recorded_events))
         backoff = Backoff(RETRY_S, MAX_RETRY_S)
-        try:
-            # A new broker gets the events from now on.
-            await asyncio.wait([beginning], timeout=BEGIN_S)
-            while True:
-                begin_s = monotonic()
-                await self._serve_connection()
-                if monotonic() - begin_s > STEADY_S:
-                    backoff.reset()
-                await self._events.count_pending()
-                await asyncio.sleep(backoff.next())
-        finally:
-            beginning.cancel()
+        while True:
+            # Before the first connection, too: a new broker gets the events from now on.
+            await self._events.count_pending()
+            begin_s = monotonic()
+            await self._serve_connection()
+            if monotonic() - begin_s > STEADY_S:
+                backoff.reset()
+            await asyncio.sleep(backoff.next())
 
     async def _serve_connection(self) -> None:
         """Connect, and send until the connection is lost."""
@@ -152,21 +132,9 @@ def _tls(section: MqttSection) -> ssl.SSLContext | None:
     try:
         context = ssl.create_default_context(cafile=section.ca_file)
     except OSError as error:
-        words = "set mqtt.ca_file to the PEM certificates of the broker's issuer"
-        message = f"{section.ca_file}: {_reason(error)}; {words}"
+        reason = "not PEM" if isinstance(error, ssl.SSLError) else error.strerror
+        message = f"{section.ca_file}: {reason}; set mqtt.ca_file to the PEM certificates of the broker's issuer"
         raise InputError(message) from None
-    if certificate:
-        try:
-            # An empty passphrase: otherwise OpenSSL would ask for one at the terminal and wait.
-            context.load_cert_chain(certificate, key, password="")
-        except OSError as error:
-            message = (
-                f"{certificate} and {key} are not a PEM certificate and its key without a passphrase "
-                f"({_reason(error)}); correct mqtt.certificate_file and mqtt.key_file"
-            )
-            raise InputError(message) from None
+    if certificate and key:
+        load_pair(context, certificate, key, "correct mqtt.certificate_file and mqtt.key_file")
     return context
-
-
-def _reason(error: OSError) -> str:
-    return "not PEM" if isinstance(error, ssl.SSLError) else str(error.strerror)

@@ -4,8 +4,8 @@ from typing import Annotated, ClassVar, Self
 
 from pydantic import Field, FiniteFloat, model_validator
 
-from beamtouch_service.fields import File, Host, Text, require_pair
 from beamtouch_service.outputs.section import OutputSection
+from beamtouch_service.sections import File, Host, Text, require_pair
 
 
 class MqttSection(OutputSection):

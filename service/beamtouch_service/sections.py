@@ -1,0 +1,91 @@
+"""The sections of the configuration that surfaces and record take, and the types of keys that all sections share."""
+
+import re
+from pathlib import Path
+from ssl import SSLContext, SSLError
+from typing import Annotated, Self
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat, ValidationInfo, model_validator
+
+from beamtouch_common.errors import InputError
+from beamtouch_common.files import file_path
+from beamtouch_common.hosts import host_name
+
+
+class Section(BaseModel):
+    """A table of the configuration. Unknown keys are refused."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, use_attribute_docstrings=True)
+
+
+def _from_folder(path: Path, info: ValidationInfo) -> Path:
+    """Return a path from the folder of the configuration, which the validation context has."""
+    folder: Path = (info.context or {}).get("folder", Path())
+    return folder / file_path(path)
+
+
+Port = Annotated[int, Field(ge=0, le=65535)]
+Text = Annotated[str, Field(min_length=1)]
+Host = Annotated[Text, AfterValidator(host_name)]
+File = Annotated[Path, Field(strict=False), AfterValidator(_from_folder)]
+StaleMs = Annotated[FiniteFloat, Field(gt=0, le=60_000)]
+_DATABASE = re.compile(r"postgresql://[^/?#\s]*/[^/?#\s]+(\?\S*)?")
+
+
+def load_pair(context: SSLContext, certificate: Path, key: Path, advice: str) -> None:
+    """Load a certificate and its key; raises InputError with this advice if they cannot be used."""
+    try:
+        # An empty passphrase: otherwise OpenSSL would ask for one at the terminal and wait.
+        context.load_cert_chain(certificate, key, password="")
+    except OSError as error:
+        reason = "" if isinstance(error, SSLError) else f" ({error.strerror})"
+        message = (
+            f"{certificate} and {key} are not a PEM certificate and its key without a passphrase{reason}; {advice}"
+        )
+        raise InputError(message) from None
+
+
+def require_pair(certificate: Path | None, key: Path | None, purpose: str) -> None:
+    """Raise ValueError unless there are both files of a certificate, or none."""
+    if (certificate is None) != (key is None):
+        missing = "certificate_file" if certificate is None else "key_file"
+        message = f"{missing} is missing; {purpose} needs a certificate and its key"
+        raise ValueError(message)
+
+
+class EventsSection(Section):
+    """`[events]`: the record of contacts."""
+
+    file: File | None = None
+    """SQLite file. Without it and `url`, events are kept in memory until the service stops."""
+    url: Text | None = Field(None, repr=False)
+    """PostgreSQL database, as postgresql://USER@HOST/NAME. Several services can share it."""
+    keep_days: Annotated[FiniteFloat, Field(gt=0, le=36_500)] = 30.0
+    """Age at which events are deleted."""
+    max_mb: Annotated[FiniteFloat, Field(ge=1, le=1e6)] = 100.0
+    """Size of the record. Beyond it, the oldest events are deleted."""
+
+    @model_validator(mode="after")
+    def _name_one_place(self) -> Self:
+        if self.url and self.file:
+            message = "file and url are both given; events are in a file or in a database"
+            raise ValueError(message)
+        if self.url and not _DATABASE.fullmatch(self.url):
+            # Not at the field: a complaint there quotes the value, which may hold a password.
+            message = "url must look like postgresql://beamtouch@127.0.0.1/beamtouch"
+            raise ValueError(message)
+        return self
+
+
+class SurfaceSection(Section):
+    """`[surfaces.NAME]`: one surface."""
+
+    model: File | None = None
+    """Model file. Without it, the surface accepts samples but gives no contact."""
+    stale_ms: StaleMs = 500.0
+    """No contact is given from a sample older than this."""
+    unexplained_after_s: Annotated[FiniteFloat, Field(gt=0, le=86_400)] = 10.0
+    """A state `unexplained` that lasts longer raises a metric and writes a line to the log."""
+    degraded_after_s: Annotated[FiniteFloat, Field(gt=0, le=86_400)] = 10.0
+    """A channel that is missing, stuck, saturated or out of range for longer is out: the contact gets the note
+    `degraded`, and log, metrics, MQTT status and `/health/ready?health=true` say so."""
