@@ -1,17 +1,20 @@
 """Problems and metrics as Markdown tables, from the code that gives them."""
 
 from collections.abc import Iterable
-from contextlib import closing
+from contextlib import closing, suppress
 from typing import Any
 
 from prometheus_client.metrics import MetricWrapperBase
-from prometheus_client.metrics_core import Metric
+from prometheus_client.metrics_core import CounterMetricFamily, GaugeMetricFamily, Metric
 
 from beamtouch_daemon.running.metrics import CountCollector
 from beamtouch_service.api.app import create_app
 from beamtouch_service.events.recorder import Recorder
 from beamtouch_service.problems import Kind
 from schemas import table
+
+_MOST_LABELS = 4
+"""No metric has more."""
 
 
 def openapi() -> dict[str, Any]:
@@ -30,33 +33,31 @@ def metrics() -> str:
     """Return a table of the metrics of the service, and one of those of the daemon."""
     with closing(Recorder()) as recorder:
         counts = create_app([], recorder=recorder).context.counts
-        labels = {_name(one): _labels(one) for one in vars(counts).values() if isinstance(one, MetricWrapperBase)}
-        served = _metrics(counts.registry.collect(), labels)
-    read = _metrics(CountCollector([], dict).collect(), {})
+        for metric in vars(counts).values():
+            if isinstance(metric, MetricWrapperBase):
+                _begin_series(metric)
+        served = _metrics(counts.registry.collect())
+    read = _metrics(CountCollector([], dict).collect())
     return f"## Service\n\n{served}\n\n## Daemon\n\n{read}"
 
 
-def _metrics(families: Iterable[Metric], labels: dict[str, str]) -> str:
+def _begin_series(metric: MetricWrapperBase) -> None:
+    """Begin a series of a metric, which shows its labels. How many it takes shows by trying."""
+    for count in range(1, _MOST_LABELS + 1):
+        with suppress(ValueError):
+            metric.labels(*[""] * count)
+
+
+def _metrics(families: Iterable[Metric]) -> str:
     rows: list[tuple[str, ...]] = [
-        (
-            f"`{one.name}{'_total' if one.type == 'counter' else ''}`",
-            one.type,
-            labels.get(one.name, _labels(one)),
-            one.documentation,
-        )
+        (f"`{one.name}{'_total' if one.type == 'counter' else ''}`", one.type, _labels(one), one.documentation)
         for one in families
     ]
     return table(("name", "type", "labels", "meaning"), sorted(rows))
 
 
-def _name(metric: MetricWrapperBase) -> str:
-    """Return the name of a metric, as its families have it."""
-    (family,) = metric.describe()
-    return family.name
-
-
-def _labels(metric: Metric | MetricWrapperBase) -> str:
-    """Return the labels of a metric."""
-    # prometheus_client has no other way to ask for the labels of a metric without samples.
-    names = getattr(metric, "_labelnames", ())
-    return ", ".join(f"`{name}`" for name in names)
+def _labels(family: Metric) -> str:
+    """Return the labels of a metric, as its first sample has them."""
+    if isinstance(family, CounterMetricFamily | GaugeMetricFamily) and not family.samples:
+        family.add_metric([""] * _MOST_LABELS, 0)
+    return ", ".join(f"`{name}`" for name in family.samples[0].labels if name != "le")

@@ -10,7 +10,7 @@ from enum import StrEnum
 from operator import le
 from typing import Annotated, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, model_validator
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, JsonValue, model_validator
 
 MAX_CHANNELS = 64
 MAX_SAMPLES = 2000
@@ -158,10 +158,26 @@ def _flaw(rows: list[list[float]], deflection_mm: list[float | None]) -> str:
     return ""
 
 
+_EXAMPLE: dict[str, JsonValue] = {
+    "boot_id": "6f1d2c84-0b7e-4a53",
+    "channels": ["s1", "s2", "s3"],
+    "newest_age_ms": 3.2,
+    "samples": [
+        {
+            "sequence": 4711,
+            "acquired_unix_us": 1795218046123000,
+            "deflection_mm": [0.112, 0.243, None],
+            "quality": ["good", "good", "missing"],
+            "readings": 40,
+        }
+    ],
+}
+
+
 class Batch(BaseModel):
     """Samples of one surface in the order they were taken."""
 
-    model_config = _STRICT
+    model_config = ConfigDict(**_STRICT, json_schema_extra={"examples": [_EXAMPLE]})
 
     boot_id: BootId
     """New at every start of the sender. With the sequence number, it identifies a sample for good."""

@@ -13,12 +13,10 @@ from beamtouch_common.commands import version
 from beamtouch_service.access import Access, Role
 from beamtouch_service.api import (
     calibration,
-    contact,
     errors,
     events,
     gate,
     health,
-    metrics,
     openapi,
     page,
     samples,
@@ -40,16 +38,15 @@ async def _get_openapi(request: Request) -> Response:
 
 
 _ROUTERS = (
-    contact.router,
+    surfaces.contact_router,
     samples.router,
     surfaces.router,
     surfaces.model_router,
     calibration.router,
-    metrics.router,
     stream.router,
     events.router,
     health.live_router,
-    health.ready_router,
+    health.router,
     _description_router,
 )
 
@@ -111,7 +108,7 @@ def create_app(
         counts,
         streams or Streams(),
     )
-    counts.registry.register(metrics.SurfaceCollector(context))
+    counts.registry.register(health.SurfaceCollector(context))
     app = Application(context)
     errors.install(app)
     app.router.routes.extend(page.routes())

@@ -57,7 +57,9 @@ class Counts:
         self._minutely, self._hourly = Repeated(_log, clock=clock), Repeated(_log, every_s=3600.0, clock=clock)
         self._rivalled: set[str] = set()
         """Surfaces with two daemons, as it was logged."""
-        self._wiring: dict[str, str | None] = {}
+        self._findings: dict[str, str | None] = {}
+        """Finding on the wiring of each surface, as it was logged."""
+        self._sender_changes: dict[str, int] = {}
 
     def watch(self, surface: Surface) -> None:
         """Measure how long this surface takes, and start its counts at zero."""
@@ -67,18 +69,30 @@ class Counts:
         for state in State:
             self.contacts.labels(surface.name, state.value)
 
-    def sender_changed(self, surface: str, boot_id: str) -> None:
-        """Log that another sender sends the samples of a surface, once per minute and surface."""
-        times = self._minutely.due(f"sender of {surface}")
-        if times:
-            _log.info("surface %s: the sender changed to %s (changes since the last line: %d)", surface, boot_id, times)
+    def look(self, surface: Surface, now_s: float) -> None:
+        """Log what is new about a surface and its senders at `now_s` [s]."""
+        self._sender_change(surface)
+        self._unexplained(surface)
+        self._wiring(surface)
+        self._channels_out(surface)
+        self._rivals(surface, now_s)
 
     def other_beam(self, surface: str, detail: str) -> None:
         """Log that the samples of a surface are of another beam than its model, once per minute and surface."""
         if self._minutely.due(f"beam of {surface}"):
             _log.error("surface %s: its samples are refused: %s", surface, detail)
 
-    def unexplained(self, surface: Surface) -> None:
+    def _sender_change(self, surface: Surface) -> None:
+        """Log that another sender sends the samples of a surface, once per minute and surface."""
+        changes, name = surface.sender_changes, surface.name
+        if not surface.newest or self._sender_changes.get(name, 0) == changes:
+            return
+        self._sender_changes[name] = changes
+        if times := self._minutely.due(f"sender of {name}"):
+            words = "surface %s: the sender changed to %s (changes since the last line: %d)"
+            _log.info(words, name, surface.newest.boot_id, times)
+
+    def _unexplained(self, surface: Surface) -> None:
         """Log a stretch that lasts too long, once per stretch."""
         overdue = surface.stretches.take_overdue()
         if overdue is None:
@@ -92,19 +106,19 @@ class Counts:
         words = "surface %s: since %s neither rest nor a single contact explains the samples (over %g s); %s"
         _log.warning(words, surface.name, rfc3339(overdue.since_us), surface.stretches.after_s, look)
 
-    def wiring(self, surface: Surface) -> None:
+    def _wiring(self, surface: Surface) -> None:
         """Log a finding on the wiring once, and that it holds no longer."""
-        before, found = self._wiring.get(surface.name), surface.wiring
+        before, found = self._findings.get(surface.name), surface.wiring
         if found == before:
             return
-        self._wiring[surface.name] = found
+        self._findings[surface.name] = found
         if found:
             advice = "that explains its last contacts; check the wiring, and the order in the daemon's config"
             _log.warning("surface %s: %s; %s", surface.name, found, advice)
         else:
             _log.info("surface %s: the wiring seems to be right again", surface.name)
 
-    def channels_out(self, surface: Surface) -> None:
+    def _channels_out(self, surface: Surface) -> None:
         """Log the channels that went out, and those that are back, once each."""
         for name, out, is_back in surface.channels_out.take_turns():
             word, advice = _OUT[out.quality]
@@ -116,7 +130,7 @@ class Counts:
                 words = "surface %s: channel %s has been %s since %s (over %g s); %s"
                 _log.warning(words, surface.name, name, word, out.since, surface.channels_out.after_s, advice)
 
-    def rivals(self, surface: Surface, now_s: float) -> None:
+    def _rivals(self, surface: Surface, now_s: float) -> None:
         """Log that two daemons send samples at `now_s` [s]: at once, then once an hour; and that one does again."""
         pair = surface.rivals.at(now_s)
         if pair is None:
@@ -134,8 +148,7 @@ class Counts:
         if kind not in REFUSALS:
             return
         self._refusals.labels(kind.slug).inc()
-        times = self._minutely.due(kind.slug)
-        if times:
+        if times := self._minutely.due(kind.slug):
             _log.warning("refused (%s): %d since the last such line, the newest from %s", kind.slug, times, client)
 
     def _counter(self, name: str, words: str, *labels: str) -> Counter:

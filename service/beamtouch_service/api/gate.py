@@ -3,7 +3,7 @@
 import logging
 from asyncio import CancelledError
 
-from fastapi import APIRouter, Depends, Security, params
+from fastapi import APIRouter, Security, params
 from fastapi.security import HTTPBearer
 from starlette.requests import HTTPConnection
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
@@ -36,14 +36,10 @@ class _Token(HTTPBearer):
         context_of(request.scope).allow(request.scope, self.role)
 
 
-async def _anyone_may() -> None:
-    """Let every request pass."""
-
-
-_NEEDS: dict[Role, params.Depends] = {
-    Role.OPEN: Depends(_anyone_may),
-    Role.READ: Security(_Token(Role.READ, "For reading. The write token reads too.")),
-    Role.WRITE: Security(_Token(Role.WRITE, "For sending samples and for reading.")),
+_NEEDS: dict[Role, list[params.Depends]] = {
+    Role.OPEN: [],
+    Role.READ: [Security(_Token(Role.READ, "For reading. The write token reads too."))],
+    Role.WRITE: [Security(_Token(Role.WRITE, "For sending samples and for reading."))],
 }
 
 
@@ -54,7 +50,7 @@ def make_router(tag: str, role: Role) -> APIRouter:
     """
     return APIRouter(
         tags=[tag],
-        dependencies=[_NEEDS[role]],
+        dependencies=_NEEDS[role],
         responses=openapi.PROBLEMS,
         generate_unique_id_function=lambda route: route.name,
     )

@@ -1,16 +1,30 @@
-"""`GET /health`: checks that the process answers, and that every surface can answer `GET /contact`."""
+"""`GET /health` and `GET /metrics`: whether the service and each surface can answer, and figures for Prometheus."""
 
+from collections.abc import Iterator
 from typing import Annotated
 
-from fastapi import Query
+from fastapi import Query, Response
+from prometheus_client import generate_latest
+from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
+from prometheus_client.exposition import CONTENT_TYPE_LATEST
+from prometheus_client.metrics_core import Metric
+from prometheus_client.registry import Collector
 from pydantic import BaseModel
 
+from beamtouch_models.modelfile import State
 from beamtouch_service.access import Role
 from beamtouch_service.api import gate
-from beamtouch_service.api.context import ContextParameter
+from beamtouch_service.api.context import Context, ContextParameter
+from beamtouch_service.events.recorder import Recorder
+from beamtouch_service.problems import Kind
+from beamtouch_service.samples import Quality
+from beamtouch_service.surfaces.state import SurfaceSummary, summary_of
+from beamtouch_service.surfaces.surface import Surface
+
+Summaries = list[tuple[Surface, SurfaceSummary]]
 
 live_router = gate.make_router("health", Role.OPEN)
-ready_router = gate.make_router("health", Role.READ)
+router = gate.make_router("health", Role.READ)
 
 _HEALTH = "Also require that no sensor is out, or has changed for certain."
 
@@ -27,9 +41,142 @@ async def get_live() -> Health:
     return Health(status="live")
 
 
-@ready_router.get("/health/ready")
+@router.get("/health/ready")
 async def get_ready(context: ContextParameter, health: Annotated[bool, Query(description=_HEALTH)] = False) -> Health:
     """Check that every surface has a model and fresh samples, and that every address, broker and record is there."""
     context.require_all("Ask for /health/live of each service, and for /surfaces/NAME/contact of each surface.")
     context.registry.require_ready(context.clock(), context.reasons(), healthy=health)
     return Health(status="ready")
+
+
+@router.get("/metrics", responses={200: {"content": {"text/plain": {}}}})
+async def get_metrics(context: ContextParameter) -> Response:
+    """Return counts, ages and durations for Prometheus, as text."""
+    return Response(generate_latest(context.counts.registry), media_type=CONTENT_TYPE_LATEST)
+
+
+class SurfaceCollector(Collector):
+    """Reads the state of the surfaces and of the recorder when Prometheus asks.
+
+    Counters of our own would be a second copy of what each surface counts for its summary.
+    """
+
+    def __init__(self, context: Context) -> None:
+        self._context = context
+
+    def describe(self) -> list[Metric]:
+        """Return nothing: no other collector has these names."""
+        return []
+
+    def collect(self) -> Iterator[Metric]:
+        """Return the metrics of all surfaces."""
+        yield from _of_record(self._context.recorder)
+        words = "1 while the address, broker or record of a section of the configuration is missing."
+        missing = GaugeMetricFamily("beamtouch_missing", words, labels=["section"])
+        for section, reason in self._context.reasons().items():
+            missing.add_metric([section], bool(reason))
+        yield missing
+        now_s, registry = self._context.clock(), self._context.registry
+        summaries = [(surface, summary_of(surface, now_s)) for surface in registry]
+        yield from _of_samples(summaries)
+        yield from _of_states(summaries, now_s)
+        yield from _of_channels(summaries, now_s)
+        yield from _of_health(summaries)
+
+
+def _of_record(recorder: Recorder) -> Iterator[Metric]:
+    words = "Times that the record of events went away."
+    yield CounterMetricFamily("beamtouch_record_outages", words, value=recorder.outages)
+    words = "Times that another service had recorded a surface meanwhile."
+    yield CounterMetricFamily("beamtouch_record_races", words, value=recorder.races)
+    words = "Samples that are in memory and not durable in the record yet."
+    waiting = GaugeMetricFamily("beamtouch_record_samples_waiting", words, labels=["surface"])
+    words = "Samples that the record lacks, as their sender no longer had them."
+    lost = CounterMetricFamily("beamtouch_record_samples_lost", words, labels=["surface"])
+    for family, counts in ((waiting, recorder.waiting), (lost, recorder.lost)):
+        for name, count in counts.items():
+            family.add_metric([name], count)
+        yield family
+
+
+def _of_samples(summaries: Summaries) -> Iterator[Metric]:
+    samples = CounterMetricFamily("beamtouch_samples_accepted", "New samples.", labels=["surface"])
+    repeated = CounterMetricFamily("beamtouch_samples_repeated", "Samples received before.", labels=["surface"])
+    # A gauge: a gap that is filled later is no longer missing.
+    missing = GaugeMetricFamily("beamtouch_samples_missing", "Gaps in the sequence numbers.", labels=["surface"])
+    senders = CounterMetricFamily("beamtouch_sender_changes", "Changes of the sender.", labels=["surface"])
+    age = GaugeMetricFamily("beamtouch_sample_age_seconds", "Age of the newest sample.", labels=["surface"])
+    model = GaugeMetricFamily("beamtouch_model", "1 for the model in use.", labels=["surface", "model"])
+    refused = GaugeMetricFamily("beamtouch_model_refused", "1 while the model file is not used.", labels=["surface"])
+    for surface, summary in summaries:
+        label = [surface.name]
+        samples.add_metric(label, summary.samples.accepted)
+        repeated.add_metric(label, summary.samples.repeated)
+        missing.add_metric(label, summary.samples.lost)
+        senders.add_metric(label, surface.sender_changes)
+        if summary.age_ms is not None:
+            age.add_metric(label, summary.age_ms / 1e3)
+        if summary.model is not None:
+            model.add_metric([surface.name, summary.model], 1)
+        refused.add_metric(label, summary.model_error is not None)
+    yield from (samples, repeated, missing, senders, age, model, refused)
+
+
+def _of_states(summaries: Summaries, now_s: float) -> Iterator[Metric]:
+    words = "1 for the state that GET /contact gives; none where it gives a problem."
+    states = GaugeMetricFamily("beamtouch_state", words, labels=["surface", "state"])
+    words = "1 for the problem that GET /contact gives; none where it gives a state."
+    problems = GaugeMetricFamily("beamtouch_problem", words, labels=["surface", "kind"])
+    notes = GaugeMetricFamily("beamtouch_note", "1 for each note that GET /contact gives.", labels=["surface", "note"])
+    words = "1 while the state has been unexplained for longer than unexplained_after_s."
+    overdue = GaugeMetricFamily("beamtouch_unexplained", words, labels=["surface"])
+    stretches = CounterMetricFamily("beamtouch_unexplained_stretches", "Unexplained stretches.", labels=["surface"])
+    seconds = CounterMetricFamily("beamtouch_unexplained_seconds", "Time of these stretches.", labels=["surface"])
+    for surface, summary in summaries:
+        label = [surface.name]
+        for state in State:
+            states.add_metric([surface.name, state.value], summary.state is state)
+        standing = surface.standing(now_s)
+        if isinstance(standing, Kind):
+            problems.add_metric([surface.name, standing.slug], 1)
+        for note in summary.notes:
+            notes.add_metric([surface.name, note], 1)
+        # Without fresh samples, nothing is known of a surface.
+        overdue.add_metric(label, surface.stretches.is_overdue and not surface.is_stale(now_s))
+        stretches.add_metric(label, surface.stretches.count)
+        seconds.add_metric(label, surface.stretches.total_s)
+    yield from (states, problems, notes, overdue, stretches, seconds)
+
+
+def _of_channels(summaries: Summaries, now_s: float) -> Iterator[Metric]:
+    words = "1 for the quality of a channel in the newest sample."
+    qualities = GaugeMetricFamily("beamtouch_channel_quality", words, labels=["surface", "channel", "quality"])
+    words = "1 for a channel that has not been good for longer than degraded_after_s."
+    out = GaugeMetricFamily("beamtouch_channel_out", words, labels=["surface", "channel"])
+    for surface, summary in summaries:
+        # Without fresh samples, nothing is known of a channel; another replica may have them.
+        for name, found in () if surface.is_stale(now_s) else surface.qualities.items():
+            for quality in Quality:
+                qualities.add_metric([surface.name, name, quality.value], found is quality)
+            out.add_metric([surface.name, name], name in summary.channels_out)
+    yield from (qualities, out)
+
+
+def _of_health(summaries: Summaries) -> Iterator[Metric]:
+    labels = ["surface", "channel"]
+    words = "Change of the gain since the baseline, in percent."
+    gain = GaugeMetricFamily("beamtouch_gain_change_percent", words, labels=[*labels, "bound"])
+    words = "Change of the deflection at rest since the baseline, in mm."
+    zero = GaugeMetricFamily("beamtouch_zero_change_mm", words, labels=[*labels, "bound"])
+    changed = GaugeMetricFamily("beamtouch_channel_changed", "1 if a channel has changed for certain.", labels=labels)
+    for surface, summary in summaries:
+        for name, one in (summary.health or {}).items():
+            label = [surface.name, name]
+            changed.add_metric(label, one.changed)
+            gains = (one.gain_percent, one.gain_low_percent, one.gain_high_percent)
+            zeros = (one.zero_mm, one.zero_low_mm, one.zero_high_mm)
+            for family, values in ((gain, gains), (zero, zeros)):
+                for bound, value in zip(("estimate", "low", "high"), values, strict=True):
+                    if value is not None:
+                        family.add_metric([*label, bound], value)
+    yield from (gain, zero, changed)

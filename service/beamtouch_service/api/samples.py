@@ -38,7 +38,6 @@ async def post_samples(name: SurfaceInPath, request: Request) -> Response:
         earliest_s = context.ticks.earliest_s(begin_s)
         batch = parse_batch(await read_body(request))
         arrival_s = surface.transit.arrival_s(batch, begin_s, earliest_s)
-        changes = surface.sender_changes
         received = surface.receive(batch, arrival_s, _peer(request))
     except ProblemError as error:
         known = name if name in context.registry.names else ""
@@ -47,12 +46,7 @@ async def post_samples(name: SurfaceInPath, request: Request) -> Response:
             context.counts.other_beam(name, error.problem.detail)
         raise
     context.counts.batch_s.labels(name).observe(context.clock() - begin_s)
-    if surface.sender_changes != changes:
-        context.counts.sender_changed(name, batch.boot_id)
-    context.counts.unexplained(surface)
-    context.counts.wiring(surface)
-    context.counts.channels_out(surface)
-    context.counts.rivals(surface, begin_s)
+    context.counts.look(surface, begin_s)
     durable, expected = await context.recorder.take(surface, batch, received.weighed)
     receipt = Receipt(
         accepted=received.accepted,

@@ -1,15 +1,18 @@
-"""`GET /surfaces`: the surfaces of the service with their summaries, models and beams."""
+"""`GET /contact` and `GET /surfaces`: the contact, the summary, the model and the beam of each surface."""
 
+from fastapi import Response
 from pydantic import BaseModel
+from starlette.requests import Request
 
 from beamtouch_models.modelfile import Accuracy, Calibration, Drawn, ModelFile, Noise, Ranges
 from beamtouch_service.access import Role
 from beamtouch_service.api import gate
-from beamtouch_service.api.context import Context, ContextParameter, SurfaceInPath
+from beamtouch_service.api.context import Context, ContextParameter, SurfaceInPath, SurfaceInQuery, context_of
 from beamtouch_service.problems import ProblemError
-from beamtouch_service.surfaces.contact import no_model
+from beamtouch_service.surfaces.contact import Contact, no_model
 from beamtouch_service.surfaces.state import SurfaceSummary, summary_of
 
+contact_router = gate.make_router("contact", Role.READ)
 router = gate.make_router("surfaces", Role.READ)
 model_router = gate.make_router("model", Role.READ)
 
@@ -49,6 +52,26 @@ class Beam(BaseModel):
     """Name and fingerprint of the model; a contact that states the same one belongs to this beam."""
     length_mm: float
     drawn: Drawn
+
+
+@contact_router.get("/contact", response_model=Contact)
+async def get_contact(request: Request, surface: SurfaceInQuery = None) -> Response:
+    """Return the contact on the only surface, or on the one that is named."""
+    context = context_of(request.scope)
+    context.require_all("Ask for /surfaces/NAME/contact.")
+    return _contact(context, surface)
+
+
+@contact_router.get("/surfaces/{name}/contact", response_model=Contact)
+async def get_surface_contact(request: Request, name: SurfaceInPath) -> Response:
+    """Return the contact on this surface."""
+    return _contact(context_of(request.scope), name)
+
+
+def _contact(context: Context, name: str | None) -> Response:
+    contact = context.registry.chosen(name).contact(context.clock())
+    context.counts.contacts.labels(contact.surface, contact.state.value).inc()
+    return Response(contact.model_dump_json(), media_type="application/json")
 
 
 @router.get("/surfaces")
