@@ -98,16 +98,15 @@ class DisjointMean:
         # Times of readings scatter; half a period is no reading in common.
         begin_us = at_us - (readings - 0.5) * reading_us
         if self.newest is None or begin_us >= self.end_us:
-            self.before = self.of_all(max_samples) if self.newest else None
+            self.before = self.of_all(max_samples)
         elif begin_us > self.begin_us or readings <= self.newest.weight:
             return
         self.newest, self.begin_us, self.end_us = Mean(mm, variance_mm2, readings), begin_us, at_us
 
-    def of_all(self, max_samples: float = float("inf")) -> Mean:
-        """Return the mean of all samples; there must be one."""
+    def of_all(self, max_samples: float = float("inf")) -> Mean | None:
+        """Return the mean of all samples; None before the first."""
         before, newest = self.before, self.newest
-        assert newest is not None  # noqa: S101
-        if before is None:
+        if before is None or newest is None:
             return newest
         known = min(before.weight, max_samples * newest.weight)
         old, new = known / (known + newest.weight), newest.weight / (known + newest.weight)

@@ -162,8 +162,8 @@ class OpenEvent:
         most = 1 + round((sample.acquired_unix_us - event.touched_us) / reading_us)
         mean = self._means[decision.is_unsteady]
         mean.add(sample.acquired_unix_us, min(sample.readings or 1, max(1, most)), reading_us, [position_mm], [0.0])
-        if event.unsteady == decision.is_unsteady:
-            event.mean_position_mm = mean.of_all().mm[0]
+        if event.unsteady == decision.is_unsteady and (whole := mean.of_all()):
+            event.mean_position_mm = whole.mm[0]
 
     def _count(self, decision: Decision, position_mm: float) -> None:
         """Count the figures of a sample. Those of unsteady samples count only where there are no others."""

@@ -29,7 +29,7 @@ class HealthHistory:
                 self._characteristic, self._newest_us = row["characteristic"], row["newest_us"]
             except ValueError as error:
                 _log.warning("surface %s: its health begins anew: %s", surface, error)
-        self.state = self._described()
+        self.state = self._describe()
         """The health so far."""
 
     def _begin(self, characteristic: str | None = None, newest_us: int = 0) -> None:
@@ -57,7 +57,7 @@ class HealthHistory:
             added.append(BestSample(best.at_us, *values, best.is_contact))
             self.is_dirty = True
         self._health.add(added)
-        self.state = self._described()
+        self.state = self._describe()
 
     def row(self) -> dict[str, Any]:
         """Return it as it is recorded next."""
@@ -70,7 +70,7 @@ class HealthHistory:
             "history": self._health.to_json(),
         }
 
-    def _described(self) -> SurfaceHealth:
+    def _describe(self) -> SurfaceHealth:
         channels = zip(self.model.channels, self._health.channels(), strict=False)  # none before the first contact
         return SurfaceHealth(self.model.identity, {name: _channel_health(change) for name, change in channels})
 

@@ -12,10 +12,10 @@ from beamtouch_service.samples import Note
 
 def as_json(surfaces: Sequence[str], word_order: str) -> str:
     """Return the map as one JSON object, with the blocks of these surfaces in their order."""
-    return json.dumps(described(surfaces, word_order))
+    return json.dumps(describe(surfaces, word_order))
 
 
-def described(surfaces: Sequence[str], word_order: str) -> dict[str, Any]:
+def describe(surfaces: Sequence[str], word_order: str) -> dict[str, Any]:
     """Return the map as JSON values."""
     registers = [
         {"offset": one.offset, "name": one.name, "type": one.type.text, "registers": one.type.count}
