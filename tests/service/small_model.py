@@ -31,12 +31,13 @@ BEAM = "beam-1"
 """Identity of the beam of these models, unless a test gives another."""
 
 
-def _graph(channels: int, outputs: tuple[str, ...]) -> onnx.ModelProto:
+def _graph(channels: int, outputs: tuple[str, ...], spoiled: str) -> onnx.ModelProto:
     """position = 100 + 100 * (0 d1 + 1 d2 + 2 d3 ...), odds = 100 * sum (touch: 10), force = 10 * sum; intervals +-1.
 
     The misfit is 1000 * (d3 - d2) where that is positive: s3 is not above s2 in a contact.
-    A channel that is not valid counts as zero. Where the sum is exactly 2, the position is a division by zero.
+    A channel that is not valid counts as zero. Where the sum is exactly 2, the output `spoiled` is a division by zero.
     """
+    nan_at_two = f"{spoiled}_everywhere"
     weights = np.arange(channels, dtype=np.float32).reshape(-1, 1) * 100
     order = np.array([0, -1000, 1000, *[0] * channels], np.float32)[:channels] * (channels > 2)
     constants = {
@@ -50,14 +51,14 @@ def _graph(channels: int, outputs: tuple[str, ...]) -> onnx.ModelProto:
         "weights": weights,
     }
     figures = {
-        "position_mm": helper.make_node("Div", ["raised", "unity"], ["position_mm"]),
-        "position_low_mm": helper.make_node("Sub", ["position_mm", "one"], ["position_low_mm"]),
-        "position_high_mm": helper.make_node("Add", ["position_mm", "one"], ["position_high_mm"]),
+        "position_mm": helper.make_node("Identity", ["raised"], ["position_mm"]),
+        "position_low_mm": helper.make_node("Sub", ["raised", "one"], ["position_low_mm"]),
+        "position_high_mm": helper.make_node("Add", ["raised", "one"], ["position_high_mm"]),
         "contact_log_odds": helper.make_node("Mul", ["total", "hundred"], ["contact_log_odds"]),
         "misfit": helper.make_node("Relu", ["excess"], ["misfit"]),
-        "force_n": helper.make_node("Mul", ["total", "ten"], ["force_n"]),
-        "force_low_n": helper.make_node("Sub", ["force_n", "one"], ["force_low_n"]),
-        "force_high_n": helper.make_node("Add", ["force_n", "one"], ["force_high_n"]),
+        "force_n": helper.make_node("Identity", ["pushed"], ["force_n"]),
+        "force_low_n": helper.make_node("Sub", ["pushed", "one"], ["force_low_n"]),
+        "force_high_n": helper.make_node("Add", ["pushed", "one"], ["force_high_n"]),
     }
     nodes = [
         helper.make_node("ReduceSumSquare", ["whitening_per_mm"], ["weight"], axes=[1], keepdims=0),
@@ -69,10 +70,14 @@ def _graph(channels: int, outputs: tuple[str, ...]) -> onnx.ModelProto:
         helper.make_node("Squeeze", ["above", "axis"], ["excess"]),
         helper.make_node("Squeeze", ["moment", "axis"], ["shift"]),
         helper.make_node("Add", ["shift", "hundred"], ["raised"]),
+        helper.make_node("Mul", ["total", "ten"], ["pushed"]),
         helper.make_node("Sub", ["total", "two"], ["to_two"]),
         helper.make_node("Div", ["to_two", "to_two"], ["unity"]),
         *[figures[name] for name in outputs],
     ]
+    if spoiled in outputs:
+        figures[spoiled].output[0] = nan_at_two
+        nodes.append(helper.make_node("Div", [nan_at_two, "unity"], [spoiled]))
     graph = helper.make_graph(
         nodes,
         "tiny",
@@ -104,8 +109,10 @@ def _golden(model: onnx.ModelProto, channels: int) -> Golden:
 
 
 @cache
-def _content(name: str, channels: int, min_channels: int, outputs: tuple[str, ...], prefix: str, beam: str) -> bytes:
-    model = _graph(channels, outputs)
+def _content(
+    name: str, channels: int, min_channels: int, outputs: tuple[str, ...], prefix: str, beam: str, spoiled: str
+) -> bytes:
+    model = _graph(channels, outputs, spoiled)
     metadata = Metadata(
         name=name,
         beam=beam,
@@ -151,8 +158,9 @@ def write_model(
     outputs: tuple[str, ...] = POSITION_OUTPUTS + FORCE_OUTPUTS,
     prefix: str = "s",
     beam: str = BEAM,
+    spoiled: str = "position_mm",
 ) -> Path:
     """Write a model file with channels s1, s2, ... (or of another prefix) on a beam of 400 mm."""
     path = folder / f"{name}.onnx"
-    path.write_bytes(_content(name, channels, min_channels, outputs, prefix, beam))
+    path.write_bytes(_content(name, channels, min_channels, outputs, prefix, beam, spoiled))
     return path

@@ -1,85 +1,98 @@
-"""The samples that change the contact, from one sender or several."""
+"""The samples that change the contact, from one sender or several: over HTTP."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from hypothesis import given
+import pytest
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from beamtouch_service.surfaces.order import MAX_SENDERS, Senders
+from beamtouch_models import modelfile
+from beamtouch_service.surfaces.surface import Surface
+from service.conftest import Bench, batch_of
+from service.small_model import write_model
 
 if TYPE_CHECKING:
-    import pytest
+    from service.conftest import MakeBatch
 
-    from service.conftest import Bench, MakeBatch
-
-STALE_MS = 500.0
+STALE_S = 0.5
 
 
-def offer(senders: Senders, boot_id: str, sequence: int, acquired_s: float, arrival_s: float | None = None) -> bool:
-    arrival_s = acquired_s if arrival_s is None else arrival_s
-    moves = senders.is_after_newest(boot_id, sequence, acquired_s, arrival_s)
-    if moves:
-        senders.move(boot_id, sequence, acquired_s)
-    return moves
+def moves(bench: Bench, boot_id: str, sequence: int, age_s: float = 0.0) -> bool:
+    """Send a sample, and return whether the contact stands on it. No other sender has sent this number."""
+    assert bench.post(batch_of(sequence=sequence, boot_id=boot_id, age_ms=age_s * 1e3)).status_code == 200
+    return bool(bench.get("/contact").json().get("sequence") == sequence)
 
 
-def test_a_former_sender_returns_when_the_present_is_stale_and_not_before() -> None:
-    senders = Senders(STALE_MS)
-    assert offer(senders, "daemon", 12, 10.0)
-    assert offer(senders, "stray", 1, 10.1)
+def test_a_former_sender_returns_when_the_present_is_stale_and_not_before(bench: Bench) -> None:
+    assert moves(bench, "daemon-one", 12)
+    bench.now_s += 0.1
+    assert moves(bench, "stray-by-hand", 1)
 
-    assert not offer(senders, "daemon", 13, 10.6)
-    assert offer(senders, "daemon", 14, 10.601)
-    assert offer(senders, "daemon", 15, 10.602)
-    assert senders.changes == 2
-
-
-def test_a_former_sender_never_goes_backwards() -> None:
-    senders = Senders(STALE_MS)
-    offer(senders, "daemon", 12, 10.0)
-    offer(senders, "stray", 1, 10.1)
-
-    assert not offer(senders, "daemon", 12, 20.0)
-    assert not offer(senders, "daemon", 13, 10.05, arrival_s=20.0)
-    assert offer(senders, "daemon", 13, 20.0)
-    assert not offer(senders, "stray", 1, 30.0)
+    bench.now_s += STALE_S
+    assert not moves(bench, "daemon-one", 13)
+    bench.now_s += 0.001
+    assert moves(bench, "daemon-one", 14)
+    bench.now_s += 0.001
+    assert moves(bench, "daemon-one", 15)
+    assert 'beamtouch_sender_changes_total{surface="press-7"} 2.0' in bench.get("/metrics").text
 
 
-def test_a_sender_that_started_anew_is_followed_at_once() -> None:
-    senders = Senders(STALE_MS)
-    offer(senders, "first-life", 1000, 10.0)
+def test_a_former_sender_never_goes_backwards(bench: Bench) -> None:
+    moves(bench, "daemon-one", 12)
+    bench.now_s += 0.1
+    moves(bench, "stray-by-hand", 1)
+    bench.now_s += 0.05
+    assert moves(bench, "stray-by-hand", 2)
 
-    assert offer(senders, "second-life", 0, 10.0)
-    assert not offer(senders, "third-life", 0, 9.9)
-
-
-def test_of_the_former_senders_those_that_were_followed_last_are_remembered() -> None:
-    senders, boots = Senders(STALE_MS), [f"boot-{number}" for number in range(MAX_SENDERS + 2)]
-    for number, boot_id in enumerate(boots):
-        offer(senders, boot_id, 0, 10.0 + number / 100)
-
-    assert not offer(senders, boots[-2], 1, 10.35)
-    assert not offer(senders, boots[1], 1, 10.35)
-    assert offer(senders, boots[0], 1, 10.35)
+    bench.now_s += 10
+    assert not moves(bench, "daemon-one", 12)
+    assert not moves(bench, "daemon-one", 13, age_s=10.1)
+    assert moves(bench, "daemon-one", 14)
+    bench.now_s += 10
+    assert not moves(bench, "stray-by-hand", 2)
 
 
-@given(
-    st.lists(
-        st.tuples(st.sampled_from("abc"), st.integers(0, 9), st.floats(0, 2), st.floats(0, 1)), min_size=1, max_size=30
-    )
-)
+def test_a_sender_that_started_anew_is_followed_at_once(bench: Bench) -> None:
+    moves(bench, "first-life", 1000)
+    assert moves(bench, "second-life", 1)
+    assert not moves(bench, "third-life", 2, age_s=0.1)
+
+
+def test_of_the_former_senders_those_that_were_followed_last_are_remembered(bench: Bench) -> None:
+    boots = [f"boot-{number:04}" for number in range(18)]
+    for number, boot_id in enumerate(boots, start=1):
+        bench.now_s += 0.01
+        assert moves(bench, boot_id, number)
+
+    assert not moves(bench, boots[-2], 101)
+    assert not moves(bench, boots[1], 102)
+    assert moves(bench, boots[0], 103)
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory: pytest.TempPathFactory) -> modelfile.ModelFile:
+    return modelfile.load(write_model(tmp_path_factory.mktemp("model")))
+
+
+_OFFER = st.tuples(st.sampled_from("abc"), st.integers(1, 9), st.floats(0, 0.4), st.floats(0, 1))
+
+
+@settings(deadline=None, max_examples=25)
+@given(st.lists(_OFFER, min_size=1, max_size=20))
 def test_whatever_comes_no_sender_goes_backwards_and_none_takes_over_with_older_samples(
-    offers: list[tuple[str, int, float, float]],
+    model: modelfile.ModelFile, offers: list[tuple[str, int, float, float]]
 ) -> None:
-    senders, last, present, now_s = Senders(STALE_MS), dict[str, int](), ("", 0.0), 0.0
-    for boot_id, sequence, age_s, pause_s in offers:
-        now_s += pause_s
-        if offer(senders, boot_id, sequence, now_s - age_s, now_s):
-            assert sequence > last.get(boot_id, -1)
-            assert boot_id == present[0] or not present[0] or now_s - age_s >= present[1]
-            last[boot_id], present = sequence, (boot_id, now_s - age_s)
+    bench, last, present, present_s = Bench(Surface("press-7", model)), dict[str, int](), "", 0.0
+    for sender, number, age_s, pause_s in offers:
+        bench.now_s += pause_s
+        sequence = number + 100 * ord(sender)
+        was_there = last.get(present) == sequence
+        if moves(bench, f"boot-of-{sender}", sequence, age_s) and not was_there:
+            assert number > last.get(sender, 0) % 100
+            assert sender == present or not present or bench.now_s - age_s >= present_s
+            last[sender], present, present_s = sequence, sender, bench.now_s - age_s
 
 
 def test_a_change_of_sender_is_counted_and_logged_seldom(

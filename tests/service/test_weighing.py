@@ -10,123 +10,142 @@ import pytest
 from beamtouch_models import modelfile
 from beamtouch_models.physics.beam import scene_influence
 from beamtouch_models.scene import load_scene
-from beamtouch_service.samples import Batch
-from beamtouch_service.surfaces.estimate import Estimator
 from beamtouch_service.surfaces.surface import Surface
 from example_scenes import SCENES
+from service.conftest import Bench
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from pathlib import Path
 
-    from service.conftest import BuildModel
-
-NOISE_MM = 0.01
-"""Of a reading and of a settled sample of the small model."""
+READINGS = 4
 
 
-def batch(*samples: dict[str, Any], channels: tuple[str, ...] = ("s1", "s2", "s3"), **more: object) -> Batch:
-    made = [
-        {"sequence": number, "acquired_unix_us": number, "quality": ["good"] * len(channels)} | sample
-        for number, sample in enumerate(samples, start=1)
-    ]
-    return Batch.model_validate(
-        {"boot_id": "boot-0001", "channels": list(channels), "newest_age_ms": 0.0, "samples": made} | more
+class Line:
+    """A surface of the model of the bench, and a load in the middle of its beam."""
+
+    def __init__(self, model: modelfile.ModelFile) -> None:
+        self.model = model
+        self.channels = model.channels
+        self.noise_mm = model.metadata.noise.reading_mm
+        scene, at_mm = load_scene(SCENES / "bench.toml")[0], [channel.position_mm for channel in model.metadata.layout]
+        shape = scene_influence(scene, at_mm, [model.metadata.length_mm / 2])[0]
+        self.load_mm: list[float | None] = (25 * self.noise_mm * shape / shape.max()).tolist()
+
+    def contact(self, *samples: dict[str, Any], **batch: object) -> dict[str, Any]:
+        """Return the contact that a new service finds in samples; each has the load unless it states others."""
+        bench = Bench(Surface("bench", self.model))
+        channels = batch.get("channels", self.channels)
+        assert isinstance(channels, list)
+        plain = {"deflection_mm": self.load_mm, "quality": ["good"] * len(channels)}
+        numbered = [
+            plain | {"sequence": number, "acquired_unix_us": number} | sample
+            for number, sample in enumerate(samples, start=1)
+        ]
+        body = {"boot_id": "boot-0001", "channels": channels, "newest_age_ms": 0.0, "samples": numbered}
+        answer = bench.post(body | batch, path="/surfaces/bench/samples")
+        assert answer.status_code == 200, answer.text
+        contact: dict[str, Any] = bench.get("/contact").json()
+        return contact
+
+    def figures(self, *samples: dict[str, Any], **batch: object) -> dict[str, Any]:
+        """Return position, force and misfit, with their intervals."""
+        contact = self.contact(*samples, **batch)
+        assert contact["state"] == "contact"
+        return {name: value for name, value in contact.items() if name.startswith(("position", "force", "misfit"))}
+
+
+def triangle(covariance_mm2: np.ndarray[Any, Any]) -> list[float]:
+    """Return the lower triangle of a covariance by rows."""
+    values: list[float] = covariance_mm2[np.tril_indices(len(covariance_mm2))].tolist()
+    return values
+
+
+def stated(covariance_mm2: np.ndarray[Any, Any]) -> dict[str, Any]:
+    return {"readings": READINGS, "covariance_mm2": triangle(covariance_mm2)}
+
+
+def width_mm(figures: dict[str, Any]) -> float:
+    return float(figures["position_high_mm"] - figures["position_low_mm"])
+
+
+@pytest.fixture(scope="module")
+def line(bench_model: Path) -> Line:
+    return Line(modelfile.load(bench_model))
+
+
+def test_a_sample_without_readings_is_a_settled_one(line: Line) -> None:
+    settled_mm = line.model.metadata.noise.sample_mm
+    readings = round((line.noise_mm / settled_mm) ** 2)
+    assert readings > 1
+    noise_mm = [settled_mm * readings**0.5] * len(line.channels)
+    assert line.figures({}) == line.figures({"readings": readings}, noise_mm=noise_mm)
+
+
+def test_readings_divide_the_noise_that_the_sender_states(line: Line) -> None:
+    noise_mm = (line.noise_mm * np.linspace(0.9, 1.2, len(line.channels))).tolist()
+    divided = line.figures({"readings": READINGS}, noise_mm=noise_mm)
+    assert divided == line.figures(stated(np.diag(np.square(noise_mm)) / READINGS), noise_mm=noise_mm)
+    assert width_mm(line.figures({"readings": 1}, noise_mm=noise_mm)) > 1.5 * width_mm(divided)
+
+
+def test_a_covariance_is_taken_in_the_order_of_the_model(line: Line) -> None:
+    size = len(line.channels)
+    root = np.random.default_rng(1).normal(0, line.noise_mm / 2, (size, size))
+    covariance_mm2 = root @ root.T + np.eye(size) * line.noise_mm**2 / READINGS
+    noise_mm = [line.noise_mm] * size
+    order: Sequence[int] = [size - 1, *range(size - 1)]
+    mixed_mm2 = np.eye(size + 1)
+    places = [0, *range(2, size + 1)]  # another channel is between them
+    mixed_mm2[np.ix_(places, places)] = covariance_mm2[np.ix_(order, order)]
+    channels = [line.channels[place] for place in order]
+    deflection_mm = [line.load_mm[place] for place in order]
+    mixed = line.figures(
+        stated(mixed_mm2) | {"deflection_mm": [deflection_mm[0], 9.0, *deflection_mm[1:]]},
+        channels=[channels[0], "other", *channels[1:]],
+        noise_mm=[line.noise_mm] * (size + 1),
     )
+    assert mixed == line.figures(stated(covariance_mm2), noise_mm=noise_mm)
+    assert mixed != line.figures(stated(covariance_mm2[::-1, ::-1]), noise_mm=noise_mm)
 
 
-def weigh(model: modelfile.ModelFile, given: Batch) -> modelfile.Weighed:
-    """Return the samples of a batch as the model weighs them."""
-    return Estimator(model, "press-7").estimate(given, given.samples)[0].together
+@pytest.mark.parametrize(("ratio", "counts"), [(0.5, 1.0), (2.0, 2.0), (0.85, 0.85), (1.2, 1.2)])
+def test_of_two_contradicting_noises_the_larger_counts(line: Line, ratio: float, counts: float) -> None:
+    size = len(line.channels)
+    noise_mm, white_mm2 = [ratio * line.noise_mm] * size, np.eye(size) * line.noise_mm**2 / READINGS
+    more_mm2 = np.diag(np.linspace(1, 2, size)) * line.noise_mm**2
+    # The samples of a sender whose noise is that of the model are taken as they are.
+    taken = [
+        line.figures(stated(counts**2 * white_mm2 + more), noise_mm=[line.noise_mm] * size) for more in (0, more_mm2)
+    ]
+    assert line.figures({"readings": READINGS}, noise_mm=noise_mm) == taken[0]
+    assert line.figures(stated(ratio**2 * white_mm2 + more_mm2), noise_mm=noise_mm) == taken[1]
 
 
-@pytest.fixture
-def model(build_model: BuildModel) -> modelfile.ModelFile:
-    return modelfile.load(build_model())
+@pytest.mark.parametrize(("ratio", "notes"), [(0.5, ["noise"]), (1.0, []), (1.2, []), (2.0, ["noise"])])
+def test_a_contact_says_that_the_noise_contradicts_its_model(line: Line, ratio: float, notes: list[str]) -> None:
+    rest = {"deflection_mm": [0.0] * len(line.channels), "readings": 1}
+    # Of more noise than the model was made for, several samples show rest.
+    contact = line.contact(*[rest] * 6, noise_mm=[ratio * line.noise_mm] * len(line.channels))
+    assert contact["notes"] == notes
 
 
-def test_a_sample_without_readings_is_a_settled_one(model: modelfile.ModelFile) -> None:
-    given = batch({"deflection_mm": [0.1, 0.2, 0.3]})
-    weighed = weigh(model, given)
-    assert weighed.deflection_mm.tolist() == [[0.1, 0.2, 0.3]]
-    assert weighed.covariance_mm2[0] == pytest.approx(np.eye(3) * NOISE_MM**2)
-    assert (weighed.noise_mm2[0] == NOISE_MM**2).all()
-
-
-def test_readings_divide_the_noise_that_the_sender_states(model: modelfile.ModelFile) -> None:
-    given = batch({"deflection_mm": [0.1, 0.2, 0.3], "readings": 4}, noise_mm=[0.011, 0.012, 0.009])
-    weighed = weigh(model, given)
-    assert np.diag(weighed.covariance_mm2[0]) == pytest.approx(np.square([0.011, 0.012, 0.009]) / 4)
-
-
-def test_a_covariance_is_taken_in_the_order_of_the_model(model: modelfile.ModelFile) -> None:
-    triangle = [3.0, 0.1, 4.0, 0.2, 0.3, 5.0, 0.4, 0.5, 0.6, 6.0]
-    sample = {"deflection_mm": [0.3, 9.0, 0.1, 0.2], "readings": 4, "covariance_mm2": triangle}
-    given = batch(sample, channels=("s3", "other", "s1", "s2"), noise_mm=[NOISE_MM] * 4)
-    weighed = weigh(model, given)
-    assert weighed.deflection_mm.tolist() == [[0.1, 0.2, 0.3]]
-    assert weighed.covariance_mm2[0].tolist() == [[5.0, 0.6, 0.2], [0.6, 6.0, 0.4], [0.2, 0.4, 3.0]]
-    assert weighed.noise_mm2[0] == pytest.approx(np.full(3, NOISE_MM**2 / 4))
-
-
-@pytest.mark.parametrize(("stated", "counts"), [(0.005, 0.01), (0.02, 0.02), (0.0085, 0.0085), (0.012, 0.012)])
-def test_of_two_contradicting_noises_the_larger_counts(
-    model: modelfile.ModelFile, stated: float, counts: float
-) -> None:
-    triangle = [stated**2 / 4 + 1e-6, 0.0, stated**2 / 4, 0.0, 0.0, stated**2 / 4]
-    plain = {"deflection_mm": [0.1, 0.2, 0.3], "readings": 4}
-    given = batch(plain, plain | {"covariance_mm2": triangle}, noise_mm=[stated] * 3)
-    weighed = weigh(model, given)
-    white = counts**2 / 4
-    assert np.diag(weighed.covariance_mm2[0]) == pytest.approx([white] * 3)
-    assert np.diag(weighed.covariance_mm2[1]) == pytest.approx([white + 1e-6, white, white])
-
-
-@pytest.mark.parametrize(("stated", "notes"), [(0.005, ["noise"]), (0.01, []), (0.012, []), (0.02, ["noise"])])
-def test_a_surface_says_that_the_noise_contradicts_its_model(
-    model: modelfile.ModelFile, stated: float, notes: list[str]
-) -> None:
-    surface = Surface("press-7", model)
-    rest = {"deflection_mm": [0.0, 0.0, 0.0], "readings": 1}
-    # Of more noise than the model was made for, three samples show rest.
-    surface.receive(batch(rest, rest, rest, noise_mm=[stated] * 3), 10.0)
-    assert surface.contact(10.0).notes == notes
-
-
-def test_a_missing_channel_takes_no_part_whatever_its_covariance(bench_model: Path) -> None:
-    model = modelfile.load(bench_model)
-    channels = tuple(model.channels)
-    load = [0.01 * (number + 1) for number in range(len(channels))]
+def test_a_missing_channel_takes_no_part_whatever_its_deflection(line: Line) -> None:
+    quality = ["saturated" if number == 2 else "good" for number in range(len(line.channels))]
     answers = []
     for third in (None, 5.0):
-        sample = {
-            "deflection_mm": [third if number == 2 else value for number, value in enumerate(load)],
-            "quality": ["saturated" if number == 2 else "good" for number in range(len(channels))],
-        }
-        surface = Surface("bench", model)
-        surface.receive(batch(sample, channels=channels), 10.0)
-        answers.append(surface.contact(10.0))
+        deflection_mm = [third if number == 2 else value for number, value in enumerate(line.load_mm)]
+        answers.append(line.contact({"deflection_mm": deflection_mm, "quality": quality}))
     assert answers[0] == answers[1]
-    assert answers[0].degraded_channels == [channels[2]]
+    assert answers[0]["degraded_channels"] == [line.channels[2]]
 
 
-def test_a_larger_covariance_widens_the_interval_and_is_unsteady(bench_model: Path) -> None:
-    model = modelfile.load(bench_model)
-    noise_mm, channels = model.metadata.noise.reading_mm, tuple(model.channels)
-    scene, at_mm = load_scene(SCENES / "bench.toml")[0], [channel.position_mm for channel in model.metadata.layout]
-    shape = scene_influence(scene, at_mm, [model.metadata.length_mm / 2])[0]
-    load = (25 * noise_mm * shape / shape.max()).tolist()
-    size = len(channels)
-    triangle = [float((100 * noise_mm) ** 2 / 16 * (i == j)) for i in range(size) for j in range(i + 1)]
-    widths, notes = [], []
-    for more in ({}, {"covariance_mm2": triangle}):
-        surface = Surface("bench", model)
-        settled = {"deflection_mm": load, "readings": 20}
-        surface.receive(batch(settled, settled | more, channels=channels, noise_mm=[noise_mm] * size), 10.0)
-        contact = surface.contact(10.0)
-        assert contact.state is modelfile.State.CONTACT
-        assert contact.position_high_mm is not None
-        assert contact.position_low_mm is not None
-        widths.append(contact.position_high_mm - contact.position_low_mm)
-        notes.append(contact.notes)
-    assert widths[1] > 5 * widths[0]
-    assert notes[1] == [*notes[0], "unsteady"]
+def test_a_larger_covariance_widens_the_interval_and_is_unsteady(line: Line) -> None:
+    size = len(line.channels)
+    settled, noise_mm = {"readings": 20}, [line.noise_mm] * size
+    large = {"covariance_mm2": triangle(np.eye(size) * (100 * line.noise_mm) ** 2 / 16)}
+    sure = line.contact(settled, settled, noise_mm=noise_mm)
+    unsure = line.contact(settled, settled | large, noise_mm=noise_mm)
+    assert sure["state"] == unsure["state"] == "contact"
+    assert width_mm(unsure) > 5 * width_mm(sure)
+    assert unsure["notes"] == [*sure["notes"], "unsteady"]
