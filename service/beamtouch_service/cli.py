@@ -13,17 +13,6 @@ from beamtouch_service.outputs.modbus.section import ModbusServerSection
 
 PROGRAM = "beamtouch-service"
 
-_OPTIONS = (
-    "model",
-    "host",
-    "port",
-    "write_token_file",
-    "read_token_file",
-    "certificate_file",
-    "key_file",
-    "stale_ms",
-)
-
 
 def _parser() -> Parser:
     words = "Accept samples over HTTP and state where and how hard something touches the surface."
@@ -91,7 +80,7 @@ def _registers(arguments: argparse.Namespace) -> int:
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    options = {name: getattr(arguments, name) for name in _OPTIONS}
+    options = {name: value for name, value in vars(arguments).items() if name not in {"command", "config"}}
     settings = load_settings(Path(arguments.config) if arguments.config else None, options)
     # Imported late: without the extra, a wrong config or the missing extra is still reported in one line.
     from beamtouch_service.host import setup  # noqa: PLC0415

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from beamtouch_service.config import load_settings
-from beamtouch_service.events.store import Selection, Store
+from beamtouch_service.events.store import Store
 from beamtouch_service.sections import EventsSection
 from parts import require
 from postgres import PASSWORD, Postgres
@@ -51,5 +51,5 @@ def test_the_password_comes_from_a_file_that_a_group_may_read(
     monkeypatch.setenv("PGSERVICEFILE", str(file))
     here = url.replace("127.0.0.1/beamtouch", f"127.0.0.1:{postgres.port}/{events_url.rpartition('/')[2]}")
     store = Store(EventsSection(url=here))
-    assert store.read(Selection()) == []
+    assert store.read() == []
     store.close()

@@ -12,7 +12,6 @@ from fastapi.responses import JSONResponse
 from beamtouch_common.commands import version
 from beamtouch_service.access import Access, Role
 from beamtouch_service.api import (
-    calibration,
     errors,
     events,
     gate,
@@ -42,7 +41,6 @@ _ROUTERS = (
     samples.router,
     surfaces.router,
     surfaces.model_router,
-    calibration.router,
     stream.router,
     events.router,
     health.live_router,

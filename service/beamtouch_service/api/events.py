@@ -1,4 +1,7 @@
-"""The event routes. A thread reads and encodes the answers; the event loop sends them."""
+"""The routes of the record: events, and their best samples for `design-sensors calibrate --events`.
+
+A thread reads and encodes the answers; the event loop sends them.
+"""
 
 import csv
 import io
@@ -13,15 +16,17 @@ from pydantic import AwareDatetime, BaseModel, BeforeValidator, ConfigDict, Fiel
 
 from beamtouch_service.access import Role
 from beamtouch_service.api import gate
-from beamtouch_service.api.context import ContextParameter
+from beamtouch_service.api.context import ContextParameter, SurfaceInPath
 from beamtouch_service.events.event import Begin, Contradiction, End, EventKind, thin
 from beamtouch_service.events.event import Event as RecordedEvent
-from beamtouch_service.events.store import Numbered, Selection, Store
+from beamtouch_service.events.store import Numbered, Sampled, Store
 from beamtouch_service.problems import Kind, Problem, ProblemError
 from beamtouch_service.samples import SurfaceName
 from beamtouch_service.surfaces.contact import ContactQuality, rfc3339
 
 _CSV = "text/csv"
+_DECIMALS = 10
+"""Decimals of lengths in mm, as CSV."""
 _MAX_LIMIT = 1000
 _MAX_PATHS = 50
 """With its path, an event is a hundred times as large."""
@@ -211,16 +216,14 @@ def _read_page(store: Store, query: EventQuery) -> tuple[Sequence[Numbered], str
     path = query.path and query.format == "json"
     touched, _, number = (query.after or "").partition(".")
     events = store.read(
-        Selection(
-            surface=query.surface,
-            kind=query.kind,
-            since_us=microseconds(query.since),
-            until_us=microseconds(query.until),
-            after=(int(touched), int(number)) if query.after else None,
-            # One event more shows whether there is a next page.
-            limit=query.limit + 1,
-            path=path,
-        )
+        surface=query.surface,
+        kind=query.kind,
+        since_us=microseconds(query.since),
+        until_us=microseconds(query.until),
+        after=(int(touched), int(number)) if query.after else None,
+        # One event more shows whether there is a next page.
+        limit=query.limit + 1,
+        path=path,
     )
     page = events[: query.limit]
     following = f"{page[-1][1].touched_us}.{page[-1][0]}" if len(events) > len(page) else None
@@ -241,3 +244,55 @@ def _as_csv(page: Sequence[Numbered]) -> str:
         # As in JSON: `true`, not `True`.
         writer.writerow({name: str(one).lower() if isinstance(one, bool) else one for name, one in members.items()})
     return text.getvalue()
+
+
+class CalibrationQuery(BaseModel):
+    """Query parameters of the best samples."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    since: Time | None = Field(None, description="Only contacts that began at or after this time (RFC 3339).")
+    until: Time | None = Field(None, description="Only contacts that began before this time.")
+    limit: int = Field(1000, ge=1, le=5000, description="Maximum number of contacts: the newest ones.")
+
+
+@router.get(
+    "/surfaces/{name}/calibration-data",
+    response_class=Response,
+    responses={
+        200: {"description": "A row per contact, oldest first.", "content": {_CSV: {"schema": {"type": "string"}}}}
+    },
+)
+async def get_calibration_data(
+    context: ContextParameter, name: SurfaceInPath, query: Annotated[CalibrationQuery, Query()]
+) -> Response:
+    """Return the best sample of each contact as CSV: the steady one of the most readings, with all channels good.
+
+    Contacts of another layout of channels are left out.
+    """
+    surface = context.registry.named(name)
+    channels = surface.model.channels if surface.model else None
+    span = microseconds(query.since), microseconds(query.until), query.limit
+    content = await context.recorder.ask(lambda store: _samples_as_csv(store.best_samples(name, *span), channels))
+    return Response(content, media_type=_CSV)
+
+
+def _samples_as_csv(contacts: list[Sampled], channels: list[str] | None) -> str:
+    """Return best samples of these channels, or else of those of the newest one, as CSV."""
+    readable = [(contact, contact.best) for contact in contacts if contact.best]
+    layout = channels or (readable[-1][1].channels if readable else [])
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\r\n")
+    columns = [f"{name}_{what}" for what in ("mm", "sd_mm", "rest_mm", "rest_sd_mm") for name in layout]
+    writer.writerow(["event", "time", "model", "characteristic", "readings", *columns])
+    for contact, best in readable:
+        if best.channels != layout:
+            continue
+        values = [best.deflection_mm, best.deviation_mm, best.rest_mm, best.rest_deviation_mm]
+        about = [contact.number, rfc3339(best.at_us), contact.model, best.characteristic or "", best.readings]
+        writer.writerow([*about, *(cell for each in values for cell in _cells(each, len(layout)))])
+    return text.getvalue()
+
+
+def _cells(values: list[float] | None, count: int) -> list[str]:
+    return [""] * count if values is None else [f"{value:.{_DECIMALS}f}" for value in values]

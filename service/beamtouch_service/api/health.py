@@ -64,10 +64,6 @@ class SurfaceCollector(Collector):
     def __init__(self, context: Context) -> None:
         self._context = context
 
-    def describe(self) -> list[Metric]:
-        """Return nothing: no other collector has these names."""
-        return []
-
     def collect(self) -> Iterator[Metric]:
         """Return the metrics of all surfaces."""
         yield from _of_record(self._context.recorder)

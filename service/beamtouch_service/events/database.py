@@ -52,12 +52,12 @@ class EventStoreError(EventsAwayError):
 class Database:
     """A database whose every connection is checked before its first use."""
 
-    def __init__(self, engine: Engine, turn: AbstractContextManager[object], words: str = "{}") -> None:
+    def __init__(self, engine: Engine, turn: AbstractContextManager[object], place: str, remedy: str) -> None:
         """Prepare it, unless it is away; raises EventStoreError if it can never be used.
 
-        `turn` is held during each use. `words` say for a reason in braces why it cannot be used, with a remedy.
+        `turn` is held during each use. Messages that it cannot be used name the place and the remedy.
         """
-        self._engine, self._turn, self._words = engine, turn, words
+        self._engine, self._turn, self._place, self._remedy = engine, turn, place, remedy
         self._is_prepared = False
         self.away_because = ""
         """Why it was away at first; empty if it was not."""
@@ -89,11 +89,14 @@ class Database:
                     self._is_prepared, is_first = True, False
                 yield connection
         except OtherFormatError as error:
-            raise EventStoreError(self._words.format(error)) from None
+            raise EventStoreError(self._with_remedy(str(error))) from None
         except (SQLAlchemyError, sqlite3.Error, OSError) as error:
             self._is_prepared = False
-            reason = self._words.format(_reason(error)) if is_first else _reason(error)
+            reason = self._with_remedy(_reason(error)) if is_first else _reason(error)
             raise (EventStoreError if is_first and not _is_passing(error) else EventsAwayError)(reason) from None
+
+    def _with_remedy(self, reason: str) -> str:
+        return f"{self._place}: {reason}; {self._remedy}"
 
     def close(self) -> None:
         """Close the connections."""
@@ -132,9 +135,8 @@ class FileDatabase(Database):
         arguments = {"check_same_thread": False, "isolation_level": None, "timeout": _BUSY_S}
         url = URL.create("sqlite", database=str(path))
         engine = create_engine(url, json_serializer=_compact_json, connect_args=arguments)
-        name = str(path).replace("{", "{{").replace("}", "}}")
-        words = f"events file {name}: {{}}; set events.file to one that the service can write"
-        super().__init__(engine, nullcontext(), words)
+        remedy = "set events.file to one that the service can write"
+        super().__init__(engine, nullcontext(), f"events file {path}", remedy)
 
     @contextmanager
     def reading(self) -> Iterator[Connection]:
@@ -170,8 +172,8 @@ class ServerDatabase(Database):
         except ModuleNotFoundError:
             message = "events.url needs psycopg; run: pip install 'beamtouch[postgresql]'"
             raise EventStoreError(message) from None
-        words = "the database of events.url: {}; check events.url, and that its server runs"
-        super().__init__(engine, nullcontext(), words)
+        remedy = "check events.url, and that its server runs"
+        super().__init__(engine, nullcontext(), "the database of events.url", remedy)
 
     def used_bytes(self, connection: Connection) -> int:
         """Return the size of the rows. The files of the database keep the room of deleted ones."""
@@ -188,7 +190,8 @@ def open_database(place: Path | str | None) -> Database:
     if place is None:
         arguments = {"check_same_thread": False, "isolation_level": None}
         # One connection, for one thread at a time.
-        return Database(create_engine("sqlite://", poolclass=StaticPool, connect_args=arguments), Lock())
+        engine = create_engine("sqlite://", poolclass=StaticPool, connect_args=arguments)
+        return Database(engine, Lock(), "events in memory", "start the service again")
     return ServerDatabase(place) if isinstance(place, str) else FileDatabase(place)
 
 

@@ -93,23 +93,6 @@ class Change:
 
 
 @dataclass(frozen=True)
-class Selection:
-    """Selects events to read, newest first."""
-
-    surface: str | None = None
-    kind: EventKind | None = None
-    since_us: int | None = None
-    """Earliest touch."""
-    until_us: int | None = None
-    """The touch is before this time."""
-    after: tuple[int, int] | None = None
-    """Touch time and id of the last event that was read."""
-    limit: int = 100
-    path: bool = True
-    """Read paths and captures too; they are by far the largest part of an event."""
-
-
-@dataclass(frozen=True)
 class Sampled:
     """An event with its best sample."""
 
@@ -176,16 +159,33 @@ class Store:
             _write(connection, HEALTH, [health.row() for health in healths if health.is_dirty])
         return numbers, lost
 
-    def read(self, selection: Selection) -> list[Numbered]:
-        """Return the selected events, newest touch first."""
-        query = select(_c.id, *(CONTENT if selection.path else _WITHOUT_PATH))
-        if selection.surface is not None:
-            query = query.where(_c.surface == selection.surface)
-        if selection.kind is not None:
-            query = query.where(_c.kind == selection.kind)
-        if selection.after:
-            query = query.where(tuple_(_c.touched_us, _c.id) < tuple_(*selection.after))
-        query = _newest(query, selection.since_us, selection.until_us, selection.limit)
+    def read(
+        self,
+        *,
+        surface: str | None = None,
+        kind: EventKind | None = None,
+        since_us: int | None = None,
+        until_us: int | None = None,
+        after: tuple[int, int] | None = None,
+        limit: int = 100,
+        path: bool = True,
+    ) -> list[Numbered]:
+        """Return at most `limit` events of a surface and a kind, newest touch first.
+
+        Parameters
+        ----------
+        since_us, until_us : earliest touch, and the time that it is before [us since 1970]
+        after : touch time and id of the last event that was read
+        path : whether to read paths and captures too; they are by far the largest part of an event
+        """
+        query = select(_c.id, *(CONTENT if path else _WITHOUT_PATH))
+        if surface is not None:
+            query = query.where(_c.surface == surface)
+        if kind is not None:
+            query = query.where(_c.kind == kind)
+        if after:
+            query = query.where(tuple_(_c.touched_us, _c.id) < tuple_(*after))
+        query = _newest(query, since_us, until_us, limit)
         with self._database.reading() as connection:
             return [_event_of(row) for row in connection.execute(query)]
 
