@@ -21,11 +21,11 @@ from beamtouch_models.accuracy.touch_thresholds import (
     rest_like_contact,
     shapes_at_rest,
 )
-from beamtouch_models.accuracy.unexplained_thresholds import FARTHEST, Sequences, at_rest, stretches
+from beamtouch_models.accuracy.unexplained_thresholds import FARTHEST, Sequences, at_rest, stretches, windows_of
 from beamtouch_models.accuracy.windows import overlapping_means
 from beamtouch_models.accuracy.zeros import DRIFTS, log_tilt, tilted
 from beamtouch_models.arrays import Floats
-from beamtouch_models.building.measured import thresholds_of, windows_of
+from beamtouch_models.building.measured import thresholds_of
 from beamtouch_models.decision.decider import PERSISTENCE
 from beamtouch_models.export import to_bytes
 from beamtouch_models.metadata import SECONDS_PER_DAY, FilterChoice, Thresholds

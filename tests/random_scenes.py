@@ -31,7 +31,8 @@ from beamtouch_models.errors import SceneError
 from beamtouch_models.estimators.posterior import channels
 from beamtouch_models.loading import load
 from beamtouch_models.physics.beam import max_deflection_mm
-from beamtouch_models.placement import least_error, position_error
+from beamtouch_models.placement import position_error
+from beamtouch_models.placement import search as placement_search
 from beamtouch_models.rig.imperfections import Imperfections
 from beamtouch_models.scene import Scene, parse_scene
 from few_draws import few_draws
@@ -198,11 +199,7 @@ def short_work() -> Iterator[None]:
     """Search few layouts and draw few contacts: all steps of a command remain."""
     with few_draws(), pytest.MonkeyPatch.context() as less:
         for module, name, value in (
-            (least_error, "STARTS", 1),
-            (least_error, "FINALISTS", 2),
-            (least_error, "FINAL_DRAWS", 256),
-            (least_error, "MAX_LOOKED_AT", 40),
-            (least_error, "MAX_EXCHANGES", 4),
+            (placement_search, "MAX_EVALUATIONS", 40),
             (position_error, "CELLS", (64, 128)),
             (position_error, "KNOWN_FORCE_CONTACTS", 64),
             (position_error, "OPEN_FORCE_CONTACTS", 64),

@@ -148,7 +148,6 @@ def add_place(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="prove that no layout on the grid is better, or state how much better one could be",
     )
-    add_workers(parser, "a proof")
     add_seed(parser)
     add_json(parser)
 

@@ -21,9 +21,8 @@ from threadpoolctl import threadpool_limits
 
 from beamtouch_models.physics.beam import influence_of
 from beamtouch_models.placement import place, score_positions
-from beamtouch_models.placement.problem import Problem, equal_layout, problem_from
-from beamtouch_models.placement.search_exact import SearchRun, exact_search, first_best
-from beamtouch_models.placement.search_paper import paper_runs
+from beamtouch_models.placement.eigenvalue_product import eigenvalue_product_of
+from beamtouch_models.placement.search import SearchName, first_best, search_from
 from example_scenes import paper_scene
 from stated_problems import problem_in
 
@@ -57,10 +56,9 @@ class Peer:
         return scores
 
 
-def _ours(peer: Peer, count: int, search: Callable[[Problem, int], list[SearchRun]], seed: int) -> Array:
-    influence, rules = problem_in(paper_scene())
-    problem = problem_from(peer.matrix, rules, equal_layout(rules, influence.length_mm, count), count)
-    return problem.rules.position_mm[first_best(search(problem, seed)).layout] - 1
+def _ours(count: int, search: SearchName, seed: int) -> Array:
+    product = eigenvalue_product_of(*problem_in(paper_scene()), count)
+    return product.rules.position_mm[first_best(search_from(product.starts(seed), product, search, seed)).layout] - 1
 
 
 def _pysensors(peer: Peer, count: int, _seed: int) -> Any:  # noqa: ANN401  # the package has no types
@@ -129,8 +127,8 @@ def _pygad(peer: Peer, count: int, seed: int) -> Any:  # noqa: ANN401  # the pac
 
 
 SEARCHES: dict[str, Search] = {
-    "beamtouch exact": lambda peer, count, seed: _ours(peer, count, exact_search, seed),
-    "beamtouch paper": lambda peer, count, seed: _ours(peer, count, paper_runs, seed),
+    "beamtouch exact": lambda _, count, seed: _ours(count, "exact", seed),
+    "beamtouch paper": lambda _, count, seed: _ours(count, "paper", seed),
     "PySensors SSPOR": _pysensors,
     "scipy differential_evolution": _scipy,
     "pymoo GA": _pymoo,

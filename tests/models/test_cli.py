@@ -13,7 +13,6 @@ import onnx
 import pytest
 
 from beamtouch_models import modelfile
-from beamtouch_models.placement import least_error
 from example_scenes import PAPER, SCENES
 from in_process import Command
 from waiting import interrupted
@@ -125,12 +124,10 @@ def test_a_rebuilt_model_keeps_its_layout_because_its_sensors_are_mounted(
 def test_build_warns_where_one_failed_sensor_ends_the_surface(
     design_sensors_here: Command,
     tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
     count: int,
     options: tuple[object, ...],
     said: str,
 ) -> None:
-    monkeypatch.setattr(least_error, "FINAL_DRAWS", 256)
     scene = tmp_path / "scene.toml"
     text = PAPER.replace("count = 2", f"count = {count}\ngrid_mm = 57").replace(
         "force_n = 10.0", "force_n = [2.0, 20.0]"

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from scipy.special import chdtri
 
-from beamtouch_models.accuracy.unexplained_thresholds import unexplained_thresholds
-from beamtouch_models.building.measured import windows_of
+from beamtouch_models.accuracy.unexplained_thresholds import unexplained_thresholds, windows_of
 from false_alarms import (
     false_contacts_per_day,
     false_stretches_of_contacts_per_day,

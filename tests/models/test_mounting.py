@@ -12,7 +12,7 @@ from beamtouch_models.building.sensor_rules import sample_errors
 from beamtouch_models.errors import SceneError
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.physics.beam import influence_of
-from beamtouch_models.placement import Aim, least_error, place_by_position_error
+from beamtouch_models.placement import Aim, place_by_position_error
 from beamtouch_models.pricing.noise import choose_filter
 from beamtouch_models.pricing.removal import changed
 from beamtouch_models.scene import load_scene, parse_scene
@@ -93,8 +93,7 @@ def test_the_limit_with_gains_and_mounting_is_that_of_a_plain_bayes_integral(gai
     assert ideal < error.mean() - 8 * standard_error
 
 
-def test_a_gain_error_and_a_tolerance_change_the_layout(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(least_error, "FINAL_DRAWS", 500)
+def test_a_gain_error_and_a_tolerance_change_the_layout() -> None:
     problem = problem_in(paper_scene(grid_mm=50))
     exact, real = (
         place_by_position_error(*problem, 3, 0, errors).positions_mm

@@ -1,17 +1,19 @@
 """The shares of loads other than one contact that a layout notices, against plain sums, fits and simulations."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from scipy import stats
 
 from beamtouch_models.accuracy.limit import accuracy_limit
 from beamtouch_models.accuracy.prior import Prior, SampleErrors
+from beamtouch_models.accuracy.unexplained_thresholds import unexplained_thresholds
 from beamtouch_models.arrays import Floats
 from beamtouch_models.physics.beam import influence_of
 from beamtouch_models.placement import place, place_by_position_error
-from beamtouch_models.placement.goal import SLACK
 from beamtouch_models.placement.layout import Candidates
-from beamtouch_models.placement.noticing import FORCES, MISTAKEN, PLACES, OtherLoads, other_loads
+from beamtouch_models.placement.noticing import FORCES, PLACES, OtherLoads, other_loads
+from beamtouch_models.placement.position_error import SLACK
 from beamtouch_models.pricing.removal import changed
 from beamtouch_models.scene import Scene
 from example_scenes import paper_scene
@@ -71,7 +73,7 @@ def test_the_share_is_that_of_simulated_samples_with_a_fit_each(layout: list[flo
     others, candidates = loads_of(ERRORS)
     sensor_mm, rng = np.array(layout), np.random.default_rng(3)
     shapes = deflection_per_newton(sensor_mm, np.linspace(LOW_MM, HIGH_MM, 801)[:, None])
-    threshold = stats.chi2.isf(MISTAKEN, len(layout) - 2)
+    threshold = others.threshold(len(layout))
     shares = []
     for z in plain_loads(sensor_mm):
         s = np.sqrt(ERRORS.noise_mm**2 + ERRORS.zero_mm**2 + (ERRORS.gain * z) ** 2)
@@ -84,18 +86,28 @@ def test_the_share_is_that_of_simulated_samples_with_a_fit_each(layout: list[flo
     assert pairs > 0.05
 
 
+@pytest.mark.parametrize(("rate_hz", "windows"), [(1.0, (1,)), (100.0, (2, 24)), (1000.0, (24,))])
+def test_the_threshold_is_that_of_a_model_at_the_same_rate_and_window(rate_hz: float, windows: tuple[int, ...]) -> None:
+    influence, rules = problem_in(scene_of())
+    errors = replace(ERRORS, rate_hz=rate_hz, windows=windows)
+    prior = Prior.real(influence, np.array(LAYOUTS[0]), errors)
+    expected = np.max([unexplained_thresholds(prior, rate_hz, window, 7)[1] for window in windows], axis=0)
+    found = [other_loads(influence, rules, errors).threshold(count) for count in range(1, 5)]
+    assert found == pytest.approx(expected, rel=0.1)
+
+
 def test_two_sensors_notice_nothing_however_precise_they_are() -> None:
     # The loads between two places look like a contact between them.
     others, candidates = loads_of(SampleErrors(1e-6))
     for layout in ([122.0, 278.0], [60.0, 340.0], [150.0, 160.0]):
-        assert others.noticed(np.searchsorted(candidates, layout)) == pytest.approx([MISTAKEN] * 2, rel=0.1)
+        assert others.noticed(np.searchsorted(candidates, layout)) == pytest.approx([0.0, 0.0], abs=1e-4)
 
 
 def test_one_sensor_and_a_sensor_on_a_support_notice_nothing() -> None:
     influence, rules = influence_of(scene_of()), Candidates(np.array([0.0, 200.0]), np.array([], dtype=np.intp), 0.0)
     others = other_loads(influence, rules, ERRORS)
     for layout in ([200.0], [0.0], [0.0, 200.0]):
-        assert others.noticed(np.searchsorted(rules.position_mm, layout)) == pytest.approx([MISTAKEN] * 2, rel=0.1)
+        assert others.noticed(np.searchsorted(rules.position_mm, layout)) == pytest.approx([0.0, 0.0], abs=1e-4)
 
 
 def test_errors_of_any_kind_hide_loads() -> None:
@@ -112,7 +124,7 @@ def test_errors_of_any_kind_hide_loads() -> None:
         )
     ]
     assert np.all(noticed[0] > np.max(noticed[1:4], axis=0) + 0.02)
-    assert noticed[-1] == pytest.approx([MISTAKEN] * 2, rel=0.1)
+    assert noticed[-1] == pytest.approx([0.0, 0.0], abs=1e-4)
 
 
 def test_the_mounting_counts_as_displaced_sensors_scatter() -> None:

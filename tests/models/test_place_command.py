@@ -8,7 +8,6 @@ from pathlib import Path
 
 import pytest
 
-from beamtouch_models.placement import least_error
 from beamtouch_models.pricing.noise import choose_filter, noise_of
 from beamtouch_models.scene import load_scene
 from example_scenes import PAPER, SCENES
@@ -75,10 +74,7 @@ def test_components_and_proofs_are_those_of_the_eigenvalue_product(
 
 
 @pytest.mark.usefixtures("short_limit")
-def test_a_spare_is_stated_with_the_error_without_each_sensor(
-    design_sensors_here: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(least_error, "FINAL_DRAWS", 256)
+def test_a_spare_is_stated_with_the_error_without_each_sensor(design_sensors_here: Command, tmp_path: Path) -> None:
     path = tmp_path / "coarse.toml"
     path.write_text(PAPER.replace("count = 2", "count = 3\ngrid_mm = 80").replace("10.0", "[2.0, 20.0]"))
     found = json.loads(design_sensors_here("place", path, "--spare", 1, "--json").stdout)

@@ -9,7 +9,7 @@ from beamtouch_models.errors import SceneError
 from beamtouch_models.physics.beam import influence_of
 from beamtouch_models.physics.influence import InfluenceFunction
 from beamtouch_models.placement import fewest_sensors, place, recommended_count, score_positions
-from beamtouch_models.placement.search_paper import SearchName
+from beamtouch_models.placement.search import SearchName
 from beamtouch_models.scene import Scene
 from example_scenes import paper_scene
 from stated_problems import problem_in

@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 from beamtouch_models.errors import SceneError
 from beamtouch_models.physics.beam import influence_of
 from beamtouch_models.placement import place
-from beamtouch_models.placement.bound import bounder_of
-from beamtouch_models.placement.problem import Problem, problem_of
-from beamtouch_models.placement.proof import bound_gap, prove, rounding_margin
+from beamtouch_models.placement.eigenvalue_product import EigenvalueProduct, eigenvalue_product_of
+from beamtouch_models.placement.proof import bound_layouts, prove, rounding_margin
 from beamtouch_models.scene import Scene
 from example_scenes import paper_scene
 from stated_problems import problem_in
@@ -67,10 +66,10 @@ def test_a_proven_layout_is_the_one_that_enumeration_finds(count: int, fewer: in
 
 
 @cache
-def every_score(size: tuple[int, int]) -> tuple[Problem, NDArray[np.intp], NDArray[np.float64]]:
+def every_score(size: tuple[int, int]) -> tuple[EigenvalueProduct, NDArray[np.intp], NDArray[np.float64]]:
     """A problem of a number of sensors and leading components, its layouts (layouts, sensors) and their scores."""
     count, leading = size
-    problem = problem_of(*problem_in(paper_scene(grid_mm=20)), count, leading)
+    problem = eigenvalue_product_of(*problem_in(paper_scene(grid_mm=20)), count, leading)
     layouts = np.array(list(combinations(range(len(problem.rules.position_mm)), count)))
     return problem, layouts, np.array([problem.exact_score(layout) for layout in layouts])
 
@@ -82,9 +81,9 @@ def test_no_layout_exceeds_a_bound_with_any_multiplier(seed: int, size: tuple[in
     problem, layouts, scores = every_score(size)
     weights = np.random.default_rng(seed).exponential(size=len(problem.rules.position_mm)) ** 3
     everywhere = np.ones((count, len(weights)), np.bool_)
-    bound = bounder_of(problem).bound(weights * count / weights.sum(), everywhere)
-    assert np.all(scores <= bound.value + 1e-9)
-    assert np.all(scores[:, None] <= bound.through[np.arange(count), layouts] + 1e-9)
+    through, _ = bound_layouts(problem, np.tile(weights / weights.sum(), (count, 1)), everywhere)
+    assert np.all(scores <= through.max() + 1e-9)
+    assert np.all(scores[:, None] <= through[np.arange(count), layouts] + 1e-9)
 
 
 @pytest.mark.parametrize(("count", "leading"), [(2, 2), (3, 3), (4, 4), (5, 5), (8, 4)])
@@ -95,8 +94,8 @@ def test_the_papers_problems_are_proven(count: int, leading: int) -> None:
 
 
 def test_a_proof_replaces_a_layout_that_is_not_the_best() -> None:
-    problem = problem_of(*problem_in(paper_scene()), 4)
-    proof = prove(problem, problem.fitted(np.array([80.0, 160.0, 240.0, 320.0])))
+    problem = eigenvalue_product_of(*problem_in(paper_scene()), 4)
+    proof = prove(problem, np.array([79, 159, 239, 319]))
     assert tuple(problem.rules.position_mm[proof.layout]) == (68, 156, 244, 332)
     assert proof.gap == 0
     assert proof.score == pytest.approx(-55.4483, abs=5e-5)
@@ -105,24 +104,27 @@ def test_a_proof_replaces_a_layout_that_is_not_the_best() -> None:
 def test_nothing_counts_as_proven_if_rounding_is_large() -> None:
     # Four sensors within 0.8 mm of each other, in the middle: each component is a thousandth of the one before.
     crowded = paper_scene(keep_out_mm=[(0, 200), (200.8, 400)], grid_mm=0.1)
-    problem = problem_of(*problem_in(crowded), 4)
-    margin = rounding_margin(problem, problem.starts[0])
+    problem = eigenvalue_product_of(*problem_in(crowded), 4)
+    margin = rounding_margin(problem, problem.equal)
     assert margin > 1e-6
     found = place(*problem_in(crowded), 4, 0, certify="proof")
     assert not found.proven
     assert found.gap is not None
     assert found.gap >= margin / 100
-    assert rounding_margin(problem_of(*problem_in(paper_scene()), 5), np.array([55, 127, 199, 271, 343])) == 1e-8
+    assert (
+        rounding_margin(eigenvalue_product_of(*problem_in(paper_scene()), 5), np.array([55, 127, 199, 271, 343]))
+        == 1e-8
+    )
 
 
 def test_an_unproven_layout_states_a_gap_that_holds() -> None:
-    problem = problem_of(*problem_in(paper_scene()), 4)
-    equal = problem.fitted(np.array([80.0, 160.0, 240.0, 320.0]))
+    problem = eigenvalue_product_of(*problem_in(paper_scene()), 4)
+    equal = np.array([79, 159, 239, 319])
     shortfall = -55.4483 - problem.exact_score(equal)
     assert shortfall > 0.1
-    assert shortfall - 5e-5 <= bound_gap(problem, equal) < shortfall + 0.1
-    eight = problem_of(*problem_in(paper_scene()), 8)
-    unfinished = prove(eight, eight.starts[0], max_regions=4)
+    assert shortfall - 5e-5 <= prove(problem, equal, 0).gap < shortfall + 0.1
+    eight = eigenvalue_product_of(*problem_in(paper_scene()), 8)
+    unfinished = prove(eight, eight.equal, 4)
     assert 0 < unfinished.gap < 0.3
     # The best known layout of eight sensors, with -140.13847, lies within the gap.
     assert unfinished.score + unfinished.gap >= -140.13847
@@ -150,6 +152,7 @@ def uneven(count: int) -> NDArray[np.float64]:
 
 def test_the_quick_scores_agree_with_those_of_the_full_columns() -> None:
     for count, leading in ((2, 2), (5, 5), (8, 4), (12, 12)):
-        problem = problem_of(*problem_in(paper_scene()), count, leading)
-        layout = problem.fitted(uneven(count))
+        problem = eigenvalue_product_of(*problem_in(paper_scene()), count, leading)
+        layout = problem.rules.fitted(uneven(count))
+        assert layout is not None
         assert problem.scores(layout[None, :])[0] == pytest.approx(problem.exact_score(layout), abs=1e-6)

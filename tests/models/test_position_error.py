@@ -1,4 +1,4 @@
-"""Placement by position error: its surrogate against the accuracy limit, and its layouts."""
+"""Placement by position error: its objective against the accuracy limit, and its layouts."""
 
 import numpy as np
 import pytest
@@ -9,10 +9,9 @@ from beamtouch_models.accuracy.prior import Prior, SampleErrors
 from beamtouch_models.errors import SceneError
 from beamtouch_models.physics.beam import influence_of
 from beamtouch_models.placement import place, place_by_position_error
-from beamtouch_models.placement.cells import mean_distances
-from beamtouch_models.placement.position_error import Surrogate, surrogate_of
-from beamtouch_models.placement.problem import equal_layout
-from beamtouch_models.placement.search_paper import SearchName
+from beamtouch_models.placement.layout import equal_layout
+from beamtouch_models.placement.position_error import PositionError, mean_distances, position_error_of
+from beamtouch_models.placement.search import SearchName
 from beamtouch_models.scene import Scene
 from example_scenes import paper_scene
 from plain_error import mean_error
@@ -62,18 +61,9 @@ def test_at_little_noise_the_layout_is_no_worse_than_equal_pitch_or_the_product(
     assert limit_of(paper_scene(), found.positions_mm, noise_mm).percent <= min(equal.percent, product.percent)
 
 
-def surrogate(scene: Scene, count: int, errors: SampleErrors) -> Surrogate:
+def objective_of(scene: Scene, count: int, errors: SampleErrors) -> PositionError:
     influence, rules = problem_in(scene)
-    return surrogate_of(influence, rules, equal_layout(rules, influence.length_mm, count), errors, 0)
-
-
-def test_the_cramer_rao_bound_of_a_surrogate_agrees_with_a_plain_gaussian_error() -> None:
-    noise_mm = 1e-3
-    one = surrogate(paper_scene(), 2, SampleErrors(noise_mm))
-    middles, width = (one.edges_mm[1:] + one.edges_mm[:-1]) / 2, np.diff(one.edges_mm)
-    sd = noise_mm / (10.0 * np.linalg.norm(np.gradient(one.shapes[:, [121, 277]], middles, axis=0), axis=1))
-    found = one.cramer_rao_mm(one.information[:, :, [121, 277]].sum(axis=2))
-    assert found == pytest.approx((sd * width).sum() / width.sum(), rel=1e-2)
+    return position_error_of(influence, rules, equal_layout(rules, influence.length_mm, count), errors, 0)
 
 
 @pytest.mark.parametrize(
@@ -86,13 +76,13 @@ def test_the_cramer_rao_bound_of_a_surrogate_agrees_with_a_plain_gaussian_error(
     ],
     ids=["force known", "noise", "gain and zero", "mounting"],
 )
-def test_the_surrogate_orders_layouts_as_the_limit_does(force_n: object, errors: SampleErrors) -> None:
+def test_the_objective_orders_layouts_as_the_limit_does(force_n: object, errors: SampleErrors) -> None:
     base = paper_scene().model_dump()
     scene = Scene.model_validate({**base, "contact": {"force_n": force_n, "position_mm": (1, 399)}})
-    one, influence = surrogate(scene, 3, errors), influence_of(scene)
+    one, influence = objective_of(scene, 3, errors), influence_of(scene)
     layouts = np.array([[49, 199, 349], [87, 199, 311], [99, 149, 299], [59, 219, 339], [119, 199, 279]])
     ratios = [
-        float(one.distances_mm(layout).mean())
+        one.error_mm(layout)
         / (4 * limit.accuracy_limit(Prior.real(influence, one.rules.position_mm[layout], errors), 2_000, 3).percent)
         for layout in layouts
     ]

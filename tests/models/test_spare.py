@@ -2,7 +2,6 @@
 
 from functools import cache
 from itertools import combinations
-from math import comb
 
 import numpy as np
 import pytest
@@ -10,9 +9,9 @@ import pytest
 from beamtouch_models.accuracy.limit import accuracy_limit
 from beamtouch_models.accuracy.prior import Prior, SampleErrors
 from beamtouch_models.errors import SceneError
-from beamtouch_models.placement import Aim, least_error, place, place_by_position_error
-from beamtouch_models.placement.goal import SLACK
+from beamtouch_models.placement import Aim, place, place_by_position_error
 from beamtouch_models.placement.noticing import other_loads
+from beamtouch_models.placement.position_error import SLACK, SPARE_NOTICES
 from beamtouch_models.scene import Scene
 from example_scenes import paper_scene
 from stated_problems import problem_in
@@ -20,7 +19,9 @@ from stated_problems import problem_in
 pytestmark = pytest.mark.long
 
 DRAWS = 500
-"""Draws by which a search here compares its finalists, and by which all layouts are compared."""
+"""Draws by which all layouts are compared."""
+SCATTER = 1.01
+"""How much the ratio of the error that is searched by to the limit differs between layouts."""
 FEW_DRAWS, FAR = 64, 1.4
 """Draws by which layouts are left out, and how many times the least error they have: many standard errors more."""
 
@@ -43,17 +44,12 @@ SCENES = {
 }
 
 
-@pytest.fixture(autouse=True)
-def few_draws_at_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(least_error, "FINAL_DRAWS", DRAWS)
-
-
 class EveryLayout:
     """The mean errors of layouts of a scene; each set of sensors is measured once."""
 
     def __init__(self, scene: Scene, errors: SampleErrors) -> None:
         self.influence, self.rules = problem_in(scene)
-        self._errors = errors
+        self._errors, self.others = errors, other_loads(self.influence, self.rules, errors)
         self.percent = cache(self._percent)
 
     def _percent(self, kept: tuple[int, ...], draws: int) -> float:
@@ -62,46 +58,49 @@ class EveryLayout:
         return accuracy_limit(prior, draws, 0).percent
 
     def worst(self, layout: tuple[int, ...], draws: int, spare: int) -> float:
+        """Return the error, with a spare the largest with one failed, less what noticing other loads is worth then."""
         failed = combinations(layout, len(layout) - 1) if spare else [layout]
-        return max(self.percent(kept, draws) for kept in failed)
+        worth = SPARE_NOTICES * float(self.others.noticed(np.array(layout)).mean()) if spare else 0.0
+        return max(self.percent(kept, draws) for kept in failed) * (1 - worth)
 
     def admitted(self, count: int, spare: int) -> list[tuple[int, ...]]:
         """Return the layouts that notice other loads as well as the eigenvalue product's; all of them with a spare."""
         every = list(combinations(range(len(self.rules.position_mm)), count))
         if spare:
             return every
-        others = other_loads(self.influence, self.rules, self._errors)
         product = place(self.influence, self.rules, count, 0).positions_mm
-        least = others.noticed(np.searchsorted(self.rules.position_mm, product)) - SLACK
-        return [layout for layout in every if np.all(others.noticed(np.array(layout)) >= least)]
+        least = self.others.noticed(np.searchsorted(self.rules.position_mm, product)) - SLACK
+        return [layout for layout in every if np.all(self.others.noticed(np.array(layout)) >= least)]
 
     def best(self, count: int, spare: int) -> tuple[int, ...]:
         """Return the layout with the least error; those that err much more by few draws are left out."""
         every = self.admitted(count, spare)
         roughly = [self.worst(layout, FEW_DRAWS, spare) for layout in every]
         near = [layout for layout, one in zip(every, roughly, strict=True) if one < FAR * min(roughly)]
-        return min(near, key=lambda layout: (self.worst(layout, DRAWS, spare), self.percent(layout, DRAWS)))
+        return min(near, key=lambda layout: self.worst(layout, DRAWS, spare))
 
 
 @pytest.mark.parametrize("name", SCENES)
-def test_the_layout_is_the_best_of_all_on_a_coarse_grid(name: str) -> None:
+def test_no_layout_of_a_coarse_grid_is_clearly_better(name: str) -> None:
     scene, count, errors = SCENES[name]
     every = EveryLayout(scene, errors)
     for spare in (0, 1):
         best = every.best(count, spare)
         found = place_by_position_error(every.influence, every.rules, count, 0, errors, spare=spare)
-        assert found.positions_mm == tuple(every.rules.position_mm[list(best)]), spare
+        layout = tuple(np.searchsorted(every.rules.position_mm, found.positions_mm).tolist())
+        least, reached = every.worst(best, DRAWS, spare), every.worst(layout, DRAWS, spare)
+        print(f"{name}, spare {spare}: {reached / least:.4f} of the least")
+        assert reached <= SCATTER * least, spare
 
 
-def test_a_search_of_more_layouts_than_are_listed_is_within_a_hundredth_of_the_best() -> None:
+def test_a_search_of_many_layouts_is_within_a_hundredth_of_the_best() -> None:
     scene, errors = scene_of("propped", (2.0, 20.0), (1, 399), grid_mm=22), SampleErrors(0.002)
     every = EveryLayout(scene, errors)
-    assert comb(len(every.rules.position_mm), 3) > least_error.MAX_LISTED
     layouts = combinations(range(len(every.rules.position_mm)), 3)
     least = min(every.worst(layout, DRAWS, 1) for layout in layouts)
     found = place_by_position_error(every.influence, every.rules, 3, 0, errors, spare=1)
     layout = np.searchsorted(every.rules.position_mm, found.positions_mm)
-    assert every.worst(tuple(layout.tolist()), DRAWS, 1) <= 1.01 * least
+    assert every.worst(tuple(layout.tolist()), DRAWS, 1) <= SCATTER * least
 
 
 def test_one_failed_sensor_costs_less_with_a_spare() -> None:

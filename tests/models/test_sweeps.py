@@ -47,18 +47,6 @@ def test_evaluate_and_challenge_print_the_same_bytes_at_any_number_of_workers(
         assert len(alone.stdout) > 500
 
 
-def test_a_proof_is_the_same_at_any_number_of_workers(design_sensors_here: Command, tmp_path: Path) -> None:
-    # Hundreds of regions, in rounds of which most are large enough for workers.
-    scene = tmp_path / "coarser.toml"
-    scene.write_text(PAPER.replace("count = 2", "count = 6\ngrid_mm = 10"))
-    arguments = ("place", scene, "--components", 4, "--prove", "--json")
-    proofs = [json.loads(said) for said in (design_sensors_here(*arguments).stdout, swept(*arguments, "--workers", 2))]
-    for found in proofs:
-        assert found.pop("wall_s") > 0
-        assert found["proven"]
-    assert proofs[0] == proofs[1]
-
-
 @pytest.mark.long
 @pytest.mark.usefixtures("short_timing")
 def test_a_folder_of_scenes_is_traded_into_a_folder_each(design_sensors_here: Command, tmp_path: Path) -> None:
@@ -128,7 +116,7 @@ def test_workers_end_when_their_command_is_killed(bench_model: Path) -> None:
         (("--cluster", "tcp://127.0.0.1:high"), "is not tcp://HOST:PORT"),
     ],
 )
-@pytest.mark.parametrize("command", ["trade", "evaluate", "place", "challenge"])
+@pytest.mark.parametrize("command", ["trade", "evaluate", "challenge"])
 def test_wrong_workers_are_refused_in_one_line(command: str, options: tuple[str, ...], said: str) -> None:
     done = subprocess.run([COMMAND, command, "FILE", *options], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)

@@ -32,6 +32,10 @@ class SampleErrors:
     """Error of a sensor's position along the beam."""
     min_noise_mm: float | None = None
     """Noise of a sample of the most readings; None: `noise_mm`."""
+    rate_hz: float = 100.0
+    """Readings per second."""
+    windows: tuple[int, ...] = (1, 24)
+    """Readings in the means for which the threshold of misfit holds."""
 
 
 def _as_it_is(deflection_mm: Floats) -> Floats:

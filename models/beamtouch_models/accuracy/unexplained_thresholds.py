@@ -29,13 +29,16 @@ from beamtouch_models.accuracy.windows import overlapping_means
 from beamtouch_models.accuracy.zeros import log_tilt, reach_of, tilted
 from beamtouch_models.arrays import Bools, Floats
 from beamtouch_models.decision.decider import PERSISTENCE
-from beamtouch_models.metadata import SECONDS_PER_DAY
+from beamtouch_models.metadata import SECONDS_PER_DAY, FilterChoice
 
 PER_DAY = 1.0
 """False stretches per day of rest."""
 PER_DAY_OF_CONTACT = 0.5
 """False stretches per day of a contact, half of those at rest: weak contacts and contacts near an end of the range fit
 fewer than two directions of the errors, which makes up to three times as many stretches."""
+MAX_ALIKE = 24
+"""Readings in a growing mean that make false stretches about as frequent as they become: successive samples share most
+of their readings, and stretches still begin often."""
 MAX_RATE_PER_SAMPLE = 0.01
 """Largest rate per sample; above it, a misfit no longer tells anything."""
 FARTHEST = 14.0
@@ -74,9 +77,7 @@ class Sequences:
 
 def unexplained_thresholds(prior: Prior, rate_hz: float, window: int, seed: int) -> tuple[list[float], list[float]]:
     """Return the thresholds of rest and of misfit, by the number of valid channels."""
-    simulated = int(np.clip(window, *WINDOWS))
-    per_sample = max(1.0, window / simulated) / (SECONDS_PER_DAY * rate_hz)
-    rate, often = (min(per_day * per_sample, MAX_RATE_PER_SAMPLE) for per_day in (PER_DAY, PER_DAY_OF_CONTACT))
+    simulated, rate = int(np.clip(window, *WINDOWS)), _rate_per_sample(PER_DAY, rate_hz, window)
     noise, whole = np.maximum(noise_at_rest(prior), MIN_NOISE), shapes_at_rest(prior)[::PLACES]
 
     @cache  # sets of channels with the same noise have the same sequences
@@ -85,8 +86,7 @@ def unexplained_thresholds(prior: Prior, rate_hz: float, window: int, seed: int)
 
     rest, misfit = [], []
     for size in range(1, prior.channels + 1):
-        contact = contacts(np.full(size, np.sqrt(np.mean(noise**2))), simulated, DRAWS, seed)
-        limit = threshold(contact, contact.square, often)
+        limit = misfit_threshold(float(np.sqrt(np.mean(noise**2))), size, rate_hz, window, seed)
         sets = list(combinations(range(prior.channels), size))
         each = []
         for kept in sets[:: -(-len(sets) // MAX_SETS)]:
@@ -96,6 +96,28 @@ def unexplained_thresholds(prior: Prior, rate_hz: float, window: int, seed: int)
         rest.append((max(each) + min(each)) / 2)
         misfit.append(limit)
     return rest, misfit
+
+
+def misfit_threshold(
+    noise: float, channels: int, rate_hz: float, window: int, seed: int, draws: int | None = None
+) -> float:
+    """Return the threshold of the misfit of one contact, for means of `window` readings of this many channels.
+
+    `noise` is the part of the noise in the deviation of a sample; the rest of its unit variance is the zero.
+    """
+    noise = max(noise, MIN_NOISE)
+    drawn = contacts(np.full(channels, noise), int(np.clip(window, *WINDOWS)), draws or DRAWS, seed)
+    return threshold(drawn, drawn.square, _rate_per_sample(PER_DAY_OF_CONTACT, rate_hz, window))
+
+
+def windows_of(chosen: FilterChoice) -> tuple[int, ...]:
+    """Return the numbers of readings in a mean for which the thresholds of misfit hold, ascending."""
+    return tuple(sorted({chosen.window, min(chosen.max_readings, MAX_ALIKE)}))
+
+
+def _rate_per_sample(per_day: float, rate_hz: float, window: int) -> float:
+    """Return the rate of stretches per sample; in windows longer than those simulated, it is that per window."""
+    return min(per_day * max(1.0, window / WINDOWS[1]) / (SECONDS_PER_DAY * rate_hz), MAX_RATE_PER_SAMPLE)
 
 
 def left_by_contact(channels: int) -> int:

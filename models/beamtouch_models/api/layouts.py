@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 from beamtouch_models.accuracy import limit
 from beamtouch_models.accuracy.posterior import posterior_quantiles
 from beamtouch_models.accuracy.prior import Prior, SampleErrors
+from beamtouch_models.accuracy.unexplained_thresholds import windows_of
 from beamtouch_models.api.numbers import number, numbers, places_in, require, whole
 from beamtouch_models.arrays import Floats
 from beamtouch_models.building.checks import check_scene
@@ -124,7 +125,8 @@ def _checked(scene: Scene, sensors: int) -> tuple[Scene, SampleErrors]:
     check_scene(scene, chosen, sensors)
     physics = required(scene, chosen)
     min_noise_mm = chosen.min_noise_mm(physics.noise)
-    return physics.scene, sample_errors(physics.scene, physics.noise.sample_mm, min_noise_mm)
+    errors = sample_errors(physics.scene, physics.noise.sample_mm, min_noise_mm, windows_of(chosen))
+    return physics.scene, errors
 
 
 def _prior(scene: Scene, sensor_mm: ArrayLike, noise_mm: float | None) -> Prior:

@@ -17,7 +17,7 @@ from beamtouch_models.building.sensor_rules import sensor_of, sensor_rules
 from beamtouch_models.errors import SceneError
 from beamtouch_models.metadata import FilterChoice
 from beamtouch_models.physics.beam import check_small_angles
-from beamtouch_models.placement.problem import equal_layout
+from beamtouch_models.placement.layout import equal_layout
 from beamtouch_models.pricing.noise import check_errors, noise_of
 from beamtouch_models.scene import Scene
 

@@ -9,7 +9,7 @@ from beamtouch_models.accuracy.contacts import simulated_enough
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.statistics import mean_of, ratio_of
 from beamtouch_models.accuracy.touch_thresholds import PLACES, rate_per_sample, smallest_forces, touch_thresholds
-from beamtouch_models.accuracy.unexplained_thresholds import unexplained_thresholds
+from beamtouch_models.accuracy.unexplained_thresholds import unexplained_thresholds, windows_of
 from beamtouch_models.arrays import Floats
 from beamtouch_models.building.since_touch import errors_since_touch
 from beamtouch_models.estimators.estimator import Estimator
@@ -21,9 +21,6 @@ from beamtouch_models.whitening import whitening
 
 ACCURACY_DRAWS = 4_096
 GOLDEN_DRAWS = 6
-MAX_ALIKE = 24
-"""Readings in a growing mean that make false stretches about as frequent as they become: successive samples share most
-of their readings, and stretches still begin often."""
 DIGITS = 7
 """Significant digits in this table."""
 
@@ -69,11 +66,6 @@ def _influence(prior: Prior) -> Influence:
     """
     table = prior.influence_at(np.linspace(*prior.position_mm, PLACES))
     return Influence(mm_per_n=[[float(f"{value:.{DIGITS}g}") for value in row] for row in table])
-
-
-def windows_of(chosen: FilterChoice) -> list[int]:
-    """Return the numbers of readings in a mean for which the thresholds of misfit hold."""
-    return sorted({chosen.window, min(chosen.max_readings, MAX_ALIKE)})
 
 
 def thresholds_of(prior: Prior, scene: Scene, chosen: FilterChoice, seed: int) -> Thresholds:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from beamtouch_models.accuracy.prior import Prior, SampleErrors
+from beamtouch_models.accuracy.unexplained_thresholds import windows_of
 from beamtouch_models.building.checks import check_scene, check_seen
 from beamtouch_models.building.sensor_rules import check_spacing, sample_errors, sensor_rules
 from beamtouch_models.metadata import FilterChoice
@@ -64,7 +65,7 @@ def placed(
     physics = required(scene, chosen)
     needed = physics.scene
     influence, min_noise_mm = influence_of(needed), physics.filter.min_noise_mm(physics.noise)
-    errors = sample_errors(needed, physics.noise.sample_mm, min_noise_mm)
+    errors = sample_errors(needed, physics.noise.sample_mm, min_noise_mm, windows_of(physics.filter))
     if kept_mm:
         placement = Placement(kept_mm, score_positions(influence, np.array(kept_mm)), 0, ())
     else:

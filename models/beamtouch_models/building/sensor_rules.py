@@ -30,12 +30,18 @@ def sensor_rules(scene: Scene) -> Candidates:
     return Candidates(position, np.searchsorted(position, np.unique(scene.sensors.fixed_mm)), distance_mm)
 
 
-def sample_errors(scene: Scene, noise_mm: float, min_noise_mm: float | None = None) -> SampleErrors:
+def sample_errors(
+    scene: Scene, noise_mm: float, min_noise_mm: float | None = None, windows: tuple[int, ...] = (1,)
+) -> SampleErrors:
     """Return the errors of samples with this noise; gain, zero and mounting are those of the scene's sensors.
 
-    `min_noise_mm` is the noise of samples of the most readings; None: the same.
+    `min_noise_mm` is the noise of samples of the most readings; None: the same. `windows` are the readings in the means
+    for which the threshold of misfit holds.
     """
-    return SampleErrors(noise_mm, *floor_of(scene), scene.sensors.mounting_tolerance_mm, min_noise_mm)
+    sensors = scene.sensors
+    return SampleErrors(
+        noise_mm, *floor_of(scene), sensors.mounting_tolerance_mm, min_noise_mm, sensors.rate_hz, windows
+    )
 
 
 def sensor_of(scene: Scene) -> Sensor:

@@ -3,7 +3,6 @@
 import argparse
 
 from beamtouch_models.placement import DEFAULT_AIM, Aim
-from beamtouch_models.placement.placing import Certify
 
 
 def aim_of(options: argparse.Namespace) -> Aim:
@@ -12,12 +11,9 @@ def aim_of(options: argparse.Namespace) -> Aim:
     return Aim(options.criterion or DEFAULT_AIM.criterion, spare)
 
 
-def aim_of_place(options: argparse.Namespace, certify: Certify) -> Aim:
-    """Return the aim of `place`; `certify` counts for the eigenvalue product. Raises as `aim_of`.
-
-    Leading components and proofs are those of the eigenvalue product.
-    """
+def aim_of_place(options: argparse.Namespace) -> Aim:
+    """Return the aim of `place`; raises as `aim_of`. Leading components and proofs are those of the product."""
     spare = options.spare or 0
     by_product = options.components is not None or options.prove
     criterion = options.criterion or ("eigenvalue-product" if by_product else DEFAULT_AIM.criterion)
-    return Aim(criterion, spare, options.components, options.search, certify)
+    return Aim(criterion, spare, options.components, options.search, "proof" if options.prove else "bound")

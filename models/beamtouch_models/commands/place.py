@@ -17,7 +17,6 @@ from beamtouch_models.commands.progress import shown_progress
 from beamtouch_models.placement import Aim, recommended_count
 from beamtouch_models.pricing.noise import choose_filter
 from beamtouch_models.scene import load_scene
-from beamtouch_models.workers import spread_over
 
 LIMIT_DRAWS = 10_000
 
@@ -28,8 +27,8 @@ def run(options: argparse.Namespace) -> None:
     scene, _ = load_scene(options.scene)
     for remark in remarks(scene):
         print(f"note:    {remark}", file=sys.stderr)
-    with spread_over(options.workers, options.cluster) as spread, shown_progress() as progress:
-        aim = aim_of_place(options, spread if options.prove else "bound")
+    aim = aim_of_place(options)
+    with shown_progress() as progress:
         sensors = placed(
             scene, choose_filter(scene), count=options.sensors, seed=options.seed, aim=aim, progress=progress
         )

@@ -1,8 +1,16 @@
 """Placement of the sensors."""
 
-from beamtouch_models.placement.aims import DEFAULT_AIM, Aim, Criterion, place_as
 from beamtouch_models.placement.counting import fewest_sensors, recommended_count
-from beamtouch_models.placement.placing import Placement, place, place_by_position_error, score_positions
+from beamtouch_models.placement.placing import (
+    DEFAULT_AIM,
+    Aim,
+    Criterion,
+    Placement,
+    place,
+    place_as,
+    place_by_position_error,
+    score_positions,
+)
 
 __all__ = [
     "DEFAULT_AIM",

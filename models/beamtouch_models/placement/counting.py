@@ -6,14 +6,13 @@ from dataclasses import replace
 import numpy as np
 
 from beamtouch_common.digits import digits
-from beamtouch_models.accuracy.prior import SampleErrors
+from beamtouch_models.accuracy.limit import accuracy_limit
+from beamtouch_models.accuracy.prior import Prior, SampleErrors
 from beamtouch_models.errors import SceneError
 from beamtouch_models.physics.influence import InfluenceFunction
-from beamtouch_models.placement.aims import DEFAULT_AIM, Aim, place_as
 from beamtouch_models.placement.components import discernible, principal_components
 from beamtouch_models.placement.layout import Candidates, equal_pitch_mm
-from beamtouch_models.placement.least_error import mean_errors_percent
-from beamtouch_models.placement.placing import Placement
+from beamtouch_models.placement.placing import DEFAULT_AIM, Aim, Placement, place_as
 from beamtouch_models.progress import Progress, silent
 
 PROBES = 8
@@ -81,9 +80,9 @@ def fewest_sensors(
             if reached_mm == math.inf:
                 raise
             raise _out_of_reach(number - 1, wanted_mm, reached_mm, aim, f"and {refusal}") from None
-        positions = np.array(placement.positions_mm)
-        whole, *failed = mean_errors_percent(influence, positions, errors, COUNT_DRAWS, seed, aim.spare)
-        reached_mm = max([whole, *failed]) / 100 * influence.length_mm
+        prior = Prior.real(influence, np.array(placement.positions_mm), errors)
+        priors = [prior, *(prior.without(index) for index in range(number if aim.spare else 0))]
+        reached_mm = max(accuracy_limit(one, COUNT_DRAWS, seed).percent for one in priors) / 100 * influence.length_mm
         if reached_mm <= wanted_mm:
             return placement if aim == uncertified else place_as(aim, influence, rules, number, seed, errors, progress)
     remedy = "use sensors with less noise or allow more latency_ms"

@@ -7,6 +7,7 @@ from itertools import pairwise
 import numpy as np
 
 from beamtouch_models.arrays import Bools, Floats, Indices
+from beamtouch_models.errors import SceneError
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,15 +47,6 @@ class Candidates:
         for index in self.fixed:
             kept &= np.any(layouts == index, axis=1)
         return kept
-
-    def conflicts(self, layout: Indices) -> Bools:
-        """Return whether each candidate is too close to each sensor of a layout; (sensors, candidates)."""
-        near: Bools = np.abs(self.position_mm[layout][:, None] - self.position_mm) < self.gap_mm
-        return near
-
-    def is_fixed(self, layout: Indices) -> Bools:
-        """Return whether each sensor of a layout is fixed, in the shape of `layout`."""
-        return np.isin(layout, self.fixed)
 
     def fitted(self, wanted_mm: Floats) -> Indices | None:
         """Return the allowed layout nearest to wanted positions (sensors,); None if no layout exists."""
@@ -117,3 +109,18 @@ class Candidates:
 def equal_pitch_mm(length_mm: float, count: int) -> Floats:
     """Return the layout that divides the beam into equal parts; (count,) in mm."""
     return length_mm * np.arange(1, count + 1) / (count + 1)
+
+
+def equal_layout(rules: Candidates, length_mm: float, count: int) -> Indices:
+    """Return the allowed layout nearest to equal pitch on a beam of this length; SceneError if no layout exists."""
+    if count < len(rules.fixed):
+        message = f"sensors.fixed_mm has {len(rules.fixed)} sensors, more than the {count} to be placed"
+        raise SceneError(message)
+    layout = rules.fitted(equal_pitch_mm(length_mm, count))
+    if layout is None:
+        message = (
+            f"no layout of {count} sensors keeps the rules of sensors (size_mm, min_distance_mm, keep_out_mm, "
+            "fixed_mm, grid_mm, mounting_tolerance_mm); loosen one or use fewer sensors"
+        )
+        raise SceneError(message)
+    return layout

@@ -7,25 +7,25 @@ distance
     d^2 = min over x and F >= 0 of |m - F W G(x)|^2,
 
 by which the chi-square of the misfit becomes a noncentral one. The load is noticed if the misfit exceeds the threshold
-of a model. W holds the errors of a settled sample of the load: noise, gains, zeros and mounting.
+that a model has at this rate and window. W holds the errors of a settled sample of the load: noise, gains, zeros and
+mounting.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 
 import numpy as np
-from scipy.special import chdtri, chndtr
+from scipy.special import chndtr
 
 from beamtouch_models.accuracy.prior import SampleErrors
-from beamtouch_models.accuracy.unexplained_thresholds import left_by_contact
+from beamtouch_models.accuracy.unexplained_thresholds import left_by_contact, misfit_threshold
 from beamtouch_models.arrays import Floats, Indices
 from beamtouch_models.physics.influence import InfluenceFunction
 from beamtouch_models.placement.layout import Candidates
 
-MISTAKEN = 4e-6
-"""Share of samples of one contact above the threshold; models of the shipped scenes have 3.2e-6 to 4.1e-6 (paper, with
-a reading a second: 5e-4)."""
+DRAWS = 1024
+"""Draws of the threshold, which scatters by a fiftieth; a model has eight times as many."""
 KINDS, PLACES, FORCES = 2, 8, 4
 """Kinds of loads; for each, places along the range and forces."""
 PARTS = 64
@@ -49,14 +49,26 @@ class OtherLoads:
     """(loads, candidates), 1 over the variance of a sample of it, in 1/mm^2."""
     shapes: Floats
     """(contacts, candidates), deflection per newton under contacts, in mm/N."""
+    errors: SampleErrors
+    thresholds: dict[int, float] = field(default_factory=dict, repr=False)
+    """Largest misfit of one contact by number of sensors, as far as it was asked for."""
 
     def noticed(self, layout: Indices) -> Floats:
         """Return the share of each kind (kinds,) that a layout (sensors,) notices."""
         channels = left_by_contact(len(layout))
         square = np.minimum(self.unexplained(layout), CERTAIN)
-        missed = chndtr(chdtri(channels, MISTAKEN), channels, square)
+        missed = chndtr(self.threshold(len(layout)), channels, square)
         share: Floats = 1 - missed.reshape(-1, KINDS, PLACES).mean(axis=(0, 2))
         return share
+
+    def threshold(self, sensors: int) -> float:
+        """Return the misfit that a model of this many sensors takes for that of one contact at most."""
+        if sensors not in self.thresholds:
+            errors = self.errors
+            noise = errors.noise_mm / float(np.hypot(errors.noise_mm, errors.zero_mm))
+            each = (misfit_threshold(noise, sensors, errors.rate_hz, one, 0, DRAWS) for one in errors.windows)
+            self.thresholds[sensors] = max(each)
+        return self.thresholds[sensors]
 
     def unexplained(self, layout: Indices) -> Floats:
         """Return d^2 of each load (loads,) for a layout (sensors,)."""
@@ -110,4 +122,4 @@ def other_loads(influence: InfluenceFunction, rules: Candidates, errors: SampleE
     if errors.mounting_mm:
         variance += under(partial(influence.deviation, rules.position_mm, tolerance_mm=errors.mounting_mm)) ** 2
     shapes = influence.at(rules.position_mm, np.linspace(low, high, CONTACTS))
-    return OtherLoads(sample, 1 / variance, shapes)
+    return OtherLoads(sample, 1 / variance, shapes, errors)

@@ -1,6 +1,7 @@
-"""Placement of sensors by a criterion and a search, with a proof where the criterion has a bound."""
+"""Placement of sensors: an objective and a search, with a proof where the objective has a bound."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -10,19 +11,48 @@ from beamtouch_models.arrays import Floats, Indices
 from beamtouch_models.errors import NotGoodEnoughError, SceneError
 from beamtouch_models.physics.influence import InfluenceFunction
 from beamtouch_models.placement.components import log_eigenvalue_product
-from beamtouch_models.placement.layout import Candidates
-from beamtouch_models.placement.least_error import searched
-from beamtouch_models.placement.problem import Problem, problem_of
-from beamtouch_models.placement.proof import bound_gap, prove
-from beamtouch_models.placement.search_exact import SearchRun, exact_search, first_best
-from beamtouch_models.placement.search_paper import SearchName, paper_runs
+from beamtouch_models.placement.eigenvalue_product import eigenvalue_product_of
+from beamtouch_models.placement.layout import Candidates, equal_layout
+from beamtouch_models.placement.position_error import position_error_of
+from beamtouch_models.placement.proof import MAX_REGIONS, prove
+from beamtouch_models.placement.search import SearchName, SearchRun, first_best, search_from
 from beamtouch_models.progress import Progress, silent
-from beamtouch_models.sweeps import Spread, in_turn, one_thread
+from beamtouch_models.sweeps import one_thread
 
 AT_REST = 1e-12
 """Largest deflection at a support, over that elsewhere: rounding."""
 
-Certify = Literal["nothing", "bound", "proof"] | Spread
+Criterion = Literal["position-error", "eigenvalue-product"]
+Certify = Literal["nothing", "bound", "proof"]
+
+
+@dataclass(frozen=True)
+class Aim:
+    """What a placement makes best, and how it searches.
+
+    Raises
+    ------
+    SceneError
+        The eigenvalue product is to be placed with a spare.
+    """
+
+    criterion: Criterion
+    spare: int = 0
+    """Sensors that may fail, 0 or 1; see `place_by_position_error`."""
+    leading: int | None = None
+    """Number of eigenvalues in the product; None: all."""
+    search: SearchName = "exact"
+    certify: Certify = "nothing"
+    """For the eigenvalue product; the position error has no bound."""
+
+    def __post_init__(self) -> None:
+        if self.spare and self.criterion != "position-error":
+            message = "--spare 1 places by position error; leave out --criterion, --components and --prove"
+            raise SceneError(message)
+
+
+DEFAULT_AIM = Aim("position-error")
+"""Its error is smaller, and it notices loads that are not one contact as often (decision 024)."""
 
 
 @dataclass(frozen=True)
@@ -48,6 +78,28 @@ class Placement:
         return self.gap == 0
 
 
+def place_as(
+    aim: Aim,
+    influence: InfluenceFunction,
+    rules: Candidates,
+    count: int,
+    seed: int,
+    errors: SampleErrors,
+    progress: Progress = silent,
+) -> Placement:
+    """Place sensors as an aim says; arguments and errors as `place_by_position_error`."""
+    if aim.criterion == "eigenvalue-product":
+        return place(
+            influence, rules, count, seed, aim.leading, search=aim.search, certify=aim.certify, progress=progress
+        )
+    found = place_by_position_error(
+        influence, rules, count, seed, errors, spare=aim.spare, search=aim.search, progress=progress
+    )
+    if aim.leading is None:
+        return found
+    return replace(found, log_eigenvalue_product=score_positions(influence, np.array(found.positions_mm), aim.leading))
+
+
 def place(
     influence: InfluenceFunction,
     rules: Candidates,
@@ -67,9 +119,8 @@ def place(
     count : number of sensors
     seed : seed of the search
     leading : number of eigenvalues in the product; `count` by default
-    search : "exact" exchanges sensors from many starts, "paper" clones and varies a layout
-    certify : "bound" states a gap; "proof" closes it if possible, and may return a better layout; a `Spread` does the
-        same as "proof" with the tasks that it runs
+    search : "exact" exchanges sensors by steps, "paper" clones and varies a layout
+    certify : "bound" states a gap; "proof" closes it if possible, and may return a better layout
     progress : called with the current step and the fraction done
 
     Raises
@@ -78,21 +129,20 @@ def place(
         The rules allow no layout of `count` sensors, or no layout has `leading` components.
     """
     with one_thread():
-        problem = problem_of(influence, rules, count, leading)
+        product = eigenvalue_product_of(influence, rules, count, leading)
         progress("searching", 0.0)
-        runs = _searched(problem, search, seed)
+        runs = search_from(product.starts(seed), product, search, seed)
         best = first_best(runs)
-        layout, score, evaluations, gap = best.layout, problem.exact_score(best.layout), _total(runs), None
+        layout, score, evaluations, gap = best.layout, product.exact_score(best.layout), _total(runs), None
         if not np.isfinite(score):
             message = f"the rules of sensors leave no {count} positions with independent readings; use fewer sensors"
             raise SceneError(message)
-        if certify == "bound":
-            progress("bounding", 0.5)
-            gap = bound_gap(problem, layout)
-        elif certify != "nothing":
-            spread = in_turn if isinstance(certify, str) else certify
+        if certify != "nothing":
             proof = prove(
-                problem, layout, progress=lambda left: progress(f"proving, gap {left:.2g}", 0.5), spread=spread
+                product,
+                layout,
+                MAX_REGIONS if certify == "proof" else 0,
+                lambda left: progress(f"proving, gap {left:.2g}", 0.5),
             )
             layout, score, gap, evaluations = proof.layout, proof.score, proof.gap, evaluations + proof.evaluations
     return _placement(rules, layout, score, best, evaluations, gap)
@@ -115,9 +165,9 @@ def place_by_position_error(
     from the ranges of position and force, of the distance between the contact and the posterior median.
 
     With `spare` = 0 the error with all sensors is minimised among the layouts that notice two contacts and spread loads
-    as well as the layout of the eigenvalue product, within `goal.SLACK`. With `spare` = 1 it is the largest, over each
-    one sensor failed, of the error of the others, among all layouts; of those within `most_noticing.PRICE` of the
-    least, the one that notices most is taken.
+    as well as the layout of the eigenvalue product, within `position_error.SLACK`. With `spare` = 1 it is the largest,
+    over each one sensor failed, of the error of the others, among all layouts; what a layout notices is worth up to
+    `position_error.SPARE_NOTICES` of it.
 
     `errors` are those of a sample; its noise must not be 0. This criterion has no bound, so the gap is None. SceneError
     also if a sensor stands on a support.
@@ -129,22 +179,19 @@ def place_by_position_error(
         message = f"--spare {spare} needs at least {spare + 1} sensors, not {count}; use --sensors, or sensors.count"
         raise SceneError(message)
     with one_thread():
-        layout, runs = searched(
-            influence,
-            rules,
-            count,
-            seed,
-            errors,
-            spare=spare,
-            search=search,
-            progress=lambda part: progress("placing by position error", part),
+        equal = equal_layout(rules, influence.length_mm, count)
+        product = _by_product(influence, rules, equal, seed)
+        objective = position_error_of(influence, rules, equal, errors, seed, spare=spare, reference=product)
+        runs = search_from(
+            [product, equal], objective, search, seed, lambda part: progress("placing by position error", part)
         )
-    positions = np.sort(rules.position_mm[layout])
+    best = first_best(runs)
+    positions = rules.position_mm[best.layout]
     size = np.abs(influence.matrix(positions)).max(axis=0)
     if size.min() <= AT_REST * size.max():
         message = f"sensors: nothing moves at {positions[size.argmin()]:g} mm; move that sensor, or use fewer sensors"
         raise SceneError(message)
-    return _placement(rules, layout, score_positions(influence, positions), runs[0], _total(runs), None)
+    return _placement(rules, best.layout, score_positions(influence, positions), best, _total(runs), None)
 
 
 def score_positions(influence: InfluenceFunction, positions_mm: Floats, leading: int | None = None) -> float:
@@ -153,11 +200,16 @@ def score_positions(influence: InfluenceFunction, positions_mm: Floats, leading:
     return score - 2 * (leading or len(positions_mm)) * float(np.log(influence.unit_mm_per_n))
 
 
-def _searched(problem: Problem, search: SearchName, seed: int) -> list[SearchRun]:
-    return exact_search(problem, seed) if search == "exact" else paper_runs(problem, seed)
+def _by_product(influence: InfluenceFunction, rules: Candidates, equal: Indices, seed: int) -> Indices:
+    """Return the layout of the eigenvalue product, or equal pitch if there are fewer components than sensors."""
+    try:
+        product = eigenvalue_product_of(influence, rules, len(equal))
+    except SceneError:
+        return equal
+    return first_best(search_from(product.starts(seed), product, "exact", seed)).layout
 
 
-def _total(runs: list[SearchRun]) -> int:
+def _total(runs: Sequence[SearchRun]) -> int:
     return sum(run.evaluations for run in runs)
 
 

@@ -15,15 +15,21 @@ from dataclasses import dataclass
 import numpy as np
 
 from beamtouch_models.accuracy import cramer_rao
+from beamtouch_models.accuracy.densities import MIN_LOG
 from beamtouch_models.accuracy.forces import forces_of
-from beamtouch_models.accuracy.limit import UNIFORM, spread_contacts, where_it_errs
+from beamtouch_models.accuracy.limit import spread_contacts, where_it_errs
 from beamtouch_models.accuracy.posterior import log_likelihood
 from beamtouch_models.accuracy.prior import Prior, SampleErrors
 from beamtouch_models.arrays import Floats, Indices
 from beamtouch_models.physics.influence import InfluenceFunction
-from beamtouch_models.placement.cells import TINY, mean_distances, with_mounting
 from beamtouch_models.placement.layout import Candidates
+from beamtouch_models.placement.noticing import OtherLoads, other_loads
 
+SLACK = 0.01
+"""Share of other loads that a layout may notice less than a reference: too little to be told from chance in a hundred
+loads, and more than a layout that notices none of them could lose."""
+SPARE_NOTICES = 0.1
+"""Share of the error that noticing all other loads is worth to a layout with a spare."""
 CELLS = (256, 1024)
 """Smallest and largest number of cells; between them, one for each mean error of an equal pitch. Twice as many change
 no score by more than its scatter."""
@@ -31,20 +37,28 @@ KNOWN_FORCE_CONTACTS, OPEN_FORCE_CONTACTS = 512, 128
 """Number of contacts, a power of two."""
 AT_ONCE = 64
 """Contacts that are scored at once: their densities stay in the processor's cache."""
-BOUND_CELLS = 64
-"""Smallest number of cells of the Cramer-Rao bound, which only leads to a start."""
 NEGLIGIBLE = 15.0
 """Difference to the largest log density beyond which a cell is not part of a posterior."""
+TINY = float(np.finfo(np.float64).tiny)
 
 
 @dataclass(frozen=True)
-class Surrogate:
-    """The mean position errors of layouts of the same beam, on a few contacts."""
+class PositionError:
+    """Minus the mean position error of layouts of the same beam in mm, on a few contacts, as a search makes it largest.
 
+    Without a spare only layouts are allowed that notice other loads as well as `least`. With one, the error is the
+    largest over each one sensor failed, less `SPARE_NOTICES` of it times the share of other loads that is noticed.
+    """
+
+    rules: Candidates
     force_n: tuple[float, float]
     """Range of forces, with equal ends if the force is known."""
-    rules: Candidates
     errors: SampleErrors
+    spare: int
+    """Sensors that may fail, 0 or 1."""
+    others: OtherLoads
+    least: Floats
+    """(kinds,), shares of other loads that a layout without a spare notices at least."""
     edges_mm: Floats
     """(cells + 1,) over the range of contacts."""
     shapes: Floats
@@ -59,34 +73,58 @@ class Surrogate:
     """(contacts, sensors), with variance 1, from left to right; 0 if the force is open."""
     weight: Floats
     """(contacts,), 1 on average."""
+    at_once: int = 1
 
-    def distances_mm(self, sensors: Indices, few: int | None = None) -> Floats:
-        """Return the errors of sensors (sensors,) at the first few contacts, by default at all of them: (contacts,).
+    def scores(self, layouts: Indices, above: float = -np.inf) -> Floats:
+        """Return minus the error in mm of layouts (population, sensors), ascending; -inf if not allowed.
 
-        Their mean is the mean error; they include the weights of the contacts.
+        With a spare, the score of a layout below `above` is that of the first failed sensor that puts it there.
         """
-        contacts = len(self.weight) if few is None else few
-        starts = range(0, contacts, AT_ONCE)
-        return np.concatenate([self._distances_mm(sensors, slice(at, min(at + AT_ONCE, contacts))) for at in starts])
+        scores = np.full(len(layouts), -np.inf)
+        for row in np.flatnonzero(self.rules.allowed(layouts)):
+            noticed = self.others.noticed(layouts[row])
+            if self.spare:
+                scores[row], worth = 0.0, 1 - SPARE_NOTICES * noticed.mean()
+                for index in range(layouts.shape[1]):
+                    scores[row] = min(scores[row], -worth * self.error_mm(np.delete(layouts[row], index)))
+                    if scores[row] < above:
+                        break
+            elif np.all(noticed >= self.least):
+                scores[row] = -self.error_mm(layouts[row])
+        return scores
+
+    def error_mm(self, sensors: Indices) -> float:
+        """Return the mean error of sensors (sensors,), ascending, whatever else they notice."""
+        parts = range(0, len(self.weight), AT_ONCE)
+        each = [self._distances_mm(sensors, slice(first, first + AT_ONCE)) for first in parts]
+        return float(np.concatenate(each) @ self.weight) / len(self.weight)
 
     def _distances_mm(self, sensors: Indices, part: slice) -> Floats:
-        """Return the errors of sensors (sensors,) at a part of the contacts."""
-        clean_mm = self.clean_mm[part, sensors]
-        sample = clean_mm + self.deviation_mm[part, sensors] * self.noise[part, : len(sensors)]
+        """Return the mean distances from the posterior medians of a part of the contacts."""
+        sample = self.clean_mm[part, sensors] + self.deviation_mm[part, sensors] * self.noise[part, : len(sensors)]
         precision = 1 / (self.errors.noise_mm**2 + self.errors.zero_mm**2 + (self.errors.gain * sample) ** 2)
         shapes = self.shapes[:, sensors]
         square, along = precision @ (shapes**2).T, (precision * sample) @ shapes.T
-        others: Floats | float = 0.0
+        others = np.zeros_like(square)
         if self.uncertain is not None:
             # As in the limit: the likeliest force says how much the mounting adds to each channel's variance.
             force = np.clip(along / np.maximum(square, TINY), *self.force_n)
-            moved = self.uncertain[:, sensors]
-            square, along, others = with_mounting(force**2, shapes, moved**2, sample, precision)
-        density = self._log_density(square, along, others)
-        return mean_distances(self.edges_mm, density) * self.weight[part]
+            square, along = np.zeros_like(square), np.zeros_like(square)
+            columns = shapes.T, self.uncertain[:, sensors].T, sample.T[:, :, None], precision.T[:, :, None]
+            for shape, moved, value, weight in zip(*columns, strict=True):
+                wider = 1 + weight * (force * moved) ** 2
+                each = weight / wider
+                square += each * shape**2
+                along += each * value * shape
+                others += each * value**2 + np.log(wider)
+        return mean_distances(self.edges_mm, self._log_density(square, along, others))
 
-    def _log_density(self, square: Floats, along: Floats, others: Floats | float) -> Floats:
-        """Return log densities (contacts, cells), with the force integrated out; see `posterior.log_likelihood`."""
+    def _log_density(self, square: Floats, along: Floats, others: Floats) -> Floats:
+        """Return log densities (contacts, cells), with the force integrated out; see `posterior.log_likelihood`.
+
+        `square` and `along` are the weighted squares of the shapes and their products with the sample. `others` are the
+        squares of the sample and the logarithm of the variances, as far as they depend on the cell.
+        """
         low, high = self.force_n
         if low == high:
             known: Floats = low * (along - low / 2 * square) - others / 2
@@ -101,49 +139,28 @@ class Surrogate:
         density[likely] = log_likelihood(forces_of(self.force_n, 0.0), size[likely], projection[likely], fit[likely])
         return density
 
-    def cramer_rao_mm(self, sums: Floats) -> Floats:
-        """Return the mean Cramer-Rao bound on the error (...), limited by the range.
 
-        `sums` (3, some cells, ...) are those of `information`.
-        """
-        slope, mixed, size = sums
-        low, high = self.force_n
-        square = (low * low + low * high + high * high) / 3
-        information = slope
-        if low < high:
-            # A slope along the deflection itself cannot be distinguished from a change of the force.
-            information = np.maximum(slope - mixed**2 / np.maximum(size, TINY), 0)
-        width = np.diff(self.edges_mm)[self._some]
-        limit = 12 / (self.edges_mm[-1] - self.edges_mm[0]) ** 2
-        bound: Floats = np.tensordot(width / width.sum(), 1 / np.sqrt(information * square + limit), 1)
-        return bound
+def position_error_of(
+    influence: InfluenceFunction,
+    rules: Candidates,
+    equal: Indices,
+    errors: SampleErrors,
+    seed: int,
+    *,
+    spare: int = 0,
+    reference: Indices | None = None,
+) -> PositionError:
+    """Draw the contacts of the objective.
 
-    @property
-    def information(self) -> Floats:
-        """What each sensor adds to the Cramer-Rao bound, under a middle force; (3, some cells, candidates)."""
-        force, errors = sum(self.force_n) / 2, self.errors
-        square = errors.noise_mm**2 + errors.zero_mm**2 + (errors.gain * force * self.shapes) ** 2
-        if self.uncertain is not None:
-            square += (force * self.uncertain) ** 2
-        slope = np.gradient(self.shapes, (self.edges_mm[1:] + self.edges_mm[:-1]) / 2, axis=0)
-        return (np.stack([slope**2, slope * self.shapes, self.shapes**2]) / square)[:, self._some]
-
-    @property
-    def _some(self) -> slice:
-        """The cells at which the Cramer-Rao bound is taken."""
-        return slice(None, None, max(1, len(self.shapes) // BOUND_CELLS))
-
-
-def surrogate_of(
-    influence: InfluenceFunction, rules: Candidates, equal: Indices, errors: SampleErrors, seed: int
-) -> Surrogate:
-    """Draw the contacts of a surrogate; `equal` is the allowed layout nearest to equal pitch."""
+    `equal` (sensors,) is the allowed layout nearest to equal pitch. A layout without a spare notices other loads as
+    well as `reference` (sensors,); None: it need not notice any.
+    """
     prior = Prior.real(influence, rules.position_mm[equal], errors)
-    known = prior.force_is_known
-    contacts = KNOWN_FORCE_CONTACTS if known else OPEN_FORCE_CONTACTS
+    contacts = KNOWN_FORCE_CONTACTS if prior.force_is_known else OPEN_FORCE_CONTACTS
     drawn, force, noise = spread_contacts(prior, contacts, np.random.default_rng(seed))
     drawn, weight = where_it_errs(prior, drawn)
-    edges = _edges_mm(prior)
+    cells = int(np.clip(np.ptp(prior.position_mm) / cramer_rao.mean_error_mm(prior), *CELLS))
+    edges = where_it_errs(prior, np.linspace(*prior.position_mm, cells + 1))[0]
     middles = (edges[1:] + edges[:-1]) / 2
     clean = influence.at(rules.position_mm, drawn) * force[:, None]
     square = errors.noise_mm**2 + errors.zero_mm**2 + (errors.gain * clean) ** 2
@@ -151,25 +168,45 @@ def surrogate_of(
     if errors.mounting_mm:
         uncertain = influence.deviation(rules.position_mm, middles, errors.mounting_mm)
         square += (influence.deviation(rules.position_mm, drawn, errors.mounting_mm) * force[:, None]) ** 2
-    return Surrogate(
-        influence.force_n,
+    others = other_loads(influence, rules, errors)
+    return PositionError(
         rules,
+        influence.force_n,
         errors,
+        spare,
+        others,
+        np.array(-np.inf) if reference is None else others.noticed(reference) - SLACK,
         edges,
         influence.at(rules.position_mm, middles),
         uncertain,
         clean,
         np.sqrt(square),
-        noise if known else np.zeros_like(noise),
+        noise if prior.force_is_known else np.zeros_like(noise),
         weight / weight.mean(),
     )
 
 
-def _edges_mm(prior: Prior) -> Floats:
-    """Return the edges of cells, half of them spread evenly and half where the prior tells positions apart."""
-    told_apart = 1 / cramer_rao.mean_errors_mm(prior)
-    cells = int(np.clip(told_apart.mean() * (prior.position_mm[1] - prior.position_mm[0]), *CELLS))
-    often = UNIFORM + (1 - UNIFORM) * told_apart / told_apart.mean()
-    along = np.concatenate([[0.0], np.cumsum(often)]) / often.sum()
-    edges: Floats = np.interp(np.linspace(0, 1, cells + 1), along, np.linspace(*prior.position_mm, len(along)))
-    return edges
+def mean_distances(edges_mm: Floats, log_density: Floats) -> Floats:
+    """Return the mean distance from the median in mm (contacts,) of densities that are constant within each cell.
+
+    Parameters
+    ----------
+    edges_mm : (cells + 1,)
+    log_density : (contacts, cells), each row up to a constant
+    """
+    width = np.diff(edges_mm)
+    # In place: fresh memory for each step takes longer than the step.
+    work = log_density - log_density.max(axis=1, keepdims=True)
+    np.exp(np.maximum(work, MIN_LOG, out=work), out=work)
+    work *= width
+    below = np.cumsum(work, axis=1, out=work)
+    below /= below[:, -1:]
+    median = (below >= 0.5).argmax(axis=1)
+    rows = np.arange(len(below))
+    before, after = np.where(median > 0, below[rows, median - 1], 0.0), below[rows, median]
+    # The mean distance is the integral of the smaller of the distribution function and its complement.
+    ends = np.minimum(below, 1 - below, out=below)
+    trapezoids: Floats = ends @ (width + np.append(width[1:], 0.0)) / 2
+    missing = (0.5 - before) * (after - 0.5) / np.maximum(after - before, TINY)
+    found: Floats = trapezoids + width[median] * missing
+    return found

@@ -1,29 +1,42 @@
-"""Branch and bound: proves that a layout is the best on the grid, or bounds how much better another could be.
+"""Branch and bound: proves that a layout has the largest eigenvalue product on the grid, or states a gap.
 
-It goes in rounds: the regions with the largest bounds are explored side by side, all against the best score so far. A
-round has the same regions wherever they are explored, so a proof does not depend on the number of workers.
+The bound is the dual of a convex relaxation. Let f_i be the column of candidate i, M the sum of f_i f_i^T over a
+layout, and T any positive definite matrix with eigenvalues t_1 <= t_2 <= ... Let mu be the eigenvalues of M in
+descending order. Because log u <= u - 1, and because tr(T M) is at least the sum of t_j mu_j (Ruhe's trace inequality),
+the K leading eigenvalues obey
+
+    sum of log mu_j  <=  sum over the layout of h_i  -  K  -  sum of log t_j (j = 1..K),     h_i = f_i^T T f_i.
+
+The right side is a sum over sensors. Its largest value over all layouts that keep the rules is a shortest path. T is
+free. The best T solves the dual of the factorisation bound of maximum-entropy sampling (Nikolov 2015,
+doi 10.1145/2746539.2746576; Li & Xie 2024, doi 10.1287/opre.2022.2388); multiplicative steps approach it here.
 """
 
 import heapq
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
-from beamtouch_models.arrays import Indices
-from beamtouch_models.placement.bound import bounder_of
-from beamtouch_models.placement.problem import Problem
-from beamtouch_models.placement.regions import MARGIN, Exploration, Explored, Region, explored, tightened
+from beamtouch_models.arrays import Bools, Floats, Indices
+from beamtouch_models.placement.eigenvalue_product import EigenvalueProduct
 from beamtouch_models.progress import Fraction, silent
-from beamtouch_models.sweeps import Spread, in_turn
 
-MAX_MARGIN = 1e-6
-"""With a larger margin, no layout counts as proven."""
+MARGIN, MAX_MARGIN = 1e-8, 1e-6
+"""Smallest bound on rounding errors of a bound or a score, in log units; with more than the largest nothing counts as
+proven."""
+QUICK = 1e-6
+"""Generous bound on the error of a quick score."""
 MAX_REGIONS = 3_000
-ROUND = 32
-"""Most regions of a round. More keep more workers busy; fewer let a better layout exclude more regions."""
-EASY = 64
-"""A proof of up to this many regions is over before workers would have begun."""
-ROOT_STEPS = 150
+"""Regions that are bounded before the remaining gap is stated: about half a minute with up to eight sensors."""
+EASY_COORDINATES = 40
+"""Beyond this many coordinates fewer regions are bounded: the cost of a bound grows as their cube."""
+ENUMERATED = 4_096
+"""Regions of up to this many layouts are scored layout by layout instead of being split further."""
+ROOT_STEPS, STEPS = 150, 12
+"""Bounds computed for the region of all layouts, and for each of its parts."""
+FLOOR = 1e-9
+"""Smallest weight. A weight of 0 could not grow again, and denormal products would be slow."""
 
 
 @dataclass(frozen=True)
@@ -35,128 +48,137 @@ class Proof:
     score: float
     gap: float
     """No layout scores more than `score` + `gap`; 0 if the layout is proven the best, within `rounding_margin`."""
-    regions: int
-    """Regions that were bounded."""
     evaluations: int
 
 
-def bound_gap(problem: Problem, layout: Indices) -> float:
-    """Return by how much another layout could be better, from a single bound over all layouts; quick."""
-    search = _Search(problem, layout)
-    root = search.root()
-    return search.stated_gap(root.bound if root else -np.inf)
+@dataclass(frozen=True)
+class Region:
+    """A set of layouts with an upper bound on their scores."""
+
+    bound: float
+    mask: Bools
+    """(sensors, candidates), True where the k-th sensor from the left may be."""
+    weights: Floats
+    """(sensors, candidates), summing to 1 in each row; T is the gradient of the relaxation at their sum."""
 
 
 def prove(
-    problem: Problem,
-    layout: Indices,
-    max_regions: int | None = None,
-    progress: Fraction = silent,
-    spread: Spread = in_turn,
+    product: EigenvalueProduct, layout: Indices, max_regions: int = MAX_REGIONS, progress: Fraction = silent
 ) -> Proof:
-    """Prove a layout the best on the grid, or replace it by a better one, or bound the gap.
+    """Prove a layout (sensors,) the best on the grid, or replace it by a better one, or bound the gap.
 
-    Parameters
-    ----------
-    problem : the placement problem
-    layout : the best known layout
-    max_regions : number of regions to bound before the remaining gap is returned; about half a minute by default
-    progress : called with the gap after each round
-    spread : runs the tasks of a round, one per region
+    `max_regions` is the number of regions to bound, 0 for the whole grid alone; `progress` is called with the gap.
     """
-    search = _Search(problem, layout)
-    root = search.root()
-    if root is not None:
-        search.push(root)
-    max_regions = max_regions or max(50, int(MAX_REGIONS * search.bounder.ease))
-    while search.regions < max_regions:
-        # Each region is split into two.
-        taken = search.taken(min(ROUND, -(-(max_regions - search.regions) // 2)))
-        if not taken:
-            break
-        progress(taken[0].bound - search.score)
-        tasks = [Exploration(search.bounder, region, search.score, search.limit) for region in taken]
-        for found in (spread if search.regions > EASY and len(tasks) > 1 else in_turn)(explored, tasks):
-            search.add(found)
-    return Proof(search.layout, search.score, search.stated_gap(search.bound), search.regions, search.evaluations)
+    max_regions = int(max_regions * min(1.0, (EASY_COORDINATES / len(product.features)) ** 3))
+    score, margin, evaluations = product.exact_score(layout), rounding_margin(product, layout), 0
+    root = _root(product, layout, score + margin)
+    regions = [(-root.bound, 0, root)] if root else []
+    bounded = 0
+    while regions and -regions[0][0] > score + margin and bounded < max_regions:
+        progress(-regions[0][0] - score)
+        region = heapq.heappop(regions)[2]
+        if math.prod(region.mask.sum(axis=1).tolist()) <= ENUMERATED:
+            layouts = _layouts(region.mask)
+            scores = product.scores(layouts)
+            evaluations += len(layouts)
+            for better in layouts[scores > max(scores.max(initial=-np.inf), score) - QUICK]:
+                if (found := product.exact_score(better)) > score + margin:
+                    layout, score = better, found
+            continue
+        for mask in _halves(region):
+            bounded += 1
+            if part := _tightened(product, mask, region.weights, STEPS, score + margin, region.bound):
+                heapq.heappush(regions, (-part.bound, bounded, part))
+    gap = max(-regions[0][0] - score if regions else -np.inf, margin)
+    return Proof(layout, score, gap if gap > min(margin, MAX_MARGIN) else 0.0, evaluations)
 
 
-def rounding_margin(problem: Problem, layout: Indices) -> float:
+def rounding_margin(product: EigenvalueProduct, layout: Indices) -> float:
     """Return a bound on the rounding error of a bound or a score, in log units.
 
     Coordinates are off by some eps of the longest column, and a bound divides them by the smallest scored component.
     """
-    singular = np.linalg.svd(problem.features[:, layout], compute_uv=False)
-    ratio = singular[0] / max(singular[problem.leading - 1], np.finfo(np.float64).tiny)
-    return max(MARGIN, 100 * problem.count * float(np.finfo(np.float64).eps * ratio))
+    singular = np.linalg.svd(product.features[:, layout], compute_uv=False)
+    ratio = singular[0] / max(singular[product.leading - 1], np.finfo(np.float64).tiny)
+    return max(MARGIN, 100 * len(layout) * float(np.finfo(np.float64).eps * ratio))
 
 
-class _Search:
-    """The best layout so far, and the open regions."""
+def bound_layouts(product: EigenvalueProduct, weights: Floats, mask: Bools) -> tuple[Floats, Floats]:
+    """Bound the layouts of a region; weights and mask are those of a `Region`.
 
-    def __init__(self, problem: Problem, layout: Indices) -> None:
-        self.problem = problem
-        # Without the matrix, which is large; only an exact score needs it.
-        self.bounder = bounder_of(problem.without_matrix)
-        self.layout = layout
-        self.score = problem.exact_score(layout)
-        self.margin = rounding_margin(problem, layout)
-        self.regions = 0
-        self.evaluations = 0
-        self._open: list[tuple[float, int, Region]] = []
-        self._pushed = 0
+    Returns the bound on the layouts whose k-th sensor is at i (sensors, candidates), -inf outside the region, and h_i
+    (candidates,), which is 1 at the sensors of an optimum.
+    """
+    spectrum, vectors = np.linalg.eigh((product.features * weights.sum(axis=0)) @ product.features.T)
+    spectrum, leading = np.maximum(spectrum[::-1], spectrum[-1] * 1e-30), product.leading
+    # T inverts the first eigenvalues. It stops where the sum of the remaining ones, divided among the remaining leading
+    # components, reaches the next eigenvalue; beyond, and outside the coordinates, T is 1 over that quotient.
+    shares = np.cumsum(spectrum[::-1])[::-1][:leading] / (leading - np.arange(leading))
+    whole = int(np.argmax(shares >= spectrum[:leading]))
+    inverse = np.full(len(spectrum), 1 / shares[whole])
+    inverse[:whole] = 1 / spectrum[:whole]
+    price = inverse @ (vectors[:, ::-1].T @ product.features) ** 2 + product.tail / shares[whole]
+    constant = leading * (product.offset - 1) - np.log(inverse[:leading]).sum()
+    return product.rules.best_through(np.where(mask, price, -np.inf)) + constant, price
 
-    @property
-    def limit(self) -> float:
-        """The score that a layout must exceed to be better than the best so far."""
-        return self.score + self.margin
 
-    @property
-    def bound(self) -> float:
-        """The largest bound of an open region, minus infinity if there is none."""
-        return -self._open[0][0] if self._open else -np.inf
+def _tightened(
+    product: EigenvalueProduct, mask: Bools, weights: Floats, steps: int, limit: float, known: float = np.inf
+) -> Region | None:
+    """Return a region with its bound, without the candidates that the bound excludes; None if nothing is left.
 
-    def push(self, region: Region) -> None:
-        """Add an open region."""
-        self._pushed += 1
-        heapq.heappush(self._open, (-region.bound, self._pushed, region))
+    `steps` bounds are computed from `weights` on, a layout must exceed `limit`, and `known` is a bound already known.
+    """
+    weights = _within(mask, weights)
+    bound, best = known, weights
+    for _ in range(steps):
+        through, price = bound_layouts(product, weights, mask)
+        mask = mask & (through > limit)
+        if through.max() < bound:
+            bound, best = float(through.max()), weights
+        if not mask.any(axis=1).all():
+            return None
+        weights = _within(mask, weights * price)
+    return Region(bound, mask, _within(mask, best))
 
-    def taken(self, most: int) -> list[Region]:
-        """Remove and return the open regions with the largest bounds, largest first, that may hold a better layout."""
-        found: list[Region] = []
-        while len(found) < most and self.bound > self.limit:
-            found.append(heapq.heappop(self._open)[2])
-        return found
 
-    def add(self, found: Explored) -> None:
-        """Take over what the exploration of a region found."""
-        self.regions += found.bounded
-        self.evaluations += found.evaluations
-        for region in found.parts:
-            self.push(region)
-        for layout in found.layouts:
-            score = self.problem.exact_score(layout)
-            if score > self.limit:
-                self.score, self.layout = score, layout
+def _root(product: EigenvalueProduct, layout: Indices, limit: float) -> Region | None:
+    """Return the region of all allowed layouts, without those that the bound excludes."""
+    shape = (len(layout), len(product.rules.position_mm))
+    mask, at_layout = np.isfinite(product.rules.best_through(np.zeros(shape))), np.zeros(shape)
+    at_layout[np.arange(shape[0]), np.sort(layout)] = 1
+    # The best known layout gives the best multiplier if the relaxation is tight, and a bad one if it is not.
+    first = _tightened(product, mask, at_layout, 1, limit)
+    if first is None or first.bound - limit < 1e-2:
+        return first
+    spread = (at_layout + mask / mask.sum(axis=1, keepdims=True)) / 2
+    return _tightened(product, first.mask, spread, ROOT_STEPS, limit, first.bound)
 
-    def stated_gap(self, bound: float) -> float:
-        """Return the excess of a bound over the best score: 0 if it is rounding, or the margin if that is large."""
-        gap = max(bound - self.score, self.margin)
-        return gap if gap > min(self.margin, MAX_MARGIN) else 0.0
 
-    def root(self) -> Region | None:
-        """Return the region of all allowed layouts, without those that the bound excludes."""
-        shape = (self.problem.count, len(self.problem.rules.position_mm))
-        mask = np.isfinite(self.problem.rules.best_through(np.zeros(shape)))
-        at_layout = np.zeros(shape)
-        at_layout[np.arange(shape[0]), np.sort(self.layout)] = 1
-        # The best known layout gives the best multiplier if the relaxation is tight, and a bad one if it is not.
-        self.regions += 1
-        first = tightened(self.bounder, mask, at_layout, 1, self.limit)
-        if first is None or first.bound - self.score < 1e-2:
-            return first
-        spread = mask / mask.sum(axis=1, keepdims=True)
-        steps = max(10, int(ROOT_STEPS * self.bounder.ease))
-        self.regions += 1
-        second = tightened(self.bounder, first.mask, (at_layout + spread) / 2, steps, self.limit)
-        return second and min(first, second, key=lambda region: region.bound)
+def _layouts(mask: Bools) -> Indices:
+    """Return the layouts (layouts, sensors) of a region."""
+    choices = np.meshgrid(*(np.flatnonzero(row) for row in mask), indexing="ij")
+    layouts = np.stack([choice.ravel() for choice in choices], axis=1)
+    return layouts[np.all(np.diff(layouts, axis=1) > 0, axis=1)]
+
+
+def _within(mask: Bools, weights: Floats) -> Floats:
+    """Restrict weights to a region; each row sums to 1, and no weight inside is 0, so that it can grow again."""
+    inside = np.where(mask, np.maximum(weights, FLOOR), 0.0)
+    normal: Floats = inside / inside.sum(axis=1, keepdims=True)
+    return normal
+
+
+def _halves(region: Region) -> tuple[Bools, Bools]:
+    """Split a region at the sensor that the relaxation spreads most, at the mean of its weights."""
+    index = np.arange(region.mask.shape[1])
+    mean = region.weights @ index
+    variance = region.weights @ index**2 - mean**2
+    counts = region.mask.sum(axis=1)
+    row = int(np.where(counts > 1, variance + 1e-3 * counts, -1.0).argmax())
+    allowed = np.flatnonzero(region.mask[row])
+    middle = int(np.clip(np.ceil(mean[row]), allowed[0] + 1, allowed[-1]))
+    left, right = region.mask.copy(), region.mask.copy()
+    left[row, middle:] = False
+    right[row, :middle] = False
+    return left, right

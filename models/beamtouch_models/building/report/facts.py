@@ -10,6 +10,7 @@ from beamtouch_models.accuracy.evaluation import estimates
 from beamtouch_models.accuracy.limit import MeanError, accuracy_limit
 from beamtouch_models.accuracy.prior import Prior, SampleErrors
 from beamtouch_models.accuracy.statistics import Measurement, mean_of
+from beamtouch_models.accuracy.unexplained_thresholds import windows_of
 from beamtouch_models.arrays import Floats
 from beamtouch_models.building.build import Built
 from beamtouch_models.building.report.robustness import ErrorPrice, error_prices
@@ -96,7 +97,7 @@ def gather(scene: Scene, built: Built, progress: Progress) -> Facts:
     physics = built.physics.scene
     influence, rules = influence_of(physics), sensor_rules(physics)
     noise, chosen = built.metadata.noise, built.metadata.filter
-    errors = sample_errors(physics, noise.sample_mm, chosen.min_noise_mm(noise))
+    errors = sample_errors(physics, noise.sample_mm, chosen.min_noise_mm(noise), windows_of(chosen))
     warmth_mm = temperature_drift_mm(physics)
     model = load_bytes(built.content, "the model just built")
     seed = built.metadata.seed

@@ -1,0 +1,115 @@
+"""The search by position error: it finds the largest score of all layouts, and what a spare is worth."""
+
+from itertools import combinations
+
+import numpy as np
+import pytest
+
+from beamtouch_models.accuracy.limit import accuracy_limit
+from beamtouch_models.accuracy.prior import Prior, SampleErrors
+from beamtouch_models.arrays import Indices
+from beamtouch_models.placement import place, place_by_position_error
+from beamtouch_models.placement.layout import Candidates, equal_layout
+from beamtouch_models.placement.position_error import SPARE_NOTICES, PositionError, position_error_of
+from beamtouch_models.placement.search import SearchName, first_best, search_from
+from beamtouch_models.scene import Scene
+from example_scenes import paper_scene
+from stated_problems import problem_in
+
+pytestmark = pytest.mark.long
+
+ERRORS = SampleErrors(0.002, 0.003, 0.001)
+LENGTH_MM = 400
+
+
+def scene_of(supports: str = "simply-supported", **sensors: object) -> Scene:
+    base = paper_scene(**sensors).model_dump()
+    contact = {"force_n": (2.0, 20.0), "position_mm": (1, 399)}
+    return Scene.model_validate({**base, "beam": {**base["beam"], "supports": supports}, "contact": contact})
+
+
+def objective_of(scene: Scene, spare: int, count: int = 3) -> tuple[PositionError, Indices]:
+    """Return an objective and the layout of the eigenvalue product."""
+    influence, rules = problem_in(scene)
+    product = np.searchsorted(rules.position_mm, place(influence, rules, count, 0).positions_mm)
+    equal = equal_layout(rules, LENGTH_MM, count)
+    return position_error_of(influence, rules, equal, ERRORS, 0, spare=spare, reference=product), product
+
+
+def every_layout(rules: Candidates, count: int = 3) -> Indices:
+    every = np.array(list(combinations(range(len(rules.position_mm)), count)), dtype=np.intp)
+    return every[rules.allowed(every)]
+
+
+@pytest.mark.parametrize("search", ["exact", "paper"])
+@pytest.mark.parametrize(
+    ("supports", "spare"), [("simply-supported", 0), ("simply-supported", 1), ("cantilever", 0), ("cantilever", 1)]
+)
+def test_the_search_reaches_the_least_error_of_all_layouts(supports: str, spare: int, search: SearchName) -> None:
+    objective, reference = objective_of(scene_of(supports, grid_mm=20, min_distance_mm=30), spare)
+    best = objective.scores(every_layout(objective.rules)).max()
+    found = first_best(search_from([reference, reference], objective, search, 0))
+    assert found.score == pytest.approx(best, rel=0.002)
+    assert list(found.scores) == sorted(found.scores)
+
+
+def test_layouts_against_the_rules_or_that_notice_less_than_the_reference_have_no_score() -> None:
+    objective, reference = objective_of(scene_of(grid_mm=25, min_distance_mm=40), 0, count=4)
+    every = np.array(list(combinations(range(len(objective.rules.position_mm)), 4)), dtype=np.intp)
+    scores = objective.scores(every)
+    notices = np.array([np.all(objective.others.noticed(layout) >= objective.least) for layout in every])
+    assert np.array_equal(np.isfinite(scores), objective.rules.allowed(every) & notices)
+    assert 0 < np.isfinite(scores).sum() < objective.rules.allowed(every).sum()
+    assert objective.scores(reference[None])[0] == -objective.error_mm(reference)
+
+
+def test_a_start_that_is_not_allowed_is_left_out() -> None:
+    objective, reference = objective_of(scene_of(grid_mm=20, min_distance_mm=30), 0)
+    runs = search_from([np.array([0, 1, 2]), reference], objective, "exact", 0)
+    assert len(runs) == 1
+    assert runs[0].score >= objective.scores(reference[None])[0]
+
+
+def test_with_a_spare_the_score_is_the_worst_failure_less_what_is_noticed() -> None:
+    objective, layout = objective_of(scene_of("cantilever", grid_mm=5), 1)
+    failed = [objective.error_mm(np.delete(layout, index)) for index in range(3)]
+    worth = 1 - SPARE_NOTICES * objective.others.noticed(layout).mean()
+    assert objective.scores(layout[None])[0] == pytest.approx(-max(failed) * worth, rel=1e-12)
+
+
+@pytest.mark.parametrize("supports", ["simply-supported", "propped"])
+def test_of_layouts_with_nearly_the_least_error_one_that_notices_much_is_taken(supports: str) -> None:
+    objective, reference = objective_of(scene_of(supports, grid_mm=20, min_distance_mm=20), 1, count=4)
+    every = every_layout(objective.rules, 4)
+    shares = np.array([objective.others.noticed(layout).mean() for layout in every])
+    scores = objective.scores(every)
+    worst = -scores / (1 - SPARE_NOTICES * shares)
+    found = first_best(search_from([reference], objective, "exact", 0)).layout
+    row, least = int(np.flatnonzero((every == found).all(axis=1))[0]), int(worst.argmin())
+    print(f"{supports}: {worst[row] / worst[least]:.4f} of the least, noticed {shares[row]:.2f}, {shares[least]:.2f}")
+    assert scores[row] >= scores[least]
+    assert shares[row] > shares[least] + 0.02
+
+
+@pytest.mark.parametrize("spare", [0, 1])
+def test_the_only_layout_is_found_and_fixed_sensors_stay(spare: int) -> None:
+    influence, rules = problem_in(scene_of(grid_mm=1, min_distance_mm=199))
+    only = place_by_position_error(influence, rules, 3, 0, ERRORS, spare=spare).positions_mm
+    assert only[0] <= 1
+    assert np.diff(only).min() >= 199
+    fixed = problem_in(scene_of(fixed_mm=[100.5, 300.0]))
+    found = place_by_position_error(*fixed, 3, 0, ERRORS, spare=spare).positions_mm
+    assert {100.5, 300.0} < set(found)
+    every = problem_in(scene_of(fixed_mm=[100.5, 200.0, 300.0]))
+    assert place_by_position_error(*every, 3, 0, ERRORS, spare=spare).positions_mm == (100.5, 200.0, 300.0)
+
+
+def test_eight_sensors_with_a_spare_err_less_than_by_the_product_when_one_fails() -> None:
+    influence, rules = problem_in(scene_of(grid_mm=8, min_distance_mm=10))
+
+    def worst_percent(positions_mm: tuple[float, ...]) -> float:
+        prior = Prior.real(influence, np.array(positions_mm), ERRORS)
+        return max(accuracy_limit(prior.without(index), 1_000, 5).percent for index in range(8))
+
+    found = place_by_position_error(influence, rules, 8, 0, ERRORS, spare=1).positions_mm
+    assert worst_percent(found) < 0.95 * worst_percent(place(influence, rules, 8, 0).positions_mm)
