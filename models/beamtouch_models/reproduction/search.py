@@ -1,7 +1,7 @@
 """Figures 5 and 6: the paper's search for eight sensors by their four leading eigenvalues, from equal pitch.
 
 This is the plain search of section 4, from one start: clone the best layout, vary the clones, shrink the increment when
-nothing gains. It keeps every generation. `placement.search_paper` adds restarts and the rules of a scene.
+nothing gains. It keeps every generation. `placement.search` adds restarts and the rules of a scene.
 """
 
 from dataclasses import dataclass
