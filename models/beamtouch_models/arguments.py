@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 
 from beamtouch_common.commands import whole_number
-from beamtouch_models.shared_arguments import add_contacts, add_json, add_seed, add_workers
+from beamtouch_models.shared_arguments import MAX_WORKERS, add_contacts, add_json, add_seed, add_workers
 
 ESTIMATORS = ("posterior", "small-network", "paper-network")
 """The names in `estimators.estimator`, which takes too long to import for --help."""
@@ -147,6 +147,12 @@ def add_place(parser: argparse.ArgumentParser) -> None:
         "--prove",
         action="store_true",
         help="prove that no layout on the grid is better, or state how much better one could be",
+    )
+    parser.add_argument(
+        "--workers",
+        type=whole_number(1, MAX_WORKERS),
+        metavar="N",
+        help="accepted as by the other commands; a proof runs in one process, which is as fast",
     )
     add_seed(parser)
     add_json(parser)
