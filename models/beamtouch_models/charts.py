@@ -12,13 +12,18 @@ from beamtouch_models.svg import Colour, fill, opening, stroke
 WIDTH, HEIGHT = 640, 340
 LEFT, RIGHT, TOP, BOTTOM = 64, 16, 14, 46
 LEGEND_ROW = 18
+PANEL_WIDTH, PANEL_HEIGHT, PANEL_GAP = 215, 240, 14
+"""Size of a chart in a row of charts, and the room between two, in px."""
+TICK_ROOM = 30
+"""Least distance of two labels of an axis, in px; a longer number needs more."""
 CHARACTER = 6.4
 """Width of a character of the legend, in px; an estimate that only spaces the legend."""
 
 SERIES_COLOURS: tuple[Colour, ...] = ("s0", "s1", "s2", "s3", "s4", "s5", "s6", "s7")
 
 
-Style = Literal["line", "dashed", "points"]
+Style = Literal["line", "dashed", "points", "ring"]
+"""A ring marks points that another series draws."""
 
 
 @dataclass(frozen=True)
@@ -34,6 +39,8 @@ class Series:
     style: Style = "line"
     notes: Sequence[str] = ()
     """Short text beside each point; only for the style "points"."""
+    errors: Sequence[float] = ()
+    """Standard errors of y, drawn as bars; none: no bars."""
 
 
 @dataclass(frozen=True)
@@ -84,7 +91,7 @@ def draw(chart: Chart) -> str:
     y = _axis([0.0, *ys] if chart.y_from_zero else ys, (height - BOTTOM, top), log=chart.log_y, margin=0.04)
     parts = [
         opening("chart", WIDTH, height, chart.says),
-        *_grid(x, y, height),
+        *_grid(x, y),
         f'<text x="{(LEFT + WIDTH - RIGHT) / 2:g}" y="{height - 8}" text-anchor="middle">'
         f"{escape(chart.x_label)}</text>",
         f'<text transform="translate(15 {(top + height - BOTTOM) / 2:g}) rotate(-90)" text-anchor="middle">'
@@ -94,6 +101,45 @@ def draw(chart: Chart) -> str:
         "</svg>",
     ]
     return "\n".join(parts)
+
+
+def draw_row(charts: Sequence[Chart], says: str) -> str:
+    """Draw charts side by side on one vertical axis, which is that of the first, with one legend above them.
+
+    The legend has a label once, however many charts use it. `says` describes the whole for screen readers.
+    """
+    width = LEFT + len(charts) * PANEL_WIDTH + (len(charts) - 1) * PANEL_GAP + RIGHT
+    every = [series for chart in charts for series in chart.series]
+    named: dict[str, Series] = {}
+    for series in every:
+        named.setdefault(series.label, series)
+    legend, rows = _legend(list(named.values()), width)
+    top = TOP + rows * LEGEND_ROW
+    bottom = top + PANEL_HEIGHT
+    ends = [end for series in every for value, error in _bars(series) for end in (value - error, value + error)]
+    log = charts[0].log_y
+    y = _axis([end for end in ends if end > 0 or not log], (bottom, top), log=log, margin=0.04)
+    parts = [
+        opening("chart", width, bottom + BOTTOM, says),
+        f'<text transform="translate(15 {(top + bottom) / 2:g}) rotate(-90)" text-anchor="middle">'
+        f"{escape(charts[0].y_label)}</text>",
+    ]
+    for place, chart in enumerate(charts):
+        left = LEFT + place * (PANEL_WIDTH + PANEL_GAP)
+        xs = chart.x_range or [value for series in chart.series for value in series.x]
+        inner = (left + PANEL_GAP / 2, left + PANEL_WIDTH - PANEL_GAP / 2)
+        x = _axis(xs, inner, log=chart.log_x, margin=0.0, least_step=float(chart.whole_x))
+        parts += [
+            *_grid(x, y, y_labels=place == 0),
+            f'<text x="{left + PANEL_WIDTH / 2:g}" y="{bottom + BOTTOM - 8:g}" text-anchor="middle">'
+            f"{escape(chart.x_label)}</text>",
+            *(_series(series, x, y) for series in chart.series),
+        ]
+    return "\n".join([*parts, *legend, "</svg>"])
+
+
+def _bars(series: Series) -> Iterable[tuple[float, float]]:
+    return zip(series.y, series.errors or [0.0] * len(series.y), strict=True)
 
 
 def _axis(
@@ -129,31 +175,50 @@ def _log_ticks(low: float, high: float) -> tuple[float, ...]:
     return tuple(value for value in values if low <= value <= high)
 
 
-def _grid(x: Axis, y: Axis, height: int) -> Iterable[str]:
+def _grid(x: Axis, y: Axis, *, y_labels: bool = True) -> Iterable[str]:
     left, right, bottom, top = x.start_px, x.end_px, y.start_px, y.end_px
+    free = -math.inf
     for tick in x.ticks:
-        at = x.px(tick)
+        at, text = x.px(tick), f"{tick:g}"
         yield f'<line {stroke("faint", "grid")} x1="{at:.1f}" x2="{at:.1f}" y1="{bottom:g}" y2="{top:g}"/>'
-        yield f'<text x="{at:.1f}" y="{height - BOTTOM + 17}" text-anchor="middle">{tick:g}</text>'
+        half = max(TICK_ROOM, CHARACTER * (len(text) + 2)) / 2
+        if at - half >= free:
+            free = at + half
+            yield f'<text x="{at:.1f}" y="{bottom + 17:g}" text-anchor="middle">{text}</text>'
     for tick in y.ticks:
         at = y.px(tick)
         yield f'<line {stroke("faint", "grid")} x1="{left:g}" x2="{right:g}" y1="{at:.1f}" y2="{at:.1f}"/>'
-        yield f'<text x="{left - 6:g}" y="{at + 4:.1f}" text-anchor="end">{tick:g}</text>'
+        if y_labels:
+            yield f'<text x="{left - 6:g}" y="{at + 4:.1f}" text-anchor="end">{tick:g}</text>'
     size = f'width="{right - left:g}" height="{bottom - top:g}"'
     yield f'<rect {stroke("muted", "frame")} x="{left:g}" y="{top:g}" {size}/>'
 
 
 def _series(series: Series, x: Axis, y: Axis) -> str:
     points = [(x.px(a), y.px(b)) for a, b in zip(series.x, series.y, strict=True)]
+    bars = "".join(_bar(series, x.px(at), y, *bar) for at, bar in zip(series.x, _bars(series), strict=True) if bar[1])
+    if series.style == "ring":
+        return "".join(_ring(*point) for point in points)
     if series.style == "points":
         paint = fill(SERIES_COLOURS[series.colour])
-        circles = [f'<circle {paint} cx="{a:.1f}" cy="{b:.1f}" r="3.5"/>' for a, b in points]
+        circles = [bars] + [f'<circle {paint} cx="{a:.1f}" cy="{b:.1f}" r="3.5"/>' for a, b in points]
         notes = zip(points, series.notes, strict=False)
         return "".join(
             circles + [f'<text x="{a + 5:.1f}" y="{b - 3:.1f}">{escape(note)}</text>' for (a, b), note in notes]
         )
     path = " ".join(f"{a:.1f},{b:.1f}" for a, b in points)
-    return f'<polyline {_line(series)} points="{path}"/>'
+    return f'{bars}<polyline {_line(series)} points="{path}"/>'
+
+
+def _ring(x_px: float, y_px: float) -> str:
+    return f'<circle {stroke("ink", "line", width=1.5)} cx="{x_px:.1f}" cy="{y_px:.1f}" r="7"/>'
+
+
+def _bar(series: Series, at_px: float, y: Axis, value: float, error: float) -> str:
+    """Return a bar of a standard error to either side of a value, cut at the lower end of the axis."""
+    low, high = (y.px(max(end, y.low)) for end in (value - error, value + error))
+    paint = stroke(SERIES_COLOURS[series.colour], width=1.2)
+    return f'<path {paint} d="M{at_px:.1f} {low:.1f}V{high:.1f}M{at_px - 3:.1f} {low:.1f}h6m-6 {high - low:.1f}h6"/>'
 
 
 def _line(series: Series) -> str:
@@ -163,24 +228,26 @@ def _line(series: Series) -> str:
     return f'{paint} stroke-linejoin="round"{dashes}'
 
 
-def _legend(series: Sequence[Series]) -> tuple[list[str], int]:
+def _legend(series: Sequence[Series], width: float = WIDTH) -> tuple[list[str], int]:
     """Return the elements of the legend and its number of rows."""
     named = [one for one in series if one.label]
     widths = [34 + len(one.label) * CHARACTER + 14 for one in named]
     starts = [0.0]
     for before, _ in pairwise(widths):
         starts.append(starts[-1] + before)
-    room = WIDTH - LEFT - RIGHT
+    room = width - LEFT - RIGHT
     parts, row, offset = [], 0, 0.0
-    for one, start, width in zip(named, starts, widths, strict=False):
-        if start - offset + width > room and start > offset:
+    for one, start, needed in zip(named, starts, widths, strict=False):
+        if start - offset + needed > room and start > offset:
             row, offset = row + 1, start
         parts.append(_key(one, LEFT + start - offset, TOP + row * LEGEND_ROW))
     return parts, row + 1 if named else 0
 
 
 def _key(series: Series, x: float, y: float) -> str:
-    if series.style == "points":
+    if series.style == "ring":
+        mark = _ring(x + 13, y)
+    elif series.style == "points":
         mark = f'<circle {fill(SERIES_COLOURS[series.colour])} cx="{x + 13:.1f}" cy="{y:.1f}" r="3.5"/>'
     else:
         mark = f'<line {_line(series)} x1="{x:.1f}" x2="{x + 26:.1f}" y1="{y:.1f}" y2="{y:.1f}"/>'

@@ -1,25 +1,26 @@
-"""The command `design-sensors`. `arguments` has its arguments, and `commands` the work."""
+"""The command `design-sensors`: its commands are the modules of `commands`, each with its arguments and its work."""
 
 import sys
 from collections.abc import Sequence
 from importlib import import_module
 
 from beamtouch_common.commands import DONE, Parser, exit_code
-from beamtouch_models.arguments import (
-    add_build,
-    add_calibrate,
-    add_challenge,
-    add_evaluate,
-    add_explain,
-    add_inspect,
-    add_place,
-    add_reproduce,
-    add_trade,
-)
 from beamtouch_models.errors import WRONG_INPUT_ERRORS
-from beamtouch_models.new_arguments import add_new, add_scenes
 
 PROGRAM = "design-sensors"
+COMMANDS = {
+    "build": "place the sensors, make the estimator and write the model file",
+    "calibrate": "fit a model to a real beam, using recorded loads or unlabelled contacts",
+    "challenge": "put a model through touches, ringing, motion, sensor errors and faults",
+    "evaluate": "measure a model and compare it with the accuracy limit",
+    "explain": "print how much each physical effect matters in a scene",
+    "inspect": "print the metadata of a model file",
+    "new": "write a commented scene, from arguments or from the answers to a few questions",
+    "place": "choose sensor positions and state how much better any other layout could be",
+    "reproduce": "recompute the paper's figures and compare them with the paper",
+    "scenes": "list the scenes that come with the program, or copy one",
+    "trade": "measure what sensors, time, noise and estimators are worth in accuracy",
+}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -27,8 +28,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     def work() -> int:
         options = _parser().parse_args(arguments)
-        # Imported here, so that --help is quick and a missing extra is reported in one line.
-        import_module(f"beamtouch_models.commands.{options.command}").run(options)
+        # The command imports what computes, so that --help is quick and a missing extra is reported in one line.
+        options.run(options)
         return DONE
 
     return exit_code(PROGRAM, "design", work, WRONG_INPUT_ERRORS)
@@ -37,20 +38,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _parser() -> Parser:
     parser = Parser(PROGRAM, description="Design a touch-sensing beam: sensor positions and model, offline.")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    for name, add_arguments, text in (
-        ("build", add_build, "place the sensors, make the estimator and write the model file"),
-        ("calibrate", add_calibrate, "fit a model to a real beam, using recorded loads or unlabelled contacts"),
-        ("challenge", add_challenge, "put a model through touches, ringing, motion, sensor errors and faults"),
-        ("evaluate", add_evaluate, "measure a model and compare it with the accuracy limit"),
-        ("explain", add_explain, "print how much each physical effect matters in a scene"),
-        ("inspect", add_inspect, "print the metadata of a model file"),
-        ("new", add_new, "write a commented scene, from arguments or from the answers to a few questions"),
-        ("place", add_place, "choose sensor positions and state how much better any other layout could be"),
-        ("reproduce", add_reproduce, "recompute the paper's figures and compare them with the paper"),
-        ("scenes", add_scenes, "list the scenes that come with the program, or copy one"),
-        ("trade", add_trade, "measure accuracy against speed, number of sensors and filter"),
-    ):
-        add_arguments(commands.add_parser(name, help=text, description=f"{text[0].upper()}{text[1:]}."))
+    for name, text in COMMANDS.items():
+        module = import_module(f"beamtouch_models.commands.{name}")
+        command = commands.add_parser(name, help=text, description=f"{text[0].upper()}{text[1:]}.")
+        module.add_arguments(command)
+        command.set_defaults(run=module.run)
     return parser
 
 

@@ -1,8 +1,7 @@
 """Spread over seeds of the figures that `build`, `evaluate` and `trade` print, beside their stated standard errors.
 
 `python tests/benchmarks/figure_spread.py [--seeds 20] [--json FILE]`. Each command runs as a user runs it, once per
-seed; `evaluate` measures the same model each time. `trade` runs on two layouts without a filter, as its draws per point
-are the same everywhere. Spread and stated error are in percent of the mean of the figure.
+seed; `evaluate` measures the same model each time. `trade` runs on two numbers of sensors without a filter. Spread and stated error are in percent of the mean of the figure.
 """
 
 import argparse
@@ -110,10 +109,12 @@ def _built(result: dict[str, Any]) -> Found:
 
 def _traded(result: dict[str, Any]) -> Found:
     found: Found = {}
-    for point in result["points"]:
-        of = f"{point['sensors']} sensors{', int8' if point['quantised'] else ''}"
+    for model in result["models"]:
+        if model["changed"] not in (None, "sensors"):
+            continue
+        of = f"{model['sensors']} sensors"
         for key in ("error_percent", "limit_percent", "ratio"):
-            found[f"{of}, {key}"] = (point[key]["value"], point[key]["standard_error"])
+            found[f"{of}, {key}"] = (model[key]["value"], model[key]["standard_error"])
     return found
 
 

@@ -11,7 +11,7 @@ from beamtouch_models.challenge.surface import SimulatedSurface
 from beamtouch_models.commands import place
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.rig import cli as rig_cli
-from beamtouch_models.trade import points, timing
+from beamtouch_models.trade import timing
 from in_process import Command, command_of
 from quick_model import write_quick_model
 from toolchain import made_once
@@ -50,9 +50,7 @@ def rig_here(capsys: pytest.CaptureFixture[str]) -> Command:
 def short_timing(monkeypatch: pytest.MonkeyPatch) -> None:
     """Few inferences are timed, for tests that do not ask how long one takes."""
     monkeypatch.setattr(timing, "CALLS", 5)
-    monkeypatch.setattr(timing, "BATCH", 10)
-    for rounds in ("ROUNDS", "FIRST_ROUNDS"):
-        monkeypatch.setattr(points, rounds, 2)
+    monkeypatch.setattr(timing, "ROUNDS", 2)
 
 
 @pytest.fixture

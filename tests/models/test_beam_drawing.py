@@ -5,8 +5,7 @@ import json
 import pytest
 
 from beamtouch_models.building.drawing import drawn_of
-from beamtouch_models.building.report.beam_drawing import BENT_PX, beam_drawing
-from beamtouch_models.building.report.beam_scale import MARGIN, WIDTH
+from beamtouch_models.building.report.beam_drawing import BENT_PX, MARGIN, WIDTH, beam_drawing
 from beamtouch_models.metadata import Channel
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.scene import Scene, parse_scene

@@ -14,8 +14,7 @@ from beamtouch_models.accuracy.prior import SampleErrors
 from beamtouch_models.building.build import Built
 from beamtouch_models.building.model_prior import physics_of
 from beamtouch_models.building.report import facts as facts_module
-from beamtouch_models.building.report.beam_drawing import beam_drawing
-from beamtouch_models.building.report.beam_scale import HEIGHT, MARGIN, WIDTH
+from beamtouch_models.building.report.beam_drawing import HEIGHT, MARGIN, WIDTH, beam_drawing
 from beamtouch_models.building.report.facts import Facts, gather
 from beamtouch_models.building.report.page import page
 from beamtouch_models.building.sensor_rules import sample_errors

@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 
-from beamtouch_models.charts import HEIGHT, LEFT, RIGHT, WIDTH, Chart, Series, draw, round_ticks
+from beamtouch_models.charts import CHARACTER, HEIGHT, LEFT, RIGHT, WIDTH, Chart, Series, draw, draw_row, round_ticks
 from beamtouch_models.svg import standalone
 from tags import Tags
 
@@ -72,3 +72,57 @@ def test_labels_are_text() -> None:
     assert {"<i>", "y & z", "</svg>"} <= set(tags.text)
     assert not tags.of("b")
     assert len(tags.of("style")) == 1
+
+
+def row_of_charts() -> str:
+    wide = Series("model", [1.0, 3.0, 20.0, 1000.0], [4.0, 2.0, 1.0, 0.5], errors=[0.5, 0.1, 0.1, 0.0])
+    counted = Series("model", [2.0, 3.0, 4.0, 5.0], [4.0, 2.0, 1.0, 0.5])
+    limit = Series("limit", [1.0, 1000.0], [0.4, 0.4], 1, "dashed")
+    charts = [
+        Chart(
+            "a", "sensors", "error, mm", [counted, Series("own", [4.0], [1.0], style="ring")], log_y=True, whole_x=True
+        ),
+        Chart("b", "since a touch, ms", "error, mm", [wide, limit], log_x=True, log_y=True),
+        Chart("c", "noise, µm", "error, mm", [Series("model", [1200.0, 19200.0], [4.0, 1.0])], log_x=True, log_y=True),
+    ]
+    return draw_row(charts, "all")
+
+
+def test_a_row_of_charts_has_one_vertical_axis_and_one_legend() -> None:
+    svg = row_of_charts()
+    tags = Tags(svg)
+    assert len({(frame["y"], frame["height"]) for frame in tags.of("rect", "frame")}) == 1
+    assert len(tags.of("rect", "frame")) == 3
+    assert [tags.text.count(label) for label in ("model", "limit", "own", "error, mm")] == [1, 1, 1, 1]
+    # 1 mm stands at the same height in each.
+    curves = [
+        re.findall(r"[\d.]+,([\d.]+)", line["points"]) for line in tags.of("polyline") if line["points"].count(",") > 1
+    ]
+    assert curves[0][2] == curves[1][2] == curves[3][1]
+
+
+def test_bars_reach_a_standard_error_to_either_side() -> None:
+    tags = Tags(row_of_charts())
+    paths = [one["d"] for one in tags.of("path")]
+    assert len(paths) == 3  # none where the error is 0
+    for path, value, error in zip(paths, (4.0, 2.0, 1.0), (0.5, 0.1, 0.1), strict=True):
+        found = re.match(r"M[\d.]+ ([\d.]+)V([\d.]+)M", path)
+        assert found is not None
+        low, high = map(float, found.groups())
+        four, one = (float(y) for y in re.findall(r"[\d.]+,([\d.]+)", tags.of("polyline")[0]["points"])[0:3:2])
+        per_ratio = (one - four) / np.log(4)
+        assert low - high == pytest.approx(per_ratio * np.log((value + error) / (value - error)), abs=0.2)
+
+
+def test_labels_of_a_row_do_not_overprint() -> None:
+    boxes = []
+    for x, y, anchor, text in re.findall(
+        r'<text x="([\d.]+)" y="([\d.]+)"(?: text-anchor="(\w+)")?>([^<]*)</text>', row_of_charts()
+    ):
+        width = CHARACTER * len(text)
+        left = float(x) - {"middle": width / 2, "end": width}.get(anchor, 0.0)
+        boxes.append((left, left + width, float(y), text))
+    assert len(boxes) > 15
+    for number, (left, right, y, text) in enumerate(boxes):
+        for other_left, other_right, other_y, other in boxes[:number]:
+            assert abs(y - other_y) >= 11 or right <= other_left or other_right <= left, (text, other)

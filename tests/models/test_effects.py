@@ -11,25 +11,23 @@ from beamtouch_models.accuracy import limit
 from beamtouch_models.accuracy.contacts import simulated_enough
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.statistics import mean_of
-from beamtouch_models.building.build import Choices, build
+from beamtouch_models.building.build import build
 from beamtouch_models.building.model_prior import physics_of
 from beamtouch_models.building.sensor_rules import sensor_of
 from beamtouch_models.errors import SceneError
 from beamtouch_models.metadata import FilterChoice
 from beamtouch_models.physics.beam import influence_of, max_deflection_mm
 from beamtouch_models.physics.dynamics import first_frequency_hz, ringing_after_filter, sag_mm, slowest_period_ms
-from beamtouch_models.placement import place
 from beamtouch_models.pricing import effects as effects_module
 from beamtouch_models.pricing.effect import Effect
-from beamtouch_models.pricing.effects import Physics, effects_of, required
-from beamtouch_models.pricing.noise import choose_filter, noise_of, sensor_noise_mm, window_filter, zero_drift_mm
+from beamtouch_models.pricing.effects import effects_of, required
+from beamtouch_models.pricing.noise import choose_filter, noise_of, sensor_noise_mm, zero_drift_mm
 from beamtouch_models.progress import silent
 from beamtouch_models.scene import Requirements, Scene, load_scene
-from beamtouch_models.trade.layouts import counts_of, windows_of
+from beamtouch_models.trade.measure import Model, Task, measure
 from example_scenes import SCENES, paper_scene
 from plain_error import mean_error
-from stated_problems import fewest_mm, problem_in, real_prior
-from traded import points_of
+from stated_problems import fewest_mm, real_prior
 
 NEW_SCENES = {
     "cantilever": set[str](),
@@ -307,41 +305,33 @@ def pricings(monkeypatch: pytest.MonkeyPatch) -> list[FilterChoice]:
 @pytest.mark.usefixtures("short_measuring")
 def test_a_build_prices_each_effect_once_and_carries_its_physics(pricings: list[FilterChoice]) -> None:
     scene, text = load_scene(SCENES / "stepped.toml")
-    chosen = window_filter(scene, 2)
-    choices = Choices(filter=chosen)
-    built = build(scene, text, "stepped", count=None, seed=0, progress=silent, choices=choices)
+    chosen = choose_filter(scene)
+    built = build(scene, text, "stepped", count=None, seed=0, progress=silent)
     assert pricings == [chosen]
     assert built.physics.effects == effects_of(scene, chosen)
     assert built.physics.noise == built.metadata.noise
     assert physics_of(built.metadata).scene == built.physics.scene
 
 
-@pytest.mark.usefixtures("short_timing")
-def test_trade_prices_each_filter_in_its_own_noise(pricings: list[FilterChoice]) -> None:
+def test_trade_prices_each_latency_in_its_own_noise(pricings: list[FilterChoice]) -> None:
     # Shear is negligible behind no filter, and is not behind the mean of 16 readings, which has a quarter of the noise.
     rough = scene_with(STATED["shear"], noise_percent_of_max=None, noise_mm=0.01)
     noise = 0.01 * price(rough, "shear") / 0.05
     scene = scene_with(STATED["shear"], {"sensors": {"rate_hz": 200.0}}, noise_percent_of_max=None, noise_mm=noise)
-    with_latency = scene.model_copy(update={"requirements": Requirements(latency_ms=80.0)})
-    windows = windows_of(with_latency)
-    assert [required(scene, chosen).scene.beam.shear_modulus_gpa for chosen in (windows[0], windows[-1])] == [None, 80]
-    pricings.clear()
-    trade = points_of(with_latency, 128)
-    assert not trade.failures
-    assert pricings == windows * len(counts_of(with_latency))  # each layout is a task of its own
-    for chosen in (windows[0], windows[-1]):
-        (point,) = (one for one in trade.points if (one.filter, one.sensors, one.quantised) == (chosen, 2, False))
+    for latency_ms, modulus_gpa in ((5.0, None), (80.0, 80)):
+        with_latency = scene.model_copy(update={"requirements": Requirements(latency_ms=latency_ms)})
+        chosen = choose_filter(with_latency)
+        pricings.clear()
+        model = measure(Task(with_latency, "latency", 2, 128, 0))
+        assert isinstance(model, Model)
+        assert pricings == [chosen]
+        assert model.filter == chosen
         smaller = required(with_latency, chosen)
-        assert point.limit_percent.value == pytest.approx(_limit_percent(smaller), rel=1e-9)
-
-
-def _limit_percent(physics: Physics) -> float:
-    """The limit of the layout of two sensors, as a trade with 128 draws measures it."""
-    noise_mm = physics.noise.sample_mm
-    layout = np.array(place(*problem_in(physics.scene), 2, 0).positions_mm)
-    contacts = simulated_enough(real_prior(physics.scene, layout, noise_mm), 128, 1)
-    assert contacts.deviation_mm is not None
-    return mean_of(contacts.deviation_mm, contacts.weight).value / physics.scene.beam.length_mm * 100
+        assert smaller.scene.beam.shear_modulus_gpa == modulus_gpa
+        prior = real_prior(smaller.scene, np.array(model.positions_mm), smaller.noise.sample_mm)
+        contacts = simulated_enough(prior, 128, 2)
+        assert contacts.deviation_mm is not None
+        assert model.limit_mm == mean_of(contacts.deviation_mm, contacts.weight)
 
 
 @pytest.mark.parametrize("name", NEW_SCENES)

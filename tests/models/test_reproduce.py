@@ -191,7 +191,7 @@ def test_the_command_writes_the_folder_and_prints_the_table(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    monkeypatch.setattr(command, "reproduce", quick)
+    monkeypatch.setattr("beamtouch_models.reproduction.reproduce.reproduce", quick)
     folder = tmp_path / "new" / "paper"
     command.run(Namespace(output=folder, seed=3, json=as_json))
     results = json.loads((folder / "results.json").read_text())

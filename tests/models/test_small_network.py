@@ -19,7 +19,6 @@ from beamtouch_models.estimators.small_network_graph import small_network_graph
 from beamtouch_models.export import to_bytes
 from beamtouch_models.metadata import FORCE_OUTPUTS, POSITION_OUTPUTS
 from beamtouch_models.session import runner
-from beamtouch_models.trade.quantised import quantised
 from beamtouch_models.whitening import whitening
 from posterior_cases import answers_of, check_sane, exceeding, graph_of, nonsense, prior_of, with_floor
 
@@ -159,15 +158,6 @@ def test_false_contacts_at_rest_are_as_many_as_were_asked_for(graph: onnx.ModelP
     run = runner(to_bytes(graph))
     for covariance in covariances().values():
         assert 0.5 < exceeding(run, PRIOR, covariance, kept, rate, threshold) < 2
-
-
-def test_with_weights_of_8_bits_the_network_is_still_near_enough(graph: onnx.ModelProto) -> None:
-    drawn = limit.draw(PRIOR, CONTACTS, 9)
-    short, whole = (answers_of(one, PRIOR, drawn.deflection_mm) for one in (quantised(graph), graph))
-    errors = [np.abs(one["position_mm"] - drawn.position_mm).mean() for one in (short, whole)]
-    assert errors[0] < 1.02 * errors[1]
-    held = [share_held(one, "position", "mm", drawn.position_mm) for one in (short, whole)]
-    assert held[0] > held[1] - 0.03
 
 
 @pytest.mark.parametrize("known", [True, False])

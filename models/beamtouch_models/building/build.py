@@ -1,10 +1,8 @@
 """The build of a model: filter, physics, layout, estimator, measured accuracy, golden answers."""
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
-import onnx
 
 from beamtouch_models.building.drawing import drawn_of
 from beamtouch_models.building.failing import placed_of
@@ -14,7 +12,7 @@ from beamtouch_models.building.placed import PlacedSensors, placed
 from beamtouch_models.building.sensor_rules import sensor_of
 from beamtouch_models.estimators.estimator import NAMES, Estimator, Name, estimator_of
 from beamtouch_models.export import to_bytes
-from beamtouch_models.metadata import Channel, FilterChoice, Metadata, Ranges
+from beamtouch_models.metadata import Channel, Metadata, Ranges
 from beamtouch_models.physics.beam import max_deflection_mm
 from beamtouch_models.placement import DEFAULT_AIM, Aim, Placement
 from beamtouch_models.pricing.effects import Physics
@@ -28,10 +26,6 @@ class Choices:
     """Choices of a build that the scene does not make."""
 
     estimator: Name = NAMES[0]
-    filter: FilterChoice | None = None
-    """None: the filter that uses all of the latency."""
-    finish: Callable[[onnx.ModelProto], onnx.ModelProto] = lambda graph: graph
-    """Applied to the estimator's graph before it is measured."""
     aim: Aim = DEFAULT_AIM
     """Criterion of the layout."""
     kept_mm: tuple[float, ...] = ()
@@ -80,7 +74,7 @@ def build(
     NotGoodEnoughError
         The model misses the accuracy limit, or its intervals hold too few of the true positions.
     """
-    chosen = choices.filter or choose_filter(scene)
+    chosen = choose_filter(scene)
     sensors = placed(
         scene,
         chosen,
@@ -99,7 +93,6 @@ def build(
         seed=seed,
         progress=lambda done: progress("making the estimator", 0.3 + 0.5 * done),
     )
-    made = replace(made, graph=choices.finish(made.graph))
     progress("measuring the accuracy against the limit", 0.8)
     check_at_limit(made, prior, seed + 4)
     found = measured(made, prior, scene, np.array(sensors.placement.positions_mm), physics.filter, seed)

@@ -132,6 +132,36 @@ class Course:
         )
 
 
+def readings_of(chosen: FilterChoice) -> list[int]:
+    """Return the numbers of readings since a touch whose answers are measured, up to the longest mean or `MOST`."""
+    longest = min(chosen.max_readings, max(MOST, chosen.window))
+    return sorted({min(FIRST, longest), chosen.window, min(4 * chosen.window, longest), longest})
+
+
+def errors_of_means(
+    prior: Prior, run: Run, reading_mm: float, counts: Sequence[int], window: int, error: Measurement, seed: int
+) -> list[Measurement]:
+    """Return the mean errors of a graph for plain means of so many loaded readings, with their standard errors.
+
+    Parameters
+    ----------
+    prior, run : of the model, and its graph
+    reading_mm : noise of a reading
+    counts : numbers of readings
+    window, error : number of readings in a mean whose error is known, and this error; the result is in its unit
+    seed : seed of contacts and noise
+    """
+    many = Touches.draw(prior, reading_mm, KNOWN, seed + 1)
+    noise = np.random.default_rng([seed, prior.channels]).normal(size=many.shown_mm.shape)
+    usual = many.plain_errors_mm(run, window, noise) * many.weight
+    found = []
+    for count in counts:
+        ratio = ratio_of(many.plain_errors_mm(run, count, noise) * many.weight, usual)
+        scatter = math.hypot(ratio.standard_error * error.value, ratio.value * error.standard_error)
+        found.append(Measurement(ratio.value * error.value, scatter))
+    return found
+
+
 def errors_since_touch(
     prior: Prior, run: Run, scene: Scene, sensor_mm: Floats, chosen: FilterChoice, error: Measurement, seed: int
 ) -> list[SinceTouch]:
@@ -145,16 +175,9 @@ def errors_since_touch(
     seed : seed of contacts and noise
     """
     rate_hz, reading_mm = scene.sensors.rate_hz, noise_of(scene, chosen).reading_mm
-    longest = min(chosen.max_readings, max(MOST, chosen.window))
-    counts = sorted({min(FIRST, longest), chosen.window, min(4 * chosen.window, longest), longest})
-    many = Touches.draw(prior, reading_mm, KNOWN, seed + 1)
-    noise = np.random.default_rng([seed, prior.channels]).normal(size=many.shown_mm.shape)
-    usual = many.plain_errors_mm(run, chosen.window, noise)
-    known = []
-    for count in counts:
-        ratio = ratio_of(many.plain_errors_mm(run, count, noise) * many.weight, usual * many.weight)
-        scatter = math.hypot(ratio.standard_error * error.value, ratio.value * error.standard_error)
-        known.append(Measurement(ratio.value * error.value, scatter))
+    counts = readings_of(chosen)
+    longest = counts[-1]
+    known = errors_of_means(prior, run, reading_mm, counts, chosen.window, error, seed)
     touches = Touches.draw(prior, reading_mm, CONTACTS, seed)
     course = Course.draw(touches, scene, chosen, longest, seed)
     plain, weight = course.plain_errors_mm(run, counts), touches.weight

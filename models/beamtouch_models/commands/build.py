@@ -1,39 +1,61 @@
 """`design-sensors build`: builds the model file of a scene, and optionally a daemon configuration and a report."""
 
+from __future__ import annotations
+
 import argparse
 import json
-import re
 import sys
 from dataclasses import replace
 from pathlib import Path
-
-import onnx
+from typing import TYPE_CHECKING
 
 from beamtouch_common.digits import digits
 from beamtouch_common.files import require_writable, write_atomically
-from beamtouch_models import loading
-from beamtouch_models.building.build import Built, Choices, build
-from beamtouch_models.building.daemon_config import daemon_config, write_token_if_absent
-from beamtouch_models.building.failing import weak_spot
-from beamtouch_models.building.remarks import missed_requirement, remarks
-from beamtouch_models.building.report.facts import gather
-from beamtouch_models.building.report.page import page
-from beamtouch_models.commands import inspect
-from beamtouch_models.commands.aims import aim_of
-from beamtouch_models.commands.progress import shown_progress
-from beamtouch_models.description import unseen
-from beamtouch_models.errors import ModelFileError, SceneError
-from beamtouch_models.metadata import METADATA_PREFIX, LayoutErrors
-from beamtouch_models.placement import Aim
-from beamtouch_models.pricing.noise import floor_of, zero_drift_mm
-from beamtouch_models.scene import Scene, load_scene, parse_scene
+from beamtouch_models.commands.inspect import Inspected
+from beamtouch_models.commands.options import (
+    ESTIMATORS,
+    add_json,
+    add_layout,
+    add_seed,
+    aim_of,
+    shown_progress,
+    surface_name,
+)
+from beamtouch_models.commands.printing import show
 
-EARLIER = Aim("eigenvalue-product")
-"""Placement of model files that do not state it."""
+if TYPE_CHECKING:
+    from beamtouch_models.building.build import Built, Choices
+    from beamtouch_models.scene import Scene
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of the command."""
+    parser.add_argument("scene", type=Path, metavar="SCENE", help="scene file (TOML)")
+    parser.add_argument("-o", "--output", type=Path, required=True, metavar="MODEL", help="model file to write (.onnx)")
+    add_layout(parser)
+    parser.add_argument(
+        "--estimator",
+        choices=ESTIMATORS,
+        default=ESTIMATORS[0],
+        help=f"estimator of the position (default: {ESTIMATORS[0]})",
+    )
+    parser.add_argument(
+        "--daemon-config", type=Path, metavar="FILE", help="also write a configuration for beamtouch-daemon (TOML)"
+    )
+    parser.add_argument("--report", type=Path, metavar="FILE", help="also write a report of the build (.html)")
+    add_seed(parser)
+    add_json(parser)
 
 
 def run(options: argparse.Namespace) -> None:
     """Build, write the requested files, and print the metadata of the model."""
+    from beamtouch_models import loading
+    from beamtouch_models.building.build import build
+    from beamtouch_models.building.daemon_config import daemon_config, write_token_if_absent
+    from beamtouch_models.building.remarks import remarks
+    from beamtouch_models.building.report.facts import gather
+    from beamtouch_models.building.report.page import page
+
     scene, text, name, choices = _scene_of(options)
     is_rebuilt = options.scene.suffix == ".onnx"  # a rebuilt model may replace the old one
     require_writable((options.output, options.daemon_config, options.report), () if is_rebuilt else (options.scene,))
@@ -64,11 +86,13 @@ def run(options: argparse.Namespace) -> None:
         )
     _say_floor(scene)
     _say_what_is_missed(scene, built)
-    inspect.show(loading.load_bytes(built.content, str(options.output)), as_json=options.json)
+    show(Inspected(loading.load_bytes(built.content, str(options.output))), as_json=options.json)
 
 
 def _say_floor(scene: Scene) -> None:
     """Say which errors the model takes the sensors to have where the scene does not state them."""
+    from beamtouch_models.pricing.noise import floor_of, zero_drift_mm
+
     gain, zero_mm = floor_of(scene)[0], zero_drift_mm(scene)
     sensors = scene.sensors
     taken = [] if sensors.gain_error_percent is not None else [f"sensors.gain_error_percent = {100 * gain:g}"]
@@ -79,6 +103,10 @@ def _say_floor(scene: Scene) -> None:
 
 def _say_what_is_missed(scene: Scene, built: Built) -> None:
     """Say what the scene asks for and the model does not give, and what one failed sensor costs."""
+    from beamtouch_models.building.failing import weak_spot
+    from beamtouch_models.building.remarks import missed_requirement
+    from beamtouch_models.description import unseen
+
     for note in (missed_requirement(built.metadata, scene), unseen(built.metadata)):
         if note:
             print(f"note:    {note}", file=sys.stderr)
@@ -98,6 +126,15 @@ def _scene_of(options: argparse.Namespace) -> tuple[Scene, str, str, Choices]:
 
     The sensors of a model file are mounted already: it keeps its layout, unless the options ask for another.
     """
+    import onnx
+
+    from beamtouch_models import loading
+    from beamtouch_models.building.build import Choices
+    from beamtouch_models.errors import ModelFileError, SceneError
+    from beamtouch_models.metadata import METADATA_PREFIX, LayoutErrors
+    from beamtouch_models.placement import Aim
+    from beamtouch_models.scene import load_scene, parse_scene
+
     path: Path = options.scene
     choices = Choices(estimator=options.estimator, aim=aim_of(options))
     if path.suffix != ".onnx":
@@ -106,7 +143,7 @@ def _scene_of(options: argparse.Namespace) -> tuple[Scene, str, str, Choices]:
         entries = {entry.key: entry.value for entry in onnx.load_from_string(loading.read(path)).metadata_props}
         text, name, layout = (json.loads(entries[METADATA_PREFIX + key]) for key in ("scene", "name", "layout"))
         stated = json.loads(entries.get(METADATA_PREFIX + "placed", "null"))
-        before = LayoutErrors.model_validate(stated) if stated else EARLIER
+        before = LayoutErrors.model_validate(stated) if stated else Aim("eigenvalue-product")
         if options.sensors is None and options.criterion is None and options.spare is None:
             kept_mm = tuple(float(channel["position_mm"]) for channel in layout)
             choices = replace(choices, aim=Aim(before.criterion, before.spare), kept_mm=kept_mm)
@@ -116,8 +153,3 @@ def _scene_of(options: argparse.Namespace) -> tuple[Scene, str, str, Choices]:
         message = f"{path}: it is not a model file that holds its scene; give a scene (TOML)"
         raise SceneError(message) from None
     return parse_scene(text, f"the scene in {path}"), text, str(name), choices
-
-
-def surface_name(scene: Path) -> str:
-    """Name the surface after the scene file."""
-    return re.sub(r"[^A-Za-z0-9_.-]", "-", scene.stem)[:64] or "surface"

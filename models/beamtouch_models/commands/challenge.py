@@ -1,32 +1,51 @@
 """`design-sensors challenge`: puts a model through a world of contacts, transients, errors and faults."""
 
+from __future__ import annotations
+
 import argparse
-import json
-import sys
-from collections.abc import Callable, Sequence
-from dataclasses import asdict
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-from rich.box import SIMPLE_HEAD
-from rich.console import Console
-from rich.table import Table
-
+from beamtouch_common.commands import whole_number
 from beamtouch_common.digits import digits
 from beamtouch_common.errors import InputError
-from beamtouch_models import loading
-from beamtouch_models.challenge.challenge import challenge, misses
-from beamtouch_models.challenge.scoring import Row
-from beamtouch_models.commands.progress import shown_progress
-from beamtouch_models.workers import spread_over
+from beamtouch_models.commands.options import add_json, add_seed, add_workers, shown_progress
+from beamtouch_models.commands.printing import Block, Table, show
 
-WIDTH_WITHOUT_TERMINAL = 180
+if TYPE_CHECKING:
+    from beamtouch_models.challenge.scoring import Row
+
+MAX_PLAYS = 10_000
+"""Bounds memory: each course takes about 100 kB."""
 NEEDED = ("position_low_mm", "position_high_mm", "contact_log_odds")
 """Outputs without which a model cannot say what it does not know."""
 
-Column = tuple[str, Callable[[Row], str]]
+Column = tuple[str, "Callable[[Row], str]"]
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of the command."""
+    parser.add_argument("model", type=Path, metavar="MODEL", help="model file (.onnx)")
+    parser.add_argument(
+        "--draws",
+        type=whole_number(10, MAX_PLAYS),
+        default=400,
+        metavar="N",
+        help="number of simulated courses per case (default: 400)",
+    )
+    add_workers(parser)
+    add_seed(parser)
+    add_json(parser)
 
 
 def run(options: argparse.Namespace) -> None:
     """Challenge the model and print the rows of both groups."""
+    from beamtouch_models import loading
+    from beamtouch_models.challenge.challenge import challenge
+    from beamtouch_models.workers import spread_over
+
     content = loading.read(options.model)
     model = loading.load_bytes(content, str(options.model))
     lacking = [name for name in NEEDED if name not in model.outputs]
@@ -35,33 +54,50 @@ def run(options: argparse.Namespace) -> None:
         raise InputError(message)
     with spread_over(options.workers, options.cluster) as spread, shown_progress() as progress:
         rows = challenge(content, draws=options.draws, seed=options.seed, progress=progress, spread=spread)
-    if options.json:
-        told = [_as_json(row) for row in rows]
-        print(json.dumps({"model": model.identity, "draws": options.draws, "seed": options.seed, "rows": told}))
-        return
-    console = Console(width=None if sys.stdout.isatty() else WIDTH_WITHOUT_TERMINAL, highlight=False)
-    title = f"{model.identity}, {options.draws} draws"
-    console.print(_table(f"{title}: one contact, honestly measured", rows, _HONEST, honest=True))
-    console.print(_table(f"{title}: faults and other worlds", rows, _FAULTS, honest=False))
-    console.print(_LEGEND)
-    missed = [f"{row.name} ({', '.join(misses(row))})" for row in rows if misses(row)]
-    console.print(f"Rows that miss the goals: {'; '.join(missed) or 'none'}.")
+    show(Challenged(model.identity, options.draws, options.seed, rows), as_json=options.json)
 
 
-def _as_json(row: Row) -> dict[str, object]:
-    naming = row.naming and {"named": row.naming.named, "misnamed": row.naming.misnamed}
-    return asdict(row) | {"naming": naming, "misses": misses(row)}
+@dataclass(frozen=True)
+class Challenged:
+    """The cases that a model was put through."""
+
+    model: str
+    draws: int
+    seed: int
+    cases: Sequence[Row]
+
+    def rows(self) -> Iterator[Block]:
+        """Return the tables of both groups, and the rows that miss the goals."""
+        from beamtouch_models.challenge.challenge import misses
+
+        title = f"{self.model}, {self.draws} draws"
+        yield self._table(f"{title}: one contact, honestly measured", _HONEST, honest=True)
+        yield self._table(f"{title}: faults and other worlds", _FAULTS, honest=False)
+        yield _LEGEND
+        missed = [f"{row.name} ({', '.join(misses(row))})" for row in self.cases if misses(row)]
+        yield f"Rows that miss the goals: {'; '.join(missed) or 'none'}."
+
+    def _table(self, title: str, columns: Sequence[Column], *, honest: bool) -> Table:
+        from beamtouch_models.challenge.challenge import misses
+
+        some = [row for row in self.cases if row.honest is honest]
+        return Table(
+            ("case", *(heading for heading, _ in columns)),
+            [(row.name, *(cell(row) for _, cell in columns)) for row in some],
+            title,
+            bold=[place for place, row in enumerate(some) if misses(row)],
+        )
+
+    def to_json(self) -> dict[str, Any]:
+        """Return all cases, with the goals that each misses."""
+        from beamtouch_models.challenge.challenge import misses
+
+        told = [asdict(row) | {"naming": _naming(row), "misses": misses(row)} for row in self.cases]
+        return {"model": self.model, "draws": self.draws, "seed": self.seed, "rows": told}
 
 
-def _table(title: str, rows: Sequence[Row], columns: Sequence[Column], *, honest: bool) -> Table:
-    table = Table(title=title, box=SIMPLE_HEAD, title_justify="left")
-    table.add_column("case", no_wrap=True)
-    for heading, _ in columns:
-        table.add_column(heading, justify="right")
-    for row in rows:
-        if row.honest is honest:
-            table.add_row(row.name, *(cell(row) for _, cell in columns), style="bold" if misses(row) else None)
-    return table
+def _naming(row: Row) -> dict[str, float | None] | None:
+    return row.naming and {"named": row.naming.named, "misnamed": row.naming.misnamed}
 
 
 def _percent(share: float | None) -> str:

@@ -1,36 +1,55 @@
 """`design-sensors evaluate`: measures a model and compares it with the accuracy limit."""
 
+from __future__ import annotations
+
 import argparse
-import json
 import math
 import sys
-from collections.abc import Callable
-from dataclasses import asdict
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass
 from functools import partial
-from typing import Any
-
-from rich.box import SIMPLE_HEAD
-from rich.console import Console
-from rich.table import Table
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from beamtouch_common.digits import digits
 from beamtouch_common.errors import InputError
-from beamtouch_models import loading
-from beamtouch_models.accuracy.evaluation import Errors, Evaluation, at_noise, evaluate
-from beamtouch_models.accuracy.statistics import Measurement
-from beamtouch_models.building.model_prior import prior_of_model
-from beamtouch_models.building.remarks import missed_requirement, remarks
-from beamtouch_models.commands.progress import shown_progress
-from beamtouch_models.description import nothing_seen, unseen
-from beamtouch_models.pricing.noise import check_scale
-from beamtouch_models.scene import parse_scene
-from beamtouch_models.workers import spread_over
+from beamtouch_models.commands.options import add_contacts, add_json, add_seed, add_workers, shown_progress
+from beamtouch_models.commands.printing import Block, Table, show
 
-WIDTH_WITHOUT_TERMINAL = 120
+if TYPE_CHECKING:
+    from beamtouch_models.accuracy.evaluation import Errors, Evaluation
+    from beamtouch_models.accuracy.statistics import Measurement
+    from beamtouch_models.loading import ModelFile
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of the command."""
+    parser.add_argument("model", type=Path, metavar="MODEL", help="model file (.onnx)")
+    parser.add_argument(
+        "--noise",
+        type=float,
+        action="append",
+        default=[],
+        metavar="MM",
+        help="noise of a sample (standard deviation), instead of the model's; may be given several times",
+    )
+    add_contacts(parser, "number of simulated contacts", 16_384)
+    add_workers(parser)
+    add_seed(parser)
+    add_json(parser)
 
 
 def run(options: argparse.Namespace) -> None:
     """Evaluate at each given noise, or at the noise of the model, and print the results."""
+    from beamtouch_models import loading
+    from beamtouch_models.accuracy.evaluation import at_noise, evaluate
+    from beamtouch_models.building.model_prior import prior_of_model
+    from beamtouch_models.building.remarks import missed_requirement, remarks
+    from beamtouch_models.description import unseen
+    from beamtouch_models.pricing.noise import check_scale
+    from beamtouch_models.scene import parse_scene
+    from beamtouch_models.workers import spread_over
+
     model = loading.load(options.model)
     for noise_mm in options.noise:
         if not 0 <= noise_mm < math.inf:
@@ -55,13 +74,26 @@ def run(options: argparse.Namespace) -> None:
     for remark in (*remarks(scene), missed_requirement(model.metadata, scene), unseen(model.metadata)):
         if remark:
             print(f"note:    {remark}", file=sys.stderr)
-    if options.json:
-        figures = [_json(one) for one in found]
-        print(json.dumps({"model": model.identity, "estimator": model.metadata.estimator, "evaluations": figures}))
-        return
-    console = Console(width=None if sys.stdout.isatty() else WIDTH_WITHOUT_TERMINAL)
-    for one in found:
-        _show(console, model, one)
+    show(Evaluated(model, found), as_json=options.json)
+
+
+@dataclass(frozen=True)
+class Evaluated:
+    """A model with its evaluation at each noise."""
+
+    model: ModelFile
+    evaluations: list[Evaluation]
+
+    def rows(self) -> Iterator[Block]:
+        """Return a table of position errors and the other results, for each noise."""
+        for found in self.evaluations:
+            yield _table(self.model, found)
+            yield [(f" {label}", text, remark) for label, text, remark in _lines(found, self.model)]
+
+    def to_json(self) -> dict[str, Any]:
+        """Return all figures."""
+        figures = [_json(one) for one in self.evaluations]
+        return {"model": self.model.identity, "estimator": self.model.metadata.estimator, "evaluations": figures}
 
 
 def _json(found: Evaluation) -> dict[str, Any]:
@@ -79,26 +111,23 @@ def _json(found: Evaluation) -> dict[str, Any]:
     return fields
 
 
-def _show(console: Console, model: loading.ModelFile, found: Evaluation) -> None:
-    noise = f"noise {digits(found.noise_mm, 3)} mm"
-    title = f"{model.identity} ({model.metadata.estimator}), {noise}, {found.draws} contacts"
-    table = Table(title=title, box=SIMPLE_HEAD, title_justify="left")
-    table.add_column("position error")
-    for heading in ("whole range, mm", "% of length", "middle 60 %, mm", "% of length"):
-        table.add_column(heading, justify="right")
+def _table(model: ModelFile, found: Evaluation) -> Table:
+    from beamtouch_models.accuracy.statistics import Measurement
+
     percent = 100 / found.length_mm
+    rows = []
     for label, pick in _ROWS:
         cells = []
         for errors in (found.span, found.middle):
             value = None if errors is None else pick(errors)
             scaled = value.scaled(percent) if isinstance(value, Measurement) else value and value * percent
             cells += [_text(value), _text(scaled)]
-        table.add_row(label, *cells)
+        rows.append((label, *cells))
     ratios = [_text(None if errors is None else errors.ratio) for errors in (found.span, found.middle)]
-    table.add_row("error over limit", ratios[0], "", ratios[1], "")
-    console.print(table)
-    for label, text, remark in _lines(found, model):
-        console.print(f" {label:<18} {text}  {remark}".rstrip(), highlight=False)
+    rows.append(("error over limit", ratios[0], "", ratios[1], ""))
+    noise = f"noise {digits(found.noise_mm, 3)} mm"
+    title = f"{model.identity} ({model.metadata.estimator}), {noise}, {found.draws} contacts"
+    return Table(("position error", "whole range, mm", "% of length", "middle 60 %, mm", "% of length"), rows, title)
 
 
 _ROWS: tuple[tuple[str, Callable[[Errors], Measurement | float | None]], ...] = (
@@ -110,8 +139,10 @@ _ROWS: tuple[tuple[str, Callable[[Errors], Measurement | float | None]], ...] = 
 )
 
 
-def _lines(found: Evaluation, model: loading.ModelFile) -> list[tuple[str, str, str]]:
+def _lines(found: Evaluation, model: ModelFile) -> list[tuple[str, str, str]]:
     """Return results other than position errors as label, value and remark, without those that the model lacks."""
+    from beamtouch_models.description import nothing_seen
+
     share = [
         ("position interval", found.position_coverage, "% of contacts lie inside; nominally 95 %", 100.0),
         ("its width", found.position_width_mm, "mm, mean", 1.0),
@@ -140,6 +171,8 @@ def _lines(found: Evaluation, model: loading.ModelFile) -> list[tuple[str, str, 
 
 
 def _text(value: Measurement | float | None) -> str:
+    from beamtouch_models.accuracy.statistics import Measurement
+
     if value is None:
         return "-"
     if isinstance(value, Measurement):

@@ -1,56 +1,93 @@
 """`design-sensors explain`: the price of each physical effect in a scene, and the time that modelling it costs."""
 
+from __future__ import annotations
+
 import argparse
-import json
 import sys
 import time
-from dataclasses import asdict
-from typing import Any
-
-import numpy as np
-from rich.console import Console
-from rich.table import Table
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from beamtouch_common.digits import digits
-from beamtouch_models.building.placed import placed
-from beamtouch_models.building.remarks import remarks
-from beamtouch_models.physics.beam import load_positions_mm, max_deflection_mm, scene_influence
-from beamtouch_models.physics.mesh import mesh_of
-from beamtouch_models.pricing.effect import NEGLIGIBLE, Effect
-from beamtouch_models.pricing.effects import effects_of
-from beamtouch_models.pricing.noise import choose_filter, noise_of
-from beamtouch_models.pricing.ringing import ringing_of, told
-from beamtouch_models.scene import Scene, load_scene
+from beamtouch_models.commands.options import add_json
+from beamtouch_models.commands.printing import Block, Table, show
+
+if TYPE_CHECKING:
+    from beamtouch_models.metadata import Noise
+    from beamtouch_models.pricing.effect import Effect
+    from beamtouch_models.pricing.ringing import Ringing
+    from beamtouch_models.scene import Scene
 
 REPEATS = 5
-WIDTH_WITHOUT_TERMINAL = 120
 SENSORS = 101
 """Sensors in the influence matrix whose computation is timed."""
 
 
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of the command."""
+    parser.add_argument("scene", type=Path, metavar="SCENE", help="scene file (TOML)")
+    add_json(parser)
+
+
 def run(options: argparse.Namespace) -> None:
     """Price the effects, measure the time that each costs, and print both."""
+    from beamtouch_models.building.placed import placed
+    from beamtouch_models.building.remarks import remarks
+    from beamtouch_models.physics.beam import max_deflection_mm
+    from beamtouch_models.pricing.effects import effects_of
+    from beamtouch_models.pricing.noise import choose_filter, noise_of
+    from beamtouch_models.pricing.ringing import ringing_of
+    from beamtouch_models.scene import load_scene
+
     scene, _ = load_scene(options.scene)
     for remark in remarks(scene):
         print(f"note:    {remark}", file=sys.stderr)
     chosen = choose_filter(scene)
     placed(scene, chosen)  # refuses what `build` refuses
-    noise = noise_of(scene, chosen)
-    effects = [(effect, _cost_us(effect)) for effect in effects_of(scene, chosen)]
-    ringing = ringing_of(scene, chosen)
-    if not options.json:
-        _print_table(effects, noise.sample_mm)
-        print("\n".join(told(ringing) if ringing else []))
-        return
-    explained = {
-        "effects": [_as_json(effect, cost) for effect, cost in effects],
-        "noise_mm": noise.sample_mm,
-        "reading_noise_mm": noise.reading_mm,
-        "ringing": ringing and asdict(ringing),
-        "max_deflection_mm": max_deflection_mm(scene),
-        "negligible": NEGLIGIBLE,
-    }
-    print(json.dumps(explained))
+    effects = tuple((effect, _cost_us(effect)) for effect in effects_of(scene, chosen))
+    explained = Explained(effects, noise_of(scene, chosen), ringing_of(scene, chosen), max_deflection_mm(scene))
+    show(explained, as_json=options.json)
+
+
+@dataclass(frozen=True)
+class Explained:
+    """The effects of a scene, each with the times of an influence matrix with and without it, in us."""
+
+    effects: tuple[tuple[Effect, tuple[float, float] | None], ...]
+    noise: Noise
+    ringing: Ringing | None
+    max_deflection_mm: float
+
+    def rows(self) -> Iterator[Block]:
+        """Return the table of prices, what they mean, and how long the beam rings."""
+        from beamtouch_models.pricing.effect import NEGLIGIBLE
+        from beamtouch_models.pricing.ringing import told
+
+        rows = []
+        for effect, cost in self.effects:
+            price = "-" if effect.price is None else digits(effect.price, 3)
+            timed = "-" if cost is None else f"{cost[0]:.0f}/{cost[1]:.0f} us"
+            rows.append((effect.name, price, effect.verdict, timed, effect.reason))
+        yield Table(("effect", "price", "", "with/without", "remark"), rows, text=("", "remark"))
+        noise = f"a sample's noise, {digits(self.noise.sample_mm, 3)} mm"
+        yield f"price: in units of {noise}; effects below {NEGLIGIBLE:g} are left out"
+        yield f"with/without: measured time to compute an influence matrix of {SENSORS} sensors"
+        yield from told(self.ringing) if self.ringing else []
+
+    def to_json(self) -> dict[str, Any]:
+        """Return prices, times and ringing."""
+        from beamtouch_models.pricing.effect import NEGLIGIBLE
+
+        return {
+            "effects": [_as_json(effect, cost) for effect, cost in self.effects],
+            "noise_mm": self.noise.sample_mm,
+            "reading_noise_mm": self.noise.reading_mm,
+            "ringing": self.ringing and asdict(self.ringing),
+            "max_deflection_mm": self.max_deflection_mm,
+            "negligible": NEGLIGIBLE,
+        }
 
 
 def _cost_us(effect: Effect) -> tuple[float, float] | None:
@@ -61,6 +98,11 @@ def _cost_us(effect: Effect) -> tuple[float, float] | None:
 
 
 def _matrix_us(scene: Scene) -> float:
+    import numpy as np
+
+    from beamtouch_models.physics.beam import load_positions_mm, scene_influence
+    from beamtouch_models.physics.mesh import mesh_of
+
     sensors, loads = np.linspace(0.0, scene.beam.length_mm, SENSORS), load_positions_mm(scene)
     least = float("inf")
     for _ in range(REPEATS):
@@ -82,21 +124,3 @@ def _as_json(effect: Effect, cost: tuple[float, float] | None) -> dict[str, Any]
         "without_us": None if cost is None else cost[1],
         "reason": effect.reason,
     }
-
-
-def _print_table(effects: list[tuple[Effect, tuple[float, float] | None]], noise_mm: float) -> None:
-    table = Table(box=None, pad_edge=False)
-    table.add_column("effect")
-    table.add_column("price", justify="right")
-    table.add_column("")
-    table.add_column("with/without", justify="right")
-    table.add_column("remark", overflow="fold")  # an ellipsis would hide the name of a key
-    for effect, cost in effects:
-        price = "-" if effect.price is None else digits(effect.price, 3)
-        timed = "-" if cost is None else f"{cost[0]:.0f}/{cost[1]:.0f} us"
-        table.add_row(effect.name, price, effect.verdict, timed, effect.reason)
-    console = Console(highlight=False, width=None if sys.stdout.isatty() else WIDTH_WITHOUT_TERMINAL)
-    console.print(table)
-    unit = f"a sample's noise, {digits(noise_mm, 3)} mm"
-    console.print(f"price: in units of {unit}; effects below {NEGLIGIBLE:g} are left out")
-    console.print(f"with/without: measured time to compute an influence matrix of {SENSORS} sensors")

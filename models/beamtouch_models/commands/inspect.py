@@ -1,38 +1,59 @@
 """`design-sensors inspect`: prints the metadata of a model file."""
 
-import argparse
-import json
-from dataclasses import asdict
-from typing import Any
+from __future__ import annotations
 
-from beamtouch_models.detection import detection_of
-from beamtouch_models.loading import ModelFile, load
+import argparse
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from beamtouch_models.commands.options import add_json
+from beamtouch_models.commands.printing import Block, show
+
+if TYPE_CHECKING:
+    from beamtouch_models.loading import ModelFile
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of the command."""
+    parser.add_argument("model", type=Path, metavar="MODEL", help="model file (.onnx)")
+    add_json(parser)
 
 
 def run(options: argparse.Namespace) -> None:
     """Load the model, which checks its golden answers, and print it."""
-    show(load(options.model), as_json=options.json)
+    from beamtouch_models.loading import load
+
+    show(Inspected(load(options.model)), as_json=options.json)
 
 
-def show(model: ModelFile, *, as_json: bool) -> None:
-    """Print a model as one JSON object or as text."""
-    print(json.dumps(describe(model)) if as_json else model.summary())
+@dataclass(frozen=True)
+class Inspected:
+    """A model file, as `inspect` and `build` print it."""
 
+    model: ModelFile
 
-def describe(model: ModelFile) -> dict[str, Any]:
-    """Return all metadata of a model file, for JSON."""
-    metadata = model.metadata
-    along = detection_of(metadata) if "contact_log_odds" in model.outputs else None
-    fields = metadata.model_dump(mode="json", exclude={"golden", "layout", "accuracy", "drawn"})
-    return {
-        **fields,
-        "model": model.identity,
-        "positions_mm": [channel.position_mm for channel in metadata.layout],
-        "channels": model.channels,
-        "noise_mm": metadata.noise.sample_mm,
-        "detection": along and asdict(along),
-        "outputs": list(model.outputs),
-        "lacks": model.lacks,
-        "accuracy": {**metadata.accuracy.model_dump(), "ratio": metadata.accuracy.ratio},
-        "golden_answers": len(metadata.golden.deflection_mm),
-    }
+    def rows(self) -> Iterator[Block]:
+        """Return the model in words."""
+        yield self.model.summary()
+
+    def to_json(self) -> dict[str, Any]:
+        """Return all metadata of the model."""
+        from beamtouch_models.detection import detection_of
+
+        model, metadata = self.model, self.model.metadata
+        along = detection_of(metadata) if "contact_log_odds" in model.outputs else None
+        fields = metadata.model_dump(mode="json", exclude={"golden", "layout", "accuracy", "drawn"})
+        return {
+            **fields,
+            "model": model.identity,
+            "positions_mm": [channel.position_mm for channel in metadata.layout],
+            "channels": model.channels,
+            "noise_mm": metadata.noise.sample_mm,
+            "detection": along and asdict(along),
+            "outputs": list(model.outputs),
+            "lacks": model.lacks,
+            "accuracy": {**metadata.accuracy.model_dump(), "ratio": metadata.accuracy.ratio},
+            "golden_answers": len(metadata.golden.deflection_mm),
+        }

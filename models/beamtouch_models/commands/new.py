@@ -1,33 +1,63 @@
 """`design-sensors new`: writes a commented scene, from flags or from the answers to a few questions."""
 
+from __future__ import annotations
+
 import argparse
 import sys
 from collections.abc import Callable
 from dataclasses import fields
 from pathlib import Path
-from typing import Any, TypeVar, get_args
+from typing import TYPE_CHECKING, Any, TypeVar
 
-from pydantic import ValidationError
-
-from beamtouch_common.complaints import reason_of
+from beamtouch_common.commands import whole_number
 from beamtouch_common.files import require_writable, write_atomically
 from beamtouch_common.typed import is_terminal, typed_line
-from beamtouch_models.building.checks import check_scene
-from beamtouch_models.building.new_scene import Answers, End, scene_text
-from beamtouch_models.commands.build import surface_name
+from beamtouch_models.commands.options import surface_name
 from beamtouch_models.errors import SceneError
-from beamtouch_models.pricing.noise import choose_filter
-from beamtouch_models.scene import parse_scene
 from beamtouch_models.scene.materials import MATERIALS
 
+if TYPE_CHECKING:
+    from beamtouch_models.building.new_scene import Answers
+
 _T = TypeVar("_T")
+ENDS = ("clamped", "pinned", "roller", "free")
+"""The kinds of `building.new_scene.End`, which takes too long to import for --help."""
 NEEDED = ("length_mm", "width_mm", "thickness_mm")
 TRIES = 3
 """Answers to one question before the command gives up."""
 
 
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of the command."""
+    parser.add_argument("scene", type=Path, metavar="NAME.toml", help="scene file to write")
+    for name, text in (
+        ("--length-mm", "length of the beam"),
+        ("--width-mm", "its width"),
+        ("--thickness-mm", "its thickness"),
+    ):
+        parser.add_argument(name, type=float, metavar="MM", help=text)
+    parser.add_argument("--material", choices=tuple(MATERIALS), help="its material (default: steel)")
+    parser.add_argument("--left", choices=ENDS, help="how its left end is held (default: pinned)")
+    parser.add_argument("--right", choices=ENDS, help="how its right end is held (default: roller)")
+    words = "place of a roller between the ends; may be repeated"
+    parser.add_argument("--roller-mm", type=float, action="append", metavar="MM", help=words)
+    words = "smallest and largest force of a contact (default: what uses a third of --range-mm)"
+    parser.add_argument("--force-n", type=float, nargs=2, metavar=("LOW", "HIGH"), help=words)
+    parser.add_argument("--sensors", type=whole_number(1, 64), metavar="N", help="number of sensors (default: 4)")
+    words = "standard deviation of a reading (default: 0.005)"
+    parser.add_argument("--noise-mm", type=float, metavar="MM", help=words)
+    parser.add_argument("--rate-hz", type=float, metavar="HZ", help="readings per second (default: 200)")
+    words = "gaps over which the sensors are linear (default: 1 4)"
+    parser.add_argument("--range-mm", type=float, nargs=2, metavar=("LOW", "HIGH"), help=words)
+    parser.add_argument("--latency-ms", type=float, metavar="MS", help="time of filtering (default: 20)")
+    parser.add_argument("--position-error-mm", type=float, metavar="MM", help="largest mean error (default: any)")
+    parser.add_argument("--force", action="store_true", help="replace a file that exists")
+
+
 def run(options: argparse.Namespace) -> None:
     """Write the scene, after it has been loaded and checked as `build` checks it."""
+    from beamtouch_models.building.new_scene import Answers
+
     target: Path = options.scene
     if target.suffix != ".toml":
         message = f"{target}: give the scene a name that ends in .toml"
@@ -36,7 +66,7 @@ def run(options: argparse.Namespace) -> None:
     names = [field.name for field in fields(Answers)]
     stated = {name: value for name in names if (value := getattr(options, name)) is not None}
     if not stated and is_terminal():
-        stated = _asked()
+        stated = _ask_all()
     missing = [f"--{name.replace('_', '-')}" for name in NEEDED if name not in stated]
     if missing:
         message = f"give {', '.join(missing)}; on a terminal, `design-sensors new {target}` alone asks"
@@ -44,7 +74,7 @@ def run(options: argparse.Namespace) -> None:
     answers: dict[str, Any] = {
         name: tuple(value) if isinstance(value, list) else value for name, value in stated.items()
     }
-    text = _checked(Answers(**answers), target)
+    text = _check(Answers(**answers), target)
     write_atomically(target, text.encode())
     print(
         f"{target}: next, design-sensors explain {target}, "
@@ -60,8 +90,16 @@ def refuse_existing(target: Path, *, force: bool) -> None:
     require_writable([target])
 
 
-def _checked(answers: Answers, target: Path) -> str:
+def _check(answers: Answers, target: Path) -> str:
     """Return the text of a scene that loads and can be built; SceneError or InputError if there is none."""
+    from pydantic import ValidationError
+
+    from beamtouch_common.complaints import reason_of
+    from beamtouch_models.building.checks import check_scene
+    from beamtouch_models.building.new_scene import scene_text
+    from beamtouch_models.pricing.noise import choose_filter
+    from beamtouch_models.scene import parse_scene
+
     for name in NEEDED:  # before anything is computed with them
         if not 0 < getattr(answers, name) < float("inf"):
             message = f"--{name.replace('_', '-')} {getattr(answers, name):g}: give millimetres, more than 0"
@@ -77,16 +115,18 @@ def _checked(answers: Answers, target: Path) -> str:
     return text
 
 
-def _asked() -> dict[str, Any]:
+def _ask_all() -> dict[str, Any]:
     """Return the answers to a few questions; an empty answer takes what stands in brackets."""
-    plain, ends = Answers(0, 0, 0), ", ".join(get_args(End))
+    from beamtouch_models.building.new_scene import Answers
+
+    plain, ends = Answers(0, 0, 0), ", ".join(ENDS)
     return {
         "length_mm": _ask("length of the beam, mm", float),
         "width_mm": _ask("its width, mm", float),
         "thickness_mm": _ask("its thickness, mm", float),
         "material": _ask(f"its material ({', '.join(MATERIALS)})", _one_of(tuple(MATERIALS)), plain.material),
-        "left": _ask(f"its left end ({ends})", _one_of(get_args(End)), plain.left),
-        "right": _ask(f"its right end ({ends})", _one_of(get_args(End)), plain.right),
+        "left": _ask(f"its left end ({ends})", _one_of(ENDS), plain.left),
+        "right": _ask(f"its right end ({ends})", _one_of(ENDS), plain.right),
         "sensors": _ask("number of sensors", int, plain.sensors),
         "noise_mm": _ask("noise of a reading, mm", float, plain.noise_mm),
     }

@@ -1,47 +1,128 @@
 """`design-sensors place`: places the sensors, and states how much better any other layout could be."""
 
+from __future__ import annotations
+
 import argparse
-import json
 import math
 import sys
 import time
-from typing import Any
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
+from beamtouch_common.commands import whole_number
 from beamtouch_common.digits import digits
-from beamtouch_models.accuracy.limit import accuracy_limit
-from beamtouch_models.building.failing import placed_of
-from beamtouch_models.building.placed import PlacedSensors, placed
-from beamtouch_models.building.remarks import missed_error, remarks
-from beamtouch_models.commands.aims import aim_of_place
-from beamtouch_models.commands.progress import shown_progress
-from beamtouch_models.placement import Aim, recommended_count
-from beamtouch_models.pricing.noise import choose_filter
-from beamtouch_models.scene import load_scene
+from beamtouch_models.commands.options import MAX_WORKERS, add_json, add_layout, add_seed, shown_progress
+from beamtouch_models.commands.printing import Block, show
+
+if TYPE_CHECKING:
+    from beamtouch_models.building.placed import PlacedSensors
+    from beamtouch_models.placement import Aim
 
 LIMIT_DRAWS = 10_000
 
 
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of the command."""
+    parser.add_argument("scene", type=Path, metavar="SCENE", help="scene file (TOML)")
+    add_layout(parser)
+    parser.add_argument(
+        "--components",
+        type=whole_number(1, 64),
+        metavar="K",
+        help="number of leading eigenvalues in the product (default: all)",
+    )
+    parser.add_argument("--search", choices=("exact", "paper"), default="exact", help="search method (default: exact)")
+    parser.add_argument(
+        "--prove",
+        action="store_true",
+        help="prove that no layout on the grid is better, or state how much better one could be",
+    )
+    parser.add_argument(
+        "--workers",
+        type=whole_number(1, MAX_WORKERS),
+        metavar="N",
+        help="accepted as by the other commands; a proof runs in one process, which is as fast",
+    )
+    add_seed(parser)
+    add_json(parser)
+
+
 def run(options: argparse.Namespace) -> None:
     """Place the sensors of a scene and print the layout with its score, gap and accuracy limit."""
+    from beamtouch_models.building.placed import placed
+    from beamtouch_models.building.remarks import missed_error, remarks
+    from beamtouch_models.pricing.noise import choose_filter
+    from beamtouch_models.scene import load_scene
+
     started = time.perf_counter()
     scene, _ = load_scene(options.scene)
     for remark in remarks(scene):
         print(f"note:    {remark}", file=sys.stderr)
-    aim = aim_of_place(options)
+    aim = _aim_of(options)
     with shown_progress() as progress:
         sensors = placed(
             scene, choose_filter(scene), count=options.sensors, seed=options.seed, aim=aim, progress=progress
         )
         progress("measuring the accuracy limit", 0.95)
-        found = _described(sensors, aim, options.seed)
+        found = _describe(sensors, aim, options.seed)
     found["wall_s"] = time.perf_counter() - started
     if missed := missed_error("accuracy limit", found["accuracy_limit_percent"], scene):
         print(f"note:    {missed}", file=sys.stderr)
-    print(json.dumps(found, allow_nan=False) if options.json else _table(found, sensors))
+    show(Placed(found, sensors), as_json=options.json)
 
 
-def _described(sensors: PlacedSensors, aim: Aim, seed: int) -> dict[str, Any]:
+def _aim_of(options: argparse.Namespace) -> Aim:
+    """Return the aim; leading components and proofs are those of the eigenvalue product.
+
+    Raises SceneError if the options contradict each other.
+    """
+    from beamtouch_models.placement import DEFAULT_AIM, Aim
+
+    by_product = options.components is not None or options.prove
+    criterion = options.criterion or ("eigenvalue-product" if by_product else DEFAULT_AIM.criterion)
+    return Aim(criterion, options.spare or 0, options.components, options.search, "proof" if options.prove else "bound")
+
+
+@dataclass(frozen=True)
+class Placed:
+    """A layout with its figures."""
+
+    found: dict[str, Any]
+    """As for JSON."""
+    sensors: PlacedSensors
+
+    def rows(self) -> Iterator[Block]:
+        """Return a line per figure, each number with its unit and reference."""
+        found, positions = self.found, self.found["positions_mm"]
+        score = found["log_eigenvalue_product"]
+        leading = f"{found['components']} leading eigenvalues" if found["components"] < len(positions) else "all"
+        product = "-inf: a component is below rounding" if score is None else f"{score:.4f}"
+        limit = _limit_line(found["accuracy_limit_percent"], found["standard_error"], self.sensors)
+        recommended = found["recommended_sensors"]
+        yield [
+            ("sensors", f"{', '.join(f'{position:g}' for position in positions)} mm from the left end"),
+            ("product", f"ln {product} ({leading}; lengths in units of l, W/(EI) = 1)"),
+            ("proof", _proof_line(found)),
+            ("limit", limit),
+            *([("failed", _failed_line(found))] if found["limit_without_percent"] else []),
+            ("search", f"{found['search']}, by {found['criterion']}, seed {found['seed']}"),
+            ("cost", f"{found['evaluations']} layouts scored, {found['wall_s']:.2f} s"),
+            ("advice", f"{recommended} sensors: one per component that exceeds the noise, at least two"),
+        ]
+
+    def to_json(self) -> dict[str, Any]:
+        """Return all figures; unknown ones are None."""
+        return self.found
+
+
+def _describe(sensors: PlacedSensors, aim: Aim, seed: int) -> dict[str, Any]:
     """Return everything to print except the time; unknown values are None."""
+    from beamtouch_models.accuracy.limit import accuracy_limit
+    from beamtouch_models.building.failing import placed_of
+    from beamtouch_models.placement import recommended_count
+
     placement = sensors.placement
     # Use fresh draws: a layout looks better on the draws that it was chosen by.
     limit = accuracy_limit(sensors.prior, LIMIT_DRAWS, seed + 1)
@@ -63,26 +144,6 @@ def _described(sensors: PlacedSensors, aim: Aim, seed: int) -> dict[str, Any]:
         "components": aim.leading or len(placement.positions_mm),
         "recommended_sensors": recommended_count(sensors.influence, sensors.errors.noise_mm),
     }
-
-
-def _table(found: dict[str, Any], sensors: PlacedSensors) -> str:
-    """Return the result as text, each number with its unit and reference."""
-    score = found["log_eigenvalue_product"]
-    leading = (
-        f"{found['components']} leading eigenvalues" if found["components"] < len(found["positions_mm"]) else "all"
-    )
-    product = "-inf: a component is below rounding" if score is None else f"{score:.4f}"
-    rows = [
-        ("sensors", f"{', '.join(f'{position:g}' for position in found['positions_mm'])} mm from the left end"),
-        ("product", f"ln {product} ({leading}; lengths in units of l, W/(EI) = 1)"),
-        ("proof", _proof_line(found)),
-        ("limit", _limit_line(found["accuracy_limit_percent"], found["standard_error"], sensors)),
-        *([("failed", _failed_line(found))] if found["limit_without_percent"] else []),
-        ("search", f"{found['search']}, by {found['criterion']}, seed {found['seed']}"),
-        ("cost", f"{found['evaluations']} layouts scored, {found['wall_s']:.2f} s"),
-        ("advice", f"{found['recommended_sensors']} sensors: one per component that exceeds the noise, at least two"),
-    ]
-    return "\n".join(f"{label:<8} {text}" for label, text in rows)
 
 
 def _limit_line(percent: float, standard_error: float, sensors: PlacedSensors) -> str:

@@ -1,54 +1,62 @@
 """`design-sensors reproduce`: the paper's figures as plots, numbers and a table of verdicts."""
 
+from __future__ import annotations
+
 import argparse
-import json
 import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-from rich.box import SIMPLE_HEAD
-from rich.console import Console
-from rich.table import Table
-
-from beamtouch_common.errors import InputError
 from beamtouch_common.files import write_atomically
-from beamtouch_models.commands.progress import shown_progress
-from beamtouch_models.reproduction.reproduce import Reproduction, reproduce
+from beamtouch_models.commands.options import add_json, add_seed, folder_of, shown_progress
+from beamtouch_models.commands.printing import Block, Table, show
 
-WIDTH_WITHOUT_TERMINAL = 160
+if TYPE_CHECKING:
+    from beamtouch_models.reproduction.reproduce import Reproduction
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of the command."""
+    parser.add_argument(
+        "-o", "--output", type=Path, required=True, metavar="DIR", help="folder for the plots and numbers"
+    )
+    add_seed(parser)
+    add_json(parser)
 
 
 def run(options: argparse.Namespace) -> None:
     """Compute everything, write the folder, print the table."""
+    from beamtouch_models.reproduction.reproduce import reproduce
+
     folder = folder_of(options.output)
     with shown_progress() as progress:
         found = reproduce(options.seed, progress)
     files = found.files()
     for name, text in files.items():
         write_atomically(folder / name, text.encode())
-    if options.json:
-        print(json.dumps({"output": str(folder), "files": sorted(files), **found.results()}))
-    else:
-        show(found)
+    show(Reproduced(found, folder, sorted(files)), as_json=options.json)
+    if not options.json:
         print(f"{len(files)} files in {folder}: plots, results.json, table.md", file=sys.stderr)
 
 
-def show(found: Reproduction) -> None:
-    """Print the table of verdicts."""
-    console = Console(width=None if sys.stdout.isatty() else WIDTH_WITHOUT_TERMINAL)
-    table = Table(box=SIMPLE_HEAD, show_lines=True)
-    for heading in ("statement", "paper", "here", "verdict"):
-        table.add_column(heading, overflow="fold")
-    colours = {"agrees": "green", "differs": "yellow", "not stated": "dim"}
-    for row in found.rows:
-        table.add_row(row.quantity, row.paper or "-", row.ours, f"[{colours[row.verdict]}]{row.verdict_text}[/]")
-    console.print(table)
-    console.print(f"{found.summary()} (seed {found.seed})")
+@dataclass(frozen=True)
+class Reproduced:
+    """The reproduction, with the files that were written."""
 
+    found: Reproduction
+    folder: Path
+    files: list[str]
 
-def folder_of(path: Path) -> Path:
-    """Create the output folder if it is missing; raises InputError if the path is a file."""
-    if path.exists() and not path.is_dir():
-        message = f"{path}: is a file; give a folder"
-        raise InputError(message)
-    path.mkdir(parents=True, exist_ok=True)
-    return path
+    def rows(self) -> Iterator[Block]:
+        """Return the table of verdicts and their summary."""
+        rows = [(row.quantity, row.paper or "-", row.ours, row.verdict_text) for row in self.found.rows]
+        head = ("statement", "paper", "here", "verdict")
+        differing = [place for place, row in enumerate(self.found.rows) if row.verdict == "differs"]
+        yield Table(head, rows, text=head, bold=differing, ruled=True)
+        yield f"{self.found.summary()} (seed {self.found.seed})"
+
+    def to_json(self) -> dict[str, Any]:
+        """Return all results."""
+        return {"output": str(self.folder), "files": self.files, **self.found.results()}

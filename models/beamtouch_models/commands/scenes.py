@@ -1,31 +1,67 @@
 """`design-sensors scenes`: lists the shipped scenes, or copies one."""
 
 import argparse
-import json
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from beamtouch_common.files import write_atomically
 from beamtouch_models.commands.new import refuse_existing
+from beamtouch_models.commands.options import add_json
+from beamtouch_models.commands.printing import Block, show
 from beamtouch_models.errors import SceneError
 from beamtouch_models.shipped import described, shipped_scenes
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of the command."""
+    words = "copy this scene into a folder (default: the current one)"
+    parser.add_argument("--copy", nargs="+", metavar=("NAME", "FOLDER"), help=words)
+    parser.add_argument("--force", action="store_true", help="replace a file that exists")
+    add_json(parser)
 
 
 def run(options: argparse.Namespace) -> None:
     """List the scenes with what each is, or copy one into a folder."""
     scenes = shipped_scenes()
     if options.copy:
-        target = _copied(scenes, options.copy, force=options.force)
-        print(json.dumps({"copied": str(target)}) if options.json else target)
-        return
-    told = {name: described(path) for name, path in scenes.items()}
-    if options.json:
-        print(json.dumps({"scenes": told}))
-        return
-    width = max(map(len, told))
-    print("\n".join(f"{name:<{width}}  {text}" for name, text in told.items()))
+        show(Copied(_copy(scenes, options.copy, force=options.force)), as_json=options.json)
+    else:
+        show(Listed({name: described(path) for name, path in scenes.items()}), as_json=options.json)
 
 
-def _copied(scenes: dict[str, Path], copy: list[str], *, force: bool) -> Path:
+@dataclass(frozen=True)
+class Copied:
+    """A scene that has been copied."""
+
+    target: Path
+
+    def rows(self) -> Iterator[Block]:
+        """Return the path of the copy."""
+        yield str(self.target)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the path of the copy."""
+        return {"copied": str(self.target)}
+
+
+@dataclass(frozen=True)
+class Listed:
+    """The scenes, by name, with what each is."""
+
+    scenes: dict[str, str]
+
+    def rows(self) -> Iterator[Block]:
+        """Return a line per scene."""
+        yield list(self.scenes.items())
+
+    def to_json(self) -> dict[str, Any]:
+        """Return what each scene is, by its name."""
+        return {"scenes": self.scenes}
+
+
+def _copy(scenes: dict[str, Path], copy: list[str], *, force: bool) -> Path:
     name, folder, *more = [*copy, "."] if len(copy) == 1 else copy
     if more:
         message = f"--copy takes a name and a folder; {more[0]} is one too many"

@@ -1,83 +1,196 @@
-"""`design-sensors trade`: measures accuracy against speed, number of sensors and filter."""
+"""`design-sensors trade`: measures what sensors, time, noise and estimators are worth in accuracy."""
+
+from __future__ import annotations
 
 import argparse
+import json
 import math
-import signal
 import sys
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
-from types import FrameType
+from typing import TYPE_CHECKING, Any
 
 from beamtouch_common.errors import InputError
-from beamtouch_models.commands.build import surface_name
-from beamtouch_models.commands.progress import shown_progress
-from beamtouch_models.commands.trade_scene import TradedScene
-from beamtouch_models.errors import SceneError
-from beamtouch_models.estimators.estimator import NAMES
-from beamtouch_models.progress import Progress
-from beamtouch_models.scene import load_scene
-from beamtouch_models.trade.front import NotToBeHadError
-from beamtouch_models.workers import spread_over
+from beamtouch_common.files import write_atomically
+from beamtouch_models.commands.options import (
+    ESTIMATORS,
+    add_contacts,
+    add_seed,
+    add_workers,
+    folder_of,
+    shown_progress,
+    surface_name,
+)
+from beamtouch_models.commands.printing import Block, Table, show
+
+if TYPE_CHECKING:
+    from beamtouch_models.progress import Progress
+    from beamtouch_models.scene import Scene
+    from beamtouch_models.sweeps import Spread
+    from beamtouch_models.trade.front import Point
+    from beamtouch_models.trade.trade import Trade
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of the command."""
+    parser.add_argument(
+        "scene", type=Path, metavar="SCENE", help="scene file (TOML), or a folder: all scenes in it, one after another"
+    )
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        required=True,
+        metavar="DIR",
+        help="folder for the tables, picture and JSON; for a folder of scenes, each gets its own folder in it",
+    )
+    wish = parser.add_mutually_exclusive_group()
+    wish.add_argument(
+        "--latency-ms", type=float, metavar="L", help="build the most accurate model that answers within L ms"
+    )
+    wish.add_argument(
+        "--error-mm", type=float, metavar="E", help="build the quickest model with a mean error of at most E mm"
+    )
+    parser.add_argument(
+        "--estimators",
+        nargs="+",
+        choices=ESTIMATORS,
+        help="estimators to measure beside the default one (default: all)",
+    )
+    add_contacts(parser, "simulated contacts per model", 4096)
+    add_workers(parser)
+    add_seed(parser)
+    parser.add_argument(
+        "--json",
+        action="store_true",
+        help="print one JSON object per scene, each on a line of standard output; measured times (times, latency_ms) "
+        "differ from run to run, and on_front, picked and sentences may differ with them",
+    )
 
 
 def run(options: argparse.Namespace) -> None:
-    """Measure every point of each scene, write the folders, print the fronts, and build the requested points."""
+    """Trade each scene: write its folder, print what changes are worth and the front, and build what is asked for."""
+    from beamtouch_models.building.remarks import remarks
+    from beamtouch_models.errors import SceneError
+    from beamtouch_models.scene import load_scene
+    from beamtouch_models.trade.front import NotToBeHadError
+    from beamtouch_models.workers import spread_over
+
     for option, value in (("--latency-ms", options.latency_ms), ("--error-mm", options.error_mm)):
         if value is not None and not 0 < value < math.inf:
             message = f"{option} {value:g}: give a positive number"
             raise InputError(message)
     # All are loaded first: a mistake in the last scene should not cost the time of the others.
-    scenes = [
-        TradedScene(path, *load_scene(path), folder, options)
-        for path, folder in _folders(options.scene, options.output)
-    ]
-    for one in scenes:
-        for remark in one.remarks:
-            print(f"note:    {one.path}: {remark}", file=sys.stderr)
-    try:
-        with _termination_interrupts():
-            _run(scenes, options)
-    except KeyboardInterrupt:
-        raise KeyboardInterrupt(_interrupted(scenes, options.output)) from None
-
-
-def _run(scenes: Sequence[TradedScene], options: argparse.Namespace) -> None:
+    scenes = [(path, folder, *load_scene(path)) for path, folder in _folders(options.scene, options.output)]
+    for path, _, scene, _ in scenes:
+        for remark in remarks(scene):
+            print(f"note:    {path}: {remark}", file=sys.stderr)
     refused: list[str] = []
     with spread_over(options.workers, options.cluster) as spread, shown_progress() as progress:
-        for scene in scenes:
-            scene.begin(tuple(options.estimators or NAMES), spread)
-        for scene in scenes:
-            with _refusals(scenes, scene, refused):
-                scene.gather(_named(scene.name, progress))
-    # The workers have ended: from here on, times are measured.
-    for scene in scenes:
-        if scene.is_gathered:
-            with _refusals(scenes, scene, refused):
-                scene.finish()
+        for path, folder, scene, text in scenes:
+            try:
+                _trade(path, folder, scene, text, options, spread, progress)
+            except (SceneError, NotToBeHadError) as error:
+                if len(scenes) == 1:
+                    raise
+                refused.append(f"{path}: {error}")
     if refused:
         message = f"{len(refused)} of {len(scenes)} scenes are not complete: {'; '.join(refused)}"
         raise InputError(message)
 
 
-def _named(name: str, progress: Progress) -> Progress:
-    """Return a progress whose steps begin with the name of a scene."""
-    return lambda doing, done: progress(f"{name}: {doing}", done)
+def _trade(
+    path: Path,
+    folder: Path,
+    scene: Scene,
+    text: str,
+    options: argparse.Namespace,
+    spread: Spread,
+    progress: Progress,
+) -> None:
+    from beamtouch_models.building.build import Choices, build
+    from beamtouch_models.estimators.estimator import NAMES
+    from beamtouch_models.trade.pictures import picture
+    from beamtouch_models.trade.results import json_of, markdown
+    from beamtouch_models.trade.trade import trade
+
+    name = surface_name(path)
+    folder_of(folder)
+    found = trade(
+        scene,
+        options.estimators or NAMES,
+        draws=options.draws,
+        seed=options.seed,
+        spread=spread,
+        progress=lambda doing, done: progress(f"{name}: {doing}", done),
+    )
+    for failure in found.failures:
+        print(f"note: {failure}", file=sys.stderr)
+    write_atomically(folder / "trade.json", (json.dumps(json_of(found), indent=1) + "\n").encode())
+    write_atomically(folder / "trade.md", markdown(name, found, str(path), options.seed).encode())
+    write_atomically(folder / "trade.svg", picture(name, found).encode())
+    picked = _pick(found, options)
+    model = folder / f"{name}.onnx"
+    if picked is not None:
+        choices = Choices(picked.model.estimator)
+        built = build(
+            scene, text, name, count=picked.model.sensors, seed=options.seed, progress=progress, choices=choices
+        )
+        write_atomically(model, built.content)
+    show(Traded(path, folder, found, options.seed, picked), as_json=options.json)
+    if not options.json:
+        print(f"all {len(found.points)} points are in {folder}: trade.md, trade.svg, trade.json", file=sys.stderr)
 
 
-@contextmanager
-def _refusals(scenes: Sequence[TradedScene], scene: TradedScene, refused: list[str]) -> Iterator[None]:
-    """Note that one of several scenes is refused, and go on with the others; a single one is refused at once."""
-    try:
-        yield
-    except (SceneError, NotToBeHadError) as error:
-        if len(scenes) == 1:
-            raise
-        refused.append(f"{scene.path}: {error}")
+def _pick(found: Trade, options: argparse.Namespace) -> Point | None:
+    from beamtouch_models.trade.front import most_accurate, quickest
+
+    if options.latency_ms is not None:
+        return most_accurate(found.points, options.latency_ms)
+    return None if options.error_mm is None else quickest(found.points, options.error_mm)
+
+
+@dataclass(frozen=True)
+class Traded:
+    """The trade of a scene, and the point whose model was built."""
+
+    scene: Path
+    folder: Path
+    found: Trade
+    seed: int
+    picked: Point | None
+
+    @property
+    def model(self) -> Path:
+        """The path of a model in the folder."""
+        return self.folder / f"{surface_name(self.scene)}.onnx"
+
+    def rows(self) -> Iterator[Block]:
+        """Return what each change is worth, the front, and the command that builds the model."""
+        from beamtouch_models.trade.results import POINT_HEADINGS, command_of, point_row, sentences
+
+        found, name = self.found, surface_name(self.scene)
+        yield from sentences(found)
+        title = f"{name}: the front, {len(found.front)} of {len(found.points)} points"
+        rows = [point_row(point, on_front=True)[1:] for point in found.front]
+        yield Table(POINT_HEADINGS[1:], rows, title, text=("estimator",))
+        yield f"Build one: {command_of(found.own, str(self.scene), self.seed, str(self.model))}"
+        if self.picked is not None:
+            _, *cells = point_row(self.picked, on_front=True)
+            yield f"built {self.model}: {self.picked}; {cells[-1]} mm, {cells[-2]} ms"
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the whole trade."""
+        from beamtouch_models.trade.results import json_of
+
+        index = None if self.picked is None else self.found.points.index(self.picked)
+        picked = None if index is None else {"index": index, "model": str(self.model)}
+        return {"scene": str(self.scene), "output": str(self.folder), "picked": picked, **json_of(self.found)}
 
 
 def _folders(stated: Path, output: Path) -> list[tuple[Path, Path]]:
-    """Return the scenes to measure, each with the folder for its results; makes the folders."""
+    """Return the scenes to measure, each with the folder for its results."""
     if not stated.is_dir():
         return [(stated, output)]
     scenes = sorted(stated.glob("*.toml"))
@@ -90,25 +203,3 @@ def _folders(stated: Path, output: Path) -> list[tuple[Path, Path]]:
             message = f"{path}: another scene in this folder would also be called {name}; rename one of them"
             raise InputError(message)
     return [(path, output / name) for path, name in zip(scenes, names, strict=True)]
-
-
-def _interrupted(scenes: Sequence[TradedScene], output: Path) -> str:
-    """Write the kept results, as the interruption may have come between two files; returns the message."""
-    done = sum(scene.write_kept() for scene in scenes)
-    if not done:
-        return "interrupted before the first point; nothing was written"
-    return f"interrupted; {done} of {sum(scene.planned for scene in scenes)} points are in {output}"
-
-
-@contextmanager
-def _termination_interrupts() -> Iterator[None]:
-    """Treat SIGTERM like Ctrl-C, so that both report what was kept."""
-
-    def interrupt(_signal: int, _frame: FrameType | None) -> None:
-        raise KeyboardInterrupt
-
-    before = signal.signal(signal.SIGTERM, interrupt)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)

@@ -115,7 +115,6 @@ def _cells(graph: Graph, prior: Prior, window: str, steps: int, table: tuple[str
     The third is the square of the influence's deviation, if the sensors' positions are not exact.
     """
     marks, offset = _marks(steps, CELLS[prior.force_is_known])
-    # As a second factor, the constant would lose its digits when `trade` quantises weights.
     node = graph.apply("MatMul", graph.constant(marks), window)
     node = graph.apply("Add", node, graph.constant(offset[:, None]))
     below = graph.apply("Clip", graph.apply("Floor", node), graph.constant(0.0), graph.constant(steps - 1.0))

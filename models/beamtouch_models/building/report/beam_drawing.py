@@ -1,23 +1,29 @@
 """The beam with its supports and sensors, drawn to scale as SVG.
 
 Lengths, thickness and gaps share one scale, but a thin beam is drawn thicker, and bent further, by a factor that the
-legend states. Sensors are as wide as their housings. Supports, and the height of sensors, are symbols.
+legend states. Sensors are as wide as their housings. Supports, and the height of sensors, are symbols. Every symbol and
+every colour has its words in the legend.
 """
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from html import escape
 
 import numpy as np
 
 from beamtouch_common.digits import digits
-from beamtouch_models.building.report.beam_legend import BENT, ROW, SPRING, Entry, bent_key, keys, legend
-from beamtouch_models.building.report.beam_scale import BEAM_Y, HEIGHT, MARGIN, THINNEST_PX, WIDTH, Scale, rect, text_at
-from beamtouch_models.building.report.beam_symbols import support_in_words, support_symbol
-from beamtouch_models.charts import round_ticks
+from beamtouch_models.charts import CHARACTER, round_ticks
 from beamtouch_models.metadata import Channel, Metadata
 from beamtouch_models.scene import Scene
 from beamtouch_models.scene.beam import Beam
+from beamtouch_models.scene.beam_parts import Support
 from beamtouch_models.svg import fill, opening, stroke
 
+WIDTH, HEIGHT, MARGIN = 900, 236, 48
+"""Size of the drawing without its legend, and space beside the beam."""
+BEAM_Y = 92
+"""Underside of the beam."""
+THINNEST_PX, THICKEST_PX = 3.0, 40.0
+"""A thin beam is drawn thicker until its thinnest section has the first or its thickest the second."""
 SENSOR_HEIGHT = 24.0
 LABEL_WIDTH = 48.0
 """Labels closer than this stand in two rows."""
@@ -32,6 +38,15 @@ LEGEND_Y = 252
 _LEAD = stroke("faint", "lead")
 _THIN = stroke("muted", "thin")
 _TOUCH, _TIP = stroke("s1", "touch", width=1.6), fill("s1", "tip")
+WALL = 28
+"""Height of a wall above the underside of the beam, in px."""
+ROW, KEY, GAP = 30, 40, 24
+"""Height of a row, width of a symbol, and space between two entries, in px."""
+BENT = stroke("s1", "bent", width=1.4) + ' stroke-dasharray="5 3"'
+SPRING = stroke("ink", "support", width=1.4)
+
+_Entry = tuple[Callable[[float, float], str], str]
+"""How a symbol is drawn about a place, and its words."""
 
 
 def beam_drawing(scene: Scene, metadata: Metadata) -> str:
@@ -41,7 +56,7 @@ def beam_drawing(scene: Scene, metadata: Metadata) -> str:
     supports = ", ".join(f"{support_in_words(one)} at {one.at_mm:g} mm" for one in scene.beam.support_list)
     says = f"The beam, {scene.beam.length_mm:g} mm long, to scale. Supports: {supports or 'none'}. Sensors: {places}."
     bent, told = _bent(scene, metadata, px)
-    below, rows = legend([*keys(scene, metadata, px), *told], MARGIN, WIDTH - 4, LEGEND_Y)
+    below, rows = _legend([*_keys(scene, metadata, px), *told], MARGIN, WIDTH - 4, LEGEND_Y)
     parts = [
         opening("drawing", WIDTH, HEIGHT + rows * ROW, says),
         *_keep_outs(scene, px),
@@ -58,6 +73,50 @@ def beam_drawing(scene: Scene, metadata: Metadata) -> str:
     return "\n".join(parts)
 
 
+class Scale:
+    """From mm to px, the same along and across the beam; a thin beam is drawn thicker."""
+
+    def __init__(self, beam: Beam) -> None:
+        self.length_mm = beam.length_mm
+        self.factor = (WIDTH - 2 * MARGIN) / beam.length_mm
+        self.thickness_mm = _thicknesses_mm(beam)
+        known = [one for one in self.thickness_mm if one]
+        self.thicker = 1.0
+        """Factor by which the beam is drawn thicker."""
+        if known:
+            most = max(1.0, THICKEST_PX / (max(known) * self.factor))
+            self.thicker = min(max(1.0, THINNEST_PX / (min(known) * self.factor)), most)
+
+    def x(self, at_mm: float) -> float:
+        """Return where a position on the beam is."""
+        return MARGIN + at_mm * self.factor
+
+    def height(self, thickness_mm: float | None) -> float:
+        """Return the height of a section."""
+        return max(1.0, thickness_mm * self.factor * self.thicker) if thickness_mm else THINNEST_PX
+
+    def top(self, at_mm: float, beam: Beam) -> float:
+        """Return the upper edge of the beam at a position."""
+        ends = [section.to_mm for section in beam.sections]
+        index = min(int(np.searchsorted(ends, at_mm)), len(ends) - 1)
+        return BEAM_Y - self.height(self.thickness_mm[index])
+
+
+def _thicknesses_mm(beam: Beam) -> list[float | None]:
+    """Return the thickness of each section; None if the scene does not state it."""
+    return [segment.thickness_mm or beam.thickness_mm for segment in beam.segments] or [beam.thickness_mm]
+
+
+def rect(paint: str, x: float, y: float, width: float, height: float) -> str:
+    """Return a rectangle."""
+    return f'<rect {paint} x="{x:.1f}" y="{y:.1f}" width="{width:.1f}" height="{height:.1f}"/>'
+
+
+def text_at(x: float, y: float, text: str) -> str:
+    """Return a text centred at x."""
+    return f'<text x="{x:.1f}" y="{y:g}" text-anchor="middle">{escape(text)}</text>'
+
+
 def _beam(beam: Beam, px: Scale) -> Iterable[str]:
     start = 0.0
     for section, thickness in zip(beam.sections, px.thickness_mm, strict=True):
@@ -72,7 +131,7 @@ def _supports(beam: Beam, px: Scale) -> Iterable[str]:
         yield support_symbol(support, px.x(support.at_mm), BEAM_Y, top, at_start=at_start, name="support")
 
 
-def _bent(scene: Scene, metadata: Metadata, px: Scale) -> tuple[list[str], list[Entry]]:
+def _bent(scene: Scene, metadata: Metadata, px: Scale) -> tuple[list[str], list[_Entry]]:
     """Return the beam as the largest force bends it where it yields most, and the entry of the legend."""
     drawn, force_n = metadata.drawn, scene.contact.force_range_n[1]
     deflection_mm = np.array(drawn.deflection_mm_per_n) * force_n
@@ -85,7 +144,7 @@ def _bent(scene: Scene, metadata: Metadata, px: Scale) -> tuple[list[str], list[
     points = " ".join(f"{px.x(at):.1f},{BEAM_Y + times * mm * px.factor:.1f}" for at, mm in pairs)
     larger = "to scale" if times == 1 else f"{times:g} times larger"
     words = f"bent by {force_n:g} N at {digits(drawn.load_mm[load], 4)} mm, {larger}"
-    return [f'<polyline {BENT} points="{points}"/>'], [(bent_key, words)]
+    return [f'<polyline {BENT} points="{points}"/>'], [(_bent_key, words)]
 
 
 def _round_down(value: float) -> float:
@@ -103,7 +162,7 @@ def _foundation(beam: Beam, px: Scale) -> Iterable[str]:
 def _sensors(scene: Scene, metadata: Metadata, px: Scale) -> Iterable[str]:
     gap = max(2.0, metadata.sensor.standoff_mm * px.factor)
     fixed, width = set(scene.sensors.fixed_mm), max(THINNEST_PX, scene.sensors.size_mm * px.factor)
-    for channel, row in _rows(metadata.layout, px):
+    for channel, row in _label_rows(metadata.layout, px):
         x, top = px.x(channel.position_mm), BEAM_Y + gap
         held = channel.position_mm in fixed
         label_y = BEAM_Y + 56 + 30 * row
@@ -114,7 +173,7 @@ def _sensors(scene: Scene, metadata: Metadata, px: Scale) -> Iterable[str]:
         yield text_at(x, label_y + 14, f"{channel.position_mm:g}")
 
 
-def _rows(layout: list[Channel], px: Scale) -> Iterable[tuple[Channel, int]]:
+def _label_rows(layout: list[Channel], px: Scale) -> Iterable[tuple[Channel, int]]:
     """Yield each channel with the row of its label; close neighbours alternate between two rows."""
     before, row = -float("inf"), 0
     for channel in layout:
@@ -149,3 +208,120 @@ def _scale(px: Scale) -> Iterable[str]:
         yield f'<line {_THIN} x1="{x:.1f}" x2="{x:.1f}" y1="{SCALE_Y}" y2="{SCALE_Y + 5}"/>'
         yield text_at(x, SCALE_Y + 19, f"{tick:g}")
     yield f'<text x="{WIDTH - 4}" y="{SCALE_Y + 19}" text-anchor="end">mm</text>'
+
+
+def support_in_words(support: Support) -> str:
+    """Return a kind of support in the words of an engineer."""
+    if support.kind == "fixed":
+        return "clamped" if support.holds_lengthwise else "clamped, can slide"
+    turns = "can turn against a spring" if support.fixity else "can turn"
+    return f"pinned: {turns}, not slide" if support.holds_lengthwise else f"roller: {turns} and slide"
+
+
+def support_symbol(support: Support, x: float, underside: float, top: float, *, at_start: bool, name: str) -> str:
+    """Draw a support of a beam between two heights as a single path; `name` is its class."""
+    if support.kind == "fixed" and support.holds_lengthwise:
+        # A wall at the left end stands left of the beam, any other wall right of its position.
+        side = -1 if at_start else 1
+        hatches = "".join(f" M{x:.1f} {underside - WALL + 8 * i:.1f} l{8 * side} 7" for i in range(6))
+        parts = f"M{x:.1f} {underside - WALL:.1f} v48{hatches}"
+    elif support.kind == "fixed":
+        # Rollers on both sides of the beam let it slide and keep it from turning.
+        middle = x + 9 if at_start else x - 9
+        rollers = [_circle(middle + dx, y, 4) for dx in (-6, 6) for y in (underside + 4, top - 4)]
+        parts = " ".join([*rollers, _ground(middle, underside + 8, 5), _ground(middle, top - 8, -5)])
+    elif support.holds_lengthwise:
+        parts = f"M{x:.1f} {underside:.1f} l-9 16 h18 z {_ground(x, underside + 16, 5)}"
+    else:
+        parts = f"{_circle(x, underside + 8, 8)} {_ground(x, underside + 16, 5)}"
+    if support.fixity:
+        parts += f" M{x - 14:.1f} {underside + 2:.1f} a14 14 0 0 0 28 0 l4 4 m-4 -4 l-5 3"
+    return f'<path {stroke("ink", name, width=1.4)} d="{parts}"/>'
+
+
+def _ground(x: float, y: float, depth: float) -> str:
+    hatches = "".join(f" M{x - 8 + 7 * i:.1f} {y:.1f} l-5 {depth:g}" for i in range(4))
+    return f"M{x - 13:.1f} {y:.1f} h26{hatches}"
+
+
+def _circle(x: float, y: float, r: float) -> str:
+    return f"M{x - r:.1f} {y:.1f} a{r:g} {r:g} 0 1 0 {2 * r:g} 0 a{r:g} {r:g} 0 1 0 {-2 * r:g} 0"
+
+
+def _keys(scene: Scene, metadata: Metadata, px: Scale) -> Iterator[_Entry]:
+    """Yield the entries of the legend, for what the drawing shows."""
+    known = [one for one in px.thickness_mm if one]
+    each = " and ".join(f"{one:g}" for one in sorted(set(known))) if len(set(known)) < 4 else "in steps"
+    thick = f"{each} mm thick" if each else "thickness not stated"
+    yield _beam_key, thick if px.thicker == 1 or not known else f"{thick}, drawn {digits(px.thicker, 2)} times thicker"
+    for words, support in {support_in_words(one): one for one in scene.beam.support_list}.items():
+        yield _support_key(support), words
+    fixed = set(scene.sensors.fixed_mm)
+    kinds = {channel.position_mm in fixed for channel in metadata.layout}
+    wide = f", {scene.sensors.size_mm:g} mm wide" if scene.sensors.size_mm else ""
+    for is_fixed, words in ((False, f"sensor{wide}"), (True, f"sensor{wide}, fixed by the scene")):
+        if is_fixed in kinds:
+            yield _sensor_key(is_fixed=is_fixed), words
+    if scene.sensors.keep_out_mm:
+        yield _keep_out_key, "no sensors here"
+    if scene.beam.foundation_n_mm2 is not None:
+        yield _spring_key, "elastic foundation"
+
+
+def _beam_key(x: float, y: float) -> str:
+    return rect(fill("muted", "key"), x - 16, y - 2, 32, 4)
+
+
+def _bent_key(x: float, y: float) -> str:
+    """Draw the symbol of the bent beam."""
+    return f'<path {BENT} d="M{x - 16:.1f} {y - 4:.1f} q16 12 32 0"/>'
+
+
+def _sensor_key(*, is_fixed: bool) -> Callable[[float, float], str]:
+    paint = fill("s3" if is_fixed else "s0", "key")
+    return lambda x, y: rect(paint, x - 5, y - 9, 10, 18)
+
+
+def _keep_out_key(x: float, y: float) -> str:
+    return rect(f'{fill("s1", "key")} opacity=".16"', x - 16, y - 9, 32, 18)
+
+
+def _spring_key(x: float, y: float) -> str:
+    return f'<path {stroke("ink", "key", width=1.4)} d="M{x:.1f} {y - 6:.1f} l3 3 l-6 3 l6 3 l-3 3" opacity=".45"/>'
+
+
+def _support_key(support: Support) -> Callable[[float, float], str]:
+    def draw(x: float, y: float) -> str:
+        beam = rect(fill("muted", "key"), -16, -11, 32, 3)
+        at = -16 if support.kind == "fixed" else 0
+        symbol = support_symbol(support, at, -8, -11, at_start=True, name="key")
+        return f'<g transform="translate({x:.1f} {y + 3:.1f}) scale(0.75)">{beam}{symbol}</g>'
+
+    return draw
+
+
+def _legend(entries: Sequence[_Entry], left: float, right: float, top: float) -> tuple[list[str], int]:
+    """Return the elements of a legend between two edges, and its number of rows."""
+    rows = list(_legend_rows(entries, right - left))
+    parts = []
+    for number, row in enumerate(rows):
+        y = top + number * ROW
+        for offset, (symbol, words) in row:
+            x = left + offset
+            parts += [symbol(x + KEY / 2, y), f'<text x="{x + KEY + 4:.1f}" y="{y + 4:.1f}">{escape(words)}</text>']
+    return parts, len(rows)
+
+
+def _legend_rows(entries: Sequence[_Entry], width: float) -> Iterator[list[tuple[float, _Entry]]]:
+    """Yield rows of entries, each with its offset."""
+    row: list[tuple[float, _Entry]] = []
+    offset = 0.0
+    for entry in entries:
+        wide = KEY + 4 + len(entry[1]) * CHARACTER + GAP
+        if row and offset + wide - GAP > width:
+            yield row
+            row, offset = [], 0.0
+        row.append((offset, entry))
+        offset += wide
+    if row:
+        yield row

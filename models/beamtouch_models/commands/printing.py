@@ -1,0 +1,74 @@
+"""The form of a command's result, and its one printer."""
+
+import json
+import sys
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+WIDTH_WITHOUT_TERMINAL = 180
+"""Characters in a line of a table that goes to a file or a pipe."""
+
+
+@dataclass(frozen=True)
+class Table:
+    """Rows under headings; a column of numbers stands to the right."""
+
+    head: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    title: str = ""
+    text: Collection[str] = ()
+    """Headings of the columns that hold text, beside the first."""
+    bold: Collection[int] = ()
+    """Places of rows that stand out."""
+    ruled: bool = False
+    """Whether lines separate the rows, as cells of several lines need."""
+
+
+Block = Table | Sequence[tuple[str, ...]] | str
+"""A table, lines whose parts stand in columns, or a paragraph."""
+
+
+class Result(Protocol):
+    """A result of a command."""
+
+    def rows(self) -> Iterable[Block]:
+        """Return the result for people."""
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the result for programs: one JSON object, whose keys are documented."""
+
+
+def show(result: Result, *, as_json: bool) -> None:
+    """Print a result, as one JSON object or as text."""
+    if as_json:
+        print(json.dumps(result.to_json()), flush=True)
+        return
+    for block in result.rows():
+        if isinstance(block, Table):
+            _print_table(block)
+        elif isinstance(block, str):
+            print(block)
+        else:
+            print("\n".join(_in_columns(block)))
+
+
+def _in_columns(lines: Sequence[tuple[str, ...]]) -> Iterable[str]:
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    for parts in lines:
+        yield "  ".join(part.ljust(width) for part, width in zip(parts, widths, strict=True)).rstrip()
+
+
+def _print_table(table: Table) -> None:
+    from rich.box import SIMPLE_HEAD
+    from rich.console import Console
+    from rich.table import Table as RichTable
+
+    drawn = RichTable(title=table.title or None, box=SIMPLE_HEAD, title_justify="left", show_lines=table.ruled)
+    for place, heading in enumerate(table.head):
+        is_text = place == 0 or heading in table.text
+        drawn.add_column(heading, justify="left" if is_text else "right", overflow="fold")
+    for place, cells in enumerate(table.rows):
+        drawn.add_row(*cells, style="bold" if place in table.bold else None)
+    width = None if sys.stdout.isatty() else WIDTH_WITHOUT_TERMINAL
+    Console(width=width, highlight=False, markup=False).print(drawn)

@@ -1,0 +1,231 @@
+"""The models of a trade: those that `build` makes of a scene by default, and of the scene with one thing changed."""
+
+import math
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from beamtouch_models.accuracy.contacts import simulated_enough
+from beamtouch_models.accuracy.limit import accuracy_limit
+from beamtouch_models.accuracy.prior import Prior
+from beamtouch_models.accuracy.statistics import Measurement, mean_of, ratio_of
+from beamtouch_models.arrays import Floats32
+from beamtouch_models.building.placed import placed
+from beamtouch_models.building.since_touch import errors_of_means, errors_since_touch, readings_of
+from beamtouch_models.errors import SceneError
+from beamtouch_models.estimators.estimator import NAMES, Name, estimator_of
+from beamtouch_models.export import to_bytes
+from beamtouch_models.metadata import FilterChoice
+from beamtouch_models.pricing.noise import choose_filter, sensor_noise_mm
+from beamtouch_models.pricing.removal import changed
+from beamtouch_models.progress import silent
+from beamtouch_models.scene import Scene
+from beamtouch_models.scene.sensors import MIN_SENSORS
+from beamtouch_models.session import runner
+
+AROUND = 2
+"""If the scene states a number of sensors, fewer ones down to AROUND less are measured, and one more."""
+NOISES = (0.25, 0.5, 2.0, 4.0)
+"""Noises of a reading that are measured, over that of the scene."""
+
+Varied = Literal["sensors", "estimator", "noise", "latency"]
+"""The one thing that differs from the model that `build` makes of the scene; "sensors" also of that model itself."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """A model to measure, as plain data that can be sent to a worker."""
+
+    scene: Scene
+    """The scene as stated, or with the changed noise or latency."""
+    varied: Varied
+    sensors: int
+    draws: int
+    seed: int
+    estimator: Name = NAMES[0]
+    kept_mm: tuple[float, ...] = ()
+    """A layout that is placed already; none: the sensors are placed as `build` places them."""
+
+
+@dataclass(frozen=True)
+class Answer:
+    """The answer of a model once so many readings of a touch have come, on a beam that follows the touch at once."""
+
+    readings: int
+    since_ms: float
+    error_mm: Measurement
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """A measured model, not timed yet."""
+
+    varied: Varied
+    estimator: Name
+    positions_mm: tuple[float, ...]
+    reading_mm: float
+    """Noise of a reading."""
+    filter: FilterChoice
+    latency_ms: float | None
+    """As the scene, or the changed one, states it."""
+    length_mm: float
+    error_mm: Measurement
+    """Mean |position error| for a mean of `filter.window` readings at rest, as `build` states it."""
+    limit_mm: Measurement
+    """Accuracy limit, on the same contacts."""
+    ratio: Measurement
+    answers: tuple[Answer, ...]
+    graph: bytes
+    deflection_mm: Floats32
+    """(1, channels), a contact to time the graph with."""
+    whitening_per_mm: Floats32
+    """(1, channels, channels)"""
+
+    @property
+    def sensors(self) -> int:
+        """The number of sensors."""
+        return len(self.positions_mm)
+
+
+@dataclass(frozen=True)
+class Failure:
+    """A model that cannot be built, with the reason."""
+
+    varied: Varied
+    sensors: int
+    estimator: Name
+    reason: str
+
+    def __str__(self) -> str:
+        """Return the failure in words."""
+        return f"{self.sensors} sensors, {self.estimator}, another {self.varied}: {self.reason}"
+
+
+@dataclass(frozen=True)
+class Curve:
+    """The error of the scene's own model by the time since a touch, behind the filter that `build` writes."""
+
+    readings: tuple[int, ...]
+    since_ms: tuple[float, ...]
+    error_mm: tuple[Measurement, ...]
+    """On a beam that follows the touch at once."""
+    ringing_mm: tuple[Measurement, ...]
+    """After a sudden force, after which the beam rings; none if the scene does not state the beam's mass."""
+    limit_mm: tuple[Measurement, ...]
+    """Accuracy limit for the mean of all these readings, on a beam at rest."""
+
+
+def numbers_of_sensors(scene: Scene) -> list[int]:
+    """Return the numbers of sensors to measure: the scene's range, or numbers around the one that it states."""
+    stated, most = scene.sensors.count_range
+    fewest = scene.sensors.fewest
+    if stated == most:
+        fewest, most = max(MIN_SENSORS + 1, stated - AROUND, len(scene.sensors.fixed_mm)), stated + 1
+    return list(range(fewest, most + 1))
+
+
+def with_noises(scene: Scene) -> list[Scene]:
+    """Return the scene with each other noise of its sensors; none if its noise comes from the ADC alone."""
+    noise_mm = sensor_noise_mm(scene)
+    if noise_mm == 0:
+        return []
+    return [changed(scene, "sensors", noise_mm=noise_mm * one, noise_percent_of_max=None) for one in NOISES]
+
+
+def with_twice_the_latency(scene: Scene) -> Scene:
+    """Return the scene with twice its latency; without one, with that of two readings."""
+    latency_ms = scene.requirements.latency_ms or 1e3 / scene.sensors.rate_hz
+    return changed(scene, "requirements", latency_ms=2 * latency_ms)
+
+
+def measure(task: Task) -> Model | Failure:
+    """Place the sensors of a model, make its estimator, and measure it on the contacts on which `build` measures it.
+
+    A scene of which nothing can be built is returned as a failure.
+    """
+    try:
+        return _measure(task)
+    except SceneError as error:
+        return Failure(task.varied, task.sensors, task.estimator, str(error))
+
+
+def _measure(task: Task) -> Model:
+    scene, seed = task.scene, task.seed
+    chosen = choose_filter(scene)
+    sensors = placed(scene, chosen, count=task.sensors, seed=seed, kept_mm=task.kept_mm)
+    prior, noise = sensors.prior, sensors.physics.noise
+    made = estimator_of(
+        task.estimator,
+        prior,
+        min_noise_mm=chosen.min_noise_mm(noise),
+        with_force=scene.wants_force,
+        seed=seed,
+        progress=silent,
+    )
+    graph = to_bytes(made.graph)
+    run = runner(graph)
+    contacts = simulated_enough(prior, task.draws, seed + 2)
+    best, weight, reading = contacts.deviation_mm, contacts.weight, contacts.drawn.deflection_mm
+    error = contacts.mean_error_mm(run(reading, prior.whitening(reading))["position_mm"])
+    if best is None or not np.isfinite(error).all():
+        message = "some of its answers are not finite"
+        raise SceneError(message)
+    reached, counts = mean_of(error, weight), readings_of(chosen)
+    means = errors_of_means(prior, run, noise.reading_mm, counts, chosen.window, reached, seed + 2)
+    return Model(
+        task.varied,
+        task.estimator,
+        sensors.placement.positions_mm,
+        noise.reading_mm,
+        chosen,
+        scene.requirements.latency_ms,
+        prior.length_mm,
+        reached,
+        mean_of(best, weight),
+        ratio_of(error * weight, best * weight),
+        tuple(Answer(n, n * 1e3 / scene.sensors.rate_hz, one) for n, one in zip(counts, means, strict=True)),
+        graph,
+        *_sample(prior),
+    )
+
+
+def _sample(prior: Prior) -> tuple[Floats32, Floats32]:
+    """Return the deflection of a contact at a third of the range, with the middle force, and its whitening."""
+    low, high = prior.position_mm
+    clean = sum(prior.force_n) / 2 * prior.influence_at(np.array([low + (high - low) / 3]))
+    return clean.astype(np.float32), prior.whitening(clean).astype(np.float32)
+
+
+def follow(task: tuple[Scene, Model, int, int]) -> Curve:
+    """Return the curve of a scene's own model; the task is the scene, the model, the draws and the seed."""
+    scene, model, draws, seed = task
+    chosen = model.filter
+    sensors = placed(scene, chosen, seed=seed, kept_mm=model.positions_mm)
+    prior, scale = sensors.prior, model.length_mm / 100
+    answers = errors_since_touch(
+        prior,
+        runner(model.graph),
+        scene,
+        np.array(model.positions_mm),
+        chosen,
+        model.error_mm.scaled(1 / scale),
+        seed + 2,
+    )
+    limits = [
+        accuracy_limit(replace(prior, noise_mm=model.reading_mm / math.sqrt(answer.readings)), draws, seed + 2)
+        for answer in answers
+    ]
+    at_once = [Measurement(one.error_percent, one.error_standard_error or 0.0) for one in answers]
+    ringing = [
+        Measurement(one.ringing_percent, one.ringing_standard_error or 0.0)
+        for one in answers
+        if one.ringing_percent is not None
+    ]
+    return Curve(
+        tuple(one.readings for one in answers),
+        tuple(one.since_ms for one in answers),
+        tuple(one.scaled(scale) for one in at_once),
+        tuple(one.scaled(scale) for one in ringing),
+        tuple(Measurement(one.percent, one.standard_error).scaled(scale) for one in limits),
+    )
