@@ -23,6 +23,21 @@ def design_sensors(*arguments: object) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, capture_output=True, text=True, check=False, timeout=150)
 
 
+def test_help_of_every_command_imports_nothing_that_computes() -> None:
+    program = """if True:
+        import sys
+        from contextlib import suppress
+        from beamtouch_models import cli
+        for command in cli.COMMANDS:
+            with suppress(SystemExit):
+                cli.main([command, "--help"])
+        print(sorted({"numpy", "scipy", "onnx", "onnxruntime", "rich"} & set(sys.modules)), file=sys.stderr)
+    """
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False, timeout=150)
+    assert (done.returncode, done.stderr) == (0, "[]\n")
+    assert done.stdout.count("usage: design-sensors ") == 11
+
+
 def test_build_writes_a_model_and_a_daemon_config_and_prints_one_json_object(tmp_path: Path) -> None:
     model, config = tmp_path / "press.onnx", tmp_path / "daemon.toml"
     done = design_sensors(
