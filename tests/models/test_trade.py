@@ -136,7 +136,7 @@ def test_the_command_writes_the_folder_and_builds_the_choice(
 ) -> None:
     monkeypatch.setattr(paper_network, "PATIENCE", 10)  # its error is not asked for
     scene, out = tmp_path / "plate.toml", tmp_path / "out"
-    text = PAPER.replace("count = 2", "count = [2, 3]").replace("[sensors]", "[sensors]\nrate_hz = 50")
+    text = PAPER.replace("count = 2", "count = [2, 3]\ngrid_mm = 57").replace("[sensors]", "[sensors]\nrate_hz = 50")
     scene.write_text(text + "\n[requirements]\nlatency_ms = 40\nposition_error_mm = 1000\n")
     common = ("trade", scene, "-o", out, "--draws", 128, "--estimators", "posterior", "paper-network")
     done = design_sensors_here(*common, "--latency-ms", 60, "--json")
@@ -180,7 +180,7 @@ def test_the_command_writes_the_folder_and_builds_the_choice(
 def test_models_that_fail_are_named_and_the_front_is_a_table(design_sensors_here: Command, tmp_path: Path) -> None:
     scene, out = tmp_path / "narrow.toml", tmp_path / "out"
     # Three sensors with 150 mm between them go on 400 mm, four do not.
-    text = PAPER.replace("count = 2", "count = [3, 4]\nmin_distance_mm = 150")
+    text = PAPER.replace("count = 2", "count = [3, 4]\nmin_distance_mm = 150\ngrid_mm = 25")
     scene.write_text(text + "\n[requirements]\nlatency_ms = 10\n")
     options = ("--draws", 128, "--estimators", "posterior", "--error-mm", 300)
     done = design_sensors_here("trade", scene, "-o", out, *options)

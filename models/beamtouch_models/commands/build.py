@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from beamtouch_common.digits import digits
 from beamtouch_common.files import require_writable, write_atomically
-from beamtouch_models.commands.inspect import Inspected
+from beamtouch_models.commands.inspect import describe
 from beamtouch_models.commands.options import (
     ESTIMATORS,
     add_json,
@@ -86,7 +86,7 @@ def run(options: argparse.Namespace) -> None:
         )
     _say_floor(scene)
     _say_what_is_missed(scene, built)
-    show(Inspected(loading.load_bytes(built.content, str(options.output))), as_json=options.json)
+    show(describe(loading.load_bytes(built.content, str(options.output))), as_json=options.json)
 
 
 def _say_floor(scene: Scene) -> None:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +13,7 @@ from beamtouch_common.digits import digits
 from beamtouch_common.errors import InputError
 from beamtouch_common.files import require_writable, write_atomically
 from beamtouch_models.commands.options import add_json, shown_progress
-from beamtouch_models.commands.printing import Block, show
+from beamtouch_models.commands.printing import Result, show
 
 if TYPE_CHECKING:
     from beamtouch_models.arrays import Floats
@@ -77,61 +77,50 @@ def run(options: argparse.Namespace) -> None:
         found = calibrate(model, loads, progress)
     write_atomically(options.output, found.content)
     fresh = loading.load(options.output)
-    show(CalibratedModel(found, fresh.identity, options.output, options.leave_out), as_json=options.json)
+    results = _results(found, options.leave_out)
+    fields = {"model": fresh.identity, "output": str(options.output), **results}
+    show(Result(fields, [_rows(found, fresh.identity)]), as_json=options.json)
 
 
-@dataclass(frozen=True)
-class CalibratedModel:
-    """A model fitted to recorded loads."""
+def _results(found: Calibrated, left_out: Sequence[int]) -> dict[str, Any]:
+    metadata = found.metadata
+    calibration = metadata.calibration
+    return {
+        "calibration": None if calibration is None else calibration.model_dump(),
+        "standard_errors": {name: values.tolist() for name, values in _standard_errors(found.fit).items()},
+        "error_before_mm": {"mean": float(found.before_mm.mean()), "worst": float(found.before_mm.max())},
+        "error_after_mm": {"mean": float(found.after_mm.mean()), "worst": float(found.after_mm.max())},
+        "limit_mm": found.limit_mm,
+        "placing_mm": found.fit.errors.placing_mm,
+        "force_percent": 100 * found.fit.errors.force,
+        "loads_left_out": sorted(set(left_out)),
+        "accuracy": {**metadata.accuracy.model_dump(), "ratio": metadata.accuracy.ratio},
+    }
 
-    found: Calibrated
-    model: str
-    """Its identity."""
-    output: Path
-    left_out: Sequence[int]
 
-    def rows(self) -> Iterator[Block]:
-        """Return the departures, and the errors before and after."""
-        from beamtouch_models.commands.departures import departures_in_words
+def _rows(found: Calibrated, identity: str) -> list[tuple[str, str]]:
+    from beamtouch_models.commands.departures import departures_in_words
 
-        found, before, after = self.found, self.found.before_mm, self.found.after_mm
-        shown = departures_in_words(found.metadata, found.fit.departures, _standard_errors(found.fit))
-        yield [
-            ("model", self.model),
-            (
-                "loads",
-                f"{len(before)}, placed to about {digits(found.fit.errors.placing_mm, 2)} mm and with forces "
-                f"known to about {digits(100 * found.fit.errors.force, 2)} %",
-            ),
-            *((kind, text if kind in found.fit.kinds else "as in the scene") for kind, text in shown.items()),
-            (
-                "before",
-                f"{digits(before.mean(), 3)} mm mean error of these loads, {digits(before.max(), 3)} mm worst",
-            ),
-            (
-                "after",
-                f"{digits(after.mean(), 3)} mm mean, {digits(after.max(), 3)} mm worst, each by a fit without the load",
-            ),
-            ("limit", f"{digits(found.limit_mm, 3)} mm mean error of single samples of these loads, at best"),
-        ]
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the calibration with its standard errors, and the errors before and after."""
-        found, metadata = self.found, self.found.metadata
-        calibration = metadata.calibration
-        return {
-            "model": self.model,
-            "output": str(self.output),
-            "calibration": None if calibration is None else calibration.model_dump(),
-            "standard_errors": {name: values.tolist() for name, values in _standard_errors(found.fit).items()},
-            "error_before_mm": {"mean": float(found.before_mm.mean()), "worst": float(found.before_mm.max())},
-            "error_after_mm": {"mean": float(found.after_mm.mean()), "worst": float(found.after_mm.max())},
-            "limit_mm": found.limit_mm,
-            "placing_mm": found.fit.errors.placing_mm,
-            "force_percent": 100 * found.fit.errors.force,
-            "loads_left_out": sorted(set(self.left_out)),
-            "accuracy": {**metadata.accuracy.model_dump(), "ratio": metadata.accuracy.ratio},
-        }
+    before, after = found.before_mm, found.after_mm
+    shown = departures_in_words(found.metadata, found.fit.departures, _standard_errors(found.fit))
+    return [
+        ("model", identity),
+        (
+            "loads",
+            f"{len(before)}, placed to about {digits(found.fit.errors.placing_mm, 2)} mm and with forces "
+            f"known to about {digits(100 * found.fit.errors.force, 2)} %",
+        ),
+        *((kind, text if kind in found.fit.kinds else "as in the scene") for kind, text in shown.items()),
+        (
+            "before",
+            f"{digits(before.mean(), 3)} mm mean error of these loads, {digits(before.max(), 3)} mm worst",
+        ),
+        (
+            "after",
+            f"{digits(after.mean(), 3)} mm mean, {digits(after.max(), 3)} mm worst, each by a fit without the load",
+        ),
+        ("limit", f"{digits(found.limit_mm, 3)} mm mean error of single samples of these loads, at best"),
+    ]
 
 
 def _errors(placing_mm: float, force_percent: float) -> RecordingErrors:

@@ -2,10 +2,6 @@
 
 import argparse
 import sys
-from collections.abc import Iterator
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -17,7 +13,7 @@ from beamtouch_models.calibration.contacts import UnlabelledContacts, read_conta
 from beamtouch_models.calibration.self_calibrate import KINDS, SelfCalibrated, self_calibrate
 from beamtouch_models.commands.departures import departures_in_words
 from beamtouch_models.commands.options import shown_progress
-from beamtouch_models.commands.printing import Block, show
+from beamtouch_models.commands.printing import Result, show
 from beamtouch_models.health.zeros import DRIFT
 from beamtouch_models.loading import ModelFile
 
@@ -40,72 +36,56 @@ def run(model: ModelFile, options: argparse.Namespace) -> None:
         found = self_calibrate(model, contacts, progress)
     write_atomically(options.output, found.content)
     fresh = loading.load(options.output)
-    show(SelfCalibratedModel(found, contacts, model, fresh.identity, options.output), as_json=options.json)
+    fields = {"model": fresh.identity, "output": str(options.output), **_results(found, contacts)}
+    show(Result(fields, [_rows(found, contacts, fresh.identity, model)]), as_json=options.json)
 
 
-@dataclass(frozen=True)
-class SelfCalibratedModel:
-    """A model fitted to contacts of unknown place and force."""
+def _results(found: SelfCalibrated, contacts: UnlabelledContacts) -> dict[str, object]:
+    metadata, fit = found.metadata, found.found
+    calibration = metadata.calibration
+    return {
+        "calibration": None if calibration is None else calibration.model_dump(by_alias=True),
+        "standard_errors": {kind: values.tolist() for kind, values in _standard_errors(found).items() if kind in KINDS},
+        "misfit": {
+            "before": fit.held_out.before,
+            "after": fit.held_out.after,
+            "expected": fit.held_out.expected,
+        },
+        "changed_mm": fit.left_open.shift_mm(),
+        "open_mm": _rms(fit.left_open.position_mm),
+        "single_contacts": float(fit.fit.single.sum()),
+        "contacts_left_out": contacts.other_characteristic + contacts.older,
+        "floor": metadata.floor.model_dump(),
+        "accuracy": {**metadata.accuracy.model_dump(), "ratio": metadata.accuracy.ratio},
+    }
 
-    found: SelfCalibrated
-    contacts: UnlabelledContacts
-    given: ModelFile
-    """The model before."""
-    model: str
-    """The identity of the new one."""
-    output: Path
 
-    def rows(self) -> Iterator[Block]:
-        """Return the departures, and the misfits before and after."""
-        found, contacts = self.found, self.contacts
-        metadata, fit, left_open = found.metadata, found.found, found.found.left_open
-        departures = fit.fit.theory.departures(fit.fit.vector)
-        shown = departures_in_words(metadata, departures, _standard_errors(found))
-        held, force = fit.held_out, found.metadata.calibration.force_error if found.metadata.calibration else 0.0
-        not_single = len(contacts) - fit.fit.single.sum()
-        before, after = (_percent(one.floor.gain) for one in (self.given.metadata, metadata))
-        yield [
-            ("model", self.model),
-            ("contacts", f"{len(contacts)}, of which about {not_single:.0f} are not single contacts"),
-            *((kind, shown[kind]) for kind in KINDS),
-            (
-                "misfit",
-                f"{digits(held.before, 3)} before, {digits(held.after, 3)} after, each by a fit without the contact "
-                f"(medians; {digits(held.expected, 3)} from noise alone)",
-            ),
-            (
-                "position",
-                f"changes by {digits(left_open.shift_mm(), 3)} mm (root mean square), "
-                f"{digits(_rms(left_open.position_mm), 3)} mm left open",
-            ),
-            *([("force", f"its scale stays open by {digits(100 * force, 2)} %")] if force else []),
-            ("floor", f"gains +- {before} before, +- {after} now"),
-        ]
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the calibration with its standard errors, and the misfits before and after."""
-        found, contacts = self.found, self.contacts
-        metadata, fit = found.metadata, found.found
-        calibration = metadata.calibration
-        return {
-            "model": self.model,
-            "output": str(self.output),
-            "calibration": None if calibration is None else calibration.model_dump(by_alias=True),
-            "standard_errors": {
-                kind: values.tolist() for kind, values in _standard_errors(found).items() if kind in KINDS
-            },
-            "misfit": {
-                "before": fit.held_out.before,
-                "after": fit.held_out.after,
-                "expected": fit.held_out.expected,
-            },
-            "changed_mm": fit.left_open.shift_mm(),
-            "open_mm": _rms(fit.left_open.position_mm),
-            "single_contacts": float(fit.fit.single.sum()),
-            "contacts_left_out": contacts.other_characteristic + contacts.older,
-            "floor": metadata.floor.model_dump(),
-            "accuracy": {**metadata.accuracy.model_dump(), "ratio": metadata.accuracy.ratio},
-        }
+def _rows(
+    found: SelfCalibrated, contacts: UnlabelledContacts, identity: str, given: ModelFile
+) -> list[tuple[str, str]]:
+    metadata, fit, left_open = found.metadata, found.found, found.found.left_open
+    departures = fit.fit.theory.departures(fit.fit.vector)
+    shown = departures_in_words(metadata, departures, _standard_errors(found))
+    held, force = fit.held_out, found.metadata.calibration.force_error if found.metadata.calibration else 0.0
+    not_single = len(contacts) - fit.fit.single.sum()
+    before, after = (_percent(one.floor.gain) for one in (given.metadata, metadata))
+    return [
+        ("model", identity),
+        ("contacts", f"{len(contacts)}, of which about {not_single:.0f} are not single contacts"),
+        *((kind, shown[kind]) for kind in KINDS),
+        (
+            "misfit",
+            f"{digits(held.before, 3)} before, {digits(held.after, 3)} after, each by a fit without the contact "
+            f"(medians; {digits(held.expected, 3)} from noise alone)",
+        ),
+        (
+            "position",
+            f"changes by {digits(left_open.shift_mm(), 3)} mm (root mean square), "
+            f"{digits(_rms(left_open.position_mm), 3)} mm left open",
+        ),
+        *([("force", f"its scale stays open by {digits(100 * force, 2)} %")] if force else []),
+        ("floor", f"gains +- {before} before, +- {after} now"),
+    ]
 
 
 def _standard_errors(found: SelfCalibrated) -> dict[str, Floats]:

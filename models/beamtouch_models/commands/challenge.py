@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from beamtouch_common.commands import whole_number
 from beamtouch_common.digits import digits
 from beamtouch_common.errors import InputError
 from beamtouch_models.commands.options import add_json, add_seed, add_workers, shown_progress
-from beamtouch_models.commands.printing import Block, Table, show
+from beamtouch_models.commands.printing import Result, Table, show
 
 if TYPE_CHECKING:
     from beamtouch_models.challenge.scoring import Row
@@ -43,7 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> None:
     """Challenge the model and print the rows of both groups."""
     from beamtouch_models import loading
-    from beamtouch_models.challenge.challenge import challenge
+    from beamtouch_models.challenge.challenge import challenge, misses
     from beamtouch_models.workers import spread_over
 
     content = loading.read(options.model)
@@ -54,46 +54,29 @@ def run(options: argparse.Namespace) -> None:
         raise InputError(message)
     with spread_over(options.workers, options.cluster) as spread, shown_progress() as progress:
         rows = challenge(content, draws=options.draws, seed=options.seed, progress=progress, spread=spread)
-    show(Challenged(model.identity, options.draws, options.seed, rows), as_json=options.json)
+    told = [asdict(row) | {"naming": _naming(row), "misses": misses(row)} for row in rows]
+    fields = {"model": model.identity, "draws": options.draws, "seed": options.seed, "rows": told}
+    title = f"{model.identity}, {options.draws} draws"
+    missed = [f"{row.name} ({', '.join(misses(row))})" for row in rows if misses(row)]
+    tables = (
+        _table(f"{title}: one contact, honestly measured", rows, _HONEST, honest=True),
+        _table(f"{title}: faults and other worlds", rows, _FAULTS, honest=False),
+        _LEGEND,
+        f"Rows that miss the goals: {'; '.join(missed) or 'none'}.",
+    )
+    show(Result(fields, tables), as_json=options.json)
 
 
-@dataclass(frozen=True)
-class Challenged:
-    """The cases that a model was put through."""
+def _table(title: str, rows: Sequence[Row], columns: Sequence[Column], *, honest: bool) -> Table:
+    from beamtouch_models.challenge.challenge import misses
 
-    model: str
-    draws: int
-    seed: int
-    cases: Sequence[Row]
-
-    def rows(self) -> Iterator[Block]:
-        """Return the tables of both groups, and the rows that miss the goals."""
-        from beamtouch_models.challenge.challenge import misses
-
-        title = f"{self.model}, {self.draws} draws"
-        yield self._table(f"{title}: one contact, honestly measured", _HONEST, honest=True)
-        yield self._table(f"{title}: faults and other worlds", _FAULTS, honest=False)
-        yield _LEGEND
-        missed = [f"{row.name} ({', '.join(misses(row))})" for row in self.cases if misses(row)]
-        yield f"Rows that miss the goals: {'; '.join(missed) or 'none'}."
-
-    def _table(self, title: str, columns: Sequence[Column], *, honest: bool) -> Table:
-        from beamtouch_models.challenge.challenge import misses
-
-        some = [row for row in self.cases if row.honest is honest]
-        return Table(
-            ("case", *(heading for heading, _ in columns)),
-            [(row.name, *(cell(row) for _, cell in columns)) for row in some],
-            title,
-            bold=[place for place, row in enumerate(some) if misses(row)],
-        )
-
-    def to_json(self) -> dict[str, Any]:
-        """Return all cases, with the goals that each misses."""
-        from beamtouch_models.challenge.challenge import misses
-
-        told = [asdict(row) | {"naming": _naming(row), "misses": misses(row)} for row in self.cases]
-        return {"model": self.model, "draws": self.draws, "seed": self.seed, "rows": told}
+    some = [row for row in rows if row.honest is honest]
+    return Table(
+        ("case", *(heading for heading, _ in columns)),
+        [(row.name, *(cell(row) for _, cell in columns)) for row in some],
+        title,
+        bold=[place for place, row in enumerate(some) if misses(row)],
+    )
 
 
 def _naming(row: Row) -> dict[str, float | None] | None:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 import math
 import sys
-from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass
+from collections.abc import Callable
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from beamtouch_common.digits import digits
 from beamtouch_common.errors import InputError
 from beamtouch_models.commands.options import add_contacts, add_json, add_seed, add_workers, shown_progress
-from beamtouch_models.commands.printing import Block, Table, show
+from beamtouch_models.commands.printing import Result, Table, show
 
 if TYPE_CHECKING:
     from beamtouch_models.accuracy.evaluation import Errors, Evaluation
@@ -74,26 +74,13 @@ def run(options: argparse.Namespace) -> None:
     for remark in (*remarks(scene), missed_requirement(model.metadata, scene), unseen(model.metadata)):
         if remark:
             print(f"note:    {remark}", file=sys.stderr)
-    show(Evaluated(model, found), as_json=options.json)
-
-
-@dataclass(frozen=True)
-class Evaluated:
-    """A model with its evaluation at each noise."""
-
-    model: ModelFile
-    evaluations: list[Evaluation]
-
-    def rows(self) -> Iterator[Block]:
-        """Return a table of position errors and the other results, for each noise."""
-        for found in self.evaluations:
-            yield _table(self.model, found)
-            yield [(f" {label}", text, remark) for label, text, remark in _lines(found, self.model)]
-
-    def to_json(self) -> dict[str, Any]:
-        """Return all figures."""
-        figures = [_json(one) for one in self.evaluations]
-        return {"model": self.model.identity, "estimator": self.model.metadata.estimator, "evaluations": figures}
+    fields = {
+        "model": model.identity,
+        "estimator": model.metadata.estimator,
+        "evaluations": [_json(one) for one in found],
+    }
+    rows = [block for one in found for block in (_table(model, one), _lines(one, model))]
+    show(Result(fields, rows), as_json=options.json)
 
 
 def _json(found: Evaluation) -> dict[str, Any]:

@@ -5,19 +5,16 @@ from __future__ import annotations
 import argparse
 import sys
 import time
-from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from beamtouch_common.digits import digits
 from beamtouch_models.commands.options import add_json
-from beamtouch_models.commands.printing import Block, Table, show
+from beamtouch_models.commands.printing import Block, Result, Table, show
 
 if TYPE_CHECKING:
-    from beamtouch_models.metadata import Noise
     from beamtouch_models.pricing.effect import Effect
-    from beamtouch_models.pricing.ringing import Ringing
     from beamtouch_models.scene import Scene
 
 REPEATS = 5
@@ -36,9 +33,10 @@ def run(options: argparse.Namespace) -> None:
     from beamtouch_models.building.placed import placed
     from beamtouch_models.building.remarks import remarks
     from beamtouch_models.physics.beam import max_deflection_mm
+    from beamtouch_models.pricing.effect import NEGLIGIBLE
     from beamtouch_models.pricing.effects import effects_of
     from beamtouch_models.pricing.noise import choose_filter, noise_of
-    from beamtouch_models.pricing.ringing import ringing_of
+    from beamtouch_models.pricing.ringing import ringing_of, told
     from beamtouch_models.scene import load_scene
 
     scene, _ = load_scene(options.scene)
@@ -46,48 +44,32 @@ def run(options: argparse.Namespace) -> None:
         print(f"note:    {remark}", file=sys.stderr)
     chosen = choose_filter(scene)
     placed(scene, chosen)  # refuses what `build` refuses
-    effects = tuple((effect, _cost_us(effect)) for effect in effects_of(scene, chosen))
-    explained = Explained(effects, noise_of(scene, chosen), ringing_of(scene, chosen), max_deflection_mm(scene))
-    show(explained, as_json=options.json)
+    effects = [(effect, _cost_us(effect)) for effect in effects_of(scene, chosen)]
+    noise, ringing = noise_of(scene, chosen), ringing_of(scene, chosen)
+    fields = {
+        "effects": [_as_json(effect, cost) for effect, cost in effects],
+        "noise_mm": noise.sample_mm,
+        "reading_noise_mm": noise.reading_mm,
+        "ringing": ringing and asdict(ringing),
+        "max_deflection_mm": max_deflection_mm(scene),
+        "negligible": NEGLIGIBLE,
+    }
+    rows: list[Block] = [
+        _table(effects),
+        f"price: in units of a sample's noise, {digits(noise.sample_mm, 3)} mm; effects below {NEGLIGIBLE:g} are left "
+        f"out\nwith/without: measured time to compute an influence matrix of {SENSORS} sensors",
+        *(told(ringing) if ringing else []),
+    ]
+    show(Result(fields, rows), as_json=options.json)
 
 
-@dataclass(frozen=True)
-class Explained:
-    """The effects of a scene, each with the times of an influence matrix with and without it, in us."""
-
-    effects: tuple[tuple[Effect, tuple[float, float] | None], ...]
-    noise: Noise
-    ringing: Ringing | None
-    max_deflection_mm: float
-
-    def rows(self) -> Iterator[Block]:
-        """Return the table of prices, what they mean, and how long the beam rings."""
-        from beamtouch_models.pricing.effect import NEGLIGIBLE
-        from beamtouch_models.pricing.ringing import told
-
-        rows = []
-        for effect, cost in self.effects:
-            price = "-" if effect.price is None else digits(effect.price, 3)
-            timed = "-" if cost is None else f"{cost[0]:.0f}/{cost[1]:.0f} us"
-            rows.append((effect.name, price, effect.verdict, timed, effect.reason))
-        yield Table(("effect", "price", "", "with/without", "remark"), rows, text=("", "remark"))
-        noise = f"a sample's noise, {digits(self.noise.sample_mm, 3)} mm"
-        yield f"price: in units of {noise}; effects below {NEGLIGIBLE:g} are left out"
-        yield f"with/without: measured time to compute an influence matrix of {SENSORS} sensors"
-        yield from told(self.ringing) if self.ringing else []
-
-    def to_json(self) -> dict[str, Any]:
-        """Return prices, times and ringing."""
-        from beamtouch_models.pricing.effect import NEGLIGIBLE
-
-        return {
-            "effects": [_as_json(effect, cost) for effect, cost in self.effects],
-            "noise_mm": self.noise.sample_mm,
-            "reading_noise_mm": self.noise.reading_mm,
-            "ringing": self.ringing and asdict(self.ringing),
-            "max_deflection_mm": self.max_deflection_mm,
-            "negligible": NEGLIGIBLE,
-        }
+def _table(effects: list[tuple[Effect, tuple[float, float] | None]]) -> Table:
+    rows = []
+    for effect, cost in effects:
+        price = "-" if effect.price is None else digits(effect.price, 3)
+        timed = "-" if cost is None else f"{cost[0]:.0f}/{cost[1]:.0f} us"
+        rows.append((effect.name, price, effect.verdict, timed, effect.reason))
+    return Table(("effect", "price", "", "with/without", "remark"), rows, text=("", "remark"))
 
 
 def _cost_us(effect: Effect) -> tuple[float, float] | None:

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from beamtouch_models.commands.options import add_json
-from beamtouch_models.commands.printing import Block, show
+from beamtouch_models.commands.printing import Result, show
 
 if TYPE_CHECKING:
     from beamtouch_models.loading import ModelFile
@@ -25,35 +24,26 @@ def run(options: argparse.Namespace) -> None:
     """Load the model, which checks its golden answers, and print it."""
     from beamtouch_models.loading import load
 
-    show(Inspected(load(options.model)), as_json=options.json)
+    show(describe(load(options.model)), as_json=options.json)
 
 
-@dataclass(frozen=True)
-class Inspected:
-    """A model file, as `inspect` and `build` print it."""
+def describe(model: ModelFile) -> Result:
+    """Return a model file with all its metadata, as `inspect` and `build` print it."""
+    from beamtouch_models.detection import detection_of
 
-    model: ModelFile
-
-    def rows(self) -> Iterator[Block]:
-        """Return the model in words."""
-        yield self.model.summary()
-
-    def to_json(self) -> dict[str, Any]:
-        """Return all metadata of the model."""
-        from beamtouch_models.detection import detection_of
-
-        model, metadata = self.model, self.model.metadata
-        along = detection_of(metadata) if "contact_log_odds" in model.outputs else None
-        fields = metadata.model_dump(mode="json", exclude={"golden", "layout", "accuracy", "drawn"})
-        return {
-            **fields,
-            "model": model.identity,
-            "positions_mm": [channel.position_mm for channel in metadata.layout],
-            "channels": model.channels,
-            "noise_mm": metadata.noise.sample_mm,
-            "detection": along and asdict(along),
-            "outputs": list(model.outputs),
-            "lacks": model.lacks,
-            "accuracy": {**metadata.accuracy.model_dump(), "ratio": metadata.accuracy.ratio},
-            "golden_answers": len(metadata.golden.deflection_mm),
-        }
+    metadata = model.metadata
+    along = detection_of(metadata) if "contact_log_odds" in model.outputs else None
+    dumped = metadata.model_dump(mode="json", exclude={"golden", "layout", "accuracy", "drawn"})
+    fields = {
+        **dumped,
+        "model": model.identity,
+        "positions_mm": [channel.position_mm for channel in metadata.layout],
+        "channels": model.channels,
+        "noise_mm": metadata.noise.sample_mm,
+        "detection": along and asdict(along),
+        "outputs": list(model.outputs),
+        "lacks": model.lacks,
+        "accuracy": {**metadata.accuracy.model_dump(), "ratio": metadata.accuracy.ratio},
+        "golden_answers": len(metadata.golden.deflection_mm),
+    }
+    return Result(fields, [model.summary()])

@@ -6,15 +6,13 @@ import argparse
 import math
 import sys
 import time
-from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from beamtouch_common.commands import whole_number
 from beamtouch_common.digits import digits
 from beamtouch_models.commands.options import MAX_WORKERS, add_json, add_layout, add_seed, shown_progress
-from beamtouch_models.commands.printing import Block, show
+from beamtouch_models.commands.printing import Result, show
 
 if TYPE_CHECKING:
     from beamtouch_models.building.placed import PlacedSensors
@@ -70,7 +68,7 @@ def run(options: argparse.Namespace) -> None:
     found["wall_s"] = time.perf_counter() - started
     if missed := missed_error("accuracy limit", found["accuracy_limit_percent"], scene):
         print(f"note:    {missed}", file=sys.stderr)
-    show(Placed(found, sensors), as_json=options.json)
+    show(Result(found, [_rows(found, sensors)]), as_json=options.json)
 
 
 def _aim_of(options: argparse.Namespace) -> Aim:
@@ -85,36 +83,24 @@ def _aim_of(options: argparse.Namespace) -> Aim:
     return Aim(criterion, options.spare or 0, options.components, options.search, "proof" if options.prove else "bound")
 
 
-@dataclass(frozen=True)
-class Placed:
-    """A layout with its figures."""
-
-    found: dict[str, Any]
-    """As for JSON."""
-    sensors: PlacedSensors
-
-    def rows(self) -> Iterator[Block]:
-        """Return a line per figure, each number with its unit and reference."""
-        found, positions = self.found, self.found["positions_mm"]
-        score = found["log_eigenvalue_product"]
-        leading = f"{found['components']} leading eigenvalues" if found["components"] < len(positions) else "all"
-        product = "-inf: a component is below rounding" if score is None else f"{score:.4f}"
-        limit = _limit_line(found["accuracy_limit_percent"], found["standard_error"], self.sensors)
-        recommended = found["recommended_sensors"]
-        yield [
-            ("sensors", f"{', '.join(f'{position:g}' for position in positions)} mm from the left end"),
-            ("product", f"ln {product} ({leading}; lengths in units of l, W/(EI) = 1)"),
-            ("proof", _proof_line(found)),
-            ("limit", limit),
-            *([("failed", _failed_line(found))] if found["limit_without_percent"] else []),
-            ("search", f"{found['search']}, by {found['criterion']}, seed {found['seed']}"),
-            ("cost", f"{found['evaluations']} layouts scored, {found['wall_s']:.2f} s"),
-            ("advice", f"{recommended} sensors: one per component that exceeds the noise, at least two"),
-        ]
-
-    def to_json(self) -> dict[str, Any]:
-        """Return all figures; unknown ones are None."""
-        return self.found
+def _rows(found: dict[str, Any], sensors: PlacedSensors) -> list[tuple[str, str]]:
+    """Return a line per figure, each number with its unit and reference."""
+    positions = found["positions_mm"]
+    score = found["log_eigenvalue_product"]
+    leading = f"{found['components']} leading eigenvalues" if found["components"] < len(positions) else "all"
+    product = "-inf: a component is below rounding" if score is None else f"{score:.4f}"
+    limit = _limit_line(found["accuracy_limit_percent"], found["standard_error"], sensors)
+    recommended = found["recommended_sensors"]
+    return [
+        ("sensors", f"{', '.join(f'{position:g}' for position in positions)} mm from the left end"),
+        ("product", f"ln {product} ({leading}; lengths in units of l, W/(EI) = 1)"),
+        ("proof", _proof_line(found)),
+        ("limit", limit),
+        *([("failed", _failed_line(found))] if found["limit_without_percent"] else []),
+        ("search", f"{found['search']}, by {found['criterion']}, seed {found['seed']}"),
+        ("cost", f"{found['evaluations']} layouts scored, {found['wall_s']:.2f} s"),
+        ("advice", f"{recommended} sensors: one per component that exceeds the noise, at least two"),
+    ]
 
 
 def _describe(sensors: PlacedSensors, aim: Aim, seed: int) -> dict[str, Any]:

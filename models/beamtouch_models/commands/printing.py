@@ -4,7 +4,7 @@ import json
 import sys
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 WIDTH_WITHOUT_TERMINAL = 180
 """Characters in a line of a table that goes to a file or a pipe."""
@@ -29,22 +29,22 @@ Block = Table | Sequence[tuple[str, ...]] | str
 """A table, lines whose parts stand in columns, or a paragraph."""
 
 
-class Result(Protocol):
+@dataclass(frozen=True)
+class Result:
     """A result of a command."""
 
-    def rows(self) -> Iterable[Block]:
-        """Return the result for people."""
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the result for programs: one JSON object, whose keys are documented."""
+    fields: dict[str, Any]
+    """For programs: one JSON object, whose keys are documented."""
+    rows: Iterable[Block]
+    """For people."""
 
 
 def show(result: Result, *, as_json: bool) -> None:
     """Print a result, as one JSON object or as text."""
     if as_json:
-        print(json.dumps(result.to_json()), flush=True)
+        print(json.dumps(result.fields), flush=True)
         return
-    for block in result.rows():
+    for block in result.rows:
         if isinstance(block, Table):
             _print_table(block)
         elif isinstance(block, str):

@@ -1,20 +1,12 @@
 """`design-sensors reproduce`: the paper's figures as plots, numbers and a table of verdicts."""
 
-from __future__ import annotations
-
 import argparse
 import sys
-from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 from beamtouch_common.files import write_atomically
 from beamtouch_models.commands.options import add_json, add_seed, folder_of, shown_progress
-from beamtouch_models.commands.printing import Block, Table, show
-
-if TYPE_CHECKING:
-    from beamtouch_models.reproduction.reproduce import Reproduction
+from beamtouch_models.commands.printing import Result, Table, show
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -36,27 +28,11 @@ def run(options: argparse.Namespace) -> None:
     files = found.files()
     for name, text in files.items():
         write_atomically(folder / name, text.encode())
-    show(Reproduced(found, folder, sorted(files)), as_json=options.json)
+    head = ("statement", "paper", "here", "verdict")
+    rows = [(row.quantity, row.paper or "-", row.ours, row.verdict_text) for row in found.rows]
+    differing = [place for place, row in enumerate(found.rows) if row.verdict == "differs"]
+    table = Table(head, rows, text=head, bold=differing, ruled=True)
+    fields = {"output": str(folder), "files": sorted(files), **found.results()}
+    show(Result(fields, [table, f"{found.summary()} (seed {found.seed})"]), as_json=options.json)
     if not options.json:
         print(f"{len(files)} files in {folder}: plots, results.json, table.md", file=sys.stderr)
-
-
-@dataclass(frozen=True)
-class Reproduced:
-    """The reproduction, with the files that were written."""
-
-    found: Reproduction
-    folder: Path
-    files: list[str]
-
-    def rows(self) -> Iterator[Block]:
-        """Return the table of verdicts and their summary."""
-        rows = [(row.quantity, row.paper or "-", row.ours, row.verdict_text) for row in self.found.rows]
-        head = ("statement", "paper", "here", "verdict")
-        differing = [place for place, row in enumerate(self.found.rows) if row.verdict == "differs"]
-        yield Table(head, rows, text=head, bold=differing, ruled=True)
-        yield f"{self.found.summary()} (seed {self.found.seed})"
-
-    def to_json(self) -> dict[str, Any]:
-        """Return all results."""
-        return {"output": str(self.folder), "files": self.files, **self.found.results()}

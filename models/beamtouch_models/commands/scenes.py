@@ -1,15 +1,12 @@
 """`design-sensors scenes`: lists the shipped scenes, or copies one."""
 
 import argparse
-from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from beamtouch_common.files import write_atomically
 from beamtouch_models.commands.new import refuse_existing
 from beamtouch_models.commands.options import add_json
-from beamtouch_models.commands.printing import Block, show
+from beamtouch_models.commands.printing import Result, show
 from beamtouch_models.errors import SceneError
 from beamtouch_models.shipped import described, shipped_scenes
 
@@ -26,39 +23,11 @@ def run(options: argparse.Namespace) -> None:
     """List the scenes with what each is, or copy one into a folder."""
     scenes = shipped_scenes()
     if options.copy:
-        show(Copied(_copy(scenes, options.copy, force=options.force)), as_json=options.json)
-    else:
-        show(Listed({name: described(path) for name, path in scenes.items()}), as_json=options.json)
-
-
-@dataclass(frozen=True)
-class Copied:
-    """A scene that has been copied."""
-
-    target: Path
-
-    def rows(self) -> Iterator[Block]:
-        """Return the path of the copy."""
-        yield str(self.target)
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the path of the copy."""
-        return {"copied": str(self.target)}
-
-
-@dataclass(frozen=True)
-class Listed:
-    """The scenes, by name, with what each is."""
-
-    scenes: dict[str, str]
-
-    def rows(self) -> Iterator[Block]:
-        """Return a line per scene."""
-        yield list(self.scenes.items())
-
-    def to_json(self) -> dict[str, Any]:
-        """Return what each scene is, by its name."""
-        return {"scenes": self.scenes}
+        target = str(_copy(scenes, options.copy, force=options.force))
+        show(Result({"copied": target}, [target]), as_json=options.json)
+        return
+    listed = {name: described(path) for name, path in scenes.items()}
+    show(Result({"scenes": listed}, [list(listed.items())]), as_json=options.json)
 
 
 def _copy(scenes: dict[str, Path], copy: list[str], *, force: bool) -> Path:

@@ -6,10 +6,8 @@ import argparse
 import json
 import math
 import sys
-from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from beamtouch_common.errors import InputError
 from beamtouch_common.files import write_atomically
@@ -22,7 +20,7 @@ from beamtouch_models.commands.options import (
     shown_progress,
     surface_name,
 )
-from beamtouch_models.commands.printing import Block, Table, show
+from beamtouch_models.commands.printing import Block, Result, Table, show
 
 if TYPE_CHECKING:
     from beamtouch_models.progress import Progress
@@ -138,7 +136,7 @@ def _trade(
             scene, text, name, count=picked.model.sensors, seed=options.seed, progress=progress, choices=choices
         )
         write_atomically(model, built.content)
-    show(Traded(path, folder, found, options.seed, picked), as_json=options.json)
+    show(_result(path, folder, found, options.seed, picked), as_json=options.json)
     if not options.json:
         print(f"all {len(found.points)} points are in {folder}: trade.md, trade.svg, trade.json", file=sys.stderr)
 
@@ -151,42 +149,25 @@ def _pick(found: Trade, options: argparse.Namespace) -> Point | None:
     return None if options.error_mm is None else quickest(found.points, options.error_mm)
 
 
-@dataclass(frozen=True)
-class Traded:
-    """The trade of a scene, and the point whose model was built."""
+def _result(scene: Path, folder: Path, found: Trade, seed: int, picked: Point | None) -> Result:
+    """Return what each change is worth, the front, the command that builds the model, and what was built."""
+    from beamtouch_models.trade.results import POINT_HEADINGS, command_of, json_of, point_row, sentences
 
-    scene: Path
-    folder: Path
-    found: Trade
-    seed: int
-    picked: Point | None
-
-    @property
-    def model(self) -> Path:
-        """The path of a model in the folder."""
-        return self.folder / f"{surface_name(self.scene)}.onnx"
-
-    def rows(self) -> Iterator[Block]:
-        """Return what each change is worth, the front, and the command that builds the model."""
-        from beamtouch_models.trade.results import POINT_HEADINGS, command_of, point_row, sentences
-
-        found, name = self.found, surface_name(self.scene)
-        yield from sentences(found)
-        title = f"{name}: the front, {len(found.front)} of {len(found.points)} points"
-        rows = [point_row(point, on_front=True)[1:] for point in found.front]
-        yield Table(POINT_HEADINGS[1:], rows, title, text=("estimator",))
-        yield f"Build one: {command_of(found.own, str(self.scene), self.seed, str(self.model))}"
-        if self.picked is not None:
-            _, *cells = point_row(self.picked, on_front=True)
-            yield f"built {self.model}: {self.picked}; {cells[-1]} mm, {cells[-2]} ms"
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the whole trade."""
-        from beamtouch_models.trade.results import json_of
-
-        index = None if self.picked is None else self.found.points.index(self.picked)
-        picked = None if index is None else {"index": index, "model": str(self.model)}
-        return {"scene": str(self.scene), "output": str(self.folder), "picked": picked, **json_of(self.found)}
+    name = surface_name(scene)
+    model = folder / f"{name}.onnx"
+    title = f"{name}: the front, {len(found.front)} of {len(found.points)} points"
+    front = [point_row(point, on_front=True)[1:] for point in found.front]
+    rows: list[Block] = [
+        *sentences(found),
+        Table(POINT_HEADINGS[1:], front, title, text=("estimator",)),
+        f"Build one: {command_of(found.own, str(scene), seed, str(model))}",
+    ]
+    built = None
+    if picked is not None:
+        built = {"index": found.points.index(picked), "model": str(model)}
+        _, *cells = point_row(picked, on_front=True)
+        rows.append(f"built {model}: {picked}; {cells[-1]} mm, {cells[-2]} ms")
+    return Result({"scene": str(scene), "output": str(folder), "picked": built, **json_of(found)}, rows)
 
 
 def _folders(stated: Path, output: Path) -> list[tuple[Path, Path]]:
