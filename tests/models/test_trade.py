@@ -95,6 +95,8 @@ def test_numbers_of_sensors_follow_the_scene() -> None:
     assert numbers_of_sensors(bench) == [2, 3, 4, 5]
     fixed = parse_scene(PAPER.replace("count = 2", "count = [2, 5]\nfixed_mm = [50, 200, 333]"), "fixed")
     assert numbers_of_sensors(fixed) == [3, 4, 5]
+    # The stated number is always among them.
+    assert numbers_of_sensors(parse_scene(PAPER.replace("count = 2", "count = 1"), "one")) == [1, 2]
 
 
 def test_a_model_has_the_layout_and_the_figures_of_build(bench: ModelFile) -> None:

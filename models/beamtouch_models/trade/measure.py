@@ -121,7 +121,8 @@ def numbers_of_sensors(scene: Scene) -> list[int]:
     stated, most = scene.sensors.count_range
     fewest = scene.sensors.fewest
     if stated == most:
-        fewest, most = max(MIN_SENSORS + 1, stated - AROUND, len(scene.sensors.fixed_mm)), stated + 1
+        around = max(MIN_SENSORS + 1, stated - AROUND, len(scene.sensors.fixed_mm))
+        fewest, most = min(stated, around), stated + 1
     return list(range(fewest, most + 1))
 
 
