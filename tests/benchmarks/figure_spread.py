@@ -1,7 +1,8 @@
 """Spread over seeds of the figures that `build`, `evaluate` and `trade` print, beside their stated standard errors.
 
 `python tests/benchmarks/figure_spread.py [--seeds 20] [--json FILE]`. Each command runs as a user runs it, once per
-seed; `evaluate` measures the same model each time. `trade` runs on two numbers of sensors without a filter. Spread and stated error are in percent of the mean of the figure.
+seed; `evaluate` measures the same model each time. `trade` runs on two numbers of sensors without a filter. Spread and
+stated error are in percent of the mean of the figure.
 """
 
 import argparse
