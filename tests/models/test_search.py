@@ -77,16 +77,15 @@ def test_with_a_spare_the_score_is_the_worst_failure_less_what_is_noticed() -> N
     assert objective.scores(layout[None])[0] == pytest.approx(-max(failed) * worth, rel=1e-12)
 
 
-@pytest.mark.parametrize("supports", ["simply-supported", "propped"])
-def test_of_layouts_with_nearly_the_least_error_one_that_notices_much_is_taken(supports: str) -> None:
-    objective, reference = objective_of(scene_of(supports, grid_mm=20, min_distance_mm=20), 1, count=4)
-    every = every_layout(objective.rules, 4)
+def test_of_layouts_with_nearly_the_least_error_one_that_notices_much_is_taken() -> None:
+    objective, reference = objective_of(scene_of("cantilever", grid_mm=25, min_distance_mm=20), 1)
+    every = every_layout(objective.rules)
     shares = np.array([objective.others.noticed(layout).mean() for layout in every])
     scores = objective.scores(every)
     worst = -scores / (1 - SPARE_NOTICES * shares)
     found = first_best(search_from([reference], objective, "exact", 0)).layout
     row, least = int(np.flatnonzero((every == found).all(axis=1))[0]), int(worst.argmin())
-    print(f"{supports}: {worst[row] / worst[least]:.4f} of the least, noticed {shares[row]:.2f}, {shares[least]:.2f}")
+    print(f"{worst[row] / worst[least]:.4f} of the least, noticed {shares[row]:.2f}, {shares[least]:.2f}")
     assert scores[row] >= scores[least]
     assert shares[row] > shares[least] + 0.02
 

@@ -6,14 +6,15 @@ from typing import Literal
 
 import numpy as np
 
-from beamtouch_models.accuracy.prior import SampleErrors
+from beamtouch_models.accuracy.limit import accuracy_limit
+from beamtouch_models.accuracy.prior import Prior, SampleErrors
 from beamtouch_models.arrays import Floats, Indices
 from beamtouch_models.errors import NotGoodEnoughError, SceneError
 from beamtouch_models.physics.influence import InfluenceFunction
 from beamtouch_models.placement.components import log_eigenvalue_product
 from beamtouch_models.placement.eigenvalue_product import eigenvalue_product_of
 from beamtouch_models.placement.layout import Candidates, equal_layout
-from beamtouch_models.placement.position_error import position_error_of
+from beamtouch_models.placement.position_error import PositionError, position_error_of
 from beamtouch_models.placement.proof import MAX_REGIONS, prove
 from beamtouch_models.placement.search import SearchName, SearchRun, first_best, search_from
 from beamtouch_models.progress import Progress, silent
@@ -21,6 +22,14 @@ from beamtouch_models.sweeps import one_thread
 
 AT_REST = 1e-12
 """Largest deflection at a support, over that elsewhere: rounding."""
+
+FINALISTS = 6
+"""Layouts that the accuracy limit compares."""
+CLEAR = 1.015
+"""Ratio of two scores that decides without it. The ratio of score to limit scatters by 0.2 to 0.6 % between layouts,
+and by more where few sensors stand close together, or errors are smaller than a cell."""
+FINAL_DRAWS = 2_000
+"""Contacts of that limit; with a spare, the limits of all failures share them."""
 
 Criterion = Literal["position-error", "eigenvalue-product"]
 Certify = Literal["nothing", "bound", "proof"]
@@ -185,13 +194,14 @@ def place_by_position_error(
         runs = search_from(
             [product, equal], objective, search, seed, lambda part: progress("placing by position error", part)
         )
-    best = first_best(runs)
-    positions = rules.position_mm[best.layout]
+        best = first_best(runs)
+        layout = _decided(objective, [*(run.layout for run in runs), product, equal], influence, seed)
+    positions = rules.position_mm[layout]
     size = np.abs(influence.matrix(positions)).max(axis=0)
     if size.min() <= AT_REST * size.max():
         message = f"sensors: nothing moves at {positions[size.argmin()]:g} mm; move that sensor, or use fewer sensors"
         raise SceneError(message)
-    return _placement(rules, best.layout, score_positions(influence, positions), best, _total(runs), None)
+    return _placement(rules, layout, score_positions(influence, positions), best, _total(runs), None)
 
 
 def score_positions(influence: InfluenceFunction, positions_mm: Floats, leading: int | None = None) -> float:
@@ -207,6 +217,27 @@ def _by_product(influence: InfluenceFunction, rules: Candidates, equal: Indices,
     except SceneError:
         return equal
     return first_best(search_from(product.starts(seed), product, "exact", seed)).layout
+
+
+def _decided(objective: PositionError, found: Sequence[Indices], influence: InfluenceFunction, seed: int) -> Indices:
+    """Return the layout with the least accuracy limit of those that the objective does not clearly tell from the best.
+
+    They are the layouts found (sensors,), and those that differ from the best of them by one step of one sensor.
+    """
+    best = max(found, key=lambda layout: float(objective.scores(layout[None])[0]))
+    steps = np.eye(len(best), dtype=np.intp)
+    near = np.sort(np.concatenate([np.array(found), best + steps, best - steps]), axis=1)
+    near = np.unique(near[(near >= 0).all(axis=1) & (near < len(objective.rules.position_mm)).all(axis=1)], axis=0)
+    scores = objective.scores(near)
+    ranks = np.argsort(-scores, kind="stable")[:FINALISTS]
+    finalists = near[ranks[scores[ranks] >= CLEAR * scores.max()]]
+    draws = FINAL_DRAWS // (len(best) if objective.spare else 1)
+
+    def limit(sensors: Indices) -> float:
+        prior = Prior.real(influence, objective.rules.position_mm[sensors], objective.errors)
+        return accuracy_limit(prior, draws, seed).percent
+
+    return np.asarray(max(finalists, key=lambda layout: objective.score(layout, limit)))
 
 
 def _total(runs: Sequence[SearchRun]) -> int:

@@ -10,6 +10,7 @@ The contacts are the same for every layout, and more of them lie where errors ar
 narrower where an equal pitch tells more positions apart. Nothing here bounds how much better another layout could be.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -82,16 +83,20 @@ class PositionError:
         """
         scores = np.full(len(layouts), -np.inf)
         for row in np.flatnonzero(self.rules.allowed(layouts)):
-            noticed = self.others.noticed(layouts[row])
-            if self.spare:
-                scores[row], worth = 0.0, 1 - SPARE_NOTICES * noticed.mean()
-                for index in range(layouts.shape[1]):
-                    scores[row] = min(scores[row], -worth * self.error_mm(np.delete(layouts[row], index)))
-                    if scores[row] < above:
-                        break
-            elif np.all(noticed >= self.least):
-                scores[row] = -self.error_mm(layouts[row])
+            scores[row] = self.score(layouts[row], self.error_mm, above)
         return scores
+
+    def score(self, layout: Indices, error: Callable[[Indices], float], above: float = -np.inf) -> float:
+        """Return the score of a layout (sensors,) that the rules allow, by the error of each set of its sensors."""
+        noticed = self.others.noticed(layout)
+        if not self.spare:
+            return -error(layout) if np.all(noticed >= self.least) else -np.inf
+        score, worth = 0.0, 1 - SPARE_NOTICES * float(noticed.mean())
+        for index in range(len(layout)):
+            score = min(score, -worth * error(np.delete(layout, index)))
+            if score < above:
+                break
+        return score
 
     def error_mm(self, sensors: Indices) -> float:
         """Return the mean error of sensors (sensors,), ascending, whatever else they notice."""
