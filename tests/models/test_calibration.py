@@ -18,7 +18,6 @@ from beamtouch_models.calibration.calibrate import Calibrated, calibrate, checke
 from beamtouch_models.calibration.fit import fit, supported_fit
 from beamtouch_models.calibration.loads import Loads, read_loads
 from beamtouch_models.calibration.theory import Theory
-from beamtouch_models.commands import calibrate as command
 from beamtouch_models.modelfile import Metadata, ModelFile
 from beamtouch_models.progress import Progress, silent
 from beamtouch_models.rig.imperfections import Imperfections
@@ -190,7 +189,7 @@ def test_the_command_prints_the_departures(
         kept.extend([] if kept else [calibrate(model, loads, progress)])
         return kept[0]
 
-    monkeypatch.setattr(command, "calibrate", once)
+    monkeypatch.setattr("beamtouch_models.calibration.calibrate.calibrate", once)
     path = readings(tmp_path, bench, imperfections(3, bench.metadata))
     output = tmp_path / "real.onnx"
     done = design_sensors_here("calibrate", bench_model, path, "-o", output, "--json")

@@ -9,7 +9,6 @@ import pytest
 
 from beamtouch_models.challenge.challenge import challenge
 from beamtouch_models.challenge.scoring import Row
-from beamtouch_models.commands import challenge as command
 from beamtouch_models.progress import Progress
 from beamtouch_models.sweeps import Spread
 from in_process import Command
@@ -27,7 +26,7 @@ def test_the_command_prints_both_groups_and_one_json_object(
         kept.extend([] if kept else [challenge(content, draws=draws, seed=seed, progress=progress, spread=spread)])
         return kept[0]
 
-    monkeypatch.setattr(command, "challenge", once)
+    monkeypatch.setattr("beamtouch_models.challenge.challenge.challenge", once)
     done = design_sensors_here("challenge", bench_model, "--draws", 10, "--json")
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)
