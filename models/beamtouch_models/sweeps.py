@@ -7,9 +7,10 @@ task, and each task computes on one thread, so that its result is the same where
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager
 from functools import cache
-from typing import Protocol, TypeVar
+from typing import TYPE_CHECKING, Protocol, TypeVar
 
-from threadpoolctl import ThreadpoolController
+if TYPE_CHECKING:
+    from threadpoolctl import ThreadpoolController
 
 Task = TypeVar("Task")
 Found = TypeVar("Found")
@@ -41,5 +42,7 @@ def one_thread() -> AbstractContextManager[object]:
 
 
 @cache
-def _controller() -> ThreadpoolController:
+def _controller() -> "ThreadpoolController":
+    from threadpoolctl import ThreadpoolController  # noqa: PLC0415  # the rig imports this module and runs no sweep
+
     return ThreadpoolController()
