@@ -36,8 +36,9 @@ SETTLED_S = 0.1
 LIFT_SEEN_S = 0.2
 """How long a beam must have been at rest: a contact is held until a sample at rest is seen to be one, as are 77 % of
 those of this model, one in 20 ms counting; so after ten one lift in three million is not seen."""
-SAMPLES_SEEN = 6
-"""Samples since the load changed, which a starved machine may take longer for: weak touches and lifts take three."""
+SAMPLES_SEEN = 12
+"""Samples since the load changed, which a starved machine may take longer for. Weak touches and lifts take three; where
+too few readings showed that the beam lay still before, the mean of eight does."""
 APART_S = 0.05
 """Between two compared contacts."""
 
@@ -137,7 +138,7 @@ def compare(line: Line) -> tuple[list[Compared], list[Any]]:
             if position is None and not truth.steady(moment, LIFT_SEEN_S):
                 continue
             if (position is not None) != (contact["state"] == "contact"):
-                # Where other programs cost readings, the filter settles later, and says so.
+                # A mean that began anew where other programs cost readings is short, and says both.
                 mistaken += [] if {"rate", "unsteady"} <= set(contact["notes"]) else [(load, contact)]
             elif position is not None:
                 found.append(Compared(position, force, contact))
@@ -162,8 +163,11 @@ def test_contact_agrees_with_the_truth_position_by_position(kind: Kind, start: C
     bound = 0.05 * len(rests) + 5 * (0.05 * 0.95 * len(rests)) ** 0.5
     assert sum(not one.position_inside for one in rests) <= bound
     assert sum(not one.force_inside for one in rests) <= bound
-    assert np.median([abs(one.contact["force_n"] - one.true_n) / one.true_n for one in rests]) < 0.1
-    assert mistaken == []
+    # Where other programs cost readings, the mean of a load is short, and says so.
+    steady = [one for one in rests if "unsteady" not in one.contact["notes"]]
+    apart = [abs(one.contact["force_n"] - one.true_n) / one.true_n for one in steady]
+    assert not apart or np.median(apart) < 0.1
+    assert mistaken == [], [(load, one["state"], one["notes"], one["readings"]) for load, one in mistaken]
 
 
 def test_the_five_answers_of_contact(start: Callable[[Kind, str], Line], bench_model: Path) -> None:

@@ -85,8 +85,10 @@ def compare(seen: Watched, truth: Truth) -> None:
             continue  # the beam still rings; it rings the longer, the fewer readings a busy machine takes
         else:
             assert said["state"] == "contact"
-            assert abs(float(said["position"]) - position) < 15
-            assert abs(float(said["force"]) - force) < 2
+            is_near = abs(float(said["position"]) - position) < 15 and abs(float(said["force"]) - force) < 2
+            if UNSTEADY in said["detail"] and not is_near:
+                continue
+            assert is_near, (said, position, force)
             low, high = map(float, re.findall(r"[\d.]+", said["position-interval"])[:2])
             assert low <= float(said["position"]) <= high
         compared.add(position)
