@@ -24,7 +24,7 @@ pytestmark = pytest.mark.long
 
 SCENE = SCENES / "bench.toml"
 RESTS = 14
-REST_S, LIFTED_S = 0.6, 0.3
+REST_S, LIFTED_S = 0.9, 0.3
 SCRIPT_S = RESTS * (REST_S + LIFTED_S) + 1.5
 """One pass of the script, and the time until the first load."""
 MAX_PASSES = 6
@@ -41,6 +41,8 @@ SAMPLES_SEEN = 12
 too few readings showed that the beam lay still before, the mean of eight does."""
 APART_S = 0.05
 """Between two compared contacts."""
+INNER_MM = (60.0, 340.0)
+"""Positions whose force is known well. Near an end of the beam, a force a little further in bends it as much."""
 
 
 @pytest.fixture(scope="session")
@@ -163,10 +165,8 @@ def test_contact_agrees_with_the_truth_position_by_position(kind: Kind, start: C
     bound = 0.05 * len(rests) + 5 * (0.05 * 0.95 * len(rests)) ** 0.5
     assert sum(not one.position_inside for one in rests) <= bound
     assert sum(not one.force_inside for one in rests) <= bound
-    # Where other programs cost readings, the mean of a load is short, and says so.
-    steady = [one for one in rests if "unsteady" not in one.contact["notes"]]
-    apart = [abs(one.contact["force_n"] - one.true_n) / one.true_n for one in steady]
-    assert not apart or np.median(apart) < 0.1
+    inner = [one for one in rests if INNER_MM[0] < one.true_mm < INNER_MM[1]]
+    assert np.median([abs(one.contact["force_n"] - one.true_n) / one.true_n for one in inner]) < 0.1
     assert mistaken == [], [(load, one["state"], one["notes"], one["readings"]) for load, one in mistaken]
 
 
