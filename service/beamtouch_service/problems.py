@@ -1,4 +1,4 @@
-"""All problems that the service answers with, as problem details (RFC 9457).
+"""All kinds of problems that the service answers with, as problem details (RFC 9457).
 
 A problem is a value. `ProblemError` carries it through the code, and `api.errors` turns it into an answer.
 """
@@ -12,6 +12,8 @@ from pydantic import BaseModel, ConfigDict, Field
 
 TYPE_PREFIX = "urn:beamtouch:problem:"
 MEDIA_TYPE = "application/problem+json"
+_CAUSES = ("bad_channels", "channels_out", "changed_channels")
+"""Members that name the channels that are the cause."""
 
 
 class Kind(Enum):
@@ -87,7 +89,7 @@ class Problem:
     @property
     def channels(self) -> list[str]:
         """The channels that are the cause, if some are."""
-        named = (self.members.get(member, ()) for member in ("bad_channels", "channels_out", "changed_channels"))
+        named = (self.members.get(member, ()) for member in _CAUSES)
         return [name for names in named for name in cast("Iterable[str]", names)]
 
     def body(self) -> dict[str, object]:

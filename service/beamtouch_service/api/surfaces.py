@@ -9,7 +9,8 @@ from beamtouch_service.access import Role
 from beamtouch_service.api import gate
 from beamtouch_service.api.context import Context, ContextParameter, SurfaceInPath, SurfaceInQuery, context_of
 from beamtouch_service.problems import ProblemError
-from beamtouch_service.surfaces.contact import Contact, no_model
+from beamtouch_service.surfaces.contact import Contact
+from beamtouch_service.surfaces.problems import no_model
 from beamtouch_service.surfaces.state import SurfaceSummary, summary_of
 
 contact_router = gate.make_router("contact", Role.READ)

@@ -1,4 +1,4 @@
-"""The condition of the channels of one surface: out for a stated time, or changed since a baseline. Pure."""
+"""The channels of one surface: out for a stated time (the note `degraded`), or changed since a baseline. Pure."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -8,7 +8,7 @@ from typing import NamedTuple
 from pydantic import BaseModel
 
 from beamtouch_service.samples import Quality
-from beamtouch_service.surfaces.contact import ChannelOut, rfc3339
+from beamtouch_service.surfaces.contact import rfc3339
 
 
 class Part(StrEnum):
@@ -18,6 +18,15 @@ class Part(StrEnum):
     """Measured deflections are wrong by a factor."""
     ZERO = "zero"
     """Measured deflections at rest are not zero."""
+
+
+class ChannelOut(BaseModel):
+    """A channel that is out."""
+
+    quality: Quality
+    """Its quality when it was last not good."""
+    since: str
+    """Time of the first sample in which it was not good, by the sender's clock (RFC 3339)."""
 
 
 class ChannelHealth(BaseModel):

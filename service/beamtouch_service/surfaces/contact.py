@@ -1,4 +1,4 @@
-"""The contact, and the problems that a surface has instead. Pure: no clock, no state, no I/O."""
+"""The contact: the fields of its answer, and the figures that may be served. Pure: no clock, no state, no I/O."""
 
 from collections.abc import Mapping
 from datetime import UTC, datetime, timedelta
@@ -8,9 +8,8 @@ from typing import NamedTuple
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from beamtouch_models.modelfile import LOG_ODDS, MISFIT, Evidence, Metadata, State
-from beamtouch_service.problems import Kind, Problem
-from beamtouch_service.samples import Note, Quality
+from beamtouch_models.modelfile import LOG_ODDS, MISFIT, Evidence, State
+from beamtouch_service.samples import Note
 
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _DECIMALS = 4
@@ -22,15 +21,6 @@ _NOTES = " ".join(
         "`check-NAME`, only with `unexplained`: channel NAME contradicts the others.",
     ]
 )
-
-
-class ChannelOut(BaseModel):
-    """A channel that is out."""
-
-    quality: Quality
-    """Its quality when it was last not good."""
-    since: str
-    """Time of the first sample in which it was not good, by the sender's clock (RFC 3339)."""
 
 
 class ContactQuality(StrEnum):
@@ -140,69 +130,3 @@ def rfc3339(unix_us: int) -> str:
     """Return a time in microseconds since 1970 as RFC 3339 in UTC, with milliseconds."""
     moment = _EPOCH + timedelta(microseconds=unix_us)
     return moment.replace(tzinfo=None).isoformat(timespec="milliseconds") + "Z"
-
-
-def no_model(surface: str, reason: str | None) -> Problem:
-    """Return the problem of a surface without a model; `reason`: why its file is not used, if it has one."""
-    detail = "Samples are accepted, but there is no model. Give one with --model or in the config."
-    if reason is not None:
-        detail = f"Samples are accepted, but its model file cannot be used. {reason}"
-    return Problem(Kind.NO_MODEL, detail, surface)
-
-
-def no_samples(surface: str) -> Problem:
-    """Return the problem of a surface that has got no sample for its model."""
-    detail = "No sample has arrived since the service started. Start the daemon, or check its log."
-    return Problem(Kind.NO_SAMPLES, detail, surface)
-
-
-def other_beam(surface: str, model: Metadata, sender_beam: str | None) -> Problem:
-    """Return the problem of samples of a beam that the model is not of."""
-    places = ", ".join(f"{channel.name} {channel.position_mm:g}" for channel in model.layout)
-    detail = (
-        f"The samples are of beam {sender_beam}, the model is of beam {model.beam}. Give the service the model of "
-        f"{sender_beam}, or the daemon the configuration that was built with this model "
-        f"({model.length_mm:g} mm; {places})."
-    )
-    return Problem(Kind.OTHER_BEAM, detail, surface, {"sender_beam": sender_beam, "model_beam": model.beam})
-
-
-def stale(surface: str, age_ms: float, stale_ms: float) -> Problem:
-    """Return the problem of a newest sample of this age, which is over the limit."""
-    detail = (
-        f"The newest sample is {age_ms:.1f} ms old; the limit is {stale_ms:g} ms. "
-        "Check that the daemon runs and reaches the device."
-    )
-    return Problem(Kind.STALE, detail, surface, {"age_ms": age_ms, "stale_ms": stale_ms})
-
-
-def missing_channels(surface: str, missing: list[str]) -> Problem:
-    """Return the problem of a batch without these channels."""
-    detail = f"The batch lacks {', '.join(missing)}. Send every channel of the model; mark a broken one as missing."
-    return Problem(Kind.MISSING_CHANNELS, detail, surface, {"missing_channels": missing})
-
-
-def too_few_channels(surface: str, working: int, needed: int, bad: dict[str, Quality]) -> Problem:
-    """Return the problem of a sample with fewer working channels than the model needs."""
-    named = ", ".join(f"{name} ({quality.value})" for name, quality in bad.items())
-    works = "1 channel works" if working == 1 else f"{working} channels work"
-    detail = f"Only {works}; the model needs {needed}. Check {named}."
-    return Problem(Kind.TOO_FEW_CHANNELS, detail, surface, {"bad_channels": dict(bad)})
-
-
-def channels_out(surface: str, out: Mapping[str, ChannelOut]) -> Problem:
-    """Return the problem of channels that have been out for too long."""
-    named = ", ".join(f"{name} ({one.quality.value} since {one.since})" for name, one in out.items())
-    members = {"channels_out": {name: one.model_dump(mode="json") for name, one in out.items()}}
-    return Problem(Kind.CHANNELS_OUT, f"The contact is found without {named}. Check it.", surface, members)
-
-
-def changed_channels(surface: str, changed: list[str]) -> Problem:
-    """Return the problem of channels that have changed."""
-    detail = f"{', '.join(changed)} changed; GET /surfaces/{surface} says how. Check it, then calibrate the model."
-    return Problem(Kind.CHANGED_CHANNELS, detail, surface, {"changed_channels": changed})
-
-
-def unusable_estimate(surface: str, detail: str) -> Problem:
-    """Return the problem of a sample whose estimate cannot be served."""
-    return Problem(Kind.UNUSABLE_ESTIMATE, detail, surface)

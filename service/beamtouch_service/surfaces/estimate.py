@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from beamtouch_models.modelfile import Answers, Evidence, ModelFile, Weighed, evidence
 from beamtouch_service.problems import Problem
 from beamtouch_service.samples import Batch, Quality, Sample
-from beamtouch_service.surfaces.contact import too_few_channels, unusable_estimate
+from beamtouch_service.surfaces.problems import too_few_channels, unusable_estimate
 
 CHUNK = 256
 """Samples that are weighed together. More would cost memory and save no time."""

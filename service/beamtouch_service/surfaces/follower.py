@@ -24,9 +24,9 @@ from beamtouch_service.surfaces.contact import (
     UnusableEstimateError,
     figures_of,
     require_usable,
-    unusable_estimate,
 )
 from beamtouch_service.surfaces.estimate import Estimate, Estimator
+from beamtouch_service.surfaces.problems import unusable_estimate
 
 _ALL = 40
 """Number of samples at the beginning of a stretch, all of which are examined without each channel: as many as name a

@@ -7,8 +7,8 @@ from pydantic import BaseModel
 from beamtouch_models.modelfile import State
 from beamtouch_service.problems import Kind, Problem, ProblemBody
 from beamtouch_service.samples import Quality
-from beamtouch_service.surfaces.channels import ChannelHealth
-from beamtouch_service.surfaces.contact import ChannelOut, Contact
+from beamtouch_service.surfaces.channels import ChannelHealth, ChannelOut
+from beamtouch_service.surfaces.contact import Contact
 from beamtouch_service.surfaces.order import SampleCounts
 from beamtouch_service.surfaces.surface import Surface
 

@@ -12,7 +12,7 @@ from beamtouch_models.modelfile import ModelFile, State
 from beamtouch_service.problems import Kind, Problem, ProblemError
 from beamtouch_service.samples import Batch, Note, Quality, Sample
 from beamtouch_service.sections import SurfaceSection
-from beamtouch_service.surfaces import contact as problems
+from beamtouch_service.surfaces import problems
 from beamtouch_service.surfaces.channels import ChannelHealth, ChannelsOut, SurfaceHealth
 from beamtouch_service.surfaces.contact import Contact, ContactQuality, rfc3339
 from beamtouch_service.surfaces.estimate import Estimate
