@@ -1,11 +1,12 @@
 """The configuration of the service: the TOML file, the command line, and the token files.
 
-Its sections are the settings. Paths in them are from the folder of the file.
+Its sections are the settings: those of outputs stand with each output, all others in `sections`. Paths in them are from
+the folder of the file.
 """
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Any, Self
 
 from pydantic import ConfigDict, Field, create_model, model_validator
 
@@ -19,37 +20,12 @@ from beamtouch_service.samples import SurfaceName
 from beamtouch_service.sections import (
     EventsSection,
     File,
-    Host,
-    Port,
     Section,
+    ServerSection,
     StaleMs,
     SurfaceSection,
     require_pair,
 )
-
-
-class ServerSection(Section):
-    """`[server]`: address, tokens, certificate, and limits."""
-
-    host: Host = "127.0.0.1"
-    """Address to listen on. Addresses beyond loopback require a write token and a read token."""
-    port: Port = 8420
-    """0 picks a free port."""
-    write_token_file: File | None = None
-    """File with the token required for writes. Without it, every write is refused."""
-    read_token_file: File | None = None
-    """File with the token required for reads. Without it, reads need no token."""
-    certificate_file: File | None = None
-    """PEM, with its chain. With `key_file`, the service speaks HTTPS instead of HTTP."""
-    key_file: File | None = None
-    """PEM, the private key of the certificate."""
-    proxy: Host | None = None
-    """Name or address of the proxy in front of a service that listens beyond loopback. Without one, the service warns:
-    by itself it bounds neither the connections of one address nor slow requests."""
-    replica: bool = False
-    """This service is one of several that share the surfaces, behind a load balancer. Needs `events.url`."""
-    max_streams: Annotated[int, Field(ge=0, le=1000)] = 32
-    """Open streams. Further ones get 503."""
 
 
 class Settings(Section):

@@ -1,4 +1,4 @@
-"""The sections of the configuration that surfaces and record take, and the types of keys that all sections share."""
+"""The sections of the configuration but for those of outputs, and the types of keys that all sections share."""
 
 import re
 from pathlib import Path
@@ -51,6 +51,30 @@ def require_pair(certificate: Path | None, key: Path | None, purpose: str) -> No
         missing = "certificate_file" if certificate is None else "key_file"
         message = f"{missing} is missing; {purpose} needs a certificate and its key"
         raise ValueError(message)
+
+
+class ServerSection(Section):
+    """`[server]`: address, tokens, certificate, and limits."""
+
+    host: Host = "127.0.0.1"
+    """Address to listen on. Addresses beyond loopback require a write token and a read token."""
+    port: Port = 8420
+    """0 picks a free port."""
+    write_token_file: File | None = None
+    """File with the token required for writes. Without it, every write is refused."""
+    read_token_file: File | None = None
+    """File with the token required for reads. Without it, reads need no token."""
+    certificate_file: File | None = None
+    """PEM, with its chain. With `key_file`, the service speaks HTTPS instead of HTTP."""
+    key_file: File | None = None
+    """PEM, the private key of the certificate."""
+    proxy: Host | None = None
+    """Name or address of the proxy in front of a service that listens beyond loopback. Without one, the service warns:
+    by itself it bounds neither the connections of one address nor slow requests."""
+    replica: bool = False
+    """This service is one of several that share the surfaces, behind a load balancer. Needs `events.url`."""
+    max_streams: Annotated[int, Field(ge=0, le=1000)] = 32
+    """Open streams. Further ones get 503."""
 
 
 class EventsSection(Section):

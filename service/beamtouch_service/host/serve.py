@@ -19,7 +19,7 @@ from beamtouch_common.log import RepeatedFilter
 from beamtouch_common.systemd import ServiceManager
 from beamtouch_service.address import Address
 from beamtouch_service.api.context import Context
-from beamtouch_service.config import ServerSection
+from beamtouch_service.sections import ServerSection
 from beamtouch_service.surfaces import freshness
 
 SHUTDOWN_S = 2
