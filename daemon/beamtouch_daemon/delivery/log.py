@@ -17,7 +17,7 @@ from beamtouch_service.samples import MAX_SAMPLES, Batch, Note, Receipt
 MAX_BATCH = min(1000, MAX_SAMPLES)
 MAX_BATCH_VALUES = 40_000
 """Limits of samples and of values, covariances included, in one batch: under half of the MiB that is accepted."""
-RETRY_S = 5.0
+BACKLOG_RETRY_S = 5.0
 """Longest wait of the backlog after a request that brought the record no further."""
 _ENDED = 2**53
 """Beyond all numbers."""
@@ -70,7 +70,7 @@ class Log:
         """Time of the last receipt on the monotonic clock."""
         self.due_s = 0.0
         """Time of the next request of the backlog on the monotonic clock, at the earliest."""
-        self.backoff = Backoff(max_s=RETRY_S)
+        self.backoff = Backoff(max_s=BACKLOG_RETRY_S)
         self.most = self.max_batch
         """Limit of samples in the next batch of the backlog."""
         self._max_samples = max_samples

@@ -20,8 +20,8 @@ from beamtouch_daemon.processing.pipeline import Taken
 from beamtouch_daemon.uptime import uptime_s
 from beamtouch_service.samples import Batch
 
-RETRY_S = 1.0
-"""Longest wait after a live batch that was not taken."""
+LIVE_RETRY_S = 1.0
+"""Longest wait after a live batch that was not taken; `log` has that of the backlog."""
 ASK_S = 1.0
 """While samples are not durable, the record is asked at least this often."""
 LAST_ASK_S = 0.2
@@ -39,7 +39,7 @@ class Live:
 
     async def run(self) -> None:
         """Send until cancelled."""
-        backoff = Backoff(max_s=RETRY_S)
+        backoff = Backoff(max_s=LIVE_RETRY_S)
         while True:
             await self._log.fresh.wait()
             self._log.fresh.clear()
