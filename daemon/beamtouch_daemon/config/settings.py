@@ -129,7 +129,7 @@ class Surface(Strict):
     @property
     def module(self) -> Module | None:
         """The module that the source names, if any."""
-        return None if isinstance(self.source, SerialLine) else self.source.known_module
+        return self.source.known_module
 
     def place_of(self, channel: Channel) -> tuple[str, int, int]:
         """Return host, unit and first register of a channel; ValueError if the configuration does not state them."""
@@ -165,7 +165,7 @@ class Surface(Strict):
     @property
     def conversions(self) -> int:
         """Number of conversions that the device averages in a reading, as far as the configuration states it."""
-        return self.source.oversampling if isinstance(self.source, SerialLine) else 1
+        return self.source.conversions
 
 
 class Config(Strict):

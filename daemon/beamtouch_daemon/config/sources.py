@@ -27,7 +27,26 @@ class Strict(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, use_attribute_docstrings=True)
 
 
-class Modbus(Strict):
+class SourceKind(Strict):
+    """One kind of source, and what other folders ask of it."""
+
+    @property
+    def known_module(self) -> Module | None:
+        """The module that is named, if any."""
+        return None
+
+    @property
+    def is_polled(self) -> bool:
+        """Whether the daemon asks for each reading; otherwise the device sends them by itself."""
+        return True
+
+    @property
+    def conversions(self) -> int:
+        """Number of conversions that the device averages in a reading, as far as the configuration states it."""
+        return 1
+
+
+class Modbus(SourceKind):
     """Settings of Modbus TCP and RTU."""
 
     module: Annotated[str, AfterValidator(_known)] | None = None
@@ -106,7 +125,7 @@ class ModbusRtu(Modbus):
         return (self.baud, self.parity, self.stop_bits, self.silence_ms)
 
 
-class SerialLine(Strict):
+class SerialLine(SourceKind):
     """A device that speaks the protocol of `PROTOCOL.md`."""
 
     kind: Literal["serial"]
@@ -117,6 +136,16 @@ class SerialLine(Strict):
     """Bits per second, as set on the device."""
     oversampling: Annotated[int, Field(ge=1, le=255)] = 1
     """Number of conversions that the device averages in one reading."""
+
+    @property
+    def is_polled(self) -> bool:
+        """Never."""
+        return False
+
+    @property
+    def conversions(self) -> int:
+        """Those of `oversampling`."""
+        return self.oversampling
 
 
 RelativePath = Annotated[Path, Field(strict=False), AfterValidator(file_path)]

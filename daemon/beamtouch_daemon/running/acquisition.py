@@ -9,7 +9,6 @@ from contextlib import aclosing
 from beamtouch_common.log import Repeated
 from beamtouch_common.waits import Backoff
 from beamtouch_daemon.config.settings import Surface
-from beamtouch_daemon.config.sources import SerialLine
 from beamtouch_daemon.delivery.log import Log
 from beamtouch_daemon.processing.pipeline import Pipeline
 from beamtouch_daemon.processing.rate import RateMeter
@@ -65,7 +64,7 @@ class Acquisition:
         """Time of the last progress on the monotonic clock: a reading, or a session that ended with an error."""
         self.quality: list[Quality] = []
         """Of each channel in the newest sample; empty before the first."""
-        self.meter = RateMeter(surface.rate_hz, is_polled=not isinstance(surface.source, SerialLine))
+        self.meter = RateMeter(surface.rate_hz, is_polled=surface.source.is_polled)
         """Measures the rate of the readings."""
         self._source, self._pipeline = source, pipeline
         self._batch_s, self._rest_s = batch_s, rest_s
