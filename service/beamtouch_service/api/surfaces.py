@@ -1,4 +1,4 @@
-"""`GET /contact` and `GET /surfaces`: the contact, the summary, the model and the beam of each surface."""
+"""The routes `GET /contact` and `GET /surfaces`: contact, summary, model and beam; `surfaces/` has what they answer."""
 
 from fastapi import Response
 from pydantic import BaseModel

@@ -88,7 +88,7 @@ class Contradiction(BaseModel):
 
 @dataclass
 class Event:
-    """An event as it is on record."""
+    """An event as it is on record. Each field is a column of `tables.EVENTS`; `api.events` makes the answers."""
 
     surface: str
     model: str

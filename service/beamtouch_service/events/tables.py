@@ -25,7 +25,7 @@ from sqlalchemy import (
 from beamtouch_service.events.event import Begin, End, Event, EventKind
 
 FORMAT = 8
-"""The format of the record. A record of another one is refused."""
+"""The format of the record. A record of another one is refused: count it up with every change of a table."""
 _NUMBER = BigInteger().with_variant(Integer, "sqlite")
 _ALL = MetaData()
 

@@ -14,7 +14,9 @@ if TYPE_CHECKING:
     from beamtouch_service.outputs.section import Output, OutputSection
 
 OUTPUTS: tuple[type[OutputSection], ...] = (ModbusServerSection, MqttSection)
-"""The only list of outputs: configuration, process and help take them from here."""
+"""The only list of outputs: configuration, process and help take them from here.
+
+Not from here: the hint of `beamtouch_common.complaints` that a section belongs in another file."""
 
 
 def make(section: OutputSection, surfaces: int, access: Access) -> Output:
