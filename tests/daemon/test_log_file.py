@@ -3,6 +3,7 @@
 import asyncio
 import sqlite3
 import sys
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
@@ -102,6 +103,23 @@ async def test_beyond_its_size_the_oldest_are_dropped_and_counted_and_lost_to_th
     first = counts.dropped + 1
     assert service.record.numbers() == {"boot-0001": list(range(first, 401))}
     assert service.record.lost["bench", "boot-0001"] == list(range(1, first))
+
+
+async def test_a_chunk_that_is_dropped_while_it_is_about_to_be_read_is_a_loss_and_no_error(tmp_path: Path) -> None:
+    await keep(tmp_path / "samples", 10, 10)
+    go_on = threading.Event()
+    async with stored(tmp_path / "samples", 2000) as store, serving(Service()) as service:
+        disk = asyncio.ensure_future(store._call(lambda _: go_on.wait(60)))
+        async with Bench(service, store) as bench:
+            bench.count(5)
+            writes = asyncio.ensure_future(store.write(None))
+            await until(lambda: any(batch.boot_id == "boot-0000" for _, batch, _ in service.batches))
+            await asyncio.sleep(0.2)  # the reader waits for the disk, behind the writer
+            go_on.set()
+            await asyncio.gather(disk, writes)
+            await until(lambda: bench.log.is_empty and not bench.logs.on_disk)
+    assert service.record.lost["bench", "boot-0000"] == list(range(1, 11))
+    assert service.record.numbers() == {"boot-0000": list(range(11, 21)), "boot-0001": list(range(1, 6))}
 
 
 async def _chunks(store: log_store.LogStore, surface: str, number: int) -> None:

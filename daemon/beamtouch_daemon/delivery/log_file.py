@@ -100,10 +100,10 @@ class LogFile:
         self.rows = left
         return added
 
-    def read(self, row: int) -> Batch:
-        """Return a chunk as it was written."""
+    def read(self, row: int) -> Batch | None:
+        """Return a chunk as it was written; None if it was deleted meanwhile, beyond the limit."""
         with self._use("read") as database:
-            return _read(database, row)
+            return _read(database, row) if row in self.rows else None
 
     def close(self) -> None:
         """Close the file."""

@@ -148,8 +148,8 @@ class LogStore:
             self._drop_lost()
             self._fault.over()
 
-    async def read(self, chunk: Chunk) -> Batch:
-        """Return a chunk of the file; LogFileError if it cannot be read."""
+    async def read(self, chunk: Chunk) -> Batch | None:
+        """Return a chunk of the file, None if it was dropped meanwhile; LogFileError if it cannot be read."""
         try:
             return await self._call(lambda file: file.read(chunk.row))
         except LogFileError as error:

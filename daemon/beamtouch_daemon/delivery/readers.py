@@ -109,8 +109,8 @@ class Backlog:
 
     async def _batch(self, log: Log) -> Batch:
         numbers = log.missing[: log.most]
-        if numbers and (chunk := log.chunk_of(numbers[0])) is not None:
-            batch = await self._store.read(chunk)
+        chunk = log.chunk_of(numbers[0]) if numbers else None
+        if chunk is not None and (batch := await self._store.read(chunk)) is not None:
             return batch.model_copy(update={"samples": [one for one in batch.samples if one.sequence in numbers]})
         return log.batch(log.from_memory(numbers) if numbers else [])
 
