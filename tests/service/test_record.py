@@ -363,6 +363,33 @@ def test_while_the_record_is_damaged_answers_go_on_and_the_cursor_stands(
     assert caplog.text.count("the record of events is away") == 1
 
 
+@pytest.mark.parametrize(
+    ("damage", "reason"),
+    [
+        ("UPDATE cursors SET memory = substr(memory, 2)", "Extra data"),
+        ("UPDATE events SET path = substr(path, 2)", "Extra data"),
+        ("UPDATE events SET kind = 'bontact'", "'bontact' is not among the defined enum values"),
+    ],
+)
+def test_a_row_that_cannot_be_read_is_said_like_any_damage(
+    services: Services, tmp_path: Path, caplog: pytest.LogCaptureFixture, damage: str, reason: str
+) -> None:
+    path = tmp_path / "events.db"
+    story = services.story(CONTACT, path)
+    story.deliver(0, 3)
+    assert ends(story) == [("touch", "open")]
+    execute(path, damage)
+    story = services.story(CONTACT, path)
+    for first in range(3, 6):
+        assert story.deliver(first, first + 1)["durable"] is None
+        assert story.bench.get("/contact").json()["state"] == "contact"
+    refusal = story.bench.get("/health/ready").json()
+    assert refusal["missing"]["events"].startswith(f"a row cannot be read: {reason}")
+    assert story.bench.get("/events?path=true").status_code in {200, 503}
+    assert caplog.text.count("the record of events is away") == 1
+    assert "Traceback" not in caplog.text
+
+
 @pytest.mark.parametrize("is_replaced", [False, True])
 def test_a_record_that_is_deleted_begins_anew_with_what_the_sender_keeps(
     services: Services, tmp_path: Path, *, is_replaced: bool

@@ -90,6 +90,9 @@ class Database:
                 yield connection
         except OtherFormatError as error:
             raise EventStoreError(self._with_remedy(str(error))) from None
+        except (ValueError, LookupError) as error:  # a damaged file may hold anything, and SQLite does not see it
+            message = f"a row cannot be read: {_reason(error)}"
+            raise EventsAwayError(message) from None
         except (SQLAlchemyError, sqlite3.Error, OSError) as error:
             self._is_prepared = False
             reason = self._with_remedy(_reason(error)) if is_first else _reason(error)

@@ -13,6 +13,7 @@ from contextlib import suppress
 from functools import partial
 from typing import TypeVar
 
+from beamtouch_common.log import Repeated
 from beamtouch_service.events.database import EventsAwayError
 from beamtouch_service.events.event import OpenEvent
 from beamtouch_service.events.health import health_of
@@ -59,7 +60,7 @@ class Recorder:
         self._commit: asyncio.Task[None] | None = None
         self._begun_s = 0.0
         """When the commit that runs began [s, monotonic]."""
-        self._reason = ""
+        self._reason, self._fault = "", Repeated(_log)
         self._resume_s = self._tidied_s = float("-inf")
         self._upkeep: asyncio.Task[None] | None = None
         self._note(self.store.away_because)
@@ -241,9 +242,9 @@ class Recorder:
         """Log that the record went away for this reason, or that it is back."""
         if reason and not self._reason:
             self.outages += 1
-            _log.warning("the record of events is away: %s; answers go on, and daemons keep their samples", reason)
+            self._fault.failed(f"the record of events is away: {reason}; answers go on, and daemons keep their samples")
         elif self._reason and not reason:
-            _log.info("the record of events is back")
+            self._fault.over("the record of events is back")
         self._reason = reason
 
     def close(self) -> None:
