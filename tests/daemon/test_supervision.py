@@ -15,7 +15,9 @@ import httpx2
 import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
+from beamtouch_daemon.config.sources import ModbusRtu
 from beamtouch_daemon.running.acquisition import PATIENCE_S, Acquisition
+from beamtouch_daemon.sources.rtu_bus import REST_TIMEOUTS
 from parts import require
 
 from . import configs
@@ -73,8 +75,9 @@ async def test_the_service_manager_is_told_of_start_progress_and_stop(tmp_path: 
 
 
 def test_a_line_without_progress_hangs_and_one_without_a_device_does_not() -> None:
-    def line(turned_s: float, rate_hz: float = 100.0) -> Acquisition:
-        found = SimpleNamespace(surface=SimpleNamespace(rate_hz=rate_hz), turned_s=turned_s)
+    def line(turned_s: float, rate_hz: float = 100.0, timeout_ms: float = 1.0) -> Acquisition:
+        source = ModbusRtu(kind="modbus-rtu", port="/dev/ttyUSB0", timeout_ms=timeout_ms)
+        found = SimpleNamespace(surface=SimpleNamespace(rate_hz=rate_hz, source=source), turned_s=turned_s)
         return cast("Acquisition", found)
 
     now_s, long_ago_s = 1000.0, 1000.0 - PATIENCE_S - 1
@@ -82,6 +85,8 @@ def test_a_line_without_progress_hangs_and_one_without_a_device_does_not() -> No
     assert not hangs(line(now_s), now_s)
     assert hangs(line(long_ago_s), now_s)  # reading stands still
     assert not hangs(line(long_ago_s, rate_hz=0.1), now_s)  # it reads that seldom
+    rested_s = now_s - (REST_TIMEOUTS + 1) * 4.0
+    assert not hangs(line(rested_s, timeout_ms=4000.0), now_s)  # a unit that is off is asked that seldom
 
 
 async def test_metrics_are_those_of_the_summary_and_only_on_this_machine(tmp_path: Path) -> None:

@@ -21,8 +21,9 @@ REOPEN_S = 0.5
 MAX_UNPROCESSED = 64
 """At most this many readings wait to become samples. More at once would not take less time for each."""
 PATIENCE_S = 15.0
-PATIENCE_PERIODS = 20.0
-"""A surface without progress for the longer of this time and this number of reading periods hangs."""
+PATIENCE_PERIODS, PATIENCE_TIMEOUTS = 20.0, 40.0
+"""A surface without progress for this time, this number of reading periods and this number of timeouts of its source
+hangs. A serial unit that was given up rests for 13 timeouts, and is then proven anew in up to 20."""
 STALE_PART = 0.2
 """A sample at rest is followed by another one within this part of the time after which it is stale: a live batch is
 not repeated, and some may be lost."""
@@ -78,7 +79,9 @@ class Acquisition:
 
     def hangs(self, now_s: float) -> bool:
         """Return whether the source hangs at `now_s` on the monotonic clock: no reading comes, and no error either."""
-        return now_s - self.turned_s > PATIENCE_S + PATIENCE_PERIODS / self.surface.rate_hz
+        timeout_s: float = getattr(self.surface.source, "timeout_ms", 0.0) / 1e3
+        periods_s = PATIENCE_PERIODS / self.surface.rate_hz
+        return now_s - self.turned_s > PATIENCE_S + periods_s + PATIENCE_TIMEOUTS * timeout_s
 
     async def read(self) -> None:
         """Read until cancelled; a session that fails is followed by another one."""
