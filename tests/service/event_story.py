@@ -25,6 +25,8 @@ class Story:
     def __init__(self, bench: Bench, make_batch: MakeBatch, rows: list[Row], boot_id: str = "boot-0001") -> None:
         self.bench, self.make_batch, self.rows, self.boot_id = bench, make_batch, rows, boot_id
         self.oldest: int | None = 1
+        self.later_us = 0
+        """Pause of the device before the samples that are delivered next."""
         self.earlier: list[str] = []
 
     def deliver(self, first: int, last: int, **members: object) -> dict[str, Any]:
@@ -33,7 +35,7 @@ class Story:
         body = self.make_batch(*rows or [RESTING], sequence=first + 1, boot_id=self.boot_id)
         body["samples"] = body["samples"][: len(rows)]
         for offset, sample in enumerate(body["samples"]):
-            sample["acquired_unix_us"] = START_US + (first + offset) * 5000
+            sample["acquired_unix_us"] = START_US + (first + offset) * 5000 + self.later_us
         body |= {"oldest": self.oldest, "earlier": self.earlier} | members
         self.bench.now_s += 0.001
         receipt = self._sent(body)

@@ -411,6 +411,27 @@ def test_a_record_that_is_deleted_begins_anew_with_what_the_sender_keeps(
     assert story.ask()["durable"] == 10
 
 
+@pytest.mark.parametrize("after_s", [0.4, 0.6, 3600.0])
+@pytest.mark.parametrize("restarts", [False, True])
+def test_a_contact_before_a_pause_of_the_device_is_not_that_after_it(
+    services: Services, tmp_path: Path, *, after_s: float, restarts: bool
+) -> None:
+    def story() -> Story:
+        return services.story([*CONTACT[:-1], *CONTACT[1:]], tmp_path / "events.db")
+
+    before = story()
+    before.deliver(0, 9)
+    assert ends(before) == [("touch", "open")]
+    after = story() if restarts else before
+    after.later_us = round(after_s * 1e6)
+    after.deliver(9, 18)
+    if after_s < 0.5:
+        assert ends(after) == [("touch", "lift")]
+    else:
+        assert ends(after) == [("touch", "unseen"), ("unseen", "lift")]
+        assert [event["dwell_ms"] for event in after.events] == [35.0, 40.0]
+
+
 def test_times_are_those_of_the_sender(services: Services) -> None:
     story = services.story(CONTACT)
     story.backlog(0, 10)

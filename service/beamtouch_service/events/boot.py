@@ -70,7 +70,7 @@ class Boot:
 
     def _remember(self, memory: dict[str, Any]) -> None:
         memories = tuple(_read_memory(values) for values in memory["memories"])
-        past = Past(memories, memory["is_known"], memory["decided_us"], memory["is_held"])
+        past = Past(memories, memory["is_known"], memory["decided_us"])
         self._begin(self.model, past, DisjointMean.read(memory["rest"]))
         self._was_clear = memory["was_clear"]
 
@@ -136,13 +136,15 @@ class Boot:
             self._begin(model)
 
     def lose(self) -> None:
-        """End the open event: the samples after it are lost. Nothing is known any more."""
+        """End the open event: what came after it is lost, or was not seen. Nothing is known any more."""
         self._interrupt()
         self._begin(self.model)
 
     def add(self, estimate: Estimate) -> None:
         """Add the sample that is expected."""
         self.expected = estimate.sample.sequence + 1
+        if self._judge.is_over(estimate.sample.acquired_unix_us):
+            self.lose()
         decision = self._judge.judge(estimate)
         if decision.state is State.CLEAR and decision.is_certain:
             self._lift(decision)

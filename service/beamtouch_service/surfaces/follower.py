@@ -33,6 +33,8 @@ _ALL = 40
 suspect."""
 _EVERY = 20
 """Of later ones, one in this many is: it takes long."""
+_HOLD_READINGS = 3
+"""Readings for which a state is held at least: those of a slow surface may be far apart."""
 
 
 class Past(NamedTuple):
@@ -44,8 +46,6 @@ class Past(NamedTuple):
     """Whether a state was known at any time."""
     decided_us: int | None = None
     """Time of the last decided sample [us since 1970]; None if it is not known."""
-    is_held: bool = False
-    """Whether the samples after that could not be decided, so that the state is held."""
 
 
 NEUTRAL = Past(memories_after(None))
@@ -100,25 +100,30 @@ class Decision(NamedTuple):
 class Judge:
     """Decides on consecutive samples of one sender.
 
-    Over undecided samples, a state is held for `hold_ms` of the sender's time.
+    Until the next decided sample, a state is held for `hold_ms` of the sender's time, or some readings if those take
+    longer. After a longer pause, as of a device that was off, nothing is known.
     """
 
     def __init__(self, model: ModelFile, surface: str, hold_ms: float, past: Past = NEUTRAL) -> None:
         """Begin after samples with that past."""
         self._metadata, self._surface = model.metadata, surface
-        self._hold_us = hold_ms * 1e3
+        self._hold_us = max(hold_ms * 1e3, _HOLD_READINGS * 1e6 / model.metadata.sensor.rate_hz)
         self._hypotheses = Hypotheses(model.metadata.thresholds, past.memories, is_known=past.is_known)
-        self._decided_us, self._is_held = past.decided_us, past.is_held
+        self._decided_us = past.decided_us
 
     @property
     def past(self) -> Past:
         """What the samples so far mean for the next one."""
-        return Past(self._hypotheses.memories, self._hypotheses.is_known, self._decided_us, self._is_held)
+        return Past(self._hypotheses.memories, self._hypotheses.is_known, self._decided_us)
+
+    def is_over(self, at_us: int) -> bool:
+        """Return whether the state is held no longer at the time of the next sample [us since 1970]."""
+        return self._decided_us is not None and abs(at_us - self._decided_us) > self._hold_us
 
     def judge(self, estimate: Estimate) -> Decision:
         """Decide on the next sample."""
         at_us, evidence = estimate.sample.acquired_unix_us, estimate.evidence
-        if self._is_held and self._decided_us is not None and abs(at_us - self._decided_us) > self._hold_us:
+        if self.is_over(at_us):
             self._hypotheses = Hypotheses(self._metadata.thresholds, NEUTRAL.memories)
         if isinstance(evidence, Problem):
             return self._undecided(estimate, evidence)
@@ -133,12 +138,11 @@ class Judge:
                 f"For the newest sample, {error}. Check the characteristics and tare of the sensors, then the model."
             )
             return self._undecided(estimate, unusable_estimate(self._surface, detail))
-        self._decided_us, self._is_held = at_us, False
+        self._decided_us = at_us
         odd = is_odd(self._metadata.thresholds, evidence)
         return Decision(estimate, verdict.state, verdict.state, verdict.shown, odd, verdict.unsteady, figures)
 
     def _undecided(self, estimate: Estimate, problem: Problem) -> Decision:
-        self._is_held = True
         return Decision(estimate, None, self._hypotheses.state, self._hypotheses.agree, problem=problem)
 
 
