@@ -97,6 +97,15 @@ def test_a_channel_that_is_not_good_has_zeros() -> None:
     assert covariance[3, 0] > 0
 
 
+@pytest.mark.parametrize("touched_at", [0, 400])
+def test_the_service_takes_each_sample_of_a_touch_without_a_channel(touched_at: int) -> None:
+    deflection_mm = np.zeros((800, 4))
+    deflection_mm[touched_at:] = [0.1, 0.3, 0.2, 0.05]
+    deflection_mm[:, 2] = math.nan  # its unit is off
+    for sample in samples(surface_of(filter={"kind": "growing-mean"}), deflection_mm):
+        assert Sample.model_validate_json(sample.model_dump_json()) == sample
+
+
 def test_a_channel_with_fewer_readings_than_the_others_states_its_larger_variance() -> None:
     deflection = np.zeros((40, 4))
     deflection[-2, 1] = math.nan

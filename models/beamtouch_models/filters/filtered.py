@@ -80,9 +80,11 @@ class Filtered:
         if self.noise_mm is None:
             message = "the covariance needs the noise of a reading"
             raise ValueError(message)
-        white = np.where(np.isnan(self.mean_mm[rows]), 0.0, self.relative_variance[rows]) * self.noise_mm**2
+        missing = np.isnan(self.mean_mm[rows])
+        white = np.where(missing, 0.0, self.relative_variance[rows]) * self.noise_mm**2
         covariances: FloatArray = white[:, :, np.newaxis] * np.eye(white.shape[1])
         uncertain = self.uncertain
         exceeding = uncertain[rows]
         covariances[exceeding] += self.excess_mm2[np.cumsum(uncertain)[rows[exceeding]] - 1]
+        covariances[missing] = covariances.transpose(0, 2, 1)[missing] = 0.0
         return covariances
