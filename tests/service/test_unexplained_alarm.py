@@ -58,6 +58,14 @@ def test_a_wall_clock_that_goes_back_within_a_batch_delays_no_alarm(soon: Bench,
     assert found["beamtouch_unexplained_seconds_total"] == pytest.approx(1.5, abs=0.1)
 
 
+def test_the_time_that_a_device_was_off_is_not_unexplained(soon: Bench, make_batch: MakeBatch) -> None:
+    story = Story(soon, make_batch, [WEDGED] * 40)
+    deliver(story, 0, 20)
+    soon.now_s += 3600.0
+    deliver(story, 20, 21)
+    assert values(soon)["beamtouch_unexplained_seconds_total"] < 1.0
+
+
 def test_a_stretch_that_lasts_raises_a_metric_and_writes_one_line(
     soon: Bench, make_batch: MakeBatch, caplog: pytest.LogCaptureFixture
 ) -> None:

@@ -105,7 +105,7 @@ class Surface:
         self._order = Order(self.stale_ms)
         self.rivals = Rivals(self.stale_ms)
         """Notices that two daemons send samples."""
-        self.stretches = Stretches(section.unexplained_after_s)
+        self.stretches = Stretches(section.unexplained_after_s, self.stale_ms / 1e3)
         """The unexplained stretches in the samples that moved the answer."""
         self.channels_out = ChannelsOut(section.degraded_after_s, self.stale_ms / 1e3)
         """The channels that were not good for too long in these samples."""

@@ -19,7 +19,9 @@ class Overdue(NamedTuple):
 class Stretches:
     """Follows the samples that move the answer."""
 
-    def __init__(self, after_s: float) -> None:
+    def __init__(self, after_s: float, max_pause_s: float) -> None:
+        """Count at most `max_pause_s` between two samples: nothing is known of a longer pause."""
+        self._max_pause_s = max_pause_s
         self.after_s = after_s
         """A stretch may last this long [s]."""
         self.count = 0
@@ -45,7 +47,7 @@ class Stretches:
             age_us = max(0, newest_us - decision.estimate.sample.acquired_unix_us)
             # The ages of two batches differ by how long each travelled. No time counts twice.
             taken_s = max(self._last_s, acquired_s - age_us / 1e6)
-            passed_s, self._last_s = taken_s - self._last_s, taken_s
+            passed_s, self._last_s = min(taken_s - self._last_s, self._max_pause_s), taken_s
             if decision.held is State.UNEXPLAINED:
                 self._extend(decision, passed_s)
             else:
