@@ -18,7 +18,7 @@ from playwright.sync_api import Browser
 from xdist.remote import Producer
 
 from beamtouch_models import cli, modelfile
-from beamtouch_models.building.build import Choices, build
+from beamtouch_models.building.build import Choices, build_model
 from beamtouch_models.placement import Aim
 from beamtouch_models.progress import silent
 from beamtouch_models.scene import load_scene
@@ -81,7 +81,7 @@ BY_PRODUCT = Choices(aim=Aim("eigenvalue-product"))
 def _build(path: Path, name: str, folder: Path) -> None:
     """Write the model of a scene into a folder."""
     scene, text = load_scene(path)
-    built = build(scene, text, name, count=None, seed=0, progress=silent, choices=BY_PRODUCT)
+    built = build_model(scene, text, name, count=None, seed=0, progress=silent, choices=BY_PRODUCT)
     (folder / f"{name}.onnx").write_bytes(built.content)
 
 

@@ -14,6 +14,7 @@ from scipy.special import gammaln
 
 from beamtouch_models.accuracy import limit
 from beamtouch_models.accuracy.prior import Prior
+from beamtouch_models.accuracy.rest import DRIFTS, log_tilt, overlapping_means, tilted
 from beamtouch_models.accuracy.touch_thresholds import (
     directions,
     noise_at_rest,
@@ -22,17 +23,14 @@ from beamtouch_models.accuracy.touch_thresholds import (
     shapes_at_rest,
 )
 from beamtouch_models.accuracy.unexplained_thresholds import FARTHEST, Sequences, at_rest, stretches, windows_of
-from beamtouch_models.accuracy.windows import overlapping_means
-from beamtouch_models.accuracy.zeros import DRIFTS, log_tilt, tilted
 from beamtouch_models.arrays import Floats
-from beamtouch_models.building.measured import thresholds_of
+from beamtouch_models.building.measure import thresholds_of
 from beamtouch_models.decision.decider import PERSISTENCE
 from beamtouch_models.export import to_bytes
 from beamtouch_models.metadata import SECONDS_PER_DAY, FilterChoice, Thresholds
-from beamtouch_models.pricing.effects import required
-from beamtouch_models.pricing.noise import choose_filter
 from beamtouch_models.scene import Scene, load_scene
 from beamtouch_models.session import Run, runner
+from beamtouch_models.surface import Surface
 from example_scenes import SCENES
 from posterior_cases import graph_of
 from stated_problems import fewest_mm, real_prior
@@ -42,7 +40,7 @@ LIFT = 1 / 8
 
 
 @dataclass(frozen=True)
-class Surface:
+class Watched:
     """A shipped scene as it is built."""
 
     scene: Scene
@@ -69,17 +67,16 @@ class Surface:
 
 
 @cache
-def surface(name: str) -> Surface:
+def surface(name: str) -> Watched:
     """The surface of a shipped scene."""
     scene, _ = load_scene(SCENES / f"{name}.toml")
-    chosen = choose_filter(scene)
-    physics = required(scene, chosen)
-    noise_mm = physics.noise.sample_mm
-    prior = real_prior(physics.scene, fewest_mm(physics.scene, noise_mm), noise_mm)
-    return Surface(scene, chosen, prior, thresholds_of(prior, scene, chosen, 1), runner(to_bytes(graph_of(prior))))
+    built = Surface.of(scene)
+    noise_mm = built.noise.sample_mm
+    prior = real_prior(built.scene, fewest_mm(built.scene, noise_mm), noise_mm)
+    return Watched(scene, built.filter, prior, thresholds_of(prior, built, 1), runner(to_bytes(graph_of(prior))))
 
 
-def false_contacts_per_day(on: Surface, kept: tuple[int, ...], draws: int, seed: int = 5) -> float:
+def false_contacts_per_day(on: Watched, kept: tuple[int, ...], draws: int, seed: int = 5) -> float:
     """Contacts per day that begin at rest while the channels `kept` are valid."""
     noise, threshold = noise_at_rest(on.prior)[list(kept)], on.thresholds.touch[len(kept) - 1]
     rate = rate_per_sample(on.thresholds.false_contacts_per_day, on.scene.sensors.rate_hz, on.filter.window)
@@ -96,17 +93,17 @@ def false_contacts_per_day(on: Surface, kept: tuple[int, ...], draws: int, seed:
     return float((rest.weight[begun] / (count - 1)).sum() / draws * on.samples_per_day)
 
 
-def false_stretches_per_day(on: Surface, kept: tuple[int, ...], draws: int, seed: int = 6) -> float:
+def false_stretches_per_day(on: Watched, kept: tuple[int, ...], draws: int, seed: int = 6) -> float:
     """Stretches per day that begin at rest while only `kept` are valid, in the worst of the filter's windows."""
     return max(_stretches_at_rest(on, kept, max(2, window), draws, seed) for window in windows_of(on.filter))
 
 
-def _stretches_at_rest(on: Surface, kept: tuple[int, ...], window: int, draws: int, seed: int) -> float:
+def _stretches_at_rest(on: Watched, kept: tuple[int, ...], window: int, draws: int, seed: int) -> float:
     drawn = at_rest(noise_at_rest(on.prior)[list(kept)], window, draws, seed)
     return _stretches_per_day(on, kept, drawn, _unwhitened(on.prior, kept, drawn.sample))
 
 
-def false_stretches_of_contacts_per_day(on: Surface, kept: tuple[int, ...], draws: int, seed: int = 7) -> float:
+def false_stretches_of_contacts_per_day(on: Watched, kept: tuple[int, ...], draws: int, seed: int = 7) -> float:
     """Stretches per day that begin while contacts of the prior last, in the worst of the filter's windows.
 
     Gains are off by up to twice the floor.
@@ -114,7 +111,7 @@ def false_stretches_of_contacts_per_day(on: Surface, kept: tuple[int, ...], draw
     return max(_stretches_of_contacts(on, kept, window, draws, seed) for window in windows_of(on.filter))
 
 
-def _stretches_of_contacts(on: Surface, kept: tuple[int, ...], window: int, draws: int, seed: int) -> float:
+def _stretches_of_contacts(on: Watched, kept: tuple[int, ...], window: int, draws: int, seed: int) -> float:
     prior, size, rng = on.prior, len(kept), np.random.default_rng(seed)
     contacts = limit.draw(prior, draws, seed)
     clean = contacts.force_n[:, None] * prior.table(contacts.position_mm)
@@ -147,7 +144,7 @@ def _stretches_of_contacts(on: Surface, kept: tuple[int, ...], window: int, draw
     return _stretches_per_day(on, kept, drawn, sample)
 
 
-def _stretches_per_day(on: Surface, kept: tuple[int, ...], drawn: Sequences, reading: Floats) -> float:
+def _stretches_per_day(on: Watched, kept: tuple[int, ...], drawn: Sequences, reading: Floats) -> float:
     # Only sequences that are odd where they are drawn large count.
     candidates = np.ones(len(reading), np.bool_)
     for sample in range(drawn.first, drawn.first + PERSISTENCE):
@@ -157,7 +154,7 @@ def _stretches_per_day(on: Surface, kept: tuple[int, ...], drawn: Sequences, rea
     return stretches(drawn, odd) * on.samples_per_day
 
 
-def _odd(on: Surface, kept: tuple[int, ...], reading: Floats) -> NDArray[np.bool_]:
+def _odd(on: Watched, kept: tuple[int, ...], reading: Floats) -> NDArray[np.bool_]:
     answers, misfit = on.answers(kept, reading), on.thresholds.misfit[len(kept) - 1]
     odd: NDArray[np.bool_] = (answers["rest"] > on.thresholds.rest[len(kept) - 1]) & (answers["misfit"] > misfit)
     return odd

@@ -6,14 +6,14 @@ from contextlib import contextmanager
 import pytest
 
 from beamtouch_models.accuracy import touch_thresholds, unexplained_thresholds
-from beamtouch_models.building import measured, since_touch
+from beamtouch_models.building import measure, since_touch
 
 
 @contextmanager
 def few_draws() -> Iterator[None]:
     """Measure thresholds and accuracy on a few simulated samples; all steps of a build remain."""
     with pytest.MonkeyPatch.context() as fewer:
-        fewer.setattr(measured, "ACCURACY_DRAWS", 512)
+        fewer.setattr(measure, "ACCURACY_DRAWS", 512)
         fewer.setattr(since_touch, "KNOWN", 512)
         for module in (unexplained_thresholds, touch_thresholds):
             fewer.setattr(module, "DRAWS", 512)

@@ -1,7 +1,7 @@
 """Surfaces that differ from their scenes, for tests of calibration: the rig's own formulas, without its line."""
 
 import csv
-import dataclasses
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +13,7 @@ from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.physics.beam import influence_of
 from beamtouch_models.rig.imperfections import Imperfections
 from beamtouch_models.scene import parse_scene
+from beamtouch_models.surface import depart
 
 POSITIONS = np.linspace(20.0, 380.0, 10)
 FORCES = np.full(10, 12.0)
@@ -32,10 +33,12 @@ def imperfections(seed: int, metadata: Metadata) -> Imperfections:
 
 def true_prior(metadata: Metadata, real: Imperfections) -> Prior:
     """What an estimator would know that knew everything of the real surface."""
-    scene = real.applied_to(parse_scene(metadata.scene, metadata.name))
-    sensor_mm = real.sensors_mm(np.array([channel.position_mm for channel in metadata.layout]))
-    prior = Prior.of(influence_of(scene), sensor_mm, metadata.noise.sample_mm)
-    return dataclasses.replace(prior, measured=real.seen_mm)
+    scene, layout_mm = parse_scene(metadata.scene, metadata.name), metadata.layout_mm
+    prior = Prior.of(influence_of(scene), layout_mm, metadata.noise.sample_mm)
+    departures = real.departures(len(layout_mm))
+    departed = depart(prior, scene.beam, scene.contact.width_mm, layout_mm, departures)
+    gain = np.array(departures.gain)
+    return replace(departed, measured=lambda linear: departures.measure(gain * real.bend_mm(linear / gain)))
 
 
 def write_readings(

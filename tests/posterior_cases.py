@@ -16,7 +16,7 @@ from beamtouch_models.arrays import Floats
 from beamtouch_models.estimators.posterior.graph import posterior_graph
 from beamtouch_models.export import to_bytes
 from beamtouch_models.metadata import INPUTS
-from beamtouch_models.physics.beam import influence_of, max_deflection_mm
+from beamtouch_models.physics.beam import influence_of, travel_of
 from beamtouch_models.placement import place
 from beamtouch_models.scene import load_scene
 from beamtouch_models.session import Run, runner, session_options
@@ -36,7 +36,9 @@ def prior_of(name: str, sensors: int, noise_percent: float, *, known: bool) -> P
     force = (high, high) if known else (min(low, high / 10), high)
     contact = scene.contact.model_copy(update={"force_n": force})
     scene = scene.model_copy(update={"contact": contact})
-    return Prior.of(influence_of(scene), _positions_mm(name, sensors), max_deflection_mm(scene) * noise_percent / 100)
+    return Prior.of(
+        influence_of(scene), _positions_mm(name, sensors), travel_of(scene).largest_mm * noise_percent / 100
+    )
 
 
 @cache

@@ -5,7 +5,7 @@ Its scene gives no remark: away from the supports, every force is seen.
 
 from pathlib import Path
 
-from beamtouch_models.building.build import Choices, build
+from beamtouch_models.building.build import Choices, build_model
 from beamtouch_models.placement import Aim
 from beamtouch_models.progress import silent
 from beamtouch_models.scene import parse_scene
@@ -24,7 +24,7 @@ CHOICES = Choices(aim=Aim("eigenvalue-product"))
 def write_quick_model(folder: Path) -> None:
     """Write `quick.onnx` into a folder."""
     with few_draws():
-        built = build(
+        built = build_model(
             parse_scene(SCENE, "quick.toml"), SCENE, "quick", count=None, seed=0, progress=silent, choices=CHOICES
         )
     (folder / "quick.onnx").write_bytes(built.content)

@@ -25,12 +25,12 @@ import pytest
 import tomli_w
 
 from beamtouch_models import cli
-from beamtouch_models.building import failing, since_touch
+from beamtouch_models.building import sensors, since_touch
 from beamtouch_models.commands import explain, place
 from beamtouch_models.errors import SceneError
 from beamtouch_models.estimators.posterior import channels
 from beamtouch_models.loading import load
-from beamtouch_models.physics.beam import max_deflection_mm
+from beamtouch_models.physics.beam import travel_of
 from beamtouch_models.placement import position_error
 from beamtouch_models.placement import search as placement_search
 from beamtouch_models.rig.imperfections import Imperfections
@@ -185,7 +185,7 @@ def _force(rng: np.random.Generator, tables: Table) -> float | list[float]:
     if rng.random() < 0.93:
         tables["contact"]["force_n"] = 1.0
         try:
-            per_n = max_deflection_mm(parse_scene(tomli_w.dumps(tables), "the scene"))
+            per_n = travel_of(parse_scene(tomli_w.dumps(tables), "the scene")).largest_mm
             low, high = tables["sensors"].get("range_mm", (1.0, 4.0))
             limit = min(high - low, tables["beam"]["length_mm"] / 200)
             strong = float(f"{limit * rng.choice([0.001, 0.1, 0.5, 0.5, 0.8, 0.8, 0.8]) / per_n:.4g}")
@@ -203,8 +203,8 @@ def short_work() -> Iterator[None]:
             (position_error, "CELLS", (64, 128)),
             (position_error, "KNOWN_FORCE_CONTACTS", 64),
             (position_error, "OPEN_FORCE_CONTACTS", 64),
-            (failing, "DRAWS", failing.FEWEST_DRAWS),
-            (failing, "FEWEST_DRAWS", 64),
+            (sensors, "DRAWS", sensors.FEWEST_DRAWS),
+            (sensors, "FEWEST_DRAWS", 64),
             (explain, "REPEATS", 1),
             (place, "LIMIT_DRAWS", 256),
             (since_touch, "CONTACTS", 8),

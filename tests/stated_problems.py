@@ -2,24 +2,30 @@
 
 import numpy as np
 
-from beamtouch_models.accuracy.prior import Prior
+from beamtouch_models.accuracy.prior import Prior, SampleErrors
 from beamtouch_models.arrays import Floats
-from beamtouch_models.building.sensor_rules import sample_errors, sensor_rules
 from beamtouch_models.physics.beam import influence_of
 from beamtouch_models.physics.influence import InfluenceFunction
 from beamtouch_models.placement import fewest_sensors
 from beamtouch_models.placement.layout import Candidates
 from beamtouch_models.scene import Scene
+from beamtouch_models.surface import Surface
 
 
 def problem_in(scene: Scene) -> tuple[InfluenceFunction, Candidates]:
     """Influence function of a scene, and its rules for sensors."""
-    return influence_of(scene), sensor_rules(scene)
+    return influence_of(scene), Surface.of(scene).rules
+
+
+def errors_in(scene: Scene, noise_mm: float) -> SampleErrors:
+    """Errors of a sample with this noise, all that a scene states."""
+    readings = Surface.of(scene).readings
+    return SampleErrors(noise_mm, readings.gain, readings.floor_mm, scene.sensors.mounting_tolerance_mm)
 
 
 def real_prior(scene: Scene, sensor_mm: Floats, noise_mm: float) -> Prior:
     """Prior of a scene with the errors of its sensors."""
-    return Prior.real(influence_of(scene), sensor_mm, sample_errors(scene, noise_mm))
+    return Prior.real(influence_of(scene), sensor_mm, errors_in(scene, noise_mm))
 
 
 def fewest_mm(scene: Scene, noise_mm: float) -> Floats:
@@ -28,7 +34,7 @@ def fewest_mm(scene: Scene, noise_mm: float) -> Floats:
         *problem_in(scene),
         scene.sensors.count_range,
         wanted_mm=scene.requirements.position_error_mm,
-        errors=sample_errors(scene, noise_mm),
+        errors=errors_in(scene, noise_mm),
         seed=0,
     )
     return np.array(placement.positions_mm)

@@ -5,7 +5,7 @@ import sys
 import matplotlib.pyplot as plt
 import numpy as np
 
-from beamtouch_models import api
+from beamtouch_models import influence_matrix, read_scene
 
 SCENE = """
 [beam]
@@ -27,10 +27,10 @@ rate_hz = 100
 latency_ms = 50
 """
 
-scene = api.read_scene(SCENE)
+scene = read_scene(SCENE)
 sensors = [68, 156, 244, 332]
 place = np.linspace(0, 400, 201)
-matrix = 1000 * api.influence_matrix(scene, sensors, place)
+matrix = 1000 * influence_matrix(scene, sensors, place)
 
 figure, axes = plt.subplots(figsize=(7, 3.5))
 axes.plot(place, matrix, label=[f"sensor at {sensor} mm" for sensor in sensors])

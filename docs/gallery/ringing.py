@@ -5,7 +5,7 @@ import sys
 import matplotlib.pyplot as plt
 import numpy as np
 
-from beamtouch_models import api
+from beamtouch_models import frequency_hz, influence_matrix, read_scene, ringing_mm
 
 SCENE = """
 [beam]
@@ -27,20 +27,20 @@ rate_hz = 100
 latency_ms = 50
 """
 
-scene = api.read_scene(SCENE)
+scene = read_scene(SCENE)
 sensors = [68, 156, 244, 332]
-static_mm = 10 * api.influence_matrix(scene, sensors, [150])[0]
+static_mm = 10 * influence_matrix(scene, sensors, [150])[0]
 time_s = np.linspace(0, 1, 1001)
 
 figure, axes = plt.subplots(figsize=(7, 3.5))
 for damping_ratio, style in ((0.01, "-"), (0.1, "--")):
-    moving_mm = api.ringing_mm(scene, static_mm, time_s, damping_ratio=damping_ratio)
+    moving_mm = ringing_mm(scene, static_mm, time_s, damping_ratio=damping_ratio)
     axes.plot(1000 * time_s, moving_mm[:, 1], style, label=f"damping ratio {damping_ratio:g}")
 axes.axhline(static_mm[1], color="grey", linewidth=0.8)
 axes.set(
     xlabel="time since the touch in ms",
     ylabel="deflection in mm",
-    title=f"A strip that rings at {api.frequency_hz(scene):.0f} Hz",
+    title=f"A strip that rings at {frequency_hz(scene):.0f} Hz",
 )
 axes.legend()
 

@@ -5,7 +5,7 @@ import sys
 import matplotlib.pyplot as plt
 import numpy as np
 
-from beamtouch_models import api
+from beamtouch_models import accuracy_limit, place, read_scene
 
 SCENE = """
 [beam]
@@ -27,12 +27,12 @@ rate_hz = 100
 latency_ms = 50
 """
 
-scene = api.read_scene(SCENE)
+scene = read_scene(SCENE)
 left = np.arange(50, 200, 25)
-limits = [[api.accuracy_limit(scene, [a, 400 - b], draws=128).mean_mm for a in left] for b in left]
+limits = [[accuracy_limit(scene, [a, 400 - b], draws=128).mean_mm for a in left] for b in left]
 row, column = np.unravel_index(np.argmin(limits), np.shape(limits))
 best = left[column], 400 - left[row]
-paper = api.place(scene, 2, criterion="eigenvalue-product")
+paper = place(scene, 2, criterion="eigenvalue-product")
 
 figure, axes = plt.subplots(figsize=(5.5, 4.5))
 filled = axes.contourf(left, 400 - left, limits, levels=12, cmap="viridis_r")

@@ -5,12 +5,14 @@ import inspect
 import re
 from textwrap import dedent
 
-from beamtouch_models import api
+import beamtouch_models
 
 
 def python_interface() -> str:
-    """Return a heading and the stub of each name in `beamtouch_models.api`."""
-    stubs = {name: stub_of(dedent(inspect.getsource(getattr(api, name)))) for name in api.__all__}
+    """Return a heading and the stub of each public name of `beamtouch_models`."""
+    stubs = {
+        name: stub_of(dedent(inspect.getsource(getattr(beamtouch_models, name)))) for name in beamtouch_models.__all__
+    }
     return "\n\n".join(f"## {name}\n\n```python\n{stub}\n```" for name, stub in stubs.items())
 
 

@@ -13,6 +13,7 @@ from math import erfc, sqrt
 import numpy as np
 
 from beamtouch_models.arrays import Floats
+from beamtouch_models.error_model import variance_mm2
 from beamtouch_models.metadata import Metadata
 
 SURELY = 1.645
@@ -59,7 +60,8 @@ def detection_of(metadata: Metadata) -> Detection | None:
     """Return what a model sees along the beam; None for an older file, which does not say how its sensors move."""
     if metadata.influence is None:
         return None
-    seen, rest = metadata.smallest_force, np.hypot(metadata.floor.zero_mm, metadata.noise.sample_mm)
+    seen, floor = metadata.smallest_force, metadata.floor
+    rest = np.sqrt(variance_mm2(0.0, metadata.noise.sample_mm, floor.gain, floor.zero_mm))
     size = np.linalg.norm(np.array(metadata.influence.mm_per_n) / rest, axis=1)
     at = np.linspace(*metadata.ranges.position_mm, len(size))
     weakest = metadata.ranges.force_n[0]

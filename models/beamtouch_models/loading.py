@@ -11,12 +11,14 @@ from typing import Any
 
 import numpy as np
 import onnxruntime as ort
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from beamtouch_common.digits import digits
 from beamtouch_models import description, session
 from beamtouch_models.arrays import Floats, Floats32
-from beamtouch_models.errors import ModelFileError
+from beamtouch_models.errors import ModelFileError, SceneError
 from beamtouch_models.metadata import INPUTS, THIS_FILE, Metadata
+from beamtouch_models.numbers import array_of, require
 from beamtouch_models.session import Answers
 from beamtouch_models.whitening import whitening
 
@@ -97,7 +99,55 @@ class ModelFile:
         return {name: values.astype(np.float64) for name, values in answers.items()}
 
 
-def load(path: Path) -> ModelFile:
+def load_model(model: Path | str | bytes) -> ModelFile:
+    """Load a model from the path of a file, or the content of one, and reproduce its golden answers.
+
+    `metadata` of the result has the layout, ranges, accuracy and calibration.
+
+    Raises
+    ------
+    ModelFileError
+        The file cannot be read, or it is not a model that can be used.
+    """
+    if isinstance(model, bytes):
+        return load_bytes(model, "the model")
+    if not isinstance(model, Path | str):
+        message = f"the model: give a path or the content of a file, not {type(model).__name__}"
+        raise ModelFileError(message)
+    return load(model)
+
+
+def estimate(model: ModelFile, deflection_mm: ArrayLike) -> dict[str, Floats]:
+    """Return the answers of a model to settled samples of all its channels, as the service gives them.
+
+    Parameters
+    ----------
+    model : a loaded model
+    deflection_mm : (samples, channels) in mm, as the sensors measure them, in the order of the model's layout
+
+    Returns
+    -------
+    An array (samples,) per output: `position_mm`, `position_low_mm`, `position_high_mm`, `contact_log_odds`, `misfit`,
+    and with a force `force_n`, `force_low_n`, `force_high_n`.
+
+    Raises
+    ------
+    SceneError
+        They are not numbers that the sensors can measure, or not one per channel.
+    """
+    require(model, ModelFile, "model", "what load_model returns")
+    samples = np.atleast_2d(array_of(deflection_mm, "deflection_mm"))
+    names = model.channels
+    if samples.ndim != 2 or samples.shape[1] != len(names) or not np.all(np.isfinite(samples)):
+        message = f"deflection_mm: give finite numbers, {len(names)} for each sample: {', '.join(names)}"
+        raise SceneError(message)
+    if np.abs(samples).max(initial=0.0) > model.largest_mm:
+        message = f"deflection_mm: no load deflects this beam by more than {digits(model.largest_mm, 3)} mm"
+        raise SceneError(message)
+    return model.answer(samples)
+
+
+def load(path: Path | str) -> ModelFile:
     """Load a model file and reproduce its golden answers.
 
     Raises
@@ -109,7 +159,7 @@ def load(path: Path) -> ModelFile:
     return load_bytes(read(path), str(path))
 
 
-def read(path: Path) -> bytes:
+def read(path: Path | str) -> bytes:
     """Read a model file; one that is larger than `MAX_BYTES`, or is not a regular file, is refused unread.
 
     Raises
@@ -117,6 +167,7 @@ def read(path: Path) -> bytes:
     ModelFileError
         The file cannot be read, is not a regular file, or is too large.
     """
+    path = Path(path)
     try:
         # Check before opening: opening a device can act on it, and opening a pipe can wait.
         _require_readable(path.stat(), path)

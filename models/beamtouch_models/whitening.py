@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from beamtouch_models.arrays import Bools, Floats
+from beamtouch_models.error_model import floor_mm2
 
 
 def whitening(
@@ -28,10 +29,9 @@ def whitening(
     ValueError
         A total covariance is not finite or not positive definite.
     """
-    gain = np.asarray(gain)
     if valid is None or valid.all():
-        return _of_all(covariance_mm2, (gain * deflection_mm) ** 2 + np.square(zero_mm))
-    floor = (gain * np.where(valid, deflection_mm, 0.0)) ** 2 + np.square(zero_mm)
+        return _of_all(covariance_mm2, floor_mm2(deflection_mm, gain, zero_mm))
+    floor = floor_mm2(np.where(valid, deflection_mm, 0.0), gain, zero_mm)
     both = valid[:, :, None] & valid[:, None, :]
     # A variance of 1 stands in for a missing channel; it is correlated with no other.
     missing = np.where(valid, 0.0, 1.0)

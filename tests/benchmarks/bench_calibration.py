@@ -14,7 +14,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parent.parent))  # for what tests and benchmarks share
 
 from beamtouch_models import modelfile
-from beamtouch_models.building.build import build
+from beamtouch_models.building.build import build_model
 from beamtouch_models.calibration.calibrate import checked_fit
 from beamtouch_models.calibration.loads import Loads, LoadsError
 from beamtouch_models.errors import NotGoodEnoughError
@@ -31,7 +31,7 @@ RUNS = 6
 def model_of(name: str) -> ModelFile:
     """Build a shipped scene."""
     scene, text = load_scene(SCENES / f"{name}.toml")
-    built = build(scene, text, name, count=None, seed=0, progress=lambda _doing, _done: None)
+    built = build_model(scene, text, name, count=None, seed=0, progress=lambda _doing, _done: None)
     return modelfile.load_bytes(built.content, name)
 
 

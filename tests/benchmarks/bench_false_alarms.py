@@ -8,7 +8,7 @@ sys.path.insert(0, str(Path(__file__).parent.parent))
 
 from example_scenes import SCENES
 from false_alarms import (
-    Surface,
+    Watched,
     false_contacts_per_day,
     false_stretches_of_contacts_per_day,
     false_stretches_per_day,
@@ -44,7 +44,7 @@ def run() -> list[dict[str, object]]:
     return rows
 
 
-def _contacts(on: Surface, kept: tuple[int, ...]) -> float:
+def _contacts(on: Watched, kept: tuple[int, ...]) -> float:
     return false_contacts_per_day(on, kept, CONTACTS) / on.thresholds.false_contacts_per_day
 
 

@@ -13,7 +13,7 @@ sys.path.insert(0, str(Path(__file__).parent.parent.parent / "demo"))
 import httpx2
 
 from beamtouch_models import modelfile
-from beamtouch_models.building.build import build
+from beamtouch_models.building.build import build_model
 from beamtouch_models.building.daemon_config import daemon_config
 from beamtouch_models.progress import silent
 from beamtouch_models.scene import parse_scene
@@ -62,7 +62,9 @@ def _line(folder: Path, text: str, kind: Kind, mean: str) -> Line:
     names = ("scene.toml", "bench.onnx", "config.toml", "script.toml")
     scene, model, config, script = (folder / name for name in names)
     scene.write_text(text)
-    model.write_bytes(build(parse_scene(text, "bench"), text, "bench", count=None, seed=0, progress=silent).content)
+    model.write_bytes(
+        build_model(parse_scene(text, "bench"), text, "bench", count=None, seed=0, progress=silent).content
+    )
     stated = daemon_config(modelfile.load(model).metadata)
     if mean == "fixed":
         stated = re.sub(r"max_mean_ms = .*\n", "", stated.replace('"growing-mean"', '"moving-average"'))

@@ -13,7 +13,7 @@ import numpy as np
 from bench_service import SECONDS, TOKEN, TURNS, loaded, ratio, server, stream
 
 from beamtouch_models import modelfile
-from beamtouch_models.building.build import build
+from beamtouch_models.building.build import build_model
 from beamtouch_models.scene import load_scene
 from example_scenes import SCENES
 from processes import processor_s
@@ -29,7 +29,9 @@ def run() -> list[dict[str, object]]:
         folder, modbus = Path(temporary), free_port()
         path, token, config = folder / "bench.onnx", folder / "token", folder / "service.toml"
         scene, text = load_scene(SCENES / "bench.toml")
-        path.write_bytes(build(scene, text, "bench", count=None, seed=0, progress=lambda _doing, _done: None).content)
+        path.write_bytes(
+            build_model(scene, text, "bench", count=None, seed=0, progress=lambda _doing, _done: None).content
+        )
         model = modelfile.load(path)
         token.write_text(TOKEN)
         config.write_text(f'[modbus_server]\nport = {modbus}\n[surfaces.bench]\nmodel = "{path}"\nstale_ms = 60000\n')

@@ -12,13 +12,14 @@ from pathlib import Path
 
 import numpy as np
 
+from beamtouch_models.surface import prior_of_model
+
 sys.path.insert(0, str(Path(__file__).parent.parent))  # for what tests and benchmarks share
 
 from bench_calibration import model_of
 
 from beamtouch_models.accuracy import limit
 from beamtouch_models.accuracy.prior import Prior
-from beamtouch_models.building.model_prior import prior_of_model
 from beamtouch_models.calibration.rebuilt import remade
 from beamtouch_models.calibration.self_calibrate import calibrated_prior, self_fit
 from beamtouch_models.errors import NotGoodEnoughError

@@ -19,7 +19,7 @@ sys.path.insert(0, str(Path(__file__).parent.parent))
 import numpy as np
 
 from beamtouch_models import modelfile
-from beamtouch_models.building.build import build
+from beamtouch_models.building.build import build_model
 from beamtouch_models.scene import load_scene
 from example_scenes import SCENES
 from processes import processor_s, resident_mb
@@ -70,7 +70,9 @@ def run() -> list[dict[str, object]]:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "bench.onnx"
         scene, text = load_scene(SCENES / "bench.toml")
-        path.write_bytes(build(scene, text, "bench", count=None, seed=0, progress=lambda _doing, _done: None).content)
+        path.write_bytes(
+            build_model(scene, text, "bench", count=None, seed=0, progress=lambda _doing, _done: None).content
+        )
         model = modelfile.load(path)
         token = Path(folder) / "token"
         token.write_text(TOKEN)

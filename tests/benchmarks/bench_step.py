@@ -22,7 +22,7 @@ from beamtouch_daemon.config.settings import Surface
 from beamtouch_daemon.processing.pipeline import Pipeline
 from beamtouch_daemon.sources.reading import Reading
 from beamtouch_models import modelfile
-from beamtouch_models.building.build import build
+from beamtouch_models.building.build import build_model
 from beamtouch_models.building.daemon_config import daemon_config
 from beamtouch_models.modelfile import State
 from beamtouch_models.rig.script import Load
@@ -51,7 +51,7 @@ async def stepped(folder: Path, steps: int, batch_ms: float | None) -> list[dict
     """Run service and daemon as processes, and be the device."""
     scene, text = load_scene(SCENES / "bench.toml")
     path, token = folder / "bench.onnx", folder / "token"
-    path.write_bytes(build(scene, text, "bench", count=None, seed=0, progress=lambda _doing, _done: None).content)
+    path.write_bytes(build_model(scene, text, "bench", count=None, seed=0, progress=lambda _doing, _done: None).content)
     token.write_text(TOKEN)
     model = modelfile.load(path)
     beam, touching, changed_s = VirtualSurface(scene, model.metadata, seed=1, rings=False), [False], [0.0]

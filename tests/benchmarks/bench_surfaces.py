@@ -12,7 +12,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 from bench_service import TOKEN, server
 
 from beamtouch_models import modelfile
-from beamtouch_models.building.build import build
+from beamtouch_models.building.build import build_model
 from beamtouch_models.scene import load_scene
 from example_scenes import SCENES
 from processes import processor_s, resident_mb
@@ -28,7 +28,9 @@ def run() -> list[dict[str, object]]:
     with tempfile.TemporaryDirectory() as folder:
         path, token = Path(folder) / "bench.onnx", Path(folder) / "token"
         scene, text = load_scene(SCENES / "bench.toml")
-        path.write_bytes(build(scene, text, "bench", count=None, seed=0, progress=lambda _doing, _done: None).content)
+        path.write_bytes(
+            build_model(scene, text, "bench", count=None, seed=0, progress=lambda _doing, _done: None).content
+        )
         token.write_text(TOKEN)
         surfaces = "".join(f'[surfaces.s{number}]\nmodel = "bench.onnx"\n' for number in range(MOST))
         (Path(folder) / "service.toml").write_text(f'[server]\nport = 0\nwrite_token_file = "token"\n{surfaces}')

@@ -18,7 +18,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 from bench_service import TOKEN, server
 
 from beamtouch_models import modelfile
-from beamtouch_models.building.build import build
+from beamtouch_models.building.build import build_model
 from beamtouch_models.scene import load_scene
 from example_scenes import SCENES
 from processes import processor_s, resident_mb
@@ -91,7 +91,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         scene, text = load_scene(SCENES / "bench.toml")
-        built = build(scene, text, "bench", count=None, seed=0, progress=lambda _doing, _done: None)
+        built = build_model(scene, text, "bench", count=None, seed=0, progress=lambda _doing, _done: None)
         (folder / "bench.onnx").write_bytes(built.content)
         (folder / "token").write_text(TOKEN)
         model = modelfile.load(folder / "bench.onnx")

@@ -12,19 +12,18 @@ from numpy.typing import NDArray
 from beamtouch_models.accuracy import limit
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.statistics import ratio_of
-from beamtouch_models.building.sensor_rules import sample_errors
 from beamtouch_models.estimators.estimator import NAMES, estimator_of
 from beamtouch_models.estimators.posterior.cells import design_for
 from beamtouch_models.estimators.posterior.graph import posterior_graph
 from beamtouch_models.export import to_bytes
-from beamtouch_models.physics.beam import influence_of, max_deflection_mm
+from beamtouch_models.physics.beam import influence_of, travel_of
 from beamtouch_models.placement import place
-from beamtouch_models.pricing.noise import choose_filter, noise_of
 from beamtouch_models.progress import silent
 from beamtouch_models.scene import Scene, load_scene
 from beamtouch_models.session import runner, session_options
+from beamtouch_models.surface import Surface
 from example_scenes import SCENES
-from stated_problems import problem_in
+from stated_problems import problem_in, real_prior
 
 Array = NDArray[np.float64]
 
@@ -73,7 +72,7 @@ def drawn_of(case: Case) -> tuple[Prior, limit.Draws, Array]:
     scene, layout = placed(case.scene, case.sensors)
     low, high = scene.contact.force_range_n
     low, high = OPEN_N if low == high else (low, high)
-    largest = max_deflection_mm(scene) * high / scene.contact.force_range_n[1]
+    largest = travel_of(scene).largest_mm * high / scene.contact.force_range_n[1]
     contact = scene.contact.model_copy(update={"force_n": high if case.known else (low, high)})
     influence = influence_of(scene.model_copy(update={"contact": contact}))
     prior = Prior.of(influence, np.array(layout), largest * case.noise_percent / 100)
@@ -114,10 +113,9 @@ def latency_rows() -> list[dict[str, object]]:
     for name in ("paper", "bench", "conveyor"):
         scene, _ = load_scene(SCENES / f"{name}.toml")
         count = scene.sensors.count_range[0]
-        chosen = choose_filter(scene)
-        noise = noise_of(scene, chosen)
-        errors = sample_errors(scene, noise.sample_mm)
-        prior = Prior.real(influence_of(scene), np.array(placed(name, count)[1]), errors)
+        chosen = Surface.of(scene).filter
+        noise = Surface.of(scene, chosen).noise
+        prior = real_prior(scene, np.array(placed(name, count)[1]), noise.sample_mm)
         reading = limit.draw(prior, 1, SEED).deflection_mm
         calls: dict[str, Callable[[], object]] = {}
         for estimator in NAMES:

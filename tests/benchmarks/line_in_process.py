@@ -15,9 +15,9 @@ from beamtouch_daemon.config.file import load_config
 from beamtouch_daemon.processing.pipeline import Pipeline
 from beamtouch_daemon.sources.reading import Reading
 from beamtouch_models import modelfile
-from beamtouch_models.building.build import build
+from beamtouch_models.building.build import build_model
 from beamtouch_models.building.daemon_config import daemon_config
-from beamtouch_models.physics.beam import scene_influence
+from beamtouch_models.physics.beam import influence_matrix
 from beamtouch_models.progress import silent
 from beamtouch_models.scene import parse_scene
 from beamtouch_service.api.app import Application, create_app
@@ -40,7 +40,7 @@ class Line:
         text = re.sub(r"rate_hz = \S+", f"rate_hz = {rate_hz}", (SCENES / "bench.toml").read_text())
         self._scene, self._rate_hz, self._in_batch = parse_scene(text, "bench"), rate_hz, RATES[rate_hz]
         self._model, self._config = folder / f"{rate_hz}.onnx", folder / f"{rate_hz}.toml"
-        self._model.write_bytes(build(self._scene, text, "bench", count=None, seed=0, progress=silent).content)
+        self._model.write_bytes(build_model(self._scene, text, "bench", count=None, seed=0, progress=silent).content)
         self._metadata = modelfile.load(self._model).metadata
         self._config.write_text(daemon_config(self._metadata))
 
@@ -51,7 +51,7 @@ class Line:
         position_mm = 200 + 120 * np.sin(np.pi * time_s / 2) * (course == "moving load")
         said, sensor = self._metadata, self._metadata.sensor
         sensor_mm = np.array([channel.position_mm for channel in said.layout])
-        deflection_mm = force_n[:, None] * scene_influence(self._scene, sensor_mm, position_mm)
+        deflection_mm = force_n[:, None] * influence_matrix(self._scene, sensor_mm, position_mm)
         noise = np.random.default_rng(0).normal(scale=said.noise.reading_mm, size=deflection_mm.shape)
         gap_mm = sensor.standoff_mm - deflection_mm - noise
         counts = np.round((gap_mm - sensor.offset_mm) / sensor.gain_mm_per_count).tolist()

@@ -25,7 +25,7 @@ import numpy as np
 from plant_watch import Watched, watch
 
 from beamtouch_models import modelfile
-from beamtouch_models.building.build import build
+from beamtouch_models.building.build import build_model
 from beamtouch_models.building.daemon_config import daemon_config
 from beamtouch_models.scene import load_scene
 from example_scenes import SCENES
@@ -74,7 +74,9 @@ def plant(folder: Path, surfaces: int, events_url: str, kind: type[AnyPlant]) ->
     """Return a plant that has yet to be started."""
     scene, text = load_scene(SCENES / "bench.toml")
     model, config = folder / "bench.onnx", folder / "generated.toml"
-    model.write_bytes(build(scene, text, "bench", count=None, seed=0, progress=lambda _doing, _done: None).content)
+    model.write_bytes(
+        build_model(scene, text, "bench", count=None, seed=0, progress=lambda _doing, _done: None).content
+    )
     config.write_text(daemon_config(modelfile.load(model).metadata))
     names = [f"s{number}" for number in range(surfaces)]
     still = ("--no-ringing",)

@@ -18,7 +18,7 @@ import numpy as np
 from load_courses import FOLLOWED, courses, followed
 
 from beamtouch_models.arrays import Floats
-from beamtouch_models.building.build import build
+from beamtouch_models.building.build import build_model
 from beamtouch_models.challenge.judge import Judged, Said, judge
 from beamtouch_models.challenge.play import drawn
 from beamtouch_models.challenge.surface import SimulatedSurface
@@ -40,14 +40,16 @@ def made(scene: str, gain_percent: float, folder: Path, *, perfect_zeros: bool) 
         text = re.sub(r"zero_drift_mm = \S+", "zero_drift_mm = 0.0", text)
     path = folder / f"{scene}-{gain_percent}-{perfect_zeros}.onnx"
     if not path.exists():
-        path.write_bytes(build(parse_scene(text, scene), text, scene, count=None, seed=0, progress=silent).content)
+        path.write_bytes(
+            build_model(parse_scene(text, scene), text, scene, count=None, seed=0, progress=silent).content
+        )
     return load(path)
 
 
 def surfaces_of(model: ModelFile) -> dict[str, SimulatedSurface]:
     """Return the surface of a model behind its own filter, and behind the fixed one of the same latency."""
     surface = SimulatedSurface.of(model.metadata)
-    fixed = window_filter(surface.scene, model.metadata.filter.window)
+    fixed = window_filter(surface.scene, model.metadata.filter.window, model.metadata.noise.reading_mm)
     return {
         "growing": surface,
         "fixed": replace(surface, metadata=model.metadata.model_copy(update={"filter": fixed})),

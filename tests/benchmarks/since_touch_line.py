@@ -23,7 +23,7 @@ sys.path.insert(0, str(Path(__file__).parent.parent.parent / "demo"))
 import numpy as np
 
 from beamtouch_models import modelfile
-from beamtouch_models.building.build import build
+from beamtouch_models.building.build import build_model
 from beamtouch_models.building.daemon_config import daemon_config
 from beamtouch_models.progress import silent
 from beamtouch_models.scene import load_scene
@@ -93,7 +93,7 @@ def began_s(truth: Path, touches: list[Touch]) -> float:
 def run(kind: Kind, scene: str, number: int, folder: Path) -> list[dict[str, float]]:
     """Run one line; returns a row per time since touch."""
     path, loaded = SCENES / f"{scene}.toml", load_scene(SCENES / f"{scene}.toml")
-    built = build(*loaded, scene, count=None, seed=0, progress=silent)
+    built = build_model(*loaded, scene, count=None, seed=0, progress=silent)
     (folder / "model.onnx").write_bytes(built.content)
     model = modelfile.load(folder / "model.onnx")
     touches = touches_of(model, number)

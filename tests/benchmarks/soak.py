@@ -22,7 +22,7 @@ import httpx2
 import numpy as np
 
 from beamtouch_models import modelfile
-from beamtouch_models.building.build import build
+from beamtouch_models.building.build import build_model
 from beamtouch_models.building.daemon_config import daemon_config
 from beamtouch_models.scene import parse_scene
 from example_scenes import SCENES
@@ -85,7 +85,9 @@ def soak(folder: Path, seconds: float, rate_hz: int) -> tuple[Seen, dict[str, in
     scene_path, model_path, config = folder / "scene.toml", folder / "model.onnx", folder / "generated.toml"
     scene_path.write_text(text)
     scene = parse_scene(text, "scene")
-    model_path.write_bytes(build(scene, text, "soak", count=None, seed=0, progress=lambda _doing, _done: None).content)
+    model_path.write_bytes(
+        build_model(scene, text, "soak", count=None, seed=0, progress=lambda _doing, _done: None).content
+    )
     config.write_text(daemon_config(modelfile.load(model_path).metadata))
     line = Line(folder, scene_path, model_path, config, [Surface("soak", "serial", rig_options=("--no-ringing",))])
     seen = Seen()

@@ -6,7 +6,7 @@ import pytest
 
 from beamtouch_models import cli
 from beamtouch_models.accuracy import evaluation
-from beamtouch_models.building import failing
+from beamtouch_models.building import sensors
 from beamtouch_models.challenge.surface import SimulatedSurface
 from beamtouch_models.commands import place
 from beamtouch_models.modelfile import ModelFile
@@ -62,5 +62,5 @@ def few_at_rest(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture
 def short_limit(monkeypatch: pytest.MonkeyPatch) -> None:
     """`place` measures its layout by few contacts, for tests that do not ask for its accuracy limit."""
-    monkeypatch.setattr(place, "LIMIT_DRAWS", failing.FEWEST_DRAWS)
-    monkeypatch.setattr(failing, "DRAWS", failing.FEWEST_DRAWS)
+    monkeypatch.setattr(place, "LIMIT_DRAWS", sensors.FEWEST_DRAWS)
+    monkeypatch.setattr(sensors, "DRAWS", sensors.FEWEST_DRAWS)

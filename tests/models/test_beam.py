@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from beamtouch_models.errors import SceneError
-from beamtouch_models.physics.beam import check_small_angles, influence, max_deflection_mm, travel_mm
+from beamtouch_models.physics.beam import influence, travel_of
 from beamtouch_models.physics.closed_forms import span_of
 from beamtouch_models.scene import parse_scene
 from beamtouch_models.scene.beam import Beam
@@ -170,19 +170,19 @@ def test_an_invalid_width_is_refused(width: float) -> None:
 
 def test_the_largest_deflection_of_the_papers_beam() -> None:
     # 10 N in the middle of 400 mm: F l^3 / (48 E I), E I = 1.18125e7 N mm^2.
-    assert max_deflection_mm(parse_scene(PAPER, "x")) == pytest.approx(10 * 400**3 / (48 * 1.18125e7), rel=1e-12)
+    assert travel_of(parse_scene(PAPER, "x")).largest_mm == pytest.approx(10 * 400**3 / (48 * 1.18125e7), rel=1e-12)
 
 
 def test_a_load_on_one_of_two_spans_lifts_the_other() -> None:
     text = PAPER.replace("[contact]", "supports = [{at_mm = 0}, {at_mm = 200}, {at_mm = 400}]\n[contact]")
-    lift, travel = travel_mm(parse_scene(text, "x"))
-    assert 0 < lift < travel == max_deflection_mm(parse_scene(text, "x"))
+    travel = travel_of(parse_scene(text, "x"))
+    assert 0 < travel.lift_mm < travel.fall_mm == travel.largest_mm
 
 
 def test_a_beam_that_bends_beyond_small_angles_is_refused() -> None:
-    check_small_angles(parse_scene(PAPER, "x"))
+    travel_of(parse_scene(PAPER, "x")).check_small_angles()
     with pytest.raises(SceneError, match="small-angle theory"):
-        check_small_angles(parse_scene(PAPER.replace("force_n = 10.0", "force_n = 200.0"), "x"))
+        travel_of(parse_scene(PAPER.replace("force_n = 10.0", "force_n = 200.0"), "x")).check_small_angles()
 
 
 @settings(deadline=None)

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from beamtouch_models.building.drawing import drawn_of
+from beamtouch_models.building.build import draw_beam
 from beamtouch_models.building.report.beam_drawing import BENT_PX, MARGIN, WIDTH, beam_drawing
 from beamtouch_models.metadata import Channel
 from beamtouch_models.modelfile import ModelFile
@@ -27,7 +27,7 @@ def scene_with(beam: str, rest: str = "") -> Scene:
 
 def drawn(bench: ModelFile, scene: Scene, *positions: float) -> Tags:
     layout = [Channel(name=f"s{i}", position_mm=x) for i, x in enumerate(positions or (100.0, 300.0), start=1)]
-    return Tags(beam_drawing(scene, bench.metadata.model_copy(update={"layout": layout, "drawn": drawn_of(scene)})))
+    return Tags(beam_drawing(scene, bench.metadata.model_copy(update={"layout": layout, "drawn": draw_beam(scene)})))
 
 
 def test_each_kind_of_support_has_its_own_symbol_and_words(bench: ModelFile) -> None:
@@ -66,7 +66,7 @@ def test_sensors_are_as_wide_as_their_housings(bench: ModelFile) -> None:
 @pytest.mark.parametrize("ends", ["simply-supported", "cantilever", "propped"])
 def test_the_bent_beam_has_the_shape_of_the_model(bench: ModelFile, ends: str) -> None:
     scene = parse_scene(PAPER.replace("[beam]", f'[beam]\nsupports = "{ends}"').replace("10.0", "1.0"), "x.toml")
-    tags, shape = drawn(bench, scene), drawn_of(scene)
+    tags, shape = drawn(bench, scene), draw_beam(scene)
     (line,) = tags.of("polyline", "bent")
     points = [tuple(map(float, pair.split(","))) for pair in line["points"].split()]
     rest = points[0][1]
@@ -96,5 +96,5 @@ def test_every_colour_has_its_words(bench: ModelFile) -> None:
 def test_the_file_of_a_model_says_which_supports_slide(bench: ModelFile) -> None:
     supports = json.loads(bench.metadata.drawn.model_dump_json())["supports"]
     assert [one["slides"] for one in supports] == [True, True]
-    held = drawn_of(scene_with('supports = "fixed-fixed"')).supports
+    held = draw_beam(scene_with('supports = "fixed-fixed"')).supports
     assert [one.slides for one in held] == [False, False]

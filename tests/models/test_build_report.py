@@ -12,19 +12,17 @@ import pytest
 from beamtouch_models import modelfile
 from beamtouch_models.accuracy.prior import SampleErrors
 from beamtouch_models.building.build import Built
-from beamtouch_models.building.model_prior import physics_of
 from beamtouch_models.building.report import facts as facts_module
 from beamtouch_models.building.report.beam_drawing import HEIGHT, MARGIN, WIDTH, beam_drawing
 from beamtouch_models.building.report.facts import Facts, gather
 from beamtouch_models.building.report.page import page
-from beamtouch_models.building.sensor_rules import sample_errors
 from beamtouch_models.metadata import Channel
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.physics.influence import InfluenceFunction
 from beamtouch_models.placement import Aim, Placement, place, place_by_position_error
 from beamtouch_models.placement.layout import Candidates
-from beamtouch_models.pricing.effects import required
 from beamtouch_models.scene import Scene, load_scene, parse_scene
+from beamtouch_models.surface import Surface
 from example_scenes import PAPER, SCENES
 from in_process import Command
 from stated_problems import problem_in
@@ -34,7 +32,7 @@ pytestmark = pytest.mark.long
 
 
 def built_of(path: Path, model: ModelFile, scene: Scene) -> Built:
-    physics = required(scene, model.metadata.filter)
+    physics = Surface.of(scene, model.metadata.filter)
     placement = place(*problem_in(scene), len(model.metadata.layout), 0)
     return Built(path.read_bytes(), model.metadata, placement, physics, Aim("eigenvalue-product"))
 
@@ -166,10 +164,9 @@ def test_a_layout_that_no_search_finds_is_listed_too(
     facts: Facts, bench_model: Path, bench: ModelFile, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(facts_module, "LAYOUT_DRAWS", 100)
-    scene = physics_of(facts.model.metadata).scene
-    errors, problem = sample_errors(scene, facts.model.metadata.noise.sample_mm), problem_in(scene)
+    scene = Surface.of_model(facts.model.metadata).scene
     kept = Placement((50.0, 150.0, 250.0, 350.0), 0.0, 0, ())
-    layouts = facts_module._layouts(replace(built_of(bench_model, bench, scene), placement=kept), *problem, errors)
+    layouts = facts_module._layouts(replace(built_of(bench_model, bench, scene), placement=kept))
     assert [layout.taken for layout in layouts] == [False] * (len(layouts) - 1) + [True]
     assert layouts[-1].name == "the model's"
 

@@ -13,7 +13,6 @@ import pytest
 from beamtouch_models import modelfile
 from beamtouch_models.accuracy import limit
 from beamtouch_models.accuracy.evaluation import estimates
-from beamtouch_models.building.model_prior import physics_of, prior_of_model
 from beamtouch_models.calibration.calibrate import Calibrated, calibrate, checked_fit
 from beamtouch_models.calibration.fit import fit, supported_fit
 from beamtouch_models.calibration.loads import Loads, read_loads
@@ -21,6 +20,7 @@ from beamtouch_models.calibration.theory import Theory
 from beamtouch_models.modelfile import Metadata, ModelFile
 from beamtouch_models.progress import Progress, silent
 from beamtouch_models.rig.imperfections import Imperfections
+from beamtouch_models.surface import prior_of_model
 from few_draws import few_draws
 from imperfect_surface import imperfections, readings, true_prior
 from in_process import Command
@@ -70,7 +70,7 @@ def test_the_departures_are_found(bench: ModelFile, calibrated: Calibrated) -> N
     # Gains share a factor with the rigidity; between channels they are determined.
     gain = np.array(found.gain) / found.rigidity / np.array(real.gain)
     assert gain / gain.mean() == pytest.approx(np.ones(4), abs=0.01)
-    assert np.sign(found.curve_per_mm) == -np.sign(real.curve_per_mm)
+    assert found.curve_per_mm == pytest.approx(-real.curve_per_mm, rel=0.3)
 
 
 def test_the_file_says_what_was_fitted_and_rebuilds_from_itself(calibrated: Calibrated, bench: ModelFile) -> None:
@@ -113,7 +113,7 @@ def test_a_beam_rests_before_and_after_its_next_tare(bench: ModelFile) -> None:
 
 def test_a_perfect_surface_has_little_to_fit(bench: ModelFile, tmp_path: Path) -> None:
     path = readings(tmp_path, bench, Imperfections())
-    theory = Theory.of(physics_of(bench.metadata), bench.metadata)
+    theory = Theory.of(bench.metadata)
     found = supported_fit(theory, read_loads(path, bench.metadata), lambda _done: None)
     departures = found.departures
     assert departures.gain == pytest.approx([1] * 4, abs=2e-3)
@@ -124,7 +124,7 @@ def test_a_perfect_surface_has_little_to_fit(bench: ModelFile, tmp_path: Path) -
 def test_leverages_leave_out_as_fitting_again_does(bench: ModelFile, tmp_path: Path) -> None:
     path = readings(tmp_path, bench, imperfections(2, bench.metadata))
     loads = read_loads(path, bench.metadata)
-    theory = Theory.of(physics_of(bench.metadata), bench.metadata)
+    theory = Theory.of(bench.metadata)
     kinds = ("gain", "curve")
     # With the same errors, as each fit would find its own.
     loads = dataclasses.replace(loads, errors=fit(theory, loads, kinds).errors)
@@ -171,7 +171,7 @@ def test_a_fit_leaves_a_fixity_of_zero(bench: ModelFile) -> None:
     rng = np.random.default_rng(1)
     metadata = bench.metadata
     loads = recorded(metadata, random_imperfections(metadata, rng), rng)
-    theory = Theory.of(physics_of(metadata), metadata)
+    theory = Theory.of(metadata)
     assert fit(theory, loads, tuple(theory.kinds)).error_mm < 2 * metadata.noise.sample_mm
 
 

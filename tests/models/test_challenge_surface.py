@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from beamtouch_models.building.model_prior import prior_of_model
 from beamtouch_models.challenge import motion, noises
 from beamtouch_models.challenge.play import drawn
 from beamtouch_models.challenge.power import distances
 from beamtouch_models.challenge.surface import SimulatedSurface
 from beamtouch_models.metadata import Calibration, Departures
 from beamtouch_models.modelfile import ModelFile
+from beamtouch_models.surface import prior_of_model
 
 
 def test_what_sensors_measure(surface: SimulatedSurface) -> None:

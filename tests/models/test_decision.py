@@ -7,7 +7,6 @@ import pytest
 from numpy.typing import NDArray
 
 from beamtouch_models.arrays import Floats
-from beamtouch_models.building.model_prior import prior_of_model
 from beamtouch_models.decision import Decider
 from beamtouch_models.modelfile import (
     Answers,
@@ -21,6 +20,7 @@ from beamtouch_models.modelfile import (
     is_unchecked,
     memories_after,
 )
+from beamtouch_models.surface import prior_of_model
 
 CLEAR, CONTACT, UNEXPLAINED = "clear", "contact", "unexplained"
 

@@ -7,12 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from beamtouch_models.accuracy.evaluation import at_noise, estimates
-from beamtouch_models.accuracy.seen_along import seen_along
+from beamtouch_models.accuracy.evaluation import at_noise, estimates, seen_along
 from beamtouch_models.accuracy.touch_thresholds import size_per_n
-from beamtouch_models.building.model_prior import prior_of_model
 from beamtouch_models.detection import detection_of, extremes, missed_shares
 from beamtouch_models.modelfile import ModelFile
+from beamtouch_models.surface import prior_of_model
 from in_process import Command
 
 DRAWS = 4096

@@ -11,19 +11,18 @@ from beamtouch_models.accuracy import limit
 from beamtouch_models.accuracy.contacts import simulated_enough
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.statistics import mean_of
-from beamtouch_models.building.build import build
-from beamtouch_models.building.model_prior import physics_of
-from beamtouch_models.building.sensor_rules import sensor_of
+from beamtouch_models.arrays import Floats
+from beamtouch_models.building.build import build_model
 from beamtouch_models.errors import SceneError
 from beamtouch_models.metadata import FilterChoice
-from beamtouch_models.physics.beam import influence_of, max_deflection_mm
+from beamtouch_models.physics.beam import influence_of, travel_of
 from beamtouch_models.physics.dynamics import first_frequency_hz, ringing_after_filter, sag_mm, slowest_period_ms
-from beamtouch_models.pricing import effects as effects_module
 from beamtouch_models.pricing.effect import Effect
-from beamtouch_models.pricing.effects import effects_of, required
-from beamtouch_models.pricing.noise import choose_filter, noise_of, sensor_noise_mm, zero_drift_mm
+from beamtouch_models.pricing.noise import ReadingErrors
+from beamtouch_models.pricing.prices import effects_of
 from beamtouch_models.progress import silent
 from beamtouch_models.scene import Requirements, Scene, load_scene
+from beamtouch_models.surface import Surface
 from beamtouch_models.trade.measure import Model, Task, measure
 from example_scenes import SCENES, paper_scene
 from plain_error import mean_error
@@ -59,11 +58,11 @@ def scene_with(*parts: dict[str, dict[str, Any]], **sensors: object) -> Scene:
 
 
 def effects(scene: Scene) -> tuple[Effect, ...]:
-    return effects_of(scene, choose_filter(scene))
+    return Surface.of(scene).effects
 
 
 def physics(scene: Scene) -> Scene:
-    return required(scene, choose_filter(scene)).scene
+    return Surface.of(scene).scene
 
 
 def priced(scene: Scene) -> dict[str, Effect]:
@@ -101,8 +100,8 @@ def test_barely_negligible_adc_steps_change_the_noise_by_less_than_a_percent() -
     smaller = physics(scene)
     assert smaller.sensors.adc_bits is None
     # What is left out is that the steps are not noise; their size stays in the noise.
-    assert sensor_noise_mm(smaller) == noise_of(scene, choose_filter(scene)).sample_mm
-    assert sensor_noise_mm(smaller) == pytest.approx(sensor_noise_mm(scene), rel=0.006)
+    assert Surface.of(smaller).readings.sensor_mm == Surface.of(scene).noise.sample_mm
+    assert Surface.of(smaller).readings.sensor_mm == pytest.approx(Surface.of(scene).readings.sensor_mm, rel=0.006)
 
 
 def test_the_prices_of_the_effects_left_out_sum_to_less_than_a_tenth() -> None:
@@ -122,14 +121,13 @@ def test_a_scene_without_negligible_effects_is_unchanged() -> None:
     assert physics(scene) is scene
     silent = paper_scene(noise_percent_of_max=None, noise_mm=0)
     assert physics(silent) is silent
-    with pytest.raises(SceneError, match="a noise of 0"):
-        effects(silent)
+    assert effects(silent) == ()  # a price has no unit
 
 
 def test_noise_that_comes_from_the_adc_alone_prices_effects_like_any_noise() -> None:
     parts = ({"beam": {"thickness_mm": 12.0}}, {"contact": {"width_mm": 2.0}})
     exact, rough = (scene_with(*parts, noise_percent_of_max=None, noise_mm=n, adc_bits=12) for n in (0.0, 1e-12))
-    found = required(exact, choose_filter(exact))
+    found = Surface.of(exact)
     assert {effect.name: effect.verdict for effect in found.effects} == {
         effect.name: effect.verdict for effect in effects(rough)
     }
@@ -150,10 +148,10 @@ def test_noise_that_comes_from_the_adc_alone_prices_effects_like_any_noise() -> 
 @pytest.mark.parametrize("name", ["conveyor", "bench", "stepped"])
 def test_the_noise_of_a_model_is_the_noise_that_its_effects_are_priced_in(name: str) -> None:
     scene, _ = load_scene(SCENES / f"{name}.toml")
-    chosen = choose_filter(scene)
-    found = required(scene, chosen)
-    assert found.noise == noise_of(scene, chosen)
-    assert zero_drift_mm(found.scene) == zero_drift_mm(scene)
+    chosen = Surface.of(scene).filter
+    found = Surface.of(scene, chosen)
+    assert found.noise == Surface.of(scene, chosen).noise
+    assert Surface.of(found.scene).readings.zero_mm == Surface.of(scene).readings.zero_mm
     if name == "conveyor":  # its ADC is left out
         assert (scene.sensors.adc_bits, found.scene.sensors.adc_bits) == (12, None)
 
@@ -162,7 +160,7 @@ def test_noise_in_percent_of_the_deflection_keeps_its_value_in_mm() -> None:
     scene = scene_with(STATED["foundation"], noise_percent_of_max=20.0)
     smaller = physics(scene)
     assert smaller.beam.foundation_n_mm2 is None
-    assert sensor_noise_mm(smaller) == sensor_noise_mm(scene)
+    assert Surface.of(smaller).readings.sensor_mm == Surface.of(scene).readings.sensor_mm
 
 
 def test_the_price_of_shear_is_its_textbook_deflection_over_the_noise() -> None:
@@ -292,25 +290,24 @@ def test_a_mean_filter_passes_the_expected_part_of_ringing() -> None:
 def pricings(monkeypatch: pytest.MonkeyPatch) -> list[FilterChoice]:
     """The filters for which effects were really priced, in order."""
     priced_for: list[FilterChoice] = []
-    real = effects_module.effects_of
 
-    def counted(scene: Scene, chosen: FilterChoice) -> tuple[Effect, ...]:
+    def counted(scene: Scene, chosen: FilterChoice, readings: ReadingErrors, allowed_mm: Floats) -> tuple[Effect, ...]:
         priced_for.append(chosen)
-        return real(scene, chosen)
+        return effects_of(scene, chosen, readings, allowed_mm)
 
-    monkeypatch.setattr(effects_module, "effects_of", counted)
+    monkeypatch.setattr("beamtouch_models.surface.effects_of", counted)
     return priced_for
 
 
 @pytest.mark.usefixtures("short_measuring")
 def test_a_build_prices_each_effect_once_and_carries_its_physics(pricings: list[FilterChoice]) -> None:
     scene, text = load_scene(SCENES / "stepped.toml")
-    chosen = choose_filter(scene)
-    built = build(scene, text, "stepped", count=None, seed=0, progress=silent)
+    chosen = Surface.of(scene).filter
+    built = build_model(scene, text, "stepped", count=None, seed=0, progress=silent)
     assert pricings == [chosen]
-    assert built.physics.effects == effects_of(scene, chosen)
-    assert built.physics.noise == built.metadata.noise
-    assert physics_of(built.metadata).scene == built.physics.scene
+    assert built.surface.effects == Surface.of(scene, chosen).effects
+    assert built.surface.noise == built.metadata.noise
+    assert Surface.of_model(built.metadata).scene == built.surface.scene
 
 
 def test_trade_prices_each_latency_in_its_own_noise(pricings: list[FilterChoice]) -> None:
@@ -320,13 +317,13 @@ def test_trade_prices_each_latency_in_its_own_noise(pricings: list[FilterChoice]
     scene = scene_with(STATED["shear"], {"sensors": {"rate_hz": 200.0}}, noise_percent_of_max=None, noise_mm=noise)
     for latency_ms, modulus_gpa in ((5.0, None), (80.0, 80)):
         with_latency = scene.model_copy(update={"requirements": Requirements(latency_ms=latency_ms)})
-        chosen = choose_filter(with_latency)
+        chosen = Surface.of(with_latency).filter
         pricings.clear()
         model = measure(Task(with_latency, "latency", 2, 128, 0))
         assert isinstance(model, Model)
         assert pricings == [chosen]
         assert model.filter == chosen
-        smaller = required(with_latency, chosen)
+        smaller = Surface.of(with_latency)
         assert smaller.scene.beam.shear_modulus_gpa == modulus_gpa
         prior = real_prior(smaller.scene, np.array(model.positions_mm), smaller.noise.sample_mm)
         contacts = simulated_enough(prior, 128, 2)
@@ -339,9 +336,9 @@ def test_shipped_scenes_include_the_effects_they_are_named_after_and_can_be_desi
     scene, _ = load_scene(SCENES / f"{name}.toml")
     assert {effect.name for effect in effects(scene) if effect.verdict == "in"} == NEW_SCENES[name]
     low, high = scene.sensors.range_mm
-    assert low < sensor_of(scene).standoff_mm < high
+    assert low < Surface.of(scene).sensor.standoff_mm < high
     smaller = physics(scene)
-    noise = noise_of(smaller, choose_filter(scene))
+    noise = Surface.of(smaller, Surface.of(scene).filter).noise
     layout = fewest_mm(smaller, noise.sample_mm)
     prior = Prior.of(influence_of(smaller), layout, noise.sample_mm)
     drawn = limit.draw(prior, 400, 0)
@@ -364,7 +361,7 @@ def test_a_mass_beyond_float64_is_refused() -> None:
 
 def test_the_errors_that_calibration_leaves_are_priced_and_belong_to_the_floor() -> None:
     scene = scene_with({"sensors": {"gain_error_percent": 1.0, "zero_drift_mm": 0.01}})
-    noise_mm, found = noise_of(scene, choose_filter(scene)).sample_mm, priced(scene)
+    noise_mm, found = Surface.of(scene).noise.sample_mm, priced(scene)
     # The largest deflection is that in the middle of the beam, 2 % of it the noise: 1 % of gain is half the noise.
     assert found["gain error"].price == pytest.approx(0.5, rel=1e-3)
     assert found["zero drift"].price == pytest.approx(0.01 / noise_mm)
@@ -381,5 +378,5 @@ def test_a_mounting_tolerance_is_modelled_only_where_it_matters() -> None:
     assert priced(large)["mounting tolerance"].verdict == "floor"
     assert physics(large).sensors.mounting_tolerance_mm == 1.0
     # Under a load in the middle the slope at a support is 3 times the deflection over the length.
-    expected = 3 * max_deflection_mm(large) / 400 / noise_of(large, choose_filter(large)).sample_mm
+    expected = 3 * travel_of(large).largest_mm / 400 / Surface.of(large).noise.sample_mm
     assert price(large, "mounting tolerance") == pytest.approx(expected, rel=0.05)

@@ -13,9 +13,9 @@ import pytest
 
 from beamtouch_models.accuracy import limit
 from beamtouch_models.accuracy.evaluation import at_noise, evaluate
-from beamtouch_models.building.model_prior import prior_of_model
 from beamtouch_models.description import unseen
 from beamtouch_models.modelfile import ModelFile
+from beamtouch_models.surface import prior_of_model
 from in_process import Command
 
 COMMAND = str(Path(sys.executable).parent / "design-sensors")

@@ -6,11 +6,11 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from beamtouch_models.building.model_prior import prior_of_model
 from beamtouch_models.errors import ModelFileError
 from beamtouch_models.health.curve import InfluenceCurve
 from beamtouch_models.health.history import RESOLUTION, Block, History
 from beamtouch_models.modelfile import BestSample, Health, ModelFile
+from beamtouch_models.surface import prior_of_model
 from drawn_contacts import Drawn
 
 BASELINE = 100

@@ -7,14 +7,14 @@ import pytest
 from beamtouch_models.accuracy import limit, posterior
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.physics.beam import influence, influence_of
-from beamtouch_models.pricing.noise import reading_noise_mm
 from beamtouch_models.scene import Scene
+from beamtouch_models.surface import Surface
 from example_scenes import paper_scene
 from plain_error import mean_error
 
 
 def limit_of(scene: Scene, *sensors: float, draws: int = 6000) -> limit.MeanError:
-    prior = Prior.of(influence_of(scene), np.array(sensors), reading_noise_mm(scene))
+    prior = Prior.of(influence_of(scene), np.array(sensors), Surface.of(scene).readings.reading_mm)
     drawn = limit.draw(prior, draws, 1)
     return mean_error(prior, drawn, limit.posterior_median_mm(prior, drawn.deflection_mm))
 

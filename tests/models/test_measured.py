@@ -4,14 +4,13 @@ import numpy as np
 import pytest
 
 from beamtouch_models.accuracy.touch_thresholds import rate_per_sample, smallest_force_n, touch_thresholds
-from beamtouch_models.building.measured import measured, thresholds_of
+from beamtouch_models.building.measure import measure, thresholds_of
 from beamtouch_models.estimators.estimator import estimator_of
 from beamtouch_models.export import to_bytes
-from beamtouch_models.pricing.noise import choose_filter, noise_of
-from beamtouch_models.pricing.removal import changed
 from beamtouch_models.progress import silent
-from beamtouch_models.scene import load_scene
+from beamtouch_models.scene import change_scene, load_scene
 from beamtouch_models.session import runner
+from beamtouch_models.surface import Surface
 from example_scenes import SCENES
 from posterior_cases import answers_of, exceeding, graph_of, prior_of
 from stated_problems import fewest_mm, real_prior
@@ -38,8 +37,8 @@ def test_the_threshold_of_a_single_channel_is_the_normal_tail() -> None:
 @pytest.mark.parametrize("name", ["bench", "short-deep", "two-spans"])
 def test_any_covariance_holds_the_false_contacts_that_were_asked_for(name: str) -> None:
     scene, _ = load_scene(SCENES / f"{name}.toml")
-    chosen = choose_filter(scene)
-    noise_mm = noise_of(scene, chosen).sample_mm
+    chosen = Surface.of(scene).filter
+    noise_mm = Surface.of(scene, chosen).noise.sample_mm
     layout = fewest_mm(scene, noise_mm)
     prior = real_prior(scene, layout, noise_mm)
     rate = rate_per_sample(1 / 30, scene.sensors.rate_hz, chosen.window)
@@ -82,7 +81,7 @@ def test_fewer_false_contacts_cost_a_little_force() -> None:
     scene, _ = load_scene(SCENES / "bench.toml")
     prior = prior_of("bench", 3, 0.1, known=False)
     monthly, daily = (
-        thresholds_of(prior, changed(scene, "requirements", false_contacts_per_day=per_day), choose_filter(scene), 1)
+        thresholds_of(prior, Surface.of(change_scene(scene, requirements={"false_contacts_per_day": per_day})), 1)
         for per_day in (1 / 30, 1.0)
     )
     # The odds of rest fall by e for each unit of the log odds, nearly.
@@ -96,7 +95,7 @@ def test_the_same_seed_measures_the_same() -> None:
     made = estimator_of("posterior", prior, min_noise_mm=prior.noise_mm, with_force=True, seed=4, progress=silent)
     scene, _ = load_scene(SCENES / "bench.toml")
     sensor_mm = np.array([100.0, 300.0])
-    first, second = (measured(made, prior, scene, sensor_mm, choose_filter(scene), 4) for _ in range(2))
+    first, second = (measure(made, prior, Surface.of(scene), sensor_mm, 4) for _ in range(2))
     assert first == second
     assert first.accuracy.ratio == pytest.approx(1, abs=0.01)
     # Four thousand plain contacts leave 1.2 % at best.

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from beamtouch_models import modelfile
-from beamtouch_models.building.model_prior import physics_of
 from beamtouch_models.calibration.calibrate import checked_fit
 from beamtouch_models.calibration.fit import fit, supported_fit
 from beamtouch_models.calibration.loads import Loads, LoadsError
@@ -95,7 +94,7 @@ def mistyped(metadata: Metadata, mistake: str) -> Mistyped:
     honest = recorded(metadata, real, rng, hand_mm=0.3)
     position, force, wrong = with_mistake(mistake, honest, metadata.ranges.position_mm, rng)
     loads = dataclasses.replace(honest, position_mm=position, force_n=force)
-    return Mistyped(Theory.of(physics_of(metadata), metadata), honest, loads, wrong, real)
+    return Mistyped(Theory.of(metadata), honest, loads, wrong, real)
 
 
 @pytest.mark.parametrize(("name", "seed"), [("bench", 19), ("conveyor", 1), ("conveyor", 12)])
@@ -111,7 +110,7 @@ def test_loads_that_stand_a_millimetre_off_are_accepted(
 
 def test_a_fit_finds_how_well_loads_are_placed(built_model: Callable[[str], Path]) -> None:
     metadata = modelfile.load(built_model("cantilever")).metadata
-    theory, rng = Theory.of(physics_of(metadata), metadata), np.random.default_rng(8)
+    theory, rng = Theory.of(metadata), np.random.default_rng(8)
     real = random_imperfections(metadata, rng)
     well, badly = (
         fit(theory, recorded(metadata, real, rng, count=30, hand_mm=hand_mm), tuple(theory.kinds)).errors

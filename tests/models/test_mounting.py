@@ -6,20 +6,17 @@ import pytest
 from beamtouch_models.accuracy.evaluation import at_noise
 from beamtouch_models.accuracy.limit import accuracy_limit
 from beamtouch_models.accuracy.prior import Prior, SampleErrors
-from beamtouch_models.building.model_prior import prior_of_model
-from beamtouch_models.building.placed import placed
-from beamtouch_models.building.sensor_rules import sample_errors
+from beamtouch_models.building.sensors import place_sensors
 from beamtouch_models.errors import SceneError
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.physics.beam import influence_of
 from beamtouch_models.placement import Aim, place_by_position_error
-from beamtouch_models.pricing.noise import choose_filter
-from beamtouch_models.pricing.removal import changed
-from beamtouch_models.scene import load_scene, parse_scene
+from beamtouch_models.scene import change_scene, load_scene, parse_scene
+from beamtouch_models.surface import Surface, prior_of_model
 from example_scenes import SCENES, paper_scene
 from handbook import deflection_per_newton
 from posterior_cases import answers_of, graph_of
-from stated_problems import problem_in
+from stated_problems import problem_in, real_prior
 
 SURFACES, CONTACTS = 80, 50
 TOLERANCE_MM = 1.0
@@ -36,9 +33,9 @@ TOLERANCE_MM = 1.0
 )
 def test_intervals_hold_the_truth_on_displaced_sensors(name: str, aim: Aim) -> None:
     stated, _ = load_scene(SCENES / f"{name}.toml")
-    scene = changed(stated, "sensors", mounting_tolerance_mm=TOLERANCE_MM)
-    sensors = placed(scene, choose_filter(scene), aim=aim)
-    prior, errors, influence = sensors.prior, sensors.errors, sensors.influence
+    scene = change_scene(stated, sensors={"mounting_tolerance_mm": TOLERANCE_MM})
+    sensors = place_sensors(Surface.of(scene), aim=aim)
+    prior, errors, influence = sensors.prior, sensors.surface.errors, sensors.surface.influence
     assert errors.mounting_mm == TOLERANCE_MM
     rng = np.random.default_rng(5)
     position, reading = [], []
@@ -82,7 +79,7 @@ def test_the_limit_with_gains_and_mounting_is_that_of_a_plain_bayes_integral(gai
     posterior /= posterior.sum(axis=1, keepdims=True)
     median = grid[(np.cumsum(posterior, axis=1) >= 0.5).argmax(axis=1)]
     error = (posterior * np.abs(grid - median[:, None])).sum(axis=1) / 4
-    influence = influence_of(changed(paper_scene(), "contact", position_mm=(20, 190)))
+    influence = influence_of(change_scene(paper_scene(), contact={"position_mm": (20, 190)}))
     found, ideal = (
         accuracy_limit(Prior.real(influence, sensor_mm, some), 8_000, 3).percent
         for some in (SampleErrors(noise_mm, gain, 0.0, tolerance_mm), SampleErrors(noise_mm))
@@ -110,11 +107,11 @@ def test_a_gain_error_and_a_tolerance_change_the_layout() -> None:
 
 def test_neighbours_stand_farther_apart_than_their_tolerance() -> None:
     stated, _ = load_scene(SCENES / "cantilever.toml")
-    scene = changed(stated, "sensors", mounting_tolerance_mm=2.0, size_mm=0.0)
-    positions = placed(scene, choose_filter(scene)).placement.positions_mm
+    scene = change_scene(stated, sensors={"mounting_tolerance_mm": 2.0, "size_mm": 0.0})
+    positions = place_sensors(Surface.of(scene)).placement.positions_mm
     assert min(np.diff(positions)) > 2
     with pytest.raises(SceneError, match="mounting_tolerance_mm"):
-        placed(changed(scene, "sensors", fixed_mm=[100.0, 101.0]), choose_filter(scene))
+        place_sensors(Surface.of(change_scene(scene, sensors={"fixed_mm": [100.0, 101.0]})))
 
 
 def test_the_prior_of_a_model_knows_the_mounting_of_its_sensors(bench: ModelFile) -> None:
@@ -123,7 +120,7 @@ def test_the_prior_of_a_model_knows_the_mounting_of_its_sensors(bench: ModelFile
     stated = parse_scene(text, "scene.toml")
     prior = prior_of_model(bench.metadata.model_copy(update={"scene": text}))
     layout = np.array([channel.position_mm for channel in bench.metadata.layout])
-    expected = Prior.real(influence_of(stated), layout, sample_errors(stated, bench.metadata.noise.sample_mm))
+    expected = real_prior(stated, layout, bench.metadata.noise.sample_mm)
     at, force = np.array([50.0, 200.0, 390.0]), np.array([5.0, 20.0, 2.0])
     assert prior.sampled(at, force)[1] == pytest.approx(expected.sampled(at, force)[1], rel=1e-12)
     exact = prior_of_model(bench.metadata)

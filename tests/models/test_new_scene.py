@@ -11,13 +11,12 @@ from pathlib import Path
 
 import pytest
 
-from beamtouch_models.building.checks import check_scene
 from beamtouch_models.building.new_scene import Answers, End, scene_text
 from beamtouch_models.physics.axial import held_stretch_mm
-from beamtouch_models.pricing.noise import choose_filter
 from beamtouch_models.scene import load_scene, parse_scene
 from beamtouch_models.scene.materials import MaterialName
 from beamtouch_models.shipped import described, shipped_scenes
+from beamtouch_models.surface import Surface
 from example_scenes import SCENES
 from in_process import Command
 from waiting import wait_until
@@ -33,7 +32,7 @@ STANDING += [("pinned", "pinned"), ("pinned", "roller"), ("roller", "pinned")]
 def test_a_scene_of_any_ends_can_be_built(left: End, right: End, size_mm: tuple[float, float, float]) -> None:
     material: MaterialName = "acrylic" if size_mm[0] < 200 else "stainless"
     scene = parse_scene(scene_text(Answers(*size_mm, material=material, left=left, right=right), "x"), "x.toml")
-    check_scene(scene, choose_filter(scene))
+    Surface.of(scene).check()
     assert (held_stretch_mm(scene.beam) is not None) == ({left, right} <= {"clamped", "pinned"})
 
 
@@ -60,7 +59,7 @@ def test_a_roller_between_the_ends_carries_the_beam(
     assert done.returncode == 0, done.stderr
     scene, text = load_scene(Path("strip.toml"))
     assert [support.at_mm for support in scene.beam.support_list] == [0, 200, 400, 650]
-    check_scene(scene, choose_filter(scene))
+    Surface.of(scene).check()
     assert text.count("on a roller") == 3
 
 

@@ -8,9 +8,9 @@ import pytest
 from beamtouch_models.errors import SceneError
 from beamtouch_models.metadata import FilterChoice
 from beamtouch_models.pricing.effect import Effect
-from beamtouch_models.pricing.effects import effects_of, required
-from beamtouch_models.pricing.noise import choose_filter, floor_of, noise_of, reading_noise_mm, rounding_mm, step_mm
+from beamtouch_models.pricing.noise import step_mm
 from beamtouch_models.scene import Requirements, Scene
+from beamtouch_models.surface import Surface
 from example_scenes import paper_scene
 
 
@@ -20,26 +20,28 @@ def with_latency(scene: Scene, latency_ms: float | None) -> Scene:
 
 def test_percent_of_the_largest_deflection() -> None:
     # 2 % of 10 x 400^3 / (48 x 1.18125e7) mm.
-    assert reading_noise_mm(paper_scene()) == pytest.approx(0.0225749559, rel=1e-9)
+    assert Surface.of(paper_scene()).readings.reading_mm == pytest.approx(0.0225749559, rel=1e-9)
 
 
 def test_the_steps_of_the_adc_add_their_share() -> None:
     # 6 bits over 3 mm with 80 % of the scale: 3 / (0.8 x 63) mm, over sqrt(12): 0.017183; with 0.022575: 0.02837.
-    assert reading_noise_mm(paper_scene(adc_bits=6)) == pytest.approx(0.02837, rel=1e-4)
+    assert Surface.of(paper_scene(adc_bits=6)).readings.reading_mm == pytest.approx(0.02837, rel=1e-4)
 
 
 def test_without_latency_a_sample_is_a_reading() -> None:
-    chosen = choose_filter(with_latency(paper_scene(), None))
+    chosen = Surface.of(with_latency(paper_scene(), None)).filter
     assert chosen.kind == "none"
-    noise = noise_of(paper_scene(), chosen)
+    noise = Surface.of(paper_scene(), chosen).noise
     assert noise.sample_mm == noise.reading_mm
 
 
 def test_the_filter_takes_the_latency_and_no_more() -> None:
     scene = with_latency(paper_scene(rate_hz=200), 20.0)
-    chosen = choose_filter(scene)
+    chosen = Surface.of(scene).filter
     assert (chosen.kind, chosen.window, chosen.settling_ms) == ("growing-mean", 4, 20.0)
-    assert noise_of(scene, chosen).sample_mm == pytest.approx(reading_noise_mm(scene) / 2, rel=1e-15)
+    assert Surface.of(scene, chosen).noise.sample_mm == pytest.approx(
+        Surface.of(scene).readings.reading_mm / 2, rel=1e-15
+    )
 
 
 @pytest.mark.parametrize(
@@ -49,17 +51,17 @@ def test_the_filter_takes_the_latency_and_no_more() -> None:
 def test_the_mean_grows_for_as_long_as_the_scene_says(max_mean_ms: float, longest: int) -> None:
     scene = with_latency(paper_scene(rate_hz=200), 20.0)
     requirements = scene.requirements.model_copy(update={"max_mean_ms": max_mean_ms})
-    assert choose_filter(scene.model_copy(update={"requirements": requirements})).longest == longest
+    assert Surface.of(scene.model_copy(update={"requirements": requirements})).filter.longest == longest
 
 
 def test_without_noise_nothing_tells_a_change_so_the_mean_is_of_the_last_readings() -> None:
     scene = with_latency(paper_scene(rate_hz=200, noise_percent_of_max=None, noise_mm=0.0), 20.0)
-    assert choose_filter(scene).kind == "moving-average"
+    assert Surface.of(scene).filter.kind == "moving-average"
 
 
 def test_a_latency_shorter_than_one_reading_is_refused() -> None:
     with pytest.raises(SceneError, match="shorter than one reading"):
-        choose_filter(with_latency(paper_scene(rate_hz=100), 9.0))
+        Surface.of(with_latency(paper_scene(rate_hz=100), 9.0))
 
 
 STEP_MM = step_mm((1.0, 4.0), 8)
@@ -71,7 +73,7 @@ def coarse(noise_in_steps: float, **sensors: object) -> Scene:
 
 
 def steps_of(scene: Scene, window: int = 20) -> Effect:
-    (found,) = (one for one in effects_of(scene, filter_of(window)) if one.name == "ADC steps")
+    (found,) = (one for one in Surface.of(scene, filter_of(window)).effects if one.name == "ADC steps")
     return found
 
 
@@ -87,32 +89,34 @@ def test_the_rounding_that_stays_is_that_of_simulated_means(noise: float) -> Non
     means = np.array([np.rint(gap + noise * rng.standard_normal((1000, 2000))).mean(axis=0) - gap for gap in gaps])
     averaged_out = 2 * (noise**2 + 1 / 12) / 1000
     variance = np.var(means[0] - means[1])
-    assert rounding_mm(coarse(noise)) ** 2 == pytest.approx(
+    assert Surface.of(coarse(noise)).readings.rounding_mm ** 2 == pytest.approx(
         variance * STEP_MM**2, abs=1.1 * averaged_out * STEP_MM**2, rel=0.1
     )
 
 
 def test_without_noise_a_tared_deflection_has_the_rounding_of_two_readings() -> None:
-    assert rounding_mm(coarse(0.0)) == pytest.approx(STEP_MM / math.sqrt(6), rel=1e-3)
-    assert rounding_mm(coarse(1e-9)) == pytest.approx(STEP_MM / math.sqrt(6), rel=1e-3)
-    assert rounding_mm(paper_scene()) == 0.0
+    assert Surface.of(coarse(0.0)).readings.rounding_mm == pytest.approx(STEP_MM / math.sqrt(6), rel=1e-3)
+    assert Surface.of(coarse(1e-9)).readings.rounding_mm == pytest.approx(STEP_MM / math.sqrt(6), rel=1e-3)
+    assert Surface.of(paper_scene()).readings.rounding_mm == 0.0
 
 
 def test_the_floor_holds_drift_and_rounding() -> None:
-    _, zero_mm = floor_of(coarse(0.0, zero_drift_mm=0.01))
+    zero_mm = Surface.of(coarse(0.0, zero_drift_mm=0.01)).readings.floor_mm
     assert zero_mm == pytest.approx(math.hypot(0.01, STEP_MM / math.sqrt(6)), rel=1e-3)
-    _, zero_mm = floor_of(coarse(0.6, zero_drift_mm=0.01))
+    zero_mm = Surface.of(coarse(0.6, zero_drift_mm=0.01)).readings.floor_mm
     assert zero_mm == pytest.approx(0.01, rel=1e-6)
 
 
 def test_rounding_that_stays_is_priced_and_never_left_out() -> None:
     hidden, dithered = steps_of(coarse(0.1), 1000), steps_of(coarse(0.6), 1000)
-    noise_mm = noise_of(coarse(0.1), filter_of(1000)).sample_mm
-    assert hidden.price == pytest.approx(math.hypot(rounding_mm(coarse(0.1)), STEP_MM / math.sqrt(12_000)) / noise_mm)
+    noise_mm = Surface.of(coarse(0.1), filter_of(1000)).noise.sample_mm
+    assert hidden.price == pytest.approx(
+        math.hypot(Surface.of(coarse(0.1)).readings.rounding_mm, STEP_MM / math.sqrt(12_000)) / noise_mm
+    )
     assert "stay in every mean" in hidden.reason
     assert dithered.price is not None
     assert dithered.price < 0.5
     assert "stay in every mean" not in dithered.reason
     fine = coarse(4.0)
     assert steps_of(fine).verdict == "out"
-    assert floor_of(required(fine, filter_of(20)).scene)[1] == pytest.approx(0.2 * 4 * STEP_MM, rel=1e-2)
+    assert Surface.of(fine, filter_of(20)).modelled_readings.floor_mm == pytest.approx(0.2 * 4 * STEP_MM, rel=1e-2)

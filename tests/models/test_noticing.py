@@ -14,8 +14,7 @@ from beamtouch_models.placement import place, place_by_position_error
 from beamtouch_models.placement.layout import Candidates
 from beamtouch_models.placement.noticing import FORCES, PLACES, OtherLoads, other_loads
 from beamtouch_models.placement.position_error import SLACK
-from beamtouch_models.pricing.removal import changed
-from beamtouch_models.scene import Scene
+from beamtouch_models.scene import Scene, change_scene
 from example_scenes import paper_scene
 from handbook import deflection_per_newton
 from stated_problems import problem_in
@@ -28,7 +27,7 @@ LAYOUTS = [[68.0, 156.0, 244.0, 332.0], [53.0, 104.0, 312.0, 353.0], [90.0, 200.
 
 
 def scene_of(**sensors: object) -> Scene:
-    return changed(paper_scene(**sensors), "contact", position_mm=(LOW_MM, HIGH_MM), force_n=FORCE_N)
+    return change_scene(paper_scene(**sensors), contact={"position_mm": (LOW_MM, HIGH_MM), "force_n": FORCE_N})
 
 
 def loads_of(errors: SampleErrors) -> tuple[OtherLoads, Floats]:

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from beamtouch_models.pricing.noise import choose_filter, noise_of
 from beamtouch_models.scene import load_scene
+from beamtouch_models.surface import Surface
 from example_scenes import PAPER, SCENES
 from in_process import Command
 from stated_problems import fewest_mm
@@ -128,7 +128,7 @@ def test_an_open_number_is_that_of_a_build_and_the_option_overrides_it(
     path = tmp_path / "open.toml"
     path.write_text(PAPER.replace("count = 2", "count = [2, 5]") + "\n[requirements]\nposition_error_mm = 15\n")
     scene, _ = load_scene(path)
-    built = fewest_mm(scene, noise_of(scene, choose_filter(scene)).sample_mm)
+    built = fewest_mm(scene, Surface.of(scene).noise.sample_mm)
     assert len(built) == 3
     found = json.loads(design_sensors_here("place", path, "--json").stdout)
     assert found["positions_mm"] == built.tolist()

@@ -18,9 +18,8 @@ from beamtouch_models.estimators.posterior.cells import design_for
 from beamtouch_models.estimators.posterior.channels import fewest_channels
 from beamtouch_models.estimators.posterior.graph import posterior_graph
 from beamtouch_models.export import to_bytes
-from beamtouch_models.pricing.removal import changed
 from beamtouch_models.progress import silent
-from beamtouch_models.scene import load_scene
+from beamtouch_models.scene import change_scene, load_scene
 from beamtouch_models.session import runner
 from beamtouch_models.whitening import whitening
 from example_scenes import SCENES
@@ -229,7 +228,7 @@ def test_a_large_covariance_along_the_load_leaves_the_position_and_hides_the_for
 @pytest.mark.parametrize(("tolerance_mm", "unaware"), [(0.3, 0.96), (1.0, 0.8)])
 def test_intervals_hold_the_truth_under_a_mounting_tolerance(tolerance_mm: float, unaware: float) -> None:
     scene, _ = load_scene(SCENES / "bench.toml")
-    scene = changed(scene, "sensors", mounting_tolerance_mm=tolerance_mm)
+    scene = change_scene(scene, sensors={"mounting_tolerance_mm": tolerance_mm})
     prior = real_prior(scene, np.array([68.0, 156.0, 244.0, 332.0]), 0.00226)
     drawn = limit.draw(prior, 3000, 8)
     without = dataclasses.replace(prior, uncertain_at=None)

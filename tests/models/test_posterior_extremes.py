@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 
 from beamtouch_models.accuracy import limit
-from beamtouch_models.building.limit_check import check_at_limit
-from beamtouch_models.building.sensor_rules import sensor_of
+from beamtouch_models.building.measure import check_at_limit
 from beamtouch_models.errors import NotGoodEnoughError
 from beamtouch_models.estimators.estimator import estimator_of
 from beamtouch_models.estimators.posterior.cells import Design
 from beamtouch_models.estimators.posterior.graph import posterior_graph
-from beamtouch_models.physics.beam import max_deflection_mm
+from beamtouch_models.physics.beam import travel_of
 from beamtouch_models.progress import silent
 from beamtouch_models.scene import load_scene
+from beamtouch_models.surface import Surface
 from example_scenes import SCENES
 from posterior_cases import answers_of, check_sane, double_answers, graph_of, nonsense, prior_of
 
@@ -114,10 +114,10 @@ def test_counts_of_16_bits_at_the_rails_get_a_sane_answer(known: bool) -> None:
     scene, _ = load_scene(SCENES / "bench.toml")
     prior = prior_of("bench", 4, 0.2, known=known)
     scene = scene.model_copy(update={"sensors": scene.sensors.model_copy(update={"adc_bits": 16})})
-    sensor = sensor_of(scene)
+    sensor = Surface.of(scene).sensor
     rails = np.array(list(itertools.product((0, 1, 32768, 65534, 65535), repeat=4)))
     deflection = sensor.standoff_mm - (sensor.offset_mm + sensor.gain_mm_per_count * rails)
-    assert deflection.min() < 0 < max_deflection_mm(scene) < deflection.max()  # beyond what any contact gives
+    assert deflection.min() < 0 < travel_of(scene).largest_mm < deflection.max()  # beyond what any contact gives
     check_sane(prior, answers_of(graph_of(prior), prior, deflection))
 
 

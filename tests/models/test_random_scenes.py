@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from beamtouch_models.accuracy.rest import reach_of
 from beamtouch_models.accuracy.touch_thresholds import directions, log_odds, touch_threshold
-from beamtouch_models.accuracy.zeros import reach_of
 from beamtouch_models.arrays import Floats
 from beamtouch_models.loading import load
 from random_scenes import random_scene, run_here, short_work, try_scene

@@ -16,7 +16,7 @@ import pytest
 
 from beamtouch_common.errors import InputError
 from beamtouch_models.errors import SceneError
-from beamtouch_models.metadata import Sensor
+from beamtouch_models.metadata import Departures, Sensor
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.physics.beam import influence
 from beamtouch_models.rig.faults import Faults
@@ -26,7 +26,7 @@ from beamtouch_models.rig.relay import Relay
 from beamtouch_models.rig.script import Load, Script, default_script, load_script
 from beamtouch_models.rig.serial_device import MAX_RATE_HZ, SerialDevice
 from beamtouch_models.rig.surface import VirtualSurface, counts_of_gap
-from beamtouch_models.scene import load_scene
+from beamtouch_models.scene import change_scene, load_scene
 from beamtouch_models.scene.beam import Beam
 from beamtouch_protocol.framing import Decoder, encode
 from beamtouch_protocol.messages import Hello, HelloRequest, Message, Ping, Pong, Reading, Start, Stop
@@ -326,10 +326,10 @@ def test_wrong_imperfections_are_one_line(
     assert said in done.stderr
 
 
-def test_a_fixed_support_takes_no_fixity() -> None:
-    cantilever, _ = load_scene(SCENES / "cantilever.toml")
+def test_a_fixed_support_takes_no_fixity(bench: ModelFile) -> None:
+    propped = change_scene(scene, beam={"supports": "propped"})
     with pytest.raises(SceneError, match="already fixed"):
-        Imperfections(fixity=(0.1, 0.0)).applied_to(cantilever)
+        VirtualSurface(propped, bench.metadata, 1, Imperfections(fixity=(0.1, 0.0)))
 
 
 def test_loads_are_put_on_by_hand(bench_model: Path) -> None:
@@ -378,3 +378,17 @@ def test_a_client_that_goes_before_its_answer_leaves_no_word(bench_model: Path) 
             process.terminate()
             said = process.communicate(timeout=60)[1]
     assert said == ""
+
+
+def test_departures_undo_what_they_do() -> None:
+    rng = np.random.default_rng(3)
+    stated = {"gain": [0.95, 1.0, 1.04], "offset_mm": [0.02, -0.03, 0.0], "curve_per_mm": 0.03}
+    departures = Departures.none(3).model_copy(update=stated)
+    linear = rng.uniform(-1.0, 3.0, (50, 3))
+
+    measured = departures.measure(linear)
+
+    # As its line says: y + curve y^2 is the deflection with its gain, and y is measured without the offset.
+    y = measured - np.array([0.02, -0.03, 0.0])
+    assert y + 0.03 * y**2 == pytest.approx(linear, abs=1e-12)
+    assert departures.linear_mm(measured) == pytest.approx(linear, abs=1e-12)

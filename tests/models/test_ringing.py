@@ -12,12 +12,12 @@ from beamtouch_models import modelfile
 from beamtouch_models.arrays import Floats
 from beamtouch_models.errors import SceneError
 from beamtouch_models.physics.dynamics import first_frequency_hz
-from beamtouch_models.pricing.noise import choose_filter
 from beamtouch_models.rig.imperfections import Imperfections
 from beamtouch_models.rig.ringing import Mode, Ringing, ringing_of
 from beamtouch_models.rig.script import Load
 from beamtouch_models.rig.surface import PERFECT, VirtualSurface
 from beamtouch_models.scene import Scene, load_scene
+from beamtouch_models.surface import Surface
 from example_scenes import SCENES, paper_scene
 
 scene, _ = load_scene(SCENES / "bench.toml")
@@ -116,7 +116,7 @@ def test_a_surface_that_does_not_ring_follows_at_once(bench_model: Path) -> None
 
 
 def ringing(scene: Scene, damping_ratio: float | None = None) -> Ringing | None:
-    return ringing_of(scene, choose_filter(scene), damping_ratio)
+    return ringing_of(Surface.of(scene), damping_ratio)
 
 
 def test_a_scene_rings_unless_its_noise_makes_ringing_negligible() -> None:

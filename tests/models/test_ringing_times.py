@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from beamtouch_models.pricing.noise import choose_filter
-from beamtouch_models.pricing.ringing import decay_s, ringing_of
+from beamtouch_models.pricing.ringing import decay_s
 from beamtouch_models.scene import load_scene
+from beamtouch_models.surface import Surface
 from example_scenes import PAPER, SCENES
 from in_process import Command
 
@@ -40,8 +40,7 @@ def test_the_ringing_is_under_the_noise_after_the_stated_time(frequency_hz: floa
 
 def test_the_bench_rings_as_its_frequency_and_damping_say() -> None:
     scene, _ = load_scene(SCENES / "bench.toml")
-    chosen = choose_filter(scene)
-    found = ringing_of(scene, chosen)
+    found = Surface.of(scene).ringing
     assert found is not None
     # Blevins, table 8-1: (pi^2 / 2 pi l^2) sqrt(EI / m), with EI = 11.8125 N m^2 and m = 0.58875 kg/m.
     assert found.frequency_hz == pytest.approx(math.pi / 2 / 0.16 * math.sqrt(11.8125 / 0.58875), rel=1e-9)
@@ -55,7 +54,7 @@ def test_the_bench_rings_as_its_frequency_and_damping_say() -> None:
     assert found.after_touch_s == pytest.approx(decay_s(ratio, found.laden_frequency_hz, 0.01), rel=1e-9)
     assert found.after_touch_s > found.after_lift_s
     damped = scene.model_copy(update={"beam": scene.beam.model_copy(update={"damping_ratio": 0.05})})
-    quicker = ringing_of(damped, chosen)
+    quicker = Surface.of(damped).ringing
     assert quicker is not None
     assert quicker.after_lift_s == pytest.approx(found.after_lift_s / 5, rel=1e-3)
     assert not quicker.damping_is_assumed

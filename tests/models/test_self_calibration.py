@@ -10,7 +10,6 @@ import pytest
 
 from beamtouch_models import modelfile
 from beamtouch_models.accuracy import limit
-from beamtouch_models.building.model_prior import physics_of, prior_of_model
 from beamtouch_models.calibration.calibrate import calibrate
 from beamtouch_models.calibration.contacts import UnlabelledContacts
 from beamtouch_models.calibration.left_open import LeftOpen
@@ -25,6 +24,7 @@ from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.progress import Progress, silent
 from beamtouch_models.rig.imperfections import Imperfections
 from beamtouch_models.session import runner
+from beamtouch_models.surface import prior_of_model
 from few_draws import few_draws
 from imperfect_surface import imperfections, readings, true_prior
 from in_process import Command
@@ -86,7 +86,7 @@ def test_the_file_says_what_was_fitted(bench: ModelFile, found: tuple[SelfCalibr
 
 
 def test_the_errors_of_positions_are_as_stated(bench: ModelFile) -> None:
-    theory, ratios = Theory.of(physics_of(bench.metadata), bench.metadata), []
+    theory, ratios = Theory.of(bench.metadata), []
     zero_mm = np.array(bench.metadata.floor.zero_mm)
     noise_mm = np.hypot(bench.metadata.noise.sample_mm, zero_mm)
     for seed in range(12):
@@ -129,7 +129,7 @@ def test_it_goes_on_from_a_calibrated_model(bench: ModelFile, tmp_path: Path) ->
     first = calibrate(bench, read_loads(readings(tmp_path, bench, real), bench.metadata), silent)
     model = modelfile.load_bytes(first.content, "calibrated with loads")
     assert first.metadata.calibration is not None
-    theory = Theory.of(physics_of(model.metadata), model.metadata)
+    theory = Theory.of(model.metadata)
     start = theory.vector_of(first.metadata.calibration.departures)
     again = theory.departures(start)
     assert again.gain == pytest.approx(first.metadata.calibration.departures.gain)

@@ -8,11 +8,11 @@ import pytest
 
 from beamtouch_models import cli
 from beamtouch_models.accuracy.limit import accuracy_limit
-from beamtouch_models.building.model_prior import prior_of_model
 from beamtouch_models.challenge.honest import rings
 from beamtouch_models.challenge.judge import judge
 from beamtouch_models.challenge.surface import SimulatedSurface
 from beamtouch_models.loading import ModelFile, load
+from beamtouch_models.surface import prior_of_model
 from few_draws import few_draws
 
 SLOW = """

@@ -7,16 +7,13 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_bvp
 
-from beamtouch_models.accuracy.prior import Prior
-from beamtouch_models.building.sensor_rules import sample_errors
 from beamtouch_models.errors import SceneError
 from beamtouch_models.physics.axial import held, influence_change
-from beamtouch_models.physics.beam import influence, influence_of
+from beamtouch_models.physics.beam import influence
 from beamtouch_models.pricing.effect import Effect
-from beamtouch_models.pricing.effects import effects_of
-from beamtouch_models.pricing.noise import choose_filter, floor_of
 from beamtouch_models.scene import Scene
 from beamtouch_models.scene.beam import Beam
+from beamtouch_models.surface import Surface
 from example_scenes import paper_scene
 
 L_MM, EI = 400.0, 1.18125e7
@@ -115,7 +112,7 @@ def warmed(supports: object, range_k: tuple[float, float], **sensors: object) ->
 
 
 def priced(scene: Scene, name: str) -> Effect:
-    (found,) = (effect for effect in effects_of(scene, choose_filter(scene)) if effect.name == name)
+    (found,) = (effect for effect in Surface.of(scene).effects if effect.name == name)
     return found
 
 
@@ -155,17 +152,16 @@ def test_the_drift_of_the_sensors_is_part_of_the_floor() -> None:
     still, drifting = warmed("propped", (-5.0, 15.0)), warmed("propped", (-5.0, 15.0), drift_um_per_k=0.3)
     temperatures = np.random.default_rng(1).uniform(-5, 15, (2, 100_000))
     expected_mm = 0.3e-3 * float(np.std(temperatures[0] - temperatures[1]))
-    assert floor_of(drifting)[1] == pytest.approx(math.hypot(0.001, expected_mm), rel=0.01)
+    assert Surface.of(drifting).readings.floor_mm == pytest.approx(math.hypot(0.001, expected_mm), rel=0.01)
     effect = priced(drifting, "sensor drift")
     assert effect.verdict == "floor"
     noise_mm = 0.002 * influence_peak_mm(drifting)
     assert effect.price == pytest.approx(expected_mm / noise_mm, rel=0.01)
     assert "up to 6 um after a tare" in effect.reason
     assert "2.4 times zero drift" in effect.reason
-    errors = sample_errors(drifting, noise_mm)
-    prior = Prior.real(influence_of(drifting), np.array([100.0, 200.0]), errors)
-    assert prior.zero_mm == pytest.approx(floor_of(drifting)[1])
-    assert floor_of(still)[1] == 0.001
+    prior = Surface.of(drifting).prior(np.array([100.0, 200.0]))
+    assert prior.zero_mm == pytest.approx(Surface.of(drifting).readings.floor_mm)
+    assert Surface.of(still).readings.floor_mm == 0.001
 
 
 def influence_peak_mm(scene: Scene) -> float:

@@ -15,9 +15,8 @@ from beamtouch_models.accuracy.statistics import Measurement
 from beamtouch_models.estimators import paper_network
 from beamtouch_models.metadata import FilterChoice
 from beamtouch_models.modelfile import ModelFile
-from beamtouch_models.pricing.noise import choose_filter
-from beamtouch_models.pricing.removal import changed
-from beamtouch_models.scene import load_scene, parse_scene
+from beamtouch_models.scene import change_scene, load_scene, parse_scene
+from beamtouch_models.surface import Surface
 from beamtouch_models.trade.front import NotToBeHadError, Point, is_smaller, most_accurate, pareto_front, quickest
 from beamtouch_models.trade.measure import Model, Task, follow, measure, numbers_of_sensors
 from example_scenes import PAPER, SCENES
@@ -120,14 +119,14 @@ def test_a_model_has_the_layout_and_the_figures_of_build(bench: ModelFile) -> No
 
 def test_a_curve_is_of_the_filter_that_build_writes() -> None:
     stated, _ = load_scene(SCENES / "bench.toml")
-    scene = changed(stated, "requirements", max_mean_ms=10.0)  # less than the latency of 20 ms
+    scene = change_scene(stated, requirements={"max_mean_ms": 10.0})  # less than the latency of 20 ms
     model = measure(Task(scene, "sensors", 2, 128, 0))
     assert isinstance(model, Model)
     curve = follow((scene, model, 128, 0))
-    assert curve.readings[-1] == choose_filter(scene).max_readings == 4
+    assert curve.readings[-1] == Surface.of(scene).filter.max_readings == 4
     assert len(curve.ringing_mm) == len(curve.limit_mm) == len(curve.readings)
     light = replace(model, answers=())
-    without_mass = changed(scene, "beam", density_kg_m3=None)
+    without_mass = change_scene(scene, beam={"density_kg_m3": None})
     assert follow((without_mass, light, 128, 0)).ringing_mm == ()
 
 

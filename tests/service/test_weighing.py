@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from beamtouch_models import modelfile
-from beamtouch_models.physics.beam import scene_influence
+from beamtouch_models.physics.beam import influence_matrix
 from beamtouch_models.scene import load_scene
 from beamtouch_service.surfaces.surface import Surface
 from example_scenes import SCENES
@@ -29,7 +29,7 @@ class Line:
         self.channels = model.channels
         self.noise_mm = model.metadata.noise.reading_mm
         scene, at_mm = load_scene(SCENES / "bench.toml")[0], [channel.position_mm for channel in model.metadata.layout]
-        shape = scene_influence(scene, at_mm, [model.metadata.length_mm / 2])[0]
+        shape = influence_matrix(scene, at_mm, [model.metadata.length_mm / 2])[0]
         self.load_mm: list[float | None] = (25 * self.noise_mm * shape / shape.max()).tolist()
 
     def contact(self, *samples: dict[str, Any], **batch: object) -> dict[str, Any]:

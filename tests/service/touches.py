@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from beamtouch_models.building.model_prior import prior_of_model
+from beamtouch_models.surface import prior_of_model
 
 if TYPE_CHECKING:
     from datetime import datetime

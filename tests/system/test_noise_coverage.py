@@ -8,24 +8,23 @@ import numpy as np
 import pytest
 import tomli_w
 
-from beamtouch_daemon.config.settings import Surface
+from beamtouch_daemon.config.settings import Surface as Settings
 from beamtouch_daemon.processing.at_rest import select_rest
 from beamtouch_daemon.processing.characteristic import Characteristic
 from beamtouch_daemon.processing.noise import Keys, keys_of, measure_noise
 from beamtouch_daemon.processing.pipeline import Pipeline
 from beamtouch_daemon.sources.reading import Reading
 from beamtouch_models.arrays import Floats
-from beamtouch_models.building.sensor_rules import sensor_of
 from beamtouch_models.challenge.noises import COARSE, HIDDEN, coloured_times
 from beamtouch_models.export import to_bytes
 from beamtouch_models.metadata import Sensor
-from beamtouch_models.physics.beam import scene_influence
+from beamtouch_models.physics.beam import influence_matrix
 from beamtouch_models.placement import place
-from beamtouch_models.pricing.effects import required
-from beamtouch_models.pricing.noise import choose_filter, step_mm
+from beamtouch_models.pricing.noise import step_mm
 from beamtouch_models.rig.surface import counts_of_gap
 from beamtouch_models.scene import Scene, parse_scene
 from beamtouch_models.session import Run, runner
+from beamtouch_models.surface import Surface
 from beamtouch_models.whitening import whitening
 from example_scenes import SCENES
 from posterior_cases import graph_of
@@ -66,14 +65,14 @@ class Line:
         return counts_of_gap(self.sensor, gap).astype(np.float64)
 
 
-def surface_of(scene: Scene, sensor: Sensor, keys: Keys | None = None) -> Surface:
+def surface_of(scene: Scene, sensor: Sensor, keys: Keys | None = None) -> Settings:
     """The daemon's surface, with what `noise` printed."""
     stuck = keys.stuck_after_ms if keys else {}
     stated = {"noise_mm": keys.daemon_noise_mm, "slowest_period_ms": 98.0} if keys else {}
     values = {
         "rate_hz": scene.sensors.rate_hz,
         "source": {"kind": "modbus-tcp", "host": "127.0.0.1"},
-        "filter": {"kind": "moving-average", "window": choose_filter(scene).window},
+        "filter": {"kind": "moving-average", "window": Surface.of(scene).filter.window},
         "channels": [
             {
                 "name": f"s{index + 1}",
@@ -88,7 +87,7 @@ def surface_of(scene: Scene, sensor: Sensor, keys: Keys | None = None) -> Surfac
             for index in range(CHANNELS)
         ],
     }
-    return Surface.model_validate(values | stated)
+    return Settings.model_validate(values | stated)
 
 
 @dataclass
@@ -99,14 +98,14 @@ class Model:
     layout: Floats
 
     def __post_init__(self) -> None:
-        chosen = choose_filter(self.scene)
-        physics = required(self.scene, chosen)
+        chosen = Surface.of(self.scene).filter
+        physics = Surface.of(self.scene, chosen)
         self.window = chosen.window
         self.prior = real_prior(physics.scene, self.layout, physics.noise.sample_mm)
         self.run: Run = runner(to_bytes(graph_of(self.prior)))
 
 
-def held(model: Model, line: Line, surface: Surface) -> tuple[float, float]:
+def held(model: Model, line: Line, surface: Settings) -> tuple[float, float]:
     """Share of touches whose interval holds the truth, and share of settled samples that are said to move."""
     rng = np.random.default_rng(1)
     low, high = model.scene.contact.force_range_n
@@ -116,7 +115,7 @@ def held(model: Model, line: Line, surface: Surface) -> tuple[float, float]:
         at_mm, force = rng.uniform(20, 380), rng.uniform(low, high)
         offset = rng.uniform(-0.05, 0.05, CHANNELS)  # gaps have any place between two counts
         tared = characteristic.gap(line.counts(np.zeros(CHANNELS), 200, offset)).mean(axis=0).tolist()
-        counts = line.counts(force * scene_influence(model.scene, model.layout, at_mm)[0], SETTLED, offset)
+        counts = line.counts(force * influence_matrix(model.scene, model.layout, at_mm)[0], SETTLED, offset)
         readings = [Reading(index / surface.rate_hz, tuple(row)) for index, row in enumerate(counts.tolist())]
         rest = dict(zip(surface.channel_names, tared, strict=True))
         sample = Pipeline(surface, rest).process(readings, 0.0)[-1].sample
@@ -143,12 +142,12 @@ def test_the_challenge_states_what_noise_prints(steps: int, alike: float) -> Non
     count_mm = step_mm((1.0, 4.0), steps)
     noise_mm = 0.0045 if alike else count_mm / COARSE
     real = scene_with(noise_mm=noise_mm, adc_bits=steps)
-    line = Line(sensor_of(real), noise_mm, alike, 3)
+    line = Line(Surface.of(real).sensor, noise_mm, alike, 3)
     unmeasured = surface_of(real, line.sensor)
     recording = line.counts(np.zeros(CHANNELS), RECORDED, np.random.default_rng(5).uniform(-0.05, 0.05, CHANNELS))
     keys = keys_of(measure_noise(select_rest(recording, unmeasured, {}), unmeasured), unmeasured)
     if alike:
-        expected = noise_mm * coloured_times(alike, choose_filter(real).window)
+        expected = noise_mm * coloured_times(alike, Surface.of(real).filter.window)
         assert keys.daemon_noise_mm == pytest.approx(expected, rel=0.12)  # the noisiest of four channels
         assert keys.adc_bits is None
     else:
@@ -165,7 +164,7 @@ def test_the_challenge_states_what_noise_prints(steps: int, alike: float) -> Non
 )
 def test_measured_noise_gives_intervals_that_hold(steps: int, noise_mm: float, alike: float, layout: Floats) -> None:
     real = scene_with(noise_mm=noise_mm, adc_bits=steps)
-    line = Line(sensor_of(real), noise_mm, alike, 3)
+    line = Line(Surface.of(real).sensor, noise_mm, alike, 3)
     unmeasured = surface_of(real, line.sensor)
     recording = line.counts(np.zeros(CHANNELS), RECORDED, np.random.default_rng(5).uniform(-0.05, 0.05, CHANNELS))
     keys = keys_of(measure_noise(select_rest(recording, unmeasured, {}), unmeasured), unmeasured)

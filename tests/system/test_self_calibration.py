@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from beamtouch_models import modelfile
-from beamtouch_models.building.model_prior import physics_of
 from beamtouch_models.calibration.theory import Theory
 from beamtouch_models.rig.imperfections import load_imperfections
 from pasted import ROOT, blocks_of, paste
@@ -43,7 +42,7 @@ def test_the_steps_of_the_guide_calibrate_a_surface(tmp_path: Path) -> None:
     assert calibration.misfit_before is not None
     assert calibration.misfit_after is not None
     assert calibration.misfit_after < 0.5 * calibration.misfit_before
-    theory, real = Theory.of(physics_of(metadata), metadata), load_imperfections(folder / "off.toml")
+    theory, real = Theory.of(metadata), load_imperfections(folder / "off.toml")
     missed_before, missed_after = (
         missed_mm(theory, vector, metadata, real)
         for vector in (np.zeros(theory.size), theory.vector_of(calibration.departures))

@@ -24,9 +24,7 @@ def position_deviation_mm(prior: Prior, position_mm: ArrayLike, force_n: ArrayLi
     """
     position, force = np.broadcast_arrays(np.asarray(position_mm, np.float64), np.asarray(force_n, np.float64))
     influence = prior.table(position)
-    deviation = prior.deviation_mm(force[:, None] * influence)
-    if prior.uncertainty is not None:
-        deviation = np.hypot(deviation, force[:, None] * prior.uncertainty(position))
+    deviation = prior.deviation_in_table_mm(position, force[:, None])
     slope, shape = prior.table.derivative()(position) / deviation, influence / deviation
     if not prior.force_is_known:
         size = (shape**2).sum(axis=1, keepdims=True)

@@ -8,15 +8,16 @@ from beamtouch_models.accuracy import cramer_rao
 from beamtouch_models.accuracy.contacts import Contacts, simulated
 from beamtouch_models.accuracy.limit import SCRAMBLINGS
 from beamtouch_models.accuracy.prior import Prior
-from beamtouch_models.accuracy.seen_along import seen_along
 from beamtouch_models.accuracy.statistics import Measurement, mean_of, quantile_of, ratio_of, share_of
 from beamtouch_models.accuracy.touch_thresholds import (
     directions,
     noise_at_rest,
     rest_like_contact,
+    size_per_n,
+    smallest_forces,
 )
 from beamtouch_models.arrays import Floats
-from beamtouch_models.detection import Detection, extremes
+from beamtouch_models.detection import Detection, extremes, missed_shares
 from beamtouch_models.loading import ModelFile
 from beamtouch_models.progress import Fraction, silent
 from beamtouch_models.sweeps import Spread, in_turn
@@ -116,6 +117,22 @@ def evaluate(
         smallest_force_n=None if along is None else extremes(along.smallest_force_n),
         detection=along,
         unexplained=_unexplained(model, answers, counts),
+    )
+
+
+def seen_along(model: ModelFile, prior: Prior) -> Detection | None:
+    """Return the smallest force and the missed contacts along the beam; None without noise or odds of a contact."""
+    if "contact_log_odds" not in model.outputs or prior.noise_mm == 0:
+        return None
+    supports_mm = [support.at_mm for support in model.metadata.drawn.supports]
+    seen = smallest_forces(prior, model.metadata.thresholds.touch[-1], supports_mm)
+    size = size_per_n(prior, np.array(seen.position_mm))
+    return Detection(
+        position_mm=seen.position_mm,
+        smallest_force_n=seen.force_n,
+        force_n=prior.force_n[0],
+        missed=missed_shares(prior.force_n[0], seen.force_n, size),
+        false_contacts_per_day=model.metadata.thresholds.false_contacts_per_day,
     )
 
 

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 
 from beamtouch_models.arrays import Bools, Floats, Indices
+from beamtouch_models.error_model import variance_mm2
 from beamtouch_models.physics.influence import InfluenceFunction
 from beamtouch_models.whitening import whitening
 
@@ -36,6 +37,10 @@ class SampleErrors:
     """Readings per second."""
     windows: tuple[int, ...] = (1, 24)
     """Readings in the means for which the threshold of misfit holds."""
+
+    def variance_mm2(self, deflection_mm: Floats, moved_mm: Floats | float = 0.0) -> Floats:
+        """Return the variances of samples (..., channels); arguments as those of `error_model.variance_mm2`."""
+        return variance_mm2(deflection_mm, self.noise_mm, self.gain, self.zero_mm, moved_mm)
 
 
 def _as_it_is(deflection_mm: Floats) -> Floats:
@@ -92,16 +97,21 @@ class Prior:
         Positions and forces are (contacts,).
         """
         clean = force_n[:, None] * self.influence_at(position_mm)
-        deviation = self.deviation_mm(clean)
-        if self.uncertain_at is not None:
-            deviation = np.hypot(deviation, force_n[:, None] * self.uncertain_at(position_mm))
-        return clean, deviation
+        moved = 0.0 if self.uncertain_at is None else force_n[:, None] * self.uncertain_at(position_mm)
+        return clean, self.deviation_mm(clean, moved)
 
-    def deviation_mm(self, deflection_mm: Floats) -> Floats:
-        """Return the standard deviation of measurements of deflections (samples, channels), in mm, floor included."""
-        square = (np.asarray(self.gain) * deflection_mm) ** 2 + np.square(self.zero_mm) + self.noise_mm**2
-        deviation: Floats = np.sqrt(square)
+    def deviation_mm(self, deflection_mm: Floats, moved_mm: Floats | float = 0.0) -> Floats:
+        """Return the standard deviation of measurements of deflections (samples, channels), in mm, floor included.
+
+        `moved_mm` is that of the deflections which the mounting of the sensors leaves.
+        """
+        deviation: Floats = np.sqrt(variance_mm2(deflection_mm, self.noise_mm, self.gain, self.zero_mm, moved_mm))
         return deviation
+
+    def deviation_in_table_mm(self, position_mm: Floats, force_n: Floats | float) -> Floats:
+        """Return that of contacts, all errors included, from the tables; places (contacts,), forces (contacts, 1)."""
+        moved = 0.0 if self.uncertainty is None else force_n * self.uncertainty(position_mm)
+        return self.deviation_mm(force_n * self.table(position_mm), moved)
 
     def whitening(self, deflection_mm: Floats, valid: Bools | None = None) -> Floats:
         """Return the whitening (samples, channels, channels) of samples with the prior's own noise, in 1/mm.

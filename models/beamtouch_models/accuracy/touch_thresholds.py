@@ -18,7 +18,7 @@ import numpy as np
 from scipy.special import ndtr, ndtri
 
 from beamtouch_models.accuracy.prior import Prior
-from beamtouch_models.accuracy.zeros import exceeded_with, log_tilt, reach_of, tilted
+from beamtouch_models.accuracy.rest import exceeded_with, log_tilt, reach_of, tilted
 from beamtouch_models.arrays import Floats
 from beamtouch_models.detection import SURELY
 from beamtouch_models.metadata import MAX_FALSE, SECONDS_PER_DAY, SmallestForce

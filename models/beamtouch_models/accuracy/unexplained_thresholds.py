@@ -24,9 +24,8 @@ import numpy as np
 from scipy.special import gammaln
 
 from beamtouch_models.accuracy.prior import Prior
+from beamtouch_models.accuracy.rest import log_tilt, overlapping_means, reach_of, tilted
 from beamtouch_models.accuracy.touch_thresholds import directions, noise_at_rest, shapes_at_rest
-from beamtouch_models.accuracy.windows import overlapping_means
-from beamtouch_models.accuracy.zeros import log_tilt, reach_of, tilted
 from beamtouch_models.arrays import Bools, Floats
 from beamtouch_models.decision.decider import PERSISTENCE
 from beamtouch_models.metadata import SECONDS_PER_DAY, FilterChoice

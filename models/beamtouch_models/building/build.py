@@ -4,21 +4,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from beamtouch_models.building.drawing import drawn_of
-from beamtouch_models.building.failing import placed_of
-from beamtouch_models.building.limit_check import check_at_limit
-from beamtouch_models.building.measured import Measured, measured
-from beamtouch_models.building.placed import PlacedSensors, placed
-from beamtouch_models.building.sensor_rules import sensor_of
+from beamtouch_models.building.measure import Measured, check_at_limit, measure
+from beamtouch_models.building.sensors import PlacedSensors, layout_errors, place_sensors
 from beamtouch_models.estimators.estimator import NAMES, Estimator, Name, estimator_of
 from beamtouch_models.export import to_bytes
-from beamtouch_models.metadata import Channel, Metadata, Ranges
-from beamtouch_models.physics.beam import max_deflection_mm
+from beamtouch_models.metadata import Channel, Drawn, DrawnSupport, Metadata, Ranges
+from beamtouch_models.physics.beam import influence
 from beamtouch_models.placement import DEFAULT_AIM, Aim, Placement
-from beamtouch_models.pricing.effects import Physics
-from beamtouch_models.pricing.noise import choose_filter
 from beamtouch_models.progress import Progress
 from beamtouch_models.scene import Scene, identity_of
+from beamtouch_models.surface import Surface
+
+POINTS, LOADS = 41, 33
+"""Positions along the drawn beam and of its contact; a page interpolates between them."""
+DIGITS = 4
+"""Significant digits of a drawn deflection."""
 
 
 @dataclass(frozen=True)
@@ -42,12 +42,12 @@ class Built:
     content: bytes
     metadata: Metadata
     placement: Placement
-    physics: Physics
-    """The physics that the model was built with, and the price of each effect."""
+    surface: Surface
+    """The surface that the model was built for, with the price of each effect."""
     aim: Aim = DEFAULT_AIM
 
 
-def build(
+def build_model(
     scene: Scene,
     text: str,
     name: str,
@@ -74,58 +74,73 @@ def build(
     NotGoodEnoughError
         The model misses the accuracy limit, or its intervals hold too few of the true positions.
     """
-    chosen = choose_filter(scene)
-    sensors = placed(
-        scene,
-        chosen,
+    sensors = place_sensors(
+        Surface.of(scene),
         count=count,
         seed=seed,
         aim=choices.aim,
         kept_mm=choices.kept_mm,
         progress=lambda _, done: progress("placing the sensors", 0.3 * done),
     )
-    physics, prior = sensors.physics, sensors.prior
+    surface, prior = sensors.surface, sensors.prior
     made = estimator_of(
         choices.estimator,
         prior,
-        min_noise_mm=physics.filter.min_noise_mm(physics.noise),
+        min_noise_mm=surface.filter.min_noise_mm(surface.noise),
         with_force=scene.wants_force,
         seed=seed,
         progress=lambda done: progress("making the estimator", 0.3 + 0.5 * done),
     )
     progress("measuring the accuracy against the limit", 0.8)
     check_at_limit(made, prior, seed + 4)
-    found = measured(made, prior, scene, np.array(sensors.placement.positions_mm), physics.filter, seed)
-    metadata = _metadata(scene, name, text, sensors, choices.aim, made, found, seed)
-    return Built(to_bytes(made.graph, metadata), metadata, sensors.placement, physics, choices.aim)
+    fields = measure(made, prior, surface, sensors.positions_mm, seed)
+    metadata = _metadata(name, text, sensors, choices.aim, made, fields, seed)
+    return Built(to_bytes(made.graph, metadata), metadata, sensors.placement, surface, choices.aim)
 
 
 def _metadata(
-    stated: Scene, name: str, text: str, sensors: PlacedSensors, aim: Aim, made: Estimator, found: Measured, seed: int
+    name: str, text: str, sensors: PlacedSensors, aim: Aim, made: Estimator, fields: Measured, seed: int
 ) -> Metadata:
-    """Return the metadata of an estimator of a surface, with the scene as stated and its TOML text."""
-    physics, scene = sensors.physics, sensors.physics.scene
+    """Return the metadata of an estimator of a surface, with the TOML text of its scene."""
+    surface, scene = sensors.surface, sensors.surface.scene
     layout = [Channel(name=f"s{i}", position_mm=x) for i, x in enumerate(sensors.placement.positions_mm, start=1)]
     return Metadata(
         name=name,
-        beam=identity_of(stated.beam, {channel.name: channel.position_mm for channel in layout}),
+        beam=identity_of(surface.stated.beam, {channel.name: channel.position_mm for channel in layout}),
         estimator=made.name,
         length_mm=scene.beam.length_mm,
         layout=layout,
         min_channels=made.min_channels,
         ranges=Ranges(position_mm=scene.contact.position_mm, force_n=scene.contact.force_range_n),
-        max_deflection_mm=max_deflection_mm(scene),
-        noise=physics.noise,
-        filter=physics.filter,
-        sensor=sensor_of(scene),
-        floor=found.floor,
-        thresholds=found.thresholds,
-        smallest_force=found.smallest_force,
-        drawn=drawn_of(scene),
-        influence=found.influence,
-        placed=placed_of(sensors.prior, aim.criterion, aim.spare, seed),
+        max_deflection_mm=surface.modelled_travel.largest_mm,
+        noise=surface.noise,
+        filter=surface.filter,
+        sensor=surface.sensor,
+        floor=fields.floor,
+        thresholds=fields.thresholds,
+        smallest_force=fields.smallest_force,
+        drawn=draw_beam(scene),
+        influence=fields.influence,
+        placed=layout_errors(sensors.prior, aim.criterion, aim.spare, seed),
         seed=seed,
-        accuracy=found.accuracy,
-        golden=found.golden,
+        accuracy=fields.accuracy,
+        golden=fields.golden,
         scene=text,
+    )
+
+
+def draw_beam(scene: Scene) -> Drawn:
+    """Return the beam of a scene as the service's page draws it: supports, and its shape under a contact."""
+    at = np.linspace(0.0, scene.beam.length_mm, POINTS)
+    load = np.linspace(*scene.contact.position_mm, LOADS)
+    shape = influence(scene.beam, at, load, scene.contact.width_mm)
+    return Drawn(
+        supports=[
+            DrawnSupport(at_mm=one.at_mm, kind=one.kind, slides=not one.holds_lengthwise)
+            for one in scene.beam.support_list
+        ],
+        at_mm=at.tolist(),
+        load_mm=load.tolist(),
+        deflection_mm_per_n=[[float(f"{value:.{DIGITS}g}") for value in row] for row in shape],
+        sensor_mm=scene.sensors.size_mm,
     )

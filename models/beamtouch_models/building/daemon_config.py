@@ -1,15 +1,12 @@
 """The daemon's configuration for a model, ready to run against the rig. The daemon owns and checks the format."""
 
 import json
-import math
 import secrets
 from pathlib import Path
 
 from beamtouch_common.files import write_atomically
 from beamtouch_models.metadata import FilterChoice, Metadata
-from beamtouch_models.physics.dynamics import slowest_period_ms
-from beamtouch_models.pricing.noise import temperature_drift_mm, zero_drift_mm
-from beamtouch_models.scene import parse_scene
+from beamtouch_models.surface import Surface
 
 TOKEN_FILE = "beamtouch.token"  # noqa: S105  # the name of a file, not a secret
 RIG_PORT = 5020
@@ -37,7 +34,7 @@ def write_token_if_absent(folder: Path) -> Path:
 
 
 def _head(metadata: Metadata) -> str:
-    name = json.dumps(metadata.name)
+    name, surface = json.dumps(metadata.name), Surface.of_model(metadata)
     return f"""\
 # Acquisition of the surface {name}. Check this file with `beamtouch-daemon check`.
 
@@ -48,7 +45,7 @@ token_file = "{TOKEN_FILE}"        # the file that `beamtouch-service run --writ
 [surfaces.{name}]
 {f"beam = {json.dumps(metadata.beam)}":<38}# beam and layout; a model of another beam gets no samples
 rate_hz = {metadata.sensor.rate_hz!r}
-{_noise(metadata)}{_drift(metadata)}{_period(metadata)}
+{_noise(metadata)}{_drift(surface)}{_period(surface)}
 [surfaces.{name}.source]
 kind = "modbus-tcp"                   # the rig: beamtouch-rig ... --modbus-tcp 127.0.0.1:{RIG_PORT}
 host = "127.0.0.1"
@@ -74,16 +71,15 @@ def _noise(metadata: Metadata) -> str:
     )
 
 
-def _drift(metadata: Metadata) -> str:
+def _drift(surface: Surface) -> str:
     """Return the line with the drift of a rest gap since the last tare; empty if the scene has none."""
-    scene = parse_scene(metadata.scene, f"the scene in {metadata.name}")
-    drift_mm = math.hypot(zero_drift_mm(scene), temperature_drift_mm(scene))
+    drift_mm = surface.readings.drift_mm
     return f"{f'zero_drift_mm = {drift_mm:.3g}':<38}# of a rest gap since the last tare\n" if drift_mm else ""
 
 
-def _period(metadata: Metadata) -> str:
+def _period(surface: Surface) -> str:
     """Return the line with the slowest period; empty if the scene does not state the beam's mass."""
-    period_ms = slowest_period_ms(parse_scene(metadata.scene, f"the scene in {metadata.name}"))
+    period_ms = surface.slowest_period_ms
     if period_ms is None:
         return ""
     return (

@@ -1,4 +1,4 @@
-"""Remarks on a scene that can be built, and on a model that misses what its scene requires: one line each."""
+"""Remarks, one line each: on a scene that can be built, and on what a model misses or what one failed sensor costs."""
 
 from collections.abc import Iterator
 
@@ -7,6 +7,9 @@ from beamtouch_models.metadata import Metadata
 from beamtouch_models.scene import Scene
 from beamtouch_models.scene.beam import Beam
 from beamtouch_models.scene.materials import MATERIALS
+
+TOO_MUCH = 2.0
+"""Ratio of the error with one sensor failed to that with all from which a build warns."""
 
 
 def remarks(scene: Scene) -> list[str]:
@@ -54,4 +57,24 @@ def missed_error(name: str, percent: float, scene: Scene) -> str:
     return (
         f"the {name} is {digits(error_mm, 3)} mm, more than requirements.position_error_mm = {wanted_mm:g}; use more "
         "sensors or less noise, or allow more latency_ms"
+    )
+
+
+def weak_spot(metadata: Metadata) -> str:
+    """Say whether one failed sensor ends a surface or doubles its error; empty if neither."""
+    layout, found = metadata.layout, metadata.placed
+    if found is None:
+        return ""
+    remedy = "add a sensor" if found.spare else "add a sensor, or place them with --spare 1"
+    if metadata.min_channels == len(layout):
+        if len(layout) == 1:
+            return "one failed sensor ends this surface: it has no other; add one"
+        return f"one failed sensor ends this surface: all {len(layout)} channels must work; {remedy}"
+    worst = max(found.limit_without_percent)
+    if worst < TOO_MUCH * found.limit_percent:
+        return ""
+    name = layout[found.limit_without_percent.index(worst)].name
+    return (
+        f"if {name} fails, the mean position error grows from {digits(found.limit_percent, 3)} to {digits(worst, 3)} "
+        f"% of the length; {remedy}"
     )

@@ -16,14 +16,12 @@ from beamtouch_models.accuracy.limit import Draws, draw_evenly
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.statistics import Measurement, mean_of, ratio_of
 from beamtouch_models.arrays import Floats
-from beamtouch_models.building.sensor_rules import DEFAULT_ADC_BITS
 from beamtouch_models.filters import Chain
 from beamtouch_models.metadata import FilterChoice, SinceTouch
-from beamtouch_models.physics.dynamics import damping_of, slowest_period_ms
+from beamtouch_models.physics.dynamics import damping_of
 from beamtouch_models.physics.modes import Modes, swings
-from beamtouch_models.pricing.noise import chain_of, noise_of, step_mm
-from beamtouch_models.scene import Scene
 from beamtouch_models.session import Run
+from beamtouch_models.surface import Surface
 from beamtouch_models.whitening import whitening
 
 CONTACTS, KNOWN = 96, 4096
@@ -99,15 +97,14 @@ class Course:
     """(contacts, readings, channels)"""
 
     @classmethod
-    def draw(cls, touches: Touches, scene: Scene, chosen: FilterChoice, longest: int, seed: int) -> Self:
+    def draw(cls, touches: Touches, surface: Surface, longest: int, seed: int) -> Self:
         """Draw the noise and the moments of touches of which `longest` loaded readings come."""
-        channels, rate_hz = touches.prior.channels, scene.sensors.rate_hz
-        period = (slowest_period_ms(scene) or 0.0) * rate_hz / 1e3
-        before = STILL + min(MOST, math.ceil(period))
+        channels, rate_hz = touches.prior.channels, surface.stated.sensors.rate_hz
+        before = STILL + min(MOST, math.ceil(surface.slowest_period))
         rng = np.random.default_rng([seed, channels, longest])
         since_s = (np.arange(1 - before, longest + 1) - rng.uniform(size=(len(touches.shown_mm), 1))) / rate_hz
         noise_mm = touches.reading_mm * rng.normal(size=(*since_s.shape, channels))
-        return cls(touches, _chain_of(scene, chosen, channels, period), before, since_s, noise_mm)
+        return cls(touches, surface.chain(channels), before, since_s, noise_mm)
 
     def errors_mm(self, run: Run, counts: Sequence[int], ringing_mm: Floats | float = 0.0) -> Floats:
         """Return the errors (counts, contacts) behind the filter after so many loaded readings.
@@ -163,23 +160,24 @@ def errors_of_means(
 
 
 def errors_since_touch(
-    prior: Prior, run: Run, scene: Scene, sensor_mm: Floats, chosen: FilterChoice, error: Measurement, seed: int
+    prior: Prior, run: Run, surface: Surface, sensor_mm: Floats, error: Measurement, seed: int
 ) -> list[SinceTouch]:
     """Return the mean errors of the model by the time since a touch, with their standard errors.
 
     Parameters
     ----------
     prior, run : of the model, and its graph
-    scene, sensor_mm, chosen : the scene, the positions of the sensors (channels,), and the filter of the model
-    error : mean error of the model in percent, for a mean of `chosen.window` readings at rest
+    surface, sensor_mm : the surface, and the positions of its sensors (channels,)
+    error : mean error of the model in percent, for a mean of `filter.window` readings at rest
     seed : seed of contacts and noise
     """
-    rate_hz, reading_mm = scene.sensors.rate_hz, noise_of(scene, chosen).reading_mm
+    chosen, rate_hz = surface.filter, surface.stated.sensors.rate_hz
+    beam, reading_mm = surface.stated.beam, surface.noise.reading_mm
     counts = readings_of(chosen)
     longest = counts[-1]
     known = errors_of_means(prior, run, reading_mm, counts, chosen.window, error, seed)
     touches = Touches.draw(prior, reading_mm, CONTACTS, seed)
-    course = Course.draw(touches, scene, chosen, longest, seed)
+    course = Course.draw(touches, surface, longest, seed)
     plain, weight = course.plain_errors_mm(run, counts), touches.weight
 
     def measured(errors_mm: Floats) -> list[Measurement]:
@@ -189,7 +187,7 @@ def errors_since_touch(
             for one, more in zip(known, worse, strict=True)
         ]
 
-    followed, modes = measured(course.errors_mm(run, counts)), Modes.of(scene.beam, scene.contact.width_mm)
+    followed, modes = measured(course.errors_mm(run, counts)), Modes.of(beam, surface.stated.contact.width_mm)
     answers = [
         SinceTouch(
             since_ms=count * 1e3 / rate_hz,
@@ -205,14 +203,8 @@ def errors_since_touch(
     loaded = swings(
         modes.at(sensor_mm), modes.under(drawn.position_mm), modes.square_s2, drawn.force_n, drawn.force_n * 0
     )
-    ringing = measured(course.errors_mm(run, counts, loaded.ringing_mm(course.since_s, damping_of(scene.beam))))
+    ringing = measured(course.errors_mm(run, counts, loaded.ringing_mm(course.since_s, damping_of(beam))))
     return [
         answer.model_copy(update={"ringing_percent": one.value, "ringing_standard_error": one.standard_error})
         for answer, one in zip(answers, ringing, strict=True)
     ]
-
-
-def _chain_of(scene: Scene, chosen: FilterChoice, channels: int, period: float) -> Chain:
-    noise_mm, sensors = noise_of(scene, chosen).reading_mm, scene.sensors
-    per_count_mm = step_mm(sensors.range_mm, sensors.adc_bits or DEFAULT_ADC_BITS)
-    return chain_of(chosen, channels, noise_mm, per_count_mm, period)

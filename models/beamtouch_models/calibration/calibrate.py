@@ -7,7 +7,6 @@ import numpy as np
 from beamtouch_common.digits import digits
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.arrays import Floats
-from beamtouch_models.building.model_prior import physics_of
 from beamtouch_models.calibration.fit import Fit, supported_fit
 from beamtouch_models.calibration.loads import Loads, LoadsError
 from beamtouch_models.calibration.located import error_without, errors_of_model, limit_mm
@@ -18,9 +17,8 @@ from beamtouch_models.calibration.theory import Theory
 from beamtouch_models.errors import NotGoodEnoughError
 from beamtouch_models.loading import ModelFile
 from beamtouch_models.metadata import Calibration, Metadata
-from beamtouch_models.pricing.noise import floor_of
 from beamtouch_models.progress import Progress
-from beamtouch_models.scene import parse_scene
+from beamtouch_models.surface import Surface
 
 MAX_LEFT = 0.1
 """Largest error of a fit, over the deflections that the scene predicts, and over the length.
@@ -58,7 +56,7 @@ class Checked:
 
 def checked_fit(model: ModelFile, loads: Loads, progress: Progress) -> Checked:
     """Fit the departures of a model's surface to recorded loads; raises as `calibrate`."""
-    theory = Theory.of(physics_of(model.metadata), model.metadata)
+    theory = Theory.of(model.metadata)
     swap = swapped(theory, loads, [channel.name for channel in model.metadata.layout])
     if swap:
         raise LoadsError(swap)
@@ -157,6 +155,6 @@ def _residual_mm(found: Fit) -> float:
 def _calibrated_prior(metadata: Metadata, theory: Theory, found: Fit) -> Prior:
     prior, floor = theory.prior_with(found.departures), metadata.floor
     # The floor of the scene comes with the model; what the fit leaves unexplained does not average away either.
-    zero_mm = np.hypot(floor_of(parse_scene(metadata.scene, metadata.name))[1], _residual_mm(found))
+    zero_mm = np.hypot(Surface.of_model(metadata).readings.floor_mm, _residual_mm(found))
     # The offsets are what the zeros drifted between the tare and the recording, and the next tare takes them away.
     return replace(prior, gain=np.array(floor.gain), zero_mm=np.hypot(zero_mm, found.departures.offset_mm))

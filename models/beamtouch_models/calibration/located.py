@@ -7,11 +7,11 @@ import numpy as np
 from beamtouch_models.accuracy import limit
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.arrays import Floats
-from beamtouch_models.building.model_prior import prior_of_model
 from beamtouch_models.calibration.fit import Fit, fit
 from beamtouch_models.calibration.loads import Loads
 from beamtouch_models.calibration.theory import Theory
 from beamtouch_models.metadata import Departures, Metadata
+from beamtouch_models.surface import prior_of_model
 
 
 def errors_of_model(metadata: Metadata, loads: Loads) -> Floats:
@@ -36,8 +36,7 @@ def _error(prior: Prior, departures: Departures | None, loads: Loads, index: int
     reading = loads.measured_mm[index]
     valid = np.isfinite(reading)
     if departures is not None:
-        reading = reading - np.array(departures.offset_mm)
-        reading = reading + departures.curve_per_mm * reading**2
+        reading = departures.linear_mm(reading)
     noise_mm = float(loads.deviation_mm[index][valid].mean())
     exact = replace(prior, noise_mm=noise_mm, gain=0.0, zero_mm=0.0, uncertain_at=None)
     seen = exact.without(*np.flatnonzero(~valid).tolist())

@@ -125,8 +125,7 @@ def _suspect(fitted: Fit, loads: Loads, index: int, *, certain: bool) -> Suspect
     measured = loads.measured_mm[index]
     valid = np.isfinite(measured)
     departures = fitted.departures
-    reading = measured - np.array(departures.offset_mm)
-    linear = (reading + departures.curve_per_mm * reading**2)[valid]
+    linear = departures.linear_mm(measured)[valid]
     prior = fitted.theory.prior_with(departures)
     grid = np.linspace(*prior.position_mm, GRID)
     shapes = prior.influence_at(grid)[:, valid]

@@ -21,8 +21,8 @@ def places(theory: Theory, vector: Floats, measured_mm: Floats, deviation_mm: Fl
     departures = theory.departures(vector)
     prior = theory.prior_with(departures)
     grid = np.linspace(*prior.position_mm, GRID)
-    curve = InfluenceCurve(grid, prior.influence_at(grid), np.array(departures.offset_mm), departures.curve_per_mm)
+    curve = InfluenceCurve(grid, prior.influence_at(grid), departures)
     known_n = prior.force_n[0] if prior.force_is_known else None
-    linear_mm = curve.linear_mm(measured_mm - curve.offset_mm)
+    linear_mm = departures.linear_mm(measured_mm)
     position, force = curve.best_contacts(linear_mm, deviation_mm**-2, known_n)
     return position, np.where((force > 0) & (force <= MAX_FORCE_RATIO * prior.force_n[1]), force, 0.0)

@@ -5,15 +5,15 @@ from dataclasses import replace
 import numpy as np
 
 from beamtouch_models.accuracy.prior import Prior
-from beamtouch_models.building.failing import placed_of
-from beamtouch_models.building.measured import measured
+from beamtouch_models.building.measure import measure
+from beamtouch_models.building.sensors import layout_errors
 from beamtouch_models.errors import ModelFileError
 from beamtouch_models.estimators.estimator import NAMES, Estimator, estimator_of
 from beamtouch_models.estimators.onnx_graph import with_force_error, with_linear_input
 from beamtouch_models.export import to_bytes
 from beamtouch_models.metadata import Calibration, Metadata
 from beamtouch_models.progress import Fraction, Progress, silent
-from beamtouch_models.scene import parse_scene
+from beamtouch_models.surface import Surface
 
 
 def rebuilt(metadata: Metadata, prior: Prior, calibration: Calibration, progress: Progress) -> tuple[bytes, Metadata]:
@@ -26,10 +26,8 @@ def rebuilt(metadata: Metadata, prior: Prior, calibration: Calibration, progress
     """
     made = remade(metadata, prior, calibration, lambda done: progress("making the estimator", 0.7 + 0.1 * done))
     progress("measuring the accuracy against the limit", 0.85)
-    scene = parse_scene(metadata.scene, metadata.name)
-    layout_mm = np.array([channel.position_mm for channel in metadata.layout])
-    sensor_mm = np.clip(layout_mm + calibration.departures.position_offset_mm, 0.0, metadata.length_mm)
-    fields = measured(made, prior, scene, sensor_mm, metadata.filter, metadata.seed)
+    sensor_mm = calibration.departures.sensors_mm(metadata.layout_mm, metadata.length_mm)
+    fields = measure(made, prior, Surface.of_model(metadata), sensor_mm, metadata.seed)
     before = metadata.placed
     fresh = metadata.model_copy(
         update={
@@ -39,7 +37,7 @@ def rebuilt(metadata: Metadata, prior: Prior, calibration: Calibration, progress
             "floor": fields.floor,
             "influence": fields.influence,
             "accuracy": fields.accuracy,
-            "placed": before and placed_of(prior, before.criterion, before.spare, metadata.seed),
+            "placed": before and layout_errors(prior, before.criterion, before.spare, metadata.seed),
             "golden": fields.golden,
             "calibration": calibration,
         }

@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from beamtouch_models.accuracy.prior import Prior
-from beamtouch_models.building.model_prior import physics_of
 from beamtouch_models.calibration.contacts import UnlabelledContacts
 from beamtouch_models.calibration.held_out import HeldOut, held_out
 from beamtouch_models.calibration.left_open import LeftOpen
@@ -52,7 +51,7 @@ class SelfCalibrated:
 def self_fit(model: ModelFile, contacts: UnlabelledContacts, progress: Progress) -> SelfFit:
     """Fit the departures of a model's surface to unlabelled contacts; raises as `self_calibrate`."""
     metadata = model.metadata
-    theory = Theory.of(physics_of(metadata), metadata)
+    theory = Theory.of(metadata)
     check_contacts(theory, len(contacts))
     zero_mm, gain = np.array(metadata.floor.zero_mm), np.array(metadata.floor.gain)
     # A wide floor of gains that were never calibrated is no excuse for another beam.

@@ -3,18 +3,17 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.arrays import Floats
-from beamtouch_models.building.model_prior import departed, measured_by
 from beamtouch_models.calibration.errors import Deflections
 from beamtouch_models.calibration.loads import Loads
 from beamtouch_models.metadata import Departures, Metadata
-from beamtouch_models.physics.beam import influence_of
-from beamtouch_models.pricing.effects import Physics
 from beamtouch_models.scene.beam import Beam
+from beamtouch_models.surface import Surface, depart
 
 GAIN, POSITION_MM, FIXITY, RIGIDITY, BEND, OFFSET_NOISES = 0.04, 1.5, 0.1, 0.1, 0.03, 3.0
 """Standard deviations of plausible departures: relative gain, sensor position, fixity, relative rigidity, relative bend
@@ -24,6 +23,17 @@ MAX_INFLUENCES = 64
 """Number of influence matrices that are kept; it bounds their memory."""
 PER_CHANNEL = ("gain", "position", "offset")
 """Kinds of departures of which each changes only the deflections of its own channel."""
+FIELDS = {
+    "rigidity": "rigidity",
+    "gain": "gain",
+    "position": "position_offset_mm",
+    "curve": "curve_per_mm",
+    "fixity": "fixity",
+    "offset": "offset_mm",
+}
+"""Kinds of departures, in the order of the vector, with their fields."""
+FACTORS = ("rigidity", "gain")
+"""Kinds that enter the vector by their logarithm."""
 STEP = 1e-4
 """Step of numerical derivatives: in units of the vector, over the length of the beam, and of the force."""
 
@@ -43,23 +53,19 @@ class Theory:
     """Influence matrices that were computed recently."""
 
     @classmethod
-    def of(cls, physics: Physics, metadata: Metadata) -> "Theory":
-        """Return the theory of a model."""
-        scene = physics.scene
-        sensor_mm = np.array([channel.position_mm for channel in metadata.layout])
-        prior = Prior.of(influence_of(scene), sensor_mm, metadata.noise.sample_mm)
+    def of(cls, metadata: Metadata) -> "Theory":
+        """Return the theory of a model; raises SceneError if its scene cannot be computed."""
+        surface, sensor_mm = Surface.of_model(metadata), metadata.layout_mm
+        scene, prior = surface.scene, Prior.of(surface.influence, sensor_mm, metadata.noise.sample_mm)
         return cls(scene.beam, scene.contact.width_mm, sensor_mm, prior, metadata.max_deflection_mm)
 
     @cached_property
     def kinds(self) -> dict[str, slice]:
         """Kinds of departures with their places in the vector of all, which has units of their plausible sizes."""
-        channels = len(self.sensor_mm)
-        sizes = {"rigidity": 1, "gain": channels, "position": channels, "curve": 1, "fixity": 2, "offset": channels}
-        starts = np.cumsum([0, *sizes.values()]).tolist()
-        kinds = {name: slice(start, start + size) for (name, size), start in zip(sizes.items(), starts, strict=False)}
+        places = self._places.copy()
         if not any(self.hinged):
-            del kinds["fixity"]
-        return kinds
+            del places["fixity"]
+        return places
 
     @cached_property
     def hinged(self) -> tuple[bool, bool]:
@@ -76,58 +82,53 @@ class Theory:
 
     def departures(self, vector: Floats) -> Departures:
         """Return the departures that a vector encodes."""
-        channels = len(self.sensor_mm)
-        rigidity, gain, position, curve, fixity, offset = np.split(
-            vector, np.cumsum([1, channels, channels, 1, 2]).tolist()
-        )
-        left, right = (
-            float(np.clip(FIXITY * value, 0.0, MAX_FIXITY)) if hinged else 0.0
-            for value, hinged in zip(fixity, self.hinged, strict=True)
-        )
-        return Departures(
-            position_offset_mm=(POSITION_MM * position).tolist(),
-            gain=np.exp(GAIN * gain).tolist(),
-            offset_mm=(OFFSET_NOISES * self.prior.noise_mm * offset).tolist(),
-            curve_per_mm=float(BEND / self.max_deflection_mm * curve[0]),
-            fixity=(left, right),
-            rigidity=float(np.exp(RIGIDITY * rigidity[0])),
-        )
+        fields: dict[str, Any] = {}
+        for kind, part in self._places.items():
+            values = self._units[kind] * vector[part]
+            values = np.exp(values) if kind in FACTORS else values
+            if kind == "fixity":
+                values = np.where(self.hinged, np.clip(values, 0.0, MAX_FIXITY), 0.0)
+            fields[FIELDS[kind]] = values.tolist() if kind in (*PER_CHANNEL, "fixity") else float(values[0])
+        return Departures(**fields)
 
     def vector_of(self, departures: Departures) -> Floats:
         """Return the vector that encodes departures."""
+        values = {kind: _values(departures, kind) for kind in self._places}
         return np.concatenate(
-            [
-                [np.log(departures.rigidity) / RIGIDITY],
-                np.log(departures.gain) / GAIN,
-                np.array(departures.position_offset_mm) / POSITION_MM,
-                [departures.curve_per_mm * self.max_deflection_mm / BEND],
-                np.array(departures.fixity) / FIXITY,
-                np.array(departures.offset_mm) / (OFFSET_NOISES * self.prior.noise_mm),
-            ]
+            [(np.log(one) if kind in FACTORS else one) / self._units[kind] for kind, one in values.items()]
         )
 
     def standard_errors(self, vector: Floats, spread: Floats) -> dict[str, Floats]:
         """Return standard errors by kind, in the units of the departures, from those of the vector."""
         near, at = self.departures(vector + STEP), self.departures(vector)
-        units = {
-            "rigidity": np.array([near.rigidity - at.rigidity]),
-            "gain": np.array(near.gain) - at.gain,
-            "position": np.array(near.position_offset_mm) - at.position_offset_mm,
-            "curve": np.array([near.curve_per_mm - at.curve_per_mm]),
-            "fixity": np.array(near.fixity) - at.fixity,
-            "offset": np.array(near.offset_mm) - at.offset_mm,
+        return {
+            kind: np.abs(_values(near, kind) - _values(at, kind)) / STEP * spread[part]
+            for kind, part in self.kinds.items()
         }
-        return {kind: np.abs(units[kind]) / STEP * spread[part] for kind, part in self.kinds.items()}
+
+    @cached_property
+    def _places(self) -> dict[str, slice]:
+        """Places of every kind in the vector, whether the beam can have it or not."""
+        channels = len(self.sensor_mm)
+        sizes = [channels if kind in PER_CHANNEL else 2 if kind == "fixity" else 1 for kind in FIELDS]
+        ends = np.cumsum(sizes).tolist()
+        return {kind: slice(end - size, end) for kind, size, end in zip(FIELDS, sizes, ends, strict=True)}
+
+    @cached_property
+    def _units(self) -> dict[str, float]:
+        """The plausible size of each kind: one in the vector."""
+        bend_per_mm, offset_mm = BEND / self.max_deflection_mm, OFFSET_NOISES * self.prior.noise_mm
+        return dict(zip(FIELDS, (RIGIDITY, GAIN, POSITION_MM, bend_per_mm, FIXITY, offset_mm), strict=True))
 
     def prior_with(self, departures: Departures) -> Prior:
         """Return the prior of the surface with departures."""
-        return departed(self.prior, self.beam, self.width_mm, self.sensor_mm, departures)
+        return depart(self.prior, self.beam, self.width_mm, self.sensor_mm, departures)
 
     def measured_mm(self, vector: Floats, loads: Loads) -> Floats:
         """Return the deflections that its sensors measure under loads, (loads, channels)."""
         departures = self.departures(vector)
         influence = self._influence(departures, loads.position_mm)
-        return measured_by(departures, loads.force_n[:, None] * np.array(departures.gain) * influence)
+        return departures.measure(loads.force_n[:, None] * np.array(departures.gain) * influence)
 
     def slopes(self, vector: Floats, loads: Loads, kinds: Sequence[str]) -> Floats:
         """Return the change of `measured_mm` with each entry of the vector, (loads, channels, departures).
@@ -178,3 +179,8 @@ class Theory:
                 self.influences.clear()
             self.influences[parts] = self.prior_with(solved).influence_at(load_mm)
         return self.influences[parts] / factor
+
+
+def _values(departures: Departures, kind: str) -> Floats:
+    """Return the values of a kind of departures, one or more."""
+    return np.atleast_1d(np.asarray(getattr(departures, FIELDS[kind]), dtype=np.float64))

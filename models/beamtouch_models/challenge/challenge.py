@@ -10,7 +10,6 @@ from scipy.special import bdtrc, chdtrc
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.unexplained_thresholds import left_by_contact
 from beamtouch_models.arrays import Bools, Floats
-from beamtouch_models.building.model_prior import prior_of_model
 from beamtouch_models.challenge.faults import fault_cases
 from beamtouch_models.challenge.honest import honest_cases
 from beamtouch_models.challenge.judge import judge
@@ -23,6 +22,7 @@ from beamtouch_models.challenge.sensor_cases import error_cases
 from beamtouch_models.challenge.surface import SimulatedSurface
 from beamtouch_models.loading import ModelFile, load_bytes
 from beamtouch_models.progress import Progress, silent
+from beamtouch_models.surface import prior_of_model
 from beamtouch_models.sweeps import Spread, in_turn
 
 MISLEADING = 0.005

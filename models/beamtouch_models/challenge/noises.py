@@ -7,7 +7,7 @@ import numpy as np
 from beamtouch_models.challenge.play import Play, drawn, settled
 from beamtouch_models.challenge.sensors import Stated
 from beamtouch_models.challenge.surface import SimulatedSurface
-from beamtouch_models.pricing.rounding import rounding_of
+from beamtouch_models.pricing.noise import rounding_of
 
 COLOURED = 0.7
 """Correlation of the noise of consecutive readings."""

@@ -40,7 +40,7 @@ def distances(surface: SimulatedSurface, fault_mm: Floats, valid: Bools) -> Floa
     `valid` (draws, channels) says which channels take part.
     """
     whiten = _whitening(surface, fault_mm, valid)
-    moved = np.einsum("dij,dj->di", whiten, np.where(valid, surface.linear_mm(fault_mm), 0.0))
+    moved = np.einsum("dij,dj->di", whiten, np.where(valid, surface.departures.linear_mm(fault_mm), 0.0))
     grid = np.linspace(*surface.metadata.ranges.position_mm, PLACES)
     found = np.empty(len(fault_mm))
     for start in range(0, len(found), CHUNK):
@@ -62,7 +62,7 @@ def power_of_noise(surface: SimulatedSurface, clean_mm: Floats, noise: Floats, a
     """Return the mean power for channels whose noise is some times that of the model; both (draws, channels)."""
     whiten = _whitening(surface, clean_mm, np.ones(clean_mm.shape, np.bool_))
     grid = np.linspace(*surface.metadata.ranges.position_mm, PLACES)
-    moved = np.einsum("dij,dj->di", whiten, surface.linear_mm(clean_mm))
+    moved = np.einsum("dij,dj->di", whiten, surface.departures.linear_mm(clean_mm))
     near = np.concatenate(
         [
             np.argmin(_away(surface, np.broadcast_to(grid, (len(rows), PLACES)), whiten[at], rows), axis=1)

@@ -8,15 +8,13 @@ from scipy.interpolate import CubicSpline
 from scipy.signal import lfilter
 
 from beamtouch_models.arrays import Floats
-from beamtouch_models.building.model_prior import measured_by
 from beamtouch_models.challenge.sensors import SensorErrors, Stated
 from beamtouch_models.metadata import Departures, Metadata
 from beamtouch_models.physics.beam import influence
-from beamtouch_models.physics.dynamics import slowest_period_ms
 from beamtouch_models.physics.modes import Modes
-from beamtouch_models.pricing.noise import floor_of
-from beamtouch_models.scene import Scene, parse_scene
+from beamtouch_models.scene import Scene
 from beamtouch_models.scene.beam import Beam, changed_beam
+from beamtouch_models.surface import Surface
 
 TABLE = 1001
 """Number of load positions in the tables of deflections and modes."""
@@ -41,7 +39,7 @@ class SimulatedSurface:
     """(channels,) standard deviation of the relative gain error."""
     zero_mm: Floats
     """(channels,) standard deviation of the zero."""
-    departures: Departures | None
+    departures: Departures
     influence: CubicSpline
     """From load positions (...) to deflections per newton (..., channels) in mm/N."""
     modes: Modes | None
@@ -58,17 +56,14 @@ class SimulatedSurface:
         SceneError
             The scene in the model cannot be computed.
         """
-        scene = parse_scene(metadata.scene, f"the scene in {metadata.name}")
-        sensor_mm = np.array([channel.position_mm for channel in metadata.layout])
-        beam, departures, (gain, zero_mm) = scene.beam, None, floor_of(scene)
-        gains, zeros_mm = np.full(len(sensor_mm), gain), np.full(len(sensor_mm), zero_mm)
+        surface, departures = Surface.of_model(metadata), metadata.departures
+        scene, beam, readings = surface.stated, surface.stated.beam, surface.readings
+        gains, zeros_mm = (np.full(len(metadata.layout), value) for value in (readings.gain, readings.floor_mm))
         if metadata.calibration is not None:
-            departures, floor = metadata.calibration.departures, metadata.floor
-            gains, zeros_mm = np.array(floor.gain), np.array(floor.zero_mm)
+            gains, zeros_mm = np.array(metadata.floor.gain), np.array(metadata.floor.zero_mm)
             beam = changed_beam(beam, departures.rigidity, departures.fixity)
-            sensor_mm = np.clip(sensor_mm + np.array(departures.position_offset_mm), 0.0, beam.length_mm)
+        sensor_mm = departures.sensors_mm(metadata.layout_mm, beam.length_mm)
         loads = np.linspace(*scene.contact.position_mm, TABLE)
-        period_ms = slowest_period_ms(scene)
         step_mm = metadata.sensor.gain_mm_per_count
         modes = Modes.of(beam, scene.contact.width_mm)
         return cls(
@@ -77,7 +72,7 @@ class SimulatedSurface:
             beam=beam,
             sensor_mm=sensor_mm,
             noise_mm=float(np.sqrt(max(0.0, metadata.noise.reading_mm**2 - step_mm**2 / 12))),
-            slowest_period=(period_ms or 0.0) * metadata.sensor.rate_hz / 1e3,
+            slowest_period=surface.slowest_period,
             gain=gains,
             zero_mm=zeros_mm,
             departures=departures,
@@ -125,17 +120,8 @@ class SimulatedSurface:
 
         Offsets and the curvature of a calibration are left out.
         """
-        gain = np.ones(self.channels) if self.departures is None else np.array(self.departures.gain)
-        shape: Floats = self.influence(position_mm, order) * gain
+        shape: Floats = self.influence(position_mm, order) * np.array(self.departures.gain)
         return shape
-
-    def linear_mm(self, measured_mm: Floats) -> Floats:
-        """Return measured deflections (..., channels) without the offsets and the curvature of a calibration."""
-        if self.departures is None:
-            return measured_mm
-        from_rest = measured_mm - np.array(self.departures.offset_mm)
-        linear: Floats = from_rest + self.departures.curve_per_mm * from_rest**2
-        return linear
 
     def under(self, position_mm: Floats, force_n: Floats) -> Floats:
         """Return deflections at rest, (..., channels) in mm, of contacts of the same shape (...)."""
@@ -155,9 +141,7 @@ class SimulatedSurface:
 
     def measured(self, deflection_mm: Floats, errors: SensorErrors) -> Floats:
         """Return what sensors without noise measure of true deflections; both (draws, readings, channels)."""
-        shown = deflection_mm
-        if self.departures is not None:
-            shown = measured_by(self.departures, deflection_mm * np.array(self.departures.gain))
+        shown = self.departures.measure(deflection_mm * np.array(self.departures.gain))
         measured: Floats = shown * errors.gain[:, None] + errors.zero_mm[:, None]
         return measured
 

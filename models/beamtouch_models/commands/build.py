@@ -25,6 +25,7 @@ from beamtouch_models.commands.printing import show
 
 if TYPE_CHECKING:
     from beamtouch_models.building.build import Built, Choices
+    from beamtouch_models.pricing.noise import ReadingErrors
     from beamtouch_models.scene import Scene
 
 
@@ -50,7 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> None:
     """Build, write the requested files, and print the metadata of the model."""
     from beamtouch_models import loading
-    from beamtouch_models.building.build import build
+    from beamtouch_models.building.build import build_model
     from beamtouch_models.building.daemon_config import daemon_config, write_token_if_absent
     from beamtouch_models.building.remarks import remarks
     from beamtouch_models.building.report.facts import gather
@@ -62,7 +63,7 @@ def run(options: argparse.Namespace) -> None:
     for remark in remarks(scene):
         print(f"note:    {remark}", file=sys.stderr)
     with shown_progress() as progress:
-        built = build(
+        built = build_model(
             scene,
             text,
             name,
@@ -84,17 +85,14 @@ def run(options: argparse.Namespace) -> None:
             f"         beamtouch-daemon run {options.daemon_config}",
             file=sys.stderr,
         )
-    _say_floor(scene)
+    _say_floor(scene, built.surface.readings)
     _say_what_is_missed(scene, built)
     show(describe(loading.load_bytes(built.content, str(options.output))), as_json=options.json)
 
 
-def _say_floor(scene: Scene) -> None:
+def _say_floor(scene: Scene, readings: ReadingErrors) -> None:
     """Say which errors the model takes the sensors to have where the scene does not state them."""
-    from beamtouch_models.pricing.noise import floor_of, zero_drift_mm
-
-    gain, zero_mm = floor_of(scene)[0], zero_drift_mm(scene)
-    sensors = scene.sensors
+    sensors, gain, zero_mm = scene.sensors, readings.gain, readings.zero_mm
     taken = [] if sensors.gain_error_percent is not None else [f"sensors.gain_error_percent = {100 * gain:g}"]
     taken += [] if sensors.zero_drift_mm is not None else [f"sensors.zero_drift_mm = {digits(zero_mm, 2)}"]
     if taken:
@@ -103,8 +101,7 @@ def _say_floor(scene: Scene) -> None:
 
 def _say_what_is_missed(scene: Scene, built: Built) -> None:
     """Say what the scene asks for and the model does not give, and what one failed sensor costs."""
-    from beamtouch_models.building.failing import weak_spot
-    from beamtouch_models.building.remarks import missed_requirement
+    from beamtouch_models.building.remarks import missed_requirement, weak_spot
     from beamtouch_models.description import unseen
 
     for note in (missed_requirement(built.metadata, scene), unseen(built.metadata)):
@@ -112,7 +109,7 @@ def _say_what_is_missed(scene: Scene, built: Built) -> None:
             print(f"note:    {note}", file=sys.stderr)
     if weak := weak_spot(built.metadata):
         print(f"warning: {weak}", file=sys.stderr)
-    for effect in built.physics.effects:
+    for effect in built.surface.effects:
         if effect.verdict == "not modelled" and effect.having is not None and effect.price is not None:
             print(
                 f"note:    {effect.name} is {digits(effect.price, 2)} times the noise but not modelled: "

@@ -42,8 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> None:
     """Evaluate at each given noise, or at the noise of the model, and print the results."""
     from beamtouch_models import loading
-    from beamtouch_models.accuracy.evaluation import at_noise, evaluate
-    from beamtouch_models.building.model_prior import prior_of_model
+    from beamtouch_models.building.accuracy import evaluate
     from beamtouch_models.building.remarks import missed_requirement, remarks
     from beamtouch_models.description import unseen
     from beamtouch_models.pricing.noise import check_scale
@@ -56,14 +55,13 @@ def run(options: argparse.Namespace) -> None:
             message = f"--noise {noise_mm:g}: give a standard deviation in mm, 0 or more"
             raise InputError(message)
         check_scale(noise_mm, model.metadata.max_deflection_mm)
-    prior = prior_of_model(model.metadata)
-    noises = options.noise or [prior.noise_mm]
+    noises = options.noise or [model.metadata.noise.sample_mm]
     found = []
     with spread_over(options.workers, options.cluster) as spread, shown_progress() as progress:
         for noise_mm in noises:
             one = evaluate(
                 model,
-                at_noise(prior, noise_mm),
+                noise_mm=noise_mm,
                 draws=options.draws,
                 seed=options.seed,
                 progress=partial(progress, f"measuring at a noise of {digits(noise_mm, 3)} mm"),

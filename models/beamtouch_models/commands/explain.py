@@ -30,28 +30,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Price the effects, measure the time that each costs, and print both."""
-    from beamtouch_models.building.placed import placed
     from beamtouch_models.building.remarks import remarks
-    from beamtouch_models.physics.beam import max_deflection_mm
     from beamtouch_models.pricing.effect import NEGLIGIBLE
-    from beamtouch_models.pricing.effects import effects_of
-    from beamtouch_models.pricing.noise import choose_filter, noise_of
-    from beamtouch_models.pricing.ringing import ringing_of, told
+    from beamtouch_models.pricing.ringing import told
     from beamtouch_models.scene import load_scene
+    from beamtouch_models.surface import Surface
 
     scene, _ = load_scene(options.scene)
     for remark in remarks(scene):
         print(f"note:    {remark}", file=sys.stderr)
-    chosen = choose_filter(scene)
-    placed(scene, chosen)  # refuses what `build` refuses
-    effects = [(effect, _cost_us(effect)) for effect in effects_of(scene, chosen)]
-    noise, ringing = noise_of(scene, chosen), ringing_of(scene, chosen)
+    surface = Surface.of(scene)
+    surface.check()
+    effects = [(effect, _cost_us(effect)) for effect in surface.effects]
+    noise, ringing = surface.readings.behind(surface.filter), surface.ringing
     fields = {
         "effects": [_as_json(effect, cost) for effect, cost in effects],
         "noise_mm": noise.sample_mm,
         "reading_noise_mm": noise.reading_mm,
         "ringing": ringing and asdict(ringing),
-        "max_deflection_mm": max_deflection_mm(scene),
+        "max_deflection_mm": surface.travel.largest_mm,
         "negligible": NEGLIGIBLE,
     }
     rows: list[Block] = [
@@ -82,7 +79,7 @@ def _cost_us(effect: Effect) -> tuple[float, float] | None:
 def _matrix_us(scene: Scene) -> float:
     import numpy as np
 
-    from beamtouch_models.physics.beam import load_positions_mm, scene_influence
+    from beamtouch_models.physics.beam import influence_matrix, load_positions_mm
     from beamtouch_models.physics.mesh import mesh_of
 
     sensors, loads = np.linspace(0.0, scene.beam.length_mm, SENSORS), load_positions_mm(scene)
@@ -90,7 +87,7 @@ def _matrix_us(scene: Scene) -> float:
     for _ in range(REPEATS):
         mesh_of.cache_clear()  # the time includes the assembly
         start = time.perf_counter()
-        scene_influence(scene, sensors, loads)
+        influence_matrix(scene, sensors, loads)
         least = min(least, time.perf_counter() - start)
     return 1e6 * least
 

@@ -15,6 +15,7 @@ from beamtouch_common.typed import is_terminal, typed_line
 from beamtouch_models.commands.options import surface_name
 from beamtouch_models.errors import SceneError
 from beamtouch_models.scene.materials import MATERIALS
+from beamtouch_models.surface import Surface
 
 if TYPE_CHECKING:
     from beamtouch_models.building.new_scene import Answers
@@ -95,9 +96,7 @@ def _check(answers: Answers, target: Path) -> str:
     from pydantic import ValidationError
 
     from beamtouch_common.complaints import reason_of
-    from beamtouch_models.building.checks import check_scene
     from beamtouch_models.building.new_scene import scene_text
-    from beamtouch_models.pricing.noise import choose_filter
     from beamtouch_models.scene import parse_scene
 
     for name in NEEDED:  # before anything is computed with them
@@ -111,7 +110,7 @@ def _check(answers: Answers, target: Path) -> str:
         message = f"--left {answers.left} --right {answers.right}{rollers}: {reason_of(error.errors()[0])}"
         raise SceneError(message) from None
     scene = parse_scene(text, str(target))
-    check_scene(scene, choose_filter(scene))
+    Surface.of(scene).check()
     return text
 
 

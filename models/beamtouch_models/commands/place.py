@@ -15,7 +15,7 @@ from beamtouch_models.commands.options import MAX_WORKERS, add_json, add_layout,
 from beamtouch_models.commands.printing import Result, show
 
 if TYPE_CHECKING:
-    from beamtouch_models.building.placed import PlacedSensors
+    from beamtouch_models.building.sensors import PlacedSensors
     from beamtouch_models.placement import Aim
 
 LIMIT_DRAWS = 10_000
@@ -49,10 +49,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Place the sensors of a scene and print the layout with its score, gap and accuracy limit."""
-    from beamtouch_models.building.placed import placed
     from beamtouch_models.building.remarks import missed_error, remarks
-    from beamtouch_models.pricing.noise import choose_filter
+    from beamtouch_models.building.sensors import place_sensors
     from beamtouch_models.scene import load_scene
+    from beamtouch_models.surface import Surface
 
     started = time.perf_counter()
     scene, _ = load_scene(options.scene)
@@ -60,9 +60,7 @@ def run(options: argparse.Namespace) -> None:
         print(f"note:    {remark}", file=sys.stderr)
     aim = _aim_of(options)
     with shown_progress() as progress:
-        sensors = placed(
-            scene, choose_filter(scene), count=options.sensors, seed=options.seed, aim=aim, progress=progress
-        )
+        sensors = place_sensors(Surface.of(scene), count=options.sensors, seed=options.seed, aim=aim, progress=progress)
         progress("measuring the accuracy limit", 0.95)
         found = _describe(sensors, aim, options.seed)
     found["wall_s"] = time.perf_counter() - started
@@ -106,13 +104,13 @@ def _rows(found: dict[str, Any], sensors: PlacedSensors) -> list[tuple[str, str]
 def _describe(sensors: PlacedSensors, aim: Aim, seed: int) -> dict[str, Any]:
     """Return everything to print except the time; unknown values are None."""
     from beamtouch_models.accuracy.limit import accuracy_limit
-    from beamtouch_models.building.failing import placed_of
+    from beamtouch_models.building.sensors import layout_errors
     from beamtouch_models.placement import recommended_count
 
     placement = sensors.placement
     # Use fresh draws: a layout looks better on the draws that it was chosen by.
     limit = accuracy_limit(sensors.prior, LIMIT_DRAWS, seed + 1)
-    failed = placed_of(sensors.prior, aim.criterion, aim.spare, seed + 1).limit_without_percent
+    failed = layout_errors(sensors.prior, aim.criterion, aim.spare, seed + 1).limit_without_percent
     score = placement.log_eigenvalue_product
     return {
         "positions_mm": list(placement.positions_mm),
@@ -128,12 +126,12 @@ def _describe(sensors: PlacedSensors, aim: Aim, seed: int) -> dict[str, Any]:
         "search": aim.search,
         "seed": seed,
         "components": aim.leading or len(placement.positions_mm),
-        "recommended_sensors": recommended_count(sensors.influence, sensors.errors.noise_mm),
+        "recommended_sensors": recommended_count(sensors.surface.influence, sensors.surface.errors.noise_mm),
     }
 
 
 def _limit_line(percent: float, standard_error: float, sensors: PlacedSensors) -> str:
-    error_mm, noise_mm = percent / 100 * sensors.influence.length_mm, sensors.errors.noise_mm
+    error_mm, noise_mm = percent / 100 * sensors.surface.influence.length_mm, sensors.surface.errors.noise_mm
     return (
         f"mean error {percent:.3f} % +- {digits(standard_error, 1)} of the length, {digits(error_mm, 3)} mm, at "
         f"{digits(noise_mm, 3)} mm noise per sample"

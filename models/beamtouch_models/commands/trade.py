@@ -107,7 +107,7 @@ def _trade(
     spread: Spread,
     progress: Progress,
 ) -> None:
-    from beamtouch_models.building.build import Choices, build
+    from beamtouch_models.building.build import Choices, build_model
     from beamtouch_models.estimators.estimator import NAMES
     from beamtouch_models.trade.pictures import picture
     from beamtouch_models.trade.results import json_of, markdown
@@ -132,7 +132,7 @@ def _trade(
     model = folder / f"{name}.onnx"
     if picked is not None:
         choices = Choices(picked.model.estimator)
-        built = build(
+        built = build_model(
             scene, text, name, count=picked.model.sensors, seed=options.seed, progress=progress, choices=choices
         )
         write_atomically(model, built.content)

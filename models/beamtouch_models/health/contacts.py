@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from beamtouch_models.arrays import Floats
+from beamtouch_models.error_model import floor_mm2
 from beamtouch_models.health.curve import InfluenceCurve
 from beamtouch_models.metadata import Metadata
 
@@ -47,11 +48,11 @@ def residuals(metadata: Metadata, curve: InfluenceCurve, samples: Sequence[BestS
     gain, zero_mm = np.array(metadata.floor.gain), np.array(metadata.floor.zero_mm)
     measured = np.array([one.deflection_mm for one in samples])
     deviation = np.array([one.deviation_mm for one in samples])
-    rest = np.array([curve.offset_mm if one.rest_mm is None else one.rest_mm for one in samples])
+    rest = np.array([curve.departures.offset_mm if one.rest_mm is None else one.rest_mm for one in samples])
     # A zero that was not seen is as uncertain as the floor says.
     unseen = np.array([zero_mm if one.rest_deviation_mm is None else one.rest_deviation_mm for one in samples])
-    linear = curve.linear_mm(measured - rest)
-    floor = (gain * linear) ** 2 + zero_mm**2
+    linear = curve.departures.straighten(measured - rest)
+    floor = floor_mm2(linear, gain, zero_mm)
     variance = deviation**2 + unseen**2 + SCATTER**2 * floor
     position, force = _places(curve, linear / (1 + gains), 1 / (variance + floor))
     influence, slope = curve.at(position)

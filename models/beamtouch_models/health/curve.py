@@ -6,7 +6,7 @@ from typing import Self
 import numpy as np
 
 from beamtouch_models.arrays import Floats
-from beamtouch_models.metadata import Metadata
+from beamtouch_models.metadata import Departures, Metadata
 
 STEPS = 3
 """Steps of Gauss and Newton from the best entry of the table; each squares the distance to the best contact."""
@@ -23,10 +23,8 @@ class InfluenceCurve:
     """(loads,) evenly spaced positions of the contact."""
     influence: Floats
     """(loads, channels) mm/N."""
-    offset_mm: Floats
-    """(channels,) measured deflections at rest."""
-    curve_per_mm: float
-    """Curvature of the characteristic."""
+    departures: Departures
+    """Those of the calibration; none of a model that is not calibrated."""
 
     @classmethod
     def of(cls, metadata: Metadata) -> Self | None:
@@ -34,18 +32,11 @@ class InfluenceCurve:
         held = metadata.influence
         if held is None:
             return None
-        departures = metadata.calibration.departures if metadata.calibration else None
         return cls(
             np.linspace(*metadata.ranges.position_mm, len(held.mm_per_n)),
             np.array(held.mm_per_n),
-            np.array(departures.offset_mm) if departures else np.zeros(len(metadata.layout)),
-            departures.curve_per_mm if departures else 0.0,
+            metadata.departures,
         )
-
-    def linear_mm(self, from_rest_mm: Floats) -> Floats:
-        """Return deflections that are linear in the force, from measured ones less those at rest."""
-        linear: Floats = from_rest_mm + self.curve_per_mm * from_rest_mm**2
-        return linear
 
     def at(self, position_mm: Floats) -> tuple[Floats, Floats]:
         """Return the influence and its slope at positions (contacts,), (contacts, channels) in mm/N and 1/N."""

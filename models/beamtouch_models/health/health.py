@@ -93,7 +93,7 @@ class Health:
         for sample, shape, left, part in zip(samples, found.shape, found.left, weight, strict=True):
             if part == 0:
                 continue
-            rest = rest_block(sample, self._curve.offset_mm, self._zero_mm)
+            rest = rest_block(sample, np.array(self._curve.departures.offset_mm), self._zero_mm)
             self._history.add(Block(sample.at_us, 1, part * shape.T @ shape, part * shape.T @ left, *rest), boundaries)
         self._search()
 

@@ -3,19 +3,30 @@
 `metadata` has the whole, `fields` the types of its fields, and every other module some of its parts.
 """
 
-from beamtouch_models.metadata.accuracy import Accuracy, Golden, SinceTouch
 from beamtouch_models.metadata.calibration import Calibration, Departures
-from beamtouch_models.metadata.drawn import Drawn, DrawnSupport
-from beamtouch_models.metadata.metadata import METADATA_PREFIX, SCHEMA_VERSION, THIS_FILE, Metadata
-from beamtouch_models.metadata.placed import LayoutErrors
-from beamtouch_models.metadata.signature import FORCE_OUTPUTS, INPUTS, POSITION_OUTPUTS
-from beamtouch_models.metadata.surface import Channel, FilterChoice, Floor, Influence, Noise, Ranges, Sensor
-from beamtouch_models.metadata.thresholds import (
+from beamtouch_models.metadata.fields import FORCE_OUTPUTS, INPUTS, POSITION_OUTPUTS
+from beamtouch_models.metadata.figures import (
     MAX_FALSE,
     SECONDS_PER_DAY,
+    Accuracy,
+    Golden,
+    LayoutErrors,
+    SinceTouch,
     SmallestForce,
     Thresholds,
     max_false_per_day,
+)
+from beamtouch_models.metadata.metadata import METADATA_PREFIX, SCHEMA_VERSION, THIS_FILE, Metadata
+from beamtouch_models.metadata.surface import (
+    Channel,
+    Drawn,
+    DrawnSupport,
+    FilterChoice,
+    Floor,
+    Influence,
+    Noise,
+    Ranges,
+    Sensor,
 )
 
 __all__ = [

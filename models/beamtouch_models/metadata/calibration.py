@@ -1,25 +1,56 @@
-"""The fit of a model to a real surface."""
+"""The departures of a real surface from its scene, and the fit of a model to it."""
 
+import numpy as np
 from pydantic import Field, FiniteFloat, PositiveFloat
 
+from beamtouch_models.arrays import Floats
 from beamtouch_models.metadata.fields import Deviation, MetadataPart, Pair
 
 
 class Departures(MetadataPart):
-    """Differences of a real surface from its scene, fitted by a calibration. Lists have an entry per channel."""
+    """Differences of a real surface from its scene. Lists have an entry per channel.
+
+    A true deflection w is measured as y + offset, where y + curve y^2 = gain w.
+    """
 
     position_offset_mm: list[FiniteFloat]
     """True position of each sensor minus its position in the layout."""
     gain: list[PositiveFloat]
     """Measured over true deflection."""
     offset_mm: list[FiniteFloat]
-    """Measured deflection at rest."""
+    """Measured deflection at rest; a tare removes it."""
     curve_per_mm: FiniteFloat = 0.0
-    """Curvature of the characteristic: y + curve y^2 is proportional to the deflection; y is measured minus offset."""
+    """Curvature of the characteristic."""
     fixity: Pair = (0.0, 0.0)
     """Fixity of the leftmost and the rightmost support."""
     rigidity: PositiveFloat = 1.0
     """Factor on E I."""
+
+    @classmethod
+    def none(cls, channels: int) -> "Departures":
+        """Return those of a surface that is as its scene says."""
+        return cls(position_offset_mm=[0.0] * channels, gain=[1.0] * channels, offset_mm=[0.0] * channels)
+
+    def sensors_mm(self, layout_mm: Floats, length_mm: float) -> Floats:
+        """Return the true positions (channels,) of the sensors of a layout on a beam of this length."""
+        true_mm: Floats = np.clip(layout_mm + np.array(self.position_offset_mm), 0.0, length_mm)
+        return true_mm
+
+    def measure(self, linear_mm: Floats) -> Floats:
+        """Return what the sensors measure (..., channels) of deflections that hold the gains, gain w, in mm."""
+        # The root of y + curve y^2 = linear that is 0 at 0, in the form that does not cancel.
+        square = np.maximum(1 + 4 * self.curve_per_mm * linear_mm, 0.0)
+        measured: Floats = 2 * linear_mm / (1 + np.sqrt(square)) + np.array(self.offset_mm)
+        return measured
+
+    def linear_mm(self, measured_mm: Floats) -> Floats:
+        """Return the deflections that hold the gains (..., channels) of measured ones: the inverse of `measure`."""
+        return self.straighten(measured_mm - np.array(self.offset_mm))
+
+    def straighten(self, from_rest_mm: Floats) -> Floats:
+        """Return the deflections that hold the gains (..., channels) of measured ones less those at rest."""
+        linear: Floats = from_rest_mm + self.curve_per_mm * from_rest_mm**2
+        return linear
 
 
 class Calibration(MetadataPart):

@@ -3,18 +3,24 @@
 import json
 from typing import Annotated, Any, Literal, Self
 
+import numpy as np
 from pydantic import Field, PositiveFloat, ValidationError, model_validator
 
 from beamtouch_common.complaints import reason_of
 from beamtouch_common.digits import digits
+from beamtouch_models.arrays import Floats
 from beamtouch_models.errors import ModelFileError
-from beamtouch_models.metadata.accuracy import Accuracy, Golden
-from beamtouch_models.metadata.calibration import Calibration
-from beamtouch_models.metadata.drawn import Drawn
+from beamtouch_models.metadata.calibration import Calibration, Departures
 from beamtouch_models.metadata.fields import NAME, MetadataPart
-from beamtouch_models.metadata.placed import LayoutErrors
-from beamtouch_models.metadata.surface import Channel, FilterChoice, Floor, Influence, Noise, Ranges, Sensor
-from beamtouch_models.metadata.thresholds import SmallestForce, Thresholds, max_false_per_day
+from beamtouch_models.metadata.figures import (
+    Accuracy,
+    Golden,
+    LayoutErrors,
+    SmallestForce,
+    Thresholds,
+    max_false_per_day,
+)
+from beamtouch_models.metadata.surface import Channel, Drawn, FilterChoice, Floor, Influence, Noise, Ranges, Sensor
 
 SCHEMA_VERSION: Literal[2] = 2
 METADATA_PREFIX = "beamtouch."
@@ -128,6 +134,16 @@ class Metadata(MetadataPart):
                 raise ValueError(message)
         return self
 
+    @property
+    def layout_mm(self) -> Floats:
+        """Positions of the sensors (channels,) in mm from the left end, in input order."""
+        return np.array([channel.position_mm for channel in self.layout])
+
+    @property
+    def departures(self) -> Departures:
+        """The departures that a calibration found; without one, none."""
+        return self.calibration.departures if self.calibration else Departures.none(len(self.layout))
+
     def to_entries(self) -> dict[str, str]:
         """Return the ONNX metadata entries, key to JSON text."""
         fields = self.model_dump(mode="json")
@@ -142,18 +158,19 @@ class Metadata(MetadataPart):
         if not ours:
             message = "it is an ONNX file but not a Beamtouch model: it has no beamtouch metadata"
             raise ModelFileError(message)
-        if ours.get("schema_version") == "1":
-            raise _old("schema version 1, from before samples stated their covariance")
+        if (version := ours.get("schema_version", "0")) != str(SCHEMA_VERSION):
+            message = (
+                f"metadata entry {METADATA_PREFIX}schema_version: {version[:20]!r}, but this version reads "
+                f"{SCHEMA_VERSION}; rebuild it from its own scene with `design-sensors build {THIS_FILE} -o "
+                f"{THIS_FILE}`, and calibrate it again if it was calibrated"
+            )
+            raise ModelFileError(message)
         try:
             values = {key: json.loads(text) for key, text in ours.items()}
         except (ValueError, RecursionError):
             # These include numbers and nesting beyond what the parser takes.
             message = "its metadata is not JSON"
             raise ModelFileError(message) from None
-        if "beam" not in values:
-            raise _old("from before models named their beam")
-        if _lacks_thresholds(values.get("thresholds")):
-            raise _old("from before one channel and two had a threshold of their own")
         try:
             return cls.model_validate(values)
         except ValidationError as error:
@@ -162,17 +179,3 @@ class Metadata(MetadataPart):
             reason = reason_of(first)
             message = f"metadata entry {METADATA_PREFIX}{where}: {reason}" if where else f"metadata: {reason}"
             raise ModelFileError(message) from None
-
-
-def _lacks_thresholds(found: object) -> bool:
-    """Return whether some number of channels has no threshold, as earlier versions of `build` wrote it."""
-    lists = found.values() if isinstance(found, dict) else []
-    return any(isinstance(values, list) and None in values for values in lists)
-
-
-def _old(why: str) -> ModelFileError:
-    message = (
-        f"{why}; rebuild it from its own scene with `design-sensors build {THIS_FILE} -o {THIS_FILE}`, "
-        "and calibrate it again if it was calibrated"
-    )
-    return ModelFileError(message)

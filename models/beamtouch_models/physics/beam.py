@@ -1,6 +1,7 @@
 """The influence matrix: deflection at each sensor per newton, for each load position."""
 
 import math
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -9,6 +10,7 @@ from numpy.typing import ArrayLike
 from beamtouch_common.digits import digits
 from beamtouch_models.arrays import Floats
 from beamtouch_models.errors import SceneError
+from beamtouch_models.numbers import array_of, places_in, require
 from beamtouch_models.physics.assembly import element_influence
 from beamtouch_models.physics.closed_forms import patch_influence, point_influence, span_of
 from beamtouch_models.physics.influence import InfluenceFunction
@@ -18,6 +20,8 @@ from beamtouch_models.scene.beam import SMALLEST_NORMAL, Beam
 from beamtouch_models.scene.misplaced import ROUNDING, taken_mm
 
 MAX_SENSOR_POSITIONS = 20_000
+POINTS = 801
+"""Points along the beam at which its travel is computed."""
 MAX_SLOPE = 0.1
 """Largest slope in rad; beyond it, the factor (1 + slope^2)^(3/2) that small-angle theory neglects exceeds 1.5 %."""
 
@@ -42,13 +46,13 @@ def influence(beam: Beam, sensor_mm: ArrayLike, load_mm: ArrayLike, width_mm: fl
 
     Raises
     ------
-    ValueError
-        A position is not finite or not on the beam, or the width is negative or not finite.
     SceneError
-        The beam cannot be computed: it exceeds the range of float64, or it is so uneven that the result is inaccurate.
+        A position is not finite or not on the beam, or the beam cannot be computed: it exceeds the range of float64, or
+        it is so uneven that the result is inaccurate.
+    ValueError
+        The width is negative or not finite.
     """
-    sensor = _on_beam(beam, sensor_mm, "sensor_mm")
-    load = _on_beam(beam, load_mm, "load_mm")
+    sensor, load = places_in(sensor_mm, "sensor_mm", beam.length_mm), places_in(load_mm, "load_mm", beam.length_mm)
     if not 0 <= width_mm < math.inf:
         message = "width_mm must be finite and not negative"
         raise ValueError(message)
@@ -69,8 +73,25 @@ def influence(beam: Beam, sensor_mm: ArrayLike, load_mm: ArrayLike, width_mm: fl
     return matrix
 
 
-def scene_influence(scene: Scene, sensor_mm: ArrayLike, load_mm: ArrayLike) -> Floats:
-    """Return the influence matrix of a scene's contacts, (loads, sensors) in mm/N; arguments, errors as `influence`."""
+def influence_matrix(scene: Scene, sensor_mm: ArrayLike, load_mm: ArrayLike) -> Floats:
+    """Return the deflection at each sensor per newton, for each place of a scene's contact.
+
+    Parameters
+    ----------
+    scene : the scene
+    sensor_mm : (sensors,) positions in mm from the left end
+    load_mm : (loads,) positions in mm from the left end
+
+    Returns
+    -------
+    (loads, sensors) in mm/N, positive in the direction of the load.
+
+    Raises
+    ------
+    SceneError
+        A position is not on the beam, or the beam cannot be computed.
+    """
+    require(scene, Scene, "scene", "what read_scene returns")
     return influence(scene.beam, sensor_mm, load_mm, scene.contact.width_mm)
 
 
@@ -80,9 +101,52 @@ def influence_of(scene: Scene) -> InfluenceFunction:
         scene.beam.length_mm,
         load_positions_mm(scene),
         scene.contact.force_range_n,
-        partial(scene_influence, scene),
+        partial(influence_matrix, scene),
         _deflection_unit(scene.beam.length_mm, scene.beam.rigidity_n_mm2),
     )
+
+
+def interpolate_influence(
+    scene: Scene, sensor_mm: ArrayLike, load_mm: ArrayLike, matrix: ArrayLike
+) -> InfluenceFunction:
+    """Return an influence function that interpolates a table, for the contacts of a scene.
+
+    The table is measured, or comes from another program. Between its entries, cubic splines interpolate.
+
+    Parameters
+    ----------
+    scene : states the length of the beam, and the contacts
+    sensor_mm : (sensors,) ascending positions of the table's columns; the first is 0 and the last the end of the beam,
+        so that a sensor may stand anywhere. Over a support the entries are 0.
+    load_mm : (loads,) ascending positions of its rows, at least over the range of the scene's contacts
+    matrix : (loads, sensors) deflection in mm per newton
+
+    Raises
+    ------
+    SceneError
+        An argument is not as its line says; the message names it.
+    """
+    require(scene, Scene, "scene", "what read_scene returns")
+    from scipy.interpolate import RectBivariateSpline  # noqa: PLC0415  # slow to import, and only scripts need it
+
+    length_mm, (low, high) = scene.beam.length_mm, scene.contact.position_mm
+    sensor, load = places_in(sensor_mm, "sensor_mm", length_mm), places_in(load_mm, "load_mm", length_mm)
+    table = array_of(matrix, "matrix")
+    for name, places, start, end in (("sensor_mm", sensor, 0.0, length_mm), ("load_mm", load, low, high)):
+        if len(places) < 2 or np.diff(places).min() <= 0 or places[0] > start or places[-1] < end:
+            message = f"{name}: give two or more ascending places, the first at {start:g} mm, the last at {end:g} mm"
+            raise SceneError(message)
+    if table.shape != (len(load), len(sensor)) or not np.isfinite(table).all():
+        message = f"matrix: give {len(load)} rows, one for each load, of {len(sensor)} finite numbers"
+        raise SceneError(message)
+    spline = RectBivariateSpline(load, sensor, table, kx=min(3, len(load) - 1), ky=min(3, len(sensor) - 1), s=0)
+
+    def at(sensor_mm: Floats, load_mm: Floats) -> Floats:
+        values: Floats = spline(np.asarray(load_mm)[:, None], np.asarray(sensor_mm)[None, :], grid=False)
+        return values
+
+    unit = _deflection_unit(length_mm, scene.beam.rigidity_n_mm2)
+    return InfluenceFunction(length_mm, load_positions_mm(scene), scene.contact.force_range_n, at, unit)
 
 
 def _deflection_unit(length_mm: float, rigidity_n_mm2: float) -> float:
@@ -100,18 +164,6 @@ def _deflection_unit(length_mm: float, rigidity_n_mm2: float) -> float:
         )
         raise SceneError(message)
     return unit
-
-
-def _on_beam(beam: Beam, position_mm: ArrayLike, name: str) -> Floats:
-    """Return positions as an array; ValueError unless all lie on the beam."""
-    position = np.atleast_1d(np.asarray(position_mm, dtype=np.float64))
-    if position.ndim != 1 or position.size == 0:
-        message = f"{name} must be a non-empty list of positions"
-        raise ValueError(message)
-    if not np.all(np.isfinite(position)) or position.min() < 0 or position.max() > beam.length_mm:
-        message = f"{name} must be finite and lie on the beam, 0..{beam.length_mm:g} mm"
-        raise ValueError(message)
-    return position
 
 
 def load_positions_mm(scene: Scene) -> Floats:
@@ -151,40 +203,42 @@ def sensor_positions_mm(scene: Scene) -> Floats:
     return position
 
 
-def travel_mm(scene: Scene) -> tuple[float, float]:
-    """Return how far any point of the beam moves against, and in, the direction of the largest force, in mm.
+@dataclass(frozen=True)
+class Travel:
+    """How far the contacts of a scene move its beam, anywhere on it."""
 
-    Both are positive or zero. A beam on two supports never moves against the force; a beam with an overhang does.
-    """
-    shapes = _shapes_mm(scene)[1]
-    return max(0.0, -float(shapes.min())), max(0.0, float(shapes.max()))
+    lift_mm: float
+    """Against the direction of the largest force, 0 or more; a beam on two supports never lifts, an overhang does."""
+    fall_mm: float
+    """In the direction of the largest force, 0 or more."""
+    slope: float
+    """Largest slope under the largest force, in rad."""
+    force_n: float
+    """The largest force."""
+
+    @property
+    def largest_mm(self) -> float:
+        """Largest deflection in either direction."""
+        return max(self.lift_mm, self.fall_mm)
+
+    def check_small_angles(self) -> None:
+        """Raise SceneError if the deflection is beyond small-angle theory."""
+        if not self.slope <= MAX_SLOPE:
+            message = (
+                f"at {self.force_n:g} N the beam slopes by {digits(self.slope, 3)} rad, beyond the {MAX_SLOPE:g} rad "
+                f"of small-angle theory; end contact.force_n at {at_most(self.force_n * MAX_SLOPE / self.slope):g} N, "
+                "or make the beam stiffer"
+            )
+            raise SceneError(message)
 
 
-def max_deflection_mm(scene: Scene) -> float:
-    """Return the largest deflection in the scene, anywhere on the beam, in either direction, in mm."""
-    return max(travel_mm(scene))
-
-
-def check_small_angles(scene: Scene) -> None:
-    """Raise SceneError if the deflection of a scene is beyond small-angle theory."""
-    points, shapes = _shapes_mm(scene)
-    slope = float(np.abs(np.diff(shapes, axis=1)).max() / (points[1] - points[0]))
-    largest_n = scene.contact.force_range_n[1]
-    if not slope <= MAX_SLOPE:
-        message = (
-            f"at {largest_n:g} N the beam slopes by {digits(slope, 3)} rad, beyond the {MAX_SLOPE:g} rad of "
-            f"small-angle theory; end contact.force_n at {at_most(largest_n * MAX_SLOPE / slope):g} N, or make the "
-            "beam stiffer"
-        )
-        raise SceneError(message)
-
-
-def _shapes_mm(scene: Scene) -> tuple[Floats, Floats]:
-    """Return points along the beam, and their deflections under the largest force at each load position."""
-    points = np.linspace(0.0, scene.beam.length_mm, 801)
+def travel_of(scene: Scene) -> Travel:
+    """Return the travel of a scene's beam; SceneError if it is beyond what can be computed."""
+    points, force_n = np.linspace(0.0, scene.beam.length_mm, POINTS), scene.contact.force_range_n[1]
     with np.errstate(over="ignore"):
-        shapes = scene_influence(scene, points, load_positions_mm(scene)) * scene.contact.force_range_n[1]
+        shapes = influence_matrix(scene, points, load_positions_mm(scene)) * force_n
     if not np.all(np.isfinite(shapes)):
         message = "the deflection at the largest force is beyond what can be computed; check contact.force_n and beam"
         raise SceneError(message)
-    return points, shapes
+    slope = float(np.abs(np.diff(shapes, axis=1)).max() / (points[1] - points[0]))
+    return Travel(max(0.0, -float(shapes.min())), max(0.0, float(shapes.max())), slope, force_n)

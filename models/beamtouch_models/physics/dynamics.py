@@ -7,6 +7,7 @@ import numpy as np
 from beamtouch_models.arrays import Floats
 from beamtouch_models.errors import SceneError
 from beamtouch_models.metadata import FilterChoice
+from beamtouch_models.numbers import require
 from beamtouch_models.physics.beam import influence, load_positions_mm
 from beamtouch_models.physics.closed_forms import span_of
 from beamtouch_models.scene import Scene
@@ -52,6 +53,22 @@ def first_frequency_hz(beam: Beam) -> float | None:
         message = "beam: its natural frequency cannot be computed; check length, rigidity and density"
         raise SceneError(message)
     return frequency
+
+
+def frequency_hz(scene: Scene) -> float:
+    """Return the first natural frequency of a scene's beam, in Hz.
+
+    Raises
+    ------
+    SceneError
+        The scene does not state density, width and thickness.
+    """
+    require(scene, Scene, "scene", "what read_scene returns")
+    first_hz = first_frequency_hz(scene.beam)
+    if first_hz is None:
+        message = "beam: state density_kg_m3, width_mm and thickness_mm; they set its frequency"
+        raise SceneError(message)
+    return first_hz
 
 
 def laden_period_s(scene: Scene) -> float | None:

@@ -12,7 +12,7 @@ mounting.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
@@ -117,9 +117,9 @@ def other_loads(influence: InfluenceFunction, rules: Candidates, errors: SampleE
         return np.concatenate([force * per_newton for force in forces for per_newton in each])
 
     sample = under(partial(influence.at, rules.position_mm))
-    noise_mm = errors.noise_mm if errors.min_noise_mm is None else errors.min_noise_mm
-    variance = noise_mm**2 + errors.zero_mm**2 + (errors.gain * sample) ** 2
+    settled = errors if errors.min_noise_mm is None else replace(errors, noise_mm=errors.min_noise_mm)
+    moved: Floats | float = 0.0
     if errors.mounting_mm:
-        variance += under(partial(influence.deviation, rules.position_mm, tolerance_mm=errors.mounting_mm)) ** 2
+        moved = under(partial(influence.deviation, rules.position_mm, tolerance_mm=errors.mounting_mm))
     shapes = influence.at(rules.position_mm, np.linspace(low, high, CONTACTS))
-    return OtherLoads(sample, 1 / variance, shapes, errors)
+    return OtherLoads(sample, 1 / settled.variance_mm2(sample, moved), shapes, errors)

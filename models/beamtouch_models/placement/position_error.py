@@ -107,7 +107,7 @@ class PositionError:
     def _distances_mm(self, sensors: Indices, part: slice) -> Floats:
         """Return the mean distances from the posterior medians of a part of the contacts."""
         sample = self.clean_mm[part, sensors] + self.deviation_mm[part, sensors] * self.noise[part, : len(sensors)]
-        precision = 1 / (self.errors.noise_mm**2 + self.errors.zero_mm**2 + (self.errors.gain * sample) ** 2)
+        precision = 1 / self.errors.variance_mm2(sample)
         shapes = self.shapes[:, sensors]
         square, along = precision @ (shapes**2).T, (precision * sample) @ shapes.T
         others = np.zeros_like(square)
@@ -168,11 +168,11 @@ def position_error_of(
     edges = where_it_errs(prior, np.linspace(*prior.position_mm, cells + 1))[0]
     middles = (edges[1:] + edges[:-1]) / 2
     clean = influence.at(rules.position_mm, drawn) * force[:, None]
-    square = errors.noise_mm**2 + errors.zero_mm**2 + (errors.gain * clean) ** 2
-    uncertain = None
+    uncertain: Floats | None = None
+    moved: Floats | float = 0.0
     if errors.mounting_mm:
         uncertain = influence.deviation(rules.position_mm, middles, errors.mounting_mm)
-        square += (influence.deviation(rules.position_mm, drawn, errors.mounting_mm) * force[:, None]) ** 2
+        moved = influence.deviation(rules.position_mm, drawn, errors.mounting_mm) * force[:, None]
     others = other_loads(influence, rules, errors)
     return PositionError(
         rules,
@@ -185,7 +185,7 @@ def position_error_of(
         influence.at(rules.position_mm, middles),
         uncertain,
         clean,
-        np.sqrt(square),
+        np.sqrt(errors.variance_mm2(clean, moved)),
         noise if prior.force_is_known else np.zeros_like(noise),
         weight / weight.mean(),
     )

@@ -1,13 +1,16 @@
 """Noise of a reading and of a sample, and the filter between them that fits the latency of a scene."""
 
 import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Self
+
+import numpy as np
 
 from beamtouch_common.digits import digits
 from beamtouch_models.errors import SceneError
 from beamtouch_models.filters import Chain, chosen_stages, readings_within, unit_of
 from beamtouch_models.metadata import FilterChoice, Noise
-from beamtouch_models.physics.beam import max_deflection_mm
-from beamtouch_models.pricing.rounding import rounding_of
 from beamtouch_models.scene import Scene
 
 SPIKE_SIGMAS = 6.0
@@ -17,6 +20,11 @@ GAIN_ERROR = 0.003
 """Relative gain error that is left after calibration, if the scene does not state it."""
 ZERO_SHARE = 0.2
 """Drift of the zero since the last tare over the noise of a reading, if the scene does not state it."""
+
+HARMONICS = 1000
+"""Harmonics of the rounding error; those beyond it hold 0.03 % of its standard deviation."""
+MAX_EXPONENT = 700.0
+"""exp(-700) is still a float64."""
 
 MAX_READINGS = 10_000
 """Longest filter of the daemon."""
@@ -28,40 +36,66 @@ MIN_DEFLECTION_MM, MAX_DEFLECTION_MM = 1e-9, 1e9
 """Bounds of a beam's largest deflection, with a wide margin; their squares fit float32."""
 
 
-def sensor_noise_mm(scene: Scene) -> float:
-    """Standard deviation of one reading, in mm, without the ADC's steps."""
-    if scene.sensors.noise_mm is not None:
-        return scene.sensors.noise_mm
-    return (scene.sensors.noise_percent_of_max or 0.0) / 100 * max_deflection_mm(scene)
+@dataclass(frozen=True)
+class ReadingErrors:
+    """The errors of a scene's readings, as standard deviations; all but the noise stay when readings are averaged."""
+
+    sensor_mm: float
+    """Noise of a reading, without the ADC's steps."""
+    step_mm: float
+    """Gap per count; 0 if the scene does not state the ADC."""
+    gain: float
+    """Relative error of the gain that calibration leaves; GAIN_ERROR if the scene does not state it."""
+    zero_mm: float
+    """Drift of a zero since the last tare; ZERO_SHARE of a reading's noise if the scene does not state it."""
+    warmth_mm: float
+    """Drift of a zero with the temperature; 0 if the scene does not state it."""
+
+    @classmethod
+    def of(cls, scene: Scene, max_deflection_mm: float) -> Self:
+        """Return the errors that a scene states; a noise in percent is one of `max_deflection_mm`."""
+        sensors, percent = scene.sensors, scene.sensors.gain_error_percent
+        sensor_mm = sensors.noise_mm
+        if sensor_mm is None:
+            sensor_mm = (sensors.noise_percent_of_max or 0.0) / 100 * max_deflection_mm
+        step = 0.0 if sensors.adc_bits is None else step_mm(sensors.range_mm, sensors.adc_bits)
+        gain = GAIN_ERROR if percent is None else percent / 100
+        stated_mm, warmth_mm = sensors.zero_drift_mm, _temperature_drift_mm(scene)
+        zero_mm = ZERO_SHARE * _reading_mm(sensor_mm, step) if stated_mm is None else stated_mm
+        return cls(sensor_mm, step, gain, zero_mm, warmth_mm)
+
+    @property
+    def reading_mm(self) -> float:
+        """Noise of a reading: the sensor's, and the ADC's steps if the scene states them."""
+        return _reading_mm(self.sensor_mm, self.step_mm)
+
+    @property
+    def drift_mm(self) -> float:
+        """Drift of a zero since the last tare, also with the temperature."""
+        return math.hypot(self.zero_mm, self.warmth_mm)
+
+    @cached_property
+    def rounding_mm(self) -> float:
+        """Error that rounding to counts leaves in the mean of any number of readings."""
+        return rounding_of(self.sensor_mm, self.step_mm)
+
+    @property
+    def floor_mm(self) -> float:
+        """Error of a zero in the mean of any number of readings: its drift, with the rounding that stays."""
+        return math.hypot(self.drift_mm, self.rounding_mm)
+
+    def behind(self, chosen: FilterChoice) -> Noise:
+        """Return the noise of a reading and of a sample: the mean of N independent readings divides it by sqrt(N)."""
+        return Noise(reading_mm=self.reading_mm, sample_mm=self.reading_mm / math.sqrt(chosen.window))
 
 
-def reading_noise_mm(scene: Scene) -> float:
-    """Standard deviation of one reading, in mm: the sensor's noise, and the ADC's steps if the scene states them.
-
-    A step of width q adds q / sqrt(12); Widrow & Kollar, Quantization Noise, 2008, sec. 1.2.
-    """
-    return math.hypot(sensor_noise_mm(scene), adc_step_mm(scene) / math.sqrt(12))
+def _reading_mm(sensor_mm: float, step: float) -> float:
+    """Return the noise of a reading; a step of q adds q / sqrt(12) (Widrow & Kollar, 2008, sec. 1.2)."""
+    return math.hypot(sensor_mm, step / math.sqrt(12))
 
 
-def adc_step_mm(scene: Scene) -> float:
-    """Return the gap per count in mm; 0 if the scene does not state the ADC."""
-    sensors = scene.sensors
-    return 0.0 if sensors.adc_bits is None else step_mm(sensors.range_mm, sensors.adc_bits)
-
-
-def rounding_mm(scene: Scene) -> float:
-    """Standard deviation in mm of the error that rounding to counts leaves in the mean of any number of readings."""
-    return rounding_of(sensor_noise_mm(scene), adc_step_mm(scene))
-
-
-def zero_drift_mm(scene: Scene) -> float:
-    """Standard deviation of a zero since the last tare, in mm; ZERO_SHARE of a reading's noise if it is not stated."""
-    stated = scene.sensors.zero_drift_mm
-    return ZERO_SHARE * reading_noise_mm(scene) if stated is None else stated
-
-
-def temperature_drift_mm(scene: Scene) -> float:
-    """Standard deviation of a zero's drift with the temperature, in mm; 0 if the scene does not state it.
+def _temperature_drift_mm(scene: Scene) -> float:
+    """Return the standard deviation of a zero's drift with the temperature, in mm; 0 if the scene does not state it.
 
     The temperatures of the last tare and of a sample are independent and uniform over the range, so their difference
     has the standard deviation range / sqrt(6).
@@ -72,15 +106,20 @@ def temperature_drift_mm(scene: Scene) -> float:
     return 1e-3 * drift_um_per_k * (range_k[1] - range_k[0]) / math.sqrt(6)
 
 
-def floor_of(scene: Scene) -> tuple[float, float]:
-    """Return the relative gain error and the error of the zero in mm, as standard deviations per channel.
+def rounding_of(noise_mm: float, step_mm: float) -> float:
+    """Return the standard deviation in mm of the error that rounding to counts leaves in the mean of many readings.
 
-    They stay when readings are averaged. The gain error is GAIN_ERROR if the scene does not state it. The error of the
-    zero is its drift, also with the temperature, with the rounding of the ADC that the noise does not average out.
+    `noise_mm` is that before rounding, `step_mm` the step of the ADC. The mean of rounded readings deviates from the
+    gap by a periodic function of it, with the harmonics q / (pi k) exp(-2 (pi k s / q)^2) for a step of q and noise of
+    s (Widrow & Kollar, 2008, ch. 4). Without noise it is q / sqrt(12); at s = q / 2 it is gone. It counts twice, as the
+    rest gap, which `tare` measures, is rounded too.
     """
-    percent = scene.sensors.gain_error_percent
-    gain = GAIN_ERROR if percent is None else percent / 100
-    return gain, math.hypot(math.hypot(zero_drift_mm(scene), temperature_drift_mm(scene)), rounding_mm(scene))
+    if step_mm == 0:
+        return 0.0
+    order = np.arange(1, HARMONICS + 1)
+    decay = np.exp(-np.minimum(2 * (np.pi * order * noise_mm / step_mm) ** 2, MAX_EXPONENT))
+    single = step_mm * math.sqrt(float(np.sum((decay / (np.pi * order)) ** 2)) / 2)
+    return math.sqrt(2) * single
 
 
 def step_mm(range_mm: tuple[float, float], adc_bits: int) -> float:
@@ -90,8 +129,10 @@ def step_mm(range_mm: tuple[float, float], adc_bits: int) -> float:
     return (high - low) / (0.8 * full_scale)
 
 
-def choose_filter(scene: Scene) -> FilterChoice:
+def choose_filter(scene: Scene, reading_mm: float) -> FilterChoice:
     """Choose the filter: the mean since the load last changed, made for as many readings as fit in the latency.
+
+    `reading_mm` is the noise of a reading.
 
     A mean of that many readings has the noise that the model is made for. If the load rests, the mean grows on. The
     filter holds back the first reading of a new load, so N reading periods after it a mean of N readings has settled,
@@ -120,12 +161,12 @@ def choose_filter(scene: Scene) -> FilterChoice:
             "raise sensors.rate_hz"
         )
         raise SceneError(message)
-    return growing(scene, window_filter(scene, window))
+    return growing(scene, window_filter(scene, window, reading_mm), reading_mm)
 
 
-def growing(scene: Scene, fixed: FilterChoice) -> FilterChoice:
+def growing(scene: Scene, fixed: FilterChoice, reading_mm: float) -> FilterChoice:
     """Return a filter whose mean grows on from that of a fixed one; without noise or a latency, the fixed one."""
-    if fixed.kind == "none" or reading_noise_mm(scene) == 0:
+    if fixed.kind == "none" or reading_mm == 0:
         return fixed
     return fixed.model_copy(update={"kind": "growing-mean", "longest": longest_mean(scene, fixed.window)})
 
@@ -136,11 +177,11 @@ def longest_mean(scene: Scene, window: int) -> int:
     return max(window, readings_within(min(scene.requirements.max_mean_ms, MAX_READINGS * 1e3 / rate_hz), rate_hz))
 
 
-def window_filter(scene: Scene, window: int) -> FilterChoice:
+def window_filter(scene: Scene, window: int, reading_mm: float) -> FilterChoice:
     """Return a spike filter with the mean of `window` readings; without a stated latency, 1 means no filter."""
     if window == 1 and scene.requirements.latency_ms is None:
         return FilterChoice()
-    spike = SPIKE_SIGMAS * reading_noise_mm(scene) or None
+    spike = SPIKE_SIGMAS * reading_mm or None
     settling_ms = window * 1000 / scene.sensors.rate_hz
     return FilterChoice(kind="moving-average", window=window, spike_mm=spike, settling_ms=settling_ms)
 
@@ -158,20 +199,15 @@ def chain_of(chosen: FilterChoice, channels: int, noise_mm: float, per_count_mm:
     return Chain(stages, channels, noise_mm, slowest_period, per_count_mm)
 
 
-def noise_of(scene: Scene, chosen: FilterChoice) -> Noise:
-    """Noise of a reading and of a sample: the mean of N independent readings divides it by sqrt(N)."""
-    reading = reading_noise_mm(scene)
-    return Noise(reading_mm=reading, sample_mm=reading / math.sqrt(chosen.window))
+def check_errors(scene: Scene, errors: ReadingErrors, chosen: FilterChoice, deflection_mm: float) -> None:
+    """Raise SceneError as `check_scale`, or if the zeros of a scene's sensors drift too far for any model.
 
-
-def check_errors(scene: Scene, chosen: FilterChoice) -> None:
-    """Raise SceneError as `check_scale`, or if the zeros of a scene's sensors drift too far for any model."""
-    deflection_mm = max_deflection_mm(scene)
-    check_scale(noise_of(scene, chosen).sample_mm, deflection_mm)
-    zero_mm, warmth_mm = zero_drift_mm(scene), temperature_drift_mm(scene)
-    if max(zero_mm, warmth_mm) > MAX_NOISE * deflection_mm:
-        stated = f"zero_drift_mm = {digits(zero_mm, 3)}"
-        if warmth_mm > zero_mm:
+    `errors` are those of the scene, `chosen` is the filter and `deflection_mm` the largest deflection.
+    """
+    check_scale(errors.behind(chosen).sample_mm, deflection_mm)
+    if max(errors.zero_mm, errors.warmth_mm) > MAX_NOISE * deflection_mm:
+        stated = f"zero_drift_mm = {digits(errors.zero_mm, 3)}"
+        if errors.warmth_mm > errors.zero_mm:
             stated = f"drift_um_per_k = {scene.sensors.drift_um_per_k:g}"
         message = (
             f"sensors.{stated} hides the largest deflection, {digits(deflection_mm, 3)} mm; "

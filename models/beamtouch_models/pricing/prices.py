@@ -1,18 +1,30 @@
-"""The price of each single physical effect in a scene."""
+"""The price of each physical effect in a scene, and the scene without its negligible effects.
+
+The price of an effect is the largest change in deflection that it causes at any allowed sensor position, over the
+scene's loads at the largest force, in units of the noise of a sample. Effects are left out, cheapest first, while the
+sum of their prices stays under a tenth. The sum bounds their joint effect.
+"""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
-from pydantic import ValidationError
 
 from beamtouch_common.digits import digits
+from beamtouch_common.errors import InputError
+from beamtouch_models.arrays import Floats
+from beamtouch_models.errors import SceneError
+from beamtouch_models.metadata import FilterChoice
 from beamtouch_models.physics import dynamics
-from beamtouch_models.physics.beam import influence_of, load_positions_mm
-from beamtouch_models.pricing.effect import NEGLIGIBLE, Effect, Pricing, Verdict, verdict_of
-from beamtouch_models.pricing.noise import adc_step_mm, floor_of, rounding_mm, zero_drift_mm
-from beamtouch_models.pricing.removal import (
-    changed,
+from beamtouch_models.physics.axial import Held, held, held_stretch_mm, influence_change
+from beamtouch_models.physics.beam import influence_of
+from beamtouch_models.pricing.effect import (
+    NEGLIGIBLE,
+    Effect,
+    Pricing,
+    Verdict,
+    verdict_of,
     without_adc,
     without_foundation,
     without_shear,
@@ -20,8 +32,13 @@ from beamtouch_models.pricing.removal import (
     without_tolerance,
     without_width,
 )
-from beamtouch_models.pricing.temperature import expansion, sensor_drift
+from beamtouch_models.pricing.noise import ReadingErrors
+from beamtouch_models.scene import Scene, change_scene
 
+MAX_POSITIONS = 401
+"""Largest number of sensor positions at which an effect is priced, evenly chosen from the allowed ones."""
+NEAR = 0.5
+"""Share of the critical force from which buckling is near: an imperfect beam bows there (Southwell)."""
 POISSON_RATIO = 0.3
 """Value of most metals; it gives the shear modulus if the scene does not state one."""
 
@@ -36,7 +53,7 @@ def _shear(pricing: Pricing) -> Effect:
     if beam.modulus_gpa is None or any(section.area_mm2 is None for section in beam.sections):
         return Effect("shear", None, "not stated", "give shear_modulus_gpa with width_mm and thickness_mm")
     modulus = beam.modulus_gpa / (2 * (1 + POISSON_RATIO))
-    having = changed(scene, "beam", shear_modulus_gpa=modulus)
+    having = change_scene(scene, beam={"shear_modulus_gpa": modulus})
     price = pricing.price(having, scene)
     if price < NEGLIGIBLE:
         reason = f"estimated with a Poisson ratio of {POISSON_RATIO:g}"
@@ -66,9 +83,8 @@ def _overhang(pricing: Pricing) -> Effect:
     places = [support.at_mm for support in supports]
     if len(places) < 2 or (places[0] == 0 and places[-1] == scene.beam.length_mm):
         return Effect("overhang", 0.0, "out", "no overhang")
-    loads, sensors = load_positions_mm(scene), pricing.sensor_mm
-    off_loads, off_sensors = ((at < places[0]) | (at > places[-1]) for at in (loads, sensors))
-    price = pricing.in_noise(pricing.deflection_mm(scene)[off_loads[:, None] | off_sensors])
+    off_loads, off_sensors = ((at < places[0]) | (at > places[-1]) for at in (pricing.load_mm, pricing.sensor_mm))
+    price = pricing.in_noise(pricing.stated_mm[off_loads[:, None] | off_sensors])
     if price == 0:
         return Effect("overhang", 0.0, "out", "no load or sensor on an overhang")
     return Effect("overhang", price, "in", f"beyond the supports at {places[0]:g} and {places[-1]:g} mm")
@@ -97,9 +113,8 @@ def _foundation(pricing: Pricing) -> Effect:
     reason = f"{digits(scene.beam.foundation_n_mm2, 6)} N/mm per mm"
     try:
         lacking = without_foundation(scene)
-    except ValidationError:
-        whole = pricing.in_noise(pricing.deflection_mm(scene))
-        return Effect("foundation", whole, "in", f"{reason}; nothing else supports the beam", scene)
+    except InputError:
+        return Effect("foundation", pricing.price_of_all, "in", f"{reason}; nothing else supports the beam", scene)
     price = pricing.price(scene, lacking)
     return Effect("foundation", price, verdict_of(price), reason, scene, lacking, without_foundation)
 
@@ -111,7 +126,7 @@ def _dynamics(pricing: Pricing) -> Effect:
         return Effect("dynamics", None, "not stated", "give density_kg_m3 or material, with width_mm and thickness_mm")
     damping_ratio = dynamics.damping_of(scene.beam)
     still = dynamics.ringing_after_filter(frequency, damping_ratio, pricing.filter, scene.sensors.rate_hz)
-    price = pricing.in_noise(pricing.deflection_mm(scene)) * still
+    price = pricing.price_of_all * still
     assumed = " (assumed)" if scene.beam.damping_ratio is None else ""
     told = f"rings at {digits(frequency, 3)} Hz, damped by {digits(100 * damping_ratio, 2)} %{assumed}"
     if price < NEGLIGIBLE:
@@ -120,15 +135,15 @@ def _dynamics(pricing: Pricing) -> Effect:
 
 
 def _gain_error(pricing: Pricing) -> Effect:
-    gain, _ = floor_of(pricing.scene)
+    gain = pricing.readings.gain
     stated = "" if pricing.scene.sensors.gain_error_percent is not None else ", as the scene states none"
     left = f"calibration leaves an error of {digits(100 * gain, 3)} % of the deflection"
     reason = f"{left}{stated}; it never averages away"
-    return Effect("gain error", gain * pricing.in_noise(pricing.deflection_mm(pricing.scene)), "floor", reason)
+    return Effect("gain error", gain * pricing.price_of_all, "floor", reason)
 
 
 def _zero_drift(pricing: Pricing) -> Effect:
-    zero_mm = zero_drift_mm(pricing.scene)
+    zero_mm = pricing.readings.zero_mm
     stated = "" if pricing.scene.sensors.zero_drift_mm is not None else ", as the scene states none"
     reason = f"{digits(1000 * zero_mm, 3)} um since the last tare{stated}; it never averages away"
     return Effect("zero drift", pricing.in_noise(np.array([zero_mm])), "floor", reason)
@@ -138,7 +153,7 @@ def _mounting_tolerance(pricing: Pricing) -> Effect:
     scene, tolerance_mm = pricing.scene, pricing.scene.sensors.mounting_tolerance_mm
     if tolerance_mm == 0:
         return Effect("mounting tolerance", 0.0, "out", "the scene states none")
-    moved = influence_of(scene).deviation(pricing.sensor_mm, load_positions_mm(scene), tolerance_mm)
+    moved = influence_of(scene).deviation(pricing.sensor_mm, pricing.load_mm, tolerance_mm)
     price = pricing.in_noise(scene.contact.force_range_n[1] * moved)
     reason = f"+- {tolerance_mm:g} mm along the beam; `calibrate` finds the true positions"
     verdict: Verdict = "out" if price < NEGLIGIBLE else "floor"
@@ -158,12 +173,75 @@ def _adc_steps(pricing: Pricing) -> Effect:
         return Effect("ADC steps", None, "not stated", "give sensors.adc_bits")
     # Standard deviations, like the noise that they are compared to. The rounding errors of readings are independent
     # only as far as noise moves the readings over the steps.
-    step, stays_mm = adc_step_mm(scene), rounding_mm(scene)
+    step, stays_mm = pricing.readings.step_mm, pricing.readings.rounding_mm
     price = math.hypot(step / math.sqrt(12 * pricing.filter.window), stays_mm) / pricing.noise_mm
     reason = f"{digits(1000 * step, 3)} um per count"
     if stays_mm >= NEGLIGIBLE * pricing.noise_mm:
         reason += f"; the noise is too small to average it out, so {digits(1000 * stays_mm, 3)} um stay in every mean"
     return Effect("ADC steps", price, verdict_of(price), reason, leave_out=without_adc)
+
+
+def _expansion(pricing: Pricing) -> Effect:
+    """Price the axial force in a held beam, at both ends of the temperature range; SceneError if the beam buckles."""
+    name, scene = "expansion", pricing.scene
+    stretch, range_k = held_stretch_mm(scene.beam), scene.environment.temperature_range_k
+    if stretch is None:
+        return Effect(name, 0.0, "out", "the beam can lengthen: at most one support holds it lengthwise")
+    found = held(scene.beam)
+    if found is None:
+        return Effect(name, None, "not stated", "give beam.material or expansion_um_per_m_k, and thickness_mm")
+    buckles = f"it buckles {digits(found.buckles_k, 3)} K above its mounting"
+    where = f"held at {stretch[0]:g} and {stretch[1]:g} mm, {buckles}"
+    if range_k is None:
+        return Effect(name, None, "not stated", f"give environment.temperature_range_k; {where}")
+    change = [_change(pricing, found, one_k) for one_k in range_k]
+    still = pricing.stated_mm
+    price = max(pricing.in_noise(one) for one in change)
+    share = [100 * float(one.flat[peak] / still.flat[peak]) for one in change for peak in [np.abs(still).argmax()]]
+    forces = "..".join(digits(found.force_n_per_k * one_k, 3) for one_k in range_k)
+    reason = f"{where}; {forces} N of compression change the largest deflection by {share[0]:+.2g}..{share[1]:+.2g} %"
+    if price < NEGLIGIBLE:
+        return Effect(name, price, "out", reason)
+    if range_k[1] > NEAR * found.buckles_k:
+        reason += "; buckling is near, so let one support slide"
+    return Effect(name, price, "not modelled", reason, scene)
+
+
+def _change(pricing: Pricing, found: Held, warming_k: float) -> Floats:
+    """Return the change of the deflection at the largest force, (loads, sensors) in mm."""
+    scene, loads = pricing.scene, pricing.load_mm
+    half = scene.contact.width_mm / 2
+    low, high = np.maximum(loads - half, 0.0), np.minimum(loads + half, scene.beam.length_mm)
+    change = influence_change(scene.beam, found.force_n_per_k * warming_k, pricing.sensor_mm, low, high)
+    if change is None:
+        raise SceneError(_buckles(scene, found))
+    return scene.contact.force_range_n[1] * change
+
+
+def _buckles(scene: Scene, found: Held) -> str:
+    warmest = scene.environment.temperature_range_k or (0.0, 0.0)
+    return (
+        f"environment.temperature_range_k: {warmest[1]:g} K above its mounting the beam buckles, as it is held at "
+        f"{found.start_mm:g} and {found.end_mm:g} mm and bears {digits(found.buckles_k, 3)} K; let one support slide "
+        "(slides = true), or mount it warmer"
+    )
+
+
+def _sensor_drift(pricing: Pricing) -> Effect:
+    """Price the drift of the sensors with the temperature beside the other drift of their zeros."""
+    name, sensors, range_k = "sensor drift", pricing.scene.sensors, pricing.scene.environment.temperature_range_k
+    if range_k is None:
+        return Effect(name, None, "not stated", "give environment.temperature_range_k and sensors.drift_um_per_k")
+    if sensors.drift_um_per_k is None:
+        return Effect(name, None, "not stated", "give sensors.drift_um_per_k")
+    drift_mm, zero_mm = pricing.readings.warmth_mm, pricing.readings.zero_mm
+    span_k = range_k[1] - range_k[0]
+    beside = f"{digits(drift_mm / zero_mm, 2)} times" if zero_mm else "beside no"
+    reason = (
+        f"up to {digits(sensors.drift_um_per_k * span_k, 3)} um after a tare at the other end of {span_k:g} K, "
+        f"{digits(1000 * drift_mm, 3)} um as a standard deviation, {beside} zero drift; it never averages away"
+    )
+    return Effect(name, pricing.in_noise(np.array([drift_mm])), "floor", reason)
 
 
 EFFECTS: tuple[Callable[[Pricing], Effect], ...] = (
@@ -179,6 +257,52 @@ EFFECTS: tuple[Callable[[Pricing], Effect], ...] = (
     _gain_error,
     _zero_drift,
     _mounting_tolerance,
-    expansion,
-    sensor_drift,
+    _expansion,
+    _sensor_drift,
 )
+
+
+def effects_of(scene: Scene, chosen: FilterChoice, readings: ReadingErrors, allowed_mm: Floats) -> tuple[Effect, ...]:
+    """Price every effect of a scene, in the noise of a sample.
+
+    Parameters
+    ----------
+    scene, chosen, readings : the scene, the filter of its model, and the errors of its readings
+    allowed_mm : (positions,) where sensors may stand, ascending
+
+    Raises
+    ------
+    SceneError
+        The scene cannot be computed, or its noise, which must not be 0, is too small to price effects in.
+    """
+    at = np.linspace(0, len(allowed_mm) - 1, min(len(allowed_mm), MAX_POSITIONS)).round().astype(np.intp)
+    pricing = Pricing(scene, chosen, readings, allowed_mm[at])
+    return _include_too_many([price(pricing) for price in EFFECTS])
+
+
+def leave_out(scene: Scene, effects: Sequence[Effect], readings: ReadingErrors) -> Scene:
+    """Return a scene without its negligible effects; `readings` are the errors of its readings.
+
+    If effects are left out, the result states the noise of the scene in mm; it contains the steps of an ADC that is
+    left out.
+    """
+    removals = [effect.leave_out for effect in effects if effect.verdict == "out" and effect.leave_out]
+    smaller = scene
+    for remove in removals:
+        smaller = remove(smaller)
+    if removals:
+        noise_mm = readings.reading_mm if smaller.sensors.adc_bits is None else readings.sensor_mm
+        smaller = change_scene(smaller, sensors={"noise_mm": noise_mm, "noise_percent_of_max": None})
+    return smaller
+
+
+def _include_too_many(effects: list[Effect]) -> tuple[Effect, ...]:
+    """Include the most expensive negligible effects again, until the prices of the rest sum to less than the limit."""
+    judged, total = {effect.name: effect for effect in effects}, 0.0
+    left_out = [effect for effect in effects if effect.verdict == "out" and effect.leave_out]
+    for effect in sorted(left_out, key=lambda effect: effect.price or 0.0):
+        total += effect.price or 0.0
+        if total >= NEGLIGIBLE:
+            reason = f"{effect.reason}; included, as the effects left out would together exceed {NEGLIGIBLE:g}"
+            judged[effect.name] = replace(effect, verdict="in", reason=reason)
+    return tuple(judged.values())

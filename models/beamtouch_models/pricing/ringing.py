@@ -12,10 +12,7 @@ import math
 from dataclasses import dataclass
 
 from beamtouch_common.digits import digits
-from beamtouch_models.metadata import FilterChoice
-from beamtouch_models.physics.beam import max_deflection_mm
 from beamtouch_models.physics.dynamics import damping_of, first_frequency_hz, laden_period_s
-from beamtouch_models.pricing.noise import noise_of
 from beamtouch_models.scene import Scene
 
 ASSUMED = " (assumed; with a tenth of it, all times are ten times as long: measure it, and state beam.damping_ratio)"
@@ -38,8 +35,10 @@ class Ringing:
     """Whether the scene states no damping; all times are inversely proportional to it."""
 
 
-def ringing_of(scene: Scene, chosen: FilterChoice) -> Ringing | None:
-    """Return the ringing of a scene behind a filter; None if it does not give density, width and thickness.
+def ringing_of(scene: Scene, reading_mm: float, deflection_mm: float) -> Ringing | None:
+    """Return the ringing of a scene; None if it does not give density, width and thickness.
+
+    `reading_mm` is the noise of a reading, `deflection_mm` the largest deflection.
 
     Raises
     ------
@@ -49,14 +48,13 @@ def ringing_of(scene: Scene, chosen: FilterChoice) -> Ringing | None:
     frequency_hz, laden_s = first_frequency_hz(scene.beam), laden_period_s(scene)
     if frequency_hz is None or laden_s is None:
         return None
-    noise, damping_ratio = noise_of(scene, chosen), damping_of(scene.beam)
-    deflection_mm, laden_hz = max_deflection_mm(scene), 1 / laden_s
+    damping_ratio, laden_hz = damping_of(scene.beam), 1 / laden_s
     return Ringing(
         frequency_hz=frequency_hz,
         laden_frequency_hz=laden_hz,
         damping_ratio=damping_ratio,
-        after_touch_s=decay_s(deflection_mm / noise.reading_mm, laden_hz, damping_ratio),
-        after_lift_s=decay_s(deflection_mm / noise.reading_mm, frequency_hz, damping_ratio),
+        after_touch_s=decay_s(deflection_mm / reading_mm, laden_hz, damping_ratio),
+        after_lift_s=decay_s(deflection_mm / reading_mm, frequency_hz, damping_ratio),
         damping_is_assumed=scene.beam.damping_ratio is None,
     )
 

@@ -13,7 +13,6 @@ from beamtouch_models.accuracy import limit
 from beamtouch_models.accuracy.limit import MeanError
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.arrays import Floats
-from beamtouch_models.building.sensor_rules import sensor_rules
 from beamtouch_models.estimators.paper_network import MAX_EPOCHS, PaperNetwork, train
 from beamtouch_models.physics.beam import influence_of
 from beamtouch_models.placement import place
@@ -25,6 +24,7 @@ from beamtouch_models.reproduction.paper import (
     deflection_mm,
     equal_pitch_mm,
 )
+from beamtouch_models.surface import Surface
 
 COUNTS = (2, 3, 4, 5)
 NETWORKS = 3
@@ -84,10 +84,10 @@ class Performance:
 
 def layouts(seed: int) -> dict[Layout, Floats]:
     """Return the layouts of figure 8: at equal pitch, and with the largest eigenvalue product."""
-    found, influence, rules = {}, influence_of(SCENE), sensor_rules(SCENE)
+    surface, found = Surface.of(SCENE), {}
     for count in COUNTS:
         found[Layout(count, "equal")] = equal_pitch_mm(count)
-        found[Layout(count, "optimised")] = np.array(place(influence, rules, count, seed).positions_mm)
+        found[Layout(count, "optimised")] = np.array(place(surface.influence, surface.rules, count, seed).positions_mm)
     return found
 
 

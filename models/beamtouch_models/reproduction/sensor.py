@@ -2,16 +2,16 @@
 
 import numpy as np
 
-from beamtouch_models.building.sensor_rules import sensor_of
 from beamtouch_models.charts import Chart, Series
 from beamtouch_models.reproduction.finding import Figure, compared, rounded
 from beamtouch_models.reproduction.paper import SCENE
 from beamtouch_models.rig.surface import counts_of_gap
+from beamtouch_models.surface import Surface
 
 
 def figure_2() -> Figure:
     """Return figure 2: the output of the rig's sensor over the gap, and its deviation from a line from 1 to 4 mm."""
-    sensor = sensor_of(SCENE)
+    sensor = Surface.of(SCENE).sensor
     full_scale = 2**sensor.adc_bits - 1
     gap = np.linspace(0.0, 5.0, 501)
     output = counts_of_gap(sensor, gap) / full_scale * 100

@@ -1,16 +1,18 @@
-"""Imperfections: differences of a real surface from its scene and its model, which calibration removes."""
+"""Imperfections: the departures of a virtual surface from its scene, which calibration finds, and its damping.
+
+Two keys are stated otherwise than in `Departures`: the offset is one of the gap, and the curve is a polynomial of the
+true deflection, of which the curve of a calibration is the inverse to first order.
+"""
 
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
 from pydantic import Field
 
 from beamtouch_common.files import load_toml
 from beamtouch_models.arrays import Floats
 from beamtouch_models.errors import SceneError
-from beamtouch_models.scene import Scene
-from beamtouch_models.scene.beam import changed_beam
+from beamtouch_models.metadata import Departures
 from beamtouch_models.scene.fields import Finite, Fixity, PositiveFinite, Strict
 
 DampingRatio = Annotated[float, Field(gt=0, lt=1)]
@@ -35,29 +37,29 @@ class Imperfections(Strict):
     """Damping ratio of the first mode, in which the beam rings unless the price of ringing is negligible. Default: the
     scene's `beam.damping_ratio`."""
 
-    def check_channels(self, channels: int) -> None:
-        """Raise SceneError unless every list is empty or has one entry per channel."""
-        for name in ("position_offset_mm", "gain", "offset_mm"):
-            given = len(getattr(self, name))
-            if given not in (0, channels):
-                message = f"{name} has {given} entries for {channels} channels"
+    def bend_mm(self, deflection_mm: Floats) -> Floats:
+        """Return true deflections as the curve of the sensors bends them; gains and offsets come after it."""
+        bent: Floats = deflection_mm + self.curve_per_mm * deflection_mm**2
+        return bent
+
+    def departures(self, channels: int) -> Departures:
+        """Return the departures of a surface without its curve, which `bend_mm` has.
+
+        Raises
+        ------
+        SceneError
+            A list is neither empty nor has one entry per channel.
+        """
+        given = {name: list(getattr(self, name)) for name in ("position_offset_mm", "gain", "offset_mm")}
+        for name, values in given.items():
+            if len(values) not in (0, channels):
+                message = f"{name} has {len(values)} entries for {channels} channels"
                 raise SceneError(message)
-
-    def applied_to(self, scene: Scene) -> Scene:
-        """Return the scene of the real beam; raises SceneError if a fixed support gets a fixity."""
-        beam = changed_beam(scene.beam, self.rigidity, self.fixity)
-        return scene.model_copy(update={"beam": beam})
-
-    def sensors_mm(self, layout_mm: Floats) -> Floats:
-        """Return the true positions of the sensors at `layout_mm` (channels,)."""
-        return layout_mm + (np.array(self.position_offset_mm) if self.position_offset_mm else 0.0)
-
-    def seen_mm(self, deflection_mm: Floats) -> Floats:
-        """Return the deflections that the sensors measure under true deflections (channels,)."""
-        gain = np.array(self.gain) if self.gain else 1.0
-        offset = np.array(self.offset_mm) if self.offset_mm else 0.0
-        seen: Floats = gain * (deflection_mm + self.curve_per_mm * deflection_mm**2) - offset
-        return seen
+        stated = {name: values for name, values in given.items() if values}
+        if self.offset_mm:  # a larger gap is a smaller deflection
+            stated["offset_mm"] = [-value for value in self.offset_mm]
+        whole = {"fixity": self.fixity, "rigidity": self.rigidity}
+        return Departures.none(channels).model_copy(update=stated | whole)
 
 
 def load_imperfections(path: Path) -> Imperfections:

@@ -4,14 +4,15 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from beamtouch_models.arrays import Floats
 from beamtouch_models.errors import SceneError
-from beamtouch_models.metadata import FilterChoice
+from beamtouch_models.numbers import number, numbers
 from beamtouch_models.physics import dynamics
-from beamtouch_models.pricing.effects import effects_of
-from beamtouch_models.pricing.noise import noise_of
+from beamtouch_models.pricing.noise import MAX_DEFLECTION_MM
 from beamtouch_models.scene import Scene
+from beamtouch_models.surface import Surface
 
 _GONE = 700.0
 """Time constants after which nothing of the ringing is left in float64."""
@@ -65,8 +66,8 @@ class Ringing:
         return deflection
 
 
-def ringing_of(scene: Scene, chosen: FilterChoice, damping_ratio: float | None = None) -> Ringing | None:
-    """Return the ringing of a scene, with the damping that the scene states or assumes unless another one is given.
+def ringing_of(surface: Surface, damping_ratio: float | None = None) -> Ringing | None:
+    """Return the ringing of a surface, with the damping that its scene states or assumes unless another one is given.
 
     Returns
     -------
@@ -78,7 +79,8 @@ def ringing_of(scene: Scene, chosen: FilterChoice, damping_ratio: float | None =
     SceneError
         A damping ratio is given, and the frequency is not known.
     """
-    frequency = dynamics.first_frequency_hz(scene.beam)
+    beam = surface.stated.beam
+    frequency = dynamics.first_frequency_hz(beam)
     if frequency is None:
         if damping_ratio is None:
             return None
@@ -86,8 +88,30 @@ def ringing_of(scene: Scene, chosen: FilterChoice, damping_ratio: float | None =
             "damping_ratio needs beam.density_kg_m3 or beam.material, beam.width_mm and beam.thickness_mm in the scene"
         )
         raise SceneError(message)
-    if noise_of(scene, chosen).sample_mm > 0:  # without noise nothing is negligible
-        (priced,) = (effect for effect in effects_of(scene, chosen) if effect.name == "dynamics")
-        if priced.verdict == "out":
-            return None
-    return Ringing(Mode(frequency, dynamics.damping_of(scene.beam) if damping_ratio is None else damping_ratio))
+    if any(effect.name == "dynamics" and effect.verdict == "out" for effect in surface.effects):
+        return None
+    return Ringing(Mode(frequency, dynamics.damping_of(beam) if damping_ratio is None else damping_ratio))
+
+
+def ringing_mm(scene: Scene, static_mm: ArrayLike, time_s: ArrayLike, *, damping_ratio: float | None = None) -> Floats:
+    """Return the deflections after a sudden load, which rings in the first mode of the beam.
+
+    Parameters
+    ----------
+    scene : the scene
+    static_mm : (sensors,) deflections once the beam has come to rest
+    time_s : (times,) since the load acts, 0 or more
+    damping_ratio : of the first mode, between 0 and 1; default: that of the scene, or 0.01
+
+    Returns
+    -------
+    (times, sensors) in mm. Errors as `frequency_hz`.
+    """
+    frequency_hz = dynamics.frequency_hz(scene)
+    ratio = dynamics.damping_of(scene.beam) if damping_ratio is None else number(damping_ratio, "damping_ratio")
+    if not 0 < ratio < 1:
+        message = f"damping_ratio = {ratio:g} must be more than 0 and less than 1"
+        raise SceneError(message)
+    static = numbers(static_mm, "static_mm", least=-MAX_DEFLECTION_MM, most=MAX_DEFLECTION_MM)
+    mode, rest, times = Mode(frequency_hz, ratio), np.zeros_like(static), numbers(time_s, "time_s", least=0.0)
+    return np.array([mode.after(float(time), static, rest, rest)[0] for time in times])

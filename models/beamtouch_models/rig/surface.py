@@ -6,13 +6,14 @@ from numpy.typing import NDArray
 from beamtouch_models.arrays import Floats
 from beamtouch_models.errors import SceneError
 from beamtouch_models.metadata import Metadata, Sensor
-from beamtouch_models.physics.beam import scene_influence
-from beamtouch_models.pricing.noise import sensor_noise_mm
+from beamtouch_models.physics.beam import influence_matrix
 from beamtouch_models.rig.faults import Faults
 from beamtouch_models.rig.imperfections import Imperfections
 from beamtouch_models.rig.ringing import Ringing, ringing_of
 from beamtouch_models.rig.script import Load
 from beamtouch_models.scene import Scene
+from beamtouch_models.scene.beam import changed_beam
+from beamtouch_models.surface import Surface
 
 PERFECT = Imperfections()
 
@@ -32,18 +33,19 @@ class VirtualSurface:
     ) -> None:
         self.sensor = model.sensor
         self.channels = len(model.layout)
-        imperfections.check_channels(self.channels)
         self._imperfections = imperfections
-        self._scene = imperfections.applied_to(scene)
-        self._sensor_mm = imperfections.sensors_mm(np.array([channel.position_mm for channel in model.layout]))
+        self._departures = departures = imperfections.departures(self.channels)
+        self._sensor_mm = model.layout_mm + np.array(departures.position_offset_mm)
         if not all(0 <= position <= scene.beam.length_mm for position in self._sensor_mm):
             message = "position_offset_mm moves a sensor off the beam"
             raise SceneError(message)
-        self._noise_mm = sensor_noise_mm(scene)
+        beam = changed_beam(scene.beam, departures.rigidity, departures.fixity)
+        self._scene = scene.model_copy(update={"beam": beam})
+        self._noise_mm = Surface.of(scene, model.filter).readings.sensor_mm
         self._rng = np.random.default_rng(seed)
         self._faults = faults or Faults([channel.name for channel in model.layout])
         self._ringing: Ringing | None = (
-            ringing_of(self._scene, model.filter, imperfections.damping_ratio) if rings else None
+            ringing_of(Surface.of(self._scene, model.filter), imperfections.damping_ratio) if rings else None
         )
 
     def counts(self, load: Load, seconds: float) -> list[int]:
@@ -63,14 +65,15 @@ class VirtualSurface:
     def _noisy_gap_mm(self, load: Load, seconds: float) -> Floats:
         static = self._static_mm(load)
         deflection = static if self._ringing is None else self._ringing.at(seconds, static)
-        gap = self.sensor.standoff_mm - self._imperfections.seen_mm(deflection)
+        linear = np.array(self._departures.gain) * self._imperfections.bend_mm(deflection)
+        gap = self.sensor.standoff_mm - self._departures.measure(linear)
         return gap + self._rng.normal(scale=self._noise_mm, size=gap.shape)
 
     def _static_mm(self, load: Load) -> Floats:
         """Return the deflections (channels,) of the beam at rest under a load."""
         if load.position_mm is None:
             return np.zeros(self.channels)
-        deflection: Floats = load.force_n * scene_influence(self._scene, self._sensor_mm, load.position_mm)[0]
+        deflection: Floats = load.force_n * influence_matrix(self._scene, self._sensor_mm, load.position_mm)[0]
         return deflection
 
 

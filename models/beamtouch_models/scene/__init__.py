@@ -6,6 +6,25 @@ obvious mistakes: places off the beam, numbers in other units.
 """
 
 from beamtouch_models.scene.identity import identity_of
-from beamtouch_models.scene.scene import Requirements, Scene, load_scene, parse_scene
+from beamtouch_models.scene.scene import (
+    Requirements,
+    Scene,
+    change_scene,
+    format_scene,
+    load_scene,
+    make_scene,
+    parse_scene,
+    read_scene,
+)
 
-__all__ = ["Requirements", "Scene", "identity_of", "load_scene", "parse_scene"]
+__all__ = [
+    "Requirements",
+    "Scene",
+    "change_scene",
+    "format_scene",
+    "identity_of",
+    "load_scene",
+    "make_scene",
+    "parse_scene",
+    "read_scene",
+]  # fmt: skip

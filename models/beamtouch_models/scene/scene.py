@@ -1,12 +1,15 @@
 """The scene of a surface, validated strictly."""
 
+import json
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
 from beamtouch_common.digits import digits
-from beamtouch_common.files import parse_toml, read_text
+from beamtouch_common.errors import InputError
+from beamtouch_common.files import parse_toml, read_text, validate
 from beamtouch_models.metadata import MAX_FALSE, max_false_per_day
 from beamtouch_models.scene.beam import Beam
 from beamtouch_models.scene.contact import Contact
@@ -84,6 +87,82 @@ class Scene(Strict):
     def wants_force(self) -> bool:
         """Whether the model states the force."""
         return "force" in self.requirements.descriptors
+
+
+def read_scene(scene: Path | str) -> Scene:
+    """Read a scene.
+
+    Parameters
+    ----------
+    scene : path of a TOML file, or TOML text; a text of one line that ends with ".toml" is a path
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, or it is not a scene; the message names the key.
+    """
+    if not isinstance(scene, Path | str):
+        message = f"the scene: give a path or TOML text, not {type(scene).__name__}"
+        raise InputError(message)
+    path = path_of(scene)
+    return parse_scene(str(scene), "the scene") if path is None else load_scene(path)[0]
+
+
+def path_of(scene: object) -> Path | None:
+    """Return the path of a scene that is stated by its path, None if it is something else, as TOML text."""
+    if isinstance(scene, str) and "\n" not in scene and scene.endswith(".toml"):
+        return Path(scene)
+    return scene if isinstance(scene, Path) else None
+
+
+def make_scene(**tables: Mapping[str, Any]) -> Scene:
+    """Make a scene of its tables, with the keys of a scene file.
+
+    For example `make_scene(beam={"length_mm": 400, ...}, contact={...}, sensors={...})`.
+
+    Raises
+    ------
+    InputError
+        It is not a scene; the message names the key.
+    """
+    return validate(Scene, tables, "the scene")
+
+
+def change_scene(scene: Scene, **tables: Mapping[str, Any]) -> Scene:
+    """Return a scene with other values of some keys; None takes a key away.
+
+    For example `change_scene(scene, beam={"thickness_mm": 4}, sensors={"count": 5})`.
+
+    Raises
+    ------
+    InputError
+        It is no scene any more; the message names the key.
+    """
+    stated = scene.model_dump(exclude_unset=True)
+    whole = {name: {**stated.get(name, {}), **values} for name, values in tables.items()}
+    return make_scene(**_without_none(stated | whole))
+
+
+def format_scene(scene: Scene) -> str:
+    """Return a scene as TOML text, with the keys that it states."""
+    tables = _without_none(scene.model_dump(mode="json", exclude_unset=True))
+    return "\n".join(
+        f"[{name}]\n" + "".join(f"{key} = {_toml(value)}\n" for key, value in table.items())
+        for name, table in tables.items()
+    )
+
+
+def _without_none(tables: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
+    return {name: {key: value for key, value in table.items() if value is not None} for name, table in tables.items()}
+
+
+def _toml(value: object) -> str:
+    """Return a value as TOML; its numbers, texts, truth values and lists are those of JSON."""
+    if isinstance(value, dict):
+        return f"{{ {', '.join(f'{key} = {_toml(one)}' for key, one in value.items() if one is not None)} }}"
+    if isinstance(value, list):
+        return f"[{', '.join(map(_toml, value))}]"
+    return json.dumps(value)
 
 
 def load_scene(path: Path) -> tuple[Scene, str]:

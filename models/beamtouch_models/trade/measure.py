@@ -11,18 +11,17 @@ from beamtouch_models.accuracy.limit import accuracy_limit
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.statistics import Measurement, mean_of, ratio_of
 from beamtouch_models.arrays import Floats32
-from beamtouch_models.building.placed import placed
+from beamtouch_models.building.sensors import place_sensors
 from beamtouch_models.building.since_touch import errors_of_means, errors_since_touch, readings_of
 from beamtouch_models.errors import SceneError
 from beamtouch_models.estimators.estimator import NAMES, Name, estimator_of
 from beamtouch_models.export import to_bytes
 from beamtouch_models.metadata import FilterChoice
-from beamtouch_models.pricing.noise import choose_filter, sensor_noise_mm
-from beamtouch_models.pricing.removal import changed
 from beamtouch_models.progress import silent
-from beamtouch_models.scene import Scene
+from beamtouch_models.scene import Scene, change_scene
 from beamtouch_models.scene.sensors import MIN_SENSORS
 from beamtouch_models.session import runner
+from beamtouch_models.surface import Surface
 
 AROUND = 2
 """If the scene states a number of sensors, fewer ones down to AROUND less are measured, and one more."""
@@ -128,16 +127,16 @@ def numbers_of_sensors(scene: Scene) -> list[int]:
 
 def with_noises(scene: Scene) -> list[Scene]:
     """Return the scene with each other noise of its sensors; none if its noise comes from the ADC alone."""
-    noise_mm = sensor_noise_mm(scene)
+    noise_mm = Surface.of(scene).readings.sensor_mm
     if noise_mm == 0:
         return []
-    return [changed(scene, "sensors", noise_mm=noise_mm * one, noise_percent_of_max=None) for one in NOISES]
+    return [change_scene(scene, sensors={"noise_mm": noise_mm * one, "noise_percent_of_max": None}) for one in NOISES]
 
 
 def with_twice_the_latency(scene: Scene) -> Scene:
     """Return the scene with twice its latency; without one, with that of two readings."""
     latency_ms = scene.requirements.latency_ms or 1e3 / scene.sensors.rate_hz
-    return changed(scene, "requirements", latency_ms=2 * latency_ms)
+    return change_scene(scene, requirements={"latency_ms": 2 * latency_ms})
 
 
 def measure(task: Task) -> Model | Failure:
@@ -152,10 +151,9 @@ def measure(task: Task) -> Model | Failure:
 
 
 def _measure(task: Task) -> Model:
-    scene, seed = task.scene, task.seed
-    chosen = choose_filter(scene)
-    sensors = placed(scene, chosen, count=task.sensors, seed=seed, kept_mm=task.kept_mm)
-    prior, noise = sensors.prior, sensors.physics.noise
+    scene, seed, surface = task.scene, task.seed, Surface.of(task.scene)
+    sensors = place_sensors(surface, count=task.sensors, seed=seed, kept_mm=task.kept_mm)
+    prior, noise, chosen = sensors.prior, surface.noise, surface.filter
     made = estimator_of(
         task.estimator,
         prior,
@@ -201,15 +199,13 @@ def _sample(prior: Prior) -> tuple[Floats32, Floats32]:
 def follow(task: tuple[Scene, Model, int, int]) -> Curve:
     """Return the curve of a scene's own model; the task is the scene, the model, the draws and the seed."""
     scene, model, draws, seed = task
-    chosen = model.filter
-    sensors = placed(scene, chosen, seed=seed, kept_mm=model.positions_mm)
+    sensors = place_sensors(Surface.of(scene, model.filter), seed=seed, kept_mm=model.positions_mm)
     prior, scale = sensors.prior, model.length_mm / 100
     answers = errors_since_touch(
         prior,
         runner(model.graph),
-        scene,
-        np.array(model.positions_mm),
-        chosen,
+        sensors.surface,
+        sensors.positions_mm,
         model.error_mm.scaled(1 / scale),
         seed + 2,
     )

@@ -3,12 +3,11 @@
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
-from beamtouch_models.building.checks import check_scene
 from beamtouch_models.errors import SceneError
 from beamtouch_models.estimators.estimator import NAMES, Name
-from beamtouch_models.pricing.noise import choose_filter
 from beamtouch_models.progress import Progress
 from beamtouch_models.scene import Scene
+from beamtouch_models.surface import Surface
 from beamtouch_models.sweeps import Spread
 from beamtouch_models.trade.front import Point, pareto_front, points_of
 from beamtouch_models.trade.measure import (
@@ -68,7 +67,7 @@ def trade(
     SceneError
         No model of the scene can be built.
     """
-    check_scene(scene, choose_filter(scene))
+    Surface.of(scene).check()
     counts = numbers_of_sensors(scene)
     planned = len(counts) + len(estimators) + len(with_noises(scene)) + 2
     done: list[Model | Failure] = []

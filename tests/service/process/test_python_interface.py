@@ -5,7 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from beamtouch_models import api, cli
+import beamtouch_models as models
+from beamtouch_models import cli
 from imperfect_surface import imperfections, readings
 from service.conftest import MakeBatch
 from service.process.conftest import StartService
@@ -20,21 +21,22 @@ FIGURES = [
 def test_scripts_get_what_the_service_answers(
     bench_model: Path, start_service: StartService, make_batch: MakeBatch, token_file: Path, tmp_path: Path
 ) -> None:
-    model = api.load_model(bench_model)
+    model = models.load_model(bench_model)
     real = imperfections(4, model.metadata).model_copy(update={"offset_mm": (OFFSET_MM, -OFFSET_MM, 0.0, 0.0)})
     loads, output = readings(tmp_path, model, real), tmp_path / "press-7.onnx"
     assert cli.main(["calibrate", str(bench_model), str(loads), "-o", str(output)]) == 0
-    fresh = api.load_model(output)
+    fresh = models.load_model(output)
     calibration = fresh.metadata.calibration
     assert calibration is not None
     assert max(map(abs, calibration.departures.offset_mm)) > OFFSET_MM / 2
-    scene = api.read_scene(fresh.metadata.scene + "\n")
-    truth = 5 * api.influence_matrix(scene, [channel.position_mm for channel in fresh.metadata.layout], PLACES_MM)
-    samples = real.seen_mm(truth).tolist()
+    scene = models.read_scene(fresh.metadata.scene + "\n")
+    truth = 5 * models.influence_matrix(scene, [channel.position_mm for channel in fresh.metadata.layout], PLACES_MM)
+    departures = real.departures(len(fresh.channels))
+    samples = departures.measure(np.array(departures.gain) * real.bend_mm(truth)).tolist()
 
     (tmp_path / "service.toml").write_text(f'[surfaces.press-7]\nmodel = "{output}"\n')
     service = start_service("--config", "service.toml", "--write-token-file", token_file)
-    answers = api.estimate(fresh, samples)
+    answers = models.estimate(fresh, samples)
 
     for row, sample in enumerate(samples):
         service.post(make_batch(sample, sequence=row + 1, channels=fresh.channels))

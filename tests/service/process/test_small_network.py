@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from beamtouch_models import cli, modelfile
-from beamtouch_models.building.model_prior import prior_of_model
+from beamtouch_models.surface import prior_of_model
 from beamtouch_service import cli as service_cli
 from example_scenes import SCENES
 

@@ -8,22 +8,17 @@ import numpy as np
 from beamtouch_models.accuracy.contacts import simulated
 from beamtouch_models.accuracy.evaluation import estimates
 from beamtouch_models.accuracy.limit import MeanError, accuracy_limit
-from beamtouch_models.accuracy.prior import Prior, SampleErrors
+from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.statistics import Measurement, mean_of
-from beamtouch_models.accuracy.unexplained_thresholds import windows_of
 from beamtouch_models.arrays import Floats
 from beamtouch_models.building.build import Built
 from beamtouch_models.building.report.robustness import ErrorPrice, error_prices
-from beamtouch_models.building.sensor_rules import sample_errors, sensor_rules
 from beamtouch_models.errors import SceneError
 from beamtouch_models.loading import ModelFile, load_bytes
-from beamtouch_models.physics.beam import influence_of
-from beamtouch_models.physics.influence import InfluenceFunction
 from beamtouch_models.placement import Aim, Placement, place, place_by_position_error, score_positions
 from beamtouch_models.placement.components import Components, principal_components
-from beamtouch_models.placement.layout import Candidates, equal_pitch_mm
+from beamtouch_models.placement.layout import equal_pitch_mm
 from beamtouch_models.pricing.effect import Effect
-from beamtouch_models.pricing.noise import temperature_drift_mm
 from beamtouch_models.progress import Progress
 from beamtouch_models.scene import Scene
 
@@ -93,12 +88,7 @@ class Facts:
 def gather(scene: Scene, built: Built, progress: Progress) -> Facts:
     """Measure the data of the report, which takes seconds; the same build gives the same data."""
     progress("measuring for the report", 0.97)
-    positions = np.array(built.placement.positions_mm)
-    physics = built.physics.scene
-    influence, rules = influence_of(physics), sensor_rules(physics)
-    noise, chosen = built.metadata.noise, built.metadata.filter
-    errors = sample_errors(physics, noise.sample_mm, chosen.min_noise_mm(noise), windows_of(chosen))
-    warmth_mm = temperature_drift_mm(physics)
+    positions, surface = np.array(built.placement.positions_mm), built.surface
     model = load_bytes(built.content, "the model just built")
     seed = built.metadata.seed
     return Facts(
@@ -106,24 +96,21 @@ def gather(scene: Scene, built: Built, progress: Progress) -> Facts:
         model,
         built.placement,
         built.aim,
-        influence.load_mm,
-        principal_components(influence.matrix(positions)),
-        _profile(influence, errors, model, positions, seed),
-        _layouts(built, influence, rules, errors),
-        error_prices(influence, positions, errors, warmth_mm, LAYOUT_DRAWS, seed + SEED_SHIFT + 1),
-        built.physics.effects,
+        surface.influence.load_mm,
+        principal_components(surface.influence.matrix(positions)),
+        _profile(surface.prior(positions), model, seed),
+        _layouts(built),
+        error_prices(surface, positions, LAYOUT_DRAWS, seed + SEED_SHIFT + 1),
+        surface.effects,
     )
 
 
-def _profile(
-    influence: InfluenceFunction, errors: SampleErrors, model: ModelFile, positions: Floats, seed: int
-) -> Profile:
-    prior = Prior.real(influence, positions, errors)
+def _profile(prior: Prior, model: ModelFile, seed: int) -> Profile:
     contacts = simulated(prior, PROFILE_DRAWS, seed + SEED_SHIFT)
     best = contacts.least_error_mm()
     weight = np.broadcast_to(contacts.weight[:, None], contacts.likely_mm.shape)
     answers = estimates(model, prior, contacts.drawn.deflection_mm)
-    edges = np.linspace(*influence.position_mm, PROFILE_BINS + 1)
+    edges = np.linspace(*prior.position_mm, PROFILE_BINS + 1)
     stretch = np.clip(np.searchsorted(edges, contacts.likely_mm, side="right") - 1, 0, PROFILE_BINS - 1)
 
     def means(values: Floats) -> Floats:
@@ -142,10 +129,9 @@ def _profile(
     return Profile((edges[1:] + edges[:-1]) / 2, model_mm, limit_mm, held, held_in, width_mm)
 
 
-def _layouts(
-    built: Built, influence: InfluenceFunction, rules: Candidates, errors: SampleErrors
-) -> tuple[OtherLayout, ...]:
+def _layouts(built: Built) -> tuple[OtherLayout, ...]:
     """Compare the model's layout with others, all on the same contacts."""
+    influence, rules, errors = built.surface.influence, built.surface.rules, built.surface.errors
     taken, seed, found_by = np.array(built.placement.positions_mm), built.metadata.seed, built.aim.criterion
     named = {"equal pitch": equal_pitch_mm(influence.length_mm, len(taken))}
     # A layout that was kept, not searched, may be another one than its criterion finds now.
@@ -166,8 +152,7 @@ def _layouts(
         named["the model's"] = taken
     found = []
     for name, positions in named.items():
-        prior = Prior.real(influence, positions, errors)
-        reached = accuracy_limit(prior, LAYOUT_DRAWS, seed + SEED_SHIFT + 1)
+        reached = accuracy_limit(built.surface.prior(positions), LAYOUT_DRAWS, seed + SEED_SHIFT + 1)
         score = score_positions(influence, positions)
         found.append(OtherLayout(name, positions, score, reached, bool(np.allclose(taken, positions))))
     return tuple(found)

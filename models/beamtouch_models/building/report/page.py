@@ -5,7 +5,7 @@ from importlib.resources import files
 from jinja2 import Environment, StrictUndefined
 
 from beamtouch_common.digits import digits
-from beamtouch_models.building.failing import weak_spot
+from beamtouch_models.building.remarks import weak_spot
 from beamtouch_models.building.report.beam_drawing import beam_drawing
 from beamtouch_models.building.report.facts import PROFILE_BINS, Facts
 from beamtouch_models.building.report.robustness import failed_rows, price_rows
@@ -13,7 +13,8 @@ from beamtouch_models.charts import Chart, Series, draw
 from beamtouch_models.description import answers, nothing_seen, per_day, unseen
 from beamtouch_models.detection import detection_of
 from beamtouch_models.pricing.effect import NEGLIGIBLE
-from beamtouch_models.pricing.ringing import ringing_of, told
+from beamtouch_models.pricing.ringing import told
+from beamtouch_models.surface import Surface
 from beamtouch_models.svg import STYLE
 
 MIN_MISSED = 1e-4
@@ -33,7 +34,7 @@ def page(facts: Facts) -> str:
     charts: dict[str, str] = {"search": "", "missed": ""}
     for name, chart, remark in _charts(facts):
         charts |= {name: draw(chart), f"{name}_caption": f"{chart.says}{remark}."}
-    ringing = ringing_of(facts.scene, facts.model.metadata.filter)
+    ringing = Surface.of(facts.scene, facts.model.metadata.filter).ringing
     width_mm = facts.profile.width_mm
     third = slice(PROFILE_BINS // 3, 2 * PROFILE_BINS // 3)
     return template.render(

@@ -10,7 +10,7 @@ from beamtouch_models.accuracy.limit import accuracy_limit
 from beamtouch_models.accuracy.prior import Prior, SampleErrors
 from beamtouch_models.arrays import Floats
 from beamtouch_models.metadata import Metadata
-from beamtouch_models.physics.influence import InfluenceFunction
+from beamtouch_models.surface import Surface
 
 Rows = list[tuple[str, ...]]
 
@@ -26,16 +26,15 @@ class ErrorPrice:
     without_percent: float
 
 
-def error_prices(
-    influence: InfluenceFunction, positions_mm: Floats, errors: SampleErrors, warmth_mm: float, draws: int, seed: int
-) -> tuple[ErrorPrice, ...]:
+def error_prices(surface: Surface, positions_mm: Floats, draws: int, seed: int) -> tuple[ErrorPrice, ...]:
     """Price each kind of error of the sensors but the noise, on the same contacts.
 
-    `warmth_mm` is the part of the zeros' errors that comes with the temperature; it is priced by itself as well.
+    The part of the zeros' errors that comes with the temperature is priced by itself as well.
     """
+    errors, warmth_mm = surface.errors, surface.modelled_readings.warmth_mm
 
     def limit_percent(some: SampleErrors) -> float:
-        return accuracy_limit(Prior.real(influence, positions_mm, some), draws, seed).percent
+        return accuracy_limit(Prior.real(surface.influence, positions_mm, some), draws, seed).percent
 
     whole = limit_percent(errors)
     at_one_temperature = replace(errors, zero_mm=math.sqrt(max(0.0, errors.zero_mm**2 - warmth_mm**2)))

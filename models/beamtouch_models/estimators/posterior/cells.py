@@ -103,9 +103,7 @@ def path_of(prior: Prior) -> Path:
     fine = np.linspace(*prior.position_mm, FINE)
     influence = prior.table(fine)
     force = prior.force_n[1]
-    deviation = prior.deviation_mm(force * influence)
-    if prior.uncertainty is not None:
-        deviation = np.hypot(deviation, force * prior.uncertainty(fine))
+    deviation = prior.deviation_in_table_mm(fine, force)
     within = (deviation[1:] + deviation[:-1]) / 2
     shape = force * (influence[1:] + influence[:-1]) / 2 / within
     change = force * np.diff(influence, axis=0) / within

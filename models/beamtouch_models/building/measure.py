@@ -1,9 +1,14 @@
-"""Measurements on a finished estimator for its metadata: accuracy, thresholds, smallest force, golden answers."""
+"""Measurements on a finished estimator: the check against the accuracy limit, and the fields of its metadata.
+
+These are accuracy, thresholds, smallest force and golden answers. An estimator is refused if its error or its coverage
+misses the limit.
+"""
 
 from dataclasses import dataclass
 
 import numpy as np
 
+from beamtouch_common.digits import digits
 from beamtouch_models.accuracy import limit
 from beamtouch_models.accuracy.contacts import simulated_enough
 from beamtouch_models.accuracy.prior import Prior
@@ -12,17 +17,23 @@ from beamtouch_models.accuracy.touch_thresholds import PLACES, rate_per_sample, 
 from beamtouch_models.accuracy.unexplained_thresholds import unexplained_thresholds, windows_of
 from beamtouch_models.arrays import Floats
 from beamtouch_models.building.since_touch import errors_since_touch
+from beamtouch_models.errors import NotGoodEnoughError
 from beamtouch_models.estimators.estimator import Estimator
 from beamtouch_models.export import to_bytes
-from beamtouch_models.metadata import Accuracy, FilterChoice, Floor, Golden, Influence, SmallestForce, Thresholds
-from beamtouch_models.scene import Scene
+from beamtouch_models.metadata import Accuracy, Floor, Golden, Influence, SmallestForce, Thresholds
 from beamtouch_models.session import Run, runner
+from beamtouch_models.surface import Surface
 from beamtouch_models.whitening import whitening
 
 ACCURACY_DRAWS = 4_096
 GOLDEN_DRAWS = 6
 DIGITS = 7
-"""Significant digits in this table."""
+"""Significant digits in the table of influence."""
+CHECK_DRAWS = 1000
+MAX_RATIO, MIN_COVERAGE = 1.2, 0.9
+"""Largest mean error over the limit, and smallest share of positions inside their 95 % intervals."""
+SURE = 4.0
+"""Number of standard errors by which a bound must be missed."""
 
 
 @dataclass(frozen=True)
@@ -37,23 +48,21 @@ class Measured:
     golden: Golden
 
 
-def measured(
-    estimator: Estimator, prior: Prior, scene: Scene, sensor_mm: Floats, chosen: FilterChoice, seed: int
-) -> Measured:
+def measure(estimator: Estimator, prior: Prior, surface: Surface, sensor_mm: Floats, seed: int) -> Measured:
     """Measure an estimator on simulated samples of its prior, using the three seeds after `seed`.
 
     `sensor_mm` (channels,) are the positions of the sensors of the prior.
     """
     run = runner(to_bytes(estimator.graph))
-    thresholds = thresholds_of(prior, scene, chosen, seed + 1)
-    supports_mm = [support.at_mm for support in scene.beam.support_list]
+    thresholds = thresholds_of(prior, surface, seed + 1)
+    supports_mm = [support.at_mm for support in surface.stated.beam.support_list]
     gain, zero_mm = (np.broadcast_to(value, prior.channels).tolist() for value in (prior.gain, prior.zero_mm))
     return Measured(
         thresholds,
         smallest_forces(prior, thresholds.touch[-1], supports_mm),
         Floor(gain=gain, zero_mm=zero_mm),
         _influence(prior),
-        _accuracy(prior, run, scene, sensor_mm, chosen, seed + 2),
+        _accuracy(prior, run, surface, sensor_mm, seed + 2),
         _golden(prior, run, seed + 3),
     )
 
@@ -68,9 +77,10 @@ def _influence(prior: Prior) -> Influence:
     return Influence(mm_per_n=[[float(f"{value:.{DIGITS}g}") for value in row] for row in table])
 
 
-def thresholds_of(prior: Prior, scene: Scene, chosen: FilterChoice, seed: int) -> Thresholds:
-    """Return the thresholds for the false contacts per day that a scene allows, behind a filter."""
-    per_day, rate_hz = scene.requirements.false_contacts_per_day, scene.sensors.rate_hz
+def thresholds_of(prior: Prior, surface: Surface, seed: int) -> Thresholds:
+    """Return the thresholds for the false contacts per day that the scene of a surface allows."""
+    chosen, rate_hz = surface.filter, surface.stated.sensors.rate_hz
+    per_day = surface.stated.requirements.false_contacts_per_day
     each = [unexplained_thresholds(prior, rate_hz, window, seed) for window in windows_of(chosen)]
     rest, misfit = ([max(limits) for limits in zip(*kind, strict=True)] for kind in zip(*each, strict=True))
     return Thresholds(
@@ -81,7 +91,7 @@ def thresholds_of(prior: Prior, scene: Scene, chosen: FilterChoice, seed: int) -
     )
 
 
-def _accuracy(prior: Prior, run: Run, scene: Scene, sensor_mm: Floats, chosen: FilterChoice, seed: int) -> Accuracy:
+def _accuracy(prior: Prior, run: Run, surface: Surface, sensor_mm: Floats, seed: int) -> Accuracy:
     """Return the error of the exported graph and the accuracy limit, on the same contacts."""
     contacts = simulated_enough(prior, ACCURACY_DRAWS, seed)
     best, weight = contacts.deviation_mm, contacts.weight
@@ -92,7 +102,7 @@ def _accuracy(prior: Prior, run: Run, scene: Scene, sensor_mm: Floats, chosen: F
     error = contacts.mean_error_mm(run(deflection, prior.whitening(deflection))["position_mm"])
     reached, least = (mean_of(values, weight).scaled(100 / prior.length_mm) for values in (error, best))
     return Accuracy(
-        since_touch=errors_since_touch(prior, run, scene, sensor_mm, chosen, reached, seed),
+        since_touch=errors_since_touch(prior, run, surface, sensor_mm, reached, seed),
         error_percent=reached.value,
         error_standard_error=reached.standard_error,
         limit_percent=least.value,
@@ -120,3 +130,35 @@ def _golden(prior: Prior, run: Run, seed: int) -> Golden:
         whitening_per_mm=weights.astype(float).tolist(),
         answers={name: values.astype(float).tolist() for name, values in answers.items()},
     )
+
+
+def check_at_limit(made: Estimator, prior: Prior, seed: int) -> None:
+    """Refuse a model with answers that are not finite, and a posterior that misses the limit or its coverage.
+
+    Raises
+    ------
+    NotGoodEnoughError
+        An answer is not finite, or the mean error or the coverage misses its bound beyond chance.
+    """
+    drawn = limit.draw(prior, CHECK_DRAWS, seed)
+    deflection = prior.measured(drawn.deflection_mm)
+    answers = runner(to_bytes(made.graph))(deflection, prior.whitening(deflection))
+    if not all(np.isfinite(values).all() for values in answers.values()):
+        message = "nothing was written: some answers of the model are not finite; check the scene for extreme values"
+        raise NotGoodEnoughError(message)
+    if made.name != "posterior":  # the other estimators are trained and may miss the limit
+        return
+    error = np.abs(answers["position_mm"].astype(np.float64) - drawn.position_mm)
+    best = np.abs(limit.posterior_median_mm(prior, drawn.deflection_mm) - drawn.position_mm)
+    ratio = ratio_of(error, best)
+    low, high = answers["position_low_mm"], answers["position_high_mm"]
+    coverage = float(((low <= drawn.position_mm) & (drawn.position_mm <= high)).mean())
+    spread = (MIN_COVERAGE * (1 - MIN_COVERAGE) / CHECK_DRAWS) ** 0.5
+    if ratio.value - SURE * ratio.standard_error <= MAX_RATIO and coverage + SURE * spread >= MIN_COVERAGE:
+        return
+    message = (
+        f"nothing was written: with {digits(prior.noise_mm, 3)} mm of noise the model's error is "
+        f"{digits(ratio.value, 3)} times the accuracy limit, and {coverage:.1%} of positions lie in their 95 % "
+        "intervals; state a larger noise"
+    )
+    raise NotGoodEnoughError(message)

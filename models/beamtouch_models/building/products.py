@@ -1,0 +1,85 @@
+"""The products of a build: the model, the daemon's configuration and the report."""
+
+import re
+from pathlib import Path
+from typing import Literal
+
+from beamtouch_common.files import require_writable, write_atomically
+from beamtouch_models.building.build import Choices, build_model
+from beamtouch_models.building.daemon_config import daemon_config as daemon_config_of
+from beamtouch_models.building.report.facts import gather
+from beamtouch_models.building.report.page import page
+from beamtouch_models.building.sensors import count_of, make_aim
+from beamtouch_models.errors import SceneError
+from beamtouch_models.estimators.estimator import NAMES, Name
+from beamtouch_models.metadata.fields import NAME
+from beamtouch_models.numbers import require, whole
+from beamtouch_models.placement import DEFAULT_AIM, Criterion
+from beamtouch_models.progress import silent
+from beamtouch_models.scene import Scene, format_scene, load_scene, read_scene
+from beamtouch_models.scene.scene import path_of
+
+
+def build(  # noqa: PLR0913  # one for each option of the command
+    scene: Path | str | Scene,
+    name: str = "surface",
+    *,
+    sensors: int | None = None,
+    criterion: Criterion = DEFAULT_AIM.criterion,
+    spare: Literal[0, 1] = 0,
+    estimator: Name = NAMES[0],
+    daemon_config: Path | str | None = None,
+    report: Path | str | None = None,
+    seed: int = 0,
+) -> bytes:
+    """Build the model of a scene, as `design-sensors build` does.
+
+    Parameters
+    ----------
+    scene : path of a TOML file, TOML text, or a scene; as that of `read_scene`
+    name : name of the surface
+    sensors : number of sensors; default: as the scene states
+    criterion, spare : as those of `place`
+    estimator : "posterior", "small-network" or "paper-network"
+    daemon_config, report : files to write beside: a configuration for the daemon (TOML), and a report (HTML)
+    seed : seed of all random numbers; the same seed gives the same bytes
+
+    Returns
+    -------
+    The content of the model file.
+
+    Raises
+    ------
+    InputError
+        It is not a scene, or a file cannot be written.
+    SceneError
+        The scene cannot be built; the message says why.
+    NotGoodEnoughError
+        The model misses the accuracy limit.
+    """
+    stated, text = _stated(scene)
+    require(name, str, "name", "text")
+    if not re.fullmatch(NAME, name):
+        message = f"name = {name!r} must have 1 to 64 letters, digits, '_', '.' or '-'"
+        raise SceneError(message)
+    if estimator not in NAMES:
+        message = f"estimator = {estimator!r} must be one of {', '.join(NAMES)}"
+        raise SceneError(message)
+    config_file, report_file = (None if one is None else Path(one) for one in (daemon_config, report))
+    require_writable((config_file, report_file), () if isinstance(scene, Scene) else (path_of(scene),))
+    choices = Choices(estimator=estimator, aim=make_aim(criterion, spare, sensors))
+    count, seed = count_of(sensors), whole(seed, "seed", 0)
+    built = build_model(stated, text, name, count=count, seed=seed, progress=silent, choices=choices)
+    if config_file is not None:
+        write_atomically(config_file, daemon_config_of(built.metadata).encode())
+    if report_file is not None:
+        write_atomically(report_file, page(gather(stated, built, silent)).encode())
+    return built.content
+
+
+def _stated(scene: Path | str | Scene) -> tuple[Scene, str]:
+    """Return a scene and its TOML text."""
+    if isinstance(scene, Scene):
+        return scene, format_scene(scene)
+    path = path_of(scene)
+    return (read_scene(scene), str(scene)) if path is None else load_scene(path)

@@ -1,0 +1,174 @@
+"""The sensors of a scene, placed or kept, and how they fare with one of them failed."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal, get_args
+
+import numpy as np
+
+from beamtouch_common.digits import digits
+from beamtouch_models.accuracy.limit import accuracy_limit
+from beamtouch_models.accuracy.prior import Prior
+from beamtouch_models.accuracy.touch_thresholds import (
+    PLACES,
+    directions,
+    noise_at_rest,
+    rate_per_sample,
+    shapes_at_rest,
+    smallest_force_n,
+    touch_threshold,
+)
+from beamtouch_models.arrays import Floats
+from beamtouch_models.errors import SceneError
+from beamtouch_models.metadata import LayoutErrors
+from beamtouch_models.numbers import require, whole
+from beamtouch_models.physics.influence import InfluenceFunction
+from beamtouch_models.placement import DEFAULT_AIM, Aim, Criterion, Placement, fewest_sensors, score_positions
+from beamtouch_models.progress import Progress, silent
+from beamtouch_models.scene import Scene
+from beamtouch_models.surface import Surface
+
+DRAWS, FEWEST_DRAWS = 4_096, 256
+"""Simulated contacts, shared between the sensors, and the smallest number for each; bounds the time of a build."""
+
+
+@dataclass(frozen=True)
+class PlacedSensors:
+    """The sensors of a surface."""
+
+    surface: Surface
+    placement: Placement
+
+    @property
+    def positions_mm(self) -> Floats:
+        """(sensors,) from the left end."""
+        return np.array(self.placement.positions_mm)
+
+    @cached_property
+    def prior(self) -> Prior:
+        """Everything that estimator and accuracy know: physics ends here."""
+        return self.surface.prior(self.positions_mm)
+
+
+def place_sensors(
+    surface: Surface,
+    *,
+    count: int | None = None,
+    seed: int = 0,
+    aim: Aim = DEFAULT_AIM,
+    kept_mm: tuple[float, ...] = (),
+    progress: Progress = silent,
+) -> PlacedSensors:
+    """Check a surface and place its sensors.
+
+    Parameters
+    ----------
+    surface : the surface of a scene
+    count : number of sensors; None: as the scene states
+    seed : seed of the search
+    aim : criterion and search of the layout
+    kept_mm : layout that is taken as it is, because its sensors are mounted; none: the sensors are placed
+    progress : called with the current step and the fraction done
+
+    Raises
+    ------
+    SceneError
+        No surface can be built of the scene; the message says why.
+    """
+    surface.check(count or len(kept_mm) or None)
+    if kept_mm:
+        placement = Placement(kept_mm, score_positions(surface.influence, np.array(kept_mm)), 0, ())
+    else:
+        placement = fewest_sensors(
+            surface.influence,
+            surface.rules,
+            (count, count) if count else surface.stated.sensors.count_range,
+            wanted_mm=surface.stated.requirements.position_error_mm,
+            errors=surface.errors,
+            seed=seed,
+            aim=aim,
+            progress=progress,
+        )
+    surface.check_spacing(placement.positions_mm)
+    sensors = PlacedSensors(surface, placement)
+    _check_seen(sensors.prior, surface, seed)
+    return sensors
+
+
+def place(
+    scene: Scene,
+    sensors: int | None = None,
+    *,
+    criterion: Criterion = DEFAULT_AIM.criterion,
+    spare: Literal[0, 1] = 0,
+    seed: int = 0,
+    influence: InfluenceFunction | None = None,
+) -> Floats:
+    """Place sensors under a beam, as `design-sensors place` does.
+
+    Parameters
+    ----------
+    scene : the scene; its rules for the sensors hold
+    sensors : number of sensors; default: as the scene states
+    criterion : "position-error" makes the accuracy limit least, among the layouts that notice two contacts and spread
+        loads as often as that of "eigenvalue-product", the paper's
+    spare : 1 makes the error least when the worst single sensor has failed; only with "position-error"
+    seed : seed of the search; the same seed gives the same layout
+    influence : an influence function of your own; default: that of the scene's beam
+
+    Returns
+    -------
+    (sensors,) positions in mm from the left end, ascending.
+
+    Raises
+    ------
+    SceneError
+        No surface can be built of the scene, or its rules allow no layout with this number of sensors.
+    """
+    require(scene, Scene, "scene", "what read_scene returns")
+    count, seed, aim = count_of(sensors), whole(seed, "seed", 0), make_aim(criterion, spare, sensors)
+    surface = Surface.of(scene, own_influence=influence)
+    return place_sensors(surface, count=count, seed=seed, aim=aim).positions_mm
+
+
+def count_of(sensors: object) -> int | None:
+    """Return a number of sensors as a script gives it; SceneError unless it is None, or a whole number of 1 or more."""
+    return None if sensors is None else whole(sensors, "sensors", 1)
+
+
+def make_aim(criterion: str, spare: int, sensors: int | None) -> Aim:
+    """Return the aim of a layout with this many sensors; SceneError unless its parts go together."""
+    known = next((name for name in get_args(Criterion) if name == criterion), None)
+    if known is None:
+        message = f"criterion = {criterion!r} must be one of {', '.join(get_args(Criterion))}"
+        raise SceneError(message)
+    if spare not in (0, 1) or (spare and (known != "position-error" or sensors == 1)):
+        message = f"spare = {spare}: give 0, or 1 with two or more sensors and the criterion position-error"
+        raise SceneError(message)
+    return Aim(known, spare)
+
+
+def _check_seen(prior: Prior, surface: Surface, seed: int) -> None:
+    """Raise SceneError if a model with this prior and seed sees no contact of the scene."""
+    scene = surface.stated
+    rate = rate_per_sample(scene.requirements.false_contacts_per_day, scene.sensors.rate_hz, surface.filter.window)
+    threshold = touch_threshold(directions(shapes_at_rest(prior)), noise_at_rest(prior), rate, seed + 1)
+    least = float(smallest_force_n(prior, threshold, np.linspace(*prior.position_mm, PLACES)).min())
+    if least > prior.force_n[1]:
+        message = (
+            f"sensors: no contact of the scene is seen, as at least {digits(least, 3)} N is needed and contact.force_n "
+            f"ends at {prior.force_n[1]:g} N; state less noise or zero_drift_mm, or allow more false_contacts_per_day"
+        )
+        raise SceneError(message)
+
+
+def layout_errors(prior: Prior, criterion: Criterion, spare: int, seed: int) -> LayoutErrors:
+    """Measure how a layout fares with all sensors, and with each one failed."""
+    draws = max(FEWEST_DRAWS, DRAWS // prior.channels)
+    failed = range(prior.channels if prior.channels > 1 else 0)
+    return LayoutErrors(
+        criterion=criterion,
+        spare=spare,
+        limit_percent=accuracy_limit(prior, draws, seed).percent,
+        limit_without_percent=[accuracy_limit(prior.without(index), draws, seed).percent for index in failed],
+    )

@@ -1,0 +1,271 @@
+"""The interface for scripts gives what the commands give, and refuses with one line."""
+
+import json
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+import pytest
+
+import beamtouch_models as models
+from beamtouch_common.errors import InputError
+from beamtouch_models import cli
+from beamtouch_models.errors import SceneError
+from beamtouch_models.physics.dynamics import FIRST_ROOT
+from example_scenes import SCENES
+
+SCENE = (SCENES / "bench.toml").read_text()
+
+
+@pytest.fixture
+def scene() -> models.Scene:
+    return models.read_scene(SCENES / "bench.toml")
+
+
+def test_everything_public_has_a_docstring() -> None:
+    assert all(getattr(models, name).__doc__ for name in models.__all__)
+
+
+def test_a_scene_is_read_from_a_file_and_from_text(scene: models.Scene) -> None:
+    assert models.read_scene(SCENE) == models.read_scene(str(SCENES / "bench.toml")) == scene
+    with pytest.raises(InputError, match="beem"):
+        models.read_scene("[beem]\nlength_mm = 400")
+
+
+def test_the_influence_of_a_load_in_the_middle_is_that_of_the_handbook(scene: models.Scene) -> None:
+    rigidity_n_mm2 = 210e3 * 25 * 3**3 / 12  # E I; F l^3 / (48 E I)
+
+    (found,) = models.influence_matrix(scene, [200], [200])
+
+    assert found == pytest.approx([400**3 / (48 * rigidity_n_mm2)])
+
+
+def test_the_layout_of_least_error_is_no_worse_than_that_of_the_paper(scene: models.Scene) -> None:
+    layouts = [models.place(scene, 2, criterion=name) for name in ("position-error", "eigenvalue-product")]
+    best, papers = (models.accuracy_limit(scene, layout, draws=2000) for layout in layouts)
+
+    assert best.mean_mm < papers.mean_mm
+    assert best.percent == pytest.approx(best.mean_mm / 4)
+    assert 0 < best.standard_error_mm < 0.1 * best.mean_mm
+
+
+def test_the_error_along_the_beam_has_the_mean_of_the_limit(scene: models.Scene) -> None:
+    layout, place = [68, 156, 244, 332], 1 + 398 * (np.arange(80) + 0.5) / 80
+    limit = models.accuracy_limit(scene, layout)
+
+    along = models.error_along_mm(scene, layout, place, draws=100)
+
+    assert along.shape == (80,)
+    assert along.mean() == pytest.approx(limit.mean_mm, rel=0.1)
+    assert along[0] > along[40]
+
+
+def test_more_noise_means_more_error(scene: models.Scene) -> None:
+    low, high = (models.accuracy_limit(scene, [68, 332], noise_mm=noise, draws=500).mean_mm for noise in (1e-3, 1e-2))
+
+    assert low < high
+
+
+def test_a_model_locates_the_load_that_bent_the_beam(scene: models.Scene, bench_model: Path) -> None:
+    model = models.load_model(bench_model)
+    sensors = [channel.position_mm for channel in model.metadata.layout]
+
+    found = models.estimate(model, 10 * models.influence_matrix(scene, sensors, [100, 250]))
+
+    assert found["position_mm"] == pytest.approx([100, 250], abs=2)
+    assert found["force_n"] == pytest.approx([10, 10], rel=0.02)
+    assert np.all(found["position_low_mm"] < found["position_high_mm"])
+    others = (str(bench_model), bench_model.read_bytes())
+    assert {models.load_model(one).identity for one in others} == {model.identity}
+
+
+@pytest.mark.usefixtures("short_measuring")
+def test_a_model_is_built_from_text(tmp_path: Path) -> None:
+    (tmp_path / "bench.toml").write_text(SCENE)
+
+    content = models.build(tmp_path / "bench.toml", "bench", sensors=2)
+
+    assert len(models.load_model(content).metadata.layout) == 2
+
+
+def test_a_touched_beam_rings_around_its_deflection(scene: models.Scene) -> None:
+    mass_per_mm = 7850e-9 * 25 * 3
+    rigidity = 210e3 * 25 * 3**3 / 12 * 1e3  # kg mm^3 / s^2
+    expected = FIRST_ROOT["simply-supported"] ** 2 / (2 * np.pi * 400**2) * np.sqrt(rigidity / mass_per_mm)
+
+    moving = models.ringing_mm(scene, [1.0, 2.0], [0, 0.5 / expected, 20])
+
+    assert models.frequency_hz(scene) == pytest.approx(expected)
+    assert moving.shape == (3, 2)
+    assert moving[0] == pytest.approx([0, 0])
+    assert moving[1] == pytest.approx((1 + np.exp(-0.01 * np.pi)) * np.array([1, 2]), rel=1e-3)
+    assert moving[2] == pytest.approx([1, 2], abs=1e-6)
+
+
+def test_a_beam_of_unknown_mass_has_no_frequency() -> None:
+    massless = models.read_scene(SCENE.replace("density_kg_m3 = 7850", ""))
+
+    with pytest.raises(SceneError, match="density_kg_m3"):
+        models.frequency_hz(massless)
+
+
+def test_a_touched_beam_rings_with_the_damping_of_its_scene(scene: models.Scene) -> None:
+    damped = models.read_scene(SCENE.replace("density_kg_m3 = 7850", "density_kg_m3 = 7850\ndamping_ratio = 0.2"))
+
+    assert models.ringing_mm(damped, [1.0], [0.01]) == pytest.approx(
+        models.ringing_mm(scene, [1.0], [0.01], damping_ratio=0.2)
+    )
+
+
+def test_a_spare_costs_error_and_saves_some_when_a_sensor_fails(scene: models.Scene) -> None:
+    without, with_spare = (models.place(scene, 3, spare=spare) for spare in (0, 1))
+
+    def worst(layout: np.ndarray) -> float:
+        return max(models.accuracy_limit(scene, np.delete(layout, index), draws=2000).mean_mm for index in range(3))
+
+    assert worst(with_spare) < worst(without)
+
+
+@pytest.mark.parametrize(
+    ("call", "said"),
+    [
+        (lambda scene, _: models.influence_matrix(scene, [700], [10]), r"sensor_mm: must be finite from 0 to 400"),
+        (lambda scene, _: models.influence_matrix(scene, [10], []), "load_mm: must be one number, or a list of them"),
+        (lambda scene, _: models.influence_matrix(scene, ["a"], [10]), "sensor_mm: must be numbers"),
+        (lambda scene, _: models.accuracy_limit(scene, [np.nan]), r"sensor_mm: must be finite .* \(given: nan\)"),
+        (
+            lambda scene, _: models.accuracy_limit(scene, [100, 300], draws=0),
+            "draws = 0: give a whole number, 1 or more",
+        ),
+        (
+            lambda scene, _: models.accuracy_limit(scene, [100], noise_mm=np.nan),
+            r"noise_mm: must be finite \(given: nan",
+        ),
+        (lambda scene, _: models.accuracy_limit(scene, [100], noise_mm=0), "noise_mm = 0: must be more than 0"),
+        (lambda scene, _: models.error_along_mm(scene, [100, 300], [-5]), "position_mm: must be finite from 1 to 399"),
+        (lambda scene, _: models.place(scene, 0), "sensors = 0: give a whole number, 1 or more"),
+        (lambda scene, _: models.place(scene, cast("Any", "3")), "sensors = '3': give a whole number, 1 or more"),
+        (lambda scene, _: models.place(scene, 3, seed=-1), "seed = -1: give a whole number, 0 or more"),
+        (lambda *_: models.place(cast("Any", "bench.toml"), 3), "scene: give what read_scene returns, not str 'bench"),
+        (
+            lambda scene, _: models.place(scene, 4, criterion=cast("Any", "best")),
+            "criterion = 'best' must be one of position-",
+        ),
+        (lambda scene, _: models.place(scene, 1, spare=1), "spare = 1: give 0, or 1 with two or more sensors"),
+        (lambda scene, _: models.ringing_mm(scene, [1], [-1]), r"time_s: must be finite, at least 0 \(given: -1\)"),
+        (lambda scene, _: models.ringing_mm(scene, [1], [0], damping_ratio=2), "damping_ratio = 2 must be more than 0"),
+        (lambda *_: models.read_scene("absent.toml"), "absent.toml: No such file"),
+        (lambda *_: models.build("absent.toml"), "absent.toml: No such file"),
+        (lambda *_: models.read_scene(cast("Any", 5)), "the scene: give a path or TOML text, not int"),
+        (lambda *_: models.build(cast("Any", 5)), "the scene: give a path or TOML text, not int"),
+        (lambda *_: models.build(SCENE, "my name"), "name = 'my name' must have 1 to 64 letters"),
+        (lambda *_: models.load_model("missing.onnx"), "missing.onnx: No such file"),
+        (
+            lambda _, model: models.estimate(model, [[1, 2, 3]]),
+            "deflection_mm: give finite numbers, 4 for each sample: s1",
+        ),
+        (
+            lambda _, model: models.estimate(model, [[1, 2, 3, np.nan]]),
+            "deflection_mm: give finite numbers, 4 for each",
+        ),
+        (lambda _, model: models.estimate(model, [1, 2, 3, 1e30]), "deflection_mm: no load deflects this beam by more"),
+        (lambda _, model: models.estimate(model, cast("Any", ["1", "2", "3", "4"])), "deflection_mm: must be numbers"),
+        (
+            lambda scene, _: models.interpolate_influence(scene, [10, 390], [1, 399], [[1, 2], [3, 4]]),
+            "sensor_mm: give tw",
+        ),
+        (
+            lambda scene, _: models.interpolate_influence(scene, [0, 400], [1, 200], [[1, 2], [3, 4]]),
+            "load_mm: give two",
+        ),
+        (lambda scene, _: models.interpolate_influence(scene, [0, 400], [1, 399], [[1, 2]]), "matrix: give 2 rows"),
+        (lambda *_: models.evaluate(cast("Any", "bench.onnx")), "model: give what load_model returns"),
+        (lambda _, model: models.evaluate(model, noise_mm=-1), "noise_mm: must be finite, at least 0"),
+        (lambda scene, _: models.build(scene, estimator=cast("Any", "best")), "estimator = 'best' must be one of"),
+        (lambda scene, _: models.build(scene, criterion=cast("Any", "best")), "criterion = 'best' must be one of"),
+        (lambda *_: models.load_model("a\0b"), r"'a\\x00b' cannot be the path of a file"),
+    ],
+)
+def test_a_wrong_argument_is_refused_in_one_line(
+    scene: models.Scene, bench_model: Path, call: Callable[[models.Scene, models.ModelFile], object], said: str
+) -> None:
+    with pytest.raises(InputError, match=said) as caught:
+        call(scene, models.load_model(bench_model))
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("path", sorted(SCENES.glob("*.toml")), ids=lambda path: path.stem)
+def test_a_scene_needs_no_text_and_can_be_written_as_one(path: Path) -> None:
+    read = models.read_scene(path)
+
+    made = models.make_scene(**tomllib.loads(path.read_text()))
+
+    assert made == read
+    assert models.read_scene(models.format_scene(read) + "\n") == read
+
+
+def test_a_scene_is_changed_key_by_key(scene: models.Scene) -> None:
+    changed = models.change_scene(scene, beam={"thickness_mm": 4}, requirements={"latency_ms": None})
+
+    assert changed.beam.thickness_mm == 4
+    assert changed.beam.length_mm == scene.beam.length_mm
+    assert changed.requirements.latency_ms is None
+    assert models.influence_matrix(changed, [200], [200]) < models.influence_matrix(scene, [200], [200])
+    with pytest.raises(InputError, match="thickness_mm"):
+        models.change_scene(scene, beam={"thickness_mm": -4})
+    with pytest.raises(InputError, match="beem"):
+        models.change_scene(scene, beem={"length_mm": 400})
+
+
+@pytest.mark.usefixtures("short_measuring")
+def test_build_takes_a_scene_and_every_option_of_the_command(scene: models.Scene, tmp_path: Path) -> None:
+    options = ("--sensors", "2", "--criterion", "eigenvalue-product", "--seed", "3")
+    files = ("-o", tmp_path / "bench.onnx", "--daemon-config", tmp_path / "told.toml")
+    assert cli.main(["build", str(SCENES / "bench.toml"), *options, *map(str, files)]) == 0
+
+    content = models.build(
+        scene,
+        "bench",
+        sensors=2,
+        criterion="eigenvalue-product",
+        seed=3,
+        daemon_config=tmp_path / "daemon.toml",
+        report=str(tmp_path / "report.html"),
+    )
+
+    built, told = models.load_model(content), models.load_model(tmp_path / "bench.onnx")
+    assert built.metadata.model_copy(update={"scene": told.metadata.scene}) == told.metadata
+    assert models.read_scene(built.metadata.scene + "\n") == scene
+    assert (tmp_path / "daemon.toml").read_text() == (tmp_path / "told.toml").read_text()
+    assert "bench" in (tmp_path / "report.html").read_text()
+
+
+def test_a_table_of_influence_stands_in_for_the_beam(scene: models.Scene, bench_model: Path) -> None:
+    """A table of the same beam gives the same figures; one of a beam of twice the stiffness gives larger errors."""
+    sensors, layout = np.linspace(0, 400, 81), [68.0, 156.0, 244.0, 332.0]
+    loads = np.linspace(1, 399, 80)
+    table = models.influence_matrix(scene, sensors, loads)
+    same, stiff = (models.interpolate_influence(scene, sensors, loads, factor * table) for factor in (1.0, 0.5))
+
+    limits = [models.accuracy_limit(scene, layout, draws=1000, influence=own).mean_mm for own in (None, same, stiff)]
+    assert limits[1] == pytest.approx(limits[0], rel=1e-3)
+    assert 1.5 < limits[2] / limits[0] < 2.1
+    assert models.place(scene, 2, influence=same) == pytest.approx(models.place(scene, 2), abs=2)
+
+    model = models.load_model(bench_model)
+    own, beam, other = (models.evaluate(model, draws=500, influence=own).span for own in (same, None, stiff))
+    assert own.mean_mm.value == pytest.approx(beam.mean_mm.value, rel=1e-3)
+    assert other.mean_mm.value > 1.5 * beam.mean_mm.value
+
+
+def test_evaluate_gives_what_the_command_prints(bench_model: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["evaluate", str(bench_model), "--draws", "500", "--noise", "0.01", "--json"]) == 0
+    printed = json.loads(capsys.readouterr().out)["evaluations"][0]
+
+    found = models.evaluate(models.load_model(bench_model), noise_mm=0.01, draws=500)
+
+    assert printed["span"]["mean_mm"]["value"] == found.span.mean_mm.value
+    assert found.span.ratio is not None
+    assert found.span.ratio.value == printed["span"]["ratio"]["value"]
