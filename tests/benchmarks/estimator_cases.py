@@ -13,7 +13,7 @@ from beamtouch_models.accuracy import limit
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.statistics import ratio_of
 from beamtouch_models.estimators.estimator import NAMES, estimator_of
-from beamtouch_models.estimators.posterior.cells import design_for
+from beamtouch_models.estimators.posterior.cells import resolving_cells
 from beamtouch_models.estimators.posterior.graph import posterior_graph
 from beamtouch_models.export import to_bytes
 from beamtouch_models.physics.beam import influence_of, travel_of
@@ -83,7 +83,6 @@ def drawn_of(case: Case) -> tuple[Prior, limit.Draws, Array]:
 def case_row(case: Case) -> dict[str, object]:
     """The default estimator on a case."""
     prior, drawn, best = drawn_of(case)
-    design = design_for(prior)
     content = to_bytes(posterior_graph(prior, with_force=not case.known))
     reading = drawn.deflection_mm
     answers = runner(content)(reading, prior.whitening(reading))
@@ -102,7 +101,7 @@ def case_row(case: Case) -> dict[str, object]:
         "limit, %": float(best.mean()) / prior.length_mm * 100,
         "position held, %": held("position", "mm", drawn.position_mm),
         "force held, %": None if case.known else held("force", "n", drawn.force_n),
-        "cells": design.cells,
+        "cells": resolving_cells(prior),
         "kB": len(content) / 1e3,
     }
 

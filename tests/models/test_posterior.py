@@ -14,7 +14,7 @@ from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.arrays import Floats
 from beamtouch_models.estimators.estimator import estimator_of
 from beamtouch_models.estimators.onnx_graph import IR_VERSION, OPSET
-from beamtouch_models.estimators.posterior.cells import design_for
+from beamtouch_models.estimators.posterior.cells import resolving_cells
 from beamtouch_models.estimators.posterior.channels import fewest_channels
 from beamtouch_models.estimators.posterior.graph import posterior_graph
 from beamtouch_models.export import to_bytes
@@ -182,10 +182,9 @@ OTHER_FORCES = ((100.0, 0.2), (100.0, 0.5), (140.0, 0.8), (300.0, 0.9), (250.0, 
 """Positions, and forces over the known one."""
 
 
-def test_where_cells_are_wide_another_force_than_the_known_one_is_weighed_as_it_is() -> None:
-    # Tempering flattens the likelihood about its top. It must not raise that of the known force where that is far off.
+def test_where_cells_lie_in_windows_another_force_than_the_known_one_is_weighed_as_it_is() -> None:
     prior, rng = prior_of("bench", 4, 0.1, known=True), np.random.default_rng(7)
-    assert design_for(prior).temper
+    assert resolving_cells(prior) is None
     graph, forces = graph_of(prior), forces_of(prior.force_n)
     for position_mm, part in OTHER_FORCES:
         reading = part * prior.force_n[1] * prior.influence_at(np.array([position_mm]))

@@ -10,8 +10,7 @@ from beamtouch_models.accuracy import limit
 from beamtouch_models.building.measure import check_at_limit
 from beamtouch_models.errors import NotGoodEnoughError
 from beamtouch_models.estimators.estimator import estimator_of
-from beamtouch_models.estimators.posterior.cells import Design
-from beamtouch_models.estimators.posterior.graph import posterior_graph
+from beamtouch_models.estimators.posterior.graph import fixed_cells_graph
 from beamtouch_models.physics.beam import travel_of
 from beamtouch_models.progress import silent
 from beamtouch_models.scene import load_scene
@@ -84,7 +83,7 @@ def test_a_build_that_misses_the_limit_is_refused() -> None:
     prior = prior_of("paper", 2, 1e-3, known=True)
     made = estimator_of("posterior", prior, min_noise_mm=prior.noise_mm, with_force=False, seed=0, progress=silent)
     check_at_limit(made, prior, 1)
-    few = dataclasses.replace(made, graph=posterior_graph(prior, with_force=False, design=Design(512, temper=True)))
+    few = dataclasses.replace(made, graph=fixed_cells_graph(prior, 512, with_force=False))
     with pytest.raises(
         NotGoodEnoughError, match=r"times the accuracy limit, and .* of positions lie in their 95 % intervals"
     ):

@@ -14,8 +14,8 @@ from beamtouch_models.accuracy import limit
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.touch_thresholds import rate_per_sample, touch_thresholds
 from beamtouch_models.arrays import Floats
-from beamtouch_models.estimators.small_network import Network, layers_of, loss_and_gradient, table_of, train
-from beamtouch_models.estimators.small_network_graph import small_network_graph
+from beamtouch_models.estimators.posterior.window import table_of, windowed_graph
+from beamtouch_models.estimators.small_network import Network, first_stage, layers_of, loss_and_gradient, train
 from beamtouch_models.export import to_bytes
 from beamtouch_models.metadata import FORCE_OUTPUTS, POSITION_OUTPUTS
 from beamtouch_models.session import runner
@@ -31,6 +31,10 @@ def trained(prior: Prior) -> Network:
     return train(prior, 1, lambda _done: None, fewest=2, examples=4000, iterations=300)
 
 
+def graph_with(prior: Prior, network: Network) -> onnx.ModelProto:
+    return windowed_graph(prior, network.table, first_stage(network), with_force=True)
+
+
 @pytest.fixture(scope="module")
 def network() -> Network:
     return trained(PRIOR)
@@ -38,7 +42,7 @@ def network() -> Network:
 
 @pytest.fixture(scope="module")
 def graph(network: Network) -> onnx.ModelProto:
-    return small_network_graph(PRIOR, network, with_force=True)
+    return graph_with(PRIOR, network)
 
 
 def share_held(answers: Mapping[str, NDArray[np.floating]], quantity: str, unit: str, truth: Floats) -> float:
@@ -62,7 +66,7 @@ def test_the_gradient_agrees_with_differences_of_the_loss() -> None:
 
 def test_the_same_seed_gives_the_same_file() -> None:
     made = (train(PRIOR, 3, lambda _done: None, fewest=2, hidden=(6,), examples=500, iterations=10) for _ in range(2))
-    first, second = (to_bytes(small_network_graph(PRIOR, one, with_force=True)) for one in made)
+    first, second = (to_bytes(graph_with(PRIOR, one)) for one in made)
     assert first == second
 
 
@@ -163,7 +167,7 @@ def test_false_contacts_at_rest_are_as_many_as_were_asked_for(graph: onnx.ModelP
 @pytest.mark.parametrize("known", [True, False])
 def test_a_load_beyond_the_range_is_placed_where_it_is(known: bool) -> None:
     prior = with_floor(prior_of("bench", 4, 0.2, known=known))
-    graph = small_network_graph(prior, trained(prior), with_force=True)
+    graph = graph_with(prior, trained(prior))
     position = np.linspace(40, 360, 1000)
     force = np.full(len(position), 3 * prior.force_n[1])
     clean, deviation = prior.sampled(position, force)
@@ -175,7 +179,7 @@ def test_a_load_beyond_the_range_is_placed_where_it_is(known: bool) -> None:
 
 def test_it_holds_where_perfect_sensors_have_hardly_any_noise() -> None:
     prior = prior_of("two-spans", 5, 3e-3, known=False)
-    graph = small_network_graph(prior, trained(prior), with_force=True)
+    graph = graph_with(prior, trained(prior))
     drawn = limit.draw(prior, 1000, 4)
     answers = answers_of(graph, prior, drawn.deflection_mm)
     best = limit.posterior_median_mm(prior, drawn.deflection_mm)
@@ -191,7 +195,7 @@ def test_it_holds_where_perfect_sensors_have_hardly_any_noise() -> None:
 def test_nonsense_gets_a_sane_answer(noise_percent: float, known: bool) -> None:
     prior = prior_of("bench", 2, noise_percent, known=known)
     untaught = train(prior, 1, lambda _done: None, fewest=2, examples=200, iterations=5)
-    graph, readings = small_network_graph(prior, untaught, with_force=True), nonsense(prior)
+    graph, readings = graph_with(prior, untaught), nonsense(prior)
     for kept in ([0, 1], [0], []):
         valid = np.zeros(readings.shape, np.bool_)
         valid[:, kept] = True

@@ -7,11 +7,10 @@ import onnx
 
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.estimators.paper_graph import paper_graph, trained_as_in_the_paper
-from beamtouch_models.estimators.posterior.cells import design_for
 from beamtouch_models.estimators.posterior.channels import fewest_channels
 from beamtouch_models.estimators.posterior.graph import posterior_graph
-from beamtouch_models.estimators.small_network import train
-from beamtouch_models.estimators.small_network_graph import small_network_graph
+from beamtouch_models.estimators.posterior.window import windowed_graph
+from beamtouch_models.estimators.small_network import first_stage, train
 from beamtouch_models.progress import Fraction
 
 Name = Literal["posterior", "small-network", "paper-network"]
@@ -38,12 +37,13 @@ def estimator_of(
     """
     match name:
         case "posterior":
-            design = design_for(replace(prior, noise_mm=min_noise_mm))
-            graph, fewest = posterior_graph(prior, with_force=with_force, design=design), fewest_channels(prior, seed)
+            finest = replace(prior, noise_mm=min_noise_mm)
+            graph, fewest = posterior_graph(prior, with_force=with_force, finest=finest), fewest_channels(prior, seed)
         case "small-network":
             # A single channel leaves several places far apart, and the network looks around one.
             fewest = min(max(2, fewest_channels(prior, seed)), prior.channels)
-            graph = small_network_graph(prior, train(prior, seed, progress, fewest=fewest), with_force=with_force)
+            network = train(prior, seed, progress, fewest=fewest)
+            graph = windowed_graph(prior, network.table, first_stage(network), with_force=with_force)
         case "paper-network":
             graph, fewest = paper_graph(trained_as_in_the_paper(prior, seed)), prior.channels
     progress(1.0)

@@ -3,7 +3,7 @@
 The direction depends on the position only, whatever the force. The network answers in nodes of a table of the
 influence, which are spaced evenly in the change of the reading. It learns from simulated
 contacts, with and without missing channels, by a second-order method (L-BFGS; Liu & Nocedal 1989,
-doi 10.1007/BF01589116). Its answer needs to be near only: `small_network_graph` takes one step from there, and then
+doi 10.1007/BF01589116). Its answer needs to be near only: `posterior.window` takes two steps from there, and then
 computes the posterior around it.
 """
 
@@ -16,7 +16,9 @@ from threadpoolctl import threadpool_limits
 
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.arrays import Floats
-from beamtouch_models.estimators.posterior.cells import cells_of, path_of
+from beamtouch_models.estimators.onnx_graph import Graph
+from beamtouch_models.estimators.posterior.scoring import Whitened
+from beamtouch_models.estimators.posterior.window import FirstStage, Nodes, Table, table_of
 from beamtouch_models.progress import Fraction
 
 HIDDEN = (16, 16)
@@ -24,12 +26,6 @@ EXAMPLES = 8000
 ITERATIONS = 500
 MISSING_SHARE = 0.3
 """Share of the examples in which channels are missing."""
-SAGITTA = 0.01
-"""Largest error of a straight line between two nodes, in deviations of the loudest contact."""
-NODES = (128, 4096)
-"""Smallest and largest number of steps between nodes."""
-FULL_TURN = 2.5
-"""Typical length of the path of the direction, in radians."""
 FAINT = 1e-9
 """Added to the square of the deflection, over that of the largest: a beam at rest has no direction."""
 
@@ -38,20 +34,8 @@ Layers = tuple[tuple[Floats, Floats], ...]
 
 
 @dataclass(frozen=True)
-class Table:
-    """The influence at nodes along the position range."""
-
-    position_mm: Floats
-    """(nodes,)"""
-    influence: Floats
-    """(nodes, channels) mm/N"""
-    uncertain: Floats | None
-    """(nodes, channels) mm/N, deviation of the influence; None if the sensors' positions are exact."""
-
-
-@dataclass(frozen=True)
 class Network:
-    """Weights and scales; `small_network_graph` writes the same arithmetic as an ONNX graph."""
+    """Weights and scales; `first_stage` writes the same arithmetic as an ONNX graph."""
 
     table: Table
     largest_mm: float
@@ -66,18 +50,27 @@ class Network:
 
     def node(self, deflection_mm: Floats) -> Floats:
         """Return the node at which to look, (samples,), not rounded and not limited to the table."""
-        steps = len(self.table.position_mm) - 1
-        node: Floats = (forward(self.layers, self.features(deflection_mm))[-1][:, 0] + 1) * steps / 2
+        node: Floats = (forward(self.layers, self.features(deflection_mm))[-1][:, 0] + 1) * self.table.steps / 2
         return node
 
 
-def table_of(prior: Prior) -> Table:
-    """Return a table so fine that straight lines between its nodes are exact within a hundredth of a deviation."""
-    path = path_of(prior)
-    steps = FULL_TURN * np.sqrt(float(path.size.max()) / (8 * SAGITTA))
-    position = cells_of(prior, int(np.clip(np.ceil(steps), *NODES)), path).edges_mm
-    uncertain = None if prior.uncertainty is None else prior.uncertainty(position)
-    return Table(position, prior.table(position), uncertain)
+def first_stage(network: Network) -> FirstStage:
+    """Return the first stage that names the node of the network."""
+    steps = network.table.steps
+
+    def add(graph: Graph, seen: Whitened) -> Nodes:
+        square = graph.apply("ReduceSumSquare", seen.reading, axes=[1], keepdims=1)
+        square = graph.apply("Add", square, graph.constant(FAINT * network.largest_mm**2))
+        value = graph.apply("Div", seen.reading, graph.apply("Sqrt", square))
+        for weights, bias in network.layers[:-1]:
+            value = graph.apply("Tanh", graph.apply("Gemm", value, graph.constant(weights), graph.constant(bias)))
+        weights, bias = network.layers[-1]
+        half = steps / 2
+        value = graph.apply("Gemm", value, graph.constant(weights * half), graph.constant((bias + 1) * half))
+        value = graph.apply("Clip", value, graph.constant(0.0), graph.constant(steps - 0.5))
+        return Nodes(graph.cast(value, np.int64), None)
+
+    return add
 
 
 def train(

@@ -9,18 +9,14 @@ from beamtouch_models.arrays import Floats
 
 FINE = 20_001
 """Positions from which the spacing of the cells is computed."""
-RESOLVABLE = {True: (384.0, 0.36), False: (192.0, 0.28)}
-"""For known and open force: up to this many distinguishable positions each gets a cell; beyond it, the number of cells
-grows by this power of their number."""
 LOUDNESS = (60.0, 600.0)
 """Ratios of the largest deflection to the noise; above each, the ends of the beam need the next number in MIN_CELLS."""
 MIN_CELLS = (128, 192, 256)
-STEP, MAX_CELLS = 64, 8192
-"""The number of cells is a multiple of STEP and at most MAX_CELLS, which a noise of 1e-4 % of the deflection needs."""
-RESOLVED_STEP = {True: 1.2, False: 2.5}
-"""For known and open force: largest cell, in deviations of the posterior, for which sums need no tempering."""
-UNTEMPERED = 512
-"""Largest number of cells in a graph without tempering."""
+STEP, MAX_CELLS = 64, 512
+"""The number of cells is a multiple of STEP. Above MAX_CELLS, a window around the contact takes less time, and sums of
+widths in float32 would lose a digit of the interval."""
+LARGEST_STEP_KNOWN, LARGEST_STEP_OPEN = 1.2, 2.5
+"""Largest cell, in deviations of the posterior, for a known and an open force."""
 POSITION_SHARE = {True: 0.5, False: 1.0}
 """For known and open force: weight of an even spacing relative to the change of the reading."""
 SIZE_SHARE = 0.05
@@ -39,19 +35,8 @@ class Cells:
     """(cells,) half way in the change of the reading."""
     influence: Floats
     """(cells, channels) mm/N, at the middles of the cells."""
-    change: Floats
-    """(cells, channels) mm/N, change of the influence across a cell."""
     uncertain: Floats | None
     """(cells, channels) mm/N, deviation of the influence at the middles; None if the sensors' positions are exact."""
-
-
-@dataclass(frozen=True)
-class Design:
-    """Design choices of a graph."""
-
-    cells: int
-    temper: bool
-    """Widen the likelihood to the cell where it is narrower than the cell."""
 
 
 @dataclass(frozen=True)
@@ -68,27 +53,20 @@ class Path:
     """(positions,) size of the reading, in deviations."""
 
 
-def design_for(prior: Prior) -> Design:
-    """Choose cells so that the error stays at the limit (measured: docs/decisions/013).
+def resolving_cells(prior: Prior) -> int | None:
+    """Return how many cells keep the error at the limit (measured: docs/decisions/013); None if MAX_CELLS do not.
 
     The reading follows a curve as the contact moves. The length of this curve in its deviations is the number of
-    distinguishable positions. Each gets a cell; beyond `RESOLVABLE` the cells grow.
+    distinguishable positions. Each gets a cell.
     """
-    known, path = prior.force_is_known, path_of(prior)
-    told_apart = float(path.moved.sum())
-    resolvable, power = RESOLVABLE[known]
-    wanted = min(told_apart, resolvable) * max(1.0, told_apart / resolvable) ** power
+    path = path_of(prior)
+    largest = LARGEST_STEP_KNOWN if prior.force_is_known else LARGEST_STEP_OPEN
     least = MIN_CELLS[int(np.searchsorted(LOUDNESS, float(path.size.max())))]
-    count = _in_steps(max(wanted, least))
-    for more in range(count, min(2 * count, UNTEMPERED) + 1, STEP):
-        # Without tempering the graph has a third fewer operations, which pays for twice the cells.
-        if _largest_step(prior, path, more) <= RESOLVED_STEP[known]:
-            return Design(more, temper=False)
-    return Design(count, temper=True)
-
-
-def _in_steps(cells: float) -> int:
-    return STEP * int(np.clip(np.ceil(cells / STEP), 2, MAX_CELLS / STEP))
+    wanted = min(max(float(path.moved.sum()), least), MAX_CELLS)
+    for count in range(STEP * int(np.ceil(wanted / STEP)), MAX_CELLS + 1, STEP):
+        if _largest_step(prior, path, count) <= largest:
+            return count
+    return None
 
 
 def _largest_step(prior: Prior, path: Path, count: int) -> float:
@@ -127,4 +105,4 @@ def cells_of(prior: Prior, count: int, path: Path | None = None) -> Cells:
     table = np.stack([np.interp(marks, along, column) for column in path.influence.T], axis=1)
     places = np.interp(marks, along, path.position_mm)
     uncertain = None if prior.uncertainty is None else prior.uncertainty(places[1::2])
-    return Cells(places[::2], places[1::2], table[1::2], np.diff(table[::2], axis=0), uncertain)
+    return Cells(places[::2], places[1::2], table[1::2], uncertain)

@@ -9,28 +9,22 @@ from beamtouch_models.estimators.posterior.scoring import Scored
 from beamtouch_models.metadata import FORCE_OUTPUTS
 from beamtouch_models.quantiles import NORMAL_975
 
-WIDER = 1.08
-"""Factor that widens the interval where the posterior is tempered."""
 NARROW = 1e4
 """Ratio of the densities of range and tail above which float32 cannot take their differences as one sum."""
 
 
-def mass_of(graph: Graph, force_n: tuple[float, float], root: str, force: str, widening: str | None) -> str:
+def mass_of(graph: Graph, force_n: tuple[float, float], root: str, force: str) -> str:
     """Return m of an open force, up to a factor, from the best force of each cell and the root of its precision.
 
     It is yet to be divided by that root, which takes less time for the one row of likelihoods. It has a row for the
-    prior of the median and one for each end of the interval. `widening` is that of the likelihood, if it is tempered.
+    prior of the median and one for each end of the interval.
     """
     cautious = cautious_forces(force_n)
     ends, offset = _offset(graph, cautious, root, force)
     error = graph.apply("Erf", offset)
     # Between the ends of a piece, the difference of erf is at most 2; the masses are 1 within the range.
     rows = np.stack([_densities(forces_of(force_n), ends), *[_densities(cautious, ends)] * 2])
-    total = _weighted(graph, error, 0.5 * rows / rows[:, 2:3])
-    if widening is not None:
-        # Next to an end of the range a wide cell may lie beyond it, although the narrow posterior does not.
-        total = graph.apply("Pow", total, graph.apply("Reciprocal", widening))
-    return total
+    return _weighted(graph, error, 0.5 * rows / rows[:, 2:3])
 
 
 def known_and_tails(graph: Graph, known_n: float, root: str, force: str) -> tuple[str, str]:
@@ -72,19 +66,23 @@ def _weighted(graph: Graph, ends: str, weights: Floats) -> str:
     return graph.apply("MatMul", graph.constant(weights @ differences), ends)
 
 
-def state_force(
-    graph: Graph, force_n: tuple[float, float], scored: Scored, posterior: str, contraction: str | None
-) -> None:
-    """Add an open force, from the posterior of the median, and its interval, from those of the ends."""
+def state_force(graph: Graph, force_n: tuple[float, float], scored: Scored, posterior: str, *, fine: bool) -> None:
+    """Add an open force, from the posterior of the median, and its interval, from those of the ends.
+
+    `fine` says that the force may be known to the last digits of float32.
+    """
     axis, force = graph.ints(2), scored.force
     # Of three rows, this takes less time than a product and its sum.
     mean = graph.apply("MatMul", posterior, graph.apply("Transpose", force, perm=[0, 2, 1]))
     off = graph.apply("Sub", force, mean)
+    if fine:
+        # Rounding in a sum of large numbers, and a posterior that adds up to nearly 1, move the mean.
+        rest = graph.apply("ReduceSum", graph.apply("Mul", posterior, off), axis, keepdims=1)
+        mean = graph.apply("Add", mean, rest)
     square = graph.apply("Mul", off, off)
-    square = graph.apply("Mul", square, contraction) if contraction else square
     square = graph.apply("Add", square, graph.apply("Div", graph.constant(0.5), scored.precision))
     variance = graph.apply("ReduceSum", graph.apply("Mul", posterior, square), axis, keepdims=1)
-    both = np.array([0.0, -NORMAL_975, NORMAL_975])[:, None] * (WIDER if contraction else 1.0)
+    both = np.array([0.0, -NORMAL_975, NORMAL_975])[:, None]
     value = graph.apply("Add", mean, graph.apply("Mul", graph.apply("Sqrt", variance), graph.constant(both)))
     value = graph.apply("Clip", value, graph.constant(0.0), graph.constant(MAX_FORCE_RATIO * force_n[1]))
     first = graph.apply("Gather", value, graph.index(0), axis=1)

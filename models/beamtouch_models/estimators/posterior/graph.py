@@ -25,8 +25,7 @@ only on the directions of the influence, not on the size of the covariance.
 single contact it is chi-square distributed, with two degrees of freedom less than there are channels. One or two
 channels have a misfit only for a sample outside the cone of all contacts, such as a pull.
 
-Where cells are wider than the posterior, `tempering` widens the likelihood and contracts the quantiles again. A known
-force and its tails are widened apart, as `known_force` says.
+Where even many cells would be wider than the posterior, the cells lie around the contact, as `window` says.
 """
 
 import numpy as np
@@ -35,28 +34,35 @@ import onnx
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.estimators.onnx_graph import Graph, model
 from beamtouch_models.estimators.posterior.answers import Grid, state_answers
-from beamtouch_models.estimators.posterior.cells import Design, cells_of, design_for
+from beamtouch_models.estimators.posterior.cells import cells_of, resolving_cells
 from beamtouch_models.estimators.posterior.scoring import lowest_of, scored, whitened
-from beamtouch_models.estimators.posterior.tempering import tempered
-
-EXACT_SUMS = 512
-"""Number of cells above which a sum of widths in float32 loses a digit of the interval."""
+from beamtouch_models.estimators.posterior.window import scan, table_of, windowed_graph
 
 
-def posterior_graph(prior: Prior, *, with_force: bool, design: Design | None = None) -> onnx.ModelProto:
-    """Return the ONNX graph of a prior, without metadata; `design` replaces the default for the prior."""
-    design = design or design_for(prior)
-    graph, cells, largest_n = Graph(), cells_of(prior, design.cells), prior.force_n[1]
+def posterior_graph(prior: Prior, *, with_force: bool, finest: Prior | None = None) -> onnx.ModelProto:
+    """Return the ONNX graph of a prior, without metadata.
+
+    `finest` has the least noise that samples have, which the cells must resolve; by default that of the prior.
+    """
+    finest = finest or prior
+    count = resolving_cells(finest)
+    if count is not None:
+        return fixed_cells_graph(prior, count, with_force=with_force)
+    table = table_of(finest)
+    return windowed_graph(prior, table, scan(prior, table), with_force=with_force)
+
+
+def fixed_cells_graph(prior: Prior, count: int, *, with_force: bool) -> onnx.ModelProto:
+    """Return the graph on `count` cells that are the same for every sample."""
+    graph, cells, largest_n = Graph(), cells_of(prior, count), prior.force_n[1]
     uncertain = None if cells.uncertain is None else graph.constant(cells.uncertain.T**2)
     seen = whitened(graph, largest_n * float(np.abs(cells.influence).max()))
     found = scored(graph, seen, largest_n, graph.constant(cells.influence.T), uncertain)
-    widened = tempered(graph, prior, cells, found) if design.temper else None
     lowest = lowest_of(graph, found.misfit)
     # Rounding may put the bottom below 0.
     graph.apply("ReduceL1", lowest.twice, axes=[1, 2], keepdims=0, output="misfit")
     width = np.diff(cells.edges_mm)
     share = np.maximum(width / width.sum(), np.finfo(np.float32).tiny)
-    kind = np.float64 if design.cells > EXACT_SUMS else np.float32
-    grid = Grid(graph.constant(width), graph.constant(share), float(cells.edges_mm[0]), kind)
-    outputs = state_answers(graph, prior, found, lowest, grid, widened, with_force=with_force)
+    grid = Grid(graph.constant(width), graph.constant(share), float(cells.edges_mm[0]))
+    outputs = state_answers(graph, prior, found, lowest.cell, grid, with_force=with_force)
     return model(graph, prior.channels, outputs)

@@ -1,0 +1,226 @@
+"""A window around a place, and the posterior on a few cells there: for a posterior that no fixed cells resolve.
+
+A first stage names a node of a table of the influence along the range. Positions count nodes, z is the sample and W its
+whitening.
+
+    n = the node for z                               g = influence, t = its change per node, both at n
+    H = W g    T = W t, without its part along H     f = H . W z / |H|^2
+    d = T . (W z - f H) / (f |T|^2)                  a Gauss-Newton step
+    s = 1 / (f |T|)                                  the deviation of its end
+    a, b = n + d -+ (WITHIN s + DOUBTED |d|)         the window
+
+A known force F moves the size of the reading as well as its direction, which tells the place more narrowly. Its window
+has T = W t and f = F; the other one remains, for a sample of another force.
+
+Each window has CELLS even cells, and the whole range OUTER. The edges of all, in order, are those of the cells on
+which the posterior is computed as in `posterior.graph`. They follow the sample, its covariance and the channels that
+work, and are a fraction of a deviation wide. The misfit is that of the best cell.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import onnx
+
+from beamtouch_models.accuracy.prior import Prior
+from beamtouch_models.arrays import Floats
+from beamtouch_models.estimators.onnx_graph import Graph, model
+from beamtouch_models.estimators.posterior.answers import MIN_MASS, Grid, state_answers
+from beamtouch_models.estimators.posterior.cells import cells_of, path_of
+from beamtouch_models.estimators.posterior.scoring import Whitened, scored, whitened
+
+SAGITTA = 0.01
+"""Largest error of a straight line between two nodes, in deviations of the loudest contact."""
+NODES = (128, 8192)
+"""Smallest and largest number of steps between nodes."""
+FULL_TURN = 2.5
+"""Typical length of the path of the direction, in radians."""
+CELLS, OUTER = 64, 64
+"""Cells of each window, and of the whole range."""
+WITHIN = 6.0
+"""Half the window, in deviations of the position."""
+DOUBTED = 0.25
+"""Half the window, as a share of the last step; the error that a step leaves is a small part of it."""
+STEPS = 2
+"""Gauss-Newton steps: where little noise moves the window, the first one errs."""
+SCANNED = 512
+"""Most nodes that a scan looks at."""
+TINY = 1e-26
+"""Keeps divisors off zero."""
+
+
+@dataclass(frozen=True)
+class Table:
+    """The influence at nodes along the position range."""
+
+    position_mm: Floats
+    """(nodes,)"""
+    influence: Floats
+    """(nodes, channels) mm/N"""
+    uncertain: Floats | None
+    """(nodes, channels) mm/N, deviation of the influence; None if the sensors' positions are exact."""
+
+    @property
+    def steps(self) -> int:
+        """Steps between nodes."""
+        return len(self.position_mm) - 1
+
+
+def table_of(prior: Prior) -> Table:
+    """Return a table so fine that straight lines between its nodes are exact within a hundredth of a deviation."""
+    path = path_of(prior)
+    steps = FULL_TURN * np.sqrt(float(path.size.max()) / (8 * SAGITTA))
+    position = cells_of(prior, int(np.clip(np.ceil(steps), *NODES)), path).edges_mm
+    uncertain = None if prior.uncertainty is None else prior.uncertainty(position)
+    return Table(position, prior.table(position), uncertain)
+
+
+Rows = tuple[str, str]
+"""Names of the influence, and of the squares of its deviation, at each node, and of their change to the next node."""
+
+
+@dataclass(frozen=True)
+class Nodes:
+    """Names of the nodes at which to look, rounded down, (batch, 1) integers."""
+
+    any_force: str
+    known_force: str | None
+    """None if the force is open, or if the end of the steps from the other node will do."""
+
+
+FirstStage = Callable[[Graph, Whitened], Nodes]
+"""Adds what names the nodes for a whitened sample."""
+
+
+def windowed_graph(prior: Prior, table: Table, first: FirstStage, *, with_force: bool) -> onnx.ModelProto:
+    """Return the ONNX graph of a prior, without metadata, whose windows lie around the nodes that `first` names."""
+    graph = Graph()
+    seen = whitened(graph, prior.force_n[1] * float(np.abs(table.influence).max()))
+    parts = [table.influence] if table.uncertain is None else [table.influence, table.uncertain**2]
+    every = np.concatenate(parts, axis=1)
+    rows = graph.constant(every[:-1]), graph.constant(np.diff(every, axis=0))
+    edges = _edges(graph, _windows(graph, prior, seen, first(graph, seen), table.steps, rows), table.steps)
+    width, influence, uncertain = _cells(graph, prior, edges, table, rows)
+    found = scored(graph, seen, prior.force_n[1], influence, uncertain)
+    low, high = prior.position_mm
+    share = graph.apply("Mul", width, graph.constant(1 / (high - low)))
+    share = graph.apply("Max", share, graph.constant(MIN_MASS))
+    least = graph.apply("ReduceMin", found.misfit, axes=[1, 2], keepdims=1)
+    misfit = graph.apply("Mul", least, graph.constant(2.0))
+    graph.apply("Squeeze", misfit, graph.ints(1, 2), output="misfit")
+    outputs = state_answers(graph, prior, found, least, Grid(width, share, low, fine=True), with_force=with_force)
+    return model(graph, prior.channels, outputs)
+
+
+def scan(prior: Prior, table: Table) -> FirstStage:
+    """Return the first stage that names the node with the smallest misfit, of SCANNED at most."""
+    looked = np.unique(np.linspace(0, table.steps - 1, min(SCANNED, table.steps)).round().astype(int))
+    middle = (table.influence[looked] + table.influence[looked + 1]) / 2
+
+    def least(graph: Graph, misfit: str) -> str:
+        best = graph.apply("ArgMin", graph.apply("Squeeze", misfit, graph.ints(1)), axis=1, keepdims=1)
+        return graph.apply("Gather", graph.constant(looked, np.int64), best, axis=0)
+
+    def add(graph: Graph, seen: Whitened) -> Nodes:
+        found = scored(graph, seen, prior.force_n[1], graph.constant(middle.T), None)
+        node = least(graph, found.misfit)
+        if not prior.force_is_known:
+            return Nodes(node, None)
+        left = graph.apply("Mul", found.shape, graph.constant(prior.force_n[1]))
+        left = graph.apply("Sub", seen.sample, left)
+        return Nodes(node, least(graph, graph.apply("ReduceSumSquare", left, axes=[1], keepdims=1)))
+
+    return add
+
+
+def _windows(graph: Graph, prior: Prior, seen: Whitened, nodes: Nodes, steps: int, rows: Rows) -> list[str]:
+    """Return the ends of each window after the steps from its node, in nodes, (batch, 2, 1)."""
+    ends, node = [], nodes.any_force
+    for known_n in (None, prior.force_n[1]) if prior.force_is_known else (None,):
+        if known_n is not None and nodes.known_force is not None:
+            node = nodes.known_force
+        for _ in range(STEPS):
+            middle, step, half = _step(graph, prior, seen, node, rows, known_n)
+            node = graph.apply("Clip", middle, graph.constant(0.0), graph.constant(steps - 0.5))
+            node = graph.cast(graph.apply("Squeeze", node, graph.ints(2)), np.int64)
+        doubted = graph.apply("Mul", graph.apply("Abs", step), graph.constant(DOUBTED))
+        half = graph.apply("Mul", graph.apply("Add", half, doubted), graph.constant([[-1.0], [1.0]]))
+        middle = graph.apply("Clip", middle, graph.constant(0.0), graph.constant(float(steps)))
+        window = graph.apply("Add", middle, half)
+        ends.append(graph.apply("Clip", window, graph.constant(0.0), graph.constant(float(steps))))
+    return ends
+
+
+def _step(
+    graph: Graph, prior: Prior, seen: Whitened, node: str, rows: Rows, known_n: float | None
+) -> tuple[str, str, str]:
+    """Return the end and the length of a Gauss-Newton step, and WITHIN deviations of it; (batch, 1, 1), in nodes."""
+    axes, columns = graph.ints(1, 2), (graph.ints(0), graph.ints(prior.channels), graph.ints(2))
+    at = [graph.apply("Slice", graph.apply("Gather", one, node, axis=0), *columns) for one in rows]
+    both = graph.apply("Transpose", graph.apply("Concat", *at, axis=1), perm=[0, 2, 1])
+    shape, turned = graph.split(graph.apply("MatMul", seen.whitening, both), 2, 2)
+
+    def along(first: str, second: str) -> str:
+        return graph.apply("ReduceSum", graph.apply("Mul", first, second), axes, keepdims=1)
+
+    if known_n is None:
+        size = graph.apply("Add", along(shape, shape), graph.constant(TINY))
+        part = graph.apply("Div", along(shape, turned), size)
+        turned = graph.apply("Sub", turned, graph.apply("Mul", part, shape))
+        force = graph.apply("Max", graph.apply("Div", along(shape, seen.sample), size), graph.constant(TINY))
+    else:
+        force = graph.constant(known_n)
+    # Of the sample itself, rounding would leave more along T than a step near a support may err.
+    left = graph.apply("Sub", seen.sample, graph.apply("Mul", shape, force))
+    turned = graph.apply("Mul", turned, force)
+    square = graph.apply("Add", along(turned, turned), graph.constant(TINY))
+    step = graph.apply("Div", along(turned, left), square)
+    # In the units of `seen` a deviation is the root of a half.
+    half = graph.apply("Div", graph.constant(WITHIN * 0.5**0.5), graph.apply("Sqrt", square))
+    start = graph.apply("Unsqueeze", graph.cast(node, np.float32), graph.ints(2))
+    return graph.apply("Add", start, step), step, half
+
+
+def _edges(graph: Graph, windows: list[str], steps: int) -> str:
+    """Return the edges of all cells in order, (batch, edges, 1), in nodes."""
+    part = np.linspace(0.0, 1.0, CELLS + 1)
+    marks = graph.constant(np.stack([1 - part, part], axis=1))
+    # Towards the ends of the range the cells are narrower: next to a support, contacts at either end look alike.
+    outer = steps * (1 - np.cos(np.linspace(0.0, np.pi, OUTER + 1))) / 2
+    inner = [graph.apply("MatMul", marks, window) for window in windows]
+    first = graph.apply("Mul", graph.apply("ReduceMin", windows[0], axes=[1], keepdims=1), graph.constant(0.0))
+    outer_edges = graph.apply("Add", first, graph.constant(outer[:, None]))
+    every = graph.apply("Concat", *inner, outer_edges, axis=1)
+    return graph.top(every, len(outer) + len(windows) * len(part), 1, largest=False)
+
+
+def _cells(graph: Graph, prior: Prior, edges: str, table: Table, rows: Rows) -> tuple[str, str, str | None]:
+    """Return the widths of the cells, (batch, 1, N) in mm, and the influence at their middles, (batch, channels, N).
+
+    The third is the square of the influence's deviation, if the sensors' positions are not exact.
+    """
+    ends = {"first": (graph.ints(0), graph.ints(-1)), "last": (graph.ints(1), graph.ints(np.iinfo(np.int64).max))}
+
+    def cut(values: str, kept: str) -> str:
+        return graph.apply("Slice", values, *ends[kept], graph.ints(1))
+
+    place = table.position_mm[:, None] - table.position_mm[0]
+    positions = graph.constant(place[:-1]), graph.constant(np.diff(place, axis=0))
+    at_edge = _between(graph, edges, positions, table.steps)
+    width = graph.apply("Transpose", graph.apply("Sub", cut(at_edge, "last"), cut(at_edge, "first")), perm=[0, 2, 1])
+    middle = graph.apply("Mul", graph.apply("Add", cut(edges, "last"), cut(edges, "first")), graph.constant(0.5))
+    value = graph.apply("Transpose", _between(graph, middle, rows, table.steps), perm=[0, 2, 1])
+    if prior.uncertainty is None:
+        return width, value, None
+    influence, uncertain = graph.split(value, 2, 1)
+    return width, influence, uncertain
+
+
+def _between(graph: Graph, node: str, rows: Rows, steps: int) -> str:
+    """Return rows of a table, (batch, nodes, columns), by straight lines between its nodes."""
+    below = graph.apply("Clip", graph.apply("Floor", node), graph.constant(0.0), graph.constant(steps - 1.0))
+    part = graph.apply("Sub", node, below)
+    whole = graph.apply("Squeeze", graph.cast(below, np.int64), graph.ints(2))
+    value, change = (graph.apply("Gather", one, whole, axis=0) for one in rows)
+    return graph.apply("Add", value, graph.apply("Mul", change, part))
