@@ -15,7 +15,6 @@ from beamtouch_common.typed import is_terminal, typed_line
 from beamtouch_models.commands.options import surface_name
 from beamtouch_models.errors import SceneError
 from beamtouch_models.scene.materials import MATERIALS
-from beamtouch_models.surface import Surface
 
 if TYPE_CHECKING:
     from beamtouch_models.building.new_scene import Answers
@@ -98,6 +97,7 @@ def _check(answers: Answers, target: Path) -> str:
     from beamtouch_common.complaints import reason_of
     from beamtouch_models.building.new_scene import scene_text
     from beamtouch_models.scene import parse_scene
+    from beamtouch_models.surface import Surface
 
     for name in NEEDED:  # before anything is computed with them
         if not 0 < getattr(answers, name) < float("inf"):
