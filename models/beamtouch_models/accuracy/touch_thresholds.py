@@ -21,7 +21,8 @@ from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.rest import exceeded_with, log_tilt, reach_of, tilted
 from beamtouch_models.arrays import Floats
 from beamtouch_models.detection import SURELY
-from beamtouch_models.metadata import MAX_FALSE, SECONDS_PER_DAY, SmallestForce
+from beamtouch_models.metadata import SmallestForce
+from beamtouch_models.rates import MAX_FALSE, SECONDS_PER_DAY
 
 PLACES = 129
 """Positions at which a contact is looked for; the odds change little between them."""

@@ -28,7 +28,8 @@ from beamtouch_models.accuracy.rest import log_tilt, overlapping_means, reach_of
 from beamtouch_models.accuracy.touch_thresholds import directions, noise_at_rest, shapes_at_rest
 from beamtouch_models.arrays import Bools, Floats
 from beamtouch_models.decision.decider import PERSISTENCE
-from beamtouch_models.metadata import SECONDS_PER_DAY, FilterChoice
+from beamtouch_models.metadata import FilterChoice
+from beamtouch_models.rates import SECONDS_PER_DAY
 
 PER_DAY = 1.0
 """False stretches per day of rest."""

@@ -6,15 +6,12 @@
 from beamtouch_models.metadata.calibration import Calibration, Departures
 from beamtouch_models.metadata.fields import FORCE_OUTPUTS, INPUTS, POSITION_OUTPUTS
 from beamtouch_models.metadata.figures import (
-    MAX_FALSE,
-    SECONDS_PER_DAY,
     Accuracy,
     Golden,
     LayoutErrors,
     SinceTouch,
     SmallestForce,
     Thresholds,
-    max_false_per_day,
 )
 from beamtouch_models.metadata.metadata import METADATA_PREFIX, SCHEMA_VERSION, THIS_FILE, Metadata
 from beamtouch_models.metadata.surface import (
@@ -32,11 +29,9 @@ from beamtouch_models.metadata.surface import (
 __all__ = [
     "FORCE_OUTPUTS",
     "INPUTS",
-    "MAX_FALSE",
     "METADATA_PREFIX",
     "POSITION_OUTPUTS",
     "SCHEMA_VERSION",
-    "SECONDS_PER_DAY",
     "THIS_FILE",
     "Accuracy",
     "Calibration",
@@ -56,5 +51,4 @@ __all__ = [
     "SinceTouch",
     "SmallestForce",
     "Thresholds",
-    "max_false_per_day",
 ]  # fmt: skip

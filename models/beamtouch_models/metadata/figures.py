@@ -6,19 +6,10 @@ from pydantic import Field, FiniteFloat, NonNegativeFloat, PositiveFloat, model_
 
 from beamtouch_models.metadata.fields import MetadataPart
 
-MAX_FALSE = 0.01
-"""Largest share of samples at rest that may be taken for a contact; above it, nothing tells a contact from rest."""
-SECONDS_PER_DAY = 86_400
-
 _OfSquares = Annotated[float, Field(ge=1, le=1e6)]
 """Rest exceeds 1 in most samples, whatever the scene allows."""
 _OfOdds = Annotated[float, Field(ge=0, le=1e6)]
 """The log odds are never below 0. Rest hardly exceeds that where zeros drift far more than readings scatter."""
-
-
-def max_false_per_day(rate_hz: float) -> float:
-    """Return the largest number of false contacts per day that a threshold can be chosen for."""
-    return MAX_FALSE * SECONDS_PER_DAY * rate_hz
 
 
 class Thresholds(MetadataPart):

@@ -18,9 +18,9 @@ from beamtouch_models.metadata.figures import (
     LayoutErrors,
     SmallestForce,
     Thresholds,
-    max_false_per_day,
 )
 from beamtouch_models.metadata.surface import Channel, Drawn, FilterChoice, Floor, Influence, Noise, Ranges, Sensor
+from beamtouch_models.rates import max_false_per_day
 
 SCHEMA_VERSION: Literal[2] = 2
 METADATA_PREFIX = "beamtouch."
