@@ -27,7 +27,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run `design-sensors`; returns the exit code: 0 done, 1 failed, 2 wrong input, 130 interrupted by Ctrl-C."""
 
     def work() -> int:
-        options = _parser().parse_args(arguments)
+        given = sys.argv[1:] if arguments is None else arguments
+        options = _parser(given).parse_args(given)
         # The command imports what computes, so that --help is quick and a missing extra is reported in one line.
         options.run(options)
         return DONE
@@ -35,14 +36,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return exit_code(PROGRAM, "design", work, WRONG_INPUT_ERRORS)
 
 
-def _parser() -> Parser:
+def _parser(given: Sequence[str]) -> Parser:
+    """Return the parser of a command line; only the command that it names is imported."""
     parser = Parser(PROGRAM, description="Design a touch-sensing beam: sensor positions and model, offline.")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     for name, text in COMMANDS.items():
-        module = import_module(f"beamtouch_models.commands.{name}")
         command = commands.add_parser(name, help=text, description=f"{text[0].upper()}{text[1:]}.")
-        module.add_arguments(command)
-        command.set_defaults(run=module.run)
+        if name in given:
+            module = import_module(f"beamtouch_models.commands.{name}")
+            module.add_arguments(command)
+            command.set_defaults(run=module.run)
     return parser
 
 
