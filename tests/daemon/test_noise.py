@@ -73,15 +73,6 @@ def test_the_effective_noise_is_that_of_white_readings_with_the_same_mean(window
     assert alike_for == pytest.approx((1 + alike) / (1 - alike), rel=0.25)
 
 
-@pytest.mark.parametrize("alike", [0.0, 0.8])
-def test_the_effective_noise_of_a_low_pass_is_its_closed_form(alike: float) -> None:
-    kept = math.exp(-2 * math.pi * 10 / RATE_HZ)
-    theory = math.sqrt((1 + alike * kept) / (1 - alike * kept))
-    surface = surface_of({"kind": "low-pass", "cutoff_hz": 10.0})
-    for one in measure_noise(counts_of(NOISE_MM * autoregressive(alike)), surface):
-        assert one.effective_noise_mm == pytest.approx(NOISE_MM * theory, rel=0.08)
-
-
 def test_noise_that_stays_alike_for_a_second_is_found_in_a_minute() -> None:
     found = measure_noise(counts_of(NOISE_MM * autoregressive(0.99)), surface_of())
     assert np.mean([one.effective_noise_mm for one in found]) == pytest.approx(NOISE_MM * of_white(20, 0.99), rel=0.12)
@@ -177,8 +168,6 @@ def test_a_channel_that_changes_slowly_is_not_stuck_by_its_own_noise() -> None:
     [
         ({"kind": "none"}, "single readings"),
         (mean_of(20), "the mean of 20 readings"),
-        ({"kind": "low-pass", "cutoff_hz": 2.5}, "a low-pass of 2.5 Hz"),
-        ({"kind": "adaptive", "window": 8, "step_mm": 0.05}, "an adaptive mean of up to 8 readings"),
     ],
 )
 def test_the_filter_is_named_for_people(chosen: dict[str, object], named: str) -> None:

@@ -13,8 +13,6 @@ from beamtouch_models.filters import (
     Chain,
     Filtered,
     FloatArray,
-    adaptive_stage,
-    low_pass_stage,
     moving_average_stage,
     spike_stage,
 )
@@ -200,8 +198,6 @@ CHAINS = {
     "spike": (spike_stage(6.0),),
     "mean": (spike_stage(6.0), moving_average_stage(4, 3)),
     "long mean": (moving_average_stage(50),),
-    "low-pass": (low_pass_stage(0.2),),
-    "adaptive": (adaptive_stage(16, 6.0),),
 }
 
 
@@ -236,13 +232,6 @@ def test_a_touch_is_doubtful_only_until_as_many_readings_agree_as_prove_rest() -
         doubtful += filtered.moves[BEFORE : BEFORE + 12]
     assert (doubtful[:4] >= 48).all()
     assert (doubtful[4:] <= 3).all()  # a quarter of the period has five readings
-
-
-def test_the_noise_of_a_low_pass_follows_from_its_weights() -> None:
-    filtered = Chain((low_pass_stage(0.3),), 1, 1.0).apply(np.zeros((30, 1)))
-    for number in range(1, 31):
-        weights = [0.7 ** (number - 1), *(0.3 * 0.7 ** np.arange(number - 1))]
-        assert filtered.relative_variance[number - 1, 0] == pytest.approx(np.sum(np.square(weights)))
 
 
 def test_a_replaced_spike_makes_the_mean_less_certain_as_measured() -> None:

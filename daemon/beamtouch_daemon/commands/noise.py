@@ -18,7 +18,7 @@ from beamtouch_common.errors import FailedError, InputError
 from beamtouch_common.table import aligned
 from beamtouch_daemon.config.file import load_config
 from beamtouch_daemon.config.settings import Config, Surface
-from beamtouch_daemon.config.signal import Adaptive, GrowingMean, LowPass, MovingAverage
+from beamtouch_daemon.config.signal import GrowingMean, MovingAverage
 from beamtouch_daemon.processing.at_rest import NotAtRestError, select_rest
 from beamtouch_daemon.processing.noise import ChannelNoise, Keys, keys_of, measure_noise, readings_needed
 from beamtouch_daemon.processing.pipeline import counts_of
@@ -227,10 +227,6 @@ def filter_name(surface: Surface) -> str:
     chosen = surface.filter
     if isinstance(chosen, MovingAverage):
         return f"the mean of {chosen.window} readings"
-    if isinstance(chosen, Adaptive):
-        return f"an adaptive mean of up to {chosen.window} readings"
-    if isinstance(chosen, LowPass):
-        return f"a low-pass of {chosen.cutoff_hz:g} Hz"
     if isinstance(chosen, GrowingMean):
         return "a growing mean"
     return "single readings"

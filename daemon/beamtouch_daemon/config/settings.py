@@ -13,7 +13,7 @@ from beamtouch_common.secrets import read_token
 from beamtouch_daemon.config import tare_file
 from beamtouch_daemon.config.modules import Encoding, Module
 from beamtouch_daemon.config.publish import Publish, trust
-from beamtouch_daemon.config.signal import Channel, Filter, GrowingMean, LowPass, NoFilter, Pair, Positive, ZeroTracking
+from beamtouch_daemon.config.signal import Channel, Filter, GrowingMean, NoFilter, Pair, Positive, ZeroTracking
 from beamtouch_daemon.config.sources import ModbusRtu, ModbusTcp, NetworkPort, RelativePath, SerialLine, Source, Strict
 from beamtouch_service.samples import MAX_CHANNELS, BeamIdentity, SurfaceName
 
@@ -88,9 +88,7 @@ class Surface(Strict):
     def _rate_is_possible(self) -> Self:
         max_hz = self.module.max_hz if self.module else None
         message = ""
-        if isinstance(self.filter, LowPass) and self.filter.cutoff_hz >= self.rate_hz / 2:
-            message = f"filter.cutoff_hz must lie below half of rate_hz, {self.rate_hz / 2} Hz"
-        elif isinstance(self.filter, GrowingMean) and self.noise_mm is None:
+        if isinstance(self.filter, GrowingMean) and self.noise_mm is None:
             message = 'filter.kind = "growing-mean" needs noise_mm; `beamtouch-daemon noise` measures it'
         elif isinstance(self.filter, GrowingMean) and self.filter.longest(self.rate_hz) > MAX_MEAN_READINGS:
             message = (

@@ -45,26 +45,6 @@ class MovingAverage(_Spike):
     """Number of readings in the mean."""
 
 
-class LowPass(_Spike):
-    """Low-pass with a single pole."""
-
-    kind: Literal["low-pass"]
-    """Low-pass with a single pole."""
-    cutoff_hz: Positive
-    """Frequency of the -3 dB point."""
-
-
-class Adaptive(_Spike):
-    """Mean of the readings since the last step."""
-
-    kind: Literal["adaptive"]
-    """Mean of the readings since the last step."""
-    window: Annotated[int, Field(ge=2, le=10_000)]
-    """Largest number of readings in the mean."""
-    step_mm: Positive
-    """The mean restarts when two successive readings differ from it by more than this, with the same sign."""
-
-
 class GrowingMean(_Spike):
     """Mean of all readings since the load last changed: an answer at once, which sharpens while the load rests."""
 
@@ -81,7 +61,7 @@ class GrowingMean(_Spike):
         return max(1, readings_within(self.max_mean_ms, rate_hz))
 
 
-Filter = Annotated[NoFilter | MovingAverage | LowPass | Adaptive | GrowingMean, Field(discriminator="kind")]
+Filter = Annotated[NoFilter | MovingAverage | GrowingMean, Field(discriminator="kind")]
 
 
 class ZeroTracking(Strict):

@@ -6,14 +6,13 @@ from typing import NamedTuple
 import numpy as np
 
 from beamtouch_daemon.config.settings import Surface
-from beamtouch_daemon.config.signal import Adaptive, Filter, GrowingMean, LowPass, MovingAverage
+from beamtouch_daemon.config.signal import Filter, GrowingMean, MovingAverage
 from beamtouch_daemon.processing.characteristic import Characteristic
 from beamtouch_models import filters
 from beamtouch_models.filters import Chain, Filtered, FloatArray, Rest, Stage
 
 PLAIN = (0.9, 1.02)
-"""No covariance is stated while the variance is within these factors of that of a mean of the stated readings. The
-variance of a low-pass lies between those of two such means."""
+"""No covariance is stated while the variance is within these factors of that of a mean of the stated readings."""
 DIGITS_BELOW_NOISE = 1e-4
 """Entries are rounded to this part of the variance of the noise, so that rounding never makes the matrix indefinite."""
 MAX_DIGITS = 300
@@ -59,7 +58,7 @@ def stages(settings: Filter, rate_hz: float, unit_mm: FloatArray, slowest_period
     `unit_mm` is the noise of each channel, and `slowest_period` that of the beam, in readings.
     """
     mean = settings if isinstance(settings, MovingAverage | GrowingMean) else None
-    chosen = filters.chosen_stages(
+    return filters.chosen_stages(
         mean.kind if mean else "none",
         window=mean.window if mean else 1,
         longest=settings.longest(rate_hz) if isinstance(settings, GrowingMean) else 1,
@@ -67,11 +66,6 @@ def stages(settings: Filter, rate_hz: float, unit_mm: FloatArray, slowest_period
         unit_mm=unit_mm,
         slowest_period=slowest_period,
     )
-    if isinstance(settings, LowPass):
-        return (*chosen, filters.low_pass_stage(filters.smoothing(settings.cutoff_hz, rate_hz)))
-    if isinstance(settings, Adaptive):
-        return (*chosen, filters.adaptive_stage(settings.window, settings.step_mm))
-    return chosen
 
 
 class Uncertainty(NamedTuple):

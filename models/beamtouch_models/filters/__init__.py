@@ -6,21 +6,18 @@ result, to the bit, and nothing drifts: the growing mean keeps running sums of w
 other value is computed from the same rows in the same order.
 
 NaN marks a reading of a channel that is not good. Its result is NaN, and it never affects a later value: a moving
-average and an adaptive mean continue with the good readings in the window, and a low-pass gives the next good reading
-the weight of those that are missing. A lost reading is a row of NaN in all channels.
+average continues with the good readings in the window. A lost reading is a row of NaN in all channels.
 """
 
 from beamtouch_models.filters.chain import Chain
 from beamtouch_models.filters.filtered import Filtered
-from beamtouch_models.filters.means import FloatArray, smoothing
+from beamtouch_models.filters.means import FloatArray
 from beamtouch_models.filters.rest import Rest
 from beamtouch_models.filters.stages import (
     Stage,
-    adaptive_stage,
     chosen_stages,
     filled,
     growing_mean_stage,
-    low_pass_stage,
     moving_average_stage,
     readings_within,
     spike_stage,
@@ -33,14 +30,11 @@ __all__ = [
     "FloatArray",
     "Rest",
     "Stage",
-    "adaptive_stage",
     "chosen_stages",
     "filled",
     "growing_mean_stage",
-    "low_pass_stage",
     "moving_average_stage",
     "readings_within",
-    "smoothing",
     "spike_stage",
     "unit_of",
 ]

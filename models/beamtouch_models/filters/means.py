@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 
 SPIKE_MEMORY = 2
-LOW_PASS_MEMORY = 2
 MIN_MM = 1e-9
 """Readings without noise are compared with this, so that rounding errors are neither a change nor motion."""
 BEFORE = 3
@@ -78,32 +77,6 @@ def moving_average(signal: FloatArray, state: FloatArray, window: int, needed: i
     return Stepped(averaged, rows[len(rows) - (window - 1) :])
 
 
-def smoothing(cutoff_hz: float, rate_hz: float) -> float:
-    """Return the factor `a` of `low_pass` that puts its -3 dB point at `cutoff_hz`."""
-    return 1.0 - math.exp(-2.0 * math.pi * cutoff_hz / rate_hz)
-
-
-def low_pass(signal: FloatArray, state: FloatArray, factor: float) -> Stepped:
-    """Apply y += a (x - y) with a = `factor`; `state` holds the last y, and how many readings ago it was.
-
-    The variance of white noise approaches a / (2 - a) of its own. After n readings, (1 - a)**n of a step remains. The
-    first good reading passes unchanged. After k bad ones, the next counts as k + 1 would: y += (1 - (1 - a)**(k + 1))
-    (x - y).
-    """
-    smoothed = np.full_like(signal, np.nan)
-    (last, variance), (ages, _) = state
-    ages = np.where(np.isnan(ages), 0.0, ages)
-    for row, (value, own) in enumerate(signal):
-        good, begins = ~np.isnan(value), np.isnan(last)
-        ages = ages + 1
-        rest = np.where(begins, 0.0, (1 - factor) ** ages)
-        last = np.where(good, np.where(begins, value, value + rest * (last - value)), last)
-        variance = np.where(good, np.where(begins, own, rest**2 * variance + (1 - rest) ** 2 * own), variance)
-        smoothed[row] = np.where(good, (last, variance), np.nan)
-        ages = np.where(good, 0.0, ages)
-    return Stepped(smoothed, np.stack([(last, variance), (ages, ages)]))
-
-
 def spike(signal: FloatArray, state: FloatArray, limit_mm: float) -> Stepped:
     """Replace a reading further than `limit_mm` from the median of the last three by that median.
 
@@ -118,52 +91,6 @@ def spike(signal: FloatArray, state: FloatArray, limit_mm: float) -> Stepped:
     np.copyto(cleaned[:, 0], median, where=replace)
     cleaned[:, 1][replace] *= REPLACED
     return Stepped(cleaned, rows[-SPIKE_MEMORY:])
-
-
-def adaptive(signal: FloatArray, state: FloatArray, window: int, step_mm: float) -> Stepped:
-    """Average the readings since the last step, at most `window` of them; the window is at least 2.
-
-    A reading further than `step_mm` from the mean is held back: its channel keeps the mean, and the next reading
-    decides. If the next one is as far in the same direction, it was a step, and the means of all channels restart with
-    these two readings, so that all channels have equal noise. Otherwise it was a spike, which never enters the mean. If
-    a window contains nothing but spikes, the next reading passes unchanged.
-
-    The standard deviation s of white noise is divided by sqrt(n), with n readings since the step. Noise looks like a
-    step if two readings in a row are far from the mean in the same direction. With k = `step_mm` / s, the probability
-    per reading and channel is below exp(-k^2 n / (n + 2)): the mean of the two readings is then also further than
-    `step_mm` from the mean of the n, and their difference has the variance s^2 (1/2 + 1/n).
-
-    `state` holds the last `window` - 1 readings as they entered the mean: NaN before its start, and for readings that
-    are held back or left out. Its last row is the last unfiltered reading.
-    """
-    rows = np.concatenate([state[:-1], signal])  # overwritten with the readings that enter the mean
-    newest = state[-1]
-    averaged = np.empty_like(signal)
-    for row, reading in enumerate(signal):
-        end = row + window - 1
-        before = _mean(rows[row:end])
-        value = reading[0]
-        far = np.abs(value - before[0]) > step_mm  # False where either is NaN
-        waited = np.isnan(rows[end - 1, 0]) & (np.abs(newest[0] - before[0]) > step_mm)
-        if np.any(far & waited & ((value > before[0]) == (newest[0] > before[0]))):
-            rows[row : end - 1] = np.nan
-            rows[end - 1] = newest
-            far[:] = False
-        rows[end] = np.where(far, np.nan, reading)
-        averaged[row] = np.where(np.isnan(value), np.nan, np.where(far, before, _mean(rows[row : end + 1])))
-        newest = reading
-    return Stepped(averaged, np.concatenate([rows[len(signal) :], newest[np.newaxis]]))
-
-
-def _mean(rows: FloatArray) -> FloatArray:
-    """Return the mean of each column's good values and its variance, shape (2, channels), NaN if there are none."""
-    good = ~np.isnan(rows[:, 0])
-    number = good.sum(axis=0)
-    mean: FloatArray = np.where(good[:, np.newaxis], rows, 0.0).sum(axis=0)
-    there = number > 0
-    mean[:, ~there] = np.nan
-    np.divide(mean, np.stack([number, number * number]), out=mean, where=there)
-    return mean
 
 
 def lone_spikes(values: FloatArray, spike_mm: float) -> tuple[NDArray[np.bool_], NDArray[np.bool_], FloatArray]:

@@ -20,9 +20,6 @@ MIN_FILL = 0.5
 The noise of that first value is at most 1.4 times that of a full window. A single reading would be noisier still, and
 could make a beam at rest look touched; a larger part would leave no value where a third of the readings is lost.
 """
-LOW_PASS_SPAN = 8
-"""A low-pass spans this many times 1 / a readings: exp(-8) of a step remains after them, a sixth of the noise of a
-reading if the step was 500 times that noise."""
 LAG_READINGS = 2
 """Smallest number of newest readings that are compared with the mean, in multiples of `fewest`. Fewer scatter too much
 to show a lag."""
@@ -63,16 +60,6 @@ def moving_average_stage(window: int, needed: int = 1) -> Stage:
 def filled(window: int) -> int:
     """Return how many good readings a window needs for a value."""
     return math.ceil(MIN_FILL * window)
-
-
-def low_pass_stage(factor: float) -> Stage:
-    """Return `low_pass` as a stage."""
-    return Stage(means.LOW_PASS_MEMORY, partial(means.low_pass, factor=factor), math.ceil(LOW_PASS_SPAN / factor))
-
-
-def adaptive_stage(window: int, step_mm: float) -> Stage:
-    """Return `adaptive` as a stage."""
-    return Stage(window, partial(means.adaptive, window=window, step_mm=step_mm), window, restarts=True)
 
 
 def unit_of(noise_mm: float | FloatArray, step_mm: float | FloatArray, channels: int) -> FloatArray:
