@@ -1,4 +1,7 @@
-"""Faults: single sensors beyond their stated errors, and what acts on the beam without being one contact."""
+"""Faults: single sensors beyond their stated errors, and what acts on the beam without being one contact.
+
+Those of a device on a line, which the rig plays, are in `rig.faults`.
+"""
 
 from dataclasses import replace
 from functools import partial
