@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from example_scenes import PAPER
-from in_process import Command, Outcome
+from in_process import Command
 from sweeping import COMMAND, QUICKLY_TIMED, WITHIN_S, at_work, group, sweeping, swept
 from waiting import wait_until
 
@@ -50,27 +50,25 @@ def test_evaluate_and_challenge_print_the_same_bytes_at_any_number_of_workers(
 @pytest.mark.long
 @pytest.mark.usefixtures("short_timing")
 def test_a_folder_of_scenes_is_traded_into_a_folder_each(design_sensors_here: Command, tmp_path: Path) -> None:
-    scenes = scenes_in(tmp_path / "scenes")
-    common = ("trade", scenes, "--draws", 100, "--estimators", "posterior", "--json")
-    found = []
-    for workers in (1, 2):
-        output = tmp_path / f"{workers}"
-        arguments = [*map(str, common), "-o", str(output)]
-        if workers == 1:  # in this process; times are no part of what is compared
-            done: Outcome | subprocess.CompletedProcess[str] = design_sensors_here(*arguments)
-        else:
-            command = [*QUICKLY_TIMED, *arguments, "--workers", str(workers)]
-            done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=WITHIN_S)
-        assert done.returncode == 0, done.stderr
-        assert "min_distance_mm" in done.stderr
-        objects = [json.loads(line) for line in done.stdout.splitlines()]
-        assert [one.pop("output") for one in objects] == [str(output / name) for name in ("narrow", "plain")]
-        assert all(one["points"] for one in objects)
-        for name in ("narrow", "plain"):
-            assert json.loads((output / name / "trade.json").read_text())["points"]
-        found.append(untimed(objects))
-    assert found[0] == found[1]
-    assert [one["scene"] for one in found[0]] == [str(scenes / f"{name}.toml") for name in ("narrow", "plain")]
+    scenes, folder, alone = scenes_in(tmp_path / "scenes"), tmp_path / "folder", tmp_path / "alone"
+    options = ("--draws", "100", "--estimators", "posterior", "--json")
+    command = [*QUICKLY_TIMED, "trade", str(scenes), *options, "-o", str(folder), "--workers", "2"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=WITHIN_S)
+    assert done.returncode == 0, done.stderr
+    assert "min_distance_mm" in done.stderr
+    objects = [json.loads(line) for line in done.stdout.splitlines()]
+    assert [one.pop("output") for one in objects] == [str(folder / name) for name in ("narrow", "plain")]
+    assert [one["scene"] for one in objects] == [str(scenes / f"{name}.toml") for name in ("narrow", "plain")]
+    assert all(one["points"] for one in objects)
+    for name in ("narrow", "plain"):
+        assert json.loads((folder / name / "trade.json").read_text())["points"]
+
+    # In this process; times are no part of what is compared.
+    told = design_sensors_here("trade", scenes / "plain.toml", *options, "-o", alone, "--workers", 1)
+    assert told.returncode == 0, told.stderr
+    one = json.loads(told.stdout)
+    assert one.pop("output") == str(alone)
+    assert untimed([one]) == untimed(objects[1:])
 
 
 def interrupt_the_group(process: subprocess.Popen[str]) -> None:
