@@ -17,6 +17,7 @@ from beamtouch_models.calibration.calibrate import Calibrated, calibrate, checke
 from beamtouch_models.calibration.fit import fit, supported_fit
 from beamtouch_models.calibration.loads import Loads, read_loads
 from beamtouch_models.calibration.theory import Theory
+from beamtouch_models.errors import NotGoodEnoughError
 from beamtouch_models.modelfile import Metadata, ModelFile
 from beamtouch_models.progress import Progress, silent
 from beamtouch_models.rig.imperfections import Imperfections
@@ -234,3 +235,12 @@ def test_options_that_cannot_be_are_wrong_input(
     assert (done.returncode, done.stdout) == (2, "")
     assert said in done.stderr
     assert not (tmp_path / "real.onnx").exists()
+
+
+def test_loads_that_move_no_sensor_determine_nothing(bench: ModelFile) -> None:
+    rng = np.random.default_rng(2)
+    loads = recorded(bench.metadata, random_imperfections(bench.metadata, rng), rng)
+    still_mm = rng.normal(size=loads.measured_mm.shape) * bench.metadata.noise.reading_mm
+    on_supports = dataclasses.replace(loads, position_mm=400.0 * (loads.position_mm > 200), measured_mm=still_mm)
+    with pytest.raises(NotGoodEnoughError, match="none of the loads moves a sensor; record loads elsewhere"):
+        checked_fit(bench, on_supports, silent)

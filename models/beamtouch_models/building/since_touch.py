@@ -70,9 +70,13 @@ class Touches:
         return self.prior.measured(linear).reshape(true_mm.shape) + self.zero_mm[:, None]
 
     def errors_mm(self, run: Run, sample_mm: Floats, covariance_mm2: Floats) -> Floats:
-        """Return the errors (contacts,) of the answers to a sample of each contact, (contacts, channels)."""
-        weights = whitening(sample_mm, covariance_mm2, self.prior.gain, self.prior.zero_mm)
-        answer = run(sample_mm, weights)["position_mm"].astype(np.float64)
+        """Return the errors (contacts,) of the answers to a sample of each contact, (contacts, channels).
+
+        A channel whose only reading was taken for a spike is NaN, and missing.
+        """
+        valid = np.isfinite(sample_mm)
+        weights = whitening(sample_mm, covariance_mm2, self.prior.gain, self.prior.zero_mm, valid)
+        answer = run(np.where(valid, sample_mm, 0.0), weights)["position_mm"].astype(np.float64)
         error: Floats = np.abs(answer - self.drawn.position_mm)
         return error
 

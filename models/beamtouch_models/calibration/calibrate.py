@@ -65,6 +65,9 @@ def checked_fit(model: ModelFile, loads: Loads, progress: Progress) -> Checked:
         raise LoadsError(_contradiction(loads, suspects))
     found = supported_fit(theory, loads, lambda done: progress("fitting", 0.3 + 0.2 * done))
     expected_mm = theory.measured_mm(np.zeros(theory.size), loads)[np.isfinite(loads.measured_mm)]
+    if not np.any(expected_mm):
+        message = "nothing was written: by this model, none of the loads moves a sensor; record loads elsewhere"
+        raise NotGoodEnoughError(message)
     left = found.error_mm / float(np.sqrt((expected_mm**2).mean()))
     if not left <= MAX_LEFT:
         raise NotGoodEnoughError(_another_surface(f"leaves {left:.0%} of the expected deflections unexplained"))
