@@ -241,6 +241,8 @@ def test_loads_that_move_no_sensor_determine_nothing(bench: ModelFile) -> None:
     rng = np.random.default_rng(2)
     loads = recorded(bench.metadata, random_imperfections(bench.metadata, rng), rng)
     still_mm = rng.normal(size=loads.measured_mm.shape) * bench.metadata.noise.reading_mm
-    on_supports = dataclasses.replace(loads, position_mm=400.0 * (loads.position_mm > 200), measured_mm=still_mm)
+    on_supports = dataclasses.replace(
+        loads, position_mm=np.where(loads.position_mm > 200, 400.0, 0.0), measured_mm=still_mm
+    )
     with pytest.raises(NotGoodEnoughError, match="none of the loads moves a sensor; record loads elsewhere"):
         checked_fit(bench, on_supports, silent)
