@@ -70,7 +70,7 @@ class Boot:
 
     def _remember(self, memory: dict[str, Any]) -> None:
         memories = tuple(_read_memory(values) for values in memory["memories"])
-        past = Past(memories, memory["is_known"], memory["decided_us"])
+        past = Past(memories, memory["is_known"], memory["decided_us"], memory["is_held"])
         self._begin(self.model, past, DisjointMean.read(memory["rest"]))
         self._was_clear = memory["was_clear"]
 

@@ -33,6 +33,8 @@ _ALL = 40
 suspect."""
 _EVERY = 20
 """Of later ones, one in this many is: it takes long."""
+_PAUSE = 4.0
+"""A device may give no sample for this many times `hold_ms` within one contact: a busy machine pauses, too."""
 _HOLD_READINGS = 3
 """Readings for which a state is held at least: those of a slow surface may be far apart."""
 
@@ -46,6 +48,8 @@ class Past(NamedTuple):
     """Whether a state was known at any time."""
     decided_us: int | None = None
     """Time of the last decided sample [us since 1970]; None if it is not known."""
+    is_held: bool = False
+    """Whether the samples after that could not be decided, so that the state is held."""
 
 
 NEUTRAL = Past(memories_after(None))
@@ -100,8 +104,8 @@ class Decision(NamedTuple):
 class Judge:
     """Decides on consecutive samples of one sender.
 
-    Until the next decided sample, a state is held for `hold_ms` of the sender's time, or some readings if those take
-    longer. After a longer pause, as of a device that was off, nothing is known.
+    Over undecided samples, a state is held for `hold_ms` of the sender's time, or some readings if those take longer;
+    without any sample, for `_PAUSE` times that. After a longer pause, as of a device that was off, nothing is known.
     """
 
     def __init__(self, model: ModelFile, surface: str, hold_ms: float, past: Past = NEUTRAL) -> None:
@@ -109,16 +113,17 @@ class Judge:
         self._metadata, self._surface = model.metadata, surface
         self._hold_us = max(hold_ms * 1e3, _HOLD_READINGS * 1e6 / model.metadata.sensor.rate_hz)
         self._hypotheses = Hypotheses(model.metadata.thresholds, past.memories, is_known=past.is_known)
-        self._decided_us = past.decided_us
+        self._decided_us, self._is_held = past.decided_us, past.is_held
 
     @property
     def past(self) -> Past:
         """What the samples so far mean for the next one."""
-        return Past(self._hypotheses.memories, self._hypotheses.is_known, self._decided_us)
+        return Past(self._hypotheses.memories, self._hypotheses.is_known, self._decided_us, self._is_held)
 
     def is_over(self, at_us: int) -> bool:
         """Return whether the state is held no longer at the time of the next sample [us since 1970]."""
-        return self._decided_us is not None and abs(at_us - self._decided_us) > self._hold_us
+        longest_us = self._hold_us if self._is_held else _PAUSE * self._hold_us
+        return self._decided_us is not None and abs(at_us - self._decided_us) > longest_us
 
     def judge(self, estimate: Estimate) -> Decision:
         """Decide on the next sample."""
@@ -138,11 +143,12 @@ class Judge:
                 f"For the newest sample, {error}. Check the characteristics and tare of the sensors, then the model."
             )
             return self._undecided(estimate, unusable_estimate(self._surface, detail))
-        self._decided_us = at_us
+        self._decided_us, self._is_held = at_us, False
         odd = is_odd(self._metadata.thresholds, evidence)
         return Decision(estimate, verdict.state, verdict.state, verdict.shown, odd, verdict.unsteady, figures)
 
     def _undecided(self, estimate: Estimate, problem: Problem) -> Decision:
+        self._is_held = True
         return Decision(estimate, None, self._hypotheses.state, self._hypotheses.agree, problem=problem)
 
 
