@@ -41,6 +41,11 @@ class SourceKind(Strict):
         return True
 
     @property
+    def timeout_s(self) -> float:
+        """Time for an answer of the device; 0 if it is not asked."""
+        return 0.0
+
+    @property
     def conversions(self) -> int:
         """Number of conversions that the device averages in a reading, as far as the configuration states it."""
         return 1
@@ -98,6 +103,11 @@ class ModbusTcp(Modbus):
     timeout_ms: Milliseconds = 200.0
     """Timeout of the connection, and of each reply."""
 
+    @property
+    def timeout_s(self) -> float:
+        """That of each reply."""
+        return self.timeout_ms / 1e3
+
 
 class ModbusRtu(Modbus):
     """Units on a serial bus with 8 data bits. Surfaces may share a bus if they state the same line settings."""
@@ -118,6 +128,11 @@ class ModbusRtu(Modbus):
     """Timeout of each reply. A unit that does not answer is asked again after 13 timeouts."""
     silence_ms: Annotated[FiniteFloat, Field(ge=0, le=1000)] | None = None
     """Silence between frames; default, as in the standard: 3.5 characters, or 1.75 ms above 19200 baud."""
+
+    @property
+    def timeout_s(self) -> float:
+        """That of each reply."""
+        return self.timeout_ms / 1e3
 
     @property
     def line(self) -> tuple[object, ...]:

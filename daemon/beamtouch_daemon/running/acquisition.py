@@ -79,9 +79,9 @@ class Acquisition:
 
     def hangs(self, now_s: float) -> bool:
         """Return whether the source hangs at `now_s` on the monotonic clock: no reading comes, and no error either."""
-        timeout_s: float = getattr(self.surface.source, "timeout_ms", 0.0) / 1e3
         periods_s = PATIENCE_PERIODS / self.surface.rate_hz
-        return now_s - self.turned_s > PATIENCE_S + periods_s + PATIENCE_TIMEOUTS * timeout_s
+        timeouts_s = PATIENCE_TIMEOUTS * self.surface.source.timeout_s
+        return now_s - self.turned_s > PATIENCE_S + periods_s + timeouts_s
 
     async def read(self) -> None:
         """Read until cancelled; a session that fails is followed by another one."""

@@ -41,6 +41,6 @@ def source_of(surface: Surface, name: str = "", buses: Buses | None = None) -> S
             link = TcpLink(settings, host, unit)
         else:
             bus = shared.setdefault(settings.port, RtuBus(settings))
-            link = RtuLink(bus, unit, blocks, settings.timeout_ms / 1e3)
+            link = RtuLink(bus, unit, blocks, settings.timeout_s)
         parts.append(Part(link, blocks, values))
     return PolledSource(name, parts, len(surface.channels), surface.rate_hz)

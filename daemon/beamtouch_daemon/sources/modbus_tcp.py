@@ -36,7 +36,7 @@ class TcpLink:
     def __init__(self, settings: ModbusTcp, host: str, unit: int) -> None:
         self.name = f"unit {unit}" if host == settings.host else f"{host} unit {unit}"
         self.rest_s = REST_S
-        self._timeout_s = settings.timeout_ms / 1e3
+        self._timeout_s = settings.timeout_s
         self._host = host
         self._port = settings.port
         self._unit = unit
