@@ -1,6 +1,7 @@
 """The cells of the position range on which the posterior is computed."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,14 +16,27 @@ MIN_CELLS = (128, 192, 256)
 STEP, MAX_CELLS = 64, 512
 """The number of cells is a multiple of STEP. Above MAX_CELLS, a window around the contact takes less time, and sums of
 widths in float32 would lose a digit of the interval."""
-LARGEST_STEP_KNOWN, LARGEST_STEP_OPEN = 1.2, 2.5
-"""Largest cell, in deviations of the posterior, for a known and an open force."""
 POSITION_SHARE = {True: 0.5, False: 1.0}
 """For known and open force: weight of an even spacing relative to the change of the reading."""
 SIZE_SHARE = 0.05
 """Weight of a change in the logarithm of the deflection's size, for an open force."""
 FLOOR = 1e-4
 """Smallest deflection, relative to the largest, whose direction counts."""
+
+
+class Resolution(NamedTuple):
+    """How finely cells must lie for sums over them to be right."""
+
+    largest_step: float
+    """Largest cell, in deviations of the posterior."""
+    resolvable: float
+    """Up to this many distinguishable positions each gets a cell."""
+    power: float
+    """Beyond it, the number of cells grows by this power of their number."""
+
+
+KNOWN, OPEN = Resolution(1.2, 384.0, 0.36), Resolution(2.5, 192.0, 0.28)
+"""For a known and for an open force."""
 
 
 @dataclass(frozen=True)
@@ -57,14 +71,15 @@ def resolving_cells(prior: Prior) -> int | None:
     """Return how many cells keep the error at the limit (measured: docs/decisions/013); None if MAX_CELLS do not.
 
     The reading follows a curve as the contact moves. The length of this curve in its deviations is the number of
-    distinguishable positions. Each gets a cell.
+    distinguishable positions. Each gets a cell, up to a number from which on the cells may grow.
     """
-    path = path_of(prior)
-    largest = LARGEST_STEP_KNOWN if prior.force_is_known else LARGEST_STEP_OPEN
+    path, needed = path_of(prior), KNOWN if prior.force_is_known else OPEN
+    told_apart = float(path.moved.sum())
     least = MIN_CELLS[int(np.searchsorted(LOUDNESS, float(path.size.max())))]
-    wanted = min(max(float(path.moved.sum()), least), MAX_CELLS)
+    wanted = min(told_apart, needed.resolvable) * max(1.0, told_apart / needed.resolvable) ** needed.power
+    wanted = min(max(wanted, least), MAX_CELLS)
     for count in range(STEP * int(np.ceil(wanted / STEP)), MAX_CELLS + 1, STEP):
-        if _largest_step(prior, path, count) <= largest:
+        if _largest_step(prior, path, count) <= needed.largest_step:
             return count
     return None
 
