@@ -45,7 +45,7 @@ DOUBTED = 0.25
 STEPS = 2
 """Gauss-Newton steps: where little noise moves the window, the first one errs."""
 SCANNED = 512
-"""Most nodes that a scan looks at."""
+"""Most nodes that a scan looks at; the steps from the nearest of them arrive."""
 TINY = 1e-26
 """Keeps divisors off zero."""
 
@@ -136,20 +136,25 @@ def scan(prior: Prior, table: Table) -> FirstStage:
 
 def _windows(graph: Graph, prior: Prior, seen: Whitened, nodes: Nodes, steps: int, rows: Rows) -> list[str]:
     """Return the ends of each window after the steps from its node, in nodes, (batch, 2, 1)."""
-    ends, node = [], nodes.any_force
+    ends, middle = [], ""
     for known_n in (None, prior.force_n[1]) if prior.force_is_known else (None,):
-        if known_n is not None and nodes.known_force is not None:
-            node = nodes.known_force
+        node = nodes.any_force if known_n is None else nodes.known_force
         for _ in range(STEPS):
-            middle, step, half = _step(graph, prior, seen, node, rows, known_n)
-            node = graph.apply("Clip", middle, graph.constant(0.0), graph.constant(steps - 0.5))
-            node = graph.cast(graph.apply("Squeeze", node, graph.ints(2)), np.int64)
+            # The first stage names the first node, or the steps for any force do.
+            middle, step, half = _step(graph, prior, seen, node or _node_at(graph, middle, steps), rows, known_n)
+            node = None
         doubted = graph.apply("Mul", graph.apply("Abs", step), graph.constant(DOUBTED))
         half = graph.apply("Mul", graph.apply("Add", half, doubted), graph.constant([[-1.0], [1.0]]))
         middle = graph.apply("Clip", middle, graph.constant(0.0), graph.constant(float(steps)))
         window = graph.apply("Add", middle, half)
         ends.append(graph.apply("Clip", window, graph.constant(0.0), graph.constant(float(steps))))
     return ends
+
+
+def _node_at(graph: Graph, place: str, steps: int) -> str:
+    """Return the node at or below a place (batch, 1, 1), (batch, 1) integers."""
+    node = graph.apply("Clip", place, graph.constant(0.0), graph.constant(steps - 0.5))
+    return graph.cast(graph.apply("Squeeze", node, graph.ints(2)), np.int64)
 
 
 def _step(
@@ -184,15 +189,16 @@ def _step(
 
 def _edges(graph: Graph, windows: list[str], steps: int) -> str:
     """Return the edges of all cells in order, (batch, edges, 1), in nodes."""
-    part = np.linspace(0.0, 1.0, CELLS + 1)
-    marks = graph.constant(np.stack([1 - part, part], axis=1))
+    part, count = np.linspace(0.0, 1.0, CELLS + 1), len(windows)
+    inner = np.kron(np.eye(count), np.stack([1 - part, part], axis=1))
     # Towards the ends of the range the cells are narrower: next to a support, contacts at either end look alike.
     outer = steps * (1 - np.cos(np.linspace(0.0, np.pi, OUTER + 1))) / 2
-    inner = [graph.apply("MatMul", marks, window) for window in windows]
-    first = graph.apply("Mul", graph.apply("ReduceMin", windows[0], axes=[1], keepdims=1), graph.constant(0.0))
-    outer_edges = graph.apply("Add", first, graph.constant(outer[:, None]))
-    every = graph.apply("Concat", *inner, outer_edges, axis=1)
-    return graph.top(every, len(outer) + len(windows) * len(part), 1, largest=False)
+    # A linear function of the ends of all windows; the edges over the whole range depend on none.
+    marks = np.concatenate([inner, np.zeros((len(outer), 2 * count))])
+    offset = np.concatenate([np.zeros(len(inner)), outer])
+    ends = graph.apply("Concat", *windows, axis=1)
+    every = graph.apply("Add", graph.apply("MatMul", graph.constant(marks), ends), graph.constant(offset[:, None]))
+    return graph.top(every, len(offset), 1, largest=False)
 
 
 def _cells(graph: Graph, prior: Prior, edges: str, table: Table, rows: Rows) -> tuple[str, str, str | None]:
