@@ -38,6 +38,9 @@ STEADY_S = 2.0
 """How long a load must have been there before what the page says is compared: it may draw late on a busy machine."""
 COMPARE_S = 90.0
 UNSTEADY = "The readings move, or do not show the state by themselves"
+# The height of the digits once there is a contact: a page without a figure has words in their place.
+_DIGITS_PX = """() => document.body.dataset.state === "contact"
+  && parseFloat(getComputedStyle(document.getElementById("position")).fontSize)"""
 _LOWEST = """() => {
   const names = ["position", "force", "age", "beam", "position-strip", "force-strip"];
   const bottoms = names.map((id) => document.getElementById(id).getBoundingClientRect().bottom);
@@ -198,9 +201,9 @@ def test_pictures(start: Callable[..., Line], open_page: OpenPage) -> None:
     for table in ("#channels", ".scroll"):
         measure = "name => { const one = document.querySelector(name); return one.scrollWidth - one.clientWidth; }"
         assert phone.page.evaluate(measure, table) <= 0, table
-    # At arm's length: digits of more than 5 mm on a panel of 7 inches, and both charts on it, whatever the page says
-    # while loads come and go.
-    assert panel.page.evaluate("() => parseFloat(getComputedStyle(document.getElementById('position')).fontSize)") >= 48
+    # At arm's length: the digits of a contact have more than 5 mm on a panel of 7 inches, and both charts are on it,
+    # whatever the page says while loads come and go.
+    assert panel.page.wait_for_function(_DIGITS_PX).json_value() >= 48
     end = time.monotonic() + 16
     while time.monotonic() < end:
         bottom, said = panel.page.evaluate(_LOWEST)
