@@ -67,7 +67,7 @@ class SurfaceCollector(Collector):
     def collect(self) -> Iterator[Metric]:
         """Return the metrics of all surfaces."""
         yield from _of_record(self._context.recorder)
-        words = "1 while the address, broker or record of a section of the configuration is missing."
+        words = "1 while an address, a broker, the record or a task of the service is missing."
         missing = GaugeMetricFamily("beamtouch_missing", words, labels=["section"])
         for section, reason in self._context.reasons().items():
             missing.add_metric([section], bool(reason))

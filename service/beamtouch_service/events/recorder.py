@@ -165,7 +165,7 @@ class Recorder:
         if self._commit is None or self._commit.done():
             self._begun_s = time.monotonic()
             self._commit = asyncio.create_task(self._write_changes())
-            self._commit.add_done_callback(_log_failure)
+            self._commit.add_done_callback(self._note_end)
         return self._commit
 
     async def ask(self, query: Callable[[Store], _T]) -> _T:
@@ -238,6 +238,14 @@ class Recorder:
         except EventsAwayError as error:
             self._note(str(error))
 
+    def _note_end(self, commit: "asyncio.Task[None]") -> None:
+        """Note that the record is away if a commit ended in an error that no database is known to raise."""
+        error = None if commit.cancelled() else commit.exception()
+        if error and self._fault.due(f"{error!r}"):
+            _log.error("the record cannot be written", exc_info=error)
+        if error:
+            self._note(f"unexpected error ({error!r})")
+
     def _note(self, reason: str) -> None:
         """Log that the record went away for this reason, or that it is back."""
         if reason and not self._reason:
@@ -264,12 +272,6 @@ class Recorder:
         except EventsAwayError as error:
             _log.warning("the record of events is away at the stop: %s; daemons keep their samples", error)
         self.store.close()
-
-
-def _log_failure(task: "asyncio.Task[None]") -> None:
-    error = None if task.cancelled() else task.exception()
-    if error:
-        _log.error("the record cannot be written", exc_info=error)
 
 
 def in_thread(call: Callable[[], _T]) -> "asyncio.Future[_T]":

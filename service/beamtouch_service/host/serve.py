@@ -6,8 +6,9 @@ import logging
 import signal
 import socket
 import sys
-from collections.abc import AsyncIterator, Callable, Coroutine, Sequence
+from collections.abc import AsyncIterator, Callable, Coroutine, Mapping
 from contextlib import asynccontextmanager
+from functools import partial
 from types import FrameType
 from typing import Any
 
@@ -31,6 +32,8 @@ PROGRESS_S = 1.0
 
 Task = Callable[[Context], Coroutine[Any, Any, None]]
 """Works beside the routes, until it is cancelled."""
+Tasks = Mapping[str, Task]
+"""Each with the name under which readiness and metrics say that it is missing."""
 
 _log = logging.getLogger("beamtouch.service")
 
@@ -76,7 +79,7 @@ def configure(app: ASGIApp, server: ServerSection | None = None) -> uvicorn.Conf
     )
 
 
-def serve(config: uvicorn.Config, address: Address, context: Context, tasks: Sequence[Task]) -> None:
+def serve(config: uvicorn.Config, address: Address, context: Context, tasks: Tasks) -> None:
     """Serve until SIGTERM (then SystemExit 0) or Ctrl-C (then KeyboardInterrupt)."""
     # uvicorn shuts down on a signal and then raises it again.
     signal.signal(signal.SIGTERM, _exit_quietly)
@@ -92,7 +95,7 @@ def _exit_quietly(_signal: int, _frame: FrameType | None) -> None:
     sys.exit(0)
 
 
-async def _serve(config: uvicorn.Config, address: Address, context: Context, tasks: Sequence[Task]) -> None:
+async def _serve(config: uvicorn.Config, address: Address, context: Context, tasks: Tasks) -> None:
     """Run the tasks, and take connections once the address is there."""
     manager = ServiceManager()
 
@@ -105,7 +108,8 @@ async def _serve(config: uvicorn.Config, address: Address, context: Context, tas
         manager.stopping()
         context.streams.stop.set()
 
-    async with _running(_tick(context), _report_progress(context, manager), *(task(context) for task in tasks)):
+    own: Tasks = {"clock": _tick, "progress": partial(_report_progress, manager=manager)}
+    async with _running(context, {**own, **tasks}):
         listener = await address.listen(note)
         host, port = listener.getsockname()[:2]
         shown = f"[{host}]" if listener.family is socket.AF_INET6 else host
@@ -119,11 +123,11 @@ async def _serve(config: uvicorn.Config, address: Address, context: Context, tas
 
 
 @asynccontextmanager
-async def _running(*work: Coroutine[Any, Any, None]) -> AsyncIterator[None]:
-    """Run coroutines during a block. One that fails is logged, and the others go on."""
-    tasks = [asyncio.create_task(one) for one in work]
+async def _running(context: Context, work: Tasks) -> AsyncIterator[None]:
+    """Run tasks during a block. One that fails is missing from then on, and the others go on."""
+    tasks = [asyncio.create_task(task(context), name=name) for name, task in work.items()]
     for task in tasks:
-        task.add_done_callback(_log_failure)
+        task.add_done_callback(partial(_note_failure, context))
     try:
         yield
     finally:
@@ -132,12 +136,13 @@ async def _running(*work: Coroutine[Any, Any, None]) -> AsyncIterator[None]:
         await asyncio.gather(*tasks, return_exceptions=True)
 
 
-def _log_failure(task: asyncio.Task[None]) -> None:
-    if not task.cancelled() and task.exception() is not None:
-        _log.critical("a background task failed", exc_info=task.exception())
+def _note_failure(context: Context, task: asyncio.Task[None]) -> None:
+    if not task.cancelled() and (error := task.exception()) is not None:
+        _log.critical("%s: unexpected error; restart the service", task.get_name(), exc_info=error)
+        context.missing[task.get_name()] = f"unexpected error ({error!r}); restart the service"
 
 
-async def _report_progress(context: Context, manager: ServiceManager) -> None:
+async def _report_progress(context: Context, *, manager: ServiceManager) -> None:
     """Report progress to the manager while the loop turns and every surface can be asked.
 
     The same look lets the record become durable.

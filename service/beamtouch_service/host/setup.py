@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from beamtouch_service.access import Access
-    from beamtouch_service.host.serve import Task
+    from beamtouch_service.host.serve import Tasks
     from beamtouch_service.outputs.section import Output
 
 _log = logging.getLogger("beamtouch.service")
@@ -86,7 +86,10 @@ def run(settings: Settings) -> None:
     except EventStoreError as error:
         raise InputError(str(error)) from None
     app = create_app(parts.surfaces, parts.access, streams=Streams(server.max_streams), recorder=recorder)
-    tasks: list[Task] = [lambda _context: models.watch(parts.keepers), *(output.run for output in parts.outputs)]
+    tasks: Tasks = {
+        "models": lambda _context: models.watch(parts.keepers),
+        **{section.name: output.run for section, output in zip(settings.outputs, parts.outputs, strict=True)},
+    }
     try:
         serve(configure(app, server), parts.address, app.context, tasks)
     finally:

@@ -15,6 +15,8 @@ from typing import TYPE_CHECKING
 import pytest
 
 from parts import require
+from service.conftest import batch_of
+from waiting import wait_until
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -94,6 +96,36 @@ def test_a_service_that_stands_still_is_not_alive(
     deadline_s = time.monotonic() + 60
     while manager.until("WATCHDOG=1", within_s=2):
         assert time.monotonic() < deadline_s
+
+
+@pytest.mark.parametrize(
+    ("section", "broken"),
+    [
+        ("models", "from beamtouch_service.host import models as part; part.watch = end"),
+        ("events", "from beamtouch_service.events.store import Store as part; part.commit = fail"),
+    ],
+)
+def test_readiness_names_a_part_that_ended_in_an_unexpected_error(
+    start_service: StartService, build_model: BuildModel, token_file: Path, section: str, broken: str
+) -> None:
+    program = (
+        "import sys\n"
+        "from beamtouch_service import cli\n"
+        "def fail(*_): return 1 / 0\n"
+        "async def end(*_): return 1 / 0\n"
+        f"{broken}\n"
+        "sys.exit(cli.main())\n"
+    )
+    options = ("--write-token-file", token_file, "--stale-ms", "60000")
+    service = start_service("--model", build_model(), *options, program=("-c", program))
+
+    assert service.post(batch_of()).status_code == 200
+
+    wait_until(lambda: section in service.get("/health/ready").json().get("missing", {}))
+    assert "ZeroDivisionError" in service.get("/health/ready").json()["missing"][section]
+    assert f'beamtouch_missing{{section="{section}"}} 1.0' in service.get("/metrics").text
+    # The others go on.
+    assert service.get("/surfaces/press-7/contact").status_code == 200
 
 
 def test_the_unit_file_is_hardened() -> None:
