@@ -4,8 +4,8 @@ import argparse
 import os
 import re
 import sys
-from collections.abc import Callable, Iterable
-from importlib import metadata
+from collections.abc import Callable, Iterable, Sequence
+from importlib import import_module
 from typing import Any, NoReturn
 
 from beamtouch_common.errors import FailedError, InputError
@@ -17,13 +17,26 @@ _PLAIN = {"invalid float value": "not a number", "invalid int value": "not a who
 """Words of argparse, in plain ones."""
 
 
+class _ShowVersion(argparse.Action):
+    """Prints the version, which is looked up only then: that takes as long as all the rest of `--help`."""
+
+    def __init__(self, option_strings: Sequence[str], dest: str) -> None:
+        words = "show program's version number and exit"
+        super().__init__(option_strings, dest, nargs=0, default=argparse.SUPPRESS, help=words)
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
+        """Print it and exit."""
+        print(f"{parser.prog.split()[0]} {version()}")
+        parser.exit()
+
+
 class Parser(argparse.ArgumentParser):
     """A parser with `--version` that reports wrong arguments in one line, without the usage; so do its subcommands."""
 
     def __init__(self, *arguments: Any, **options: Any) -> None:  # noqa: ANN401  # as ArgumentParser takes them
         options.setdefault("allow_abbrev", False)  # an abbreviation may mean something else in the next version
         super().__init__(*arguments, **options)
-        self.add_argument("--version", action="version", version=f"{self.prog.split()[0]} {version()}")
+        self.add_argument("--version", action=_ShowVersion)
 
     def parse_known_args(self, args: Iterable[str] | None = None, namespace: object = None) -> tuple[Any, list[str]]:
         """Parse arguments, and refuse unknown ones here: the parser of a subcommand names its own help."""
@@ -139,7 +152,7 @@ def _is_output_lost() -> bool:
 
 def version() -> str:
     """Return the installed version."""
-    return metadata.version("beamtouch")
+    return str(import_module("importlib.metadata").version("beamtouch"))
 
 
 def _text(error: Exception) -> str:
