@@ -41,7 +41,7 @@ def press(port: int, surface: str, channels: dict[str, float], in_batch: int, un
         now_us = int(time() * 1e6)
         samples = [
             {
-                "sequence": count * in_batch + place,
+                "sequence": count * in_batch + place + 1,
                 "acquired_unix_us": now_us + place * 1000,
                 "deflection_mm": list(channels.values()),
                 "quality": quality,
