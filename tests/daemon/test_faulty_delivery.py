@@ -40,7 +40,10 @@ BEFORE = 1000
 """Readings before a device goes away."""
 
 
-async def test_a_device_away_for_30_s_and_a_service_away_for_60_s_lose_nothing_that_was_taken(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("device_s", "service_s"), [(1.0, 14.0), pytest.param(30.0, 60.0, marks=pytest.mark.soak)])
+async def test_a_device_and_a_service_that_are_away_lose_nothing_that_was_taken(
+    tmp_path: Path, device_s: float, service_s: float
+) -> None:
     taken = [20_000]
 
     async def action(_function: int, _start: int, _address: int, _count: int, now: list[int], _set: object) -> None:
@@ -61,11 +64,12 @@ async def test_a_device_away_for_30_s_and_a_service_away_for_60_s_lose_nothing_t
         async with pymodbus_server([0, 0], action, port=device_port):
             while taken[0] < 20_000 + BEFORE:  # noqa: ASYNC110 - the daemon is outside
                 await asyncio.sleep(0.02)
-        await asyncio.sleep(30)
+        await asyncio.sleep(device_s)
         async with pymodbus_server([0, 0], action, port=device_port):
             came_back = taken[0]
             await soon(lambda: taken[0] >= came_back + 20)
-            await asyncio.sleep(begin_s + 60 - monotonic())
+            # So long that more is new than the first live batch holds.
+            await asyncio.sleep(max(begin_s + service_s - monotonic(), 6.0))
             late = Service(("127.0.0.1", service_port))
             late.statuses = [500, 401, 503]
             async with serving(late):
@@ -90,18 +94,19 @@ async def test_a_device_away_for_30_s_and_a_service_away_for_60_s_lose_nothing_t
     assert sorted(counts_of(whole)) == [(float(n), float(n + 1000)) for n in read]
 
 
-async def test_killed_twenty_times_all_that_was_written_arrives(tmp_path: Path) -> None:
+@pytest.mark.parametrize("times", [5, pytest.param(20, marks=pytest.mark.soak)])
+async def test_killed_again_and_again_all_that_was_written_arrives(tmp_path: Path, times: int) -> None:
     with cable(tmp_path) as usb:
         device = SerialDevice(usb.plug())
         port, written = free_port(), set[tuple[str, int]]()
         url, source = f"http://127.0.0.1:{port}", configs.serial(str(usb.path))
         often = "from beamtouch_daemon.delivery import log_store; log_store.MEMORY_S = log_store.WRITE_S = 0.1"
         turn = 0
-        while turn < 20:
+        while turn < times:
             begun = device.sequence
             async with running(tmp_path, source, url, code=often) as daemon:
                 async with asyncio.timeout(60):
-                    while device.sequence < begun + 100 + 4 * turn:  # noqa: ASYNC110 - the device is outside
+                    while device.sequence < begun + 100 + 80 * turn / times:  # noqa: ASYNC110 - the device is outside
                         await asyncio.sleep(0.01)
                 daemon.tell(signal.SIGKILL)
                 with suppress(ProcessLookupError):
