@@ -108,7 +108,8 @@ def _build_for_firmware(folder: Path) -> None:
     """Write the bench scene with the ADC of the firmware's chip, and its model."""
     text = (SCENES / "bench.toml").read_text().replace("rate_hz = 200", "rate_hz = 200\nadc_bits = 10")
     (folder / "scene.toml").write_text(text)
-    _build(folder / "scene.toml", "bench", folder)
+    with few_draws():
+        _build(folder / "scene.toml", "bench", folder)
 
 
 @pytest.fixture(scope="session")
