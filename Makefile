@@ -9,7 +9,7 @@ PACKAGES := common/beamtouch_common firmware_protocol/beamtouch_protocol models/
 # of processes.
 WORKERS ?= $(shell expr 2 \* $$(nproc))
 
-.PHONY: help install demo test faults coverage bench check docs reference release format deb clean
+.PHONY: help install demo test soak faults coverage bench check docs reference release format deb clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 10
@@ -24,14 +24,17 @@ $(INSTALLED): pyproject.toml constraints.txt
 demo: $(INSTALLED)  ## build a model, run rig, service and daemon, show live contacts for about 20 s
 	@$(BIN)/python demo/demo.py $(DEMO)
 
-test: $(INSTALLED)  ## all tests
-	PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest --numprocesses $(WORKERS)
+test: $(INSTALLED)  ## all tests but those of `make soak`
+	PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest --numprocesses $(WORKERS) -m "not soak"
+
+soak: $(INSTALLED)  ## more rounds, longer outages and more scenes, in about five minutes on two cores
+	PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest --numprocesses $(WORKERS) -m soak
 
 faults: $(INSTALLED)  ## put each fault of tests/faults/faults.toml into a copy, and see a test catch it; NAMES="delivery ..."
 	$(BIN)/python tests/faults $(NAMES)
 
-coverage: $(INSTALLED)  ## all tests, then the lines of the packages that no process of the tests ran
-	PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest --numprocesses $(WORKERS) --cov
+coverage: $(INSTALLED)  ## the same tests, then the lines of the packages that no process of the tests ran
+	PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest --numprocesses $(WORKERS) -m "not soak" --cov
 
 bench: $(PEERS)  ## measure against peers and floors: a table, and build/bench.json; NAMES="beam ..." for some only
 	@mkdir -p build

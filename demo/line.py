@@ -18,8 +18,9 @@ from typing import Any, Literal, Self
 import tomli_w
 
 Kind = Literal["modbus-tcp", "modbus-rtu", "serial"]
-START_TIMEOUT_S = 30.0
-STOP_TIMEOUT_S = 10.0
+START_TIMEOUT_S = 120.0
+STOP_TIMEOUT_S = 60.0
+"""Generous: a machine may be busy with much else."""
 TRUTH_GAP_S = 0.05
 """Gap between two rows of the truth from which it counts as interrupted; the rig writes a row every 10 ms."""
 

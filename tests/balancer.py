@@ -18,15 +18,22 @@ _SERVER = re.compile(r"^    server \S+ \S+ check\n", re.MULTILINE)
 
 
 class Balancer:
-    """HAProxy in front of services on these ports."""
+    """HAProxy in front of services on these ports.
 
-    def __init__(self, folder: Path, ports: Sequence[int]) -> None:
+    With `check_s`, it waits so long for the answer to a check: after 250 ms, as configured, a service that a starved
+    machine holds up counts as dead, and its surfaces move.
+    """
+
+    def __init__(self, folder: Path, ports: Sequence[int], check_s: int | None = None) -> None:
         self._program = require("haproxy", "haproxy")
         self._path = folder / "haproxy.cfg"
         port = free_port()
         self.url = f"http://127.0.0.1:{port}"
         servers = "".join(f"    server s{number} 127.0.0.1:{port} check\n" for number, port in enumerate(ports))
         text = _SERVER.sub("@", CONFIG.read_text().replace("127.0.0.1:8420", f"127.0.0.1:{port}"))
+        if check_s is not None:
+            text, found = re.subn(r"(?<=timeout check )\S+", f"{check_s}s", text)
+            assert found == 1
         self._path.write_text(re.sub("@+", lambda _: servers, text))
         self._process: subprocess.Popen[bytes] | None = None
 

@@ -1,13 +1,14 @@
 """A real browser for tests of the page: Debian's Chromium, driven by Playwright."""
 
 import os
+import re
 import shutil
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from playwright.sync_api import Browser, ConsoleMessage, Page, sync_playwright
+from playwright.sync_api import Browser, ConsoleMessage, Page, Route, sync_playwright
 
 from parts import require
 
@@ -20,6 +21,7 @@ _QUIET = [
     "--disable-sync",
     "--disable-component-update",
 ]
+_PATIENCES = re.compile(r"(?<=const )(SILENT|FIRST|ASK)_MS = [0-9_]+")
 NO_FIGURE = "—"
 SCREENSHOTS = Path(__file__).parents[1] / "build" / "screenshots"
 
@@ -99,6 +101,13 @@ class Watched:
         """What the element of that id says."""
         return self.page.inner_text(f"#{element}")
 
+    def texts_in(self, state: str, *elements: str) -> list[str]:
+        """The title of the window, and what elements say, at one instant at which the page is in a state."""
+        script = """([state, ids]) => document.body.dataset.state === state
+          && [document.title, ...ids.map(id => document.getElementById(id).innerText)]"""
+        found: list[str] = self.page.wait_for_function(script, arg=[state, elements]).json_value()
+        return found
+
     def figures(self) -> dict[str, Any]:
         """State and figures as they stand at one instant, with that instant [s since 1970]."""
         script = """() => Object.fromEntries([["state", document.body.dataset.state], ["unix_s", Date.now() / 1000],
@@ -159,16 +168,30 @@ def chromium() -> Iterator[Browser]:
         browser.close()
 
 
+def _be_patient(route: Route) -> None:
+    """Pass a script on, with a minute in place of the seconds after which the page gives the service up."""
+    answer = route.fetch()
+    route.fulfill(response=answer, body=_PATIENCES.sub(r"\1_MS = 60_000", answer.text()))
+
+
 @contextmanager
 def pages(browser: Browser) -> Iterator[OpenPage]:
-    """Give a function that opens an address in a window of its own; all are closed at the end."""
+    """Give a function that opens an address in a window of its own; all are closed at the end.
+
+    A service on a starved machine may say nothing for seconds. Pages wait for it, unless they are told not to.
+    """
     contexts = []
 
-    def open_page(base: str, path: str = "/", size: tuple[int, int] = (1000, 900), **emulated: str) -> Watched:
+    def open_page(
+        base: str, path: str = "/", size: tuple[int, int] = (1000, 900), *, is_patient: bool = True, **emulated: str
+    ) -> Watched:
         options: dict[str, Any] = {"viewport": {"width": size[0], "height": size[1]}, **emulated}
         context = browser.new_context(**options)
         contexts.append(context)
         context.set_default_timeout(TIMEOUT_MS)
+        if is_patient:
+            for script in ("feed", "token"):
+                context.route(f"**/{script}.js", _be_patient)
         watched = Watched(context.new_page(), base)
         watched.page.goto(base + path)
         return watched

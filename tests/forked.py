@@ -1,8 +1,8 @@
-"""Commands in processes of their own, forked from a server that has imported their libraries already.
+"""Commands in processes of their own, forked from a server that has imported their modules already.
 
-Libraries take half a second of a processor to import, and tests start hundreds of processes. A forked process has
-arguments, folder, environment, standard streams and signals of its own, and imports the modules of the command anew.
-It ends without the teardown of an interpreter. The tests of the whole system start each command as a user does.
+Libraries and modules take most of a second of a processor to import, and tests start hundreds of processes. A forked
+process has arguments, folder, environment, standard streams and signals of its own. It ends without the teardown of an
+interpreter. The tests of the whole system start each command as a user does.
 """
 
 import contextlib
@@ -19,16 +19,19 @@ from subprocess import TimeoutExpired
 from threading import Lock, Thread
 from typing import TextIO
 
-LIBRARIES = (
+MODULES = (
     *("aiohttp", "cobs.cobs", "pymodbus.client", "serial", "sqlite3"),
     *("fastapi", "httptools", "sqlalchemy.dialects.postgresql", "sqlalchemy.dialects.sqlite"),
     *("uvicorn.protocols.http.httptools_impl", "pydantic.v1", "statistics", "tomllib"),
-    *("numpy.typing", "prometheus_client", "pydantic.main"),
+    *("numpy.typing", "prometheus_client", "pydantic.main", "paho.mqtt.client", "pymodbus.framer"),
+    *("beamtouch_service.cli", "beamtouch_service.host.setup", "beamtouch_service.api.app"),
+    *("beamtouch_daemon.cli", "beamtouch_daemon.running.daemon"),
+    *(f"beamtouch_daemon.commands.{name}" for name in ("check", "noise", "record", "run", "scan", "tare")),
 )
-"""Those that take long to import. One that starts a thread when it is imported, as onnxruntime does, cannot be one."""
+"""Those that take long to import. With a thread for numbers, as tests have it, none of them starts another one."""
 
 _CONTEXT = multiprocessing.get_context("forkserver")
-_CONTEXT.set_forkserver_preload(list(LIBRARIES))
+_CONTEXT.set_forkserver_preload(list(MODULES))
 _ASKING = Lock()
 """Starting a process asks for the exit codes of all others too, and the answer to each comes once."""
 
@@ -36,15 +39,15 @@ _ASKING = Lock()
 class Forked:
     """A process of a command; its standard streams are pipes. It can do what tests ask of a `subprocess.Popen`."""
 
-    def __init__(self, command: str, arguments: Sequence[str], folder: Path) -> None:
-        """Start the `main` of a module `command`."""
+    def __init__(self, command: str, arguments: Sequence[str], folder: Path, code: str = "") -> None:
+        """Start the `main` of a module `command`, with Python `code` run before it."""
         its_stdin, stdin = _CONTEXT.Pipe(duplex=False)
         stdout, its_stdout = _CONTEXT.Pipe(duplex=False)
         stderr, its_stderr = _CONTEXT.Pipe(duplex=False)
         theirs = (its_stdin, its_stdout, its_stderr)
         self.args = arguments
         self.stdin, self.stdout, self.stderr = _file(stdin, "w"), _file(stdout, "r"), _file(stderr, "r")
-        request = (command, arguments, folder, dict(os.environ), theirs)
+        request = (command, arguments, folder, dict(os.environ), theirs, code)
         self._process = _CONTEXT.Process(target=_run, args=request, daemon=True)
         with _ASKING:
             self._process.start()
@@ -103,7 +106,12 @@ def _file(end: Connection, mode: str) -> TextIO:
 
 
 def _run(
-    command: str, arguments: Sequence[str], folder: Path, environment: dict[str, str], streams: Sequence[Connection]
+    command: str,
+    arguments: Sequence[str],
+    folder: Path,
+    environment: dict[str, str],
+    streams: Sequence[Connection],
+    code: str,
 ) -> None:
     """Be the command, in a forked process."""
     for number, stream in enumerate(streams):
@@ -111,11 +119,12 @@ def _run(
         stream.close()
     sys.stdin, sys.stdout = open(0, encoding="utf-8", closefd=False), open(1, "w", encoding="utf-8", closefd=False)  # noqa: SIM115
     # The server passes over what it cannot import.
-    missing = [name for name in LIBRARIES if name not in sys.modules]
+    missing = [name for name in MODULES if name not in sys.modules]
     if missing:
         sys.exit(f"not imported beforehand: {', '.join(missing)}")
     os.chdir(folder)
     os.environ.clear()
     os.environ.update(environment)
     sys.argv[1:] = arguments
+    exec(code, {})  # noqa: S102 - of the tests
     sys.exit(importlib.import_module(command).main())

@@ -9,6 +9,8 @@ from contextlib import aclosing, asynccontextmanager
 from pathlib import Path
 from time import monotonic, perf_counter
 
+from free_ports import free_port
+
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
 import numpy as np
@@ -17,7 +19,7 @@ from pymodbus.client import AsyncModbusSerialClient, AsyncModbusTcpClient
 from daemon import configs
 from daemon.devices import pymodbus_server
 from daemon.lines import joined_terminals
-from daemon.process import free_port, started
+from daemon.process import started
 from daemon.service import Service, serving
 from daemon.sessions import polled
 

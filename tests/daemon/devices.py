@@ -188,6 +188,8 @@ class SerialDevice:
     ) -> None:
         self.received: list[Message] = []
         self.sequence = 0
+        self.unsent = 0
+        """Messages for which the line had no room, as a starved host did not read it."""
         self._line = line
         self._start_s = uptime_s()
         self._hello = Hello(PROTOCOL_VERSION, schema_hash, boot_id, channels, adc_bits, 1000)
@@ -210,7 +212,7 @@ class SerialDevice:
                     self.stop()
 
     def send(self, message: Message) -> None:
-        self._line.write(encode(message))
+        self.unsent += not self._line.write(encode(message))
 
     def restart(self, rate_hz: int) -> None:
         """Send readings though no host asked."""

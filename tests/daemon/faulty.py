@@ -3,15 +3,17 @@
 import asyncio
 import random
 import sqlite3
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import asynccontextmanager, closing, contextmanager
 from pathlib import Path
+
+import pytest
 
 from beamtouch_service.samples import Batch, Sample
 
 from . import configs
 from .lines import Terminal
-from .process import Daemon, started
+from .process import PATIENT_STOP, Daemon, started
 from .service import Service
 
 LOG_FILE = "beamtouch-daemon.samples"
@@ -19,6 +21,7 @@ RATE_HZ = 200.0
 BACK_S = 2.0
 SLACK_S = 5.0
 """What a busy machine may add."""
+TURN_S = 0.02
 
 
 class Cable:
@@ -68,6 +71,15 @@ def counts_of(samples: list[Sample]) -> list[tuple[float, float]]:
     ]
 
 
+async def soon(holds: Callable[[], bool], within_s: float = BACK_S + SLACK_S) -> None:
+    """Wait for what must come soon, in turns that take the longer the more starved the machine is."""
+    for _ in range(round(within_s / TURN_S)):
+        if holds():
+            return
+        await asyncio.sleep(TURN_S)
+    pytest.fail(f"it did not come within {within_s:g} s")
+
+
 async def everything(service: Service) -> None:
     """Wait until the record of a service has every sample up to the newest that was sent."""
     newest = {(name, batch.boot_id): batch.samples[-1].sequence for name, batch, _ in service.batches if batch.samples}
@@ -82,6 +94,7 @@ async def running(
 ) -> AsyncIterator[Daemon]:
     config = configs.write(folder, plain(source), url=url)
     config.write_text(config.read_text().replace("batch_ms", f"{publish}\nbatch_ms"))
+    code = "; ".join(filter(None, [code, PATIENT_STOP]))
     async with started("run", config, "--summary", folder / "summary.json", code=code, prefix=prefix) as daemon:
         yield daemon
 
@@ -108,11 +121,9 @@ class Mangler:
             case 7:
                 self._line.write(self._chance.randbytes(30) + frame)
             case 8:
-                self._line.write(frame + frame)
-                self.whole += 1
+                self.whole += self._line.write(frame + frame)
             case _:
-                self._line.write(frame)
-                self.whole += 1
+                self.whole += self._line.write(frame)
 
 
 def names(batches: list[Batch]) -> list[tuple[str, int]]:

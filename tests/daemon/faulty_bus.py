@@ -205,8 +205,11 @@ class CountingUnit(NumberingUnit):
         return super().value() % FOREIGN
 
 
-async def run(pattern: Pattern, polls: int, seed: int) -> Outcome:
-    """Poll a unit with a pattern of faults as often as was said, as fast as it answers."""
+async def run(pattern: Pattern, polls: int, seed: int, answers: int = 0) -> Outcome:
+    """Poll a unit with a pattern of faults as often as was said, as fast as it answers, and until so many are answered.
+
+    A starved machine misses many of the short times for an answer.
+    """
     outcome = Outcome()
     chance = random.Random(seed)  # noqa: S311 - moments, not secrets
     with terminal() as line:
@@ -220,7 +223,8 @@ async def run(pattern: Pattern, polls: int, seed: int) -> Outcome:
                 buses = {} if pattern.is_killed else buses
                 reading = asyncio.create_task(_read(source_in(buses, table, places, NEVER_IN_TIME_HZ), unit, outcome))
                 # The first values of a session are not used.
-                while unit.polls < (polls / pattern.sessions + 1) * session:
+                least = answers if session == pattern.sessions else 0
+                while unit.polls < (polls / pattern.sessions + 1) * session or outcome.answered < least:
                     await asyncio.wait({reading}, timeout=0.01)
                     assert not reading.done()
                 if pattern.sessions > 1:

@@ -18,7 +18,7 @@ class Terminal:
         self._loop = asyncio.get_running_loop()
         self._is_open = True
 
-    def on_data(self, receive: Callable[[bytes], None]) -> None:
+    def on_data(self, receive: Callable[[bytes], object]) -> None:
         """Call `receive` with whatever the daemon sends."""
 
         def read() -> None:
@@ -27,11 +27,14 @@ class Terminal:
 
         self._loop.add_reader(self._master, read)
 
-    def write(self, data: bytes) -> None:
-        """Send to the daemon; what does not fit into a buffer that nobody reads is lost, as on a cable."""
-        if self._is_open:
-            with suppress(BlockingIOError):
-                os.write(self._master, data)
+    def write(self, data: bytes) -> bool:
+        """Send to the daemon; return whether all of it went.
+
+        What does not fit into a buffer that nobody reads is lost, as on a cable.
+        """
+        with suppress(BlockingIOError):
+            return self._is_open and os.write(self._master, data) == len(data)
+        return False
 
     def unplug(self) -> None:
         """Hang up for good."""

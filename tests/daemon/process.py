@@ -1,12 +1,9 @@
 """The daemon as the user starts it: a process of its own."""
 
 import asyncio
-import contextlib
 import json
 import os
-import random
 import signal
-import socket
 import subprocess
 import sys
 from collections.abc import AsyncIterator
@@ -18,6 +15,8 @@ from typing import Any
 from forked import Forked
 
 COMMAND = "beamtouch_daemon.cli"
+PATIENT_STOP = "from beamtouch_daemon.running import daemon; daemon.FINISH_S = 60.0"
+"""Code by which a stop has a minute to deliver what is left: the 2.5 s of the daemon are short on a starved machine."""
 Process = subprocess.Popen[str] | Forked
 
 
@@ -69,9 +68,10 @@ class Daemon:
 
 
 def _start(words: list[str], code: str, environment: dict[str, str] | None, prefix: tuple[str, ...]) -> Process:
-    if not (code or environment or prefix):
-        return Forked(COMMAND, words, Path.cwd())
-    program = ("-c", f"{code}; from {COMMAND} import main; sys.exit(main())")
+    # What is missing must not have been imported before.
+    if not (environment or prefix or "sys.modules" in code):
+        return Forked(COMMAND, words, Path.cwd(), code)
+    program = ("-c", f"import sys; {code}; from {COMMAND} import main; sys.exit(main())")
     pipe = subprocess.PIPE
     return subprocess.Popen(
         [*prefix, sys.executable, *(program if code else ("-m", "beamtouch_daemon")), *words],
@@ -89,7 +89,7 @@ async def started(
 ) -> AsyncIterator[Daemon]:
     """Start the daemon, with Python `code` run before it, by `prefix`; it is gone at the end of the block.
 
-    With any of these it is started anew, otherwise forked.
+    With a prefix or an environment it is started anew, otherwise forked.
     """
     process = await asyncio.to_thread(_start, [str(one) for one in arguments], code, environment, prefix)
     try:
@@ -109,11 +109,3 @@ async def command(*arguments: str | Path, code: str = "") -> Outcome:
 def summary_of(folder: Path) -> dict[str, Any]:
     content: dict[str, Any] = json.loads((folder / "summary.json").read_text())
     return content["surfaces"]  # type: ignore[no-any-return]
-
-
-def free_port() -> int:
-    """Return a port that stays free for a while: below those that outgoing connections of this machine get."""
-    while True:
-        port = random.randrange(20_000, 32_000)  # noqa: S311 - no secret
-        with contextlib.suppress(OSError), socket.create_server(("127.0.0.1", port)):
-            return port

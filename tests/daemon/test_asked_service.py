@@ -6,12 +6,13 @@ from pathlib import Path
 import httpx2
 import pytest
 
+from free_ports import free_port
 from plain_http import TIMEOUT_S
 from service.small_model import write_model
 
 from . import configs
 from .devices import pymodbus_server
-from .process import command, free_port, started, summary_of
+from .process import PATIENT_STOP, command, started, summary_of
 from .service import real_service
 
 pytestmark = pytest.mark.anyio
@@ -43,10 +44,10 @@ async def test_samples_of_another_beam_wait_until_a_model_of_their_beam_is_there
     other = write_model(tmp_path / "other", "bench", channels=4, beam="beam-2")
     serving = free_port()
     async with pymodbus_server([20_000] * 4) as port:
-        surface = configs.surface(source=configs.patient_tcp(port), registers=(0, 1, 2, 3))
+        surface = configs.surface(source=configs.tcp(port), registers=(0, 1, 2, 3))
         surface = surface.replace("rate_hz", 'beam = "beam-1"\nrate_hz', 1)
         config = configs.write(tmp_path, surface, url=f"http://127.0.0.1:{serving}")
-        async with started("run", config, "--summary", tmp_path / "summary.json") as daemon:
+        async with started("run", config, "--summary", tmp_path / "summary.json", code=PATIENT_STOP) as daemon:
             async with real_service(tmp_path, other, port=serving) as url:
                 await until(url, "type", "urn:beamtouch:problem:other-beam")
                 told = await command("check", config, "--wait", "0")
@@ -68,7 +69,7 @@ async def test_samples_of_another_beam_wait_until_a_model_of_their_beam_is_there
 async def test_tare_refuses_a_beam_on_which_the_service_sees_a_contact(tmp_path: Path) -> None:
     model, serving = write_model(tmp_path, "bench", channels=4), free_port()
     async with pymodbus_server([20_900] * 4) as port:  # 0.09 mm down
-        surface = configs.surface(source=configs.patient_tcp(port), registers=(0, 1, 2, 3))
+        surface = configs.surface(source=configs.tcp(port), registers=(0, 1, 2, 3))
         config = configs.write(tmp_path, surface, url=f"http://127.0.0.1:{serving}")
         async with started("run", config), real_service(tmp_path, model, port=serving) as url:
             await until(url, "state", "contact")

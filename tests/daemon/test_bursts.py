@@ -35,8 +35,9 @@ class Adapter(Terminal):
         super().__init__()
         self._held = bytearray()
 
-    def write(self, data: bytes) -> None:
+    def write(self, data: bytes) -> bool:
         self._held += data
+        return True
 
     async def deliver_every(self, held_s: float) -> None:
         while True:
@@ -115,7 +116,7 @@ async def test_no_reading_of_a_bus_that_answers_late_is_stamped_newer_than_it_is
     unit = StampingUnit(held)
     async with AsyncExitStack() as stack:
         if kind == "tcp":
-            table = configs.tcp(await stack.enter_async_context(tcp_unit(unit))).replace("300", "5000")
+            table = configs.tcp(await stack.enter_async_context(tcp_unit(unit)))
         else:
             bus = stack.enter_context(terminal())
             await stack.enter_async_context(rtu_units(bus, {1: unit}))
@@ -130,4 +131,5 @@ async def test_readings_of_a_plain_line_are_stamped_as_old_as_they_are() -> None
         device = DatedDevice(line)
         late = sorted(lateness(device, await first_readings(source(line.path), 200)))
     assert late[-1] < 0.002
-    assert late[len(late) // 2] > -0.05  # the adapter holds nothing back: only a busy machine makes it earlier
+    # The adapter holds nothing back: only a busy machine makes it earlier, and not all the time.
+    assert late[len(late) * 9 // 10] > -0.05

@@ -9,13 +9,14 @@ import httpx2
 import pytest
 
 from beamtouch_daemon.commands.check import counts_text, decimals_of, rounded
+from free_ports import free_port
 from plain_http import TIMEOUT_S
 from service.small_model import BEAM, write_model
 
 from . import configs
 from .devices import SerialDevice, pymodbus_server
 from .lines import terminal
-from .process import Outcome, command, free_port, started
+from .process import Outcome, command, started
 from .service import TOKEN, real_service
 
 pytestmark = pytest.mark.anyio
@@ -106,7 +107,7 @@ async def test_a_service_that_takes_no_samples_is_reported(
     tmp_path: Path, model: Path, channels: int, name: str, token: str, said: str
 ) -> None:
     async with real_service(tmp_path, model) as url, pymodbus_server([20_000] * 4) as port:
-        config = written(tmp_path, url, configs.patient_tcp(port), channels, token)
+        config = written(tmp_path, url, configs.tcp(port), channels, token)
         config.write_text(config.read_text().replace("surfaces.bench", f"surfaces.{name}"))
         assert await waits_for(config, said)
 
@@ -117,8 +118,8 @@ async def test_it_needs_the_token_that_writes_and_changes_no_answer(tmp_path: Pa
         real_service(tmp_path, model, "--read-token-file", tmp_path / "read") as url,
         pymodbus_server([20_000] * 4) as port,
     ):
-        good = await waited(written(tmp_path, url, configs.patient_tcp(port)), 300)
-        reads = written(tmp_path, url, configs.patient_tcp(port), token="another-token-for-reading")  # noqa: S106 - of tests
+        good = await waited(written(tmp_path, url, configs.tcp(port)), 300)
+        reads = written(tmp_path, url, configs.tcp(port), token="another-token-for-reading")  # noqa: S106 - of tests
         assert await waits_for(reads, "This is the read token")
         headers = {"Authorization": f"Bearer {TOKEN}"}
         async with httpx2.AsyncClient(base_url=url, headers=headers, trust_env=False, timeout=TIMEOUT_S) as http:
@@ -132,7 +133,7 @@ async def test_a_configuration_without_beam_is_told_what_to_write(
     tmp_path: Path, model: Path, *, states_beam: bool
 ) -> None:
     async with real_service(tmp_path, model) as url, pymodbus_server([20_000] * 4) as port:
-        config = written(tmp_path, url, configs.patient_tcp(port))
+        config = written(tmp_path, url, configs.tcp(port))
         if states_beam:
             config.write_text(config.read_text().replace("rate_hz", f'beam = "{BEAM}"\nrate_hz', 1))
         told = await waited(config, 300)
@@ -144,7 +145,7 @@ async def test_a_configuration_without_beam_is_told_what_to_write(
 
 async def test_without_wait_the_service_is_not_asked_and_check_says_so(tmp_path: Path) -> None:
     async with pymodbus_server([20_000] * 4) as port:
-        config = written(tmp_path, f"http://127.0.0.1:{free_port()}", configs.patient_tcp(port))
+        config = written(tmp_path, f"http://127.0.0.1:{free_port()}", configs.tcp(port))
         outcome, told = await command("check", config, "--json"), await command("check", config)
     assert (outcome.code, told.code) == (0, 0)
     assert json.loads(outcome.out)["surfaces"]["bench"]["service"] is None
@@ -153,7 +154,7 @@ async def test_without_wait_the_service_is_not_asked_and_check_says_so(tmp_path:
 
 async def test_json_has_no_more_digits_than_the_sensor(tmp_path: Path) -> None:
     async with pymodbus_server([20_001, 21_000, 20_000, 20_000]) as port:
-        config = written(tmp_path, "http://127.0.0.1:1", configs.patient_tcp(port))
+        config = written(tmp_path, "http://127.0.0.1:1", configs.tcp(port))
         config.write_text(config.read_text().replace("-0.0001", "-0.00011"))
         outcome = await command("check", config, "--json")
         config.write_text(config.read_text().replace("rate_hz", "noise_mm = 0.002\nrate_hz", 1))

@@ -6,7 +6,7 @@ import signal
 import socket
 from importlib.metadata import version
 from pathlib import Path
-from random import randrange
+from random import Random
 
 import pytest
 
@@ -162,8 +162,10 @@ async def test_tare_takes_a_channel_whose_last_tare_was_accepted_beyond_the_conf
 
 
 async def test_tare_refuses_a_channel_whose_counts_stand_still(tmp_path: Path) -> None:
+    chance = Random(3)  # noqa: S311 - noise, not secrets
+
     async def noise(_function: int, _start: int, _address: int, _count: int, now: list[int], _set: object) -> None:
-        now[1] = 20_000 + randrange(-30, 31)  # noqa: S311
+        now[1] = 20_000 + chance.randrange(-30, 31)
 
     async with pymodbus_server([20_000, 20_000], noise) as port:
         surface = configs.surface(source=configs.tcp(port)).replace("rate_hz", "noise_mm = 0.002\nrate_hz", 1)

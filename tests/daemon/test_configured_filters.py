@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from beamtouch_daemon.config.signal import Filter, GrowingMean, MovingAverage, NoFilter
@@ -59,7 +59,6 @@ kinds = st.sampled_from(
 )
 
 
-@settings(deadline=None)
 @given(values=streams, kind=kinds, data=st.data())
 def test_any_split_of_the_stream_gives_the_same_to_the_bit(
     values: FloatArray, kind: Filter, data: st.DataObject

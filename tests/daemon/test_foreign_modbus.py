@@ -17,10 +17,10 @@ from beamtouch_models.rig.script import Load
 from beamtouch_models.rig.surface import VirtualSurface
 from beamtouch_models.scene import load_scene
 from example_scenes import SCENES
+from free_ports import free_port
 from parts import require
 
 from .lines import joined_terminals
-from .process import free_port
 from .sessions import polled, source_in
 
 pytestmark = pytest.mark.anyio

@@ -164,7 +164,7 @@ def test_surfaces_that_cannot_share_a_port_are_named_with_their_files(tmp_path: 
 
 async def test_check_shows_the_file_of_each_surface(tmp_path: Path) -> None:
     async with pymodbus_server([20_000, 21_000]) as port:
-        bench, one = (configs.surface(name, configs.patient_tcp(port)) for name in ("bench", "one"))
+        bench, one = (configs.surface(name, configs.tcp(port)) for name in ("bench", "one"))
         path = including(tmp_path, bench, a=one)
         table, report = await asyncio.gather(command("check", path), command("check", path, "--json"))
     assert (table.code, report.code) == (0, 0)

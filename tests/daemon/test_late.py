@@ -8,12 +8,13 @@ from pathlib import Path
 import httpx2
 import pytest
 
+from free_ports import free_port
 from own_names import own_names_in
 
 from . import configs
 from .devices import SerialDevice, pymodbus_server
 from .lines import terminal
-from .process import free_port, started
+from .process import started
 from .service import Service, serving
 
 pytestmark = pytest.mark.anyio

@@ -19,6 +19,7 @@ pytestmark = pytest.mark.anyio
 
 NOISE_COUNTS = 20.0
 NOISE_MM = NOISE_COUNTS * 0.0001
+CHANCE = random.Random(3)  # noqa: S311 - noise, not secrets
 
 
 class NoisyDevice(SerialDevice):
@@ -36,13 +37,13 @@ class NoisyDevice(SerialDevice):
 
 
 async def noise(_function: int, _start: int, _address: int, _count: int, now: list[int], _set: object) -> None:
-    now[:2] = [round(20_000 + random.gauss(sigma=NOISE_COUNTS)) for _ in range(2)]
+    now[:2] = [round(20_000 + CHANCE.gauss(sigma=NOISE_COUNTS)) for _ in range(2)]
 
 
 async def step(_function: int, _start: int, _address: int, _count: int, now: list[int], _set: object) -> None:
     now[2] += 1
     touched = 1000 if now[2] > 300 else 0
-    now[:2] = [round(20_000 + touched + random.gauss(sigma=NOISE_COUNTS)) for _ in range(2)]
+    now[:2] = [round(20_000 + touched + CHANCE.gauss(sigma=NOISE_COUNTS)) for _ in range(2)]
 
 
 def surface(name: str, source: str, window: int = 4) -> str:

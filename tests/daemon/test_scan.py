@@ -9,10 +9,12 @@ import pytest
 from pymodbus.server import ModbusSerialServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
+from free_ports import free_port
+
 from . import configs
 from .devices import Pieces, SerialDevice, pymodbus_server, rtu_units
 from .lines import joined_terminals, terminal
-from .process import Outcome, command, free_port, started
+from .process import Outcome, command, started
 from .register_units import RegisterUnit
 
 pytestmark = pytest.mark.anyio

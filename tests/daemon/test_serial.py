@@ -1,7 +1,7 @@
 """Our own protocol over a pseudo-terminal, against a small device."""
 
 import asyncio
-import os
+import random
 from collections.abc import AsyncGenerator
 from contextlib import aclosing
 from itertools import pairwise
@@ -16,6 +16,7 @@ from beamtouch_protocol import messages
 
 from .devices import SerialDevice
 from .lines import terminal
+from .publishing import until
 
 pytestmark = pytest.mark.anyio
 
@@ -27,7 +28,7 @@ def make_source(path: str, indices: list[int] | None = None, rate_hz: float = RA
     return BoardSource(settings, indices or [0, 1], rate_hz, adc_bits=[16, 16])
 
 
-async def drain(stream: AsyncGenerator[list[Reading], None], within_s: float = 3.0) -> None:
+async def drain(stream: AsyncGenerator[list[Reading], None], within_s: float = 60.0) -> None:
     """Read until it fails."""
     async with asyncio.timeout(within_s):
         async for _ in stream:
@@ -38,7 +39,7 @@ async def test_a_session_is_stop_hello_start_readings_stop() -> None:
     with terminal() as line:
         device = SerialDevice(line)
         readings = await first_readings(make_source(line.path, [1, 0]), 20)
-        await asyncio.sleep(0.05)
+        await until(lambda: device.received[-1] == messages.Stop())
         session = [message for message in device.received if not isinstance(message, messages.Ping)]
         assert session == [messages.Stop(), messages.HelloRequest(), messages.Start(200, 1), messages.Stop()]
         pings = [message for message in device.received if isinstance(message, messages.Ping)]
@@ -51,10 +52,12 @@ async def test_a_session_is_stop_hello_start_readings_stop() -> None:
 async def test_times_follow_the_device_clock_across_its_wrap_and_are_never_later_than_now() -> None:
     with terminal() as line:
         SerialDevice(line)
+        begin_s = uptime_s()
         readings = await first_readings(make_source(line.path), 100)
-        assert readings[-1].monotonic_s <= uptime_s()
+        end_s = uptime_s()
     assert all(later.monotonic_s >= earlier.monotonic_s for earlier, later in pairwise(readings))
-    assert 0.4 < readings[-1].monotonic_s - readings[0].monotonic_s < 2.0
+    assert begin_s <= readings[0].monotonic_s < readings[-1].monotonic_s - 0.4
+    assert readings[-1].monotonic_s <= end_s
 
 
 async def test_lost_readings_are_counted_and_not_invented() -> None:
@@ -134,7 +137,7 @@ async def test_a_device_whose_clock_goes_back_begins_a_new_session_with_fresh_re
                     await anext(stream)
             device.set_back(back_s)
             with pytest.raises(SourceError, match="the device's clock went back"):
-                await drain(stream, within_s=60.0)
+                await drain(stream)
         readings = await first_readings(make_source(line.path), 20)
         assert uptime_s() - readings[-1].monotonic_s < back_s / 2
 
@@ -156,7 +159,7 @@ async def test_a_clock_that_goes_back_shows_in_the_answer_to_a_ping_too() -> Non
             held = asyncio.create_task(hold_back())
             device.set_back(30.0)
             with pytest.raises(SourceError, match="the device's clock went back"):
-                await drain(stream, within_s=60.0)
+                await drain(stream)
             held.cancel()
 
 
@@ -164,9 +167,9 @@ async def test_noise_and_damaged_frames_give_nothing() -> None:
     with terminal() as line:
         device = SerialDevice(line)
         async with aclosing(make_source(line.path).readings()) as stream:
-            taken = await anext(stream)
+            taken, chance = await anext(stream), random.Random(3)  # noqa: S311 - noise, not secrets
             for _ in range(20):
-                line.write(os.urandom(50))
+                line.write(chance.randbytes(50))
                 taken += await anext(stream)
         assert all(first and second == first + 1000 for first, second in (reading.counts for reading in taken))
         assert device.sequence > 10
@@ -219,7 +222,7 @@ async def test_an_unplugged_port_is_an_error_at_once() -> None:
             device.stop()
             line.unplug()
             with pytest.raises(SourceError, match=r"is gone|accepts no data"):
-                await drain(stream, within_s=60.0)
+                await drain(stream)
 
 
 async def test_a_port_in_use_is_an_error() -> None:

@@ -34,7 +34,7 @@ async def test_init_without_answers_says_which_option_is_missing(tmp_path: Path)
 
 async def test_record_without_answers_records_nothing(tmp_path: Path) -> None:
     async with pymodbus_server([20_000, 21_000]) as port:
-        config = configs.write(tmp_path, configs.surface(source=configs.patient_tcp(port)))
+        config = configs.write(tmp_path, configs.surface(source=configs.tcp(port)))
         code, said = await typed("record", config, "-o", tmp_path / "loads.csv", prefix=CLOSED)
     assert code == 1
     assert said[-1].startswith("load 1: put it on")
@@ -43,7 +43,7 @@ async def test_record_without_answers_records_nothing(tmp_path: Path) -> None:
 
 async def test_an_answer_that_is_no_text_is_a_wrong_answer(tmp_path: Path) -> None:
     async with pymodbus_server([20_000, 21_000]) as port:
-        config = configs.write(tmp_path, configs.surface(source=configs.patient_tcp(port)))
+        config = configs.write(tmp_path, configs.surface(source=configs.tcp(port)))
         code, said = await typed("record", config, "-o", tmp_path / "loads.csv", answers=b"150\xa0mm 10\n")
     assert code == 1
     assert any(line.startswith("give two numbers") for line in said)

@@ -18,12 +18,13 @@ from prometheus_client.parser import text_string_to_metric_families
 from beamtouch_daemon.config.sources import ModbusRtu
 from beamtouch_daemon.running.acquisition import PATIENCE_S, Acquisition
 from beamtouch_daemon.sources.rtu_bus import REST_TIMEOUTS
+from free_ports import free_port
 from parts import require
 
 from . import configs
 from .devices import pymodbus_server
 from .faulty import LOG_FILE
-from .process import free_port, started
+from .process import started
 from .publishing import keep
 from .service import Service, serving
 

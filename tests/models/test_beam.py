@@ -82,7 +82,7 @@ def test_deflections_are_right_to_a_few_units_in_the_last_place_over_the_whole_s
     assert abs((mpmath.mpf(influence(beam, [x], [a])[0, 0]) - expected) / expected) < 8 * ULP
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(x=fractions, a=fractions, supports=st.sampled_from(SPANS))
 def test_every_closed_form_is_accurate_near_either_end(x: float, a: float, supports: object) -> None:
     stated = unit_beam(supports)
@@ -91,7 +91,7 @@ def test_every_closed_form_is_accurate_near_either_end(x: float, a: float, suppo
     assert abs((mpmath.mpf(influence(stated, [x], [a])[0, 0]) - expected) / expected) < 12 * ULP
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(x=fractions, a=st.integers(1, 4095), width=st.integers(1, 4096), supports=st.sampled_from(SPANS))
 def test_a_contact_with_a_width_is_exact(x: float, a: int, width: int, supports: object) -> None:
     # Multiples of 1/8192, so that both sides compute the same edges of the contact.
@@ -185,7 +185,6 @@ def test_a_beam_that_bends_beyond_small_angles_is_refused() -> None:
         travel_of(parse_scene(PAPER.replace("force_n = 10.0", "force_n = 200.0"), "x")).check_small_angles()
 
 
-@settings(deadline=None)
 @given(
     x=st.floats(1e-9, 400, exclude_max=True),
     a=st.floats(1e-9, 400, exclude_max=True),

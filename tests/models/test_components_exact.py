@@ -51,7 +51,7 @@ def test_the_product_of_the_leading_eigenvalues_is_accurate(leading: int) -> Non
     assert log_eigenvalue_product(matrix, leading) == pytest.approx(expected, rel=1e-13)
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(st.integers(-300, 300), st.integers(2, 6))
 def test_any_scale_gives_the_same_digits(exponent: int, sensors: int) -> None:
     matrix = influence(beam, np.arange(1, sensors + 1) / (sensors + 1), LOADS)

@@ -268,7 +268,7 @@ def test_a_channel_without_a_reading_has_a_zero_row_and_the_others_keep_their_do
 
 @pytest.mark.parametrize("noise_mm", [0.0, 1e-6, 1e-3, 10.0])
 @pytest.mark.parametrize("kind", CHAINS)
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(data=st.data())
 def test_a_covariance_is_finite_and_positive_at_any_scale(kind: str, noise_mm: float, data: st.DataObject) -> None:
     unit = st.sampled_from([0.0, 1e-6, 1e-3, 1.0, 1e3])

@@ -86,7 +86,7 @@ grid_mm = 8
 """
 
 
-@pytest.mark.usefixtures("few_at_rest", "short_limit")
+@pytest.mark.usefixtures("few_at_rest", "short_limit", "short_measuring")
 def test_at_a_support_nothing_is_seen_and_every_command_says_so(design_sensors_here: Command, tmp_path: Path) -> None:
     """A roller that is not among evenly spaced places, and one at the end of the range."""
     scene, model, report = (tmp_path / name for name in ("roller.toml", "roller.onnx", "report.html"))

@@ -63,7 +63,7 @@ def test_wide_contacts_agree_with_transfer_matrices(name: str) -> None:
     check(STRUCTURES[name], width=130.0, positions=POSITIONS[1:-1])
 
 
-@settings(max_examples=25, deadline=None, derandomize=True)
+@settings(max_examples=25)
 @given(
     x=st.floats(0, 400),
     a=st.floats(0, 400),

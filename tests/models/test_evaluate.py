@@ -125,7 +125,7 @@ def test_the_middle_has_figures_only_where_enough_contacts_lie_in_it(bench: Mode
     assert evaluate(bench, replace(prior, position_mm=(1.0, 200.0)), draws=512, seed=0).middle is not None
 
 
-@pytest.mark.long
+@pytest.mark.soak
 def test_an_evaluation_takes_little_memory_for_each_contact(bench_model: Path) -> None:
     """Peak memory of two processes, of which one draws many more contacts."""
     peaks_kb = []

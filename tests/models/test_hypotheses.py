@@ -66,7 +66,7 @@ def test_a_state_that_is_shown_does_not_depend_on_the_samples_before() -> None:
     assert known > 6000
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(rng=st.randoms(use_true_random=True))
 def test_a_decider_goes_on_from_its_memory(rng: random.Random) -> None:
     whole = Decider(THRESHOLDS)

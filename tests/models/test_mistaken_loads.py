@@ -97,7 +97,9 @@ def mistyped(metadata: Metadata, mistake: str) -> Mistyped:
     return Mistyped(Theory.of(metadata), honest, loads, wrong, real)
 
 
-@pytest.mark.parametrize(("name", "seed"), [("bench", 19), ("conveyor", 1), ("conveyor", 12)])
+@pytest.mark.parametrize(
+    ("name", "seed"), [("bench", 19), *(pytest.param("conveyor", seed, marks=pytest.mark.soak) for seed in (1, 12))]
+)
 def test_loads_that_stand_a_millimetre_off_are_accepted(
     name: str, seed: int, built_model: Callable[[str], Path]
 ) -> None:
@@ -131,7 +133,7 @@ def test_errors_that_loads_cannot_have_are_refused(
     assert f"{wrong[0]} {float(wrong[1]):g} is not from 0.001 to 50" in done.stderr
 
 
-@pytest.mark.parametrize("name", ["conveyor", "cantilever"])
+@pytest.mark.parametrize("name", ["cantilever", pytest.param("conveyor", marks=pytest.mark.soak)])
 def test_honest_loads_of_other_surfaces_are_accepted(name: str, built_model: Callable[[str], Path]) -> None:
     case = mistyped(modelfile.load(built_model(name)).metadata, MISTAKES[0])
     assert mistaken(case.theory, case.honest) == ()
@@ -139,7 +141,10 @@ def test_honest_loads_of_other_surfaces_are_accepted(name: str, built_model: Cal
 
 @pytest.mark.parametrize(
     ("name", "mistake"),
-    [(name, mistake) for name in ("conveyor", "cantilever") for mistake in MISTAKES if (name, mistake) != SMALL],
+    [
+        *(("cantilever", mistake) for mistake in MISTAKES),
+        *(pytest.param("conveyor", mistake, marks=pytest.mark.soak) for mistake in MISTAKES if mistake != SMALL[1]),
+    ],
 )
 def test_a_mistyped_load_is_named_on_other_surfaces(
     name: str, mistake: str, built_model: Callable[[str], Path]
@@ -148,6 +153,7 @@ def test_a_mistyped_load_is_named_on_other_surfaces(
     assert [one.index for one in mistaken(case.theory, case.loads)] == [case.wrong]
 
 
+@pytest.mark.soak
 def test_a_mistyped_load_that_is_accepted_does_no_harm(built_model: Callable[[str], Path]) -> None:
     name, mistake = SMALL
     metadata = modelfile.load(built_model(name)).metadata
@@ -179,7 +185,7 @@ def test_an_inverted_channel_is_named(bench: ModelFile) -> None:
         checked_fit(bench, loads, silent)
 
 
-@pytest.mark.parametrize("name", ["bench", "conveyor"])
+@pytest.mark.parametrize("name", ["bench", pytest.param("conveyor", marks=pytest.mark.soak)])
 def test_channels_in_reverse_order_are_named(name: str, built_model: Callable[[str], Path]) -> None:
     model, rng = modelfile.load(built_model(name)), np.random.default_rng([0, 1])
     loads = recorded(model.metadata, random_imperfections(model.metadata, rng), rng)

@@ -126,7 +126,8 @@ def test_an_open_number_is_that_of_a_build_and_the_option_overrides_it(
     design_sensors_here: Command, tmp_path: Path
 ) -> None:
     path = tmp_path / "open.toml"
-    path.write_text(PAPER.replace("count = 2", "count = [2, 5]") + "\n[requirements]\nposition_error_mm = 15\n")
+    text = PAPER.replace("count = 2", "count = [2, 5]\ngrid_mm = 19")
+    path.write_text(text + "\n[requirements]\nposition_error_mm = 15\n")
     scene, _ = load_scene(path)
     built = fewest_mm(scene, Surface.of(scene).noise.sample_mm)
     assert len(built) == 3

@@ -31,7 +31,7 @@ def scaled_scene(length_mm: float, rigidity: float, position: tuple[float, float
     return stated.model_copy(update={"beam": beam, "contact": contact, "sensors": sensors})
 
 
-@settings(deadline=None, max_examples=25)
+@settings(max_examples=25)
 @given(st.integers(-280, 280), st.integers(-90, 90))
 def test_every_scale_has_the_same_optimum_or_is_refused(rigidity: int, length: int) -> None:
     try:

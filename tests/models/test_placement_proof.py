@@ -42,7 +42,7 @@ def best_by_enumeration(scene: Scene, count: int, leading: int) -> float | None:
     return float((2 * np.log(singular) - np.log(len(columns))).sum(axis=1).max())
 
 
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 @given(
     grid_mm=st.sampled_from([20, 25, 32]),
     count=st.integers(2, 4),
@@ -74,7 +74,7 @@ def every_score(size: tuple[int, int]) -> tuple[EigenvalueProduct, NDArray[np.in
     return problem, layouts, np.array([problem.exact_score(layout) for layout in layouts])
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(st.integers(0, 2**32 - 1), st.sampled_from([(2, 2), (3, 3), (4, 4), (4, 2), (3, 1)]))
 def test_no_layout_exceeds_a_bound_with_any_multiplier(seed: int, size: tuple[int, int]) -> None:
     count, _ = size
@@ -137,7 +137,7 @@ def test_eight_sensors_come_with_a_small_gap() -> None:
     assert 0 < found.gap < 0.1
 
 
-@pytest.mark.long
+@pytest.mark.soak
 def test_more_sensors_than_any_scene_has() -> None:
     found = place(*problem_in(paper_scene(grid_mm=2)), 64, 0, certify="bound")
     assert len(set(found.positions_mm)) == 64

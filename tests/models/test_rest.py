@@ -72,8 +72,9 @@ def test_a_touch_too_weak_for_a_reading_ends_the_rest_with_the_next_mean(deviati
         assert not surface.take(touched_mm)
 
 
-def test_a_tap_that_is_over_before_the_next_sample_ends_the_rest() -> None:
-    for seed in range(20):
+@pytest.mark.parametrize("seeds", [range(4), pytest.param(range(4, 20), marks=pytest.mark.soak)])
+def test_a_tap_that_is_over_before_the_next_sample_ends_the_rest(seeds: range) -> None:
+    for seed in seeds:
         surface, tapped_mm = resting(seed), 0.1 + noise(100 + seed, BLOCK)
         tapped_mm[20:70] += 3 * NOISE_MM
         assert not surface.take(tapped_mm)

@@ -118,7 +118,7 @@ def check_answered(code: int, out: str, err: str) -> None:
 def test_extreme_numbers_give_a_figure_or_one_line(command: str, examples: int, tmp_path: Path) -> None:
     arguments = ["--sensors", "2"] if command == "place" else []
 
-    @settings(deadline=None, max_examples=examples, suppress_health_check=list(HealthCheck), derandomize=True)
+    @settings(max_examples=examples, suppress_health_check=list(HealthCheck))
     @given(extreme_scenes())
     def holds(stated: Scene) -> None:
         path = written(tmp_path / "scene.toml", stated)

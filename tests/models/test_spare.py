@@ -42,6 +42,7 @@ SCENES = {
         SampleErrors(0.002, 0.003, 0.001, 2),
     ),
 }
+QUICK = {"propped, force open", "cantilever, gains"}
 
 
 class EveryLayout:
@@ -80,7 +81,9 @@ class EveryLayout:
         return min(near, key=lambda layout: self.worst(layout, DRAWS, spare))
 
 
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=() if name in QUICK else pytest.mark.soak) for name in SCENES]
+)
 def test_no_layout_of_a_coarse_grid_is_clearly_better(name: str) -> None:
     scene, count, errors = SCENES[name]
     every = EveryLayout(scene, errors)
@@ -93,6 +96,7 @@ def test_no_layout_of_a_coarse_grid_is_clearly_better(name: str) -> None:
         assert reached <= SCATTER * least, spare
 
 
+@pytest.mark.soak
 def test_a_search_of_many_layouts_is_within_a_hundredth_of_the_best() -> None:
     scene, errors = scene_of("propped", (2.0, 20.0), (1, 399), grid_mm=22), SampleErrors(0.002)
     every = EveryLayout(scene, errors)
@@ -103,6 +107,7 @@ def test_a_search_of_many_layouts_is_within_a_hundredth_of_the_best() -> None:
     assert every.worst(tuple(layout.tolist()), DRAWS, 1) <= SCATTER * least
 
 
+@pytest.mark.soak
 def test_one_failed_sensor_costs_less_with_a_spare() -> None:
     influence, rules = problem_in(scene_of("simply-supported", (2.0, 20.0), (1, 399), grid_mm=5))
     errors = SampleErrors(0.00226, 0.003, 0.001)

@@ -31,9 +31,10 @@ def untimed(found: Any) -> Any:  # noqa: ANN401  # JSON
 def scenes_in(folder: Path) -> Path:
     """Make a folder with two small scenes, one of whose layouts cannot be placed."""
     folder.mkdir()
-    text = PAPER + "\n[requirements]\nlatency_ms = 10\n"
-    (folder / "plain.toml").write_text(text.replace("count = 2", "count = [2, 2]"))
-    narrow = "count = [3, 4]\nmin_distance_mm = 150"  # three sensors go on 400 mm, four do not
+    # Few places for sensors, and few readings in a mean.
+    text = PAPER.replace("[sensors]", "[sensors]\nrate_hz = 50") + "\n[requirements]\nlatency_ms = 40\n"
+    (folder / "plain.toml").write_text(text.replace("count = 2", "count = [2, 2]\ngrid_mm = 57"))
+    narrow = "count = [3, 4]\nmin_distance_mm = 150\ngrid_mm = 25"  # three sensors go on 400 mm, four do not
     (folder / "narrow.toml").write_text(text.replace("count = 2", narrow))
     return folder
 

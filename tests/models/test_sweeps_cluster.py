@@ -48,7 +48,9 @@ OTHER_PYTHON = "import platform\nplatform.python_version = lambda: '3.7.1'\n"
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("name", ["Python", "beamtouch", "numpy"])
+@pytest.mark.parametrize(
+    "name", ["beamtouch", *(pytest.param(one, marks=pytest.mark.soak) for one in ("Python", "numpy"))]
+)
 def test_a_cluster_with_another_version_is_refused_in_one_line(bench_model: Path, tmp_path: Path, name: str) -> None:
     first = tmp_path / "first"
     if name == "Python":
@@ -71,7 +73,7 @@ def work_without_workers(address: str, worker: subprocess.Popen[bytes]) -> None:
         list(spread(abs, [-1]))
 
 
-@pytest.mark.long
+@pytest.mark.soak
 def test_a_cluster_that_has_no_workers_for_too_long_ends_the_work(tmp_path: Path) -> None:
     try:
         with dask(tmp_path, workers=1) as (address, (_, worker)):
@@ -95,7 +97,7 @@ def test_ctrl_c_ends_the_work_on_a_cluster(bench_model: Path, tmp_path: Path) ->
         assert (process.returncode, out, err) == (130, "", "design-sensors: interrupted\n")
 
 
-@pytest.mark.long
+@pytest.mark.soak
 @pytest.mark.parametrize("lost", ["worker", "scheduler"])
 def test_a_cluster_that_loses_a_process(quick_model: Path, tmp_path: Path, lost: str) -> None:
     with dask(tmp_path, workers=2) as (address, (scheduler, worker, _)):

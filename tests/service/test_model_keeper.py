@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from typing import TYPE_CHECKING
 
 import onnx
@@ -35,6 +36,18 @@ async def test_a_new_model_answers_from_the_next_sample_on(
     assert (kept.surface.contact(10.0).model, kept.surface.contact(10.0).force_n) == (old, 8.75)
     kept.surface.receive(parse_batch(sequence=2), arrival_s=10.1)
     assert (kept.surface.contact(10.1).model, kept.surface.contact(10.1).force_n) == (identity(kept), None)
+
+
+async def test_others_go_on_while_a_model_is_loaded(kept: ModelKeeper, build_model: BuildModel) -> None:
+    old = identity(kept)
+    put(kept.path, build_model(outputs=NO_FORCE).read_bytes())
+    await kept.poll()  # sees it first
+    loading, turns = asyncio.ensure_future(kept.poll()), 0
+    while not loading.done():
+        await asyncio.sleep(0)
+        turns += 1
+    assert identity(kept) != old
+    assert turns > 1
 
 
 async def test_the_same_content_is_no_new_model(kept: ModelKeeper) -> None:

@@ -284,7 +284,7 @@ def deliver_some(story: Story, first: int, last: int, rng: random.Random) -> Non
 
 
 @pytest.mark.usefixtures("_shared")
-@settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=15, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
 @given(rng=st.randoms(use_true_random=True))
 def test_services_that_die_take_turns_and_race_record_what_one_service_would(rng: random.Random) -> None:
     services: Services = _given["services"]

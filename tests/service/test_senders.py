@@ -79,7 +79,7 @@ def model(tmp_path_factory: pytest.TempPathFactory) -> modelfile.ModelFile:
 _OFFER = st.tuples(st.sampled_from("abc"), st.integers(1, 9), st.floats(0, 0.4), st.floats(0, 1))
 
 
-@settings(deadline=None, max_examples=25)
+@settings(max_examples=25)
 @given(st.lists(_OFFER, min_size=1, max_size=20))
 def test_whatever_comes_no_sender_goes_backwards_and_none_takes_over_with_older_samples(
     model: modelfile.ModelFile, offers: list[tuple[str, int, float, float]]

@@ -87,7 +87,7 @@ def test_gaps_that_are_not_remembered_stay_lost(sender: Sender) -> None:
     assert sender.lost == 1998
 
 
-@settings(deadline=None, max_examples=25)
+@settings(max_examples=25)
 @given(batches=st.lists(st.sets(st.integers(1, 60), min_size=1), min_size=1, max_size=12))
 def test_any_order_of_batches_gives_what_a_set_gives(batches: list[set[int]]) -> None:
     sender, known = Sender(Bench(Surface("press-7"))), set[int]()

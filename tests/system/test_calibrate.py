@@ -1,4 +1,4 @@
-"""From a surface that differs from its scene to a calibrated model: rig, daemon, design-sensors as processes."""
+"""From a surface that differs from its scene to a calibrated model: rig and daemon as processes."""
 
 import json
 import re
@@ -13,9 +13,10 @@ import numpy as np
 import pytest
 import tomli_w
 
-from beamtouch_models import modelfile
+from beamtouch_models import cli, modelfile
 from beamtouch_models.building.daemon_config import daemon_config
 from example_scenes import SCENES
+from few_draws import few_draws
 
 pytestmark = [pytest.mark.long, pytest.mark.timeout(300)]
 
@@ -96,7 +97,9 @@ def record(config: Path, path: Path, beam: Beam) -> None:
     assert out.startswith("10 loads in ")
 
 
-def test_ten_recorded_loads_make_a_model_of_the_real_surface(bench_model: Path, tmp_path: Path) -> None:
+def test_ten_recorded_loads_make_a_model_of_the_real_surface(
+    bench_model: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     token = tmp_path / "beamtouch.token"
     token.write_text("a-token-that-nobody-asks-for")
     with imperfect_beam(tmp_path, bench_model) as beam:
@@ -108,11 +111,11 @@ def test_ten_recorded_loads_make_a_model_of_the_real_surface(bench_model: Path, 
         tare: list[str | Path] = [PROGRAMS / "beamtouch-daemon", "tare", path, "--accept-change"]
         subprocess.run(tare, check=True, capture_output=True, timeout=60)
         record(path, tmp_path / "loads.csv", beam)
-    calibrate: list[str | Path] = [PROGRAMS / "design-sensors", "calibrate", bench_model, tmp_path / "loads.csv"]
-    done = subprocess.run(
-        [*calibrate, "-o", tmp_path / "real.onnx", "--json"], check=True, capture_output=True, text=True, timeout=120
-    )
-    found = json.loads(done.stdout)
+    # Its thresholds and its accuracy are not asked for.
+    words = ("calibrate", str(bench_model), str(tmp_path / "loads.csv"), "-o", str(tmp_path / "real.onnx"), "--json")
+    with few_draws():
+        assert cli.main(list(words)) == 0
+    found = json.loads(capsys.readouterr().out)
     assert found["calibration"]["loads"] == 10
     # The tare has taken the offsets away.
     assert found["error_after_mm"]["mean"] < 0.4 * found["error_before_mm"]["mean"]

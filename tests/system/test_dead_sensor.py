@@ -16,11 +16,12 @@ from beamtouch_models import modelfile
 from beamtouch_models.building.daemon_config import daemon_config
 from contact_registers import decoded
 from example_scenes import SCENES
+from free_ports import free_port
 from line import Line, Surface
 from parts import require
 from pasted import ROOT
 from plain_http import TIMEOUT_S
-from service.process.broker import Broker, broker_in, free_port
+from service.process.broker import Broker, broker_in
 from waiting import wait_until
 
 if TYPE_CHECKING:

@@ -1,6 +1,5 @@
 """The whole line with the real firmware in it: rig, simulated chip, daemon, service."""
 
-import time
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +11,7 @@ from beamtouch_models.building.daemon_config import daemon_config
 from line import Line, Surface
 from plain_http import NO_TLS, TIMEOUT_S
 from simulated_board import Board
+from waiting import wait_until
 
 SCRIPT = "repeat = false\n[[step]]\nseconds = 1e6\nposition_mm = 120\nforce_n = 10\n"
 
@@ -23,11 +23,13 @@ def test_a_touch_is_found_through_the_firmware(board: Board, ten_bits: tuple[Pat
     surface = Surface("bench", "serial", tmp_path / "script.toml", ("--firmware", *board.command))
     with Line(tmp_path, scene, model, config, [surface]) as line:
         contact: dict[str, Any] = {}
-        end = time.monotonic() + TIMEOUT_S
-        while contact.get("state") != "contact" and time.monotonic() < end:
-            time.sleep(0.1)
-            answer = httpx2.get(f"{line.url}/contact", verify=NO_TLS, timeout=TIMEOUT_S)
-            contact = answer.json() if answer.is_success else {}
+
+        def rests() -> bool:
+            """Whether there is a contact, and its readings do not move any more."""
+            contact.update(httpx2.get(f"{line.url}/contact", verify=NO_TLS, timeout=TIMEOUT_S).json())
+            return contact.get("state") == "contact" and "unsteady" not in contact["notes"]
+
+        wait_until(rests, pause_s=0.1)
         assert contact["position_mm"] == pytest.approx(120, abs=15)
         assert contact["force_n"] == pytest.approx(10, rel=0.3)
         assert line.dead() == []

@@ -4,7 +4,7 @@ import json
 import subprocess
 import sys
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -22,18 +22,22 @@ SCENE = SCENES / "bench.toml"
 
 
 @contextmanager
-def rig(folder: Path, model: Path, script: str) -> Iterator[Path]:
-    """A rig with a script; yields the config of a daemon that reads it."""
+def rig(folder: Path, model: Path, script: str = "") -> Iterator[tuple[Path, Callable[[str], None]]]:
+    """A rig with a script, or by hand; gives the config of a daemon that reads it, and the hand."""
     (folder / "script.toml").write_text(script)
-    command: list[str | Path] = [
-        PROGRAMS / "beamtouch-rig",
-        SCENE,
-        "--model",
-        model,
-        "--script",
-        folder / "script.toml",
-    ]
-    process = subprocess.Popen([*command, "--modbus-tcp", "127.0.0.1:0"], stdout=subprocess.PIPE, text=True)
+    command: list[str | Path] = [PROGRAMS / "beamtouch-rig", SCENE, "--model", model, "--modbus-tcp", "127.0.0.1:0"]
+    command += ["--script", folder / "script.toml"] if script else ["--by-hand", "--no-ringing"]
+    pipe = subprocess.PIPE
+    process = subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True)
+
+    def hand(load: str) -> None:
+        """Put a load on in place of the last one, or nothing; it is so when this returns."""
+        assert process.stdin is not None
+        assert process.stdout is not None
+        process.stdin.write(f"{load}\n")
+        process.stdin.flush()
+        assert process.stdout.readline().endswith(" on\n")
+
     try:
         assert process.stdout is not None
         config = tomllib.loads(daemon_config(modelfile.load(model).metadata))
@@ -43,7 +47,7 @@ def rig(folder: Path, model: Path, script: str) -> Iterator[Path]:
         surface["rate_hz"] = 50.0
         path = folder / "daemon.toml"
         path.write_text(tomli_w.dumps(config))
-        yield path
+        yield path, hand
     finally:
         process.terminate()
         process.communicate(timeout=60)
@@ -62,12 +66,12 @@ MOVING = "[[step]]\nseconds = 40\nposition_mm = [66, 334]\nforce_n = 10\n"
 
 @pytest.mark.parametrize("is_tared", [False, True], ids=["the configuration", "the last tare"])
 def test_a_beam_under_load_is_not_tared(bench_model: Path, tmp_path: Path, is_tared: bool) -> None:
-    if is_tared:
-        with rig(tmp_path, bench_model, REST) as config:
-            assert daemon("tare", config).returncode == 0
     tare = tmp_path / "bench.tare.json"
-    before = tare.read_bytes() if is_tared else None
-    with rig(tmp_path, bench_model, LOADED) as config:
+    with rig(tmp_path, bench_model) as (config, hand):
+        if is_tared:
+            assert daemon("tare", config).returncode == 0
+        before = tare.read_bytes() if is_tared else None
+        hand("200 10")
         done = daemon("tare", config)
     assert done.returncode == 1
     assert "take everything off the beam and tare again, or add --accept-change" in done.stderr
@@ -77,15 +81,16 @@ def test_a_beam_under_load_is_not_tared(bench_model: Path, tmp_path: Path, is_ta
 
 @pytest.mark.parametrize("place_mm", [40, 200])
 def test_little_more_than_the_smallest_force_is_not_tared(bench_model: Path, tmp_path: Path, place_mm: int) -> None:
-    light = f"[[step]]\nseconds = 10\nposition_mm = {place_mm}\nforce_n = 2.5\n"
-    for script, code, what in ((light, 1, "from its rest_gap_mm"), (REST, 0, ""), (light, 1, "from the last tare")):
-        with rig(tmp_path, bench_model, script) as config:
+    light = f"{place_mm} 2.5"
+    with rig(tmp_path, bench_model) as (config, hand):
+        for load, code, what in ((light, 1, "from its rest_gap_mm"), ("", 0, ""), (light, 1, "from the last tare")):
+            hand(load)
             done = daemon("tare", config)
-        assert (done.returncode, what in done.stderr) == (code, True)
+            assert (done.returncode, what in done.stderr) == (code, True)
 
 
 def test_a_tare_at_rest_agrees_with_the_configuration_and_with_the_next(bench_model: Path, tmp_path: Path) -> None:
-    with rig(tmp_path, bench_model, REST) as config:
+    with rig(tmp_path, bench_model) as (config, _):
         assert [daemon("tare", config).returncode for _ in range(2)] == [0, 0]
     gaps = json.loads((tmp_path / "bench.tare.json").read_text())["rest_gap_mm"].values()
     standoff_mm = modelfile.load(bench_model).metadata.sensor.standoff_mm
@@ -105,7 +110,7 @@ def test_a_tare_at_rest_agrees_with_the_configuration_and_with_the_next(bench_mo
 def test_a_load_that_cannot_be_is_not_recorded(
     bench_model: Path, tmp_path: Path, script: str, typed: str, code: int, said: str
 ) -> None:
-    with rig(tmp_path, bench_model, script) as config:
+    with rig(tmp_path, bench_model, script) as (config, _):
         done = daemon("record", config, "-o", tmp_path / "loads.csv", typed=typed)
     assert done.returncode == code
     assert said in done.stderr

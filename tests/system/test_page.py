@@ -19,7 +19,7 @@ from browser import NO_FIGURE, OpenPage, Watched
 from example_scenes import SCENES
 from line import Line, Surface, Truth
 
-pytestmark = pytest.mark.long
+pytestmark = [pytest.mark.long, pytest.mark.timeout(600)]
 
 PLACES = {120.0, 290.0}
 SCRIPT = """
@@ -36,7 +36,7 @@ force_n = 15
 """
 STEADY_S = 2.0
 """How long a load must have been there before what the page says is compared: it may draw late on a busy machine."""
-COMPARE_S = 90.0
+COMPARE_S = 200.0
 UNSTEADY = "The readings move, or do not show the state by themselves"
 # The height of the digits once there is a contact: a page without a figure has words in their place.
 _DIGITS_PX = """() => document.body.dataset.state === "contact"
@@ -107,16 +107,19 @@ def test_from_contact_to_silence_and_back(start: Callable[..., Line], open_page:
     assert seen.complaints == []
     assert seen.strangers() == []
 
-    seen.wait_for_state("contact")
-    assert seen.page.title().startswith("Contact")
+    (title,) = seen.texts_in("contact")
+    assert title.startswith("Contact")
     assert line.end("daemon") == 0
-    seen.wait_for_state("problem")
-    assert seen.text("headline").startswith("Stale")
-    assert "ms old" in seen.text("detail")
-    assert seen.page.title().startswith("Stale")
-    assert (seen.text("position"), seen.text("force")) == (NO_FIGURE, NO_FIGURE)
+    seen.page.wait_for_function("() => document.title.startsWith('Stale')")
+    title, headline, detail, channels, *figures = seen.texts_in(
+        "problem", "headline", "detail", "channels", "position", "force"
+    )
+    assert title.startswith("Stale")
+    assert headline.startswith("Stale")
+    assert "ms old" in detail
+    assert "not known" in channels
+    assert figures == [NO_FIGURE, NO_FIGURE]
     assert seen.page.query_selector("#bar") is None
-    assert "not known" in seen.text("channels")
     seen.picture("stale")
 
     line.end("service")
@@ -146,20 +149,22 @@ def service_again(line: Line) -> Iterator[None]:
 
 def test_a_service_that_hangs_is_no_connection(start: Callable[..., Line], open_page: OpenPage) -> None:
     line = start("bench")
-    seen = open_page(line.url)
-    seen.wait_for_state("contact")
-    seen.watch()
+    seen, patient = open_page(line.url, is_patient=False), open_page(line.url)
+    for one in (seen, patient):
+        one.wait_for_state("contact")
+        one.watch()
     service = line._processes["service"]
     os.kill(service.pid, signal.SIGSTOP)
     try:
-        seen.wait_for_state("lost")
-        assert seen.text("position") == NO_FIGURE
-        # The figures went when they were too old, before the connection was given up.
-        assert seen.states()[-2:] == ["silent", "lost"]
+        # The figures go when they are too old, whether or not the connection has been given up.
+        for one, state in ((patient, "silent"), (seen, "lost")):
+            one.wait_for_state(state)
+            assert one.text("position") == NO_FIGURE
     finally:
         os.kill(service.pid, signal.SIGCONT)
-    seen.wait_for_state("contact")
-    assert seen.wrongs() == []
+    for one in (seen, patient):
+        one.wait_for_state("contact")
+        assert one.wrongs() == []
 
 
 def test_surfaces_can_be_chosen(start: Callable[..., Line], open_page: OpenPage) -> None:

@@ -25,7 +25,7 @@ def test_the_steps_of_the_guide_calibrate_a_surface(tmp_path: Path) -> None:
     (tmp_path / "models").symlink_to(ROOT / "models")
     (shown,) = [block.text for block in blocks_of(GUIDE) if block.word == "text"]
 
-    printed = paste(GUIDE, tmp_path, patience_s=400)
+    printed = paste(GUIDE, tmp_path, patience_s=800)
 
     folder = tmp_path / "build" / "off"
     assert (folder / "bench.onnx").read_bytes() == (folder / "bench-real.onnx").read_bytes()

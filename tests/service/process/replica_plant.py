@@ -26,7 +26,7 @@ class Plant:
 
     def __init__(self, folder: Path, services: list[Service]) -> None:
         self.services = services
-        self.balancer = Balancer(folder, [int(service.url.rpartition(":")[2]) for service in services])
+        self.balancer = Balancer(folder, [int(service.url.rpartition(":")[2]) for service in services], 30)
         self._sent = dict.fromkeys(SURFACES, 1)
 
     def get(self, path: str) -> httpx2.Response:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import httpx2
 
 from plain_http import TIMEOUT_S
+from waiting import wait_until
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -40,13 +41,13 @@ def test_from_the_first_sample_to_silence(
     token_file: Path,
     wait_for: Callable[[Callable[[], bool]], None],
 ) -> None:
-    service = start_service("--model", build_model(), "--write-token-file", token_file, "--stale-ms", "1000")
+    service = start_service("--model", build_model(), "--write-token-file", token_file, "--stale-ms", "5000")
     assert problem(service) == "no-samples"
 
     service.post(make_batch(sequence=1))
     contact = service.get("/contact").json()
     assert (contact["state"], contact["position_mm"], contact["sequence"]) == ("contact", 150.0, 1)
-    assert 0 <= contact["age_ms"] <= 1000
+    assert 0 <= contact["age_ms"] <= 5000
 
     service.post(make_batch([0.0, 0.0, 0.0], sequence=2))
     contact = service.get("/contact").json()
@@ -54,7 +55,7 @@ def test_from_the_first_sample_to_silence(
 
     wait_for(lambda: service.get("/contact").status_code == 503)
     assert problem(service) == "stale"
-    assert service.get("/contact").json()["age_ms"] > 1000
+    assert service.get("/contact").json()["age_ms"] > 5000
 
 
 def test_an_answer_does_not_wait_for_the_network(start_service: StartService) -> None:
@@ -62,8 +63,7 @@ def test_an_answer_does_not_wait_for_the_network(start_service: StartService) ->
 
     # On one connection, where an answer in two packets would wait 40 ms for an acknowledgement.
     with httpx2.Client(base_url=service.url, trust_env=False, timeout=TIMEOUT_S) as client:
-        fastest = min(client.get("/health/live").elapsed.total_seconds() for _ in range(20))
-    assert fastest < 0.02
+        wait_until(lambda: client.get("/health/live").elapsed.total_seconds() < 0.02)
 
 
 def test_a_body_without_an_end_is_cut_off(

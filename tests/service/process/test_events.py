@@ -85,10 +85,11 @@ def test_a_stretch_survives_a_kill_with_its_capture_and_goes_on(
     assert [sample["sequence"] for sample in capture] == list(range(4, 9))
 
 
-def test_killed_thirty_times_during_contacts_the_record_is_that_of_a_service_without_faults(
-    start_service: StartService, make_batch: MakeBatch, config: Path
+@pytest.mark.parametrize("times", [6, pytest.param(30, marks=pytest.mark.soak)])
+def test_killed_again_and_again_during_contacts_the_record_is_that_of_a_service_without_faults(
+    start_service: StartService, make_batch: MakeBatch, config: Path, times: int
 ) -> None:
-    rows = [RESTING, *[TOUCHING] * 11, *[RESTING] * 5] * 30
+    rows = [RESTING, *[TOUCHING] * 11, *[RESTING] * 5] * times
     service, sent = start_service("--config", config), 0
 
     def asked() -> dict[str, Any]:
@@ -100,7 +101,7 @@ def test_killed_thirty_times_during_contacts_the_record_is_that_of_a_service_wit
             if expected is not None:
                 service.post(log(make_batch(*rows[expected - 1 : sent], sequence=expected)))
 
-    for number in range(30):
+    for number in range(times):
         sent = 17 * number + 6
         catch_up()
         if number % 2:
@@ -110,7 +111,7 @@ def test_killed_thirty_times_during_contacts_the_record_is_that_of_a_service_wit
     sent = len(rows)
     catch_up()
     found = service.get("/events?limit=1000").json()["events"]
-    assert [(event["begin"], event["end"], event["samples"]) for event in found] == [("touch", "lift", 11)] * 30
+    assert [(event["begin"], event["end"], event["samples"]) for event in found] == [("touch", "lift", 11)] * times
 
 
 def test_while_another_program_has_the_file_the_cursor_stands(

@@ -7,6 +7,7 @@ import subprocess
 import sys
 from typing import TYPE_CHECKING
 
+from free_ports import free_port
 from own_names import own_names_in
 from service.process.broker import Broker
 from service.process.conftest import CLI, service_of
@@ -113,8 +114,7 @@ def test_what_is_missing_is_named_and_used_when_it_comes(
 def test_a_database_that_is_away_is_waited_for(
     command: Command, build_model: BuildModel, token_file: Path, tmp_path: Path
 ) -> None:
-    with socket.create_server(("127.0.0.1", 0)) as probe:
-        port = probe.getsockname()[1]
+    port = free_port()
     (tmp_path / "service.toml").write_text(
         f'[server]\nport = 0\nwrite_token_file = "{token_file}"\n'
         f'[events]\nurl = "postgresql://beamtouch@127.0.0.1:{port}/beamtouch"\n'

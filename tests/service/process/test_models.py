@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import signal
-import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -96,25 +95,6 @@ def test_a_file_that_is_too_large_is_refused_unread(
     assert most_memory_kb() - before_kb < 50_000
     _, errors = service.stop(signal.SIGTERM)
     assert errors.count("larger than 4 MiB") == 1
-
-
-def test_contacts_are_given_while_a_model_is_loaded(
-    start_service: StartService, bench_model: Path, tmp_path: Path, wait_for: Wait
-) -> None:
-    path = tmp_path / "press-7.onnx"
-    path.write_bytes(bench_model.read_bytes())
-    service = start(start_service, tmp_path, path)
-    path.write_bytes(b"hello")
-    waits = []
-
-    def is_refused() -> bool:
-        begin_s = time.monotonic()
-        assert service.get("/health/live").status_code == 200
-        waits.append(time.monotonic() - begin_s)
-        return service.get("/surfaces/press-7").json()["model_error"] is not None
-
-    wait_for(is_refused)
-    assert len(waits) > 3
 
 
 def test_check_says_what_a_model_is(bench_model: Path, capsys: pytest.CaptureFixture[str]) -> None:

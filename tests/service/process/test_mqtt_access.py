@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from beamtouch_service import cli
 from certificates import make_certificate
 from parts import require
 from service.process.mqtt_line import (
@@ -26,7 +27,6 @@ from service.process.mqtt_line import (
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from service.process.conftest import Command
     from service.process.mqtt_line import Line
 
 PASSWORD = "correct horse battery"  # noqa: S105  # of these tests only
@@ -160,16 +160,17 @@ def test_a_broker_that_freezes_in_the_handshake_does_not_hold_up_a_stop(line: Li
     ],
 )
 def test_settings_that_cannot_work(
-    command: Command, tmp_path: Path, token_file: Path, section: str, words: str
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, token_file: Path, section: str, words: str
 ) -> None:
     assert token_file.name == "token"
     (tmp_path / "lines").write_text("one\ntwo\n")
     (tmp_path / "empty").write_text("\n")
     (tmp_path / "bytes").write_bytes(b"\xff\xfe\n")
     (tmp_path / "service.toml").write_text(f"[mqtt]\n{section}")
-    _, errors = command("run", "--port", "0", "--config", "service.toml").communicate(timeout=60)
+    assert cli.main(["run", "--port", "0", "--config", str(tmp_path / "service.toml")]) != 0
+    output, errors = capsys.readouterr()
     assert words in errors
-    assert errors.count("\n") == 1
+    assert (output, errors.count("\n")) == ("", 1)
 
 
 def test_a_missing_library_is_one_line(tmp_path: Path) -> None:

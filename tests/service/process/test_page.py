@@ -132,17 +132,16 @@ def test_the_keyboard_reaches_everything_and_shows_where_it_is(
     assert seen.page.is_visible("text=The large figures are the newest contact")
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_every_text_stands_out_from_its_ground(
-    fresh: Service, make_batch: MakeBatch, open_page: OpenPage, scheme: str
-) -> None:
-    seen = open_page(fresh.url, color_scheme=scheme)
-    seen.page.click("summary")
-    seen.wait_for_state("problem")
-    _assert_contrast(seen)
+def test_every_text_stands_out_from_its_ground(fresh: Service, make_batch: MakeBatch, open_page: OpenPage) -> None:
+    both = [open_page(fresh.url, color_scheme=scheme) for scheme in ("light", "dark")]
+    for seen in both:
+        seen.page.click("summary")
+        seen.wait_for_state("problem")
+        _assert_contrast(seen)
     fresh.post(make_batch([0.5, 0.25, None], sequence=1, quality=["good", "good", "stuck"]))
-    seen.wait_for_state("contact")
-    _assert_contrast(seen)
+    for seen in both:
+        seen.wait_for_state("contact")
+        _assert_contrast(seen)
 
 
 def _assert_contrast(seen: Watched) -> None:
@@ -206,13 +205,14 @@ def test_what_waited_while_the_page_slept_is_not_taken_for_new(
     fresh: Service, make_batch: MakeBatch, open_page: OpenPage
 ) -> None:
     fresh.post(make_batch())
-    seen = open_page(fresh.url)
+    seen = open_page(fresh.url, is_patient=False)
     seen.wait_for_state("contact")
     seen.watch()
     seen.page.evaluate("() => { const end = performance.now() + 4000; while (performance.now() < end); }")
-    seen.wait_for_state("contact")
+    # On a starved machine it may have lost the service before, and may lose it again.
     seen.page.wait_for_function("() => window.states.at(-1) === 'contact'")
-    assert seen.states()[:2] == ["lost", "contact"]
+    states = seen.states()
+    assert states == ["lost", "contact"] * (len(states) // 2)
     assert seen.wrongs() == []
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -129,23 +130,21 @@ def test_a_note_that_comes_and_goes_is_announced_once(start_bench: StartBench, o
     assert set(seen.states()) <= {"contact"}
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-@pytest.mark.parametrize("size", SIZES)
-def test_doubt_can_be_read_on_every_screen(
-    start_bench: StartBench, open_page: OpenPage, size: str, scheme: str
-) -> None:
+def test_doubt_can_be_read_on_every_screen(start_bench: StartBench, open_page: OpenPage) -> None:
     bench = start_bench()
     bench.wedge(2)
-    seen = open_page(bench.service.url, size=SIZES[size], color_scheme=scheme)
-    seen.wait_for_text("detail", "Sensor s3")
-    seen.page.wait_for_selector("#beam .support", state="attached")
-    seen.picture(f"unexplained-{size}-{scheme}")
-    assert [(text, ratio) for text, ratio in seen.contrasts() if ratio < 4.5] == []
-    assert seen.overflow() <= 0
-    for element in ("headline", "detail", "beam"):
-        box = seen.page.locator(f"#{element}").bounding_box()
-        assert box is not None
-        assert box["y"] + box["height"] <= SIZES[size][1], element
+    for size, scheme in product(SIZES, ("light", "dark")):
+        seen = open_page(bench.service.url, size=SIZES[size], color_scheme=scheme)
+        seen.wait_for_text("detail", "Sensor s3")
+        seen.page.wait_for_selector("#beam .support", state="attached")
+        seen.picture(f"unexplained-{size}-{scheme}")
+        assert [(text, ratio) for text, ratio in seen.contrasts() if ratio < 4.5] == [], (size, scheme)
+        assert seen.overflow() <= 0, (size, scheme)
+        for element in ("headline", "detail", "beam"):
+            box = seen.page.locator(f"#{element}").bounding_box()
+            assert box is not None
+            assert box["y"] + box["height"] <= SIZES[size][1], (size, scheme, element)
+        seen.page.close()
 
 
 EVENT = {

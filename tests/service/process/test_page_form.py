@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import product
 from typing import TYPE_CHECKING
-
-import pytest
 
 from service.conftest import READ_TOKEN
 from service.process.token_page import KEPT, WRONG, assert_open, enter
@@ -13,6 +12,8 @@ if TYPE_CHECKING:
     from browser import OpenPage
     from service.conftest import MakeBatch
     from service.process.conftest import StartService
+
+SIZES = {"desk": (1000, 900), "panel": (800, 480), "phone": (390, 844)}
 
 
 def test_by_keyboard_alone(start_page: StartService, make_batch: MakeBatch, open_page: OpenPage) -> None:
@@ -57,35 +58,36 @@ def test_what_a_screen_reader_and_a_password_manager_find(start_page: StartServi
     assert seen.page.title().startswith("A reading token is needed")
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-@pytest.mark.parametrize(("name", "size"), [("desk", (1000, 900)), ("panel", (800, 480)), ("phone", (390, 844))])
 def test_the_form_and_the_button_fit_and_can_be_read(
-    start_page: StartService, make_batch: MakeBatch, open_page: OpenPage, scheme: str, name: str, size: tuple[int, int]
+    start_page: StartService, make_batch: MakeBatch, open_page: OpenPage
 ) -> None:
     service = start_page()
     service.post(make_batch())
-    seen = open_page(service.url, size=size, color_scheme=scheme)
-    seen.wait_for_state("locked")
-    seen.picture(f"token-{name}-{scheme}")
-    enter(seen, WRONG)
-    seen.wait_for_text("token-error", "not accepted")
-    seen.picture(f"token-wrong-{name}-{scheme}")
-    found = seen.contrasts()
-    assert len(found) >= 6
-    assert [(text, ratio) for text, ratio in found if ratio < 4.5] == []
-    assert seen.overflow() <= 0
-    for element in ("headline", "token", "token-error", "keep", "token-form"):
-        box = seen.page.locator(f"#{element}").bounding_box()
-        assert box is not None
-        assert box["x"] >= 0
-        assert box["x"] + box["width"] <= size[0]
-        assert box["y"] + box["height"] <= size[1], element
+    for name, scheme in product(SIZES, ("light", "dark")):
+        size = SIZES[name]
+        seen = open_page(service.url, size=size, color_scheme=scheme)
+        seen.wait_for_state("locked")
+        seen.picture(f"token-{name}-{scheme}")
+        enter(seen, WRONG)
+        seen.wait_for_text("token-error", "not accepted")
+        seen.picture(f"token-wrong-{name}-{scheme}")
+        found = seen.contrasts()
+        assert len(found) >= 6
+        assert [(text, ratio) for text, ratio in found if ratio < 4.5] == [], (name, scheme)
+        assert seen.overflow() <= 0, (name, scheme)
+        for element in ("headline", "token", "token-error", "keep", "token-form"):
+            box = seen.page.locator(f"#{element}").bounding_box()
+            assert box is not None
+            assert box["x"] >= 0, (name, scheme, element)
+            assert box["x"] + box["width"] <= size[0], (name, scheme, element)
+            assert box["y"] + box["height"] <= size[1], (name, scheme, element)
 
-    enter(seen, READ_TOKEN)
-    assert_open(seen)
-    seen.picture(f"token-used-{name}-{scheme}")
-    assert seen.overflow() <= 0
-    # The button takes no room from what matters.
-    box = seen.page.locator("#force-strip").bounding_box()
-    assert box is not None
-    assert name == "phone" or box["y"] + box["height"] <= size[1]
+        enter(seen, READ_TOKEN)
+        assert_open(seen)
+        seen.picture(f"token-used-{name}-{scheme}")
+        assert seen.overflow() <= 0, (name, scheme)
+        # The button takes no room from what matters.
+        box = seen.page.locator("#force-strip").bounding_box()
+        assert box is not None
+        assert name == "phone" or box["y"] + box["height"] <= size[1], (name, scheme)
+        seen.page.close()

@@ -5,8 +5,6 @@ from __future__ import annotations
 import signal
 from typing import TYPE_CHECKING
 
-import pytest
-
 from browser import NO_FIGURE
 from service.conftest import READ_TOKEN, TOKEN
 from service.process.token_page import FORM, KEPT, WRONG, again, assert_locked, assert_only_refusals, assert_open, enter
@@ -74,17 +72,18 @@ def test_nothing_is_shown_once_the_token_is_forgotten_even_without_an_answer(
     assert seen.page.evaluate(KEPT) == [0, 0]
 
 
-@pytest.mark.parametrize("text", ["", "   ", "two words that are long enough", "tökén-ünd-nöch-étwas-😀"])
-def test_what_cannot_be_a_token_is_not_sent(start_page: StartService, open_page: OpenPage, text: str) -> None:
-    seen = open_page(start_page().url)
-    seen.wait_for_state("locked")
-    asked = len(seen.requests)
-    enter(seen, text)
-    if text:
-        seen.wait_for_text("token-error", "This token is not accepted")
-    assert_locked(seen)
-    assert len(seen.requests) == asked
-    assert_only_refusals(seen)
+def test_what_cannot_be_a_token_is_not_sent(start_page: StartService, open_page: OpenPage) -> None:
+    service = start_page()
+    for text in ("", "   ", "two words that are long enough", "tökén-ünd-nöch-étwas-😀"):
+        seen = open_page(service.url)
+        seen.wait_for_state("locked")
+        asked = len(seen.requests)
+        enter(seen, text)
+        if text:
+            seen.wait_for_text("token-error", "This token is not accepted")
+        assert_locked(seen)
+        assert len(seen.requests) == asked, text
+        assert_only_refusals(seen)
 
 
 def test_the_write_token_reads_too(start_page: StartService, make_batch: MakeBatch, open_page: OpenPage) -> None:
