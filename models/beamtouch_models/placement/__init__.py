@@ -1,5 +1,6 @@
 """Placement of the sensors."""
 
+from beamtouch_models.placement.bound import largest_gap
 from beamtouch_models.placement.counting import fewest_sensors, recommended_count
 from beamtouch_models.placement.placing import (
     DEFAULT_AIM,
@@ -18,6 +19,7 @@ __all__ = [
     "Criterion",
     "Placement",
     "fewest_sensors",
+    "largest_gap",
     "place",
     "place_as",
     "place_by_position_error",

@@ -1,7 +1,6 @@
 """The number of sensors that a structure needs."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 
@@ -72,10 +71,10 @@ def fewest_sensors(
         raise SceneError(message)
     if wanted_mm is None or fewest == most:
         return place_as(aim, influence, rules, most, seed, errors, progress)
-    reached_mm, uncertified = math.inf, replace(aim, certify="nothing")
+    reached_mm = math.inf
     for number in range(min(max(fewest, len(rules.fixed), aim.spare + 1, aim.leading or 1), most), most + 1):
         try:
-            placement = place_as(uncertified, influence, rules, number, seed, errors, progress)
+            placement = place_as(aim, influence, rules, number, seed, errors, progress)
         except SceneError as refusal:
             if reached_mm == math.inf:
                 raise
@@ -84,7 +83,7 @@ def fewest_sensors(
         priors = [prior, *(prior.without(index) for index in range(number if aim.spare else 0))]
         reached_mm = max(accuracy_limit(one, COUNT_DRAWS, seed).percent for one in priors) / 100 * influence.length_mm
         if reached_mm <= wanted_mm:
-            return placement if aim == uncertified else place_as(aim, influence, rules, number, seed, errors, progress)
+            return placement
     remedy = "use sensors with less noise or allow more latency_ms"
     raise _out_of_reach(most, wanted_mm, reached_mm, aim, remedy)
 

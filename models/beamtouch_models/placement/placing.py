@@ -1,4 +1,4 @@
-"""Placement of sensors: an objective and a search, with a proof where the objective has a bound."""
+"""Placement of sensors: an objective and a search."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -15,7 +15,6 @@ from beamtouch_models.placement.components import log_eigenvalue_product
 from beamtouch_models.placement.eigenvalue_product import eigenvalue_product_of
 from beamtouch_models.placement.layout import Candidates, equal_layout
 from beamtouch_models.placement.position_error import PositionError, position_error_of
-from beamtouch_models.placement.proof import MAX_REGIONS, prove
 from beamtouch_models.placement.search import SearchName, SearchRun, first_best, search_from
 from beamtouch_models.progress import Progress, silent
 from beamtouch_models.sweeps import one_thread
@@ -32,7 +31,6 @@ FINAL_DRAWS = 2_000
 """Contacts of that limit; with a spare, the limits of all failures share them."""
 
 Criterion = Literal["position-error", "eigenvalue-product"]
-Certify = Literal["nothing", "bound", "proof"]
 
 
 @dataclass(frozen=True)
@@ -51,12 +49,10 @@ class Aim:
     leading: int | None = None
     """Number of eigenvalues in the product; None: all."""
     search: SearchName = "exact"
-    certify: Certify = "nothing"
-    """For the eigenvalue product; the position error has no bound."""
 
     def __post_init__(self) -> None:
         if self.spare and self.criterion != "position-error":
-            message = "--spare 1 places by position error; leave out --criterion, --components and --prove"
+            message = "--spare 1 places by position error; leave out --criterion and --components"
             raise SceneError(message)
 
 
@@ -78,13 +74,6 @@ class Placement:
     """Number of layouts scored."""
     convergence: tuple[float, ...]
     """Best score after each step of the winning run: the logarithm above, or minus the mean position error in mm."""
-    gap: float | None = None
-    """No layout scores more than log_eigenvalue_product + gap. 0: proven the best; None: no bound is known."""
-
-    @property
-    def proven(self) -> bool:
-        """Whether no layout on the grid scores more, within `proof.rounding_margin`."""
-        return self.gap == 0
 
 
 def place_as(
@@ -98,9 +87,7 @@ def place_as(
 ) -> Placement:
     """Place sensors as an aim says; arguments and errors as `place_by_position_error`."""
     if aim.criterion == "eigenvalue-product":
-        return place(
-            influence, rules, count, seed, aim.leading, search=aim.search, certify=aim.certify, progress=progress
-        )
+        return place(influence, rules, count, seed, aim.leading, search=aim.search, progress=progress)
     found = place_by_position_error(
         influence, rules, count, seed, errors, spare=aim.spare, search=aim.search, progress=progress
     )
@@ -117,7 +104,6 @@ def place(
     leading: int | None = None,
     *,
     search: SearchName = "exact",
-    certify: Certify = "nothing",
     progress: Progress = silent,
 ) -> Placement:
     """Place sensors so that the product of the leading eigenvalues (eq. 4) is largest.
@@ -129,7 +115,6 @@ def place(
     seed : seed of the search
     leading : number of eigenvalues in the product; `count` by default
     search : "exact" exchanges sensors by steps, "paper" clones and varies a layout
-    certify : "bound" states a gap; "proof" closes it if possible, and may return a better layout
     progress : called with the current step and the fraction done
 
     Raises
@@ -142,19 +127,11 @@ def place(
         progress("searching", 0.0)
         runs = search_from(product.starts(seed), product, search, seed)
         best = first_best(runs)
-        layout, score, evaluations, gap = best.layout, product.exact_score(best.layout), _total(runs), None
+        score = product.exact_score(best.layout)
         if not np.isfinite(score):
             message = f"the rules of sensors leave no {count} positions with independent readings; use fewer sensors"
             raise SceneError(message)
-        if certify != "nothing":
-            proof = prove(
-                product,
-                layout,
-                MAX_REGIONS if certify == "proof" else 0,
-                lambda left: progress(f"proving, gap {left:.2g}", 0.5),
-            )
-            layout, score, gap, evaluations = proof.layout, proof.score, proof.gap, evaluations + proof.evaluations
-    return _placement(rules, layout, score, best, evaluations, gap)
+    return _placement(rules, best.layout, score, runs)
 
 
 def place_by_position_error(
@@ -178,8 +155,8 @@ def place_by_position_error(
     over each one sensor failed, of the error of the others, among all layouts; what a layout notices is worth up to
     `position_error.SPARE_NOTICES` of it.
 
-    `errors` are those of a sample; its noise must not be 0. This criterion has no bound, so the gap is None. SceneError
-    also if a sensor stands on a support.
+    `errors` are those of a sample; its noise must not be 0. SceneError also if a sensor stands on a
+    support.
     """
     if not 0 < errors.noise_mm < np.inf:
         message = f"sensors: with a noise of {errors.noise_mm:g} mm all layouts are equal; state the noise of a reading"
@@ -194,14 +171,13 @@ def place_by_position_error(
         runs = search_from(
             [product, equal], objective, search, seed, lambda part: progress("placing by position error", part)
         )
-        best = first_best(runs)
         layout = _decided(objective, [*(run.layout for run in runs), product, equal], influence, seed)
     positions = rules.position_mm[layout]
     size = np.abs(influence.matrix(positions)).max(axis=0)
     if size.min() <= AT_REST * size.max():
         message = f"sensors: nothing moves at {positions[size.argmin()]:g} mm; move that sensor, or use fewer sensors"
         raise SceneError(message)
-    return _placement(rules, layout, score_positions(influence, positions), best, _total(runs), None)
+    return _placement(rules, layout, score_positions(influence, positions), runs)
 
 
 def score_positions(influence: InfluenceFunction, positions_mm: Floats, leading: int | None = None) -> float:
@@ -240,17 +216,11 @@ def _decided(objective: PositionError, found: Sequence[Indices], influence: Infl
     return np.asarray(max(finalists, key=lambda layout: objective.score(layout, limit)))
 
 
-def _total(runs: Sequence[SearchRun]) -> int:
-    return sum(run.evaluations for run in runs)
-
-
-def _placement(
-    rules: Candidates, layout: Indices, score: float, run: SearchRun, evaluations: int, gap: float | None
-) -> Placement:
+def _placement(rules: Candidates, layout: Indices, score: float, runs: Sequence[SearchRun]) -> Placement:
     """Return the result of every placement, after a last look at the rules; NotGoodEnoughError if it breaks one."""
     positions_mm = tuple(np.sort(rules.position_mm[layout]).tolist())
     if not rules.allowed(layout[None, :])[0]:
         places = ", ".join(f"{position:g}" for position in positions_mm)
         message = f"the search ended at {places} mm, against the rules of sensors; please report this scene as a defect"
         raise NotGoodEnoughError(message)
-    return Placement(positions_mm, score, evaluations, run.scores, gap)
+    return Placement(positions_mm, score, sum(run.evaluations for run in runs), first_best(runs).scores)
