@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from beamtouch_models.arrays import Floats
 from beamtouch_models.physics.beam import influence
@@ -82,7 +83,7 @@ class Swings:
         """
         found = np.empty((*seconds.shape, self.share_mm.shape[1]))
         for index, (omega, share) in enumerate(zip(self.omega, self.share_mm, strict=True)):
-            found[index] = _ringing(seconds[index][:, None], omega, damping_ratio, lasting_s) @ share.T
+            found[index] = swing(seconds[index][:, None], omega, damping_ratio, lasting_s) @ share.T
         return found
 
 
@@ -106,17 +107,18 @@ def swings(sensor_shapes: Floats, load_shapes: Floats, square_s2: Floats, force_
     return Swings(1 / np.sqrt(squares), share / M_PER_MM)
 
 
-def _ringing(seconds: Floats, omega: Floats, zeta: float, lasting_s: float) -> Floats:
-    """Return the motion of oscillators about what they follow, relative to their deflection at rest."""
-    damped = math.sqrt(1 - zeta * zeta)
-    pole, part = complex(-zeta, damped) * omega, complex(-1.0, zeta / damped)
-    since = np.maximum(seconds, 0.0)
+def swing(seconds: Floats, omega: Floats | float, damping_ratio: float, lasting_s: float = 0.0) -> Floats:
+    """Return the motion of oscillators about what they follow, relative to their deflection at rest.
+
+    `seconds` count from the beginning of a load that comes at once, or grows evenly for `lasting_s`; they and the
+    angular frequencies `omega` broadcast.
+    """
+    pole, since = _pole(damping_ratio), np.maximum(seconds, 0.0)
+    turned = np.exp(pole * (omega * since))
     if lasting_s == 0:
-        swing: Floats = np.where(seconds >= 0, (part * np.exp(pole * since)).real, 0.0)
-        return swing
-    before = np.maximum(seconds - lasting_s, 0.0)
-    mean: Floats = (part / (pole * lasting_s) * (np.exp(pole * since) - np.exp(pole * before))).real
-    return mean
+        return np.where(seconds >= 0, _deflection(turned / pole, damping_ratio), 0.0)
+    before = np.exp(pole * (omega * np.maximum(seconds - lasting_s, 0.0)))
+    return _deflection((turned - before) / (pole * pole * omega * lasting_s), damping_ratio)
 
 
 def beyond_rest(target: Floats, step_s: float, omega: Floats, damping_ratio: float) -> Floats:
@@ -125,15 +127,39 @@ def beyond_rest(target: Floats, step_s: float, omega: Floats, damping_ratio: flo
     The target (loads, steps, modes) is straight between its steps, which are `step_s` apart; then the result is exact.
     `omega` (modes,) are angular frequencies in 1/s.
     """
-    damped = omega * math.sqrt(1 - damping_ratio**2)
-    pole = -damping_ratio * omega + 1j * damped
-    # The state follows state' = pole state + target; its imaginary part, scaled, is the oscillator.
-    grown = np.exp(pole * step_s)
-    held = (grown - 1) / pole
-    rising = (grown - 1 - pole * step_s) / (pole * pole * step_s)
-    state = -target[:, 0] / pole
-    found = np.zeros(target.shape)
+    found, followed = np.zeros(target.shape), Following(target[:, 0], damping_ratio)
     for step in range(1, target.shape[1]):
-        state = grown * state + target[:, step - 1] * (held - rising) + target[:, step] * rising
-        found[:, step] = state.imag * (omega * omega / damped) - target[:, step]
+        found[:, step] = followed.step(omega * step_s, target[:, step - 1], target[:, step]) - target[:, step]
     return found
+
+
+class Following:
+    """Oscillators that follow targets, from rest at the first ones.
+
+    Their complex state z follows dz/d(omega t) = pole z + target; its imaginary part, scaled, is the deflection.
+    """
+
+    def __init__(self, target: Floats, damping_ratio: float) -> None:
+        self._damping_ratio, self._pole = damping_ratio, _pole(damping_ratio)
+        self._state = -target / self._pole
+
+    def step(self, angle: Floats | float, before: Floats, after: Floats) -> Floats:
+        """Return the deflections once the targets have gone straight from `before` to `after`; exact for any step.
+
+        `angle` is the angular frequency times the length of the step.
+        """
+        turned = self._pole * angle
+        held = np.expm1(turned) / self._pole
+        rising = (held - angle) / np.where(turned == 0, 1.0, turned)
+        self._state = np.exp(turned) * self._state + before * held + (after - before) * rising
+        return _deflection(self._state, self._damping_ratio)
+
+
+def _pole(damping_ratio: float) -> complex:
+    """Return the pole of an oscillator over its angular frequency."""
+    return complex(-damping_ratio, math.sqrt(1 - damping_ratio**2))
+
+
+def _deflection(state: NDArray[np.complex128], damping_ratio: float) -> Floats:
+    deflection: Floats = state.imag / math.sqrt(1 - damping_ratio**2)
+    return deflection
