@@ -37,7 +37,7 @@ def rebuilt(metadata: Metadata, prior: Prior, calibration: Calibration, progress
             "floor": fields.floor,
             "influence": fields.influence,
             "accuracy": fields.accuracy,
-            "placed": before and layout_errors(prior, before.criterion, before.spare, metadata.seed),
+            "placed": layout_errors(prior, before.criterion, before.spare, metadata.seed),
             "golden": fields.golden,
             "calibration": calibration,
         }

@@ -44,7 +44,7 @@ def _results(found: SelfCalibrated, contacts: UnlabelledContacts) -> dict[str, o
     metadata, fit = found.metadata, found.found
     calibration = metadata.calibration
     return {
-        "calibration": None if calibration is None else calibration.model_dump(by_alias=True),
+        "calibration": None if calibration is None else calibration.model_dump(),
         "standard_errors": {kind: values.tolist() for kind, values in _standard_errors(found).items() if kind in KINDS},
         "misfit": {
             "before": fit.held_out.before,

@@ -93,7 +93,7 @@ def _charts(facts: Facts) -> list[tuple[str, Chart, str]]:
     chart = Chart(says, at, "force, N", [curve], y_from_zero=True)
     charts.append(("seen", chart, remark))
     along = detection_of(facts.model.metadata)
-    if along is not None and max(along.missed) >= MIN_MISSED:
+    if max(along.missed) >= MIN_MISSED:
         says = f"Contacts of {along.force_n:g} N, the smallest force of the scene, that are missed along the beam"
         curve = Series("", along.position_mm, [100 * share for share in along.missed])
         remark = f"; at most {digits(100 * max(along.missed), 3)} % of settled samples"

@@ -66,10 +66,8 @@ def price_rows(prices: tuple[ErrorPrice, ...]) -> Rows:
 
 
 def failed_rows(metadata: Metadata) -> Rows:
-    """Return a row for all sensors and for each one failed; none for older files."""
+    """Return a row for all sensors and for each one failed."""
     found, mm = metadata.placed, metadata.length_mm / 100
-    if found is None:
-        return []
     errors = np.array([found.limit_percent, *found.limit_without_percent])
     names = ["none", *(channel.name for channel in metadata.layout)]
     # A single sensor has no row without it.
