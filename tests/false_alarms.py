@@ -26,7 +26,7 @@ from beamtouch_models.accuracy.unexplained_thresholds import FARTHEST, Sequences
 from beamtouch_models.arrays import Floats
 from beamtouch_models.building.measure import thresholds_of
 from beamtouch_models.decision.decider import PERSISTENCE
-from beamtouch_models.export import to_bytes
+from beamtouch_models.estimators.onnx_graph import to_bytes
 from beamtouch_models.metadata import FilterChoice, Thresholds
 from beamtouch_models.rates import SECONDS_PER_DAY
 from beamtouch_models.scene import Scene, load_scene

@@ -125,7 +125,7 @@ def test_wrong_golden_answers_are_refused(tmp_path: Path, bench_model: Path, ben
         (
             "beamtouch.golden",
             '{"deflection_mm": [[0, 0]], "whitening_per_mm": [[[0, 0], [0, 0]]], "answers": {}}',
-            "golden: every row of inputs must have 4 channels",
+            "golden: each list must have 4 entries",
         ),
         ("beamtouch.noise", None, "beamtouch.noise: Field required"),
         ("beamtouch.noise", "{", "not JSON"),

@@ -8,8 +8,8 @@ from beamtouch_models.accuracy import limit
 from beamtouch_models.accuracy.prior import Prior, SampleErrors
 from beamtouch_models.errors import SceneError
 from beamtouch_models.physics.beam import influence_of
-from beamtouch_models.placement import place, place_by_position_error
 from beamtouch_models.placement.layout import equal_layout
+from beamtouch_models.placement.placing import place, place_by_position_error
 from beamtouch_models.placement.position_error import PositionError, mean_distances, position_error_of
 from beamtouch_models.placement.search import SearchName
 from beamtouch_models.scene import Scene

@@ -16,9 +16,8 @@ from beamtouch_models.building.measure import check_at_limit
 from beamtouch_models.calibration.contacts import MAX_BYTES
 from beamtouch_models.calibration.rebuilt import remade
 from beamtouch_models.errors import NotGoodEnoughError, SceneError
-from beamtouch_models.estimators.estimator import Estimator, estimator_of
-from beamtouch_models.estimators.posterior.channels import ENOUGH, MAX_SETS, fewest_channels
-from beamtouch_models.export import to_bytes
+from beamtouch_models.estimators.estimator import ENOUGH, MAX_SETS, Estimator, estimator_of, fewest_channels
+from beamtouch_models.estimators.onnx_graph import to_bytes
 from beamtouch_models.loading import load, load_bytes
 from beamtouch_models.metadata import Calibration, Departures
 from beamtouch_models.modelfile import ModelFile, ModelFileError

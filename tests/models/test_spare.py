@@ -9,8 +9,8 @@ import pytest
 from beamtouch_models.accuracy.limit import accuracy_limit
 from beamtouch_models.accuracy.prior import Prior, SampleErrors
 from beamtouch_models.errors import SceneError
-from beamtouch_models.placement import Aim, place, place_by_position_error
 from beamtouch_models.placement.noticing import other_loads
+from beamtouch_models.placement.placing import Aim, place, place_by_position_error
 from beamtouch_models.placement.position_error import SLACK, SPARE_NOTICES
 from beamtouch_models.scene import Scene
 from example_scenes import paper_scene

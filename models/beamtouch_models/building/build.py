@@ -7,10 +7,10 @@ import numpy as np
 from beamtouch_models.building.measure import Measured, check_at_limit, measure
 from beamtouch_models.building.sensors import PlacedSensors, layout_errors, place_sensors
 from beamtouch_models.estimators.estimator import NAMES, Estimator, Name, estimator_of
-from beamtouch_models.export import to_bytes
+from beamtouch_models.estimators.onnx_graph import to_bytes
 from beamtouch_models.metadata import Channel, Drawn, DrawnSupport, Metadata, Ranges
 from beamtouch_models.physics.beam import influence
-from beamtouch_models.placement import DEFAULT_AIM, Aim, Placement
+from beamtouch_models.placement.placing import DEFAULT_AIM, Aim, Placement
 from beamtouch_models.progress import Progress
 from beamtouch_models.scene import Scene, identity_of
 from beamtouch_models.surface import Surface

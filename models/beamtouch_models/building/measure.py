@@ -17,13 +17,13 @@ from beamtouch_models.accuracy.touch_thresholds import PLACES, rate_per_sample, 
 from beamtouch_models.accuracy.unexplained_thresholds import unexplained_thresholds, windows_of
 from beamtouch_models.arrays import Floats
 from beamtouch_models.building.since_touch import errors_since_touch
+from beamtouch_models.error_model import whitening
 from beamtouch_models.errors import NotGoodEnoughError
 from beamtouch_models.estimators.estimator import Estimator
-from beamtouch_models.export import to_bytes
+from beamtouch_models.estimators.onnx_graph import to_bytes
 from beamtouch_models.metadata import Accuracy, Floor, Golden, Influence, SmallestForce, Thresholds
 from beamtouch_models.session import Run, runner
 from beamtouch_models.surface import Surface
-from beamtouch_models.whitening import whitening
 
 ACCURACY_DRAWS = 4_096
 GOLDEN_DRAWS = 6

@@ -14,7 +14,7 @@ from beamtouch_models.errors import SceneError
 from beamtouch_models.estimators.estimator import NAMES, Name
 from beamtouch_models.metadata.fields import NAME
 from beamtouch_models.numbers import require, whole
-from beamtouch_models.placement import DEFAULT_AIM, Criterion
+from beamtouch_models.placement.placing import DEFAULT_AIM, Criterion
 from beamtouch_models.progress import silent
 from beamtouch_models.scene import Scene, format_scene, load_scene, read_scene
 from beamtouch_models.scene.scene import path_of

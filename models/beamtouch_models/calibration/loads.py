@@ -60,12 +60,7 @@ class Loads:
 def read_loads(path: Path, metadata: Metadata, leave_out: Sequence[int] = ()) -> Loads:
     """Read and average a recording, leaving out some loads by number; raises LoadsError with the reason."""
     channels = [channel.name for channel in metadata.layout]
-    try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            rows = list(csv.DictReader(file))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        message = f"{path}: {error.strerror if isinstance(error, OSError) else 'not a CSV file'}"
-        raise LoadsError(message) from None
+    rows, _ = read_rows(path, LoadsError)
     if not rows:
         message = f"{path}: no samples; record loads with beamtouch-daemon record"
         raise LoadsError(message)
@@ -89,6 +84,17 @@ def read_loads(path: Path, metadata: Metadata, leave_out: Sequence[int] = ()) ->
     loads = loads[~np.isin(loads.number, leave_out)]
     _check(path, loads, metadata)
     return loads
+
+
+def read_rows(path: Path, refuse: type[InputError]) -> tuple[list[dict[str, str]], Sequence[str]]:
+    """Return the rows and the columns of a CSV file; raises `refuse` if it is none."""
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as file:
+            reader = csv.DictReader(file)
+            return list(reader), reader.fieldnames or []
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        message = f"{path}: {error.strerror if isinstance(error, OSError) else 'not a CSV file'}"
+        raise refuse(message) from None
 
 
 def _averaged(rows: list[dict[str, str]], channels: list[str], metadata: Metadata) -> Loads:

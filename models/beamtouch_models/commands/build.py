@@ -129,7 +129,7 @@ def _scene_of(options: argparse.Namespace) -> tuple[Scene, str, str, Choices]:
     from beamtouch_models.building.build import Choices
     from beamtouch_models.errors import ModelFileError, SceneError
     from beamtouch_models.metadata import METADATA_PREFIX, LayoutErrors
-    from beamtouch_models.placement import Aim
+    from beamtouch_models.placement.placing import Aim
     from beamtouch_models.scene import load_scene, parse_scene
 
     path: Path = options.scene

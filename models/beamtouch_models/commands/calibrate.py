@@ -99,7 +99,7 @@ def _results(found: Calibrated, left_out: Sequence[int]) -> dict[str, Any]:
 
 
 def _rows(found: Calibrated, identity: str) -> list[tuple[str, str]]:
-    from beamtouch_models.commands.departures import departures_in_words
+    from beamtouch_models.commands.calibrate_events import departures_in_words
 
     before, after = found.before_mm, found.after_mm
     shown = departures_in_words(found.metadata, found.fit.departures, _standard_errors(found.fit))

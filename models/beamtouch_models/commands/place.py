@@ -16,7 +16,7 @@ from beamtouch_models.commands.printing import Result, show
 
 if TYPE_CHECKING:
     from beamtouch_models.building.sensors import PlacedSensors
-    from beamtouch_models.placement import Aim
+    from beamtouch_models.placement.placing import Aim
 
 LIMIT_DRAWS = 10_000
 
@@ -60,7 +60,7 @@ def run(options: argparse.Namespace) -> None:
 
 def _aim_of(options: argparse.Namespace) -> Aim:
     """Return the aim; leading components are those of the eigenvalue product. SceneError if options contradict."""
-    from beamtouch_models.placement import DEFAULT_AIM, Aim
+    from beamtouch_models.placement.placing import DEFAULT_AIM, Aim
 
     usual = DEFAULT_AIM.criterion if options.components is None else "eigenvalue-product"
     return Aim(options.criterion or usual, options.spare or 0, options.components, options.search)
@@ -90,7 +90,8 @@ def _describe(sensors: PlacedSensors, aim: Aim, seed: int) -> dict[str, Any]:
     """Return everything to print except the time; unknown values are None."""
     from beamtouch_models.accuracy.limit import accuracy_limit
     from beamtouch_models.building.sensors import layout_errors
-    from beamtouch_models.placement import largest_gap, recommended_count
+    from beamtouch_models.placement.bound import largest_gap
+    from beamtouch_models.placement.counting import recommended_count
 
     placement, surface, gap = sensors.placement, sensors.surface, None
     if aim.criterion == "eigenvalue-product":

@@ -11,8 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from beamtouch_models.decision.doubts import is_odd
-from beamtouch_models.decision.evidence import CHECKED, Weighed, evidence
+from beamtouch_models.decision.evidence import CHECKED, Weighed, evidence, is_odd
 from beamtouch_models.metadata import Metadata
 from beamtouch_models.session import Run
 

@@ -1,6 +1,8 @@
 """The models of a trade: those that `build` makes of a scene by default, and of the scene with one thing changed."""
 
 import math
+import time
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -15,12 +17,12 @@ from beamtouch_models.building.sensors import place_sensors
 from beamtouch_models.building.since_touch import errors_of_means, errors_since_touch, readings_of
 from beamtouch_models.errors import SceneError
 from beamtouch_models.estimators.estimator import NAMES, Name, estimator_of
-from beamtouch_models.export import to_bytes
-from beamtouch_models.metadata import FilterChoice
+from beamtouch_models.estimators.onnx_graph import to_bytes
+from beamtouch_models.metadata import INPUTS, FilterChoice
 from beamtouch_models.progress import silent
 from beamtouch_models.scene import Scene, change_scene
 from beamtouch_models.scene.sensors import MIN_SENSORS
-from beamtouch_models.session import runner
+from beamtouch_models.session import open_session, runner
 from beamtouch_models.surface import Surface
 
 AROUND = 2
@@ -226,3 +228,36 @@ def follow(task: tuple[Scene, Model, int, int]) -> Curve:
         tuple(one.scaled(scale) for one in ringing),
         tuple(Measurement(one.percent, one.standard_error).scaled(scale) for one in limits),
     )
+
+
+ROUNDS, CALLS = 40, 50
+
+
+@dataclass(frozen=True)
+class Times:
+    """Times of an inference of a single sample in microseconds."""
+
+    p50_us: float
+    p50_standard_error_us: float
+    """From the scatter of the rounds."""
+    p99_us: float
+
+
+def inference_times(graphs: Sequence[tuple[bytes, Floats32, Floats32]]) -> list[Times]:
+    """Time graphs, each with the deflection (1, channels) of a contact and its whitening (1, channels, channels)."""
+    runs = [(open_session(content), dict(zip(INPUTS, feed, strict=True))) for content, *feed in graphs]
+    times = np.empty((len(runs), ROUNDS, CALLS))
+    for turn in range(ROUNDS):
+        for (session, feed), taken in zip(runs, times[:, turn], strict=True):
+            for call in range(CALLS):
+                start = time.perf_counter_ns()
+                session.run(None, feed)
+                taken[call] = (time.perf_counter_ns() - start) / 1e3
+    return [
+        Times(
+            float(np.median(one)),
+            float(np.median(one, axis=1).std(ddof=1) / ROUNDS**0.5),
+            float(np.quantile(one, 0.99)),
+        )
+        for one in times
+    ]

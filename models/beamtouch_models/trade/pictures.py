@@ -3,8 +3,7 @@
 from collections.abc import Sequence
 
 from beamtouch_models.accuracy.statistics import Measurement
-from beamtouch_models.charts import Chart, Series, Style, draw_row
-from beamtouch_models.svg import standalone
+from beamtouch_models.charts import Chart, Series, Style, draw_row, standalone
 from beamtouch_models.trade.measure import Model
 from beamtouch_models.trade.trade import Trade
 

@@ -9,9 +9,8 @@ from beamtouch_common.digits import digits
 from beamtouch_common.table import aligned_markdown
 from beamtouch_models.accuracy.statistics import Measurement
 from beamtouch_models.estimators.estimator import NAMES
-from beamtouch_models.trade.front import Point, transfer_ms
 from beamtouch_models.trade.measure import Model
-from beamtouch_models.trade.trade import Trade
+from beamtouch_models.trade.trade import Point, Trade, transfer_ms
 
 MODEL_HEADINGS = (
     "changed", "sensors", "estimator", "noise, µm", "readings", "error, mm", "limit, mm", "over limit",

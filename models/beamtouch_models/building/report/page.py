@@ -7,15 +7,13 @@ from jinja2 import Environment, StrictUndefined
 from beamtouch_common.digits import digits
 from beamtouch_models.building.remarks import weak_spot
 from beamtouch_models.building.report.beam_drawing import beam_drawing
-from beamtouch_models.building.report.facts import PROFILE_BINS, Facts
-from beamtouch_models.building.report.robustness import failed_rows, price_rows
-from beamtouch_models.charts import Chart, Series, draw
+from beamtouch_models.building.report.facts import PROFILE_BINS, Facts, failed_rows, price_rows
+from beamtouch_models.charts import STYLE, Chart, Series, draw
 from beamtouch_models.description import answers, nothing_seen, per_day, unseen
 from beamtouch_models.detection import detection_of
 from beamtouch_models.pricing.effect import NEGLIGIBLE
 from beamtouch_models.pricing.ringing import told
 from beamtouch_models.surface import Surface
-from beamtouch_models.svg import STYLE
 
 MIN_MISSED = 1e-4
 """Share of contacts from which missed ones are drawn; below it, the page says that there are hardly any."""
