@@ -21,8 +21,8 @@ from beamtouch_models.filters import Chain
 from beamtouch_models.metadata import Departures, FilterChoice, Metadata, Noise, Sensor
 from beamtouch_models.numbers import at_most
 from beamtouch_models.physics.beam import Travel, influence, influence_of, sensor_positions_mm, travel_of
-from beamtouch_models.physics.dynamics import slowest_period_ms
 from beamtouch_models.physics.influence import InfluenceFunction
+from beamtouch_models.physics.motion import slowest_period_ms
 from beamtouch_models.placement.layout import Candidates, equal_layout
 from beamtouch_models.pricing.effect import Effect
 from beamtouch_models.pricing.noise import ReadingErrors, chain_of, check_errors, choose_filter, step_mm

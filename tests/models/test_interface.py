@@ -13,7 +13,7 @@ import beamtouch_models as models
 from beamtouch_common.errors import InputError
 from beamtouch_models import cli
 from beamtouch_models.errors import SceneError
-from beamtouch_models.physics.dynamics import FIRST_ROOT
+from beamtouch_models.physics.motion import FIRST_ROOT
 from example_scenes import SCENES
 
 SCENE = (SCENES / "bench.toml").read_text()

@@ -10,7 +10,7 @@ from scipy.signal import lsim, lti
 from beamtouch_models import modelfile
 from beamtouch_models.arrays import Floats
 from beamtouch_models.errors import SceneError
-from beamtouch_models.physics.dynamics import first_frequency_hz
+from beamtouch_models.physics.motion import first_frequency_hz
 from beamtouch_models.rig.imperfections import Imperfections
 from beamtouch_models.rig.script import Load
 from beamtouch_models.rig.surface import PERFECT, Ringing, VirtualSurface, ringing_of

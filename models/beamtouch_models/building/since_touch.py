@@ -19,8 +19,7 @@ from beamtouch_models.arrays import Floats
 from beamtouch_models.error_model import whitening
 from beamtouch_models.filters import Chain
 from beamtouch_models.metadata import FilterChoice, SinceTouch
-from beamtouch_models.physics.dynamics import damping_of
-from beamtouch_models.physics.modes import Modes, swings
+from beamtouch_models.physics.motion import Modes, damping_of, swings
 from beamtouch_models.session import Run
 from beamtouch_models.surface import Surface
 

@@ -10,7 +10,7 @@ from scipy.signal import lfilter
 from beamtouch_models.arrays import Bools, Floats
 from beamtouch_models.metadata import Departures, Metadata
 from beamtouch_models.physics.beam import influence
-from beamtouch_models.physics.modes import Modes
+from beamtouch_models.physics.motion import Modes
 from beamtouch_models.scene import Scene
 from beamtouch_models.scene.beam import Beam, changed_beam
 from beamtouch_models.surface import Surface

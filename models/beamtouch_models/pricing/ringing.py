@@ -17,8 +17,7 @@ from beamtouch_common.digits import digits
 from beamtouch_models.arrays import Floats
 from beamtouch_models.errors import SceneError
 from beamtouch_models.numbers import number, numbers
-from beamtouch_models.physics.dynamics import damping_of, first_frequency_hz, frequency_hz, laden_period_s
-from beamtouch_models.physics.modes import swing
+from beamtouch_models.physics.motion import damping_of, first_frequency_hz, frequency_hz, laden_period_s, swing
 from beamtouch_models.pricing.noise import MAX_DEFLECTION_MM
 from beamtouch_models.scene import Scene
 

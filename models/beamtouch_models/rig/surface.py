@@ -9,8 +9,7 @@ from beamtouch_models.arrays import Floats
 from beamtouch_models.errors import SceneError
 from beamtouch_models.metadata import Metadata, Sensor
 from beamtouch_models.physics.beam import influence_matrix
-from beamtouch_models.physics.dynamics import damping_of, first_frequency_hz
-from beamtouch_models.physics.modes import Following
+from beamtouch_models.physics.motion import Following, damping_of, first_frequency_hz
 from beamtouch_models.rig.faults import Faults
 from beamtouch_models.rig.imperfections import Imperfections
 from beamtouch_models.rig.script import Load
