@@ -12,7 +12,7 @@ import pytest
 
 from beamtouch_models.accuracy.limit import accuracy_limit
 from beamtouch_models.accuracy.prior import Prior
-from beamtouch_models.building.measure import check_at_limit
+from beamtouch_models.building.measure import reach
 from beamtouch_models.calibration.contacts import MAX_BYTES
 from beamtouch_models.calibration.rebuilt import remade
 from beamtouch_models.errors import NotGoodEnoughError, SceneError
@@ -23,6 +23,7 @@ from beamtouch_models.metadata import Calibration, Departures
 from beamtouch_models.modelfile import ModelFile, ModelFileError
 from beamtouch_models.physics.beam import influence_of
 from beamtouch_models.progress import silent
+from beamtouch_models.session import runner
 from beamtouch_models.surface import prior_of_model
 from example_scenes import paper_scene
 from in_process import Command
@@ -112,7 +113,7 @@ def test_a_model_whose_answers_are_no_numbers_is_not_written() -> None:
             values = np.full_like(onnx.numpy_helper.to_array(tensor), np.nan)
             tensor.CopyFrom(onnx.numpy_helper.from_array(values, tensor.name))
     with pytest.raises(NotGoodEnoughError, match="nothing was written: some answers of the model are not finite"):
-        check_at_limit(Estimator("posterior", graph, 2), prior, 0)
+        reach(Estimator("posterior", graph, 2), prior, runner(to_bytes(graph)), 1000, 0)
 
 
 def test_a_noise_beyond_the_digits_of_a_number_has_no_limit() -> None:

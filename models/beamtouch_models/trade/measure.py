@@ -8,14 +8,14 @@ from typing import Literal
 
 import numpy as np
 
-from beamtouch_models.accuracy.contacts import simulated_enough
 from beamtouch_models.accuracy.limit import accuracy_limit
 from beamtouch_models.accuracy.prior import Prior
-from beamtouch_models.accuracy.statistics import Measurement, mean_of, ratio_of
+from beamtouch_models.accuracy.statistics import Measurement
 from beamtouch_models.arrays import Floats32
+from beamtouch_models.building.measure import reach
 from beamtouch_models.building.sensors import place_sensors
 from beamtouch_models.building.since_touch import errors_of_means, errors_since_touch, readings_of
-from beamtouch_models.errors import SceneError
+from beamtouch_models.errors import NotGoodEnoughError, SceneError
 from beamtouch_models.estimators.estimator import NAMES, Name, estimator_of
 from beamtouch_models.estimators.onnx_graph import to_bytes
 from beamtouch_models.metadata import INPUTS, FilterChoice
@@ -148,7 +148,7 @@ def measure(task: Task) -> Model | Failure:
     """
     try:
         return _measure(task)
-    except SceneError as error:
+    except (SceneError, NotGoodEnoughError) as error:
         return Failure(task.varied, task.sensors, task.estimator, str(error))
 
 
@@ -166,14 +166,8 @@ def _measure(task: Task) -> Model:
     )
     graph = to_bytes(made.graph)
     run = runner(graph)
-    contacts = simulated_enough(prior, task.draws, seed + 2)
-    best, weight, reading = contacts.deviation_mm, contacts.weight, contacts.drawn.deflection_mm
-    error = contacts.mean_error_mm(run(reading, prior.whitening(reading))["position_mm"])
-    if best is None or not np.isfinite(error).all():
-        message = "some of its answers are not finite"
-        raise SceneError(message)
-    reached, counts = mean_of(error, weight), readings_of(chosen)
-    means = errors_of_means(prior, run, noise.reading_mm, counts, chosen.window, reached, seed + 2)
+    reached, counts = reach(made, prior, run, task.draws, seed + 2), readings_of(chosen)
+    means = errors_of_means(prior, run, noise.reading_mm, counts, chosen.window, reached.error_mm, seed + 2)
     return Model(
         task.varied,
         task.estimator,
@@ -182,9 +176,9 @@ def _measure(task: Task) -> Model:
         chosen,
         scene.requirements.latency_ms,
         prior.length_mm,
-        reached,
-        mean_of(best, weight),
-        ratio_of(error * weight, best * weight),
+        reached.error_mm,
+        reached.limit_mm,
+        reached.ratio,
         tuple(Answer(n, n * 1e3 / scene.sensors.rate_hz, one) for n, one in zip(counts, means, strict=True)),
         graph,
         *_sample(prior),
