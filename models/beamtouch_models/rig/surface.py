@@ -73,7 +73,6 @@ class VirtualSurface:
     ) -> None:
         self.sensor = model.sensor
         self.channels = len(model.layout)
-        self._imperfections = imperfections
         self._departures = departures = imperfections.departures(self.channels)
         self._sensor_mm = model.layout_mm + np.array(departures.position_offset_mm)
         if not all(0 <= position <= scene.beam.length_mm for position in self._sensor_mm):
@@ -105,8 +104,7 @@ class VirtualSurface:
     def _noisy_gap_mm(self, load: Load, seconds: float) -> Floats:
         static = self._static_mm(load)
         deflection = static if self._ringing is None else self._ringing.at(seconds, static)
-        linear = np.array(self._departures.gain) * self._imperfections.bend_mm(deflection)
-        gap = self.sensor.standoff_mm - self._departures.measure(linear)
+        gap = self.sensor.standoff_mm - self._departures.measure(np.array(self._departures.gain) * deflection)
         return gap + self._rng.normal(scale=self._noise_mm, size=gap.shape)
 
     def _static_mm(self, load: Load) -> Floats:
