@@ -209,10 +209,8 @@ def _expansion(pricing: Pricing) -> Effect:
 
 def _change(pricing: Pricing, found: Held, warming_k: float) -> Floats:
     """Return the change of the deflection at the largest force, (loads, sensors) in mm."""
-    scene, loads = pricing.scene, pricing.load_mm
-    half = scene.contact.width_mm / 2
-    low, high = np.maximum(loads - half, 0.0), np.minimum(loads + half, scene.beam.length_mm)
-    change = influence_change(scene.beam, found.force_n_per_k * warming_k, pricing.sensor_mm, low, high)
+    scene, force_n = pricing.scene, found.force_n_per_k * warming_k
+    change = influence_change(scene.beam, force_n, pricing.sensor_mm, pricing.load_mm, scene.contact.width_mm)
     if change is None:
         raise SceneError(_buckles(scene, found))
     return scene.contact.force_range_n[1] * change
