@@ -70,7 +70,7 @@ def test_components_and_gaps_are_those_of_the_eigenvalue_product(
     assert 0 <= found["gap"] < 1e-3
     refused = design_sensors_here("place", SCENES / "paper.toml", *option, "--spare", 1)
     assert (refused.returncode, refused.stdout, refused.stderr.count("\n")) == (2, "", 1)
-    assert "--spare 1 places by position error" in refused.stderr
+    assert "spare = 1: give 0, or 1, which places by position error" in refused.stderr
 
 
 @pytest.mark.usefixtures("short_limit")

@@ -117,7 +117,7 @@ def test_one_failed_sensor_costs_less_with_a_spare() -> None:
 
 def test_a_spare_needs_another_sensor_and_the_position_error() -> None:
     problem = problem_in(paper_scene(grid_mm=40))
-    with pytest.raises(SceneError, match="--spare 1 needs at least 2 sensors, not 1"):
+    with pytest.raises(SceneError, match="spare = 1 needs at least 2 sensors, not 1"):
         place_by_position_error(*problem, 1, 0, SampleErrors(0.01), spare=1)
-    with pytest.raises(SceneError, match="--spare 1 places by position error"):
+    with pytest.raises(SceneError, match="spare = 1: give 0, or 1, which places by position error"):
         Aim("eigenvalue-product", spare=1)

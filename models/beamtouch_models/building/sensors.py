@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal, get_args
+from typing import Literal
 
 import numpy as np
 
@@ -127,7 +127,7 @@ def place(
         No surface can be built of the scene, or its rules allow no layout with this number of sensors.
     """
     require(scene, Scene, "scene", "what read_scene returns")
-    count, seed, aim = count_of(sensors), whole(seed, "seed", 0), make_aim(criterion, spare, sensors)
+    count, seed, aim = count_of(sensors), whole(seed, "seed", 0), Aim(criterion, spare)
     surface = Surface.of(scene, own_influence=influence)
     return place_sensors(surface, count=count, seed=seed, aim=aim).positions_mm
 
@@ -135,18 +135,6 @@ def place(
 def count_of(sensors: object) -> int | None:
     """Return a number of sensors as a script gives it; SceneError unless it is None, or a whole number of 1 or more."""
     return None if sensors is None else whole(sensors, "sensors", 1)
-
-
-def make_aim(criterion: str, spare: int, sensors: int | None) -> Aim:
-    """Return the aim of a layout with this many sensors; SceneError unless its parts go together."""
-    known = next((name for name in get_args(Criterion) if name == criterion), None)
-    if known is None:
-        message = f"criterion = {criterion!r} must be one of {', '.join(get_args(Criterion))}"
-        raise SceneError(message)
-    if spare not in (0, 1) or (spare and (known != "position-error" or sensors == 1)):
-        message = f"spare = {spare}: give 0, or 1 with two or more sensors and the criterion position-error"
-        raise SceneError(message)
-    return Aim(known, spare)
 
 
 def _check_seen(prior: Prior, surface: Surface, seed: int) -> None:

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
@@ -40,7 +40,7 @@ class Aim:
     Raises
     ------
     SceneError
-        The eigenvalue product is to be placed with a spare.
+        There is no such criterion, or the eigenvalue product is to be placed with a spare.
     """
 
     criterion: Criterion
@@ -51,8 +51,11 @@ class Aim:
     search: SearchName = "exact"
 
     def __post_init__(self) -> None:
-        if self.spare and self.criterion != "position-error":
-            message = "--spare 1 places by position error; leave out --criterion and --components"
+        if self.criterion not in get_args(Criterion):
+            message = f"criterion = {self.criterion!r} must be one of {', '.join(get_args(Criterion))}"
+            raise SceneError(message)
+        if self.spare not in (0, 1) or (self.spare and self.criterion != "position-error"):
+            message = f"spare = {self.spare}: give 0, or 1, which places by position error, without another criterion"
             raise SceneError(message)
 
 
@@ -162,7 +165,9 @@ def place_by_position_error(
         message = f"sensors: with a noise of {errors.noise_mm:g} mm all layouts are equal; state the noise of a reading"
         raise SceneError(message)
     if count <= spare:
-        message = f"--spare {spare} needs at least {spare + 1} sensors, not {count}; use --sensors, or sensors.count"
+        message = (
+            f"spare = {spare} needs at least {spare + 1} sensors, not {count}; use more, or set sensors.count"
+        )
         raise SceneError(message)
     with one_thread():
         equal = equal_layout(rules, influence.length_mm, count)
