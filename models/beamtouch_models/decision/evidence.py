@@ -1,6 +1,7 @@
 """Evidence for rest and for a contact in each sample, and doubts about it: a model's answers under its covariance."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -42,6 +43,15 @@ class Weighed:
     def of_valid(self, values: Floats) -> Floats:
         """Return values (samples, channels) with 0 for channels that are missing."""
         return values if self.is_whole else np.where(self.valid, values, 0.0)
+
+    @classmethod
+    def stacked(cls, samples: Sequence["Weighed"]) -> "Weighed":
+        """Return samples as one, so that the graph runs once."""
+        return cls(*(np.concatenate([getattr(one, part.name) for one in samples]) for part in fields(cls)))
+
+    def noisier(self, extra_mm2: Floats) -> "Weighed":
+        """Return the samples with more variance (samples, channels), which is none of their noise."""
+        return replace(self, covariance_mm2=self.covariance_mm2 + extra_mm2[:, :, None] * np.eye(extra_mm2.shape[1]))
 
     def part(self, rows: Indices) -> "Weighed":
         """Return some of the samples."""

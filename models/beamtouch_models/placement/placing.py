@@ -165,9 +165,7 @@ def place_by_position_error(
         message = f"sensors: with a noise of {errors.noise_mm:g} mm all layouts are equal; state the noise of a reading"
         raise SceneError(message)
     if count <= spare:
-        message = (
-            f"spare = {spare} needs at least {spare + 1} sensors, not {count}; use more, or set sensors.count"
-        )
+        message = f"spare = {spare} needs at least {spare + 1} sensors, not {count}; use more, or set sensors.count"
         raise SceneError(message)
     with one_thread():
         equal = equal_layout(rules, influence.length_mm, count)
@@ -187,7 +185,7 @@ def place_by_position_error(
 
 def score_positions(influence: InfluenceFunction, positions_mm: Floats, leading: int | None = None) -> float:
     """Return the logarithm of the eigenvalue product of a layout, in the unit of `Placement.log_eigenvalue_product`."""
-    score = float(log_eigenvalue_product(influence.matrix(positions_mm), leading))
+    score = log_eigenvalue_product(influence.matrix(positions_mm), leading)
     return score - 2 * (leading or len(positions_mm)) * float(np.log(influence.unit_mm_per_n))
 
 
