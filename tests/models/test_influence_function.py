@@ -16,9 +16,8 @@ from beamtouch_models.errors import SceneError
 from beamtouch_models.estimators.posterior.graph import posterior_graph
 from beamtouch_models.physics.beam import influence_of
 from beamtouch_models.physics.influence import InfluenceFunction
-from beamtouch_models.placement.counting import fewest_sensors, recommended_count
 from beamtouch_models.placement.layout import Candidates
-from beamtouch_models.placement.placing import place, place_by_position_error
+from beamtouch_models.placement.placing import fewest_sensors, place, place_by_position_error, recommended_count
 from beamtouch_models.scene import Scene
 from example_scenes import paper_scene
 from posterior_cases import answers_of

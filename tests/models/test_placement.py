@@ -8,8 +8,7 @@ from beamtouch_models.accuracy.prior import Prior, SampleErrors
 from beamtouch_models.errors import SceneError
 from beamtouch_models.physics.beam import influence_of
 from beamtouch_models.physics.influence import InfluenceFunction
-from beamtouch_models.placement.counting import fewest_sensors, recommended_count
-from beamtouch_models.placement.placing import place, score_positions
+from beamtouch_models.placement.placing import fewest_sensors, place, recommended_count, score_positions
 from beamtouch_models.placement.search import SearchName
 from beamtouch_models.scene import Scene
 from example_scenes import paper_scene

@@ -9,9 +9,8 @@ from beamtouch_models.accuracy.limit import accuracy_limit
 from beamtouch_models.accuracy.prior import Prior, SampleErrors
 from beamtouch_models.errors import SceneError
 from beamtouch_models.physics.beam import influence_of
-from beamtouch_models.placement.counting import recommended_count
 from beamtouch_models.placement.layout import Candidates
-from beamtouch_models.placement.placing import place, place_by_position_error
+from beamtouch_models.placement.placing import place, place_by_position_error, recommended_count
 from beamtouch_models.scene import Scene
 from example_scenes import paper_scene
 from stated_problems import problem_in

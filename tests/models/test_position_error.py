@@ -34,7 +34,6 @@ def test_two_sensors_have_a_lower_limit_than_by_the_eigenvalue_product(seed: int
     # From independent code: 3.78 % near 107 and 293 mm, 4.12 % at the optimum of the product.
     assert np.array(found.positions_mm) == pytest.approx([107, 293], abs=14)
     assert limit_of(paper_scene(), found.positions_mm).percent == pytest.approx(3.78, abs=0.06)
-    assert found.gap is None
 
 
 def test_the_layout_of_the_eigenvalue_product_has_a_higher_limit() -> None:

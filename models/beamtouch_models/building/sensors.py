@@ -23,8 +23,7 @@ from beamtouch_models.errors import SceneError
 from beamtouch_models.metadata import LayoutErrors
 from beamtouch_models.numbers import require, whole
 from beamtouch_models.physics.influence import InfluenceFunction
-from beamtouch_models.placement.counting import fewest_sensors
-from beamtouch_models.placement.placing import DEFAULT_AIM, Aim, Criterion, Placement, score_positions
+from beamtouch_models.placement.placing import DEFAULT_AIM, Aim, Criterion, Placement, fewest_sensors, score_positions
 from beamtouch_models.progress import Progress, silent
 from beamtouch_models.scene import Scene
 from beamtouch_models.surface import Surface

@@ -15,8 +15,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from beamtouch_models.arrays import Bools, Floats, Indices
-from beamtouch_models.calibration.errors import Deflections, RecordingErrors
-from beamtouch_models.calibration.loads import Loads
+from beamtouch_models.calibration.loads import Deflections, Loads, RecordingErrors
 from beamtouch_models.calibration.theory import FIXITY, MAX_FIXITY, Theory
 from beamtouch_models.metadata import Departures
 from beamtouch_models.progress import Fraction

@@ -19,9 +19,8 @@ from scipy.optimize import brentq, lsq_linear
 
 from beamtouch_models.arrays import Bools, Floats, Indices
 from beamtouch_models.calibration.contacts import UnlabelledContacts
-from beamtouch_models.calibration.errors import Deflections, RecordingErrors
 from beamtouch_models.calibration.fit import bounds_of, free_of
-from beamtouch_models.calibration.loads import Loads
+from beamtouch_models.calibration.loads import Deflections, Loads, RecordingErrors
 from beamtouch_models.calibration.theory import GAIN, OFFSET_NOISES, Theory
 from beamtouch_models.health.curve import InfluenceCurve
 

@@ -40,7 +40,8 @@ def distances(surface: SimulatedSurface, fault_mm: Floats, valid: Bools) -> Floa
     moved = np.where(valid, surface.departures.linear_mm(fault_mm), 0.0)
     position, force = curve.best_contacts(moved, weight)
     left = moved - np.maximum(force, 0.0)[:, None] * curve.at(position)[0]
-    return np.sqrt((weight * left**2).sum(axis=1))
+    distance: Floats = np.sqrt((weight * left**2).sum(axis=1))
+    return distance
 
 
 def power_of_shift(distance: Floats, alpha: float) -> float:

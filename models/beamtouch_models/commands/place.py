@@ -91,7 +91,7 @@ def _describe(sensors: PlacedSensors, aim: Aim, seed: int) -> dict[str, Any]:
     from beamtouch_models.accuracy.limit import accuracy_limit
     from beamtouch_models.building.sensors import layout_errors
     from beamtouch_models.placement.bound import largest_gap
-    from beamtouch_models.placement.counting import recommended_count
+    from beamtouch_models.placement.placing import recommended_count
 
     placement, surface, gap = sensors.placement, sensors.surface, None
     if aim.criterion == "eigenvalue-product":

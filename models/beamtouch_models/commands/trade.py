@@ -108,8 +108,7 @@ def _trade(
 ) -> None:
     from beamtouch_models.building.build import Choices, build_model
     from beamtouch_models.estimators.estimator import NAMES
-    from beamtouch_models.trade.pictures import picture
-    from beamtouch_models.trade.results import json_of, markdown
+    from beamtouch_models.trade.results import json_of, markdown, picture
     from beamtouch_models.trade.trade import trade
 
     name = surface_name(path)
