@@ -303,7 +303,7 @@ class Following:
 
     def __init__(self, target: Floats, damping_ratio: float) -> None:
         self._damping_ratio, self._pole = damping_ratio, _pole(damping_ratio)
-        self._state: NDArray[np.complex128] = -target / self._pole
+        self._state: NDArray[np.complex128] = -target.astype(np.complex128) / self._pole
 
     def step(self, angle: Floats | float, before: Floats, after: Floats) -> Floats:
         """Return the deflections once the targets have gone straight from `before` to `after`; exact for any step.
