@@ -70,7 +70,7 @@ def without_a_channel(metadata: dict[str, Any]) -> None:
     ("change", "said"),
     [
         (too_often, "thresholds.false_contacts_per_day: at 200 Hz at most "),
-        (without_a_channel, "influence: every row must have 4 channels"),
+        (without_a_channel, "influence: each list must have 4 entries"),
     ],
 )
 def test_a_model_whose_figures_contradict_each_other_is_refused(
