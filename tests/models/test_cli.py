@@ -101,7 +101,7 @@ def test_a_rebuilt_model_keeps_its_layout_because_its_sensors_are_mounted(
     assert done.returncode == 0, done.stderr
     rebuilt = json.loads(done.stdout)
     assert rebuilt["positions_mm"] == [70.5, 156, 244, 332]
-    assert rebuilt["placed"]["criterion"] == "position-error"
+    assert rebuilt["placed"]["criterion"] == "eigenvalue-product"
     asked = ("--criterion", "eigenvalue-product")
     anew = json.loads(design_sensors_here("build", path, "-o", fresh, *asked, "--json").stdout)
     assert anew["positions_mm"] == [68, 156, 244, 332]
