@@ -20,7 +20,7 @@ from xdist.remote import Producer
 
 from beamtouch_models import cli, modelfile
 from beamtouch_models.building.build import Choices, build_model
-from beamtouch_models.placement import Aim
+from beamtouch_models.placement.placing import Aim
 from beamtouch_models.progress import silent
 from beamtouch_models.scene import load_scene
 from browser import OpenPage, chromium, pages

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beamtouch_models.arrays import Floats
-from beamtouch_models.decision import Weighed, evidence
+from beamtouch_models.decision.evidence import Weighed, evidence
 from beamtouch_models.modelfile import Answers, BestSample, ModelFile
 from beamtouch_models.surface import prior_of_model
 

@@ -22,11 +22,11 @@ from beamtouch_models.accuracy.touch_thresholds import (
     rest_like_contact,
     shapes_at_rest,
 )
-from beamtouch_models.accuracy.unexplained_thresholds import FARTHEST, Sequences, at_rest, stretches, windows_of
+from beamtouch_models.accuracy.unexplained_thresholds import FARTHEST, Sequences, at_rest, windows_of
 from beamtouch_models.arrays import Floats
 from beamtouch_models.building.measure import thresholds_of
 from beamtouch_models.decision.decider import PERSISTENCE
-from beamtouch_models.export import to_bytes
+from beamtouch_models.estimators.onnx_graph import to_bytes
 from beamtouch_models.metadata import FilterChoice, Thresholds
 from beamtouch_models.rates import SECONDS_PER_DAY
 from beamtouch_models.scene import Scene, load_scene
@@ -152,7 +152,9 @@ def _stretches_per_day(on: Watched, kept: tuple[int, ...], drawn: Sequences, rea
         candidates[candidates] = _odd(on, kept, reading[candidates, sample])
     odd = np.zeros(reading.shape[:2], np.bool_)
     odd[candidates] = _odd(on, kept, reading[candidates])
-    return stretches(drawn, odd) * on.samples_per_day
+    runs = odd[:, :-2] & odd[:, 1:-1] & odd[:, 2:]
+    counted = runs[:, drawn.first]
+    return float((drawn.weight[counted] / runs[counted].sum(axis=1)).sum() / len(odd)) * on.samples_per_day
 
 
 def _odd(on: Watched, kept: tuple[int, ...], reading: Floats) -> NDArray[np.bool_]:

@@ -1,7 +1,6 @@
 """Surfaces that differ from their scenes, for tests of calibration: the rig's own formulas, without its line."""
 
 import csv
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -35,10 +34,7 @@ def true_prior(metadata: Metadata, real: Imperfections) -> Prior:
     """What an estimator would know that knew everything of the real surface."""
     scene, layout_mm = parse_scene(metadata.scene, metadata.name), metadata.layout_mm
     prior = Prior.of(influence_of(scene), layout_mm, metadata.noise.sample_mm)
-    departures = real.departures(len(layout_mm))
-    departed = depart(prior, scene.beam, scene.contact.width_mm, layout_mm, departures)
-    gain = np.array(departures.gain)
-    return replace(departed, measured=lambda linear: departures.measure(gain * real.bend_mm(linear / gain)))
+    return depart(prior, scene.beam, scene.contact.width_mm, layout_mm, real.departures(len(layout_mm)))
 
 
 def write_readings(

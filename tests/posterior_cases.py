@@ -13,14 +13,14 @@ from beamtouch_models.accuracy.forces import MAX_FORCE_RATIO
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.touch_thresholds import directions, rest_like_contact
 from beamtouch_models.arrays import Floats
+from beamtouch_models.error_model import whitening
+from beamtouch_models.estimators.onnx_graph import to_bytes
 from beamtouch_models.estimators.posterior.graph import posterior_graph
-from beamtouch_models.export import to_bytes
 from beamtouch_models.metadata import INPUTS
 from beamtouch_models.physics.beam import influence_of, travel_of
-from beamtouch_models.placement import place
+from beamtouch_models.placement.placing import place
 from beamtouch_models.scene import load_scene
 from beamtouch_models.session import Run, runner, session_options
-from beamtouch_models.whitening import whitening
 from example_scenes import SCENES
 from stated_problems import problem_in
 

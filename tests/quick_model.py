@@ -6,7 +6,7 @@ Its scene gives no remark: away from the supports, every force is seen.
 from pathlib import Path
 
 from beamtouch_models.building.build import Choices, build_model
-from beamtouch_models.placement import Aim
+from beamtouch_models.placement.placing import Aim
 from beamtouch_models.progress import silent
 from beamtouch_models.scene import parse_scene
 from example_scenes import PAPER

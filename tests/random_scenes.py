@@ -28,7 +28,7 @@ from beamtouch_models import cli
 from beamtouch_models.building import sensors, since_touch
 from beamtouch_models.commands import explain, place
 from beamtouch_models.errors import SceneError
-from beamtouch_models.estimators.posterior import channels
+from beamtouch_models.estimators import estimator
 from beamtouch_models.loading import load
 from beamtouch_models.physics.beam import travel_of
 from beamtouch_models.placement import position_error
@@ -210,7 +210,7 @@ def short_work() -> Iterator[None]:
             (since_touch, "CONTACTS", 8),
             (since_touch, "KNOWN", 512),
             (since_touch, "MOST", 64),
-            (channels, "DRAWS", 64),
+            (estimator, "DRAWS", 64),
         ):
             less.setattr(module, name, value)
         yield

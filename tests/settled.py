@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from beamtouch_models.error_model import whitening
 from beamtouch_models.modelfile import ModelFile
-from beamtouch_models.whitening import whitening
 
 
 def settled_whitening(

@@ -6,8 +6,8 @@ from beamtouch_models.accuracy.prior import Prior, SampleErrors
 from beamtouch_models.arrays import Floats
 from beamtouch_models.physics.beam import influence_of
 from beamtouch_models.physics.influence import InfluenceFunction
-from beamtouch_models.placement import fewest_sensors
 from beamtouch_models.placement.layout import Candidates
+from beamtouch_models.placement.placing import fewest_sensors
 from beamtouch_models.scene import Scene
 from beamtouch_models.surface import Surface
 

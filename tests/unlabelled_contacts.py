@@ -9,9 +9,9 @@ import numpy as np
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.arrays import Floats
 from beamtouch_models.calibration.contacts import UnlabelledContacts
-from beamtouch_models.calibration.places import places
 from beamtouch_models.calibration.self_calibrate import SelfFit, self_fit
 from beamtouch_models.calibration.theory import Theory
+from beamtouch_models.calibration.unlabelled import places
 from beamtouch_models.metadata import Metadata
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.progress import silent

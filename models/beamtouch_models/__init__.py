@@ -16,9 +16,9 @@ if TYPE_CHECKING:
     from beamtouch_models.building.sensors import place
     from beamtouch_models.loading import ModelFile, estimate, load_model
     from beamtouch_models.physics.beam import influence_matrix, interpolate_influence
-    from beamtouch_models.physics.dynamics import frequency_hz
     from beamtouch_models.physics.influence import InfluenceFunction
-    from beamtouch_models.rig.ringing import ringing_mm
+    from beamtouch_models.physics.motion import frequency_hz
+    from beamtouch_models.pricing.ringing import ringing_mm
     from beamtouch_models.scene import Scene, change_scene, format_scene, make_scene, read_scene
 
 __all__ = [
@@ -35,9 +35,9 @@ _HOMES = {
     "building.sensors": ("place",),
     "loading": ("ModelFile", "estimate", "load_model"),
     "physics.beam": ("influence_matrix", "interpolate_influence"),
-    "physics.dynamics": ("frequency_hz",),
+    "physics.motion": ("frequency_hz",),
     "physics.influence": ("InfluenceFunction",),
-    "rig.ringing": ("ringing_mm",),
+    "pricing.ringing": ("ringing_mm",),
     "scene": ("Scene", "change_scene", "format_scene", "make_scene", "read_scene"),
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}

@@ -1,4 +1,7 @@
-"""Plain line charts as SVG text: no dependency, the same bytes every time."""
+"""Plain line charts as SVG text, and the colours and parts of all drawings: no dependency, the same bytes every time.
+
+Colours are attributes of the elements, which every program understands. STYLE replaces them on a dark screen.
+"""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -7,7 +10,55 @@ from html import escape
 from itertools import pairwise
 from typing import Literal
 
-from beamtouch_models.svg import Colour, fill, opening, stroke
+Colour = Literal["ground", "ink", "faint", "muted", "s0", "s1", "s2", "s3", "s4", "s5", "s6", "s7"]
+LIGHT: dict[Colour, str] = {
+    "ground": "#ffffff", "ink": "#1b1f24", "faint": "#d8dde3", "muted": "#59636e",
+    "s0": "#0b62a8", "s1": "#c2410c", "s2": "#18794e", "s3": "#8e3a9e",
+    "s4": "#8a6d00", "s5": "#5b6572", "s6": "#a8175b", "s7": "#0e7c86",
+}  # fmt: skip
+DARK: dict[Colour, str] = {
+    "ground": "#14181d", "ink": "#e6e9ed", "faint": "#363d46", "muted": "#9aa4b0",
+    "s0": "#6cb6ff", "s1": "#ff9a5c", "s2": "#56d39a", "s3": "#d99ae6",
+    "s4": "#e0c04a", "s5": "#a9b4c0", "s6": "#ff85b6", "s7": "#5fd3dd",
+}  # fmt: skip
+
+# On a screen only: paper stays white.
+STYLE = (
+    "@media screen and (prefers-color-scheme: dark) {\n"
+    + "".join(f".fill-{name} {{ fill: {value}; }} .stroke-{name} {{ stroke: {value}; }}\n"
+              for name, value in DARK.items())
+    + "}\n"
+)  # fmt: skip
+"""Style sheet for a page with drawings, or for the file of a single one."""
+
+
+def fill(colour: Colour, *names: str) -> str:
+    """Return the attributes of a filled element; `names` are further classes."""
+    return f'class="{" ".join((*names, f"fill-{colour}"))}" fill="{LIGHT[colour]}"'
+
+
+def stroke(colour: Colour, *names: str, width: float = 1.0) -> str:
+    """Return the attributes of an outlined element; `names` are further classes."""
+    classes = " ".join((*names, f"stroke-{colour}"))
+    return f'class="{classes}" fill="none" stroke="{LIGHT[colour]}" stroke-width="{width:g}"'
+
+
+def opening(name: str, width: float, height: float, says: str) -> str:
+    """Return the opening tag of a drawing, with a description for screen readers."""
+    said = escape(says)
+    return (
+        f'<svg viewBox="0 0 {width:g} {height:g}" '
+        f'font-family="system-ui, sans-serif" font-size="12" {fill("ink", name)} role="img" aria-label="{said}">'
+        f"<title>{said}</title>"
+    )
+
+
+def standalone(svg: str) -> str:
+    """Return a drawing as the text of an SVG file, with its own background."""
+    head, rest = svg.replace("<svg ", '<svg xmlns="http://www.w3.org/2000/svg" ', 1).split("</title>", 1)
+    ground = f'<rect {fill("ground")} width="100%" height="100%"/>'
+    return f"{head}</title><style>{STYLE}</style>{ground}{rest}\n"
+
 
 WIDTH, HEIGHT = 640, 340
 LEFT, RIGHT, TOP, BOTTOM = 64, 16, 14, 46
@@ -37,8 +88,6 @@ class Series:
     colour: int = 0
     """0 .. 7."""
     style: Style = "line"
-    notes: Sequence[str] = ()
-    """Short text beside each point; only for the style "points"."""
     errors: Sequence[float] = ()
     """Standard errors of y, drawn as bars; none: no bars."""
 
@@ -82,25 +131,7 @@ class Axis:
 
 def draw(chart: Chart) -> str:
     """Draw a chart as an `<svg>` element, without a background; see `standalone`."""
-    legend, rows = _legend(chart.series)
-    top = TOP + rows * LEGEND_ROW
-    height = HEIGHT + rows * LEGEND_ROW
-    xs = chart.x_range or [value for series in chart.series for value in series.x]
-    ys = [value for series in chart.series for value in series.y]
-    x = _axis(xs, (LEFT, WIDTH - RIGHT), log=chart.log_x, margin=0.0, least_step=float(chart.whole_x))
-    y = _axis([0.0, *ys] if chart.y_from_zero else ys, (height - BOTTOM, top), log=chart.log_y, margin=0.04)
-    parts = [
-        opening("chart", WIDTH, height, chart.says),
-        *_grid(x, y),
-        f'<text x="{(LEFT + WIDTH - RIGHT) / 2:g}" y="{height - 8}" text-anchor="middle">'
-        f"{escape(chart.x_label)}</text>",
-        f'<text transform="translate(15 {(top + height - BOTTOM) / 2:g}) rotate(-90)" text-anchor="middle">'
-        f"{escape(chart.y_label)}</text>",
-        *(_series(series, x, y) for series in chart.series),
-        *legend,
-        "</svg>",
-    ]
-    return "\n".join(parts)
+    return _draw([chart], chart.says, (WIDTH - LEFT - RIGHT, HEIGHT - TOP - BOTTOM), 0)
 
 
 def draw_row(charts: Sequence[Chart], says: str) -> str:
@@ -108,16 +139,21 @@ def draw_row(charts: Sequence[Chart], says: str) -> str:
 
     The legend has a label once, however many charts use it. `says` describes the whole for screen readers.
     """
-    width = LEFT + len(charts) * PANEL_WIDTH + (len(charts) - 1) * PANEL_GAP + RIGHT
+    return _draw(charts, says, (PANEL_WIDTH, PANEL_HEIGHT), PANEL_GAP)
+
+
+def _draw(charts: Sequence[Chart], says: str, size: tuple[int, int], gap: int) -> str:
+    """Draw charts of a size in px, with a gap between two."""
+    width = LEFT + len(charts) * size[0] + (len(charts) - 1) * gap + RIGHT
     every = [series for chart in charts for series in chart.series]
     named: dict[str, Series] = {}
     for series in every:
         named.setdefault(series.label, series)
     legend, rows = _legend(list(named.values()), width)
     top = TOP + rows * LEGEND_ROW
-    bottom = top + PANEL_HEIGHT
+    bottom, log = top + size[1], charts[0].log_y
     ends = [end for series in every for value, error in _bars(series) for end in (value - error, value + error)]
-    log = charts[0].log_y
+    ends += [0.0] if charts[0].y_from_zero else []
     y = _axis([end for end in ends if end > 0 or not log], (bottom, top), log=log, margin=0.04)
     parts = [
         opening("chart", width, bottom + BOTTOM, says),
@@ -125,13 +161,13 @@ def draw_row(charts: Sequence[Chart], says: str) -> str:
         f"{escape(charts[0].y_label)}</text>",
     ]
     for place, chart in enumerate(charts):
-        left = LEFT + place * (PANEL_WIDTH + PANEL_GAP)
+        left = LEFT + place * (size[0] + gap)
         xs = chart.x_range or [value for series in chart.series for value in series.x]
-        inner = (left + PANEL_GAP / 2, left + PANEL_WIDTH - PANEL_GAP / 2)
+        inner = (left + gap / 2, left + size[0] - gap / 2)
         x = _axis(xs, inner, log=chart.log_x, margin=0.0, least_step=float(chart.whole_x))
         parts += [
             *_grid(x, y, y_labels=place == 0),
-            f'<text x="{left + PANEL_WIDTH / 2:g}" y="{bottom + BOTTOM - 8:g}" text-anchor="middle">'
+            f'<text x="{left + size[0] / 2:g}" y="{bottom + BOTTOM - 8:g}" text-anchor="middle">'
             f"{escape(chart.x_label)}</text>",
             *(_series(series, x, y) for series in chart.series),
         ]
@@ -201,11 +237,7 @@ def _series(series: Series, x: Axis, y: Axis) -> str:
         return "".join(_ring(*point) for point in points)
     if series.style == "points":
         paint = fill(SERIES_COLOURS[series.colour])
-        circles = [bars] + [f'<circle {paint} cx="{a:.1f}" cy="{b:.1f}" r="3.5"/>' for a, b in points]
-        notes = zip(points, series.notes, strict=False)
-        return "".join(
-            circles + [f'<text x="{a + 5:.1f}" y="{b - 3:.1f}">{escape(note)}</text>' for (a, b), note in notes]
-        )
+        return bars + "".join(f'<circle {paint} cx="{a:.1f}" cy="{b:.1f}" r="3.5"/>' for a, b in points)
     path = " ".join(f"{a:.1f},{b:.1f}" for a, b in points)
     return f'{bars}<polyline {_line(series)} points="{path}"/>'
 
@@ -228,7 +260,7 @@ def _line(series: Series) -> str:
     return f'{paint} stroke-linejoin="round"{dashes}'
 
 
-def _legend(series: Sequence[Series], width: float = WIDTH) -> tuple[list[str], int]:
+def _legend(series: Sequence[Series], width: float) -> tuple[list[str], int]:
     """Return the elements of the legend and its number of rows."""
     named = [one for one in series if one.label]
     widths = [34 + len(one.label) * CHARACTER + 14 for one in named]

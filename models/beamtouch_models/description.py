@@ -161,7 +161,7 @@ def _in_words(stretches: Sequence[tuple[float, float]]) -> str:
 
 def _placed(metadata: Metadata) -> list[tuple[str, str]]:
     found = metadata.placed
-    if found is None or not found.limit_without_percent:
+    if not found.limit_without_percent:
         return []
     worst = max(found.limit_without_percent)
     name = metadata.layout[found.limit_without_percent.index(worst)].name

@@ -56,10 +56,8 @@ def missed_shares(force_n: float, smallest_n: Sequence[float | None], size_per_n
     ]
 
 
-def detection_of(metadata: Metadata) -> Detection | None:
-    """Return what a model sees along the beam; None for an older file, which does not say how its sensors move."""
-    if metadata.influence is None:
-        return None
+def detection_of(metadata: Metadata) -> Detection:
+    """Return what a model sees along the beam."""
     seen, floor = metadata.smallest_force, metadata.floor
     rest = np.sqrt(variance_mm2(0.0, metadata.noise.sample_mm, floor.gain, floor.zero_mm))
     size = np.linalg.norm(np.array(metadata.influence.mm_per_n) / rest, axis=1)

@@ -1,4 +1,4 @@
-"""A model file, loaded: its graph with its metadata, checked before use. `export` writes model files."""
+"""A model file, loaded: its graph with its metadata, checked before use. `onnx_graph.to_bytes` writes model files."""
 
 import hashlib
 import os
@@ -16,11 +16,11 @@ from numpy.typing import ArrayLike, NDArray
 from beamtouch_common.digits import digits
 from beamtouch_models import description, session
 from beamtouch_models.arrays import Floats, Floats32
+from beamtouch_models.error_model import whitening
 from beamtouch_models.errors import ModelFileError, SceneError
 from beamtouch_models.metadata import INPUTS, THIS_FILE, Metadata
 from beamtouch_models.numbers import array_of, require
 from beamtouch_models.session import Answers
-from beamtouch_models.whitening import whitening
 
 GOLDEN_TOLERANCE = 1e-3
 """Largest difference between a golden answer and the file's, in mm, N and nats; float32 needs a tenth of it."""

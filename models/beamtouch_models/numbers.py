@@ -1,4 +1,4 @@
-"""The arguments that scripts give, checked."""
+"""The arguments that scripts give, checked, and the bounds that messages name."""
 
 import math
 
@@ -65,3 +65,11 @@ def require(value: object, kind: type, name: str, wanted: str) -> None:
     if not isinstance(value, kind):
         message = f"{name}: give {wanted}, not {type(value).__name__} {str(value)[:40]!r}"
         raise SceneError(message)
+
+
+def at_most(value: float) -> float:
+    """Return the largest number with two digits that is not more than a value; 0 for less than 1e-300."""
+    if value < 1e-300:
+        return 0.0
+    digit = 10.0 ** (math.floor(math.log10(value)) - 1)
+    return math.floor(value / digit) * digit

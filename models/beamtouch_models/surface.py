@@ -19,15 +19,15 @@ from beamtouch_models.arrays import Floats
 from beamtouch_models.errors import SceneError
 from beamtouch_models.filters import Chain
 from beamtouch_models.metadata import Departures, FilterChoice, Metadata, Noise, Sensor
+from beamtouch_models.numbers import at_most
 from beamtouch_models.physics.beam import Travel, influence, influence_of, sensor_positions_mm, travel_of
-from beamtouch_models.physics.dynamics import slowest_period_ms
 from beamtouch_models.physics.influence import InfluenceFunction
+from beamtouch_models.physics.motion import slowest_period_ms
 from beamtouch_models.placement.layout import Candidates, equal_layout
 from beamtouch_models.pricing.effect import Effect
 from beamtouch_models.pricing.noise import ReadingErrors, chain_of, check_errors, choose_filter, step_mm
 from beamtouch_models.pricing.prices import effects_of, leave_out
 from beamtouch_models.pricing.ringing import Ringing, ringing_of
-from beamtouch_models.rounding import at_most
 from beamtouch_models.scene import Scene, parse_scene
 from beamtouch_models.scene.beam import Beam, changed_beam
 

@@ -1,6 +1,6 @@
 """Our searches for sensor positions beside four packages, on the paper's problem with two to five sensors.
 
-How many of 20 seeds reach the proven optimum, and the median time of a run, from the influence matrix on the 1 mm
+How many of 20 seeds reach the best known layout, and the median time of a run, from the influence matrix on the 1 mm
 grid to a layout. What a search prepares is part of its time: ours reduces the matrix to a few coordinates, the packages
 get its second moment, from which they score a whole population of layouts by one vectorised determinant.
 """
@@ -20,8 +20,9 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from beamtouch_models.physics.beam import influence_of
-from beamtouch_models.placement import place, score_positions
+from beamtouch_models.placement.bound import largest_gap
 from beamtouch_models.placement.eigenvalue_product import eigenvalue_product_of
+from beamtouch_models.placement.placing import place, score_positions
 from beamtouch_models.placement.search import SearchName, first_best, search_from
 from example_scenes import paper_scene
 from stated_problems import problem_in
@@ -146,14 +147,15 @@ def run(seeds: int = SEEDS, counts: tuple[int, ...] = COUNTS) -> list[dict[str, 
     with threadpool_limits(1), warnings.catch_warnings():
         warnings.simplefilter("ignore")  # what the packages warn of is not ours
         for count in counts:
-            proof = place(*problem_in(paper_scene()), count, 0, certify="proof")
+            best = place(*problem_in(paper_scene()), count, 0)
+            gap = largest_gap(*problem_in(paper_scene()), np.array(best.positions_mm))
             of_count = [
                 row
                 for name, search in SEARCHES.items()
-                if (row := _row(name, search, peer, count, seeds, proof.log_eigenvalue_product)) is not None
+                if (row := _row(name, search, peer, count, seeds, best.log_eigenvalue_product)) is not None
             ]
             for row in of_count:
-                row |= {"ratio": row["median_s"] / of_count[0]["median_s"], "optimum_proven": proof.proven}
+                row |= {"ratio": row["median_s"] / of_count[0]["median_s"], "gap": gap}
             rows += of_count
     return rows
 

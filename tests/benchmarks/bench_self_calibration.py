@@ -23,7 +23,7 @@ from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.calibration.rebuilt import remade
 from beamtouch_models.calibration.self_calibrate import calibrated_prior, self_fit
 from beamtouch_models.errors import NotGoodEnoughError
-from beamtouch_models.export import to_bytes
+from beamtouch_models.estimators.onnx_graph import to_bytes
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.progress import silent
 from beamtouch_models.rig.imperfections import Imperfections

@@ -22,7 +22,7 @@ from beamtouch_models.accuracy import limit
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.statistics import ratio_of
 from beamtouch_models.estimators.estimator import estimator_of
-from beamtouch_models.export import to_bytes
+from beamtouch_models.estimators.onnx_graph import to_bytes
 from beamtouch_models.progress import silent
 from beamtouch_models.session import runner
 

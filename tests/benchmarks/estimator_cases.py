@@ -13,11 +13,11 @@ from beamtouch_models.accuracy import limit
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.statistics import ratio_of
 from beamtouch_models.estimators.estimator import NAMES, estimator_of
+from beamtouch_models.estimators.onnx_graph import to_bytes
 from beamtouch_models.estimators.posterior.cells import resolving_cells
 from beamtouch_models.estimators.posterior.graph import posterior_graph
-from beamtouch_models.export import to_bytes
 from beamtouch_models.physics.beam import influence_of, travel_of
-from beamtouch_models.placement import place
+from beamtouch_models.placement.placing import place
 from beamtouch_models.progress import silent
 from beamtouch_models.scene import Scene, load_scene
 from beamtouch_models.session import runner, session_options

@@ -11,7 +11,7 @@ from beamtouch_models.challenge.surface import SimulatedSurface
 from beamtouch_models.commands import place
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.rig import cli as rig_cli
-from beamtouch_models.trade import timing
+from beamtouch_models.trade import measure
 from in_process import Command, command_of
 from quick_model import write_quick_model
 from toolchain import made_once
@@ -34,7 +34,7 @@ def design_sensors_here(capsys: pytest.CaptureFixture[str]) -> Command:
     """`design-sensors` in this process, without workers: what a test shortens here, it does not shorten in them."""
 
     def main(arguments: list[str]) -> int:
-        sweeps = bool(arguments) and arguments[0] in {"trade", "evaluate", "place", "challenge"}
+        sweeps = bool(arguments) and arguments[0] in {"trade", "evaluate", "challenge"}
         return cli.main([*arguments, "--workers", "1"] if sweeps else arguments)
 
     return command_of(main, capsys)
@@ -49,8 +49,8 @@ def rig_here(capsys: pytest.CaptureFixture[str]) -> Command:
 @pytest.fixture
 def short_timing(monkeypatch: pytest.MonkeyPatch) -> None:
     """Few inferences are timed, for tests that do not ask how long one takes."""
-    monkeypatch.setattr(timing, "CALLS", 5)
-    monkeypatch.setattr(timing, "ROUNDS", 2)
+    monkeypatch.setattr(measure, "CALLS", 5)
+    monkeypatch.setattr(measure, "ROUNDS", 2)
 
 
 @pytest.fixture

@@ -19,8 +19,8 @@ from beamtouch_models.building.report.page import page
 from beamtouch_models.metadata import Channel
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.physics.influence import InfluenceFunction
-from beamtouch_models.placement import Aim, Placement, place, place_by_position_error
 from beamtouch_models.placement.layout import Candidates
+from beamtouch_models.placement.placing import Aim, Placement, place, place_by_position_error
 from beamtouch_models.scene import Scene, load_scene, parse_scene
 from beamtouch_models.surface import Surface
 from example_scenes import PAPER, SCENES

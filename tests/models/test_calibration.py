@@ -71,7 +71,7 @@ def test_the_departures_are_found(bench: ModelFile, calibrated: Calibrated) -> N
     # Gains share a factor with the rigidity; between channels they are determined.
     gain = np.array(found.gain) / found.rigidity / np.array(real.gain)
     assert gain / gain.mean() == pytest.approx(np.ones(4), abs=0.01)
-    assert found.curve_per_mm == pytest.approx(-real.curve_per_mm, rel=0.3)
+    assert found.curve_per_mm == pytest.approx(real.curve_per_mm, rel=0.3)
 
 
 def test_the_file_says_what_was_fitted_and_rebuilds_from_itself(calibrated: Calibrated, bench: ModelFile) -> None:

@@ -9,12 +9,11 @@ import numpy as np
 import pytest
 
 from beamtouch_models import modelfile
-from beamtouch_models.challenge import faults, honest, motion, noises
+from beamtouch_models.challenge import faults, honest, motion, sensor_cases
 from beamtouch_models.challenge.challenge import misses, rows_of
 from beamtouch_models.challenge.judge import Said, judge
-from beamtouch_models.challenge.naming import Naming, naming
 from beamtouch_models.challenge.play import Case
-from beamtouch_models.challenge.scoring import Row
+from beamtouch_models.challenge.scoring import Naming, Row, naming
 from beamtouch_models.challenge.surface import SimulatedSurface
 from beamtouch_models.modelfile import ModelFile
 
@@ -52,7 +51,7 @@ def test_a_touch_is_unsteady_first_and_an_untouched_beam_is_clear(bench: ModelFi
 
 
 def test_noise_is_honest_once_the_user_has_stated_what_was_measured(bench: ModelFile) -> None:
-    for make in (noises.coloured, noises.coarse):
+    for make in (sensor_cases.coloured, sensor_cases.coarse):
         (measured,) = only(bench, Case(True, partial(make, measured=True)), 100)
         assert misses(measured) == []
         assert measured.plain > 93

@@ -9,7 +9,7 @@ from beamtouch_models.challenge import faults
 from beamtouch_models.challenge.play import Case, drawn
 from beamtouch_models.challenge.power import distances, power_of_noise, power_of_shift
 from beamtouch_models.challenge.surface import SimulatedSurface
-from beamtouch_models.whitening import whitening
+from beamtouch_models.error_model import whitening
 
 
 def whitened(surface: SimulatedSurface, fault_mm: np.ndarray) -> np.ndarray:

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from beamtouch_models.challenge import motion, noises
+from beamtouch_models.challenge import motion, sensor_cases
 from beamtouch_models.challenge.play import drawn
 from beamtouch_models.challenge.power import distances
 from beamtouch_models.challenge.surface import SimulatedSurface
@@ -46,10 +46,10 @@ def test_what_sensors_measure(surface: SimulatedSurface) -> None:
 def test_the_noise_of_a_mean_of_alike_readings() -> None:
     # By hand: of four readings, three pairs are one apart, two are two apart and one is three apart.
     by_hand = (4 + 2 * (3 * 0.7 + 2 * 0.49 + 0.343)) / 4
-    assert noises.coloured_times(0.7, 4) == pytest.approx(np.sqrt(by_hand))
-    assert noises.coloured_times(0.7, 1) == 1
+    assert sensor_cases.coloured_times(0.7, 4) == pytest.approx(np.sqrt(by_hand))
+    assert sensor_cases.coloured_times(0.7, 1) == 1
     # A mean of very many readings: the sum of all correlations, (1 + r) / (1 - r).
-    assert noises.coloured_times(0.7, 100_000) == pytest.approx(np.sqrt(1.7 / 0.3), rel=1e-4)
+    assert sensor_cases.coloured_times(0.7, 100_000) == pytest.approx(np.sqrt(1.7 / 0.3), rel=1e-4)
 
 
 def test_a_tare_takes_out_what_the_sensors_show_at_rest(surface: SimulatedSurface) -> None:

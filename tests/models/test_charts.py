@@ -5,8 +5,19 @@ import re
 import numpy as np
 import pytest
 
-from beamtouch_models.charts import CHARACTER, HEIGHT, LEFT, RIGHT, WIDTH, Chart, Series, draw, draw_row, round_ticks
-from beamtouch_models.svg import standalone
+from beamtouch_models.charts import (
+    CHARACTER,
+    HEIGHT,
+    LEFT,
+    RIGHT,
+    WIDTH,
+    Chart,
+    Series,
+    draw,
+    draw_row,
+    round_ticks,
+    standalone,
+)
 from tags import Tags
 
 

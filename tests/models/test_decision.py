@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from beamtouch_models.arrays import Floats
-from beamtouch_models.decision import Decider
+from beamtouch_models.decision.decider import Decider
 from beamtouch_models.modelfile import (
     Answers,
     Hypotheses,

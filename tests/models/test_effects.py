@@ -16,7 +16,7 @@ from beamtouch_models.building.build import build_model
 from beamtouch_models.errors import SceneError
 from beamtouch_models.metadata import FilterChoice
 from beamtouch_models.physics.beam import influence_of, travel_of
-from beamtouch_models.physics.dynamics import first_frequency_hz, ringing_after_filter, sag_mm, slowest_period_ms
+from beamtouch_models.physics.motion import first_frequency_hz, ringing_after_filter, sag_mm, slowest_period_ms
 from beamtouch_models.pricing.effect import Effect
 from beamtouch_models.pricing.noise import ReadingErrors
 from beamtouch_models.pricing.prices import effects_of

@@ -10,7 +10,7 @@ import pytest
 from beamtouch_models import modelfile
 from beamtouch_models.commands import options
 from beamtouch_models.estimators.estimator import NAMES, Name
-from beamtouch_models.estimators.paper_graph import paper_graph, trained_as_in_the_paper
+from beamtouch_models.estimators.paper_network import paper_graph, trained_as_in_the_paper
 from example_scenes import SCENES
 from in_process import Command
 from posterior_cases import answers_of, prior_of
@@ -22,7 +22,7 @@ def test_the_command_knows_the_names() -> None:
 
 def test_the_papers_network_as_a_graph(monkeypatch: pytest.MonkeyPatch) -> None:
     # A sixth of the load positions; the command below trains on all of them.
-    monkeypatch.setattr("beamtouch_models.estimators.paper_graph.PATTERNS", 67)
+    monkeypatch.setattr("beamtouch_models.estimators.paper_network.PATTERNS", 67)
     prior = prior_of("paper", 2, 2.0, known=True)
     network = trained_as_in_the_paper(prior, 0)
     position = np.linspace(40, 360, 50)

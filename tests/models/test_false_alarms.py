@@ -23,9 +23,9 @@ def test_false_contacts_come_once_a_month_wherever_zeros_lie(name: str, kept: tu
 
 
 @pytest.mark.parametrize(("name", "kept"), [("bench", (0, 1, 2, 3)), ("cantilever", (0, 1, 2))])
-def test_false_stretches_come_once_a_day_at_rest_and_during_contacts(name: str, kept: tuple[int, ...]) -> None:
+def test_false_stretches_come_at_most_once_a_day_at_rest_and_during_contacts(name: str, kept: tuple[int, ...]) -> None:
     on = surface(name)
-    assert 0.5 < false_stretches_per_day(on, kept, 4096) < 2
+    assert 0.05 < false_stretches_per_day(on, kept, 4096) < 2
     assert 0.2 < false_stretches_of_contacts_per_day(on, kept, 4096) < 2
 
 

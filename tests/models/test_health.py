@@ -6,7 +6,6 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from beamtouch_models.errors import ModelFileError
 from beamtouch_models.health.curve import InfluenceCurve
 from beamtouch_models.health.history import RESOLUTION, Block, History
 from beamtouch_models.modelfile import BestSample, Health, ModelFile
@@ -38,7 +37,6 @@ def after(drawn: Drawn, baseline: int, *later: Sequence[BestSample]) -> Health:
 
 def test_the_table_gives_the_influence_and_finds_the_contact(bench: ModelFile) -> None:
     curve, prior = InfluenceCurve.of(bench.metadata), prior_of_model(bench.metadata)
-    assert curve is not None
     position = np.linspace(5.0, 395.0, 211)
     shape, slope = curve.at(position)
     exact = prior.influence_at(position)
@@ -177,7 +175,6 @@ def test_a_long_history_takes_few_blocks_and_loses_nothing() -> None:
 @pytest.mark.parametrize("channels", [1, 2])
 def test_two_channels_or_fewer_show_no_gain(bench: ModelFile, channels: int) -> None:
     said, table = bench.metadata, bench.metadata.influence
-    assert table is not None
     floor = said.floor.model_copy(update={"gain": [0.003] * channels, "zero_mm": [0.001] * channels})
     rows = [row[:channels] for row in table.mm_per_n]
     few = said.model_copy(
@@ -194,11 +191,6 @@ def test_two_channels_or_fewer_show_no_gain(bench: ModelFile, channels: int) -> 
     for one in health.channels():
         assert one.gain.low < -0.5
         assert one.gain.high > 0.5
-
-
-def test_a_model_without_the_table_is_refused(bench: ModelFile) -> None:
-    with pytest.raises(ModelFileError, match="build it again"):
-        Health(bench.metadata.model_copy(update={"influence": None}))
 
 
 def _block(number: int, channels: int) -> Block:

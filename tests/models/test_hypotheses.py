@@ -8,7 +8,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from beamtouch_models.decision import Decider
+from beamtouch_models.decision.decider import Decider
 from beamtouch_models.metadata import Thresholds
 from beamtouch_models.modelfile import (
     LOG_ODDS,

@@ -13,7 +13,7 @@ import beamtouch_models as models
 from beamtouch_common.errors import InputError
 from beamtouch_models import cli
 from beamtouch_models.errors import SceneError
-from beamtouch_models.physics.dynamics import FIRST_ROOT
+from beamtouch_models.physics.motion import FIRST_ROOT
 from example_scenes import SCENES
 
 SCENE = (SCENES / "bench.toml").read_text()
@@ -154,7 +154,7 @@ def test_a_spare_costs_error_and_saves_some_when_a_sensor_fails(scene: models.Sc
             lambda scene, _: models.place(scene, 4, criterion=cast("Any", "best")),
             "criterion = 'best' must be one of position-",
         ),
-        (lambda scene, _: models.place(scene, 1, spare=1), "spare = 1: give 0, or 1 with two or more sensors"),
+        (lambda scene, _: models.place(scene, 1, spare=1), "spare = 1 needs at least 2 sensors, not 1"),
         (lambda scene, _: models.ringing_mm(scene, [1], [-1]), r"time_s: must be finite, at least 0 \(given: -1\)"),
         (lambda scene, _: models.ringing_mm(scene, [1], [0], damping_ratio=2), "damping_ratio = 2 must be more than 0"),
         (lambda *_: models.read_scene("absent.toml"), "absent.toml: No such file"),

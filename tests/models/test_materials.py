@@ -6,7 +6,7 @@ import pytest
 
 from beamtouch_common.errors import InputError
 from beamtouch_models.building.remarks import remarks
-from beamtouch_models.physics.dynamics import first_frequency_hz
+from beamtouch_models.physics.motion import first_frequency_hz
 from beamtouch_models.scene import Scene, parse_scene
 from beamtouch_models.scene.beam import Beam, changed_beam
 from beamtouch_models.scene.beam_parts import Support

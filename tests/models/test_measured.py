@@ -6,7 +6,7 @@ import pytest
 from beamtouch_models.accuracy.touch_thresholds import rate_per_sample, smallest_force_n, touch_thresholds
 from beamtouch_models.building.measure import measure, thresholds_of
 from beamtouch_models.estimators.estimator import estimator_of
-from beamtouch_models.export import to_bytes
+from beamtouch_models.estimators.onnx_graph import to_bytes
 from beamtouch_models.progress import silent
 from beamtouch_models.scene import change_scene, load_scene
 from beamtouch_models.session import runner

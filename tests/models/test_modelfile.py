@@ -16,7 +16,7 @@ from beamtouch_models import loading, modelfile, session
 from beamtouch_models.metadata import FORCE_OUTPUTS, POSITION_OUTPUTS
 from beamtouch_models.modelfile import ModelFile, ModelFileError
 
-DRAWN = {"supports": [], "at_mm": [0, 400], "load_mm": [200], "deflection_mm_per_n": [[0, 0]]}
+DRAWN = {"supports": [], "at_mm": [0, 400], "load_mm": [200], "deflection_mm_per_n": [[0, 0]], "sensor_mm": 8}
 """A beam on a foundation."""
 
 
@@ -24,7 +24,7 @@ CALIBRATION = {
     "departures": {"position_offset_mm": [0] * 4, "gain": [1] * 4, "offset_mm": [0] * 3},
     "fitted": [],
     "loads": 10,
-    "unexplained_mm": 0,
+    "residual_mm": 0,
     "error_before_mm": 1,
     "error_after_mm": 1,
 }
@@ -101,7 +101,7 @@ def test_wrong_golden_answers_are_refused(tmp_path: Path, bench_model: Path, ben
 @pytest.mark.parametrize(
     ("key", "value", "said"),
     [
-        ("beamtouch.schema_version", "3", r"beamtouch\.schema_version: '3', but this version reads 2; rebuild"),
+        ("beamtouch.schema_version", "4", r"beamtouch\.schema_version: '4', but this version reads 3; rebuild"),
         ("beamtouch.schema_version", "1", r"rebuild it .* with `design-sensors build .*changed\.onnx -o"),
         ("beamtouch.floor", '{"gain": [0.1], "zero_mm": [0]}', "thresholds and floor: each list must have 4 entries"),
         ("beamtouch.floor", '{"gain": [1e200, 0, 0, 0], "zero_mm": [0, 0, 0, 0]}', r"floor\.gain\.0: must be at most"),
@@ -125,7 +125,7 @@ def test_wrong_golden_answers_are_refused(tmp_path: Path, bench_model: Path, ben
         (
             "beamtouch.golden",
             '{"deflection_mm": [[0, 0]], "whitening_per_mm": [[[0, 0], [0, 0]]], "answers": {}}',
-            "golden: every row of inputs must have 4 channels",
+            "golden: each list must have 4 entries",
         ),
         ("beamtouch.noise", None, "beamtouch.noise: Field required"),
         ("beamtouch.noise", "{", "not JSON"),

@@ -7,8 +7,7 @@ import pytest
 from scipy.integrate import quad
 
 from beamtouch_models.physics.beam import influence
-from beamtouch_models.physics.dynamics import first_frequency_hz
-from beamtouch_models.physics.modes import MODES, Modes, beyond_rest, swings
+from beamtouch_models.physics.motion import MODES, Modes, beyond_rest, first_frequency_hz, swings
 from beamtouch_models.scene import load_scene
 from beamtouch_models.scene.beam import Beam
 from example_scenes import SCENES

@@ -10,7 +10,7 @@ from beamtouch_models.building.sensors import place_sensors
 from beamtouch_models.errors import SceneError
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.physics.beam import influence_of
-from beamtouch_models.placement import Aim, place_by_position_error
+from beamtouch_models.placement.placing import Aim, place_by_position_error
 from beamtouch_models.scene import change_scene, load_scene, parse_scene
 from beamtouch_models.surface import Surface, prior_of_model
 from example_scenes import SCENES, paper_scene

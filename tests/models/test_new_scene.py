@@ -12,10 +12,10 @@ from pathlib import Path
 import pytest
 
 from beamtouch_models.building.new_scene import Answers, End, scene_text
+from beamtouch_models.commands.scenes import described, shipped_scenes
 from beamtouch_models.physics.axial import held_stretch_mm
 from beamtouch_models.scene import load_scene, parse_scene
 from beamtouch_models.scene.materials import MaterialName
-from beamtouch_models.shipped import described, shipped_scenes
 from beamtouch_models.surface import Surface
 from example_scenes import SCENES
 from in_process import Command

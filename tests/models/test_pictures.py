@@ -6,10 +6,9 @@ import pytest
 from playwright.sync_api import Browser
 
 from beamtouch_models.building.report.beam_drawing import beam_drawing
-from beamtouch_models.charts import SERIES_COLOURS, Chart, Series, draw
+from beamtouch_models.charts import DARK, LIGHT, SERIES_COLOURS, Chart, Series, draw, standalone
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.scene import load_scene
-from beamtouch_models.svg import DARK, LIGHT, standalone
 from example_scenes import SCENES
 from pictures import decoded, drawn, share_of, share_of_black
 

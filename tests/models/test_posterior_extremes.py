@@ -7,13 +7,15 @@ import numpy as np
 import pytest
 
 from beamtouch_models.accuracy import limit
-from beamtouch_models.building.measure import check_at_limit
+from beamtouch_models.building.measure import reach
 from beamtouch_models.errors import NotGoodEnoughError
 from beamtouch_models.estimators.estimator import estimator_of
+from beamtouch_models.estimators.onnx_graph import to_bytes
 from beamtouch_models.estimators.posterior.graph import fixed_cells_graph
 from beamtouch_models.physics.beam import travel_of
 from beamtouch_models.progress import silent
 from beamtouch_models.scene import load_scene
+from beamtouch_models.session import runner
 from beamtouch_models.surface import Surface
 from example_scenes import SCENES
 from posterior_cases import answers_of, check_sane, double_answers, graph_of, nonsense, prior_of
@@ -82,12 +84,12 @@ def test_the_limit_holds_down_to_the_noise_that_float32_carries(
 def test_a_build_that_misses_the_limit_is_refused() -> None:
     prior = prior_of("paper", 2, 1e-3, known=True)
     made = estimator_of("posterior", prior, min_noise_mm=prior.noise_mm, with_force=False, seed=0, progress=silent)
-    check_at_limit(made, prior, 1)
+    reach(made, prior, runner(to_bytes(made.graph)), 1000, 1)
     few = dataclasses.replace(made, graph=fixed_cells_graph(prior, 512, with_force=False))
     with pytest.raises(
         NotGoodEnoughError, match=r"times the accuracy limit, and .* of positions lie in their 95 % intervals"
     ):
-        check_at_limit(few, prior, 1)
+        reach(few, prior, runner(to_bytes(few.graph)), 1000, 1)
 
 
 def test_forces_over_six_decades() -> None:

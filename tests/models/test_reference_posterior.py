@@ -10,7 +10,7 @@ from beamtouch_models.accuracy import limit
 from beamtouch_models.accuracy.forces import TAIL, forces_of
 from beamtouch_models.accuracy.posterior import log_likelihood, posterior_quantiles
 from beamtouch_models.arrays import Floats
-from beamtouch_models.whitening import whitening
+from beamtouch_models.error_model import whitening
 from posterior_cases import prior_of
 
 

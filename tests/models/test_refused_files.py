@@ -12,18 +12,18 @@ import pytest
 
 from beamtouch_models.accuracy.limit import accuracy_limit
 from beamtouch_models.accuracy.prior import Prior
-from beamtouch_models.building.measure import check_at_limit
+from beamtouch_models.building.measure import reach
 from beamtouch_models.calibration.contacts import MAX_BYTES
 from beamtouch_models.calibration.rebuilt import remade
 from beamtouch_models.errors import NotGoodEnoughError, SceneError
-from beamtouch_models.estimators.estimator import Estimator, estimator_of
-from beamtouch_models.estimators.posterior.channels import ENOUGH, MAX_SETS, fewest_channels
-from beamtouch_models.export import to_bytes
+from beamtouch_models.estimators.estimator import ENOUGH, MAX_SETS, Estimator, estimator_of, fewest_channels
+from beamtouch_models.estimators.onnx_graph import to_bytes
 from beamtouch_models.loading import load, load_bytes
 from beamtouch_models.metadata import Calibration, Departures
 from beamtouch_models.modelfile import ModelFile, ModelFileError
 from beamtouch_models.physics.beam import influence_of
 from beamtouch_models.progress import silent
+from beamtouch_models.session import runner
 from beamtouch_models.surface import prior_of_model
 from example_scenes import paper_scene
 from in_process import Command
@@ -70,7 +70,7 @@ def without_a_channel(metadata: dict[str, Any]) -> None:
     ("change", "said"),
     [
         (too_often, "thresholds.false_contacts_per_day: at 200 Hz at most "),
-        (without_a_channel, "influence: every row must have 4 channels"),
+        (without_a_channel, "influence: each list must have 4 entries"),
     ],
 )
 def test_a_model_whose_figures_contradict_each_other_is_refused(
@@ -113,7 +113,7 @@ def test_a_model_whose_answers_are_no_numbers_is_not_written() -> None:
             values = np.full_like(onnx.numpy_helper.to_array(tensor), np.nan)
             tensor.CopyFrom(onnx.numpy_helper.from_array(values, tensor.name))
     with pytest.raises(NotGoodEnoughError, match="nothing was written: some answers of the model are not finite"):
-        check_at_limit(Estimator("posterior", graph, 2), prior, 0)
+        reach(Estimator("posterior", graph, 2), prior, runner(to_bytes(graph)), 1000, 0)
 
 
 def test_a_noise_beyond_the_digits_of_a_number_has_no_limit() -> None:

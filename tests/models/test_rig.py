@@ -320,7 +320,8 @@ def test_imperfections_change_the_counts_as_stated(bench: ModelFile, tmp_path: P
     ends = [{"at_mm": 0.0, "fixity": 0.05}, {"at_mm": 400.0}]
     stiffer = {**scene.beam.model_dump(), "youngs_modulus_gpa": 231.0, "supports": ends}
     deflection = 12 * influence(Beam.model_validate(stiffer), layout + np.array([1, -1, 0.5, 0]), [150.0])[0]
-    seen = np.array([1.03, 0.97, 1.0, 1.01]) * (deflection + 0.02 * deflection**2)
+    linear = np.array([1.03, 0.97, 1.0, 1.01]) * deflection
+    seen = (np.sqrt(1 + 4 * 0.02 * linear) - 1) / (2 * 0.02)
     gap = sensor.standoff_mm - seen + [0.01, 0, -0.02, 0]
     assert sensor.offset_mm + sensor.gain_mm_per_count * counts == pytest.approx(gap, abs=5e-4)
 

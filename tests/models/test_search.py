@@ -8,8 +8,8 @@ import pytest
 from beamtouch_models.accuracy.limit import accuracy_limit
 from beamtouch_models.accuracy.prior import Prior, SampleErrors
 from beamtouch_models.arrays import Indices
-from beamtouch_models.placement import place, place_by_position_error
 from beamtouch_models.placement.layout import Candidates, equal_layout
+from beamtouch_models.placement.placing import place, place_by_position_error
 from beamtouch_models.placement.position_error import SPARE_NOTICES, PositionError, position_error_of
 from beamtouch_models.placement.search import SearchName, first_best, search_from
 from beamtouch_models.scene import Scene

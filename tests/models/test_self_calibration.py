@@ -18,8 +18,7 @@ from beamtouch_models.calibration.self_calibrate import KINDS, SelfCalibrated, s
 from beamtouch_models.calibration.theory import GAIN, Theory
 from beamtouch_models.calibration.unlabelled import fit_contacts
 from beamtouch_models.commands import calibrate_events
-from beamtouch_models.estimators.onnx_graph import with_force_error
-from beamtouch_models.export import to_bytes
+from beamtouch_models.estimators.onnx_graph import to_bytes, with_force_error
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.progress import Progress, silent
 from beamtouch_models.rig.imperfections import Imperfections

@@ -9,7 +9,7 @@ import pytest
 
 from beamtouch_models import modelfile
 from beamtouch_models.calibration.contacts import UnlabelledContacts
-from beamtouch_models.calibration.held_out import HeldOut
+from beamtouch_models.calibration.left_open import HeldOut
 from beamtouch_models.calibration.refusals import check_held_out
 from beamtouch_models.calibration.self_calibrate import self_fit
 from beamtouch_models.calibration.theory import FIXITY

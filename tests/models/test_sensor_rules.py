@@ -3,8 +3,8 @@
 import pytest
 
 from beamtouch_models.errors import SceneError
+from beamtouch_models.numbers import at_most
 from beamtouch_models.physics.beam import travel_of
-from beamtouch_models.rounding import at_most
 from beamtouch_models.scene import Scene, parse_scene
 from beamtouch_models.surface import Surface
 from example_scenes import SCENES, paper_scene

@@ -14,12 +14,12 @@ from beamtouch_models.accuracy import limit
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.touch_thresholds import rate_per_sample, touch_thresholds
 from beamtouch_models.arrays import Floats
+from beamtouch_models.error_model import whitening
+from beamtouch_models.estimators.onnx_graph import to_bytes
 from beamtouch_models.estimators.posterior.window import table_of, windowed_graph
 from beamtouch_models.estimators.small_network import Network, first_stage, layers_of, loss_and_gradient, train
-from beamtouch_models.export import to_bytes
 from beamtouch_models.metadata import FORCE_OUTPUTS, POSITION_OUTPUTS
 from beamtouch_models.session import runner
-from beamtouch_models.whitening import whitening
 from posterior_cases import answers_of, check_sane, exceeding, graph_of, nonsense, prior_of, with_floor
 
 PRIOR = with_floor(prior_of("bench", 4, 0.2, known=False))

@@ -9,8 +9,8 @@ import pytest
 from beamtouch_models.accuracy.limit import accuracy_limit
 from beamtouch_models.accuracy.prior import Prior, SampleErrors
 from beamtouch_models.errors import SceneError
-from beamtouch_models.placement import Aim, place, place_by_position_error
 from beamtouch_models.placement.noticing import other_loads
+from beamtouch_models.placement.placing import Aim, place, place_by_position_error
 from beamtouch_models.placement.position_error import SLACK, SPARE_NOTICES
 from beamtouch_models.scene import Scene
 from example_scenes import paper_scene
@@ -122,7 +122,7 @@ def test_one_failed_sensor_costs_less_with_a_spare() -> None:
 
 def test_a_spare_needs_another_sensor_and_the_position_error() -> None:
     problem = problem_in(paper_scene(grid_mm=40))
-    with pytest.raises(SceneError, match="--spare 1 needs at least 2 sensors, not 1"):
+    with pytest.raises(SceneError, match="spare = 1 needs at least 2 sensors, not 1"):
         place_by_position_error(*problem, 1, 0, SampleErrors(0.01), spare=1)
-    with pytest.raises(SceneError, match="--spare 1 places by position error"):
+    with pytest.raises(SceneError, match="spare = 1: give 0, or 1, which places by position error"):
         Aim("eigenvalue-product", spare=1)

@@ -69,7 +69,7 @@ def test_the_middle_of_a_pinned_beam_column_deflects_as_in_the_textbook(share: f
     """Timoshenko & Gere, 1961, eq. 1-14: F l^3/(48 EI) times 3 (tan u - u)/u^3, with u = (pi/2) sqrt(N/N_cr)."""
     force_n = share * math.pi**2 * EI / L_MM**2
     middle = np.array([L_MM / 2])
-    change = influence_change(beam(PINNED), force_n, middle, middle, middle)
+    change = influence_change(beam(PINNED), force_n, middle, middle)
     still = L_MM**3 / 48 / EI
     u = complex(math.pi / 2 * np.emath.sqrt(share))
     factor = (3 * (np.tan(u) - u) / u**3).real
@@ -99,7 +99,7 @@ def test_a_clamped_beam_column_deflects_as_the_differential_equation_says(force_
     right = np.clip((sensors - at_mm) / (L_MM - at_mm), 0, 1)
     truth = np.where(sensors < at_mm, solved.sol(np.minimum(sensors / at_mm, 1))[0], solved.sol(right)[4])
     clamped, load = beam("fixed-fixed"), np.array([at_mm])
-    change = influence_change(clamped, force_n, sensors, load, load)
+    change = influence_change(clamped, force_n, sensors, load)
     assert change is not None
     assert influence(clamped, sensors, load)[0] + change[0] == pytest.approx(truth, rel=3e-4)
 

@@ -17,8 +17,8 @@ from beamtouch_models.metadata import FilterChoice
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.scene import change_scene, load_scene, parse_scene
 from beamtouch_models.surface import Surface
-from beamtouch_models.trade.front import NotToBeHadError, Point, is_smaller, most_accurate, pareto_front, quickest
 from beamtouch_models.trade.measure import Model, Task, follow, measure, numbers_of_sensors
+from beamtouch_models.trade.trade import NotToBeHadError, Point, is_smaller, most_accurate, pareto_front, quickest
 from example_scenes import PAPER, SCENES
 from in_process import Command
 

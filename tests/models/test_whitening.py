@@ -7,7 +7,7 @@ from scipy.linalg import solve_triangular
 from scipy.stats import special_ortho_group
 
 from beamtouch_models.arrays import Floats
-from beamtouch_models.whitening import whitening
+from beamtouch_models.error_model import whitening
 
 GAIN, ZERO_MM = np.array([0.003, 0.01, 0.0]), np.array([1e-3, 0.0, 5e-3])
 

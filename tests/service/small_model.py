@@ -17,6 +17,8 @@ from beamtouch_models.metadata import (
     FilterChoice,
     Floor,
     Golden,
+    Influence,
+    LayoutErrors,
     Metadata,
     Noise,
     Ranges,
@@ -133,7 +135,11 @@ def _content(
             false_contacts_per_day=1 / 30,
         ),
         smallest_force=SmallestForce(position_mm=[200.0], force_n=[0.5]),
-        drawn=Drawn(supports=[], at_mm=[0.0, 400.0], load_mm=[200.0], deflection_mm_per_n=[[0.0, 0.0]]),
+        drawn=Drawn(supports=[], at_mm=[0.0, 400.0], load_mm=[200.0], deflection_mm_per_n=[[0.0, 0.0]], sensor_mm=8.0),
+        influence=Influence(
+            mm_per_n=[[0.01 * (1 + (place + 3 * i) % 7) for i in range(channels)] for place in range(9)]
+        ),
+        placed=LayoutErrors(criterion="position-error", spare=0, limit_percent=1, limit_without_percent=[]),
         seed=1,
         accuracy=Accuracy(
             error_percent=1,
@@ -141,6 +147,7 @@ def _content(
             limit_percent=1,
             limit_standard_error=0.1,
             ratio_standard_error=0.1,
+            since_touch=[],
         ),
         golden=_golden(model, channels),
         scene="",

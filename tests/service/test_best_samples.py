@@ -76,13 +76,6 @@ def test_samples_that_no_single_contact_explains_are_no_calibration_data(bench: 
     assert rows(bench) == []
 
 
-def test_a_model_without_the_influence_says_nothing_of_its_sensors(bench: Bench, make_batch: MakeBatch) -> None:
-    bench.post(touched(make_batch, (REST, STILL), (TOUCH, STILL), (REST, STILL)))
-
-    assert len(rows(bench)) == 1
-    assert bench.get("/surfaces/press-7").json()["health"] is None
-
-
 def test_contacts_of_another_layout_of_channels_have_no_row(
     make_bench: type[Bench], build_model: BuildModel, make_batch: MakeBatch
 ) -> None:

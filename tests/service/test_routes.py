@@ -177,7 +177,7 @@ def test_the_summary_of_a_surface(bench: Bench, make_batch: MakeBatch) -> None:
         "wiring": None,
         "model_error": None,
         "samples": {"accepted": 1, "repeated": 0, "lost": 0},
-        "health": None,
+        "health": {},
     }
 
 

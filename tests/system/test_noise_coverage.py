@@ -15,17 +15,17 @@ from beamtouch_daemon.processing.noise import Keys, keys_of, measure_noise
 from beamtouch_daemon.processing.pipeline import Pipeline
 from beamtouch_daemon.sources.reading import Reading
 from beamtouch_models.arrays import Floats
-from beamtouch_models.challenge.noises import COARSE, HIDDEN, coloured_times
-from beamtouch_models.export import to_bytes
+from beamtouch_models.challenge.sensor_cases import COARSE, HIDDEN, coloured_times
+from beamtouch_models.error_model import whitening
+from beamtouch_models.estimators.onnx_graph import to_bytes
 from beamtouch_models.metadata import Sensor
 from beamtouch_models.physics.beam import influence_matrix
-from beamtouch_models.placement import place
+from beamtouch_models.placement.placing import place
 from beamtouch_models.pricing.noise import step_mm
 from beamtouch_models.rig.surface import counts_of_gap
 from beamtouch_models.scene import Scene, parse_scene
 from beamtouch_models.session import Run, runner
 from beamtouch_models.surface import Surface
-from beamtouch_models.whitening import whitening
 from example_scenes import SCENES
 from posterior_cases import graph_of
 from stated_problems import problem_in, real_prior

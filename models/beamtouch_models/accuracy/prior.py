@@ -13,9 +13,8 @@ from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 
 from beamtouch_models.arrays import Bools, Floats, Indices
-from beamtouch_models.error_model import variance_mm2
+from beamtouch_models.error_model import variance_mm2, whitening
 from beamtouch_models.physics.influence import InfluenceFunction
-from beamtouch_models.whitening import whitening
 
 TABLE = 2001
 """Number of load positions in an influence table."""
@@ -116,7 +115,7 @@ class Prior:
     def whitening(self, deflection_mm: Floats, valid: Bools | None = None) -> Floats:
         """Return the whitening (samples, channels, channels) of samples with the prior's own noise, in 1/mm.
 
-        Parameters and errors are those of `whitening.whitening`.
+        Parameters and errors are those of `error_model.whitening`.
         """
         covariance = np.eye(self.channels) * self.noise_mm**2
         return whitening(deflection_mm.astype(np.float64), covariance, self.gain, self.zero_mm, valid)

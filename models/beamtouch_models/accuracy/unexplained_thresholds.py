@@ -17,16 +17,15 @@ three begin is found k times and counts 1/k.
 """
 
 from dataclasses import dataclass
-from functools import cache, cached_property
-from itertools import combinations
+from functools import cached_property
 
 import numpy as np
 from scipy.special import gammaln
 
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.rest import log_tilt, overlapping_means, reach_of, tilted
-from beamtouch_models.accuracy.touch_thresholds import directions, noise_at_rest, shapes_at_rest
-from beamtouch_models.arrays import Bools, Floats
+from beamtouch_models.accuracy.touch_thresholds import noise_at_rest
+from beamtouch_models.arrays import Floats
 from beamtouch_models.decision.decider import PERSISTENCE
 from beamtouch_models.metadata import FilterChoice
 from beamtouch_models.rates import SECONDS_PER_DAY
@@ -50,10 +49,6 @@ DRAWS = 8192
 MIN_NOISE = 0.1
 """Smallest part of the noise in the error of a sample. Below it the zeros decide: thresholds fall by less than a sixth,
 and too few draws come near them."""
-MAX_SETS = 8
-"""Number of sets of channels of one size that are simulated; they hardly differ."""
-PLACES = 4
-"""Step between the places of a contact that are looked at."""
 STEPS = 30
 
 
@@ -76,25 +71,17 @@ class Sequences:
 
 
 def unexplained_thresholds(prior: Prior, rate_hz: float, window: int, seed: int) -> tuple[list[float], list[float]]:
-    """Return the thresholds of rest and of misfit, by the number of valid channels."""
-    simulated, rate = int(np.clip(window, *WINDOWS)), _rate_per_sample(PER_DAY, rate_hz, window)
-    noise, whole = np.maximum(noise_at_rest(prior), MIN_NOISE), shapes_at_rest(prior)[::PLACES]
+    """Return the thresholds of rest and of misfit, by the number of valid channels.
 
-    @cache  # sets of channels with the same noise have the same sequences
-    def still(deviations: tuple[float, ...]) -> Sequences:
-        return at_rest(np.array(deviations), simulated, DRAWS, seed)
-
+    Sets of channels of one size hardly differ. A sample is odd if it exceeds both; that of rest is chosen as if it were
+    alone, so that false stretches are rarer than stated.
+    """
+    noise = float(np.sqrt(np.mean(np.maximum(noise_at_rest(prior), MIN_NOISE) ** 2)))
     rest, misfit = [], []
     for size in range(1, prior.channels + 1):
-        limit = misfit_threshold(float(np.sqrt(np.mean(noise**2))), size, rate_hz, window, seed)
-        sets = list(combinations(range(prior.channels), size))
-        each = []
-        for kept in sets[:: -(-len(sets) // MAX_SETS)]:
-            drawn = still(tuple(noise[list(kept)].tolist()))
-            odd = squares_if_odd(directions(whole[:, kept]), drawn, limit)
-            each.append(max(limit, threshold(drawn, odd, rate)))
-        rest.append((max(each) + min(each)) / 2)
-        misfit.append(limit)
+        drawn = at_rest(np.full(size, noise), int(np.clip(window, *WINDOWS)), DRAWS, seed)
+        misfit.append(misfit_threshold(noise, size, rate_hz, window, seed))
+        rest.append(max(misfit[-1], threshold(drawn, drawn.square, _rate_per_sample(PER_DAY, rate_hz, window))))
     return rest, misfit
 
 
@@ -151,27 +138,6 @@ def _sequences(basis: Floats, noise: Floats, window: int, rng: np.random.Generat
     density = (dimensions - 1) * np.log(radius) - radius**2 / 2
     density -= (dimensions / 2 - 1) * np.log(2) + gammaln(dimensions / 2)
     return Sequences(sample, FARTHEST * np.exp(density - log_tilt(zero, tilt, reach)), first)
-
-
-def squares_if_odd(unit: Floats, drawn: Sequences, misfit: float) -> Floats:
-    """Return the sums of squares (draws, samples) of samples, and 0 where a contact along `unit` explains the sample.
-
-    It is 0 as well for draws without a run of large sums that begins where they are drawn large.
-    """
-    square = drawn.square
-    found: Floats = np.zeros_like(square)
-    # Sequences that are not odd where they are drawn large do not count, so they need no search.
-    counted = np.flatnonzero(_lasting(square[:, drawn.first :][:, :PERSISTENCE])[:, 0] > misfit)
-    large = np.zeros(square.shape, np.bool_)
-    large[counted] = square[counted] > misfit
-    explained = np.maximum((unit @ drawn.sample[large].T).max(axis=0), 0.0) ** 2
-    found[large] = np.where(square[large] - explained > misfit, square[large], 0.0)
-    return found
-
-
-def stretches(drawn: Sequences, odd: Bools) -> float:
-    """Return the rate of stretches per sample; `odd` are (draws, samples)."""
-    return _rate(drawn, _lasting(odd.astype(np.float64)), 0.5)
 
 
 def threshold(drawn: Sequences, statistic: Floats, rate: float) -> float:

@@ -114,8 +114,7 @@ max_force_n = {metadata.ranges.force_n[1]!r}
 
 def _channel(metadata: Metadata, index: int) -> str:
     sensor, channel = metadata.sensor, metadata.layout[index]
-    seen = metadata.influence
-    most = max((abs(row[index]) for row in seen.mm_per_n), default=0.0) if seen else 0.0
+    most = max(abs(row[index]) for row in metadata.influence.mm_per_n)
     smallest_mm = metadata.ranges.force_n[0] * most
     smallest = (
         f"{f'smallest_force_mm = {smallest_mm:.4g}':<38}# deflection here under {metadata.ranges.force_n[0]:g} N\n"

@@ -1,6 +1,6 @@
-"""Measurements on a finished estimator: the check against the accuracy limit, and the fields of its metadata.
+"""Measurements on a finished estimator: its error beside the accuracy limit, and the fields of its metadata.
 
-These are accuracy, thresholds, smallest force and golden answers. An estimator is refused if its error or its coverage
+These are accuracy, thresholds, smallest force and golden answers. A posterior is refused if its error or its coverage
 misses the limit.
 """
 
@@ -12,24 +12,23 @@ from beamtouch_common.digits import digits
 from beamtouch_models.accuracy import limit
 from beamtouch_models.accuracy.contacts import simulated_enough
 from beamtouch_models.accuracy.prior import Prior
-from beamtouch_models.accuracy.statistics import mean_of, ratio_of
+from beamtouch_models.accuracy.statistics import Measurement, mean_of, ratio_of, share_of
 from beamtouch_models.accuracy.touch_thresholds import PLACES, rate_per_sample, smallest_forces, touch_thresholds
 from beamtouch_models.accuracy.unexplained_thresholds import unexplained_thresholds, windows_of
 from beamtouch_models.arrays import Floats
 from beamtouch_models.building.since_touch import errors_since_touch
+from beamtouch_models.error_model import whitening
 from beamtouch_models.errors import NotGoodEnoughError
 from beamtouch_models.estimators.estimator import Estimator
-from beamtouch_models.export import to_bytes
+from beamtouch_models.estimators.onnx_graph import to_bytes
 from beamtouch_models.metadata import Accuracy, Floor, Golden, Influence, SmallestForce, Thresholds
 from beamtouch_models.session import Run, runner
 from beamtouch_models.surface import Surface
-from beamtouch_models.whitening import whitening
 
 ACCURACY_DRAWS = 4_096
 GOLDEN_DRAWS = 6
 DIGITS = 7
 """Significant digits in the table of influence."""
-CHECK_DRAWS = 1000
 MAX_RATIO, MIN_COVERAGE = 1.2, 0.9
 """Largest mean error over the limit, and smallest share of positions inside their 95 % intervals."""
 SURE = 4.0
@@ -51,9 +50,10 @@ class Measured:
 def measure(estimator: Estimator, prior: Prior, surface: Surface, sensor_mm: Floats, seed: int) -> Measured:
     """Measure an estimator on simulated samples of its prior, using the three seeds after `seed`.
 
-    `sensor_mm` (channels,) are the positions of the sensors of the prior.
+    `sensor_mm` (channels,) are the positions of the sensors of the prior. Errors are those of `reach`.
     """
     run = runner(to_bytes(estimator.graph))
+    reached = reach(estimator, prior, run, ACCURACY_DRAWS, seed + 2)
     thresholds = thresholds_of(prior, surface, seed + 1)
     supports_mm = [support.at_mm for support in surface.stated.beam.support_list]
     gain, zero_mm = (np.broadcast_to(value, prior.channels).tolist() for value in (prior.gain, prior.zero_mm))
@@ -62,7 +62,7 @@ def measure(estimator: Estimator, prior: Prior, surface: Surface, sensor_mm: Flo
         smallest_forces(prior, thresholds.touch[-1], supports_mm),
         Floor(gain=gain, zero_mm=zero_mm),
         _influence(prior),
-        _accuracy(prior, run, surface, sensor_mm, seed + 2),
+        _accuracy(prior, run, reached, surface, sensor_mm, seed + 2),
         _golden(prior, run, seed + 3),
     )
 
@@ -91,23 +91,63 @@ def thresholds_of(prior: Prior, surface: Surface, seed: int) -> Thresholds:
     )
 
 
-def _accuracy(prior: Prior, run: Run, surface: Surface, sensor_mm: Floats, seed: int) -> Accuracy:
-    """Return the error of the exported graph and the accuracy limit, on the same contacts."""
-    contacts = simulated_enough(prior, ACCURACY_DRAWS, seed)
+@dataclass(frozen=True)
+class Reached:
+    """The error of an estimator beside its limit, in mm, on the same contacts."""
+
+    error_mm: Measurement
+    limit_mm: Measurement
+    ratio: Measurement
+
+
+def reach(made: Estimator, prior: Prior, run: Run, draws: int, seed: int) -> Reached:
+    """Measure an estimator, whose graph `run` runs, beside the accuracy limit on simulated contacts.
+
+    Raises
+    ------
+    NotGoodEnoughError
+        An answer is not finite, or the error or the coverage of a posterior misses its bound beyond chance.
+    """
+    contacts = simulated_enough(prior, draws, seed)
     best, weight = contacts.deviation_mm, contacts.weight
     if best is None:
         message = "without noise there is no accuracy limit"
         raise ValueError(message)
     deflection = prior.measured(contacts.drawn.deflection_mm)
-    error = contacts.mean_error_mm(run(deflection, prior.whitening(deflection))["position_mm"])
-    reached, least = (mean_of(values, weight).scaled(100 / prior.length_mm) for values in (error, best))
+    answers = run(deflection, prior.whitening(deflection))
+    if not all(np.isfinite(values).all() for values in answers.values()):
+        message = "nothing was written: some answers of the model are not finite; check the scene for extreme values"
+        raise NotGoodEnoughError(message)
+    error = contacts.mean_error_mm(answers["position_mm"])
+    reached = Reached(mean_of(error, weight), mean_of(best, weight), ratio_of(error * weight, best * weight))
+    if made.name != "posterior":  # the other estimators are trained and may miss the limit
+        return reached
+    low, high = (answers[f"position_{end}_mm"][:, None] for end in ("low", "high"))
+    inside = (low <= contacts.likely_mm) & (contacts.likely_mm <= high)
+    coverage, ratio = share_of(inside, np.broadcast_to(weight[:, None], inside.shape)), reached.ratio
+    if (
+        ratio.value - SURE * ratio.standard_error <= MAX_RATIO
+        and coverage.value + SURE * coverage.standard_error >= MIN_COVERAGE
+    ):
+        return reached
+    message = (
+        f"nothing was written: with {digits(prior.noise_mm, 3)} mm of noise the model's error is "
+        f"{digits(ratio.value, 3)} times the accuracy limit, and {coverage.value:.1%} of positions lie in their 95 % "
+        "intervals; state a larger noise"
+    )
+    raise NotGoodEnoughError(message)
+
+
+def _accuracy(prior: Prior, run: Run, reached: Reached, surface: Surface, sensor_mm: Floats, seed: int) -> Accuracy:
+    """Return the error of the exported graph and the accuracy limit."""
+    error, least = (one.scaled(100 / prior.length_mm) for one in (reached.error_mm, reached.limit_mm))
     return Accuracy(
-        since_touch=errors_since_touch(prior, run, surface, sensor_mm, reached, seed),
-        error_percent=reached.value,
-        error_standard_error=reached.standard_error,
+        since_touch=errors_since_touch(prior, run, surface, sensor_mm, error, seed),
+        error_percent=error.value,
+        error_standard_error=error.standard_error,
         limit_percent=least.value,
         limit_standard_error=least.standard_error,
-        ratio_standard_error=ratio_of(error * weight, best * weight).standard_error,
+        ratio_standard_error=reached.ratio.standard_error,
     )
 
 
@@ -130,35 +170,3 @@ def _golden(prior: Prior, run: Run, seed: int) -> Golden:
         whitening_per_mm=weights.astype(float).tolist(),
         answers={name: values.astype(float).tolist() for name, values in answers.items()},
     )
-
-
-def check_at_limit(made: Estimator, prior: Prior, seed: int) -> None:
-    """Refuse a model with answers that are not finite, and a posterior that misses the limit or its coverage.
-
-    Raises
-    ------
-    NotGoodEnoughError
-        An answer is not finite, or the mean error or the coverage misses its bound beyond chance.
-    """
-    drawn = limit.draw(prior, CHECK_DRAWS, seed)
-    deflection = prior.measured(drawn.deflection_mm)
-    answers = runner(to_bytes(made.graph))(deflection, prior.whitening(deflection))
-    if not all(np.isfinite(values).all() for values in answers.values()):
-        message = "nothing was written: some answers of the model are not finite; check the scene for extreme values"
-        raise NotGoodEnoughError(message)
-    if made.name != "posterior":  # the other estimators are trained and may miss the limit
-        return
-    error = np.abs(answers["position_mm"].astype(np.float64) - drawn.position_mm)
-    best = np.abs(limit.posterior_median_mm(prior, drawn.deflection_mm) - drawn.position_mm)
-    ratio = ratio_of(error, best)
-    low, high = answers["position_low_mm"], answers["position_high_mm"]
-    coverage = float(((low <= drawn.position_mm) & (drawn.position_mm <= high)).mean())
-    spread = (MIN_COVERAGE * (1 - MIN_COVERAGE) / CHECK_DRAWS) ** 0.5
-    if ratio.value - SURE * ratio.standard_error <= MAX_RATIO and coverage + SURE * spread >= MIN_COVERAGE:
-        return
-    message = (
-        f"nothing was written: with {digits(prior.noise_mm, 3)} mm of noise the model's error is "
-        f"{digits(ratio.value, 3)} times the accuracy limit, and {coverage:.1%} of positions lie in their 95 % "
-        "intervals; state a larger noise"
-    )
-    raise NotGoodEnoughError(message)

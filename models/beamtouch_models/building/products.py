@@ -9,12 +9,12 @@ from beamtouch_models.building.build import Choices, build_model
 from beamtouch_models.building.daemon_config import daemon_config as daemon_config_of
 from beamtouch_models.building.report.facts import gather
 from beamtouch_models.building.report.page import page
-from beamtouch_models.building.sensors import count_of, make_aim
+from beamtouch_models.building.sensors import count_of
 from beamtouch_models.errors import SceneError
 from beamtouch_models.estimators.estimator import NAMES, Name
 from beamtouch_models.metadata.fields import NAME
 from beamtouch_models.numbers import require, whole
-from beamtouch_models.placement import DEFAULT_AIM, Criterion
+from beamtouch_models.placement.placing import DEFAULT_AIM, Aim, Criterion
 from beamtouch_models.progress import silent
 from beamtouch_models.scene import Scene, format_scene, load_scene, read_scene
 from beamtouch_models.scene.scene import path_of
@@ -67,7 +67,7 @@ def build(  # noqa: PLR0913  # one for each option of the command
         raise SceneError(message)
     config_file, report_file = (None if one is None else Path(one) for one in (daemon_config, report))
     require_writable((config_file, report_file), () if isinstance(scene, Scene) else (path_of(scene),))
-    choices = Choices(estimator=estimator, aim=make_aim(criterion, spare, sensors))
+    choices = Choices(estimator=estimator, aim=Aim(criterion, spare))
     count, seed = count_of(sensors), whole(seed, "seed", 0)
     built = build_model(stated, text, name, count=count, seed=seed, progress=silent, choices=choices)
     if config_file is not None:

@@ -63,8 +63,6 @@ def missed_error(name: str, percent: float, scene: Scene) -> str:
 def weak_spot(metadata: Metadata) -> str:
     """Say whether one failed sensor ends a surface or doubles its error; empty if neither."""
     layout, found = metadata.layout, metadata.placed
-    if found is None:
-        return ""
     remedy = "add a sensor" if found.spare else "add a sensor, or place them with --spare 1"
     if metadata.min_channels == len(layout):
         if len(layout) == 1:

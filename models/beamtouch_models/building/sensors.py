@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal, get_args
+from typing import Literal
 
 import numpy as np
 
@@ -23,7 +23,7 @@ from beamtouch_models.errors import SceneError
 from beamtouch_models.metadata import LayoutErrors
 from beamtouch_models.numbers import require, whole
 from beamtouch_models.physics.influence import InfluenceFunction
-from beamtouch_models.placement import DEFAULT_AIM, Aim, Criterion, Placement, fewest_sensors, score_positions
+from beamtouch_models.placement.placing import DEFAULT_AIM, Aim, Criterion, Placement, fewest_sensors, score_positions
 from beamtouch_models.progress import Progress, silent
 from beamtouch_models.scene import Scene
 from beamtouch_models.surface import Surface
@@ -126,7 +126,7 @@ def place(
         No surface can be built of the scene, or its rules allow no layout with this number of sensors.
     """
     require(scene, Scene, "scene", "what read_scene returns")
-    count, seed, aim = count_of(sensors), whole(seed, "seed", 0), make_aim(criterion, spare, sensors)
+    count, seed, aim = count_of(sensors), whole(seed, "seed", 0), Aim(criterion, spare)
     surface = Surface.of(scene, own_influence=influence)
     return place_sensors(surface, count=count, seed=seed, aim=aim).positions_mm
 
@@ -134,18 +134,6 @@ def place(
 def count_of(sensors: object) -> int | None:
     """Return a number of sensors as a script gives it; SceneError unless it is None, or a whole number of 1 or more."""
     return None if sensors is None else whole(sensors, "sensors", 1)
-
-
-def make_aim(criterion: str, spare: int, sensors: int | None) -> Aim:
-    """Return the aim of a layout with this many sensors; SceneError unless its parts go together."""
-    known = next((name for name in get_args(Criterion) if name == criterion), None)
-    if known is None:
-        message = f"criterion = {criterion!r} must be one of {', '.join(get_args(Criterion))}"
-        raise SceneError(message)
-    if spare not in (0, 1) or (spare and (known != "position-error" or sensors == 1)):
-        message = f"spare = {spare}: give 0, or 1 with two or more sensors and the criterion position-error"
-        raise SceneError(message)
-    return Aim(known, spare)
 
 
 def _check_seen(prior: Prior, surface: Surface, seed: int) -> None:

@@ -16,13 +16,12 @@ from beamtouch_models.accuracy.limit import Draws, draw_evenly
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.statistics import Measurement, mean_of, ratio_of
 from beamtouch_models.arrays import Floats
+from beamtouch_models.error_model import whitening
 from beamtouch_models.filters import Chain
 from beamtouch_models.metadata import FilterChoice, SinceTouch
-from beamtouch_models.physics.dynamics import damping_of
-from beamtouch_models.physics.modes import Modes, swings
+from beamtouch_models.physics.motion import Modes, damping_of, swings
 from beamtouch_models.session import Run
 from beamtouch_models.surface import Surface
-from beamtouch_models.whitening import whitening
 
 CONTACTS, KNOWN = 96, 4096
 """Simulated contacts that run through the filter reading by reading, which bounds the time of a build, and those of

@@ -1,6 +1,5 @@
 """Unlabelled contacts: mean deflections per event, from a file that the service offers. Place and force are unknown."""
 
-import csv
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
@@ -11,7 +10,7 @@ import numpy as np
 from beamtouch_common.digits import digits
 from beamtouch_common.errors import InputError
 from beamtouch_models.arrays import Bools, Floats, Indices
-from beamtouch_models.calibration.loads import MAX_DEFLECTIONS
+from beamtouch_models.calibration.loads import MAX_DEFLECTIONS, read_rows
 from beamtouch_models.health.zeros import DRIFT
 from beamtouch_models.metadata import Metadata
 
@@ -83,17 +82,10 @@ def read_contacts(path: Path, metadata: Metadata) -> UnlabelledContacts:
     Rows of the newest characteristic count, and an event counts once.
     """
     channels = [channel.name for channel in metadata.layout]
-    try:
-        if path.stat().st_size > MAX_BYTES:
-            message = f"{path}: it is larger than {MAX_BYTES >> 20} MiB; fetch fewer contacts, with ?limit="
-            raise ContactsError(message)
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            reader = csv.DictReader(file)
-            given = list(reader)
-            names = reader.fieldnames or []
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        message = f"{path}: {error.strerror if isinstance(error, OSError) else 'not a CSV file'}"
-        raise ContactsError(message) from None
+    if path.is_file() and path.stat().st_size > MAX_BYTES:
+        message = f"{path}: it is larger than {MAX_BYTES >> 20} MiB; fetch fewer contacts, with ?limit="
+        raise ContactsError(message)
+    given, names = read_rows(path, ContactsError)
     _check_columns(path, names, channels)
     if not given:
         message = f"{path}: no contacts; fetch them with GET /surfaces/NAME/calibration-data"

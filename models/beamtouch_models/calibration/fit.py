@@ -4,7 +4,8 @@ Maximum a posteriori: generalised least squares with a prior on each departure, 
 of the residuals holds the noise of the recording, the errors of position and force of each load, and a residual that
 neither explains. The residual is as large as makes the weighted squares equal to their degrees of freedom (Paule &
 Mandel 1982, doi 10.6028/jres.087.022). Kinds of departures are added one by one, each only if it lowers the error of
-loads that are left out of the fit.
+loads that are left out of the fit. The residuals of these come from the leverages of all loads in one fit (PRESS; Allen
+1974, doi 10.1080/00401706.1974.10489157).
 """
 
 from dataclasses import dataclass
@@ -14,12 +15,25 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from beamtouch_models.arrays import Bools, Floats, Indices
-from beamtouch_models.calibration.errors import Deflections, RecordingErrors
-from beamtouch_models.calibration.leverages import hat_matrix, left_out_residuals
-from beamtouch_models.calibration.loads import Loads
+from beamtouch_models.calibration.loads import Deflections, Loads, RecordingErrors
 from beamtouch_models.calibration.theory import FIXITY, MAX_FIXITY, Theory
 from beamtouch_models.metadata import Departures
 from beamtouch_models.progress import Fraction
+
+
+def hat_matrix(slopes: Floats) -> Floats:
+    """Return the hat matrix of whitened residuals, with priors of variance 1 on the departures."""
+    matrix: Floats = slopes @ np.linalg.solve(slopes.T @ slopes + np.eye(slopes.shape[1]), slopes.T)
+    return matrix
+
+
+def left_out_residuals(residual: Floats, slopes: Floats) -> Floats:
+    """Return the whitened residuals (loads, channels, 1) of each load when it is left out of the fit."""
+    hat, channels = hat_matrix(slopes), residual.shape[1]
+    own = [slice(start, start + channels) for start in range(0, residual.size, channels)]
+    pairs = zip(own, residual, strict=True)
+    return np.array([np.linalg.solve(np.eye(channels) - hat[rows, rows], one) for rows, one in pairs])
+
 
 WORTH = 0.95
 """A kind of departure is added if it lowers the error of left-out loads to at most this fraction."""
@@ -81,8 +95,7 @@ class _Problem:
     @cached_property
     def free(self) -> Indices:
         """Places of the fitted departures in the vector of all."""
-        places = np.arange(self.theory.size)
-        return np.concatenate([places[:0], *(places[self.theory.kinds[kind]] for kind in self.kinds)])
+        return free_of(self.theory, self.kinds)
 
     @cached_property
     def is_measured(self) -> Bools:
@@ -188,6 +201,12 @@ def supported_fit(theory: Theory, loads: Loads, progress: Fraction) -> Fit:
         best = trial
         open_kinds.remove(trial.kinds[-1])
     return best
+
+
+def free_of(theory: Theory, kinds: tuple[str, ...]) -> Indices:
+    """Return the places of some kinds in the vector of all departures."""
+    places = np.arange(theory.size)
+    return np.concatenate([places[:0], *(places[theory.kinds[kind]] for kind in kinds)])
 
 
 def bounds_of(theory: Theory, free: Indices) -> tuple[Floats, Floats]:

@@ -9,8 +9,7 @@ from beamtouch_models.building.measure import measure
 from beamtouch_models.building.sensors import layout_errors
 from beamtouch_models.errors import ModelFileError
 from beamtouch_models.estimators.estimator import NAMES, Estimator, estimator_of
-from beamtouch_models.estimators.onnx_graph import with_force_error, with_linear_input
-from beamtouch_models.export import to_bytes
+from beamtouch_models.estimators.onnx_graph import to_bytes, with_force_error, with_linear_input
 from beamtouch_models.metadata import Calibration, Metadata
 from beamtouch_models.progress import Fraction, Progress, silent
 from beamtouch_models.surface import Surface
@@ -37,7 +36,7 @@ def rebuilt(metadata: Metadata, prior: Prior, calibration: Calibration, progress
             "floor": fields.floor,
             "influence": fields.influence,
             "accuracy": fields.accuracy,
-            "placed": before and layout_errors(prior, before.criterion, before.spare, metadata.seed),
+            "placed": layout_errors(prior, before.criterion, before.spare, metadata.seed),
             "golden": fields.golden,
             "calibration": calibration,
         }

@@ -4,12 +4,10 @@ import numpy as np
 
 from beamtouch_common.digits import digits
 from beamtouch_models.arrays import Floats
-from beamtouch_models.calibration.held_out import HeldOut
-from beamtouch_models.calibration.left_open import LeftOpen
-from beamtouch_models.calibration.linear import degrees_of
+from beamtouch_models.calibration.left_open import HeldOut, LeftOpen
 from beamtouch_models.calibration.loads import MIN_SPREAD
 from beamtouch_models.calibration.theory import FIXITY, Theory
-from beamtouch_models.calibration.unlabelled import ContactFit
+from beamtouch_models.calibration.unlabelled import ContactFit, degrees_of
 from beamtouch_models.errors import NotGoodEnoughError
 
 MIN_CONTACTS = 12

@@ -6,8 +6,7 @@ import numpy as np
 
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.calibration.contacts import UnlabelledContacts
-from beamtouch_models.calibration.held_out import HeldOut, held_out
-from beamtouch_models.calibration.left_open import LeftOpen
+from beamtouch_models.calibration.left_open import HeldOut, LeftOpen, held_out
 from beamtouch_models.calibration.rebuilt import rebuilt
 from beamtouch_models.calibration.refusals import (
     check_beam,

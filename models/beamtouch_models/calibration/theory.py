@@ -9,8 +9,7 @@ import numpy as np
 
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.arrays import Floats
-from beamtouch_models.calibration.errors import Deflections
-from beamtouch_models.calibration.loads import Loads
+from beamtouch_models.calibration.loads import Deflections, Loads
 from beamtouch_models.metadata import Departures, Metadata
 from beamtouch_models.scene.beam import Beam
 from beamtouch_models.surface import Surface, depart

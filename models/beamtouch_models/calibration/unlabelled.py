@@ -1,28 +1,145 @@
 """The fit of a surface's departures to unlabelled contacts: mean deflections under loads of unknown place and force.
 
-An unlabelled contact is a load whose place and force are those of the fit, with errors as wide as their ranges. The
-residual of its deflections at the best place and force shows the departures (variable projection: Golub & Pereyra 1973,
-doi 10.1137/0710036). Three things are estimated together with the departures, by expectation and maximisation:
+An unlabelled contact is a load whose place and force are those of the fit, with errors as wide as their ranges. About
+them, its deflections are linear in the departures. The residual of its deflections at the best place and force shows
+the departures (variable projection: Golub & Pereyra 1973, doi 10.1137/0710036). Three things are estimated together
+with the departures, by expectation and maximisation:
 
 - the size of the departures, in units of plausible ones, so that few contacts change little;
 - the relative error that no departure explains;
 - for each contact, the probability that it is a single contact. Two contacts at once leave residuals of any size.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
-from scipy.optimize import brentq
+from scipy.optimize import brentq, lsq_linear
 
 from beamtouch_models.arrays import Bools, Floats, Indices
 from beamtouch_models.calibration.contacts import UnlabelledContacts
-from beamtouch_models.calibration.fit import bounds_of
-from beamtouch_models.calibration.linear import Linear, degrees_of, linear
-from beamtouch_models.calibration.normal import Normal
-from beamtouch_models.calibration.single import SHARES, single_contact
+from beamtouch_models.calibration.fit import bounds_of, free_of
+from beamtouch_models.calibration.loads import Deflections, Loads, RecordingErrors
 from beamtouch_models.calibration.theory import GAIN, OFFSET_NOISES, Theory
+from beamtouch_models.health.curve import InfluenceCurve
+
+MISFITS = (4.0, 16.0, 64.0, 256.0)
+"""Residuals of several contacts at once, in units of the errors; each is as probable as the others."""
+SHARES = (0.01, 0.5)
+"""Bounds of the share of samples that are not a single contact."""
+
+
+def single_contact(misfit: Floats, degrees: int, share: float) -> Floats:
+    """Return the probability that each contact is a single one, by its misfit; `share` are not."""
+    log_other = np.logaddexp.reduce([-misfit / 2 / scale**2 - degrees * np.log(scale) for scale in MISFITS], axis=0)
+    odds = np.log(share / (1 - share) / len(MISFITS)) + log_other + misfit / 2
+    single: Floats = 1 / (1 + np.exp(np.minimum(odds, 700.0)))
+    return single
+
+
+GRID = 401
+"""Number of positions over the range at which contacts are searched for."""
+MAX_FORCE_RATIO = 100.0
+"""Largest force of a contact, over the largest of its scene. At a support, the best force may be any."""
+
+
+def places(theory: Theory, vector: Floats, measured_mm: Floats, deviation_mm: Floats) -> tuple[Floats, Floats]:
+    """Return the positions in mm and forces in N (contacts,) that explain measured deflections best.
+
+    Deflections and their standard deviations are (contacts, channels). A force that would have to pull
+    or to be beyond MAX_FORCE_RATIO is 0: this is no contact.
+    """
+    departures = theory.departures(vector)
+    prior = theory.prior_with(departures)
+    grid = np.linspace(*prior.position_mm, GRID)
+    curve = InfluenceCurve(grid, prior.influence_at(grid), departures)
+    known_n = prior.force_n[0] if prior.force_is_known else None
+    linear_mm = departures.linear_mm(measured_mm)
+    position, force = curve.best_contacts(linear_mm, deviation_mm**-2, known_n)
+    return position, np.where((force > 0) & (force <= MAX_FORCE_RATIO * prior.force_n[1]), force, 0.0)
+
+
+ANY_FORCE = 3.0
+"""Error of the force of a contact, relative to the force of the fit: as good as unknown."""
+
+
+@dataclass(frozen=True)
+class Linear:
+    """Contacts at their best places and forces under a vector of departures."""
+
+    loads: Loads
+    moved: Deflections
+    left_mm: Floats
+    """(contacts, channels) measured minus predicted."""
+
+    def covariance_mm2(self, theory: Theory, left_error: float) -> Floats:
+        """Return the covariance (contacts, channels, channels) of `left_mm`, if place and force are unknown."""
+        noise = np.hypot(self.loads.deviation_mm, left_error * self.loads.measured_mm)
+        low, high = theory.prior.position_mm
+        force = 0.0 if theory.prior.force_is_known else ANY_FORCE
+        errors = RecordingErrors(placing_mm=high - low, force=force)
+        return replace(self.moved, noise_mm=noise).covariance_mm2(errors)
+
+    def whitening(self, theory: Theory, left_error: float) -> Floats:
+        """Return W (contacts, channels, channels) with W'W the inverse of that covariance."""
+        return np.linalg.inv(np.linalg.cholesky(self.covariance_mm2(theory, left_error)))
+
+    def misfit(
+        self, theory: Theory, left_error: float, left_mm: Floats | None = None, more_mm2: Floats | float = 0.0
+    ) -> Floats:
+        """Return the misfits (contacts,) of `left_mm`, or of other residuals, under that covariance and `more_mm2`."""
+        left_mm = self.left_mm if left_mm is None else left_mm
+        total = self.covariance_mm2(theory, left_error) + more_mm2
+        misfit: Floats = np.einsum("lc,lc->l", left_mm, np.linalg.solve(total, left_mm[..., None])[..., 0])
+        return misfit
+
+
+def linear(theory: Theory, vector: Floats, contacts: UnlabelledContacts, zero_mm: Floats, left_error: float) -> Linear:
+    """Locate contacts on a surface with departures; `zero_mm` (channels,) is the deviation of the zeros."""
+    deviation = np.hypot(contacts.deviation_mm, zero_mm)
+    position, force = places(
+        theory, vector, contacts.measured_mm, np.hypot(deviation, left_error * contacts.measured_mm)
+    )
+    count = np.arange(len(contacts))
+    lines = np.zeros((len(contacts), 2), np.intp)
+    loads = Loads(count, position, force, contacts.measured_mm, deviation, lines)
+    left = contacts.measured_mm - theory.measured_mm(vector, loads)
+    return Linear(loads, theory.deflections(vector, loads), left)
+
+
+def degrees_of(theory: Theory) -> int:
+    """Return the degrees of freedom of the residual of a contact: channels beyond its place and, if open, its force."""
+    return theory.prior.channels - (1 if theory.prior.force_is_known else 2)
+
+
+MAX_STEP = 2.0
+"""Bound of a step of a departure, in units of plausible ones: far off, the slopes are those of another surface."""
+
+
+@dataclass(frozen=True)
+class Normal:
+    """Normal equations of the departures."""
+
+    precision: Floats
+    pull: Floats
+
+    @classmethod
+    def of(cls, slopes: Floats, left: Floats) -> Self:
+        """Equations of whitened slopes (contacts, channels, departures) and residuals (contacts, channels)."""
+        return cls(np.einsum("lcv,lcw->vw", slopes, slopes), np.einsum("lcv,lc->v", slopes, left))
+
+    def with_prior(self, moved: Floats, deviation: Floats) -> Self:
+        """Add the prior of departures that are now `moved` away from its middle."""
+        return replace(self, precision=self.precision + np.diag(deviation**-2), pull=self.pull - moved / deviation**2)
+
+    def step(self, low: Floats, high: Floats) -> Floats:
+        """Return the best step between bounds."""
+        root = np.linalg.cholesky(self.precision)
+        bounds = np.clip(low, -MAX_STEP, -1e-9), np.clip(high, 1e-9, MAX_STEP)
+        found: Floats = lsq_linear(root.T, np.linalg.solve(root, self.pull), bounds, method="bvls").x
+        return found
+
 
 ROUNDS = 12
 """Number of rounds of a fit; after eight, nothing changes by a tenth of its error."""
@@ -63,12 +180,6 @@ class ContactFit:
     def cost(self) -> float:
         """The quantity that the fit minimises: misfit of the single contacts, and size of the departures."""
         return float(self.single @ self.misfit) + self.penalty
-
-
-def free_of(theory: Theory, kinds: tuple[str, ...]) -> Indices:
-    """Return the places of some kinds in the vector of all departures."""
-    places = np.arange(theory.size)
-    return np.concatenate([places[:0], *(places[theory.kinds[kind]] for kind in kinds)])
 
 
 def fit_contacts(

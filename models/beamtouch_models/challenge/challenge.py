@@ -14,10 +14,9 @@ from beamtouch_models.challenge.faults import fault_cases
 from beamtouch_models.challenge.honest import honest_cases
 from beamtouch_models.challenge.judge import judge
 from beamtouch_models.challenge.lost import lossy_cases
-from beamtouch_models.challenge.naming import naming
 from beamtouch_models.challenge.play import Case, Play
 from beamtouch_models.challenge.power import distances, power_of_noise, power_of_shift
-from beamtouch_models.challenge.scoring import Row, exact_intervals_mm, ghosts, scored
+from beamtouch_models.challenge.scoring import Row, exact_intervals_mm, ghosts, naming, scored
 from beamtouch_models.challenge.sensor_cases import error_cases
 from beamtouch_models.challenge.surface import SimulatedSurface
 from beamtouch_models.loading import ModelFile, load_bytes

@@ -10,8 +10,7 @@ import numpy as np
 
 from beamtouch_models.arrays import Floats
 from beamtouch_models.challenge.play import Case, Make, Play, drawn, settled
-from beamtouch_models.challenge.sensors import SensorErrors
-from beamtouch_models.challenge.surface import SimulatedSurface
+from beamtouch_models.challenge.surface import SensorErrors, SimulatedSurface
 from beamtouch_models.physics.beam import influence
 
 WEDGE = 0.22

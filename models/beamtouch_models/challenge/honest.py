@@ -7,11 +7,10 @@ import numpy as np
 
 from beamtouch_models.arrays import Floats
 from beamtouch_models.challenge.motion import BEGINS, KEEPS, SPEEDS_MM_PER_S, moves
-from beamtouch_models.challenge.noises import coarse, coloured
 from beamtouch_models.challenge.play import Case, Make, Play, drawn, lateness, settled
+from beamtouch_models.challenge.sensor_cases import coarse, coloured
 from beamtouch_models.challenge.surface import SimulatedSurface
-from beamtouch_models.physics.dynamics import GRAVITY, damping_of
-from beamtouch_models.physics.modes import Swings, swings
+from beamtouch_models.physics.motion import GRAVITY, Swings, damping_of, swings
 
 SINCE_MS = (20, 50, 100, 200, 500)
 """Times after the beginning of a load at which a beam that rings is judged."""

@@ -9,17 +9,9 @@ import numpy as np
 
 from beamtouch_models.arrays import Bools, Floats, Indices
 from beamtouch_models.challenge.surface import SimulatedSurface
-from beamtouch_models.decision import (
-    Decider,
-    Evidence,
-    State,
-    Suspects,
-    Verdict,
-    Weighed,
-    evidence,
-    is_overload,
-    is_unchecked,
-)
+from beamtouch_models.decision.decider import Decider, State, Verdict
+from beamtouch_models.decision.evidence import Evidence, Weighed, evidence, is_overload, is_unchecked
+from beamtouch_models.decision.suspects import Suspects
 from beamtouch_models.filters import Chain
 from beamtouch_models.metadata import Metadata
 from beamtouch_models.pricing.noise import chain_of

@@ -7,8 +7,7 @@ import numpy as np
 from beamtouch_models.arrays import Bools, Floats, Indices
 from beamtouch_models.challenge.play import Play, drawn, lateness
 from beamtouch_models.challenge.surface import SimulatedSurface
-from beamtouch_models.physics.dynamics import damping_of
-from beamtouch_models.physics.modes import M_PER_MM, Modes, beyond_rest
+from beamtouch_models.physics.motion import M_PER_MM, Modes, beyond_rest, damping_of
 
 SPEEDS_MM_PER_S = (10, 30, 100, 300, 1000)
 

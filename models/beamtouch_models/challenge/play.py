@@ -6,8 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from beamtouch_models.arrays import Bools, Floats, Indices
-from beamtouch_models.challenge.sensors import SensorErrors, Stated
-from beamtouch_models.challenge.surface import SimulatedSurface
+from beamtouch_models.challenge.surface import SensorErrors, SimulatedSurface, Stated
 
 
 @dataclass(frozen=True)

@@ -24,14 +24,11 @@ from scipy.special import ndtr, ndtri
 
 from beamtouch_models.arrays import Bools, Floats
 from beamtouch_models.challenge.surface import SimulatedSurface
-from beamtouch_models.whitening import whitening
+from beamtouch_models.error_model import variance_mm2
+from beamtouch_models.health.curve import InfluenceCurve
 
 PLACES = 1001
-"""Positions of the contacts with which a fault is compared."""
-FINER = 65
-"""Positions between the neighbours of the nearest of them."""
-CHUNK = 50
-"""Draws at a time, so that their distances to all contacts fit the cache."""
+"""Positions of the contacts with which a fault is compared first."""
 
 
 def distances(surface: SimulatedSurface, fault_mm: Floats, valid: Bools) -> Floats:
@@ -39,18 +36,12 @@ def distances(surface: SimulatedSurface, fault_mm: Floats, valid: Bools) -> Floa
 
     `valid` (draws, channels) says which channels take part.
     """
-    whiten = _whitening(surface, fault_mm, valid)
-    moved = np.einsum("dij,dj->di", whiten, np.where(valid, surface.departures.linear_mm(fault_mm), 0.0))
-    grid = np.linspace(*surface.metadata.ranges.position_mm, PLACES)
-    found = np.empty(len(fault_mm))
-    for start in range(0, len(found), CHUNK):
-        part = slice(start, start + CHUNK)
-        far = _away(surface, np.broadcast_to(grid, (len(moved[part]), PLACES)), whiten[part], moved[part])
-        near = np.argmin(far, axis=1)
-        low, high = grid[np.maximum(near - 1, 0)], grid[np.minimum(near + 1, PLACES - 1)]
-        fine = np.linspace(low, high, FINER, axis=1)
-        found[part] = _away(surface, fine, whiten[part], moved[part]).min(axis=1)
-    return found
+    curve, weight = _curve(surface), np.where(valid, _weight(surface, fault_mm), 0.0)
+    moved = np.where(valid, surface.departures.linear_mm(fault_mm), 0.0)
+    position, force = curve.best_contacts(moved, weight)
+    left = moved - np.maximum(force, 0.0)[:, None] * curve.at(position)[0]
+    distance: Floats = np.sqrt((weight * left**2).sum(axis=1))
+    return distance
 
 
 def power_of_shift(distance: Floats, alpha: float) -> float:
@@ -60,38 +51,22 @@ def power_of_shift(distance: Floats, alpha: float) -> float:
 
 def power_of_noise(surface: SimulatedSurface, clean_mm: Floats, noise: Floats, alpha: float) -> float:
     """Return the mean power for channels whose noise is some times that of the model; both (draws, channels)."""
-    whiten = _whitening(surface, clean_mm, np.ones(clean_mm.shape, np.bool_))
-    grid = np.linspace(*surface.metadata.ranges.position_mm, PLACES)
-    moved = np.einsum("dij,dj->di", whiten, surface.departures.linear_mm(clean_mm))
-    near = np.concatenate(
-        [
-            np.argmin(_away(surface, np.broadcast_to(grid, (len(rows), PLACES)), whiten[at], rows), axis=1)
-            for at, rows in ((slice(i, i + CHUNK), moved[i : i + CHUNK]) for i in range(0, len(moved), CHUNK))
-        ]
-    )
-    along = np.stack([surface.expected(grid[near]), surface.expected(grid[near], 1)], axis=2)
-    basis = np.linalg.qr(np.einsum("dij,djk->dik", whiten, along))[0]
-    louder = np.argmax(noise, axis=1)
-    row = np.arange(len(louder))
-    seen = whiten[row, :, louder]
-    left = seen - np.einsum("dik,djk,dj->di", basis, basis, seen)
-    extra = (noise[row, louder] ** 2 - 1) * surface.min_noise_mm**2 * (left * left).sum(axis=1)
+    curve, weight = _curve(surface), _weight(surface, clean_mm)
+    position, _ = curve.best_contacts(surface.departures.linear_mm(clean_mm), weight)
+    basis = np.linalg.qr(np.sqrt(weight)[:, :, None] * np.stack(curve.at(position), axis=2))[0]
+    row, louder = np.arange(len(noise)), np.argmax(noise, axis=1)
+    left = weight[row, louder] * (1 - (basis[row, louder] ** 2).sum(axis=1))
+    extra = (noise[row, louder] ** 2 - 1) * surface.min_noise_mm**2 * left
     return float(2 * ndtr(ndtri(alpha / 2) / np.sqrt(1 + extra)).mean())
 
 
-def _whitening(surface: SimulatedSurface, deflection_mm: Floats, valid: Bools) -> Floats:
-    """Return the whitening of settled samples."""
+def _curve(surface: SimulatedSurface) -> InfluenceCurve:
+    """Return the deflections that the model expects of contacts, without offsets and the curvature of a calibration."""
+    places = np.linspace(*surface.metadata.ranges.position_mm, PLACES)
+    return InfluenceCurve(places, surface.influence(places) * np.array(surface.departures.gain), surface.departures)
+
+
+def _weight(surface: SimulatedSurface, deflection_mm: Floats) -> Floats:
+    """Return one over the variance of settled samples, (draws, channels)."""
     floor = surface.metadata.floor
-    covariance = np.eye(surface.channels) * surface.min_noise_mm**2
-    return whitening(deflection_mm, covariance, floor.gain, floor.zero_mm, valid)
-
-
-def _away(surface: SimulatedSurface, places_mm: Floats, whiten: Floats, moved: Floats) -> Floats:
-    """Return the distances (draws, places) of whitened samples (draws, channels) from contacts at places."""
-    shapes = surface.expected(places_mm) @ whiten.transpose(0, 2, 1)
-    size = np.einsum("dpc,dpc->dp", shapes, shapes)
-    along = np.einsum("dpc,dc->dp", shapes, moved)
-    force = np.maximum(along, 0.0) / np.where(size > 0, size, 1.0)
-    left = moved[:, None] - force[:, :, None] * shapes
-    away: Floats = np.sqrt(np.einsum("dpc,dpc->dp", left, left))
-    return away
+    return 1 / variance_mm2(deflection_mm, surface.min_noise_mm, floor.gain, floor.zero_mm)

@@ -7,14 +7,44 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.signal import lfilter
 
-from beamtouch_models.arrays import Floats
-from beamtouch_models.challenge.sensors import SensorErrors, Stated
+from beamtouch_models.arrays import Bools, Floats
 from beamtouch_models.metadata import Departures, Metadata
 from beamtouch_models.physics.beam import influence
-from beamtouch_models.physics.modes import Modes
+from beamtouch_models.physics.motion import Modes
 from beamtouch_models.scene import Scene
 from beamtouch_models.scene.beam import Beam, changed_beam
 from beamtouch_models.surface import Surface
+
+
+@dataclass(frozen=True)
+class SensorErrors:
+    """Errors of the sensors in each draw; fields have shape (draws, channels) or broadcast to it."""
+
+    gain: Floats
+    """Measured over true deflection."""
+    zero_mm: Floats
+    noise: Floats
+    """Noise over that of the model."""
+    missing: Bools
+    correlation: float = 0.0
+    """Correlation of the noise of consecutive readings."""
+    step_mm: float | None = None
+    """Step of the ADC, instead of the model's."""
+    tare_mm: Floats | float = 0.0
+    """Deflection that the sensors showed at rest, and that the tare takes out."""
+
+
+@dataclass(frozen=True)
+class Stated:
+    """Figures that `beamtouch-daemon noise` prints for sensors whose noise is not what the model assumes."""
+
+    noise_mm: float
+    """Noise of a reading, in the daemon's configuration."""
+    zero_mm: float
+    """Error of the zero, in the floor of a model that is built again."""
+    step_mm: float
+    """Step of the ADC, in the daemon's configuration."""
+
 
 TABLE = 1001
 """Number of load positions in the tables of deflections and modes."""
@@ -114,14 +144,6 @@ class SimulatedSurface:
     def decided(self) -> int:
         """Number of readings after which the state of the surface has followed a settled filter."""
         return 2 * self.metadata.filter.window + int(np.ceil(self.slowest_period)) + SPARE
-
-    def expected(self, position_mm: Floats, order: int = 0) -> Floats:
-        """Return what the model expects of one newton at positions (...), (..., channels) in mm, or its derivative.
-
-        Offsets and the curvature of a calibration are left out.
-        """
-        shape: Floats = self.influence(position_mm, order) * np.array(self.departures.gain)
-        return shape
 
     def under(self, position_mm: Floats, force_n: Floats) -> Floats:
         """Return deflections at rest, (..., channels) in mm, of contacts of the same shape (...)."""

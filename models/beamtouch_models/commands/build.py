@@ -129,7 +129,7 @@ def _scene_of(options: argparse.Namespace) -> tuple[Scene, str, str, Choices]:
     from beamtouch_models.building.build import Choices
     from beamtouch_models.errors import ModelFileError, SceneError
     from beamtouch_models.metadata import METADATA_PREFIX, LayoutErrors
-    from beamtouch_models.placement import Aim
+    from beamtouch_models.placement.placing import Aim
     from beamtouch_models.scene import load_scene, parse_scene
 
     path: Path = options.scene
@@ -139,8 +139,7 @@ def _scene_of(options: argparse.Namespace) -> tuple[Scene, str, str, Choices]:
     try:
         entries = {entry.key: entry.value for entry in onnx.load_from_string(loading.read(path)).metadata_props}
         text, name, layout = (json.loads(entries[METADATA_PREFIX + key]) for key in ("scene", "name", "layout"))
-        stated = json.loads(entries.get(METADATA_PREFIX + "placed", "null"))
-        before = LayoutErrors.model_validate(stated) if stated else Aim("eigenvalue-product")
+        before = LayoutErrors.model_validate(json.loads(entries[METADATA_PREFIX + "placed"]))
         if options.sensors is None and options.criterion is None and options.spare is None:
             kept_mm = tuple(float(channel["position_mm"]) for channel in layout)
             choices = replace(choices, aim=Aim(before.criterion, before.spare), kept_mm=kept_mm)

@@ -18,8 +18,8 @@ from beamtouch_models.commands.printing import Result, show
 if TYPE_CHECKING:
     from beamtouch_models.arrays import Floats
     from beamtouch_models.calibration.calibrate import Calibrated
-    from beamtouch_models.calibration.errors import RecordingErrors
     from beamtouch_models.calibration.fit import Fit
+    from beamtouch_models.calibration.loads import RecordingErrors
 
 MIN_ERROR, MAX_ERROR = 1e-3, 50.0
 """Bounds of the stated errors of the loads, in mm and in percent."""
@@ -99,7 +99,7 @@ def _results(found: Calibrated, left_out: Sequence[int]) -> dict[str, Any]:
 
 
 def _rows(found: Calibrated, identity: str) -> list[tuple[str, str]]:
-    from beamtouch_models.commands.departures import departures_in_words
+    from beamtouch_models.commands.calibrate_events import departures_in_words
 
     before, after = found.before_mm, found.after_mm
     shown = departures_in_words(found.metadata, found.fit.departures, _standard_errors(found.fit))
@@ -125,7 +125,7 @@ def _rows(found: Calibrated, identity: str) -> list[tuple[str, str]]:
 
 def _errors(placing_mm: float, force_percent: float) -> RecordingErrors:
     """Return the stated errors of the loads; InputError if nobody can place or weigh loads so well or so badly."""
-    from beamtouch_models.calibration.errors import RecordingErrors
+    from beamtouch_models.calibration.loads import RecordingErrors
 
     for option, value in (("--placing-mm", placing_mm), ("--force-percent", force_percent)):
         if not MIN_ERROR <= value <= MAX_ERROR:

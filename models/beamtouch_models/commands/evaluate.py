@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from beamtouch_common.digits import digits
 from beamtouch_common.errors import InputError
@@ -75,25 +75,10 @@ def run(options: argparse.Namespace) -> None:
     fields = {
         "model": model.identity,
         "estimator": model.metadata.estimator,
-        "evaluations": [_json(one) for one in found],
+        "evaluations": [asdict(one) for one in found],
     }
     rows = [block for one in found for block in (_table(model, one), _lines(one, model))]
     show(Result(fields, rows), as_json=options.json)
-
-
-def _json(found: Evaluation) -> dict[str, Any]:
-    """Return all results, with the errors also in percent of the length."""
-    fields = asdict(found)
-    for name, errors in (("span", found.span), ("middle", found.middle)):
-        if errors is not None:
-            percent = 100 / found.length_mm
-            fields[name] |= {
-                "mean_percent": asdict(errors.mean_mm.scaled(percent)),
-                "p95_percent": asdict(errors.p95_mm.scaled(percent)),
-                "worst_percent": errors.worst_mm * percent,
-                "limit_mean_percent": errors.limit_mean_mm and asdict(errors.limit_mean_mm.scaled(percent)),
-            }
-    return fields
 
 
 def _table(model: ModelFile, found: Evaluation) -> Table:

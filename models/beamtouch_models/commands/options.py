@@ -14,7 +14,7 @@ from beamtouch_common.commands import whole_number
 from beamtouch_common.errors import InputError
 
 if TYPE_CHECKING:
-    from beamtouch_models.placement import Aim
+    from beamtouch_models.placement.placing import Aim
     from beamtouch_models.progress import Progress
 
 ESTIMATORS = ("posterior", "small-network", "paper-network")
@@ -106,7 +106,7 @@ def add_layout(parser: argparse.ArgumentParser) -> None:
 
 def aim_of(options: argparse.Namespace) -> Aim:
     """Return the aim of `build`; raises SceneError if the options contradict each other."""
-    from beamtouch_models.placement import DEFAULT_AIM, Aim
+    from beamtouch_models.placement.placing import DEFAULT_AIM, Aim
 
     return Aim(options.criterion or DEFAULT_AIM.criterion, options.spare or 0)
 

@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, Any
 
 from beamtouch_common.commands import whole_number
 from beamtouch_common.digits import digits
-from beamtouch_models.commands.options import MAX_WORKERS, add_json, add_layout, add_seed, shown_progress
+from beamtouch_models.commands.options import add_json, add_layout, add_seed, shown_progress
 from beamtouch_models.commands.printing import Result, show
 
 if TYPE_CHECKING:
     from beamtouch_models.building.sensors import PlacedSensors
-    from beamtouch_models.placement import Aim
+    from beamtouch_models.placement.placing import Aim
 
 LIMIT_DRAWS = 10_000
 
@@ -32,17 +32,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="number of leading eigenvalues in the product (default: all)",
     )
     parser.add_argument("--search", choices=("exact", "paper"), default="exact", help="search method (default: exact)")
-    parser.add_argument(
-        "--prove",
-        action="store_true",
-        help="prove that no layout on the grid is better, or state how much better one could be",
-    )
-    parser.add_argument(
-        "--workers",
-        type=whole_number(1, MAX_WORKERS),
-        metavar="N",
-        help="accepted as by the other commands; a proof runs in one process, which is as fast",
-    )
     add_seed(parser)
     add_json(parser)
 
@@ -70,15 +59,11 @@ def run(options: argparse.Namespace) -> None:
 
 
 def _aim_of(options: argparse.Namespace) -> Aim:
-    """Return the aim; leading components and proofs are those of the eigenvalue product.
+    """Return the aim; leading components are those of the eigenvalue product. SceneError if options contradict."""
+    from beamtouch_models.placement.placing import DEFAULT_AIM, Aim
 
-    Raises SceneError if the options contradict each other.
-    """
-    from beamtouch_models.placement import DEFAULT_AIM, Aim
-
-    by_product = options.components is not None or options.prove
-    criterion = options.criterion or ("eigenvalue-product" if by_product else DEFAULT_AIM.criterion)
-    return Aim(criterion, options.spare or 0, options.components, options.search, "proof" if options.prove else "bound")
+    usual = DEFAULT_AIM.criterion if options.components is None else "eigenvalue-product"
+    return Aim(options.criterion or usual, options.spare or 0, options.components, options.search)
 
 
 def _rows(found: dict[str, Any], sensors: PlacedSensors) -> list[tuple[str, str]]:
@@ -92,7 +77,7 @@ def _rows(found: dict[str, Any], sensors: PlacedSensors) -> list[tuple[str, str]
     return [
         ("sensors", f"{', '.join(f'{position:g}' for position in positions)} mm from the left end"),
         ("product", f"ln {product} ({leading}; lengths in units of l, W/(EI) = 1)"),
-        ("proof", _proof_line(found)),
+        ("bound", _bound_line(found["gap"])),
         ("limit", limit),
         *([("failed", _failed_line(found))] if found["limit_without_percent"] else []),
         ("search", f"{found['search']}, by {found['criterion']}, seed {found['seed']}"),
@@ -105,9 +90,12 @@ def _describe(sensors: PlacedSensors, aim: Aim, seed: int) -> dict[str, Any]:
     """Return everything to print except the time; unknown values are None."""
     from beamtouch_models.accuracy.limit import accuracy_limit
     from beamtouch_models.building.sensors import layout_errors
-    from beamtouch_models.placement import recommended_count
+    from beamtouch_models.placement.bound import largest_gap
+    from beamtouch_models.placement.placing import recommended_count
 
-    placement = sensors.placement
+    placement, surface, gap = sensors.placement, sensors.surface, None
+    if aim.criterion == "eigenvalue-product":
+        gap = largest_gap(surface.influence, surface.rules, sensors.positions_mm, aim.leading)
     # Use fresh draws: a layout looks better on the draws that it was chosen by.
     limit = accuracy_limit(sensors.prior, LIMIT_DRAWS, seed + 1)
     failed = layout_errors(sensors.prior, aim.criterion, aim.spare, seed + 1).limit_without_percent
@@ -117,8 +105,7 @@ def _describe(sensors: PlacedSensors, aim: Aim, seed: int) -> dict[str, Any]:
         "log_eigenvalue_product": score if math.isfinite(score) else None,
         "accuracy_limit_percent": limit.percent,
         "standard_error": limit.standard_error,
-        "proven": placement.proven,
-        "gap": placement.gap,
+        "gap": gap,
         "evaluations": placement.evaluations,
         "criterion": aim.criterion,
         "spare": aim.spare,
@@ -126,7 +113,7 @@ def _describe(sensors: PlacedSensors, aim: Aim, seed: int) -> dict[str, Any]:
         "search": aim.search,
         "seed": seed,
         "components": aim.leading or len(placement.positions_mm),
-        "recommended_sensors": recommended_count(sensors.surface.influence, sensors.surface.errors.noise_mm),
+        "recommended_sensors": recommended_count(surface.influence, surface.errors.noise_mm),
     }
 
 
@@ -144,9 +131,9 @@ def _failed_line(found: dict[str, Any]) -> str:
     return f"mean error {without}"
 
 
-def _proof_line(found: dict[str, Any]) -> str:
-    if found["proven"]:
-        return "the best layout on the grid, proven"
-    if found["gap"] is None:
+def _bound_line(gap: float | None) -> str:
+    if gap is None:
         return "none: this criterion has no bound"
-    return f"no layout on the grid scores more than {digits(found['gap'], 3)} above this one, in ln of the product"
+    if gap == 0:
+        return "no layout on the grid has a larger product"
+    return f"no layout on the grid scores more than {digits(gap, 3)} above this one, in ln of the product"

@@ -8,7 +8,6 @@ from beamtouch_models.commands.new import refuse_existing
 from beamtouch_models.commands.options import add_json
 from beamtouch_models.commands.printing import Result, show
 from beamtouch_models.errors import SceneError
-from beamtouch_models.shipped import described, shipped_scenes
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -42,3 +41,16 @@ def _copy(scenes: dict[str, Path], copy: list[str], *, force: bool) -> Path:
     refuse_existing(target, force=force)
     write_atomically(target, scenes[name].read_bytes())
     return target
+
+
+def shipped_scenes() -> dict[str, Path]:
+    """Return the scene files by name: in the package if it is installed, beside it in a checkout."""
+    package = Path(__file__).parents[1]
+    folder = next(one for one in (package / "scenes", package.parent / "scenes") if one.is_dir())
+    return {path.stem: path for path in sorted(folder.glob("*.toml"))}
+
+
+def described(path: Path) -> str:
+    """Return the first comment of a scene, which says what it is."""
+    lines = path.read_text(encoding="utf-8").splitlines()
+    return next((line.lstrip("# ") for line in lines if line.startswith("#")), "")

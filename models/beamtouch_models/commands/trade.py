@@ -26,8 +26,7 @@ if TYPE_CHECKING:
     from beamtouch_models.progress import Progress
     from beamtouch_models.scene import Scene
     from beamtouch_models.sweeps import Spread
-    from beamtouch_models.trade.front import Point
-    from beamtouch_models.trade.trade import Trade
+    from beamtouch_models.trade.trade import Point, Trade
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -72,7 +71,7 @@ def run(options: argparse.Namespace) -> None:
     from beamtouch_models.building.remarks import remarks
     from beamtouch_models.errors import SceneError
     from beamtouch_models.scene import load_scene
-    from beamtouch_models.trade.front import NotToBeHadError
+    from beamtouch_models.trade.trade import NotToBeHadError
     from beamtouch_models.workers import spread_over
 
     for option, value in (("--latency-ms", options.latency_ms), ("--error-mm", options.error_mm)):
@@ -109,8 +108,7 @@ def _trade(
 ) -> None:
     from beamtouch_models.building.build import Choices, build_model
     from beamtouch_models.estimators.estimator import NAMES
-    from beamtouch_models.trade.pictures import picture
-    from beamtouch_models.trade.results import json_of, markdown
+    from beamtouch_models.trade.results import json_of, markdown, picture
     from beamtouch_models.trade.trade import trade
 
     name = surface_name(path)
@@ -142,7 +140,7 @@ def _trade(
 
 
 def _pick(found: Trade, options: argparse.Namespace) -> Point | None:
-    from beamtouch_models.trade.front import most_accurate, quickest
+    from beamtouch_models.trade.trade import most_accurate, quickest
 
     if options.latency_ms is not None:
         return most_accurate(found.points, options.latency_ms)

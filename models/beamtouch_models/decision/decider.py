@@ -11,8 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from beamtouch_models.arrays import Floats
-from beamtouch_models.decision.doubts import is_odd
-from beamtouch_models.decision.evidence import Evidence
+from beamtouch_models.decision.evidence import Evidence, is_odd
 from beamtouch_models.metadata import Thresholds
 
 LIFT_FRACTION = 1 / 8

@@ -1,15 +1,16 @@
-"""Evidence for rest and for a contact in each sample: the answers of a model under the sample's covariance."""
+"""Evidence for rest and for a contact in each sample, and doubts about it: a model's answers under its covariance."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
 from beamtouch_models.arrays import Bools, Floats, Indices
-from beamtouch_models.metadata import Metadata
+from beamtouch_models.error_model import whitening
+from beamtouch_models.metadata import Metadata, Thresholds
 from beamtouch_models.session import Run
-from beamtouch_models.whitening import whitening
 
 MOVING = 1.5
 """A sample moves if its variance, summed over the channels, exceeds this many times that of its noise, or of the noise
@@ -42,6 +43,15 @@ class Weighed:
     def of_valid(self, values: Floats) -> Floats:
         """Return values (samples, channels) with 0 for channels that are missing."""
         return values if self.is_whole else np.where(self.valid, values, 0.0)
+
+    @classmethod
+    def stacked(cls, samples: Sequence["Weighed"]) -> "Weighed":
+        """Return samples as one, so that the graph runs once."""
+        return cls(*(np.concatenate([getattr(one, part.name) for one in samples]) for part in fields(cls)))
+
+    def noisier(self, extra_mm2: Floats) -> "Weighed":
+        """Return the samples with more variance (samples, channels), which is none of their noise."""
+        return replace(self, covariance_mm2=self.covariance_mm2 + extra_mm2[:, :, None] * np.eye(extra_mm2.shape[1]))
 
     def part(self, rows: Indices) -> "Weighed":
         """Return some of the samples."""
@@ -183,3 +193,26 @@ def _misfit_of_rest(whitening_per_mm: Floats, from_rest_mm: Floats) -> list[floa
     whitened = (whitening_per_mm @ from_rest_mm[:, :, None])[:, :, 0]
     misfits: list[float] = (whitened * whitened).sum(axis=1).tolist()
     return misfits
+
+
+SURELY = 2.0
+"""The force is said to be beyond the range if it is so by more than this many half-widths of its interval."""
+
+
+def is_odd(thresholds: Thresholds, evidence: Evidence) -> bool:
+    """Return whether neither rest nor a single contact explains a sample."""
+    place = evidence.channels - 1
+    return evidence.rest_misfit > thresholds.rest[place] and evidence.misfit > thresholds.misfit[place]
+
+
+def is_overload(metadata: Metadata, evidence: Evidence) -> bool:
+    """Return whether the force of a contact is beyond the range of the scene; False for a model that states none."""
+    force_n, low_n = (evidence.answer.get(name) for name in ("force_n", "force_low_n"))
+    if force_n is None or low_n is None:
+        return False
+    return force_n - SURELY * (force_n - low_n) > metadata.ranges.force_n[1]
+
+
+def is_unchecked(evidence: Evidence) -> bool:
+    """Return whether so few channels took part that much else looks like a contact."""
+    return evidence.channels < CHECKED

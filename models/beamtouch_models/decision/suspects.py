@@ -2,13 +2,12 @@
 
 from collections import Counter, deque
 from collections.abc import Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
-from beamtouch_models.decision.doubts import is_odd
-from beamtouch_models.decision.evidence import CHECKED, Weighed, evidence
+from beamtouch_models.decision.evidence import CHECKED, Weighed, evidence, is_odd
 from beamtouch_models.metadata import Metadata
 from beamtouch_models.session import Run
 
@@ -63,7 +62,7 @@ class Suspects:
         found = list[dict[str, LeftOut]]({} for _ in samples)
         for begin in range(0, len(parts), ROWS):
             some = parts[begin : begin + ROWS]
-            rows = _stacked([coarse[index].without(channel) for index, channel in some])
+            rows = Weighed.stacked([coarse[index].without(channel) for index, channel in some])
             each = evidence(self._metadata, self._run, rows)
             for (index, channel), said in zip(some, each, strict=True):
                 explained = not is_odd(self._metadata.thresholds, said)
@@ -78,15 +77,9 @@ class Suspects:
         channels may be left, by chance, and none of them is wrong. So channels are left out at the model's own noise.
         """
         missing = np.maximum(self._metadata.noise.sample_mm**2 - sample.noise_mm2, 0.0)
-        covariance = sample.covariance_mm2 + missing[:, :, None] * np.eye(missing.shape[1])
-        return replace(sample, covariance_mm2=covariance, noise_mm2=sample.noise_mm2 + missing)
+        return replace(sample.noisier(missing), noise_mm2=sample.noise_mm2 + missing)
 
     def _working(self, sample: Weighed) -> list[int]:
         """Return the channels that can be left out of a sample."""
         working: list[int] = np.flatnonzero(sample.valid[0]).tolist()
         return working if len(working) > CHECKED else []
-
-
-def _stacked(samples: Sequence[Weighed]) -> Weighed:
-    """Return samples as one, so that the graph runs once."""
-    return Weighed(*(np.concatenate([getattr(one, part.name) for one in samples]) for part in fields(Weighed)))

@@ -5,14 +5,12 @@ explained once its channels are put back. Other loads are so by chance, now and 
 places by the same wiring, with none between them that speaks against it.
 """
 
-from dataclasses import fields, replace
 from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
 
-from beamtouch_models.decision.doubts import is_odd
-from beamtouch_models.decision.evidence import CHECKED, Weighed, evidence
+from beamtouch_models.decision.evidence import CHECKED, Weighed, evidence, is_odd
 from beamtouch_models.metadata import Metadata
 from beamtouch_models.session import Run
 
@@ -95,10 +93,9 @@ class Wirings:
         """Add one settled sample of a contact, with all channels."""
         if not self._wirings:
             return
-        coarse = _coarse(sample)
+        coarse = sample.noisier((GAIN * sample.deflection_mm) ** 2)
         corrected = [coarse, *(wiring.corrected(coarse) for wiring in self._wirings)]
-        rows = Weighed(*(np.concatenate([getattr(one, part.name) for one in corrected]) for part in fields(Weighed)))
-        asis, *each = evidence(self._metadata, self._run, rows)
+        asis, *each = evidence(self._metadata, self._run, Weighed.stacked(corrected))
         odd = is_odd(self._metadata.thresholds, asis)
         for index, said in enumerate(each):
             places_mm = self._places_mm[index]
@@ -118,10 +115,3 @@ class Wirings:
         if 0 < len(enough) <= MIRRORED:
             self._found = enough
             self.finding = ", or ".join(self._wirings[index].text for index in sorted(enough))
-
-
-def _coarse(sample: Weighed) -> Weighed:
-    """Return a sample with errors of the gains that no calibration has found yet."""
-    extra_mm2 = (GAIN * sample.deflection_mm) ** 2
-    covariance = sample.covariance_mm2 + extra_mm2[:, :, None] * np.eye(extra_mm2.shape[1])
-    return replace(sample, covariance_mm2=covariance)

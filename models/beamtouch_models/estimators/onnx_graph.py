@@ -1,4 +1,4 @@
-"""ONNX graphs with the inputs and outputs of a model file.
+"""ONNX graphs with the inputs and outputs of a model file, and model files as bytes.
 
 Opset and IR version are pinned to those that onnxruntime 1.17 reads, so that new models run on older installations.
 """
@@ -12,12 +12,11 @@ from numpy.typing import ArrayLike, DTypeLike
 from onnx import TensorProto, helper, numpy_helper
 
 from beamtouch_models.arrays import Floats
-from beamtouch_models.metadata import FORCE_OUTPUTS, INPUTS
+from beamtouch_models.error_model import NORMAL_975
+from beamtouch_models.metadata import FORCE_OUTPUTS, INPUTS, Metadata
 
 OPSET = 17
 IR_VERSION = 8
-NORMAL_95 = 1.96
-"""Half the width of an interval that holds 95 % of a normal distribution, over its standard deviation."""
 
 
 @dataclass
@@ -107,7 +106,7 @@ def with_force_error(made: onnx.ModelProto, error: float) -> onnx.ModelProto:
     for node in changed.graph.node:
         for names in (node.input, node.output):
             names[:] = [f"unscaled_{name}" if name in ends else name for name in names]
-    scaled = after.apply("Mul", force, after.constant(NORMAL_95 * error))
+    scaled = after.apply("Mul", force, after.constant(NORMAL_975 * error))
     for end, back in zip(ends, ("Sub", "Add"), strict=True):
         gap = after.apply("Sub", force, f"unscaled_{end}")
         square = after.apply("Add", after.apply("Mul", gap, gap), after.apply("Mul", scaled, scaled))
@@ -135,3 +134,13 @@ def model(graph: Graph, channels: int, outputs: Sequence[str]) -> onnx.ModelProt
     made.ir_version = IR_VERSION
     onnx.checker.check_model(made)
     return made
+
+
+def to_bytes(model: onnx.ModelProto, metadata: Metadata | None = None) -> bytes:
+    """Serialise a graph, with its metadata; the same input gives the same bytes."""
+    complete = onnx.ModelProto()
+    complete.CopyFrom(model)
+    for key, text in sorted((metadata.to_entries() if metadata else {}).items()):
+        complete.metadata_props.add(key=key, value=text)
+    content: bytes = complete.SerializeToString(deterministic=True)
+    return content

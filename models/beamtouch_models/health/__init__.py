@@ -4,8 +4,3 @@ A contact of force f at x deflects the sensors by z = diag(1 + g) f G(x) + o. Po
 the part of z that neither of them explains says anything of the gain errors g. A common change of all gains is never
 seen: it is force. A change that nearly is a shift of the position is hardly seen. The zeros o are seen at rest.
 """
-
-from beamtouch_models.health.contacts import BestSample
-from beamtouch_models.health.health import ChannelChange, Health
-
-__all__ = ["BestSample", "ChannelChange", "Health"]

@@ -27,16 +27,10 @@ class InfluenceCurve:
     """Those of the calibration; none of a model that is not calibrated."""
 
     @classmethod
-    def of(cls, metadata: Metadata) -> Self | None:
-        """Return the curve of a model; None if its file does not hold it."""
-        held = metadata.influence
-        if held is None:
-            return None
-        return cls(
-            np.linspace(*metadata.ranges.position_mm, len(held.mm_per_n)),
-            np.array(held.mm_per_n),
-            metadata.departures,
-        )
+    def of(cls, metadata: Metadata) -> Self:
+        """Return the curve of a model."""
+        table = np.array(metadata.influence.mm_per_n)
+        return cls(np.linspace(*metadata.ranges.position_mm, len(table)), table, metadata.departures)
 
     def at(self, position_mm: Floats) -> tuple[Floats, Floats]:
         """Return the influence and its slope at positions (contacts,), (contacts, channels) in mm/N and 1/N."""

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from beamtouch_models.arrays import Bools, Floats
-from beamtouch_models.errors import ModelFileError
 from beamtouch_models.health.changes import CERTAIN, Change, Gains, found_changes
 from beamtouch_models.health.contacts import BestSample, Residuals, residuals
 from beamtouch_models.health.curve import InfluenceCurve
@@ -46,16 +45,10 @@ class Health:
 
         Raises
         ------
-        ModelFileError
-            The model file does not hold the influence.
         ValueError
             What was kept is not of this layout, or was written in another way.
         """
-        curve = InfluenceCurve.of(metadata)
-        if curve is None:
-            message = f"{metadata.name} does not hold the influence at its sensors; build it again"
-            raise ModelFileError(message)
-        self._metadata, self._curve = metadata, curve
+        self._metadata, self._curve = metadata, InfluenceCurve.of(metadata)
         self._floor, self._zero_mm = np.array(metadata.floor.gain), np.array(metadata.floor.zero_mm)
         kept = {"blocks": [], "changes": []} if kept is None else kept
         try:

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from beamtouch_models.arrays import Bools, Floats
+from beamtouch_models.error_model import NORMAL_975
 from beamtouch_models.health.contacts import SCATTER, BestSample
 from beamtouch_models.health.history import History
-from beamtouch_models.quantiles import NORMAL_975
 
 NEWEST = 8
 """Newest contacts, whose rests give the present zero."""

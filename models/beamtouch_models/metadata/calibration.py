@@ -60,7 +60,7 @@ class Calibration(MetadataPart):
     fitted: list[str]
     """Kinds of departures that were fitted; the others are as in the scene."""
     loads: int = Field(ge=0)
-    residual_mm: float = Field(ge=0, alias="unexplained_mm")
+    residual_mm: float = Field(ge=0)
     """Standard deviation that a fit leaves in the deflections of a left-out load, beyond noise; part of the noise."""
     error_before_mm: float | None = None
     """Mean position error of the loads; None without loads."""

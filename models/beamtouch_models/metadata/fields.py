@@ -17,6 +17,4 @@ FORCE_OUTPUTS = ("force_n", "force_low_n", "force_high_n")
 class MetadataPart(BaseModel):
     """A part of the metadata. It is immutable, and unknown fields are refused."""
 
-    model_config = ConfigDict(
-        extra="forbid", strict=True, frozen=True, validate_by_name=True, validate_by_alias=True, serialize_by_alias=True
-    )
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)

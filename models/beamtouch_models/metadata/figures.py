@@ -49,7 +49,7 @@ class SinceTouch(MetadataPart):
     readings: int
     error_percent: float
     """Mean |position error| in percent of the length if the beam follows the touch at once."""
-    error_standard_error: float | None = None
+    error_standard_error: float
     ringing_percent: float | None = None
     """The same after a sudden force, which rings; None if the scene does not state the beam's mass."""
     ringing_standard_error: float | None = None
@@ -64,7 +64,7 @@ class Accuracy(MetadataPart):
     limit_standard_error: float
     ratio_standard_error: float
     """Standard error of `ratio`, whose terms share their contacts."""
-    since_touch: list[SinceTouch] = Field(default_factory=list)
+    since_touch: list[SinceTouch]
     """From the first answer to the longest mean; all figures above are those of a mean of `filter.window` readings."""
 
     @property

@@ -22,7 +22,7 @@ from beamtouch_models.metadata.figures import (
 from beamtouch_models.metadata.surface import Channel, Drawn, FilterChoice, Floor, Influence, Noise, Ranges, Sensor
 from beamtouch_models.rates import max_false_per_day
 
-SCHEMA_VERSION: Literal[2] = 2
+SCHEMA_VERSION: Literal[3] = 3
 METADATA_PREFIX = "beamtouch."
 THIS_FILE = "MODEL.onnx"
 """Stands for the name of the file in a message; the loader knows the name."""
@@ -33,7 +33,7 @@ MAX_ERROR = 1e3
 class Metadata(MetadataPart):
     """The metadata of a model file: each field is one entry, as JSON, named `beamtouch.<field>`."""
 
-    schema_version: Literal[2] = SCHEMA_VERSION
+    schema_version: Literal[3] = SCHEMA_VERSION
     name: str = Field(pattern=NAME)
     """Name of the scene, and of the surface unless a configuration gives another."""
     beam: str = Field(pattern=NAME)
@@ -55,10 +55,8 @@ class Metadata(MetadataPart):
     """Unused if the graph gives neither log odds nor a misfit."""
     smallest_force: SmallestForce
     drawn: Drawn
-    influence: Influence | None = None
-    """None in older files: without it, nothing is known of how the sensors change."""
-    placed: LayoutErrors | None = None
-    """None in older files, which were placed by the eigenvalue product."""
+    influence: Influence
+    placed: LayoutErrors
     seed: int
     accuracy: Accuracy
     calibration: Calibration | None = None
@@ -76,27 +74,21 @@ class Metadata(MetadataPart):
         if self.min_channels > len(names):
             message = f"min_channels: {self.min_channels} of {len(names)} channels"
             raise ValueError(message)
-        golden = self.golden
-        rows: list[list[float]] = [*golden.deflection_mm, *(row for one in golden.whitening_per_mm for row in one)]
-        if any(len(row) != len(names) for row in rows) or len(rows) != len(golden.deflection_mm) * (len(names) + 1):
-            message = f"golden: every row of inputs must have {len(names)} channels"
-            raise ValueError(message)
-        if self.placed and len(self.placed.limit_without_percent) not in (0, len(names)):
-            message = f"placed: limit_without_percent must have {len(names)} entries"
-            raise ValueError(message)
-        limits = self.thresholds
-        each: list[list[Any]] = [limits.touch, limits.rest, limits.misfit, self.floor.gain, self.floor.zero_mm]
-        if any(len(values) != len(names) for values in each):
-            message = f"thresholds and floor: each list must have {len(names)} entries"
-            raise ValueError(message)
-        if self.influence and any(len(row) != len(names) for row in self.influence.mm_per_n):
-            message = f"influence: every row must have {len(names)} channels"
-            raise ValueError(message)
+        golden, limits, placed = self.golden, self.thresholds, self.placed.limit_without_percent
         found = self.calibration.departures if self.calibration else None
-        if found and any(
-            len(values) != len(names) for values in (found.position_offset_mm, found.gain, found.offset_mm)
-        ):
-            message = f"calibration.departures: each list must have {len(names)} entries"
+        lists: dict[str, list[list[Any]]] = {
+            "thresholds and floor": [limits.touch, limits.rest, limits.misfit, self.floor.gain, self.floor.zero_mm],
+            "placed": [placed] if placed else [],
+            "influence": [*self.influence.mm_per_n],
+            "golden": [*golden.deflection_mm, *(row for one in golden.whitening_per_mm for row in one)],
+            "calibration.departures": [found.position_offset_mm, found.gain, found.offset_mm] if found else [],
+        }
+        for where, each in lists.items():
+            if any(len(values) != len(names) for values in each):
+                message = f"{where}: each list must have {len(names)} entries"
+                raise ValueError(message)
+        if len(lists["golden"]) != len(golden.deflection_mm) * (len(names) + 1):
+            message = f"golden: each input must have {len(names)} channels"
             raise ValueError(message)
         return self
 

@@ -91,8 +91,8 @@ class DrawnSupport(MetadataPart):
 
     at_mm: FiniteFloat
     kind: Literal["simple", "fixed"]
-    slides: bool | None = None
-    """Whether the beam can move lengthwise on it; None in older files."""
+    slides: bool
+    """Whether the beam can move lengthwise on it."""
 
 
 class Drawn(MetadataPart):
@@ -106,8 +106,8 @@ class Drawn(MetadataPart):
     """Positions of the contact for which it is given."""
     deflection_mm_per_n: list[list[FiniteFloat]]
     """For each position of the contact, the deflection along the beam."""
-    sensor_mm: NonNegativeFloat | None = None
-    """Width of a sensor's housing along the beam; None in older files."""
+    sensor_mm: NonNegativeFloat
+    """Width of a sensor's housing along the beam."""
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:

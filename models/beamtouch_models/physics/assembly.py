@@ -19,8 +19,8 @@ def element_influence(beam: Beam, sensor_mm: Floats, low_mm: Floats, high_mm: Fl
         The structure is so nearly unstable or so uneven that the result would be inaccurate.
     """
     mesh = mesh_of(beam)
-    loads = nodal_loads(mesh, low_mm, high_mm)
-    sensors = nodal_loads(mesh, sensor_mm, sensor_mm)
+    loads = _nodal_loads(mesh, low_mm, high_mm)
+    sensors = _nodal_loads(mesh, sensor_mm, sensor_mm)
     few = len(loads) < len(sensors)  # the stiffness is symmetric, so solve for the smaller set
     matrix = solve(mesh, loads.T).T @ sensors.T if few else loads @ solve(mesh, sensors.T)
     _add_within_elements(mesh, matrix, sensor_mm, low_mm, high_mm)
@@ -56,7 +56,7 @@ def _share(start: Floats, end: Floats, width: Floats, pieces: int) -> Floats:
     return share
 
 
-def nodal_loads(mesh: Mesh, low_mm: Floats, high_mm: Floats) -> Floats:
+def _nodal_loads(mesh: Mesh, low_mm: Floats, high_mm: Floats) -> Floats:
     """Return the nodal forces of unit contacts, (contacts, degrees); for points these are also the shape functions."""
     contact, element = _touched(mesh, low_mm, high_mm)
     left, right = mesh.node_mm[element], mesh.node_mm[element + 1]

@@ -7,33 +7,27 @@ A beam held at two places cannot lengthen between them. A change of temperature 
 over its sections of length h, compression positive (Gere & Goodno, Mechanics of Materials, sec. 2.5). If more supports
 hold it, each stretch between two of them has its own force. For a rectangular
 section of thickness t, E A = 12 E I / t^2. Compression softens the beam against bending, tension stiffens it: with the
-stiffness K of the beam and the stiffness G of a string under unit tension, nodal forces f deflect it by
+flexibility G of the beam and the stiffness B'B of a string under unit tension, forces f deflect it by
 
-    w = (K - N G)^-1 f
+    w = (1/G - N B'B)^-1 f = G f + N G B' (1 - N B G B')^-1 B G f
 
-(Timoshenko & Gere, Theory of Elastic Stability, 2nd ed. 1961, ch. 1). It buckles where K - N G is no longer positive
-definite. The elements are short, so that the string's polygon follows the beam within 1e-4.
+(Timoshenko & Gere, Theory of Elastic Stability, 2nd ed. 1961, ch. 1). It buckles where N reaches one over the largest
+eigenvalue of B G B'. G is the influence matrix, so this holds for any beam. The string is a polygon, so short that it
+follows the beam within 1e-4.
 """
 
 from dataclasses import dataclass
-from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
-from scipy.linalg import LinAlgError, cho_solve_banded, cholesky_banded
 
 from beamtouch_models.arrays import Floats
 from beamtouch_models.errors import SceneError
-from beamtouch_models.physics.assembly import nodal_loads
-from beamtouch_models.physics.mesh import Mesh, banded, mesh_of
+from beamtouch_models.physics.beam import influence
 from beamtouch_models.scene.beam import Beam
 
-MAX_ELEMENT = 1 / 256
-"""Longest element, in units of the beam's length."""
-HALVINGS = 40
-"""Steps of the search for the critical force, to a relative 1e-12."""
-MAX_FORCE = 2.0**60
-"""Largest axial force in units of E I / l^2; no beam buckles that late."""
+SEGMENTS = 256
+"""Smallest number of sides of the polygon."""
 
 
 @dataclass(frozen=True)
@@ -73,7 +67,7 @@ def held(beam: Beam) -> Held | None:
     critical_n = 0.0
     if all(0 < force < np.inf for _, _, force in forces):
         with np.errstate(all="ignore"):
-            critical_n = float(_critical(beam) * beam.rigidity_n_mm2 / np.square(np.float64(beam.length_mm)))
+            critical_n = 1 / float(np.linalg.eigvalsh(_bent_by_string(beam)[2])[-1])
     if not 0 < critical_n < np.inf:
         message = "beam: its axial force cannot be computed; check length, thickness and expansion_um_per_m_k"
         raise SceneError(message)
@@ -104,56 +98,34 @@ def _forces_n_per_k(beam: Beam) -> list[tuple[float, float, float]] | None:
     return found
 
 
-def influence_change(beam: Beam, force_n: float, sensor_mm: Floats, low_mm: Floats, high_mm: Floats) -> Floats | None:
-    """Return how an axial force changes the influence of contacts from `low_mm` to `high_mm`.
+def influence_change(
+    beam: Beam, force_n: float, sensor_mm: Floats, load_mm: Floats, width_mm: float = 0.0
+) -> Floats | None:
+    """Return how an axial force changes the influence of contacts, (loads, sensors) in mm/N; None if the beam buckles.
 
-    `force_n` is the force of the stretch where it is largest; compression is positive. The result is (loads, sensors)
-    in mm/N; None if the beam buckles.
+    `force_n` is the force of the stretch where it is largest; compression is positive.
     """
-    mesh = mesh_of(beam, MAX_ELEMENT)
-    factor = _factor(mesh, _share(mesh, beam), force_n * beam.length_mm / beam.rigidity_n_mm2 * beam.length_mm)
-    if factor is None:
+    node_mm, slopes, bent = _bent_by_string(beam)
+    if not force_n * float(np.linalg.eigvalsh(bent)[-1]) < 1:
         return None
-    loads, sensors = nodal_loads(mesh, low_mm, high_mm), nodal_loads(mesh, sensor_mm, sensor_mm)
-    loads[:, mesh.held] = 0.0
-    moved = cho_solve_banded((factor, True), loads.T) - cho_solve_banded((mesh.factor, True), loads.T)
-    change: Floats = moved.T @ sensors.T * (beam.length_mm * beam.length_mm / beam.rigidity_n_mm2 * beam.length_mm)
+    loads = influence(beam, node_mm, load_mm, width_mm) @ slopes.T
+    sensors = slopes @ influence(beam, sensor_mm, node_mm)
+    change: Floats = force_n * loads @ np.linalg.solve(np.eye(len(bent)) - force_n * bent, sensors)
     return change
 
 
-@lru_cache(maxsize=16)
-def _critical(beam: Beam) -> float:
-    """Return the critical compression in units of E I / l^2."""
-    mesh = mesh_of(beam, MAX_ELEMENT)
-    share, high = _share(mesh, beam), 1.0
-    while high < MAX_FORCE and _factor(mesh, share, high) is not None:
-        high *= 2
-    low = high / 2 if high > 1 else 0.0
-    for _ in range(HALVINGS):
-        middle = (low + high) / 2
-        low, high = (middle, high) if _factor(mesh, share, middle) is not None else (low, middle)
-    return low
+def _bent_by_string(beam: Beam) -> tuple[Floats, Floats, Floats]:
+    """Return the nodes of the string (nodes,), B (sides, nodes) in mm^(-1/2), and B G B' (sides, sides) in 1/N.
 
-
-def _share(mesh: Mesh, beam: Beam) -> Floats:
-    """Return the force in each element (elements,) over that where it is largest; 0 beyond the supports that hold."""
-    middle = (mesh.node_mm[:-1] + mesh.node_mm[1:]) / 2
-    share, forces = np.zeros(len(middle)), _forces_n_per_k(beam) or []
+    The tension in each side is over that where it is largest, and 0 beyond the supports that hold.
+    """
+    steps = [section.to_mm for section in beam.sections]
+    supports = [support.at_mm for support in beam.support_list]
+    node_mm = np.unique(np.concatenate([np.linspace(0.0, beam.length_mm, SEGMENTS + 1), steps, supports]))
+    middle_mm, forces = (node_mm[:-1] + node_mm[1:]) / 2, _forces_n_per_k(beam) or []
+    share = np.zeros(len(middle_mm))
     for start, end, force in forces:
-        share[(start < middle) & (middle < end)] = force / max(one for _, _, one in forces)
-    return share
-
-
-def _factor(mesh: Mesh, share: Floats, axial: float) -> Floats | None:
-    """Return the banded factor of K - N G for an axial force in units of E I / l^2; None if the beam buckles."""
-    if not np.isfinite(axial):
-        return None
-    tension = share * axial / mesh.elements.height
-    matrices = mesh.stiffness.copy()
-    for row, column, sign in ((0, 0, -1), (2, 2, -1), (0, 2, 1), (2, 0, 1)):
-        matrices[:, row, column] += sign * tension
-    try:
-        factor: Floats = cholesky_banded(banded(matrices, mesh.springs, mesh.held), lower=True)
-    except LinAlgError:
-        return None
-    return factor
+        share[(start < middle_mm) & (middle_mm < end)] = force / max(one for _, _, one in forces)
+    slopes = np.diff(np.eye(len(node_mm)), axis=0) * np.sqrt(share / np.diff(node_mm))[:, None]
+    bent = slopes @ influence(beam, node_mm, node_mm) @ slopes.T
+    return node_mm, slopes, (bent + bent.T) / 2

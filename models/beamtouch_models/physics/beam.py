@@ -10,11 +10,10 @@ from numpy.typing import ArrayLike
 from beamtouch_common.digits import digits
 from beamtouch_models.arrays import Floats
 from beamtouch_models.errors import SceneError
-from beamtouch_models.numbers import array_of, places_in, require
+from beamtouch_models.numbers import array_of, at_most, places_in, require
 from beamtouch_models.physics.assembly import element_influence
 from beamtouch_models.physics.closed_forms import patch_influence, point_influence, span_of
 from beamtouch_models.physics.influence import InfluenceFunction
-from beamtouch_models.rounding import at_most
 from beamtouch_models.scene import Scene
 from beamtouch_models.scene.beam import SMALLEST_NORMAL, Beam
 from beamtouch_models.scene.misplaced import ROUNDING, taken_mm

@@ -47,8 +47,8 @@ class Mesh:
 
 
 @lru_cache(maxsize=16)
-def mesh_of(beam: Beam, longest: float = 1.0) -> Mesh:
-    """Return the factorised mesh of a beam, with elements of at most `longest` times its length.
+def mesh_of(beam: Beam) -> Mesh:
+    """Return the factorised mesh of a beam.
 
     Raises
     ------
@@ -59,7 +59,7 @@ def mesh_of(beam: Beam, longest: float = 1.0) -> Mesh:
     foundation = (beam.foundation_n_mm2 or 0.0) * length / reference * length * length * length
     if not np.isfinite(foundation):
         raise SceneError(_too_stiff(beam))
-    node = _nodes(beam, foundation, longest)
+    node = _nodes(beam, foundation)
     ends = [section.to_mm for section in beam.sections]
     section = np.searchsorted(ends, (node[:-1] + node[1:]) / 2)
     rigidity = np.array([section.rigidity_n_mm2 / reference for section in beam.sections])
@@ -79,8 +79,8 @@ def mesh_of(beam: Beam, longest: float = 1.0) -> Mesh:
     return Mesh(length, node, elements, np.array(held, np.intp), springs, matrices, rigid_forces(elements), factor)
 
 
-def _nodes(beam: Beam, foundation: float, longest: float) -> Floats:
-    """Return the nodes: ends, steps and supports, and nodes between that keep the elements short."""
+def _nodes(beam: Beam, foundation: float) -> Floats:
+    """Return the nodes: ends, steps and supports, and on a foundation nodes between that keep the elements short."""
     ends = [section.to_mm for section in beam.sections]
     node = np.unique([0.0, *ends, *(support.at_mm for support in beam.support_list)])
     gaps = np.diff(node)
@@ -88,13 +88,12 @@ def _nodes(beam: Beam, foundation: float, longest: float) -> Floats:
         near = int(gaps.argmin())
         message = f"supports or segments at {node[near]:g} and {node[near + 1]:g} mm are too close to be told apart"
         raise SceneError(message)
-    if foundation == 0 and longest == 1:
+    if foundation == 0:
         return node
     softest = min(section.rigidity_n_mm2 for section in beam.sections) / beam.rigidity_n_mm2
     slip = float(_shear_compliance(beam).max())
     steepest = max((foundation / (4 * softest)) ** 0.25, (foundation * slip) ** 0.5)
-    longest = min(longest, MAX_ON_FOUNDATION / steepest) if steepest else longest
-    pieces = np.maximum(np.ceil(gaps / beam.length_mm / longest), 1)
+    pieces = np.maximum(np.ceil(gaps / beam.length_mm * steepest / MAX_ON_FOUNDATION), 1)
     if not pieces.sum() <= MAX_ELEMENTS:
         raise SceneError(_too_stiff(beam))
     stretches = [
@@ -123,28 +122,23 @@ def _shear_compliance(beam: Beam) -> Floats:
 
 
 def _factor(matrices: Floats, springs: Floats, held: list[int]) -> Floats:
-    """Assemble the stiffness of all elements, hold the supports, and factorise."""
-    try:
-        factor: Floats = cholesky_banded(banded(matrices, springs, np.array(held, np.intp)), lower=True)
-    except LinAlgError:
-        raise SceneError(UNEVEN) from None
-    return factor
-
-
-def banded(matrices: Floats, springs: Floats, held: Indices) -> Floats:
-    """Return the banded stiffness of all elements (elements, 4, 4) with held supports, (4, 2 nodes)."""
+    """Assemble the banded stiffness of all elements (elements, 4, 4), hold the supports, factorise; (4, 2 nodes)."""
     elements = len(matrices)
     band = np.zeros((4, 2 * (elements + 1)))
     for column in range(4):
         for row in range(column, 4):
             band[row - column, column : column + 2 * elements : 2] += matrices[:, row, column]
     band[0, 1::2] += springs
-    for degree in held.tolist():
+    for degree in held:
         for below in range(1, min(4, degree + 1)):
             band[below, degree - below] = 0.0
     band[1:, held] = 0.0
     band[0, held] = 1.0
-    return band
+    try:
+        factor: Floats = cholesky_banded(band, lower=True)
+    except LinAlgError:
+        raise SceneError(UNEVEN) from None
+    return factor
 
 
 def solve(mesh: Mesh, right: Floats) -> Floats:

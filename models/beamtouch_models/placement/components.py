@@ -63,29 +63,20 @@ def discernible(eigenvalues: Floats, noise: float) -> int:
     return int((magnitude > np.maximum(noise, magnitude[0] * EPS * len(magnitude))).sum())
 
 
-def log_eigenvalue_product(matrices: Floats, leading: int | None = None) -> Floats:
+def log_eigenvalue_product(matrix: Floats, leading: int | None = None) -> float:
     """Return the natural logarithm of the product of the leading eigenvalues of eq. 2, which is minus that of eq. 4.
 
-    If all eigenvalues count, it comes from the diagonal of the triangle. For 32 sensors its error is then 1e-12 (equal
-    pitch) to 1e-10 (1 mm apart on 400 mm), absolute, and 1e-13, relative.
+    It is minus infinity if sensors coincide or stand on a support, within rounding. If all eigenvalues count, it comes
+    from the diagonal of the triangle. For 32 sensors its error is then 1e-12 (equal pitch) to 1e-10 (1 mm apart on
+    400 mm), absolute, and 1e-13, relative.
 
     Parameters
     ----------
-    matrices : (..., loads, sensors) influence matrices, finite
+    matrix : (loads, sensors) influence matrix, finite
     leading : number of largest eigenvalues in the product; all by default
-
-    Returns
-    -------
-    (...) float64; minus infinity if sensors coincide or stand on a support, within rounding.
     """
-    matrices = np.asarray(matrices, dtype=np.float64)
-    stack = matrices.reshape(-1, *matrices.shape[-2:])
-    values = np.array([_log_product(matrix, leading or matrices.shape[-1]) for matrix in stack])
-    return values.reshape(matrices.shape[:-2])
-
-
-def _log_product(matrix: Floats, leading: int) -> float:
     loads, sensors = matrix.shape
+    leading = leading or sensors
     scaled, size = _scaled(matrix)
     if size == 0 or leading > min(loads, sensors):
         return -np.inf

@@ -54,7 +54,7 @@ class EigenvalueProduct:
 
     def exact_score(self, layout: Indices) -> float:
         """Return the log eigenvalue product of one layout (sensors,), to rounding."""
-        logs = float(log_eigenvalue_product(self.matrix[:, layout], self.leading))
+        logs = log_eigenvalue_product(self.matrix[:, layout], self.leading)
         return logs + self.leading * (self.offset + math.log(len(self.matrix)))
 
     def starts(self, seed: int) -> list[Indices]:

@@ -1,21 +1,22 @@
-"""Placement of sensors: an objective and a search, with a proof where the objective has a bound."""
+"""Placement of sensors: an objective and a search, and the number of sensors that a structure needs."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
+from beamtouch_common.digits import digits
 from beamtouch_models.accuracy.limit import accuracy_limit
 from beamtouch_models.accuracy.prior import Prior, SampleErrors
 from beamtouch_models.arrays import Floats, Indices
 from beamtouch_models.errors import NotGoodEnoughError, SceneError
 from beamtouch_models.physics.influence import InfluenceFunction
-from beamtouch_models.placement.components import log_eigenvalue_product
+from beamtouch_models.placement.components import discernible, log_eigenvalue_product, principal_components
 from beamtouch_models.placement.eigenvalue_product import eigenvalue_product_of
-from beamtouch_models.placement.layout import Candidates, equal_layout
+from beamtouch_models.placement.layout import Candidates, equal_layout, equal_pitch_mm
 from beamtouch_models.placement.position_error import PositionError, position_error_of
-from beamtouch_models.placement.proof import MAX_REGIONS, prove
 from beamtouch_models.placement.search import SearchName, SearchRun, first_best, search_from
 from beamtouch_models.progress import Progress, silent
 from beamtouch_models.sweeps import one_thread
@@ -32,7 +33,6 @@ FINAL_DRAWS = 2_000
 """Contacts of that limit; with a spare, the limits of all failures share them."""
 
 Criterion = Literal["position-error", "eigenvalue-product"]
-Certify = Literal["nothing", "bound", "proof"]
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class Aim:
     Raises
     ------
     SceneError
-        The eigenvalue product is to be placed with a spare.
+        There is no such criterion, or the eigenvalue product is to be placed with a spare.
     """
 
     criterion: Criterion
@@ -51,12 +51,13 @@ class Aim:
     leading: int | None = None
     """Number of eigenvalues in the product; None: all."""
     search: SearchName = "exact"
-    certify: Certify = "nothing"
-    """For the eigenvalue product; the position error has no bound."""
 
     def __post_init__(self) -> None:
-        if self.spare and self.criterion != "position-error":
-            message = "--spare 1 places by position error; leave out --criterion, --components and --prove"
+        if self.criterion not in get_args(Criterion):
+            message = f"criterion = {self.criterion!r} must be one of {', '.join(get_args(Criterion))}"
+            raise SceneError(message)
+        if self.spare not in (0, 1) or (self.spare and self.criterion != "position-error"):
+            message = f"spare = {self.spare}: give 0, or 1, which places by position error, without another criterion"
             raise SceneError(message)
 
 
@@ -78,13 +79,6 @@ class Placement:
     """Number of layouts scored."""
     convergence: tuple[float, ...]
     """Best score after each step of the winning run: the logarithm above, or minus the mean position error in mm."""
-    gap: float | None = None
-    """No layout scores more than log_eigenvalue_product + gap. 0: proven the best; None: no bound is known."""
-
-    @property
-    def proven(self) -> bool:
-        """Whether no layout on the grid scores more, within `proof.rounding_margin`."""
-        return self.gap == 0
 
 
 def place_as(
@@ -98,9 +92,7 @@ def place_as(
 ) -> Placement:
     """Place sensors as an aim says; arguments and errors as `place_by_position_error`."""
     if aim.criterion == "eigenvalue-product":
-        return place(
-            influence, rules, count, seed, aim.leading, search=aim.search, certify=aim.certify, progress=progress
-        )
+        return place(influence, rules, count, seed, aim.leading, search=aim.search, progress=progress)
     found = place_by_position_error(
         influence, rules, count, seed, errors, spare=aim.spare, search=aim.search, progress=progress
     )
@@ -117,7 +109,6 @@ def place(
     leading: int | None = None,
     *,
     search: SearchName = "exact",
-    certify: Certify = "nothing",
     progress: Progress = silent,
 ) -> Placement:
     """Place sensors so that the product of the leading eigenvalues (eq. 4) is largest.
@@ -129,7 +120,6 @@ def place(
     seed : seed of the search
     leading : number of eigenvalues in the product; `count` by default
     search : "exact" exchanges sensors by steps, "paper" clones and varies a layout
-    certify : "bound" states a gap; "proof" closes it if possible, and may return a better layout
     progress : called with the current step and the fraction done
 
     Raises
@@ -142,19 +132,11 @@ def place(
         progress("searching", 0.0)
         runs = search_from(product.starts(seed), product, search, seed)
         best = first_best(runs)
-        layout, score, evaluations, gap = best.layout, product.exact_score(best.layout), _total(runs), None
+        score = product.exact_score(best.layout)
         if not np.isfinite(score):
             message = f"the rules of sensors leave no {count} positions with independent readings; use fewer sensors"
             raise SceneError(message)
-        if certify != "nothing":
-            proof = prove(
-                product,
-                layout,
-                MAX_REGIONS if certify == "proof" else 0,
-                lambda left: progress(f"proving, gap {left:.2g}", 0.5),
-            )
-            layout, score, gap, evaluations = proof.layout, proof.score, proof.gap, evaluations + proof.evaluations
-    return _placement(rules, layout, score, best, evaluations, gap)
+    return _placement(rules, best.layout, score, runs)
 
 
 def place_by_position_error(
@@ -178,14 +160,14 @@ def place_by_position_error(
     over each one sensor failed, of the error of the others, among all layouts; what a layout notices is worth up to
     `position_error.SPARE_NOTICES` of it.
 
-    `errors` are those of a sample; its noise must not be 0. This criterion has no bound, so the gap is None. SceneError
-    also if a sensor stands on a support.
+    `errors` are those of a sample; its noise must not be 0. SceneError also if a sensor stands on a
+    support.
     """
     if not 0 < errors.noise_mm < np.inf:
         message = f"sensors: with a noise of {errors.noise_mm:g} mm all layouts are equal; state the noise of a reading"
         raise SceneError(message)
     if count <= spare:
-        message = f"--spare {spare} needs at least {spare + 1} sensors, not {count}; use --sensors, or sensors.count"
+        message = f"spare = {spare} needs at least {spare + 1} sensors, not {count}; use more, or set sensors.count"
         raise SceneError(message)
     with one_thread():
         equal = equal_layout(rules, influence.length_mm, count)
@@ -194,19 +176,18 @@ def place_by_position_error(
         runs = search_from(
             [product, equal], objective, search, seed, lambda part: progress("placing by position error", part)
         )
-        best = first_best(runs)
         layout = _decided(objective, [*(run.layout for run in runs), product, equal], influence, seed)
     positions = rules.position_mm[layout]
     size = np.abs(influence.matrix(positions)).max(axis=0)
     if size.min() <= AT_REST * size.max():
         message = f"sensors: nothing moves at {positions[size.argmin()]:g} mm; move that sensor, or use fewer sensors"
         raise SceneError(message)
-    return _placement(rules, layout, score_positions(influence, positions), best, _total(runs), None)
+    return _placement(rules, layout, score_positions(influence, positions), runs)
 
 
 def score_positions(influence: InfluenceFunction, positions_mm: Floats, leading: int | None = None) -> float:
     """Return the logarithm of the eigenvalue product of a layout, in the unit of `Placement.log_eigenvalue_product`."""
-    score = float(log_eigenvalue_product(influence.matrix(positions_mm), leading))
+    score = log_eigenvalue_product(influence.matrix(positions_mm), leading)
     return score - 2 * (leading or len(positions_mm)) * float(np.log(influence.unit_mm_per_n))
 
 
@@ -240,17 +221,92 @@ def _decided(objective: PositionError, found: Sequence[Indices], influence: Infl
     return np.asarray(max(finalists, key=lambda layout: objective.score(layout, limit)))
 
 
-def _total(runs: Sequence[SearchRun]) -> int:
-    return sum(run.evaluations for run in runs)
-
-
-def _placement(
-    rules: Candidates, layout: Indices, score: float, run: SearchRun, evaluations: int, gap: float | None
-) -> Placement:
+def _placement(rules: Candidates, layout: Indices, score: float, runs: Sequence[SearchRun]) -> Placement:
     """Return the result of every placement, after a last look at the rules; NotGoodEnoughError if it breaks one."""
     positions_mm = tuple(np.sort(rules.position_mm[layout]).tolist())
     if not rules.allowed(layout[None, :])[0]:
         places = ", ".join(f"{position:g}" for position in positions_mm)
         message = f"the search ended at {places} mm, against the rules of sensors; please report this scene as a defect"
         raise NotGoodEnoughError(message)
-    return Placement(positions_mm, score, evaluations, run.scores, gap)
+    return Placement(positions_mm, score, sum(run.evaluations for run in runs), first_best(runs).scores)
+
+
+PROBES = 8
+"""Equally pitched sensors whose components are counted, as in the paper."""
+COUNT_DRAWS = 1_000
+"""Simulated contacts for the error of each number of sensors that is tried."""
+
+
+def recommended_count(influence: InfluenceFunction, noise_mm: float) -> int:
+    """Return the number of sensors by the paper's section 3: one per component that exceeds the noise.
+
+    The components are those of eight sensors at equal pitch, under forces drawn from their range. The number is
+    at least two, because one sensor cannot distinguish a contact from its mirror image.
+    """
+    low, high = influence.force_n
+    force = math.sqrt((low * low + low * high + high * high) / 3)
+    matrix = influence.matrix(equal_pitch_mm(influence.length_mm, PROBES))
+    size = float(np.abs(matrix).max())
+    if size == 0 or force == 0:
+        return 2
+    return max(2, discernible(principal_components(matrix / size).eigenvalues, noise_mm / size / force))
+
+
+def fewest_sensors(
+    influence: InfluenceFunction,
+    rules: Candidates,
+    counts: tuple[int, int],
+    *,
+    wanted_mm: float | None,
+    errors: SampleErrors,
+    seed: int,
+    aim: Aim = DEFAULT_AIM,
+    progress: Progress = silent,
+) -> Placement:
+    """Place the fewest sensors whose accuracy limit meets a requirement; with a spare, whichever one has failed.
+
+    Parameters
+    ----------
+    influence, rules : influence function of the structure, and rules for its sensors
+    counts : smallest and largest number of sensors; equal ends need no requirement. Numbers below that of the fixed
+        sensors are passed over.
+    wanted_mm : largest mean position error
+    errors : errors of a sample
+    seed : seed of the search and of the simulated contacts
+    aim : criterion and search of the layouts
+    progress : called with the current step and the fraction done
+
+    Raises
+    ------
+    SceneError
+        The number is open without a requirement, not even the largest number meets the requirement, or there are more
+        fixed sensors than that.
+    """
+    fewest, most = counts
+    if fewest != most and wanted_mm is None:
+        message = "sensors.count leaves the number open; give requirements.position_error_mm, or --sensors N"
+        raise SceneError(message)
+    if wanted_mm is None or fewest == most:
+        return place_as(aim, influence, rules, most, seed, errors, progress)
+    reached_mm = math.inf
+    for number in range(min(max(fewest, len(rules.fixed), aim.spare + 1, aim.leading or 1), most), most + 1):
+        try:
+            placement = place_as(aim, influence, rules, number, seed, errors, progress)
+        except SceneError as refusal:
+            if reached_mm == math.inf:
+                raise
+            raise _out_of_reach(number - 1, wanted_mm, reached_mm, aim, f"and {refusal}") from None
+        prior = Prior.real(influence, np.array(placement.positions_mm), errors)
+        priors = [prior, *(prior.without(index) for index in range(number if aim.spare else 0))]
+        reached_mm = max(accuracy_limit(one, COUNT_DRAWS, seed).percent for one in priors) / 100 * influence.length_mm
+        if reached_mm <= wanted_mm:
+            return placement
+    remedy = "use sensors with less noise or allow more latency_ms"
+    raise _out_of_reach(most, wanted_mm, reached_mm, aim, remedy)
+
+
+def _out_of_reach(count: int, wanted_mm: float, reached_mm: float, aim: Aim, more: str) -> SceneError:
+    """Return the error for a requirement that the largest number of sensors misses; `more` ends its line."""
+    limit = "the accuracy limit with one failed" if aim.spare else "the accuracy limit"
+    wanted = f"requirements.position_error_mm = {wanted_mm:g}"
+    return SceneError(f"not even {count} sensors reach {wanted}: {limit} is {digits(reached_mm, 3)} mm; {more}")

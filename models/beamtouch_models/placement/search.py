@@ -57,11 +57,16 @@ class Objective(Protocol):
 class SearchRun:
     """The result of a search from one start."""
 
-    layout: Indices
-    """(sensors,), ascending."""
+    layouts: tuple[Indices, ...]
+    """Best layout (sensors,), ascending, after each step, the start first."""
     scores: tuple[float, ...]
-    """Best score after each step, the start first."""
+    """Their scores."""
     evaluations: int
+
+    @property
+    def layout(self) -> Indices:
+        """The found layout."""
+        return self.layouts[-1]
 
     @property
     def score(self) -> float:
@@ -80,7 +85,7 @@ def search_from(
         progress(number / len(distinct))
         score = float(objective.scores(layout[None])[0])
         if score > -np.inf:
-            first = SearchRun(layout, (score,), 1)
+            first = SearchRun((layout,), (score,), 1)
             runs.append(exchange(objective, first) if search == "exact" else paper_search(objective, first, rng))
     return runs
 
@@ -93,15 +98,15 @@ def first_best(runs: Sequence[SearchRun]) -> SearchRun:
 
 def exchange(objective: Objective, run: SearchRun) -> SearchRun:
     """Move one sensor or two by a step, on and on while it gains, and halve the step when no move does."""
-    layout, scores, evaluations = run.layout, list(run.scores), run.evaluations
+    layouts, scores, evaluations = list(run.layouts), list(run.scores), run.evaluations
     candidates, group = len(objective.rules.position_mm), objective.at_once
-    step, moves = max(1, candidates // (4 * len(layout))), _moves(len(layout))
+    step, moves = max(1, candidates // (4 * len(run.layout))), _moves(len(run.layout))
     while step and evaluations < MAX_EVALUATIONS * group:
         before = len(scores)
         for first in range(0, len(moves), group):
             tried = moves[first : first + group]
             while len(tried):
-                trials = np.sort(layout + step * tried, axis=1)
+                trials = np.sort(layouts[-1] + step * tried, axis=1)
                 inside = (trials[:, 0] >= 0) & (trials[:, -1] < candidates)
                 trials, tried = trials[inside], tried[inside]
                 values = objective.scores(trials, scores[-1])
@@ -109,30 +114,33 @@ def exchange(objective: Objective, run: SearchRun) -> SearchRun:
                 best = int(values.argmax()) if len(values) else -1
                 if best < 0 or not _gains(values[best], scores[-1]):
                     break
-                layout, tried = trials[best], tried[best : best + 1]
+                tried = tried[best : best + 1]
+                layouts.append(trials[best])
                 scores.append(float(values[best]))
         if len(scores) == before:
             step //= 2
-    return SearchRun(layout, tuple(scores), evaluations)
+    return SearchRun(tuple(layouts), tuple(scores), evaluations)
 
 
 def paper_search(objective: Objective, run: SearchRun, rng: np.random.Generator) -> SearchRun:
     """Run the paper's search; `rng` draws the variations."""
-    best, scores, evaluations = run.layout, list(run.scores), run.evaluations
-    increment, idle = len(objective.rules.position_mm) / (2 * len(best)), 0
+    layouts, scores, evaluations = list(run.layouts), list(run.scores), run.evaluations
+    increment, idle = len(objective.rules.position_mm) / (2 * len(run.layout)), 0
     while len(scores) < MAX_GENERATIONS and idle < PATIENCE:
-        clones = _varied(best, objective.rules, increment, rng)
+        clones = _varied(layouts[-1], objective.rules, increment, rng)
         values = objective.scores(clones, scores[-1])
         evaluations += len(clones)
         winner = int(values.argmax())
         if _gains(values[winner], scores[-1]):
-            best, idle = clones[winner], 0
+            idle = 0
+            layouts.append(clones[winner])
             scores.append(float(values[winner]))
         else:
             idle += increment <= 0.5
             increment = max(increment * SHRINK, 0.5)
+            layouts.append(layouts[-1])
             scores.append(scores[-1])
-    return SearchRun(best, tuple(scores), evaluations)
+    return SearchRun(tuple(layouts), tuple(scores), evaluations)
 
 
 def _gains(score: float, before: float) -> bool:

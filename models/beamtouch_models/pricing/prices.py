@@ -16,7 +16,7 @@ from beamtouch_common.errors import InputError
 from beamtouch_models.arrays import Floats
 from beamtouch_models.errors import SceneError
 from beamtouch_models.metadata import FilterChoice
-from beamtouch_models.physics import dynamics
+from beamtouch_models.physics import motion
 from beamtouch_models.physics.axial import Held, held, held_stretch_mm, influence_change
 from beamtouch_models.physics.beam import influence_of
 from beamtouch_models.pricing.effect import (
@@ -73,7 +73,7 @@ def _contact_width(pricing: Pricing) -> Effect:
 
 def _self_weight(pricing: Pricing) -> Effect:
     # Deflections are linear in the load: after a tare, a contact adds the same deflection with or without the weight.
-    sag = dynamics.sag_mm(pricing.scene.beam)
+    sag = motion.sag_mm(pricing.scene.beam)
     told = "" if sag is None else f"; the beam sags by {digits(sag, 3)} mm, which the stand-off must allow for"
     return Effect("self-weight", 0.0, "out", f"constant, removed by the tare{told}")
 
@@ -121,11 +121,11 @@ def _foundation(pricing: Pricing) -> Effect:
 
 def _dynamics(pricing: Pricing) -> Effect:
     scene = pricing.scene
-    frequency = dynamics.first_frequency_hz(scene.beam)
+    frequency = motion.first_frequency_hz(scene.beam)
     if frequency is None:
         return Effect("dynamics", None, "not stated", "give density_kg_m3 or material, with width_mm and thickness_mm")
-    damping_ratio = dynamics.damping_of(scene.beam)
-    still = dynamics.ringing_after_filter(frequency, damping_ratio, pricing.filter, scene.sensors.rate_hz)
+    damping_ratio = motion.damping_of(scene.beam)
+    still = motion.ringing_after_filter(frequency, damping_ratio, pricing.filter, scene.sensors.rate_hz)
     price = pricing.price_of_all * still
     assumed = " (assumed)" if scene.beam.damping_ratio is None else ""
     told = f"rings at {digits(frequency, 3)} Hz, damped by {digits(100 * damping_ratio, 2)} %{assumed}"
@@ -209,10 +209,8 @@ def _expansion(pricing: Pricing) -> Effect:
 
 def _change(pricing: Pricing, found: Held, warming_k: float) -> Floats:
     """Return the change of the deflection at the largest force, (loads, sensors) in mm."""
-    scene, loads = pricing.scene, pricing.load_mm
-    half = scene.contact.width_mm / 2
-    low, high = np.maximum(loads - half, 0.0), np.minimum(loads + half, scene.beam.length_mm)
-    change = influence_change(scene.beam, found.force_n_per_k * warming_k, pricing.sensor_mm, low, high)
+    scene, force_n = pricing.scene, found.force_n_per_k * warming_k
+    change = influence_change(scene.beam, force_n, pricing.sensor_mm, pricing.load_mm, scene.contact.width_mm)
     if change is None:
         raise SceneError(_buckles(scene, found))
     return scene.contact.force_range_n[1] * change

@@ -11,8 +11,14 @@ weight and that of the bare beam.
 import math
 from dataclasses import dataclass
 
+from numpy.typing import ArrayLike
+
 from beamtouch_common.digits import digits
-from beamtouch_models.physics.dynamics import damping_of, first_frequency_hz, laden_period_s
+from beamtouch_models.arrays import Floats
+from beamtouch_models.errors import SceneError
+from beamtouch_models.numbers import number, numbers
+from beamtouch_models.physics.motion import damping_of, first_frequency_hz, frequency_hz, laden_period_s, swing
+from beamtouch_models.pricing.noise import MAX_DEFLECTION_MM
 from beamtouch_models.scene import Scene
 
 ASSUMED = " (assumed; with a tenth of it, all times are ten times as long: measure it, and state beam.damping_ratio)"
@@ -80,3 +86,27 @@ def told(found: Ringing) -> list[str]:
         "meanwhile the interval of an answer is as wide as the readings scatter; `build` says how large its error is, "
         "and when",
     ]
+
+
+def ringing_mm(scene: Scene, static_mm: ArrayLike, time_s: ArrayLike, *, damping_ratio: float | None = None) -> Floats:
+    """Return the deflections after a sudden load, which rings in the first mode of the beam.
+
+    Parameters
+    ----------
+    scene : the scene
+    static_mm : (sensors,) deflections once the beam has come to rest
+    time_s : (times,) since the load acts, 0 or more
+    damping_ratio : of the first mode, between 0 and 1; default: that of the scene, or 0.01
+
+    Returns
+    -------
+    (times, sensors) in mm. Errors as `frequency_hz`.
+    """
+    omega = 2 * math.pi * frequency_hz(scene)
+    ratio = damping_of(scene.beam) if damping_ratio is None else number(damping_ratio, "damping_ratio")
+    if not 0 < ratio < 1:
+        message = f"damping_ratio = {ratio:g} must be more than 0 and less than 1"
+        raise SceneError(message)
+    static = numbers(static_mm, "static_mm", least=-MAX_DEFLECTION_MM, most=MAX_DEFLECTION_MM)
+    moved = 1 + swing(numbers(time_s, "time_s", least=0.0), omega, ratio)
+    return moved[:, None] * static

@@ -7,18 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from beamtouch_models.charts import draw
+from beamtouch_models.charts import draw, standalone
 from beamtouch_models.estimators.paper_network import MAX_EPOCHS
 from beamtouch_models.progress import Progress
-from beamtouch_models.reproduction.accuracy import NETWORKS, Layout, layouts, performances
-from beamtouch_models.reproduction.components import figure_3, figure_7
-from beamtouch_models.reproduction.figure_4 import figure_4
-from beamtouch_models.reproduction.figure_8 import figure_8
+from beamtouch_models.reproduction.components import figure_2, figure_3, figure_4, figure_7
+from beamtouch_models.reproduction.figure_8 import NETWORKS, Layout, figure_8, layouts, performances
 from beamtouch_models.reproduction.finding import Figure, Row
 from beamtouch_models.reproduction.printed import printed_rows
 from beamtouch_models.reproduction.search import figures_5_and_6
-from beamtouch_models.reproduction.sensor import figure_2
-from beamtouch_models.svg import standalone
 
 TABLE, RESULTS = "table.md", "results.json"
 

@@ -1,77 +1,43 @@
 """Figures 5 and 6: the paper's search for eight sensors by their four leading eigenvalues, from equal pitch.
 
-This is the plain search of section 4, from one start: clone the best layout, vary the clones, shrink the increment when
-nothing gains. It keeps every generation. `placement.search` adds restarts and the rules of a scene.
+This is the search of section 4 as `placement.search` has it, from one start.
 """
-
-from dataclasses import dataclass
 
 import numpy as np
 
 from beamtouch_models.arrays import Floats
 from beamtouch_models.charts import Chart, Series
+from beamtouch_models.placement.eigenvalue_product import eigenvalue_product_of
+from beamtouch_models.placement.search import SearchRun, paper_search
 from beamtouch_models.reproduction.finding import Figure, Row, compared, rounded
-from beamtouch_models.reproduction.paper import LOADS_MM, dimensionless, equal_pitch_mm
+from beamtouch_models.reproduction.paper import SCENE
+from beamtouch_models.surface import Surface
 
 SENSORS, LEADING = 8, 4
-POPULATION = 100
-FIRST_INCREMENT_MM = 20.0
-"""Half the pitch of eight sensors; the paper says "a slight variation"."""
-SHRINK = 0.5
-MIN_INCREMENT_MM = 0.5
-"""Half the grid of 1 mm: at smaller increments nothing moves."""
-MAX_GENERATIONS = 200
 OTHER_SEEDS = 20
 EXPECTED_MM = (68, 69, 156, 157, 243, 244, 331, 332)
 """Read from the paper's figure 5."""
 
 
-@dataclass(frozen=True)
-class Search:
-    """A run of the paper's search."""
-
-    positions_mm: Floats
-    """(generations + 1, sensors): the start, then the best layout of each generation."""
-    log_product: Floats
-    """(generations + 1,) ln of the product of the leading eigenvalues; lengths in units of l, W/(EI) = 1."""
-
-    @property
-    def iterations(self) -> int:
-        """Generations after the start."""
-        return len(self.log_product) - 1
-
-
-def paper_search(count: int, leading: int, seed: int) -> Search:
-    """Search from equal pitch for the layout with the largest product of the leading eigenvalues, on a 1 mm grid."""
-    rng = np.random.default_rng(seed)
-    matrix = dimensionless(LOADS_MM)
-    best = np.rint(equal_pitch_mm(count)).astype(np.intp)
-    score = _scores(matrix, best[None, :], leading)[0]
-    increment = FIRST_INCREMENT_MM
-    positions, scores = [best], [score]
-    while increment >= MIN_INCREMENT_MM and len(scores) <= MAX_GENERATIONS:
-        change = np.rint(rng.uniform(-increment, increment, size=(POPULATION, count))).astype(np.intp)
-        clones = np.clip(best + change, 1, len(LOADS_MM))
-        values = _scores(matrix, clones, leading)
-        winner = int(values.argmax())
-        if values[winner] > score:
-            best, score = clones[winner], values[winner]
-        else:
-            increment *= SHRINK
-        positions.append(best)
-        scores.append(score)
-    return Search(np.array(positions, dtype=np.float64), np.array(scores))
-
-
 def figures_5_and_6(seed: int) -> tuple[Figure, Figure]:
     """Return figures 5 and 6: positions and performance value m over the iterations."""
-    run = paper_search(SENSORS, LEADING, seed)
-    others = [paper_search(SENSORS, LEADING, seed + shift).iterations for shift in range(OTHER_SEEDS)]
-    return _figure_5(run, others), _figure_6(run)
+    surface = Surface.of(SCENE)
+    product = eigenvalue_product_of(surface.influence, surface.rules, SENSORS, LEADING)
+    start = SearchRun((product.equal,), (float(product.scores(product.equal[None])[0]),), 1)
+    run, *others = (
+        paper_search(product, start, np.random.default_rng(seed + shift)) for shift in range(OTHER_SEEDS + 1)
+    )
+    iterations = [iterations_of(one) for one in (run, *others)]
+    return _figure_5(run, surface.rules.position_mm[np.array(run.layouts)], iterations), _figure_6(run)
 
 
-def _figure_5(run: Search, iterations: list[int]) -> Figure:
-    final = np.sort(run.positions_mm[-1])
+def iterations_of(run: SearchRun) -> int:
+    """Return the number of iterations up to the last gain."""
+    return int(np.flatnonzero(np.diff(run.scores))[-1]) + 1
+
+
+def _figure_5(run: SearchRun, positions_mm: Floats, iterations: list[int]) -> Figure:
+    final, own = positions_mm[-1], iterations[0]
     pairs = final.reshape(4, 2)
     merged = float(np.ptp(pairs, axis=1).max())
     asymmetry = float(np.abs(final + final[::-1] - 400).max())
@@ -101,53 +67,44 @@ def _figure_5(run: Search, iterations: list[int]) -> Figure:
         compared(
             "fig. 6: iterations to convergence",
             "about 20",
-            f"{run.iterations} ({min(iterations)} to {max(iterations)} over {len(iterations)} seeds)",
-            agrees=15 <= run.iterations <= 25,
+            f"{own} ({min(iterations)} to {max(iterations)} over {len(iterations)} seeds)",
+            agrees=15 <= own <= 25,
             why="the paper states neither its population nor its increment",
         ),
     )
-    steps = list(range(run.iterations + 1))
-    tracks = [Series("", run.positions_mm[:, k].tolist(), steps, k) for k in range(SENSORS)]
+    steps = list(range(len(run.scores)))
+    tracks = [Series("", positions_mm[:, k].tolist(), steps, k) for k in range(SENSORS)]
     says = "Positions of eight sensors over the iterations of the search: pairs merge, which leaves four places"
     results = {
-        "positions_mm": run.positions_mm.tolist(),
-        "iterations": run.iterations,
-        "iterations_of_other_seeds": iterations,
-        "population": POPULATION,
-        "first_increment_mm": FIRST_INCREMENT_MM,
+        "positions_mm": positions_mm.tolist(),
+        "iterations": own,
+        "iterations_of_other_seeds": iterations[1:],
     }
     chart = Chart(says, "position of the sensor, mm", "iteration", tracks, x_range=(0.0, 400.0))
     return Figure(5, "positions", f"{says}.", chart, results, rows)
 
 
-def _figure_6(run: Search) -> Figure:
+def _figure_6(run: SearchRun) -> Figure:
     # m itself (eq. 4) depends on the unit of deflection; relative to its last value it does not.
-    performance = np.exp(run.log_product[-1] - run.log_product)
+    performance, iterations = np.exp(run.scores[-1] - np.array(run.scores)), len(run.scores) - 1
     half = int(np.argmax(performance < (1 + performance[0]) / 2))
     rows = (
         compared(
             "fig. 6: course of the performance value m",
             "falls, asymptotically",
             f"falls from {performance[0]:.2f} times its last value, half of the way by iteration {half}",
-            agrees=bool((np.diff(performance) <= 0).all() and half <= run.iterations / 3),
+            agrees=bool((np.diff(performance) <= 0).all() and half <= iterations / 3),
             why="it does not fall steadily, or falls late",
         ),
         Row(
             "fig. 6: ln of the eigenvalue product, start and end",
             "",
-            f"{run.log_product[0]:.4f}, {run.log_product[-1]:.4f} (lengths over l, W/(EI) = 1)",
+            f"{run.scores[0]:.4f}, {run.scores[-1]:.4f} (lengths over l, W/(EI) = 1)",
             "not stated",
         ),
     )
     says = "The performance value m over the iterations of the search, relative to its last value"
-    steps = list(range(run.iterations + 1))
+    steps = list(range(iterations + 1))
     chart = Chart(says, "iteration", "m over its last value", [Series("", steps, rounded(performance))], whole_x=True)
-    results = {"m_over_last": rounded(performance), "log_eigenvalue_product": rounded(run.log_product)}
+    results = {"m_over_last": rounded(performance), "log_eigenvalue_product": rounded(list(run.scores))}
     return Figure(6, "performance", f"{says}.", chart, results, rows)
-
-
-def _scores(matrix: Floats, layouts: np.ndarray[tuple[int, ...], np.dtype[np.intp]], leading: int) -> Floats:
-    """Score all layouts (population, sensors) at once; four of eight components are large enough for a plain SVD."""
-    singular = np.linalg.svd(np.moveaxis(matrix[:, layouts - 1], 1, 0), compute_uv=False)[:, :leading]
-    scores: Floats = (2 * np.log(singular) - np.log(len(matrix))).sum(axis=1)
-    return scores

@@ -1,7 +1,6 @@
 """Imperfections: the departures of a virtual surface from its scene, which calibration finds, and its damping.
 
-Two keys are stated otherwise than in `Departures`: the offset is one of the gap, and the curve is a polynomial of the
-true deflection, of which the curve of a calibration is the inverse to first order.
+One key is stated otherwise than in `Departures`: the offset is one of the gap.
 """
 
 from pathlib import Path
@@ -10,7 +9,6 @@ from typing import Annotated
 from pydantic import Field
 
 from beamtouch_common.files import load_toml
-from beamtouch_models.arrays import Floats
 from beamtouch_models.errors import SceneError
 from beamtouch_models.metadata import Departures
 from beamtouch_models.scene.fields import Finite, Fixity, PositiveFinite, Strict
@@ -28,7 +26,7 @@ class Imperfections(Strict):
     offset_mm: Annotated[tuple[Finite, ...], Field(strict=False)] = ()
     """Added to each gap; a tare removes it."""
     curve_per_mm: Finite = 0.0
-    """Curvature of the characteristic: a deflection w is measured as gain (w + curve w^2)."""
+    """Curvature of the characteristic: a deflection w is measured as y, where y + curve y^2 = gain w."""
     fixity: Annotated[tuple[Fixity, Fixity], Field(strict=False)] = (0.0, 0.0)
     """Fixity of the leftmost and the rightmost support."""
     rigidity: PositiveFinite = 1.0
@@ -37,13 +35,8 @@ class Imperfections(Strict):
     """Damping ratio of the first mode, in which the beam rings unless the price of ringing is negligible. Default: the
     scene's `beam.damping_ratio`."""
 
-    def bend_mm(self, deflection_mm: Floats) -> Floats:
-        """Return true deflections as the curve of the sensors bends them; gains and offsets come after it."""
-        bent: Floats = deflection_mm + self.curve_per_mm * deflection_mm**2
-        return bent
-
     def departures(self, channels: int) -> Departures:
-        """Return the departures of a surface without its curve, which `bend_mm` has.
+        """Return the departures of a surface.
 
         Raises
         ------
@@ -58,7 +51,7 @@ class Imperfections(Strict):
         stated = {name: values for name, values in given.items() if values}
         if self.offset_mm:  # a larger gap is a smaller deflection
             stated["offset_mm"] = [-value for value in self.offset_mm]
-        whole = {"fixity": self.fixity, "rigidity": self.rigidity}
+        whole = {"fixity": self.fixity, "rigidity": self.rigidity, "curve_per_mm": self.curve_per_mm}
         return Departures.none(channels).model_copy(update=stated | whole)
 
 

@@ -9,7 +9,7 @@ from collections.abc import Awaitable, Callable
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from pymodbus.server import ModbusSerialServer, ModbusTcpServer
 
@@ -30,12 +30,8 @@ TRUTH_PERIOD_S = 0.01
 TRUTH_HEADER = "unix_time_s,position_mm,force_n"
 
 
-class Touching(NamedTuple):
-    """The load on the surface at one instant."""
-
-    load: Load
-    seconds: float
-    """Time since the start."""
+Touching = Callable[[], tuple[Load, float]]
+"""Returns the load on the surface now, and the time since the start [s]."""
 
 
 @dataclass(frozen=True)
@@ -72,9 +68,9 @@ async def run(
     def clock() -> float:
         return time.monotonic() - started
 
-    def touching() -> Touching:
+    def touching() -> tuple[Load, float]:
         seconds = clock()
-        return Touching(script.at(seconds), seconds)
+        return script.at(seconds), seconds
 
     stop = asyncio.Event()
     received: list[signal.Signals] = []
@@ -104,7 +100,7 @@ async def run(
 
 
 async def _device(
-    device: Device, surface: VirtualSurface, touching: Callable[[], Touching], relay: Relay, resources: ExitStack
+    device: Device, surface: VirtualSurface, touching: Touching, relay: Relay, resources: ExitStack
 ) -> Awaitable[None]:
     """Open the device, print its address, and return the awaitable that serves it."""
 
@@ -172,12 +168,12 @@ def _announce(where: str) -> None:
     print(f"listening on {where}", flush=True)
 
 
-async def _write_truth(path: Path, touching: Callable[[], Touching]) -> None:
+async def _write_truth(path: Path, touching: Touching) -> None:
     """Write the true load every 10 ms; each row is flushed at once, so that a reader can follow the file live."""
     with path.open("w", encoding="ascii", buffering=1) as file:
         file.write(TRUTH_HEADER + "\n")
         while True:
-            now = touching().load
+            now, _ = touching()
             position = "" if now.position_mm is None else f"{now.position_mm:.4f}"
             file.write(f"{time.time():.6f},{position},{now.force_n:.4f}\n")
             await asyncio.sleep(TRUTH_PERIOD_S)

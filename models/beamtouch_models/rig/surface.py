@@ -1,5 +1,7 @@
 """The virtual surface: turns a load into the counts that a device would send. Pure; no I/O."""
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -7,15 +9,53 @@ from beamtouch_models.arrays import Floats
 from beamtouch_models.errors import SceneError
 from beamtouch_models.metadata import Metadata, Sensor
 from beamtouch_models.physics.beam import influence_matrix
+from beamtouch_models.physics.motion import Following, damping_of, first_frequency_hz
 from beamtouch_models.rig.faults import Faults
 from beamtouch_models.rig.imperfections import Imperfections
-from beamtouch_models.rig.ringing import Ringing, ringing_of
 from beamtouch_models.rig.script import Load
 from beamtouch_models.scene import Scene
 from beamtouch_models.scene.beam import changed_beam
 from beamtouch_models.surface import Surface
 
 PERFECT = Imperfections()
+
+
+class Ringing:
+    """The motion of a surface in its first mode, as the price of dynamics assumes, from one conversion to the next."""
+
+    def __init__(self, frequency_hz: float, damping_ratio: float) -> None:
+        self._omega, self._damping_ratio = 2 * math.pi * frequency_hz, damping_ratio
+        self._last: tuple[float, Following] | None = None
+
+    def at(self, seconds: float, static: Floats) -> Floats:
+        """Return the deflections (channels,) at a time [s] that is not before the last one.
+
+        The load at a conversion is assumed to act since the previous conversion, so that a mode much faster than the
+        conversions follows at once. At the first conversion the beam is at rest.
+        """
+        before, followed = self._last or (seconds, Following(static, self._damping_ratio))
+        self._last = (seconds, followed)
+        return followed.step(self._omega * max(0.0, seconds - before), static, static)
+
+
+def ringing_of(surface: Surface, damping_ratio: float | None = None) -> Ringing | None:
+    """Return the ringing of a surface, with the damping that its scene states or assumes unless another one is given.
+
+    None, and deflections follow at once, if the price of ringing behind the filter is negligible, or if the scene does
+    not give density, width and thickness, which set the frequency; with a damping ratio, SceneError then.
+    """
+    beam = surface.stated.beam
+    frequency_hz = first_frequency_hz(beam)
+    if frequency_hz is None:
+        if damping_ratio is None:
+            return None
+        message = (
+            "damping_ratio needs beam.density_kg_m3 or beam.material, beam.width_mm and beam.thickness_mm in the scene"
+        )
+        raise SceneError(message)
+    if any(effect.name == "dynamics" and effect.verdict == "out" for effect in surface.effects):
+        return None
+    return Ringing(frequency_hz, damping_of(beam) if damping_ratio is None else damping_ratio)
 
 
 class VirtualSurface:
@@ -33,7 +73,6 @@ class VirtualSurface:
     ) -> None:
         self.sensor = model.sensor
         self.channels = len(model.layout)
-        self._imperfections = imperfections
         self._departures = departures = imperfections.departures(self.channels)
         self._sensor_mm = model.layout_mm + np.array(departures.position_offset_mm)
         if not all(0 <= position <= scene.beam.length_mm for position in self._sensor_mm):
@@ -44,7 +83,7 @@ class VirtualSurface:
         self._noise_mm = Surface.of(scene, model.filter).readings.sensor_mm
         self._rng = np.random.default_rng(seed)
         self._faults = faults or Faults([channel.name for channel in model.layout])
-        self._ringing: Ringing | None = (
+        self._ringing = (
             ringing_of(Surface.of(self._scene, model.filter), imperfections.damping_ratio) if rings else None
         )
 
@@ -65,8 +104,7 @@ class VirtualSurface:
     def _noisy_gap_mm(self, load: Load, seconds: float) -> Floats:
         static = self._static_mm(load)
         deflection = static if self._ringing is None else self._ringing.at(seconds, static)
-        linear = np.array(self._departures.gain) * self._imperfections.bend_mm(deflection)
-        gap = self.sensor.standoff_mm - self._departures.measure(linear)
+        gap = self.sensor.standoff_mm - self._departures.measure(np.array(self._departures.gain) * deflection)
         return gap + self._rng.normal(scale=self._noise_mm, size=gap.shape)
 
     def _static_mm(self, load: Load) -> Floats:

@@ -12,8 +12,7 @@ from beamtouch_common.errors import InputError
 from beamtouch_common.files import parse_toml, read_text, validate
 from beamtouch_models.rates import MAX_FALSE, max_false_per_day
 from beamtouch_models.scene.beam import Beam
-from beamtouch_models.scene.contact import Contact
-from beamtouch_models.scene.environment import Environment
+from beamtouch_models.scene.contact import Contact, Environment
 from beamtouch_models.scene.fields import PositiveFinite, Strict
 from beamtouch_models.scene.misplaced import misplaced
 from beamtouch_models.scene.other_units import in_other_units

@@ -1,26 +1,28 @@
 """The models of a trade: those that `build` makes of a scene by default, and of the scene with one thing changed."""
 
 import math
+import time
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
-from beamtouch_models.accuracy.contacts import simulated_enough
 from beamtouch_models.accuracy.limit import accuracy_limit
 from beamtouch_models.accuracy.prior import Prior
-from beamtouch_models.accuracy.statistics import Measurement, mean_of, ratio_of
+from beamtouch_models.accuracy.statistics import Measurement
 from beamtouch_models.arrays import Floats32
+from beamtouch_models.building.measure import reach
 from beamtouch_models.building.sensors import place_sensors
 from beamtouch_models.building.since_touch import errors_of_means, errors_since_touch, readings_of
-from beamtouch_models.errors import SceneError
+from beamtouch_models.errors import NotGoodEnoughError, SceneError
 from beamtouch_models.estimators.estimator import NAMES, Name, estimator_of
-from beamtouch_models.export import to_bytes
-from beamtouch_models.metadata import FilterChoice
+from beamtouch_models.estimators.onnx_graph import to_bytes
+from beamtouch_models.metadata import INPUTS, FilterChoice
 from beamtouch_models.progress import silent
 from beamtouch_models.scene import Scene, change_scene
 from beamtouch_models.scene.sensors import MIN_SENSORS
-from beamtouch_models.session import runner
+from beamtouch_models.session import open_session, runner
 from beamtouch_models.surface import Surface
 
 AROUND = 2
@@ -146,7 +148,7 @@ def measure(task: Task) -> Model | Failure:
     """
     try:
         return _measure(task)
-    except SceneError as error:
+    except (SceneError, NotGoodEnoughError) as error:
         return Failure(task.varied, task.sensors, task.estimator, str(error))
 
 
@@ -164,14 +166,8 @@ def _measure(task: Task) -> Model:
     )
     graph = to_bytes(made.graph)
     run = runner(graph)
-    contacts = simulated_enough(prior, task.draws, seed + 2)
-    best, weight, reading = contacts.deviation_mm, contacts.weight, contacts.drawn.deflection_mm
-    error = contacts.mean_error_mm(run(reading, prior.whitening(reading))["position_mm"])
-    if best is None or not np.isfinite(error).all():
-        message = "some of its answers are not finite"
-        raise SceneError(message)
-    reached, counts = mean_of(error, weight), readings_of(chosen)
-    means = errors_of_means(prior, run, noise.reading_mm, counts, chosen.window, reached, seed + 2)
+    reached, counts = reach(made, prior, run, task.draws, seed + 2), readings_of(chosen)
+    means = errors_of_means(prior, run, noise.reading_mm, counts, chosen.window, reached.error_mm, seed + 2)
     return Model(
         task.varied,
         task.estimator,
@@ -180,9 +176,9 @@ def _measure(task: Task) -> Model:
         chosen,
         scene.requirements.latency_ms,
         prior.length_mm,
-        reached,
-        mean_of(best, weight),
-        ratio_of(error * weight, best * weight),
+        reached.error_mm,
+        reached.limit_mm,
+        reached.ratio,
         tuple(Answer(n, n * 1e3 / scene.sensors.rate_hz, one) for n, one in zip(counts, means, strict=True)),
         graph,
         *_sample(prior),
@@ -226,3 +222,36 @@ def follow(task: tuple[Scene, Model, int, int]) -> Curve:
         tuple(one.scaled(scale) for one in ringing),
         tuple(Measurement(one.percent, one.standard_error).scaled(scale) for one in limits),
     )
+
+
+ROUNDS, CALLS = 40, 50
+
+
+@dataclass(frozen=True)
+class Times:
+    """Times of an inference of a single sample in microseconds."""
+
+    p50_us: float
+    p50_standard_error_us: float
+    """From the scatter of the rounds."""
+    p99_us: float
+
+
+def inference_times(graphs: Sequence[tuple[bytes, Floats32, Floats32]]) -> list[Times]:
+    """Time graphs, each with the deflection (1, channels) of a contact and its whitening (1, channels, channels)."""
+    runs = [(open_session(content), dict(zip(INPUTS, feed, strict=True))) for content, *feed in graphs]
+    times = np.empty((len(runs), ROUNDS, CALLS))
+    for turn in range(ROUNDS):
+        for (session, feed), taken in zip(runs, times[:, turn], strict=True):
+            for call in range(CALLS):
+                start = time.perf_counter_ns()
+                session.run(None, feed)
+                taken[call] = (time.perf_counter_ns() - start) / 1e3
+    return [
+        Times(
+            float(np.median(one)),
+            float(np.median(one, axis=1).std(ddof=1) / ROUNDS**0.5),
+            float(np.quantile(one, 0.99)),
+        )
+        for one in times
+    ]

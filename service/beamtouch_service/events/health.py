@@ -92,8 +92,3 @@ def _channel_health(change: ChannelChange) -> ChannelHealth:
         changed=bool(changes),
         changes=changes,
     )
-
-
-def health_of(surface: str, model: ModelFile, row: dict[str, Any] | None) -> HealthHistory | None:
-    """Return the health of a surface, from its row on record if it has one; None if the model holds no influence."""
-    return None if model.metadata.influence is None else HealthHistory(surface, model, row)

@@ -3,7 +3,7 @@
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_service.events.boot import Boot
 from beamtouch_service.events.event import OpenEvent
-from beamtouch_service.events.health import HealthHistory, health_of
+from beamtouch_service.events.health import HealthHistory
 from beamtouch_service.events.store import Change, Cursor
 from beamtouch_service.samples import MAX_EARLIER, Batch
 from beamtouch_service.surfaces.estimate import Estimate
@@ -13,13 +13,12 @@ from beamtouch_service.surfaces.surface import Surface
 class SurfaceRecord:
     """How far the record of each boot of a surface is, and what is not durable yet."""
 
-    def __init__(self, surface: Surface, model: ModelFile, health: HealthHistory | None) -> None:
+    def __init__(self, surface: Surface, model: ModelFile, health: HealthHistory) -> None:
         self.surface, self.model = surface, model
         self.lost = 0
         """Samples that their sender no longer had."""
         self._health = health
-        """None if the model file does not hold what this takes."""
-        surface.health = health.state if health else None
+        surface.health = health.state
         self._boots: dict[str, Boot] = {}
 
     @property
@@ -51,9 +50,8 @@ class SurfaceRecord:
         self.model = model
         for boot in self._boots.values():
             boot.adopt(model)
-        row = {"version": self._health.version, "model": ""} if self._health else None
-        self._health = health_of(self.surface.name, model, row)
-        self.surface.health = self._health.state if self._health else None
+        self._health = HealthHistory(self.surface.name, model, {"version": self._health.version, "model": ""})
+        self.surface.health = self._health.state
 
     def hear(self, batch: Batch) -> None:
         """Note what a batch says of lost samples and of other boots.
@@ -84,7 +82,7 @@ class SurfaceRecord:
             del self._boots[boot_id]
         boots = [boot.change() for boot in self._boots.values() if boot.is_dirty]
         best = [one for boot in self._boots.values() for one in boot.take_best()]
-        if not boots and not (self._health and self._health.is_dirty):
+        if not boots and not self._health.is_dirty:
             return None
         return Change(self.surface.name, boots, best, self._health)
 
@@ -99,7 +97,7 @@ class SurfaceRecord:
         for one in change.boots:
             if boot := self._boots.get(one.boot_id):
                 boot.made(one, numbers)
-        if change.health and change.health.is_dirty:
+        if change.health.is_dirty:
             change.health.version, change.health.is_dirty = change.health.version + 1, False
             if change.health is self._health:
                 self.surface.health = self._health.state

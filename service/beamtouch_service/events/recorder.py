@@ -16,7 +16,7 @@ from typing import TypeVar
 from beamtouch_common.log import Repeated
 from beamtouch_service.events.database import EventsAwayError
 from beamtouch_service.events.event import OpenEvent
-from beamtouch_service.events.health import health_of
+from beamtouch_service.events.health import HealthHistory
 from beamtouch_service.events.record import SurfaceRecord
 from beamtouch_service.events.store import Change, Store
 from beamtouch_service.samples import Batch
@@ -148,7 +148,7 @@ class Recorder:
             self._note(str(error))
             return
         if surface.name not in self._records and model:
-            health = await in_thread(lambda: health_of(surface.name, model, row))
+            health = await in_thread(lambda: HealthHistory(surface.name, model, row))
             self._records.setdefault(surface.name, SurfaceRecord(surface, model, health))
         if record := self._records.get(surface.name):
             record.put(batch, cursors)
@@ -213,7 +213,7 @@ class Recorder:
     def _write(self, changes: list[Change]) -> tuple[dict[OpenEvent, int], set[str]]:
         """Make changes durable. This runs in a thread: to find changes of sensors takes a while."""
         for change in changes:
-            if change.health and change.best:
+            if change.best:
                 change.health.add(change.best)
         return self.store.commit(changes, time.time())
 
@@ -227,8 +227,8 @@ class Recorder:
             return
         self._unread.clear()
         for surface, model in surfaces:
-            history = await in_thread(partial(health_of, surface.name, model, rows.get(surface.name)))
-            if history and surface.health is None:
+            history = await in_thread(partial(HealthHistory, surface.name, model, rows.get(surface.name)))
+            if surface.health is None:
                 surface.health = history.state
 
     async def _tidy(self) -> None:

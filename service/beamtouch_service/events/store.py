@@ -84,7 +84,7 @@ class Change:
     boots: list[BootChange]
     best: list[Best]
     """Best samples of events that ended."""
-    health: HealthHistory | None
+    health: HealthHistory
 
     @property
     def has_ended(self) -> bool:
@@ -155,7 +155,7 @@ class Store:
             boots = [(change.surface, boot) for change in held for boot in change.boots]
             numbers = _write_events(connection, [event for _, boot in boots for event in boot.events], now_s)
             _write(connection, CURSORS, [_cursor_row(name, boot, numbers, now_s) for name, boot in boots])
-            healths = [change.health for change in held if change.health]
+            healths = [change.health for change in held]
             _write(connection, HEALTH, [health.row() for health in healths if health.is_dirty])
         return numbers, lost
 
@@ -269,7 +269,7 @@ def _find_lost(connection: Connection, changes: Sequence[Change]) -> set[str]:
     cursors = connection.execute(select(CURSORS.c.surface, CURSORS.c.boot_id, CURSORS.c.version).where(is_of_boot))
     versions = {(surface, boot_id): version for surface, boot_id, version in cursors}
     lost = {surface for (surface, boot_id), before in boots.items() if versions.get((surface, boot_id), 0) != before}
-    dirty = {change.surface: change.health.version for change in changes if change.health and change.health.is_dirty}
+    dirty = {change.surface: change.health.version for change in changes if change.health.is_dirty}
     healths = connection.execute(select(HEALTH.c.surface, HEALTH.c.version).where(HEALTH.c.surface.in_(list(dirty))))
     stands = {row.surface: row.version for row in healths}
     return lost | {surface for surface, before in dirty.items() if stands.get(surface, 0) != before}

@@ -48,8 +48,7 @@ class SurfaceSummary(BaseModel):
     """Reason not to use the newest model file; null if it is used."""
     samples: SampleCounts
     health: dict[str, ChannelHealth] | None = None
-    """Channel -> how it has changed; empty before the first contact. Null without a model, or if its file does not hold
-    what this takes: build it again."""
+    """Channel -> how it has changed; empty before the first contact. Null without a model."""
 
 
 class ChannelState(BaseModel):

@@ -32,7 +32,7 @@ def test_scripts_get_what_the_service_answers(
     scene = models.read_scene(fresh.metadata.scene + "\n")
     truth = 5 * models.influence_matrix(scene, [channel.position_mm for channel in fresh.metadata.layout], PLACES_MM)
     departures = real.departures(len(fresh.channels))
-    samples = departures.measure(np.array(departures.gain) * real.bend_mm(truth)).tolist()
+    samples = departures.measure(np.array(departures.gain) * truth).tolist()
 
     (tmp_path / "service.toml").write_text(f'[surfaces.press-7]\nmodel = "{output}"\n')
     service = start_service("--config", "service.toml", "--write-token-file", token_file)

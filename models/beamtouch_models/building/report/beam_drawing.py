@@ -11,12 +11,11 @@ from html import escape
 import numpy as np
 
 from beamtouch_common.digits import digits
-from beamtouch_models.charts import CHARACTER, round_ticks
+from beamtouch_models.charts import CHARACTER, fill, opening, round_ticks, stroke
 from beamtouch_models.metadata import Channel, Metadata
 from beamtouch_models.scene import Scene
 from beamtouch_models.scene.beam import Beam
 from beamtouch_models.scene.beam_parts import Support
-from beamtouch_models.svg import fill, opening, stroke
 
 WIDTH, HEIGHT, MARGIN = 900, 236, 48
 """Size of the drawing without its legend, and space beside the beam."""

@@ -7,15 +7,13 @@ from jinja2 import Environment, StrictUndefined
 from beamtouch_common.digits import digits
 from beamtouch_models.building.remarks import weak_spot
 from beamtouch_models.building.report.beam_drawing import beam_drawing
-from beamtouch_models.building.report.facts import PROFILE_BINS, Facts
-from beamtouch_models.building.report.robustness import failed_rows, price_rows
-from beamtouch_models.charts import Chart, Series, draw
+from beamtouch_models.building.report.facts import PROFILE_BINS, Facts, failed_rows, price_rows
+from beamtouch_models.charts import STYLE, Chart, Series, draw
 from beamtouch_models.description import answers, nothing_seen, per_day, unseen
 from beamtouch_models.detection import detection_of
 from beamtouch_models.pricing.effect import NEGLIGIBLE
 from beamtouch_models.pricing.ringing import told
 from beamtouch_models.surface import Surface
-from beamtouch_models.svg import STYLE
 
 MIN_MISSED = 1e-4
 """Share of contacts from which missed ones are drawn; below it, the page says that there are hardly any."""
@@ -93,7 +91,7 @@ def _charts(facts: Facts) -> list[tuple[str, Chart, str]]:
     chart = Chart(says, at, "force, N", [curve], y_from_zero=True)
     charts.append(("seen", chart, remark))
     along = detection_of(facts.model.metadata)
-    if along is not None and max(along.missed) >= MIN_MISSED:
+    if max(along.missed) >= MIN_MISSED:
         says = f"Contacts of {along.force_n:g} N, the smallest force of the scene, that are missed along the beam"
         curve = Series("", along.position_mm, [100 * share for share in along.missed])
         remark = f"; at most {digits(100 * max(along.missed), 3)} % of settled samples"

@@ -6,8 +6,7 @@ import numpy as np
 
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.estimators.onnx_graph import Graph
-from beamtouch_models.estimators.posterior.force import mass_of, state_force
-from beamtouch_models.estimators.posterior.known_force import known_force, state_known_force
+from beamtouch_models.estimators.posterior.force import known_force, mass_of, state_force, state_known_force
 from beamtouch_models.estimators.posterior.scoring import Scored, state_log_odds
 from beamtouch_models.metadata import FORCE_OUTPUTS, POSITION_OUTPUTS
 
