@@ -15,6 +15,8 @@ from beamtouch_models.filters.significance import FALSE, LINGERS, chi_square_qua
 
 SCATTER_PART = 1 / 2
 """Part of the slowest period over which means scatter by their amplitude."""
+MEANS = 4
+"""Fewest means whose scatter is taken."""
 LONE = 1
 """Readings in a window that may be spikes. More of them are the motion of the beam."""
 LOOKED = 4
@@ -94,7 +96,7 @@ class Motion:
         self._look, self._span, self._grows = look, span, grows
         self._noise_mm, self._unit_mm = noise_mm, np.maximum(unit_mm, MIN_MM)
         self._compared = max(span, look.still)
-        self._means = max(span, math.ceil(SCATTER_PART * slowest_period))
+        self._means = max(MEANS, math.ceil(SCATTER_PART * slowest_period))
         working = range(len(noise_mm) + 1)
         self._surely, self._lingers = (
             np.array([[chi_square_quantile(max(size - 1, 0) * few, level) for few in working] for size in self._sizes])
@@ -135,13 +137,12 @@ class Motion:
         rows, means = np.concatenate([past.readings, readings]), np.concatenate([past.means, mean])
         there = ~np.isnan(mean)
         number = 1 / np.where(there, variance, 1.0).min(axis=1)
-        compared = np.clip(np.minimum(seen.sizes, self._span), self._look.still, None)
-        compared = np.maximum(compared, 1) if self._grows else np.full(len(mean), self._compared)
+        size = np.minimum(seen.sizes, self._span) if self._grows else np.full(len(mean), self._span)
+        compared = np.maximum(size, self._look.still)
         evidence = self._evidence(rows, mean, compared, seen)
-        moves, moved = self._moves(evidence, there, number, compared, seen, moved=past.moved)
+        moves, still, moved = self._moves(evidence, there, number, compared, seen, moved=past.moved)
         unproven = self._unproven(rows, mean, variance, number)
         moves = moves | unproven
-        size = seen.sizes if self._grows else np.full(len(mean), self._span)
         lag = seen.lags_mm if self._grows else np.zeros_like(mean)
         lags = lag.any(axis=1) & ~moves
         uncertain = np.flatnonzero(moves | lags)
@@ -150,8 +151,9 @@ class Motion:
         if len(at):
             of = np.searchsorted(uncertain, at)
             before = windows(means[:-1], self._means)[at] - mean[at, np.newaxis]
-            newest = (seen.doubtful | (seen.since < size)) & (evidence.newest > self._newest[there.sum(axis=1)])
-            excess[of] = self._excess(evidence.at(at), before, newest[at])
+            changed = (seen.doubtful & still) | ((seen.since < self._span) & (not self._grows))
+            changed &= evidence.newest > self._newest[there.sum(axis=1)]
+            excess[of] = self._excess(evidence.at(at), before, changed[at])
             if self._grows:
                 excess[of[seen.touched[at]]] = np.diag(self._unit_mm**2)
             # A beam that nobody has seen rest may swing as far as it is deflected.
@@ -194,8 +196,8 @@ class Motion:
         seen: Seen,
         *,
         moved: bool,
-    ) -> tuple[NDArray[np.bool_], bool]:
-        """Return which means move, and whether the last one did."""
+    ) -> tuple[NDArray[np.bool_], NDArray[np.bool_], bool]:
+        """Return which means move, which follow one that did not, and whether the last one did."""
         working = there.sum(axis=1)
         moves = (evidence.squares > self._surely[compared, working]) | (seen.since < compared)
         if not self._grows:
@@ -214,12 +216,14 @@ class Motion:
             lost = (begun & ~rows & evidence.among).any(axis=1) & (number < compared)
             moves |= hidden.any(axis=1) | (lost if self._grows else unseen)
             lingers |= unseen
+        still = np.ones(len(moves), dtype=np.bool_)
         if moved or moves.any():
             # What may be a spike, or is lost, does not show whether the beam moves.
             for index in np.flatnonzero(working > 0).tolist():
+                still[index] = not moved
                 moves[index] |= moved and lingers[index]
                 moved = moved if seen.doubtful[index] else bool(moves[index])
-        return moves | seen.doubtful, moved
+        return moves | seen.doubtful, still, moved
 
     def _unproven(
         self, rows: FloatArray, mean: FloatArray, variance: FloatArray, number: FloatArray
