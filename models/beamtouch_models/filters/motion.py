@@ -11,12 +11,15 @@ from numpy.typing import NDArray
 
 from beamtouch_models.filters.look import Look, Seen
 from beamtouch_models.filters.means import BEFORE, MIN_MM, FloatArray, lone_spikes, windows
-from beamtouch_models.filters.significance import FALSE, LINGERS, chi_square_quantile
+from beamtouch_models.filters.significance import FALSE, chi_square_quantile
 
 SCATTER_PART = 1 / 2
 """Part of the slowest period over which means scatter by their amplitude."""
 MEANS = 4
 """Fewest means whose scatter is taken."""
+SWINGING = 1 / 2
+"""Share of the square of the newest deviation that counts where a mean is of more rows than since the last change. A
+load that moves has gone on; a beam that rings comes back."""
 LONE = 1
 """Readings in a window that may be spikes. More of them are the motion of the beam."""
 LOOKED = 4
@@ -97,16 +100,12 @@ class Motion:
         self._noise_mm, self._unit_mm = noise_mm, np.maximum(unit_mm, MIN_MM)
         self._compared = max(span, look.still)
         self._means = max(MEANS, math.ceil(SCATTER_PART * slowest_period))
-        working = range(len(noise_mm) + 1)
-        self._surely, self._lingers = (
-            np.array([[chi_square_quantile(max(size - 1, 0) * few, level) for few in working] for size in self._sizes])
-            for level in (FALSE, LINGERS)
+        working, sizes = range(len(noise_mm) + 1), range(self._compared + 1)
+        self._scatter = np.array(
+            [[chi_square_quantile(max(size - 1, 0) * few, FALSE) for few in working] for size in sizes]
         )
+        """Limits of the sums of squares, by the number of compared rows and of working channels."""
         self._newest = np.array([chi_square_quantile(few, FALSE) for few in working])
-
-    @property
-    def _sizes(self) -> range:
-        return range(self._compared + 1)
 
     @property
     def memory(self) -> int:
@@ -151,9 +150,10 @@ class Motion:
         if len(at):
             of = np.searchsorted(uncertain, at)
             before = windows(means[:-1], self._means)[at] - mean[at, np.newaxis]
-            changed = (seen.doubtful & still) | ((seen.since < self._span) & (not self._grows))
-            changed &= evidence.newest > self._newest[there.sum(axis=1)]
-            excess[of] = self._excess(evidence.at(at), before, changed[at])
+            full = (seen.doubtful & still) | ((seen.since < self._span) & (not self._grows))
+            share = np.where(full, 1.0, SWINGING * (seen.since < seen.sizes))
+            share *= evidence.newest > self._newest[there.sum(axis=1)]
+            excess[of] += self._excess(evidence.at(at), before, share[at])
             if self._grows:
                 excess[of[seen.touched[at]]] = np.diag(self._unit_mm**2)
             # A beam that nobody has seen rest may swing as far as it is deflected.
@@ -199,10 +199,10 @@ class Motion:
     ) -> tuple[NDArray[np.bool_], NDArray[np.bool_], bool]:
         """Return which means move, which follow one that did not, and whether the last one did."""
         working = there.sum(axis=1)
-        moves = (evidence.squares > self._surely[compared, working]) | (seen.since < compared)
+        moves = (evidence.squares > self._scatter[compared, working]) | (seen.since < compared)
         if not self._grows:
             moves |= seen.drifts
-        lingers = (evidence.squares > self._lingers[compared, working]) | moves
+        unseen = np.zeros(len(moves), dtype=np.bool_)
         if not evidence.known.all():
             # A channel that is missing alone may be beyond its range because the beam moves. Lost readings do not
             # change what was known: whether the beam moves, and a mean of enough readings.
@@ -215,13 +215,12 @@ class Motion:
             unseen = missing.any(axis=1)
             lost = (begun & ~rows & evidence.among).any(axis=1) & (number < compared)
             moves |= hidden.any(axis=1) | (lost if self._grows else unseen)
-            lingers |= unseen
         still = np.ones(len(moves), dtype=np.bool_)
         if moved or moves.any():
             # What may be a spike, or is lost, does not show whether the beam moves.
             for index in np.flatnonzero(working > 0).tolist():
                 still[index] = not moved
-                moves[index] |= moved and lingers[index]
+                moves[index] |= moved and unseen[index]
                 moved = moved if seen.doubtful[index] else bool(moves[index])
         return moves | seen.doubtful, still, moved
 
@@ -239,18 +238,18 @@ class Motion:
             unproven &= square > self._newest[(~np.isnan(mean)).sum(axis=1)]
         return unproven
 
-    def _excess(self, evidence: Evidence, before: FloatArray, changed: NDArray[np.bool_]) -> FloatArray:
+    def _excess(self, evidence: Evidence, before: FloatArray, share: FloatArray) -> FloatArray:
         """Return the excess of means that move [mm^2], shape (means, channels, channels).
 
-        The deviations of earlier means from these, `before` (means, rows, channels), are NaN if missing. `changed`
-        says which of them do not hold what the newest reading shows.
+        The deviations of earlier means from these, `before` (means, rows, channels), are NaN if missing. `share`
+        is how much of the newest deviation they do not hold.
         """
         known = ~np.isnan(before)
         before = np.where(known, before, 0.0)
         count = np.maximum(known.any(axis=2).sum(axis=1), 1)
         excess: FloatArray = before.transpose(0, 2, 1) @ before / count[:, np.newaxis, np.newaxis]
         # A change within the mean, or one that the next reading must confirm: the newest reading shows it.
-        newest = evidence.deviations[:, -1] * changed[:, np.newaxis]
+        newest = evidence.deviations[:, -1] * np.sqrt(share)[:, np.newaxis]
         excess += newest[:, :, np.newaxis] * newest[:, np.newaxis]
         # A direction that a single reading shows is as uncertain as that reading.
         single = np.minimum(evidence.newest / np.maximum(evidence.squares, 1.0), 1.0)

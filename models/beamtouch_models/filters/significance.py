@@ -6,8 +6,6 @@ from statistics import NormalDist
 
 FALSE = 0.001
 """Probability that a test finds something at rest."""
-LINGERS = 0.015
-"""As `FALSE`, after a mean that moved: ringing swings through readings that agree."""
 LAGS = 0.1
 """Probability at rest that a number of newest readings seem to be apart from the mean. It only widens intervals."""
 SHARP = 1e-6
