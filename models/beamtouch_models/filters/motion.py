@@ -199,9 +199,7 @@ class Motion:
     ) -> tuple[NDArray[np.bool_], NDArray[np.bool_], bool]:
         """Return which means move, which follow one that did not, and whether the last one did."""
         working = there.sum(axis=1)
-        moves = (evidence.squares > self._scatter[compared, working]) | (seen.since < compared)
-        if not self._grows:
-            moves |= seen.drifts
+        moves = (evidence.squares > self._scatter[compared, working]) | (seen.since < compared) | seen.drifts
         unseen = np.zeros(len(moves), dtype=np.bool_)
         if not evidence.known.all():
             # A channel that is missing alone may be beyond its range because the beam moves. Lost readings do not
