@@ -155,7 +155,7 @@ class Motion:
             share *= evidence.newest > self._newest[there.sum(axis=1)]
             excess[of] += self._excess(evidence.at(at), before, share[at])
             if self._grows:
-                excess[of[seen.touched[at]]] = np.diag(self._unit_mm**2)
+                excess[of[(seen.touched & ~seen.doubtful)[at]]] = np.diag(self._unit_mm**2)
             # A beam that nobody has seen rest may swing as far as it is deflected.
             far_mm2 = (np.nan_to_num(mean[at]) ** 2).sum(axis=1) * unproven[at]
             excess[of] += far_mm2[:, np.newaxis, np.newaxis] * np.eye(mean.shape[1])
@@ -199,7 +199,8 @@ class Motion:
     ) -> tuple[NDArray[np.bool_], NDArray[np.bool_], bool]:
         """Return which means move, which follow one that did not, and whether the last one did."""
         working = there.sum(axis=1)
-        moves = (evidence.squares > self._scatter[compared, working]) | (seen.since < compared) | seen.drifts
+        moves = (evidence.squares > self._scatter[compared, working]) | (seen.since < compared)
+        moves |= seen.drifts & (seen.since <= self.memory)
         unseen = np.zeros(len(moves), dtype=np.bool_)
         if not evidence.known.all():
             # A channel that is missing alone may be beyond its range because the beam moves. Lost readings do not
