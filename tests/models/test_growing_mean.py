@@ -183,6 +183,26 @@ def test_turning_points_of_a_swing_of_few_readings_are_no_touch(period: float, s
         assert (found.readings[50:] >= 5).all()
 
 
+def test_a_doubtful_reading_after_a_touch_leaves_it_open_whether_the_beam_rings() -> None:
+    values = stepped(100, 203, 200) + noise(203, 25)
+    values[202] -= values[201] / 2
+    filtered = grown(values, period=PERIOD)
+    along = ALONG / np.linalg.norm(ALONG)
+    np.testing.assert_allclose(filtered.readings[201:], 2)
+    assert along @ filtered.covariance_mm2[201] @ along < 2
+    assert along @ filtered.covariance_mm2[202] @ along > 50**2
+
+
+def test_noise_that_is_correlated_passes_for_motion_and_white_noise_does_not() -> None:
+    white = noise(2000, 26)
+    coloured = np.empty_like(white)
+    coloured[0] = white[0]
+    for index in range(1, len(white)):
+        coloured[index] = 0.7 * coloured[index - 1] + math.sqrt(1 - 0.7**2) * white[index]
+    assert grown(coloured, period=PERIOD, fewest=4).moves[LONGEST:].mean() > 0.3
+    assert grown(white, period=PERIOD, fewest=4).moves[LONGEST:].mean() < 0.01
+
+
 @pytest.mark.parametrize(("speed", "readings", "least"), [(0.02, 60, 0.93), (0.05, 30, 0.75)])
 def test_a_load_that_begins_to_move_is_within_the_covariance_before_any_test_finds_it(
     speed: float, readings: int, least: float
