@@ -193,6 +193,14 @@ def test_a_doubtful_reading_after_a_touch_leaves_it_open_whether_the_beam_rings(
     assert along @ filtered.covariance_mm2[202] @ along > 50**2
 
 
+def test_a_touch_in_a_gap_is_no_motion_once_enough_has_been_seen() -> None:
+    values = stepped(100, 260, 200) + noise(260, 27)
+    values[200:220] = np.nan
+    filtered = grown(values, period=PERIOD, fewest=4)
+    assert filtered.moves[220:224].all()
+    assert not filtered.moves[228:].any()
+
+
 def test_noise_that_is_correlated_passes_for_motion_and_white_noise_does_not() -> None:
     white = noise(2000, 26)
     coloured = np.empty_like(white)

@@ -55,7 +55,7 @@ class Seen(NamedTuple):
     number: FloatArray
     """How many readings of each channel they hold, of the same shape."""
     drifts: NDArray[np.bool_]
-    """Whether they drift, shape (readings,)."""
+    """Whether they drift, shape (readings,); not if all rows before the change are lost, as it may be a step then."""
     doubtful: NDArray[np.bool_]
     """Whether the newest reading may be a spike, shape (readings,)."""
     touched: NDArray[np.bool_]
@@ -165,12 +165,14 @@ class Look:
         until = rows[kept:] + np.where(doubtful[:, np.newaxis, np.newaxis], 0.0, newest)
         sums = Sums(rows, until, starts)
         since, sizes, drifts, touched = self._sizes(sums)
+        before = sums.since(2 * since[:, np.newaxis]) - sums.since(since[:, np.newaxis])
+        shown = drifts & before[:, 0, 1].any(axis=1)
         total, number = np.moveaxis(sums.since(sizes[:, np.newaxis])[:, 0], 1, 0)
         there = (number > 0) & (newest[:, 1] > 0)
         mean = np.where(there, total / np.maximum(number, 1), np.nan)
         lags = self._lags(sums, sizes, drifts) * self._quantum_mm
         following = np.concatenate([rows[count:], np.stack([values[-BEFORE:]] * 2, axis=1)])
-        return Seen(since, sizes, mean * self._quantum_mm, number * there, drifts, doubtful, touched, lags), following
+        return Seen(since, sizes, mean * self._quantum_mm, number * there, shown, doubtful, touched, lags), following
 
     def _counted(self, values: FloatArray) -> FloatArray:
         """Return values (rows, channels) in parts of the noise, and their number: 0 for one that is missing."""

@@ -84,10 +84,7 @@ def is_calm(sums: Sums, sizes: NDArray[np.intp], still: int, limit: float) -> ND
 
 
 def is_step(sums: Sums, sizes: NDArray[np.intp], clearly: float) -> NDArray[np.bool_]:
-    """Return whether the last `sizes` rows and as many before them differ like a step, and not like a slope.
-
-    If all of those before are lost, nothing shows a slope.
-    """
+    """Return whether the last `sizes` rows and as many before them differ like a step, and not like a slope."""
     edges = 2 * sizes[:, np.newaxis] * np.arange(BINS, -1, -1) // BINS
     values, number = sums.each(edges)
     ages = (edges[:, :-1] + edges[:, 1:] - 1) / (2.0 * sizes[:, np.newaxis])
@@ -96,6 +93,5 @@ def is_step(sums: Sums, sizes: NDArray[np.intp], clearly: float) -> NDArray[np.b
     centred = shapes - (shapes * number).sum(axis=2, keepdims=True) / np.maximum(number.sum(axis=1), 1)[:, np.newaxis]
     squares = np.maximum((centred * centred * number).sum(axis=2), np.finfo(np.float64).tiny)
     by_step, by_slope = ((centred * values).sum(axis=2) ** 2 / squares).sum(axis=2)
-    clear = by_step - by_slope > np.maximum(clearly, STEP_PART * by_step)
-    lost: NDArray[np.bool_] = ~number[:, : BINS // 2].any(axis=(1, 2))
-    return clear | lost
+    clear: NDArray[np.bool_] = by_step - by_slope > np.maximum(clearly, STEP_PART * by_step)
+    return clear
