@@ -165,8 +165,10 @@ class Look:
         until = rows[kept:] + np.where(doubtful[:, np.newaxis, np.newaxis], 0.0, newest)
         sums = Sums(rows, until, starts)
         since, sizes, drifts, touched = self._sizes(sums)
-        before = sums.since(2 * since[:, np.newaxis]) - sums.since(since[:, np.newaxis])
-        shown = drifts & before[:, 0, 1].any(axis=1)
+        shown = drifts
+        if drifts.any():
+            before = sums.since(2 * since[:, np.newaxis]) - sums.since(since[:, np.newaxis])
+            shown = drifts & before[:, 0, 1].any(axis=1)
         total, number = np.moveaxis(sums.since(sizes[:, np.newaxis])[:, 0], 1, 0)
         there = (number > 0) & (newest[:, 1] > 0)
         mean = np.where(there, total / np.maximum(number, 1), np.nan)
