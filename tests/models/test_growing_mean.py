@@ -7,9 +7,8 @@ import pytest
 from scipy.stats import chi2
 
 from beamtouch_models.filters import Chain, Filtered, FloatArray, growing_mean_stage
-from beamtouch_models.filters.growing import CHANGES
-from beamtouch_models.filters.lags import drift_lags
-from beamtouch_models.filters.pairs import pairs_of
+from beamtouch_models.filters.look import pairs_of
+from beamtouch_models.filters.significance import FALSE
 from beamtouch_models.physics.beam import influence
 from beamtouch_models.scene import load_scene
 from example_scenes import SCENES
@@ -78,7 +77,7 @@ def test_a_weak_touch_counts_from_its_beginning_once_it_can_be_told_from_a_drift
 def test_at_rest_the_mean_is_cut_in_few_samples() -> None:
     readings = np.concatenate([grown(one).readings[LONGEST:] for one in noise(1200, 4, 30)])
     windows = len(pairs_of(LONGEST).windows)
-    assert (readings < LONGEST).mean() < windows * CHANGES / 2
+    assert (readings < LONGEST).mean() < windows * FALSE / 2
     assert np.median(readings) == LONGEST
 
 
@@ -184,6 +183,34 @@ def test_turning_points_of_a_swing_of_few_readings_are_no_touch(period: float, s
         assert (found.readings[50:] >= 5).all()
 
 
+def test_a_doubtful_reading_after_a_touch_leaves_it_open_whether_the_beam_rings() -> None:
+    values = stepped(100, 203, 200) + noise(203, 25)
+    values[202] -= values[201] / 2
+    filtered = grown(values, period=PERIOD)
+    along = ALONG / np.linalg.norm(ALONG)
+    np.testing.assert_allclose(filtered.readings[201:], 2)
+    assert along @ filtered.covariance_mm2[201] @ along < 2
+    assert along @ filtered.covariance_mm2[202] @ along > 50**2
+
+
+def test_a_touch_in_a_gap_is_no_motion_once_enough_has_been_seen() -> None:
+    values = stepped(100, 260, 200) + noise(260, 27)
+    values[200:220] = np.nan
+    filtered = grown(values, period=PERIOD, fewest=4)
+    assert filtered.moves[220:224].all()
+    assert not filtered.moves[228:].any()
+
+
+def test_noise_that_is_correlated_passes_for_motion_and_white_noise_does_not() -> None:
+    white = noise(2000, 26)
+    coloured = np.empty_like(white)
+    coloured[0] = white[0]
+    for index in range(1, len(white)):
+        coloured[index] = 0.7 * coloured[index - 1] + math.sqrt(1 - 0.7**2) * white[index]
+    assert grown(coloured, period=PERIOD, fewest=4).moves[LONGEST:].mean() > 0.3
+    assert grown(white, period=PERIOD, fewest=4).moves[LONGEST:].mean() < 0.01
+
+
 @pytest.mark.parametrize(("speed", "readings", "least"), [(0.02, 60, 0.93), (0.05, 30, 0.75)])
 def test_a_load_that_begins_to_move_is_within_the_covariance_before_any_test_finds_it(
     speed: float, readings: int, least: float
@@ -206,19 +233,6 @@ def test_at_rest_a_mean_seldom_lags_and_hardly_ever_by_the_noise_of_its_fewest_r
     traces = np.concatenate([np.trace(one.covariance_mm2[LONGEST:], axis1=1, axis2=2) for one in filtered])
     moves = np.concatenate([one.moves[LONGEST:] for one in filtered])
     assert (traces[~moves] > 1.5 * CHANNELS / fewest).mean() < 0.002
-
-
-def test_drifts_lag_by_half_of_the_way_since_as_many_readings_before() -> None:
-    slope = np.array([3.0, -1.0])
-    rows = np.arange(20.0)[:, np.newaxis] * slope
-    units = np.stack([rows, rows, rows, 1e-3 * rows, rows])
-    units[4, 3, 1] = np.nan
-    lags = drift_lags(units, 1 / np.array([4, 10, 40, 4, 10]), limit=0.0)
-    expected = np.array([1.5, 4.5, 19.5, 1.5e-3])[:, np.newaxis] * slope
-    np.testing.assert_allclose(lags[:4], expected)
-    # A channel that lacks a reading counts with its others: those before are 0, 1, 2, 4 ... 9.
-    np.testing.assert_allclose(lags[4], [13.5, -0.45 * (14.5 - 42 / 9)])
-    assert not drift_lags(units[3:4], 1 / np.array([4.0]), limit=1.0).any()
 
 
 def test_a_load_that_runs_along_two_spans_stays_near_the_covariance_of_its_mean() -> None:

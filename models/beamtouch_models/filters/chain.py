@@ -1,5 +1,6 @@
 """Several filters in succession: the means of the readings, and the covariance of these means."""
 
+import math
 from collections.abc import Sequence
 from itertools import pairwise
 
@@ -7,8 +8,9 @@ import numpy as np
 
 from beamtouch_models.filters import means
 from beamtouch_models.filters.filtered import Filtered
-from beamtouch_models.filters.means import FloatArray, Stepped
-from beamtouch_models.filters.scatter import Scatter
+from beamtouch_models.filters.look import Look
+from beamtouch_models.filters.means import FloatArray
+from beamtouch_models.filters.motion import Motion, Moves
 from beamtouch_models.filters.stages import Stage, unit_of
 
 BLOCK_VALUES = 500_000
@@ -42,35 +44,33 @@ class Chain:
         slowest_period: float = 0.0,
         step_mm: float | FloatArray = 0.0,
     ) -> None:
-        self._stages = chosen
-        self._channels = channels
+        self._stages, self._channels = chosen, channels
         self._noise_mm = None if noise_mm is None else np.broadcast_to(np.asarray(noise_mm, np.float64), (channels,))
-        averaging = next((stage for stage in chosen if stage.span > 1), Stage(0, _unchanged))
-        self._scatter: Scatter | None = None
+        span, spike_mm = max([1, *(stage.span for stage in chosen)]), min([math.inf, *(one.spike_mm for one in chosen)])
+        growing = next((stage.look for stage in chosen if stage.look), None)
+        self._look, self._motion = growing, None
         if self._noise_mm is not None:
-            usual_mm = unit_of(self._noise_mm, step_mm, channels)
-            self._scatter = Scatter(
-                averaging.span,
-                slowest_period,
-                usual_mm,
-                restarts=averaging.restarts,
-                spike_mm=averaging.lone_spike_mm,
-                lag_readings=averaging.lag_readings,
+            unit_mm = unit_of(self._noise_mm, step_mm, channels)
+            longest = max(2 * span, math.ceil(slowest_period))
+            self._look = growing or Look(longest, unit_mm, spike_mm, 1, slowest_period)
+            self._motion = Motion(
+                self._look,
+                span,
+                grows=growing is not None,
+                noise_mm=self._noise_mm,
+                unit_mm=unit_mm,
+                slowest_period=slowest_period,
             )
-        self._longest = max(
-            [1, *(max(stage.memory, stage.span) for stage in chosen), self._scatter.memory if self._scatter else 0]
-        )
+        self._longest = max([span, *(stage.memory for stage in chosen), self._motion.memory if self._motion else 1])
         self._block = max(1, BLOCK_VALUES // (self._longest * channels))
         self.restart()
 
     def restart(self) -> None:
         """Reset all states, so that no earlier value affects a later one."""
-        self._states = [
-            stage.fresh(self._channels) if stage.fresh else means.fresh(stage.memory, self._channels)
-            for stage in self._stages
-        ]
-        if self._scatter:
-            self._past = self._scatter.fresh(self._channels)
+        self._states = [means.fresh(stage.memory, self._channels) for stage in self._stages if stage.step]
+        self._looked = self._look.fresh(self._channels) if self._look else means.fresh(0, self._channels)
+        if self._motion:
+            self._past = self._motion.fresh(self._channels)
 
     def apply(self, values: FloatArray, lost: Sequence[int] | None = None) -> Filtered:
         """Filter readings, and keep the state after them.
@@ -104,20 +104,20 @@ class Chain:
         return Filtered.joined([self._apply(values[start : start + self._block]) for start in starts])
 
     def _apply(self, values: FloatArray) -> Filtered:
-        signal = cleaned = unfiltered = means.signal_of(values)
-        drifts = None
+        signal = means.signal_of(values)
+        seen = None
+        if self._look and len(values):
+            seen, self._looked = self._look.step(values, self._looked)
         for index, stage in enumerate(self._stages):
-            signal, self._states[index], drifts = stage.step(signal, self._states[index])
-            if stage.span == 1:
-                cleaned = signal
+            if stage.step:
+                signal, self._states[index] = stage.step(signal, self._states[index])
+            elif seen:
+                there = seen.number > 0
+                signal = np.stack([seen.mean_mm, np.where(there, 1 / np.maximum(seen.number, 1), np.nan)], axis=1)
         mean, variance = signal[:, 0], signal[:, 1]
-        moves = lags = np.zeros(len(values), dtype=np.bool_)
-        excess = np.zeros((0, self._channels, self._channels))
-        if self._scatter and len(values):
-            entered = values if cleaned is unfiltered else cleaned[:, 0]
-            moves, lags, excess, self._past = self._scatter.excess(values, entered, mean, variance, drifts, self._past)
-        return Filtered(mean, variance, self._noise_mm, moves, lags, excess)
-
-
-def _unchanged(signal: FloatArray, state: FloatArray) -> Stepped:
-    return Stepped(signal, state)
+        if self._motion and seen:
+            found, self._past = self._motion.of(values, mean, variance, seen, self._past)
+        else:
+            nothing = np.zeros(len(values), dtype=np.bool_)
+            found = Moves(nothing, nothing, np.zeros((0, self._channels, self._channels)))
+        return Filtered(mean, variance, self._noise_mm, *found)

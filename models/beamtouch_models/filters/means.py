@@ -5,12 +5,13 @@ that of a single reading. A state is a signal that holds the last rows.
 """
 
 import math
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
+Scalar = TypeVar("Scalar", bound=np.generic)
 
 SPIKE_MEMORY = 2
 MIN_MM = 1e-9
@@ -33,8 +34,6 @@ class Stepped(NamedTuple):
     """The filtered signal."""
     state: FloatArray
     """The next state."""
-    drifts: NDArray[np.bool_] | None = None
-    """Which means are of readings that drift, shape (readings,); None: none is known to be."""
 
 
 def fresh(rows: int, channels: int) -> FloatArray:
@@ -50,7 +49,7 @@ def signal_of(values: FloatArray) -> FloatArray:
     return signal
 
 
-def windows(rows: FloatArray, size: int) -> FloatArray:
+def windows(rows: NDArray[Scalar], size: int) -> NDArray[Scalar]:
     """Return the last `size` rows up to each row that has as many, shape (windows, size, ...)."""
     count = len(rows) - size + 1
     return rows[np.newaxis] if count == 1 else rows[np.arange(count)[:, np.newaxis] + np.arange(size)]

@@ -3,7 +3,6 @@
 All functions take several means at once. Readings are known by their sums, which are exact.
 """
 
-from collections.abc import Iterator
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -18,10 +17,6 @@ PROBES = 16
 """Splits that are compared at once, from coarse to fine. The contrast of a change falls evenly on both sides of it."""
 BINS = 16
 """Sums of readings by which a step is told from a slope; the slope within a sum is 1/256 of its squares."""
-SHORT = 16
-"""Windows of fewer rows are searched whole: in those, ringing makes sharp changes everywhere."""
-MAX_ROWS = 4096
-"""Means whose splits are sought at once, so that they fit in memory."""
 
 
 class Sums(NamedTuple):
@@ -38,44 +33,29 @@ class Sums(NamedTuple):
         """Return those of some of the means."""
         return self._replace(until=self.until[at], starts=self.starts[at])
 
-    def before(self, ages: NDArray[np.intp]) -> FloatArray:
-        """Return the sums before the last `ages` (means, n) rows of each mean, shape (means, n, 2, channels)."""
-        found: FloatArray = self.rows[np.minimum(self.starts[:, np.newaxis] - ages, len(self.rows) - 1)]
+    def since(self, ages: NDArray[np.intp]) -> FloatArray:
+        """Return the sums of the last `ages` (means, n) rows of each mean, shape (means, n, 2, channels)."""
+        before: FloatArray = self.rows[np.minimum(self.starts[:, np.newaxis] - ages, len(self.rows) - 1)]
         # The newest reading is in no sum of the rows yet.
-        newest = ages == 0
-        if newest.any():
-            found[newest] = np.broadcast_to(self.until[:, np.newaxis], found.shape)[newest]
-        return found
+        sums: FloatArray = np.where(ages[..., np.newaxis, np.newaxis] > 0, self.until[:, np.newaxis] - before, 0.0)
+        return sums
 
-
-def parts(at: NDArray[np.intp]) -> Iterator[NDArray[np.intp]]:
-    """Yield the means in parts that fit in memory."""
-    for start in range(0, len(at), MAX_ROWS):
-        yield at[start : start + MAX_ROWS]
-
-
-def sharp_changes(each: FloatArray, limits: FloatArray) -> NDArray[np.bool_]:
-    """Return whether readings (rows, ..., 2, channels), with their numbers, differ sharply from those a row before.
-
-    The limits of squares are by the number of channels that both have, as if they had a deviation of 1.
-    """
-    values, there = each[..., 0, :], each[..., 1, :] > 0
-    both = there[1:] & there[:-1]
-    apart = np.where(both, values[1:] - values[:-1], 0.0)
-    sharp: NDArray[np.bool_] = (apart * apart).sum(axis=-1) > 2 * limits[both.sum(axis=-1)]
-    return sharp
+    def each(self, ages: NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:
+        """Return sums and numbers between successive `ages` (means, n), descending, both (means, n - 1, channels)."""
+        between = -np.diff(self.since(ages), axis=1)
+        return between[:, :, 0], between[:, :, 1]
 
 
 def best_split(sums: Sums, shortest: NDArray[np.intp], fails: NDArray[np.intp]) -> NDArray[np.intp]:
     """Return the rows since the split of each window of `fails` rows whose two sides differ most, shape (means,)."""
     low, high = shortest[:, np.newaxis], fails[:, np.newaxis] - 1
-    whole = (sums.until - sums.rows[sums.starts - fails])[:, np.newaxis]
+    whole = sums.since(fails[:, np.newaxis])
     probes = np.arange(PROBES)
     means = np.arange(len(fails))
     while True:
         spacing = int((high - low).max())
         sizes = low + (high - low) * probes // (PROBES - 1) if spacing >= PROBES else np.minimum(low + probes, high)
-        since = sums.until[:, np.newaxis] - sums.before(sizes)
+        since = sums.since(sizes)
         first = whole - since
         apart = since[:, :, 0] / np.maximum(since[:, :, 1], 1) - first[:, :, 0] / np.maximum(first[:, :, 1], 1)
         weight = since[:, :, 1] * first[:, :, 1] / np.maximum(whole[:, :, 1], 1)
@@ -87,20 +67,28 @@ def best_split(sums: Sums, shortest: NDArray[np.intp], fails: NDArray[np.intp]) 
         high = sizes[means, np.minimum(best + 1, PROBES - 1)][:, np.newaxis]
 
 
-def is_sharp(sums: Sums, sizes: NDArray[np.intp], limits: FloatArray) -> NDArray[np.bool_]:
-    """Return whether the two readings at a split differ sharply, shape (means,); limits by the number of channels."""
-    each = -np.diff(sums.before(sizes[:, np.newaxis] + np.array([-1, 0, 1])), axis=1)
-    sharp: NDArray[np.bool_] = sharp_changes(each.swapaxes(0, 1), limits)[0]
+def is_sharp(sums: Sums, sizes: NDArray[np.intp], limit: float) -> NDArray[np.bool_]:
+    """Return whether the two readings at a split differ sharply, shape (means,); the limit is that of a reading."""
+    values, number = sums.each(sizes[:, np.newaxis] + np.array([1, 0, -1]))
+    jump = np.where(number.all(axis=1), values[:, 1] - values[:, 0], 0.0)
+    sharp: NDArray[np.bool_] = (jump * jump).sum(axis=1) > 2 * limit
     return sharp
+
+
+def is_calm(sums: Sums, sizes: NDArray[np.intp], still: int, limit: float) -> NDArray[np.bool_]:
+    """Return whether `still` readings before a split, none of them missing, scatter within a limit, shape (means,)."""
+    values, number = sums.each(sizes[:, np.newaxis] + np.arange(still, -1, -1))
+    away = values - values.mean(axis=1, keepdims=True)
+    calm: NDArray[np.bool_] = number.all(axis=(1, 2)) & ((away * away).sum(axis=(1, 2)) < limit)
+    return calm
 
 
 def is_step(sums: Sums, sizes: NDArray[np.intp], clearly: float) -> NDArray[np.bool_]:
     """Return whether the last `sizes` rows and as many before them differ like a step, and not like a slope."""
-    edges = 2 * sizes[:, np.newaxis] * np.arange(BINS + 1) // BINS
-    each = -np.diff(sums.before(edges), axis=1)
-    values, number = each[:, :, 0], each[:, :, 1]
+    edges = 2 * sizes[:, np.newaxis] * np.arange(BINS, -1, -1) // BINS
+    values, number = sums.each(edges)
     ages = (edges[:, :-1] + edges[:, 1:] - 1) / (2.0 * sizes[:, np.newaxis])
-    step = np.broadcast_to(np.arange(BINS) < BINS // 2, ages.shape)
+    step = np.broadcast_to(np.arange(BINS) >= BINS // 2, ages.shape)
     shapes = np.stack([step, ages])[..., np.newaxis]
     centred = shapes - (shapes * number).sum(axis=2, keepdims=True) / np.maximum(number.sum(axis=1), 1)[:, np.newaxis]
     squares = np.maximum((centred * centred * number).sum(axis=2), np.finfo(np.float64).tiny)

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from beamtouch_models.filters import means
-from beamtouch_models.filters.growing import GrowingMean
+from beamtouch_models.filters.look import Look
 from beamtouch_models.filters.means import FloatArray, Stepped
 
 ROUNDING = 1e-6
@@ -20,9 +20,6 @@ MIN_FILL = 0.5
 The noise of that first value is at most 1.4 times that of a full window. A single reading would be noisier still, and
 could make a beam at rest look touched; a larger part would leave no value where a third of the readings is lost.
 """
-LAG_READINGS = 2
-"""Smallest number of newest readings that are compared with the mean, in multiples of `fewest`. Fewer scatter too much
-to show a lag."""
 MAX_COMPARED = 8
 """Newest readings of a growing mean whose scatter is tested. The mean itself shows slower motion."""
 
@@ -33,23 +30,19 @@ class Stage:
 
     memory: int
     """Number of rows of its state."""
-    step: Callable[[FloatArray, FloatArray], Stepped]
-    """Takes a signal and a state."""
+    step: Callable[[FloatArray, FloatArray], Stepped] | None = None
+    """Takes a signal and a state; None: the mean is of the readings that agree, as `look` sees it."""
     span: int = 1
-    """Number of readings from which a value can be made; 1 if the filter averages nothing."""
-    restarts: bool = False
-    """Whether the mean restarts at a step, so that the span is that of the readings in it."""
-    fresh: Callable[[int], FloatArray] | None = None
-    """Returns the initial state for this number of channels; None: rows of NaN."""
-    lone_spike_mm: float | None = None
-    """Distance of a lone spike from the median, if the filter leaves out spikes itself; None: it does not."""
-    lag_readings: int | None = None
-    """Fewest newest readings whose distance from the mean counts as its lag; None: the mean is too short to lag."""
+    """Number of readings in the mean whose scatter is tested; 1 if the filter averages nothing."""
+    spike_mm: float = math.inf
+    """Distance of a spike from the median; inf if the filter leaves no spikes out."""
+    look: Look | None = None
+    """What a growing mean looks with."""
 
 
 def spike_stage(limit_mm: float) -> Stage:
     """Return `spike` as a stage."""
-    return Stage(means.SPIKE_MEMORY, partial(means.spike, limit_mm=limit_mm))
+    return Stage(means.SPIKE_MEMORY, partial(means.spike, limit_mm=limit_mm), spike_mm=limit_mm)
 
 
 def moving_average_stage(window: int, needed: int = 1) -> Stage:
@@ -62,28 +55,19 @@ def filled(window: int) -> int:
     return math.ceil(MIN_FILL * window)
 
 
+def growing_mean_stage(
+    longest: int, unit_mm: FloatArray, spike_mm: float | None = None, fewest: int = 1, slowest_period: float = 0.0
+) -> Stage:
+    """Return a growing mean as a stage; it leaves out spikes itself. The parameters are those of `Look`."""
+    spike = math.inf if spike_mm is None else spike_mm
+    look = Look(longest, unit_mm, spike, fewest, slowest_period)
+    return Stage(longest, span=min(longest, MAX_COMPARED), spike_mm=spike, look=look)
+
+
 def unit_of(noise_mm: float | FloatArray, step_mm: float | FloatArray, channels: int) -> FloatArray:
     """Return the deviation (channels,) that readings at rest reach: their noise, or half a step of the ADC."""
     unit: FloatArray = np.broadcast_to(np.maximum(noise_mm, np.abs(step_mm) / 2), (channels,))
     return unit
-
-
-def growing_mean_stage(
-    longest: int, unit_mm: FloatArray, spike_mm: float | None = None, fewest: int = 1, slowest_period: float = 0.0
-) -> Stage:
-    """Return a growing mean as a stage; it leaves out spikes itself. The parameters are those of `GrowingMean`."""
-    growing = GrowingMean(longest, unit_mm, spike_mm, fewest, slowest_period)
-    spike = math.inf if spike_mm is None else spike_mm
-    span = min(longest, MAX_COMPARED)
-    return Stage(
-        longest,
-        growing.step,
-        span,
-        restarts=True,
-        fresh=growing.fresh,
-        lone_spike_mm=spike,
-        lag_readings=max(MAX_COMPARED, LAG_READINGS * fewest),
-    )
 
 
 def readings_within(time_ms: float, rate_hz: float) -> int:
