@@ -235,8 +235,7 @@ def try_scene(seed: int, commands: Sequence[str], folder: Path, *, fast: bool = 
             arguments = [str(model), str(_loads(seed, model, folder)), "-o", str(folder / "fresh.onnx")]
         else:
             quick = ["--criterion", "eigenvalue-product"] if fast and command != "explain" and seed % 3 else []
-            workers = ["--workers", "1"] if command == "place" else []
-            arguments = [str(path), *quick, *workers, *output]
+            arguments = [str(path), *quick, *output]
         yield command, run_here([command, *arguments, "--json"])
 
 

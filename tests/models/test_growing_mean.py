@@ -201,6 +201,11 @@ def test_a_touch_in_a_gap_is_no_motion_once_enough_has_been_seen() -> None:
     assert not filtered.moves[228:].any()
 
 
+@pytest.mark.parametrize("longest", [1, 4, 40])
+def test_a_mean_that_is_shorter_than_what_proves_rest_comes_to_rest(longest: int) -> None:
+    assert grown(noise(2000, 26), longest, period=200.0).moves[500:].mean() < 0.01
+
+
 def test_noise_that_is_correlated_passes_for_motion_and_white_noise_does_not() -> None:
     white = noise(2000, 26)
     coloured = np.empty_like(white)

@@ -139,7 +139,9 @@ def _scene_of(options: argparse.Namespace) -> tuple[Scene, str, str, Choices]:
     try:
         entries = {entry.key: entry.value for entry in onnx.load_from_string(loading.read(path)).metadata_props}
         text, name, layout = (json.loads(entries[METADATA_PREFIX + key]) for key in ("scene", "name", "layout"))
-        before = LayoutErrors.model_validate(json.loads(entries[METADATA_PREFIX + "placed"]))
+        # Models from before it was stated have the layout of the product.
+        stated = json.loads(entries.get(METADATA_PREFIX + "placed", "null"))
+        before = LayoutErrors.model_validate(stated) if stated else Aim("eigenvalue-product")
         if options.sensors is None and options.criterion is None and options.spare is None:
             kept_mm = tuple(float(channel["position_mm"]) for channel in layout)
             choices = replace(choices, aim=Aim(before.criterion, before.spare), kept_mm=kept_mm)

@@ -199,7 +199,9 @@ class Motion:
     ) -> tuple[NDArray[np.bool_], NDArray[np.bool_], bool]:
         """Return which means move, which follow one that did not, and whether the last one did."""
         working = there.sum(axis=1)
-        moves = (evidence.squares > self._scatter[compared, working]) | (seen.since < compared)
+        # No change is seen further back than the look goes.
+        recent = seen.since < np.minimum(compared, self._look.longest)
+        moves = (evidence.squares > self._scatter[compared, working]) | recent
         moves |= seen.drifts & (seen.since <= self.memory)
         unseen = np.zeros(len(moves), dtype=np.bool_)
         if not evidence.known.all():

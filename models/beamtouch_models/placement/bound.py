@@ -18,6 +18,7 @@ from beamtouch_models.arrays import Bools, Floats, Indices
 from beamtouch_models.physics.influence import InfluenceFunction
 from beamtouch_models.placement.eigenvalue_product import EigenvalueProduct, eigenvalue_product_of
 from beamtouch_models.placement.layout import Candidates
+from beamtouch_models.sweeps import one_thread
 
 MARGIN, MAX_MARGIN = 1e-8, 1e-6
 """Smallest bound on rounding errors of a bound or a score, in log units; with more than the largest no gap is 0."""
@@ -36,8 +37,9 @@ def largest_gap(
 
     0: it is the best on the grid, within `rounding_margin`. Other arguments and errors are those of `placing.place`.
     """
-    product = eigenvalue_product_of(influence, rules, len(positions_mm), leading)
-    return gap_of(product, np.searchsorted(rules.position_mm, positions_mm))
+    with one_thread():
+        product = eigenvalue_product_of(influence, rules, len(positions_mm), leading)
+        return gap_of(product, np.searchsorted(rules.position_mm, positions_mm))
 
 
 def gap_of(product: EigenvalueProduct, layout: Indices) -> float:

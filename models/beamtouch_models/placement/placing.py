@@ -57,7 +57,10 @@ class Aim:
             message = f"criterion = {self.criterion!r} must be one of {', '.join(get_args(Criterion))}"
             raise SceneError(message)
         if self.spare not in (0, 1) or (self.spare and self.criterion != "position-error"):
-            message = f"spare = {self.spare}: give 0, or 1, which places by position error, without another criterion"
+            message = (
+                f"spare = {self.spare}: give 0, or 1, which places by position error, without another criterion or "
+                "leading components"
+            )
             raise SceneError(message)
 
 

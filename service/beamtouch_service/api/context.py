@@ -59,7 +59,8 @@ class Context:
     ticks: Ticks = field(default_factory=Ticks)
     """Notices that the process stood still."""
     missing: dict[str, str] = field(default_factory=dict)
-    """Section of the configuration -> why its address or broker is not there; empty while it is."""
+    """Section of the configuration -> why its address or broker is not there, empty while it is; and task -> the
+    unexpected error that ended it."""
 
     def reasons(self) -> dict[str, str]:
         """Return `missing`, with the record of events."""

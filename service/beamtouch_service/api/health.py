@@ -43,7 +43,7 @@ async def get_live() -> Health:
 
 @router.get("/health/ready")
 async def get_ready(context: ContextParameter, health: Annotated[bool, Query(description=_HEALTH)] = False) -> Health:
-    """Check that every surface has a model and fresh samples, and that every address, broker and record is there."""
+    """Check that every surface has a model and fresh samples, and no address, broker, record or task is missing."""
     context.require_all("Ask for /health/live of each service, and for /surfaces/NAME/contact of each surface.")
     context.registry.require_ready(context.clock(), context.reasons(), healthy=health)
     return Health(status="ready")

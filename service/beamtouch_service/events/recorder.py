@@ -220,12 +220,13 @@ class Recorder:
     async def _read_health(self) -> None:
         """State the health that is on record of surfaces whose samples have not come yet."""
         surfaces = [(surface, surface.model) for surface in self._unread.values() if surface.model]
+        unread, self._unread = self._unread, {}
         try:
             rows = await self.look(lambda store: store.healths())
         except EventsAwayError as error:
+            self._unread = unread
             self._note(str(error))
             return
-        self._unread.clear()
         for surface, model in surfaces:
             history = await in_thread(partial(HealthHistory, surface.name, model, rows.get(surface.name)))
             if surface.health is None:

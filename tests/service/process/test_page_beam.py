@@ -131,7 +131,7 @@ def add_support(path: Path, at_mm: float) -> None:
     metadata = modelfile.load(path).metadata
     more = modelfile.Drawn.model_validate(
         metadata.drawn.model_dump()
-        | {"supports": [*metadata.drawn.model_dump()["supports"], {"at_mm": at_mm, "kind": "fixed"}]}
+        | {"supports": [*metadata.drawn.model_dump()["supports"], {"at_mm": at_mm, "kind": "fixed", "slides": False}]}
     )
     graph = onnx.load(path)
     helper.set_model_props(graph, metadata.model_copy(update={"drawn": more}).to_entries())
