@@ -7,6 +7,7 @@ from time import clock_gettime, monotonic, sleep
 
 import pytest
 
+from beamtouch_daemon.delivery.log import MAX_BATCH
 from beamtouch_daemon.delivery.log_store import LogStore
 from beamtouch_daemon.processing.pipeline import Taken
 from beamtouch_service.samples import Note
@@ -100,9 +101,9 @@ async def test_after_an_outage_the_newest_samples_come_first(caplog: pytest.LogC
         async with serving(late):
             await until(lambda: bench.log.is_empty)
     live = [batch for _, batch, _ in late.batches if not batch.backlog]
-    assert [sample.sequence for sample in live[0].samples] == list(range(4501, 5501))
+    assert [sample.sequence for sample in live[0].samples] == list(range(5501 - MAX_BATCH, 5501))
     assert late.record.numbers() == {"boot-0001": list(range(1, 5501))}
-    assert max(len(batch.samples) for _, batch, _ in late.batches) == 1000
+    assert max(len(batch.samples) for _, batch, _ in late.batches) == MAX_BATCH
     assert bench.logs.counts.dropped == 0
     assert "works again after" in caplog.text
 

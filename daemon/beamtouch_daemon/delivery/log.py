@@ -14,9 +14,10 @@ from beamtouch_daemon.delivery.log_file import Chunk
 from beamtouch_daemon.processing.pipeline import Taken
 from beamtouch_service.samples import MAX_SAMPLES, Batch, Note, Receipt
 
-MAX_BATCH = min(1000, MAX_SAMPLES)
+MAX_BATCH = min(250, MAX_SAMPLES)
 MAX_BATCH_VALUES = 40_000
-"""Limits of samples and of values, covariances included, in one batch: under half of the MiB that is accepted."""
+"""Limits of samples and of values, covariances included, in one batch: under half of the MiB that is accepted. With
+1000 samples, answers beside a backlog took 43 ms at p99 instead of 18, as they wait while the service reads a batch."""
 BACKLOG_RETRY_S = 5.0
 """Longest wait of the backlog after a request that brought the record no further."""
 _ENDED = 2**53
