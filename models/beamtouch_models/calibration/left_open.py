@@ -23,6 +23,14 @@ ROUNDS = 5
 """Rounds of a fit without a part, which begins with the fit to all."""
 CHANCE = 1e-4
 """Probability that contacts on a surface as modelled are said to contradict it."""
+PLACES = 61
+"""Number of contacts over the range at which errors are computed."""
+INNER = 0.05
+"""Share of the range at each end that is left out: next to a support, a contact has no position error worth stating."""
+ENOUGH = 0.75
+"""Share of these contacts at which the floor states at least the position error that the fit leaves."""
+MIN_GAIN = 5e-4
+"""Smallest floor of a gain: sensors and amplifiers are not steadier than that."""
 
 
 @dataclass(frozen=True)
@@ -80,16 +88,6 @@ def _misfits(
         return at.misfit(theory, left_error)
     slopes = theory.slopes(vector, at.loads, fit.kinds)
     return at.misfit(theory, left_error, more_mm2=np.einsum("lcv,vw,ldw->lcd", slopes, covariance, slopes))
-
-
-PLACES = 61
-"""Number of contacts over the range at which errors are computed."""
-INNER = 0.05
-"""Share of the range at each end that is left out: next to a support, a contact has no position error worth stating."""
-ENOUGH = 0.75
-"""Share of these contacts at which the floor states at least the position error that the fit leaves."""
-MIN_GAIN = 5e-4
-"""Smallest floor of a gain: sensors and amplifiers are not steadier than that."""
 
 
 @dataclass(frozen=True)
