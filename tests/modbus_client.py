@@ -1,5 +1,6 @@
 """The Modbus TCP client on libmodbus: compiled once, and what it reads."""
 
+import re
 import subprocess
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -9,8 +10,10 @@ from pathlib import Path
 import pytest
 
 from contact_registers import USED
+from line import Line
 from parts import require
 from toolchain import made_once, run
+from waiting import wait_until
 
 SOURCE = Path(__file__).with_name("libmodbus_client.c")
 POLLS, PAUSE_US = 10_000_000, 1000
@@ -24,6 +27,13 @@ class Poll:
     """The registers of the block."""
     floats: list[float]
     """Its figures and the constant, as libmodbus decodes them, in the order of their addresses."""
+
+
+def modbus_port(line: Line) -> int:
+    """Return the port of the Modbus TCP server of a service, which opens after the address of HTTP is stated."""
+    address = re.compile(r"Modbus TCP server: listening on 127\.0\.0\.1:(\d+)")
+    wait_until(lambda: address.search(line.log("service")) is not None)
+    return int(address.findall(line.log("service"))[0])
 
 
 def compiled(factory: pytest.TempPathFactory) -> Path:

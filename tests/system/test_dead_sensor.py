@@ -18,6 +18,7 @@ from contact_registers import decoded
 from example_scenes import SCENES
 from free_ports import free_port
 from line import Line, Surface
+from modbus_client import modbus_port
 from parts import require
 from pasted import ROOT
 from plain_http import TIMEOUT_S
@@ -47,9 +48,7 @@ class Watched:
     def __init__(self, line: Line, metrics_port: int) -> None:
         self.line = line
         self._daemon = f"http://127.0.0.1:{metrics_port}"
-        port = re.search(r"Modbus TCP server: listening on 127\.0\.0\.1:(\d+)", line.log("service"))
-        assert port is not None
-        self._modbus = int(port[1])
+        self._modbus = modbus_port(line)
 
     def ask(self, path: str) -> httpx2.Response:
         return httpx2.get(self.line.url + path, trust_env=False, timeout=TIMEOUT_S)

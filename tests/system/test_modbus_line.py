@@ -2,7 +2,6 @@
 
 import math
 import os
-import re
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -18,7 +17,7 @@ from beamtouch_models.building.daemon_config import daemon_config
 from contact_registers import FIGURES, decoded, expected, single
 from example_scenes import SCENES
 from line import Line, Surface
-from modbus_client import Poll, compiled, polls
+from modbus_client import Poll, compiled, modbus_port, polls
 from plain_http import TIMEOUT_S
 
 pytestmark = pytest.mark.long
@@ -75,12 +74,10 @@ class Contacts(threading.Thread):
 def test_a_client_on_libmodbus_reads_the_contacts_of_a_moving_load_until_they_are_stale(
     line: Line, client: Path, bench: modelfile.ModelFile
 ) -> None:
-    port = re.search(r"Modbus TCP server: listening on 127\.0\.0\.1:(\d+)", line.log("service"))
-    assert port is not None
     contacts, compared = Contacts(line.url), set[int]()
     waiting: list[Poll] = []
     contacts.start()
-    with polls(client, int(port[1])) as found:
+    with polls(client, modbus_port(line)) as found:
         for poll in found:
             waiting.append(poll)
             if len(waiting) > LATER:
