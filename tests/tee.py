@@ -93,6 +93,7 @@ class Tee:
     def _keep(self, surface: str, body: bytes) -> None:
         content = zlib.compress(b'["%s",%s]' % (surface.encode(), body), 1)
         self._file.write(len(content).to_bytes(_LENGTH, "big") + content)
+        self._file.flush()
 
 
 class Boot:
