@@ -104,7 +104,7 @@ def _complain_of(error: Exception, program: str, input_errors: tuple[type[Except
     """Report an expected error in one line and return its exit code; None for any other."""
     if _is_interrupted(error):
         return complain(program, "interrupted", INTERRUPTED)
-    is_output_lost = _is_output_lost()
+    is_output_lost = _is_output_lost(tries=isinstance(error, OSError) and error.filename is None)
     if isinstance(error, OSError) and (is_output_lost or isinstance(error, BrokenPipeError)):
         return complain(program, f"not all was printed to standard output: {error.strerror}", FAILED)
     if isinstance(error, FailedError):
@@ -139,10 +139,14 @@ def _is_interrupted(error: BaseException | None) -> bool:
     return error is not None
 
 
-def _is_output_lost() -> bool:
-    """Return whether standard output is closed. If so, drop its buffer: Python would fail at its end."""
+def _is_output_lost(*, tries: bool = False) -> bool:
+    """Return whether standard output is closed or full. If so, drop its buffer: Python would fail at its end.
+
+    A write that fails may leave nothing to write, so that only another one fails again: `tries` writes a line end.
+    """
     try:
         if sys.stdout is not None:
+            sys.stdout.write("\n" * tries)
             sys.stdout.flush()
     except OSError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

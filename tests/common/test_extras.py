@@ -64,10 +64,10 @@ def needed(distribution: str, extras: frozenset[str]) -> set[str]:
     [
         ("daemon", "beamtouch_daemon", ()),
         ("service", "beamtouch_service", (*MODBUS_SERVER, *MQTT)),
-        ("service,modbus-server", "beamtouch_service", MQTT),
-        ("service,mqtt", "beamtouch_service", MODBUS_SERVER),
+        ("service,modbus-server", "beamtouch_service.outputs", MQTT),
+        ("service,mqtt", "beamtouch_service.outputs", MODBUS_SERVER),
         ("design", "beamtouch_models", ("beamtouch_models.rig", CLUSTER)),
-        ("design,cluster", "beamtouch_models", ("beamtouch_models.rig",)),
+        ("design,cluster", "beamtouch_models.workers", ()),
         ("rig", "beamtouch_models.rig", ()),
     ],
 )
@@ -82,4 +82,4 @@ def test_a_command_needs_its_own_extra_only(extra: str, package: str, without: t
     code = IMPORTS.format(absent=absent, package=package, without=without)
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=120)
     assert (done.returncode, done.stderr) == (0, "")
-    assert done.stdout.count("\n") > 10
+    assert done.stdout.count("\n") > 2

@@ -1,4 +1,7 @@
-"""Files that people write, read with errors in one line; and files written whole or not at all."""
+"""Files that people write, read with errors in one line; and files written whole or not at all, where they can be.
+
+`docs/mistakes.md` has further errors, word for word.
+"""
 
 import os
 import resource
@@ -6,19 +9,17 @@ import stat
 import subprocess
 import sys
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Annotated, Literal
 
 import pytest
 from pydantic import BaseModel, ConfigDict, Field
 
 from beamtouch_common.errors import InputError
-from beamtouch_common.files import load_toml, write_atomically
+from beamtouch_common.files import load_toml, require_writable, write_atomically
+from unprivileged import without_root
 
 CROSSES = "x" * 76
-BEHIND = (
-    "not valid TOML: Expected newline or end of document after a statement (at line 1, column {}); "
-    "one key per line, text in quotes, decimals with a point, and no unit behind a number"
-)
 
 
 class Strict(BaseModel):
@@ -68,21 +69,10 @@ def complaint(path: Path) -> str:
             "shape = {kind = 'round', radius_mm = 1.0, count = 1}",
             "unknown key shape.count; it belongs in the file before all tables",
         ),
-        ("radius_mm = 1.0", "unknown key radius_mm; it belongs in [shape]"),
-        ("beam = 1", "unknown key beam; it belongs in a scene; is this the right file?"),
         ("pair = [1.0]", "pair: must have 2 entries, not 1 (given: [1.0])"),
-        ("pair = []", "pair: must have 2 entries, not 0 (given: [])"),
         ("pair = [1.0, 'a']", 'pair[1]: must be a number (given: "a")'),
         ("pair = 'a'", 'pair: must be a number or a list, as [1, 2] (given: "a")'),
-        ("colour = 3", "unknown key colour; remove it or correct its spelling"),
-        (
-            "shape = {kind = 'round', radius = 3.0}",
-            "unknown key shape.radius; did you mean radius_mm? (and 1 more)",
-        ),
         ("shape = {kind = 'round'}", "shape.radius_mm is missing; add it"),
-        ("shape = {kind = 'round', radius_mm = -3.0}", "shape.radius_mm: must be more than 0 (given: -3.0)"),
-        ("shape = {kind = 'oval'}", 'shape.kind: must be "round" or "square" (given: "oval")'),
-        ("shape = {side_mm = 1.0}", "shape.kind is missing; add it"),
         ("[[holes]]\nkind = 'round'", "holes[0].radius_mm is missing; add it"),
         (
             "[named.square]\nkind = 'square'\nside_mm = 'a'",
@@ -94,12 +84,6 @@ def complaint(path: Path) -> str:
         ),
         ("count = 1.5", 'count: must be a whole number or "auto" (given: 1.5)'),
         (f"max_mm = '{'x' * 1000}'", f'max_mm: must be a number (given: "{CROSSES}...)'),
-        ("max_mm = 1.5 mm", BEHIND.format(14)),
-        ("max_mm = -1,5", BEHIND.format(12)),
-        ("max_mm = 127.0.0.1", BEHIND.format(15)),
-        ("max_mm = 1.5 count = 2", BEHIND.format(14)),
-        ("max = 1.0", "unknown key max; did you mean max_mm?"),
-        ("[shape", "not valid TOML: Expected ']' at the end of a table declaration (at end of document)"),
     ],
 )
 def test_an_error_is_one_line_with_the_key_as_in_the_file(tmp_path: Path, text: str, said: str) -> None:
@@ -173,11 +157,40 @@ def test_a_file_that_cannot_be_replaced_leaves_nothing_behind(tmp_path: Path) ->
 def test_a_value_that_cannot_be_shown_is_refused_all_the_same(tmp_path: Path, value: str) -> None:
     path = tmp_path / "drawing.toml"
     path.write_text(f"max_mm = {value}\n")
-    with pytest.raises(InputError, match="max_mm: "):
-        load_toml(Drawing, path)
+    assert complaint(path).startswith("max_mm: ")
 
 
 def test_a_byte_order_mark_is_no_part_of_a_file(tmp_path: Path) -> None:
     path = tmp_path / "drawing.toml"
     path.write_text("max_mm = 2.0\n", encoding="utf-8-sig")
     assert load_toml(Drawing, path).max_mm == 2.0
+
+
+def test_only_a_place_where_a_file_can_be_is_writable(tmp_path: Path) -> None:
+    (tmp_path / "old.onnx").write_text("old")
+    require_writable([tmp_path / "new.onnx", None, tmp_path / "old.onnx", Path("/dev/null")], [tmp_path / "scene.toml"])
+    scene, model = tmp_path / "scene.toml", tmp_path / "model.onnx"
+    again = tmp_path / ".." / tmp_path.name / "model.onnx"
+    for outputs, said in (
+        ([tmp_path / "absent" / "model.onnx"], f"{tmp_path / 'absent'}: no such folder; create it first"),
+        ([tmp_path], f"{tmp_path}: is a folder; name a file in it"),
+        ([model, scene], f"{scene}: the command reads this file as well; name another one"),
+        ([model, again], f"{again}: the command would write this file twice; name another one"),
+    ):
+        assert unwritable(outputs, [scene]) == said
+
+
+def unwritable(outputs: list[Path], inputs: list[Path]) -> str:
+    with pytest.raises(InputError) as caught:
+        require_writable(outputs, inputs)
+    return str(caught.value)
+
+
+def test_a_folder_that_this_user_may_not_write_to_is_refused() -> None:
+    with TemporaryDirectory() as name, without_root(Path(name)):
+        folder, inside = Path(name) / "kept", Path(name) / "closed" / "deep" / "model.onnx"
+        folder.mkdir(mode=0o500)
+        (Path(name) / "closed").mkdir(mode=0)
+        said = f"{folder}: this user may not write there; choose another folder"
+        assert unwritable([folder / "model.onnx"], []) == said
+        assert unwritable([inside], []) == f"{inside}: Permission denied"

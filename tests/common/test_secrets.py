@@ -1,60 +1,57 @@
 """Tokens and passwords in files."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 
 from beamtouch_common.errors import FailedError, InputError
 from beamtouch_common.secrets import read_password, read_token
 
-if TYPE_CHECKING:
-    from pathlib import Path
-
-
-@pytest.mark.parametrize("content", [b"sixteen-chars-16", b"  sixteen-chars-16\r\n\n"])
-def test_white_space_around_a_token_is_none_of_it(tmp_path: Path, content: bytes) -> None:
-    (tmp_path / "token").write_bytes(content)
-    assert read_token(tmp_path / "token") == "sixteen-chars-16"
+Read = Callable[[Path], str]
 
 
 @pytest.mark.parametrize(
-    ("content", "problem"),
+    ("read", "content", "secret"),
     [
-        (b"", "empty"),
-        (b" \n", "empty"),
-        (b"short", "only 5 characters"),
-        (b"s", "only 1 character;"),
-        (b"two words of text", "more than one word of printable ASCII"),
-        ("sécret-of-sixteen".encode(), "more than one word of printable ASCII"),
-        (b"\x00" * 32, "more than one word of printable ASCII"),
-        (b"x" * 4097, "longer than 4096 bytes"),
+        (read_token, b"  sixteen-chars-16\r\n\n", "sixteen-chars-16"),
+        (read_password, "p\u00e4ss word\r\n".encode(), "p\u00e4ss word"),  # spaces belong to a password
     ],
 )
-def test_a_token_that_cannot_be_used_is_refused(tmp_path: Path, content: bytes, problem: str) -> None:
-    (tmp_path / "token").write_bytes(content)
-    with pytest.raises(InputError, match=problem) as caught:
-        read_token(tmp_path / "token", "write the service's token to it")
-    assert str(caught.value).startswith(f"token file {tmp_path / 'token'}: ")
-    assert str(caught.value).endswith("; write the service's token to it")
+def test_white_space_at_the_ends_is_no_part_of_a_secret(
+    tmp_path: Path, read: Read, content: bytes, secret: str
+) -> None:
+    (tmp_path / "secret").write_bytes(content)
+    assert read(tmp_path / "secret") == secret
 
 
-@pytest.mark.parametrize("content", ["päss word", "päss word\n", "päss word\r\n"])
-def test_a_password_may_hold_spaces(tmp_path: Path, content: str) -> None:
-    (tmp_path / "password").write_bytes(content.encode())
-    assert read_password(tmp_path / "password") == "päss word"
+ONE_LINE = "not one line of text; write the password to it, in one line"
 
 
-@pytest.mark.parametrize("content", [b"", b"\n", b"two\nlines", b"\xff\xfe", b"x" * 4097])
-def test_a_password_is_one_line_of_text(tmp_path: Path, content: bytes) -> None:
-    (tmp_path / "password").write_bytes(content)
-    with pytest.raises(InputError, match="not one line of text; write the password to it, in one line"):
-        read_password(tmp_path / "password")
+@pytest.mark.parametrize(
+    ("read", "content", "problem"),
+    [
+        (read_token, b" \n", "empty"),
+        (read_token, b"s", "only 1 character;"),
+        (read_token, b"two words of text", "more than one word of printable ASCII"),
+        (read_token, "s\u00e9cret-of-sixteen".encode(), "more than one word of printable ASCII"),
+        (read_token, b"\x00" * 32, "more than one word of printable ASCII"),
+        (read_token, b"x" * 4097, "longer than 4096 bytes"),
+        (read_password, b"\n", ONE_LINE),
+        (read_password, b"two\nlines", ONE_LINE),
+        (read_password, b"\xff\xfe", ONE_LINE),
+        (read_password, b"x" * 4097, ONE_LINE),
+    ],
+)
+def test_a_secret_that_cannot_be_used_is_refused_with_its_file(
+    tmp_path: Path, read: Read, content: bytes, problem: str
+) -> None:
+    (tmp_path / "secret").write_bytes(content)
+    with pytest.raises(InputError, match=rf"file {tmp_path / 'secret'}: .*{problem}"):
+        read(tmp_path / "secret")
 
 
 @pytest.mark.parametrize("read", [read_token, read_password])
-def test_a_file_that_cannot_be_read_may_come_later(tmp_path: Path, read: object) -> None:
-    assert callable(read)
+def test_a_file_that_cannot_be_read_may_come_later(tmp_path: Path, read: Read) -> None:
     with pytest.raises(FailedError, match=r"file .*nothing: No such file or directory; write "):
         read(tmp_path / "nothing")

@@ -19,34 +19,20 @@ def assert_counts(reading: Reading, millivolts: tuple[int, ...]) -> None:
         assert abs(count - reading.oversampling * count_of(voltage)) <= 2 * reading.oversampling
 
 
-@pytest.mark.parametrize("channels", CHANNELS)
-def test_the_device_sends_hello_at_boot_and_on_request(board_for: Boards, tmp_path: Path, channels: int) -> None:
-    seen = board_for(channels).record(tmp_path, 0.2, at(0.1, HelloRequest()))
-    first, second = seen.messages
-    assert first == second
-    assert isinstance(first, Hello)
-    assert first.is_compatible
-    assert (first.channel_count, first.adc_bits) == (channels, 10)
-    assert first.max_rate_hz == 90_000 // (14 + 2 * channels)  # nine tenths of the line
-    assert seen.report["baud"] == 1_000_000
-    assert seen.rejected == 0
-
-
-def test_readings_hold_the_voltages_in_order_without_gaps_at_the_rate(board: Board, tmp_path: Path) -> None:
-    seen = board.record(tmp_path, 1.1, at(0, VOLTAGES), at(0.1, Start(200, 1)))
+def test_readings_hold_sums_of_the_voltages_in_order_without_gaps_at_the_rate(board: Board, tmp_path: Path) -> None:
+    later = (4000, 3000, 2000, 1000)
+    script = [at(0, VOLTAGES), at(0.1, Start(200, 1)), at(1.2, Start(200, 16)), at(1.4, later), at(1.5, Start(100, 64))]
+    seen = board.record(tmp_path, 1.7, *script)
+    first = [reading for reading in seen.readings if reading.oversampling == 1]
     assert [reading.sequence for reading in seen.readings] == list(range(len(seen.readings)))
-    assert 198 <= len(seen.readings) <= 201
-    for reading in seen.readings:
+    assert 218 <= len(first) <= 221
+    steps = seen.steps_us[: len(first) - 1]
+    assert all(abs(step - 5000) <= 30 for step in steps)
+    assert sum(steps) == pytest.approx(5000 * len(steps), abs=30)
+    assert {reading.oversampling for reading in seen.readings} == {1, 16, 64}
+    for reading in [*first, seen.readings[len(first) + 10]]:
         assert_counts(reading, VOLTAGES[:4])
-    assert all(abs(step - 5000) <= 30 for step in seen.steps_us)
-    assert sum(seen.steps_us) == pytest.approx(5000 * len(seen.steps_us), abs=30)
-
-
-def test_oversampling_gives_sums(board: Board, tmp_path: Path) -> None:
-    seen = board.record(tmp_path, 0.5, at(0, VOLTAGES), at(0.1, Start(200, 16)), at(0.3, Start(100, 64)))
-    assert {reading.oversampling for reading in seen.readings} == {16, 64}
-    for reading in seen.readings:
-        assert_counts(reading, VOLTAGES[:4])
+    assert_counts(seen.readings[-1], later)
 
 
 def test_a_reading_has_the_time_of_the_middle_of_its_scan(board: Board, tmp_path: Path) -> None:
@@ -64,13 +50,6 @@ def test_a_reading_has_the_time_of_the_middle_of_its_scan(board: Board, tmp_path
     assert all((reading.device_us > step_us) == (reading.counts[0] > 0) for reading in full)
 
 
-def test_a_changed_voltage_changes_the_counts(board: Board, tmp_path: Path) -> None:
-    later = (4000, 3000, 2000, 1000)
-    seen = board.record(tmp_path, 0.5, at(0, VOLTAGES), at(0.1, Start(200, 1)), at(0.3, later))
-    assert_counts(seen.readings[0], VOLTAGES[:4])
-    assert_counts(seen.readings[-1], later)
-
-
 def test_stop_ends_the_readings_and_start_continues_their_numbers(board: Board, tmp_path: Path) -> None:
     script = [at(0.1, Start(200, 1)), at(0.2, Stop()), at(0.4, Start(200, 1)), at(0.5, Stop())]
     seen = board.record(tmp_path, 0.8, *script)
@@ -85,7 +64,7 @@ def test_a_start_during_a_stream_changes_it_without_a_gap(board: Board, tmp_path
     assert {reading.oversampling for reading in seen.readings} == {1, 2, 3}
 
 
-@pytest.mark.parametrize(("rate_hz", "seconds"), [(1, 3), (7, 3), (30, 3), (300, 2), (999, 2), (3001, 1)])
+@pytest.mark.parametrize(("rate_hz", "seconds"), [(7, 2), (999, 1), (3001, 1)])
 def test_any_rate_is_kept_in_the_long_run(board: Board, tmp_path: Path, rate_hz: int, seconds: int) -> None:
     seen = board.record(tmp_path, seconds + 0.1, at(0.05, Start(rate_hz, 1)))
     assert seen.lost == 0
@@ -95,19 +74,17 @@ def test_any_rate_is_kept_in_the_long_run(board: Board, tmp_path: Path, rate_hz:
 REFUSED = [Start(0, 1), Start(100, 0), Start(4091, 1), Start(65535, 1), Start(100, 65), Start(100, 255), Start(122, 64)]
 
 
-def test_a_start_that_the_device_cannot_keep_is_ignored(board: Board, tmp_path: Path) -> None:
-    refused = [at(0.1 + 0.05 * n, start) for n, start in enumerate(REFUSED)]
-    seen = board.record(tmp_path, 0.8, *refused, at(0.6, Start(121, 64)))
-    assert seen.readings
-    assert {reading.oversampling for reading in seen.readings} == {64}
+def test_a_start_that_the_device_cannot_keep_is_ignored_at_rest_and_in_a_stream(board: Board, tmp_path: Path) -> None:
+    def refused(begin_s: float) -> list[str]:
+        return [at(begin_s + 0.05 * n, start) for n, start in enumerate(REFUSED)]
+
+    script = [*refused(0.1), at(0.6, Start(121, 64)), at(0.7, Start(200, 2)), *refused(0.8)]
+    seen = board.record(tmp_path, 1.3, *script)
     assert seen.readings[0].device_us > 590_000
-
-
-def test_a_refused_start_leaves_the_running_stream_unchanged(board: Board, tmp_path: Path) -> None:
-    refused = [at(0.2 + 0.05 * n, start) for n, start in enumerate(REFUSED)]
-    seen = board.record(tmp_path, 0.8, at(0.1, Start(200, 2)), *refused)
+    assert {reading.oversampling for reading in seen.readings} == {64, 2}
     assert seen.lost == 0
-    assert all(abs(step - 5000) <= 30 for step in seen.steps_us)
+    steps = seen.steps_us[-100:]
+    assert all(abs(step - 5000) <= 30 for step in steps)
 
 
 def test_every_ping_gets_its_pong_with_the_clock(board: Board, tmp_path: Path) -> None:
@@ -121,10 +98,10 @@ def test_every_ping_gets_its_pong_with_the_clock(board: Board, tmp_path: Path) -
 
 
 @pytest.mark.parametrize("channels", CHANNELS)
-def test_no_reading_is_lost_at_the_highest_rate_while_the_device_answers(
+def test_hello_states_a_highest_rate_at_which_nothing_is_lost_while_the_device_answers(
     board_for: Boards, tmp_path: Path, channels: int
 ) -> None:
-    rate_hz = 90_000 // (14 + 2 * channels)
+    rate_hz = 90_000 // (14 + 2 * channels)  # nine tenths of the line
     burst = encode(Ping(1)) + encode(HelloRequest()) + encode(Ping(2))
     bursts = [at(0.2 + 0.05 * n, burst) for n in range(20)]
     script = [at(0, VOLTAGES), at(0.1, Start(rate_hz, 1)), *bursts, at(2.1, Stop())]
@@ -133,13 +110,15 @@ def test_no_reading_is_lost_at_the_highest_rate_while_the_device_answers(
     assert len(seen.readings) == pytest.approx(2 * rate_hz, abs=0.002 * rate_hz + 2)  # commands act within 1 ms
     assert sum(seen.steps_us) / len(seen.steps_us) == pytest.approx(1e6 / rate_hz, rel=1e-4)
     assert (len(seen.pongs), len(seen.hellos)) == (40, 21)
+    (hello,) = set(seen.hellos)  # at boot and on request
+    assert hello.is_compatible
+    assert (hello.channel_count, hello.adc_bits, hello.max_rate_hz) == (channels, 10, rate_hz)
+    assert seen.report["baud"] == 1_000_000
     for reading in seen.readings:
         assert_counts(reading, VOLTAGES[:channels])
 
 
-@pytest.mark.parametrize(
-    ("channels", "rate_hz", "oversampling"), [(1, 5625, 4), (4, 3378, 2), (4, 478, 16), (8, 60, 64)]
-)
+@pytest.mark.parametrize(("channels", "rate_hz", "oversampling"), [(1, 5625, 4), (4, 478, 16), (8, 60, 64)])
 def test_every_accepted_oversampling_is_kept(
     board_for: Boards, tmp_path: Path, channels: int, rate_hz: int, oversampling: int
 ) -> None:
@@ -148,27 +127,26 @@ def test_every_accepted_oversampling_is_kept(
     assert len(seen.readings) == pytest.approx(rate_hz, abs=0.002 * rate_hz + 2)
 
 
-def test_clock_and_sequence_wrap(board_for: Boards, tmp_path: Path) -> None:
+@pytest.mark.parametrize("seconds", [2.0, pytest.param(12.0, marks=pytest.mark.soak)])
+def test_the_clock_wraps_and_after_twelve_seconds_the_sequence(
+    board_for: Boards, tmp_path: Path, seconds: float
+) -> None:
     begin_us = 2**32 - 1_000_000
     board = board_for(1, f"-DCLOCK_BEGINS_US={begin_us}UL")
-    seen = board.record(tmp_path, 12.0, at(0.1, Start(5625, 1)))
-    assert len(seen.readings) > 2**16
+    seen = board.record(tmp_path, seconds, at(0.1, Start(5625, 1)))
+    assert len(seen.readings) > (2**16 if seconds > 10 else 5625)
     assert seen.lost == 0
     assert seen.readings[0].device_us > begin_us
     assert all(abs(step - 1e6 / 5625) <= 30 for step in seen.steps_us)
 
 
 def test_a_reset_shows_in_a_hello_with_another_boot_id(board: Board, tmp_path: Path) -> None:
-    seen = board.record(tmp_path, 0.5, at(0.1, Start(200, 1)), at(0.3, "reset"), at(0.4, Start(200, 1)))
-    assert len({hello.boot_id for hello in seen.hellos}) == 2
-    numbers = [reading.sequence for reading in seen.readings]
-    assert numbers.count(0) == 2
-
-
-def test_the_boot_id_differs_from_boot_to_boot_without_power(board: Board, tmp_path: Path) -> None:
     memory = ("--eeprom", tmp_path / "eeprom.bin")
-    ids = [board.record(tmp_path, 0.1, options=memory).hellos[0].boot_id for _ in range(5)]
-    assert len(set(ids)) == 5
+    script = [at(0.1, Start(200, 1)), at(0.3, "reset"), at(0.4, Start(200, 1))]
+    seen = board.record(tmp_path, 0.5, *script, options=memory)
+    assert [reading.sequence for reading in seen.readings].count(0) == 2
+    later = [board.record(tmp_path, 0.1, options=memory).hellos[0] for _ in range(3)]  # without power in between
+    assert len({hello.boot_id for hello in [*seen.hellos, *later]}) == 5
 
 
 def test_garbage_on_the_line_does_no_harm(board: Board, tmp_path: Path) -> None:
@@ -197,5 +175,5 @@ def test_identify_blinks_for_the_requested_time(board: Board, tmp_path: Path) ->
         return board.record(tmp_path, seconds, *script).report["light_changes"]
 
     assert changes(0.5) == 0
-    assert 6 <= changes(3.0, at(0.1, Identify(1))) <= 9
-    assert changes(3.0, at(0.1, Identify(2)), at(0.6, Identify(0))) <= 5
+    assert 6 <= changes(2.0, at(0.1, Identify(1))) <= 9
+    assert changes(1.5, at(0.1, Identify(2)), at(0.6, Identify(0))) <= 5
