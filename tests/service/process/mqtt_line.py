@@ -7,7 +7,7 @@ import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from service.conftest import batch_of
+from service.conftest import PATIENT, batch_of
 from waiting import wait_until
 
 if TYPE_CHECKING:
@@ -74,15 +74,16 @@ class Line:
         stale_ms: float = 60_000,
         port: int | None = None,
         surfaces: Sequence[str] = ("press-7",),
+        code: str = PATIENT,
     ) -> Service:
-        """Start a service with these lines in `[mqtt]`."""
+        """Start a service with these lines in `[mqtt]`, and `code` run before it."""
         lines = ['host = "127.0.0.1"', f"port = {port or self.broker.port}", *mqtt]
         (self.folder / "service.toml").write_text(
             f"[server]\nwrite_token_file = '{self.token_file}'\n[events]\nfile = 'events.db'\n[mqtt]\n"
             + "\n".join(lines)
             + "".join(f"\n[surfaces.{name}]\nmodel = '{self.model}'\nstale_ms = {stale_ms}\n" for name in surfaces)
         )
-        return self.start_service("--config", self.folder / "service.toml")
+        return self.start_service("--config", self.folder / "service.toml", code=code)
 
 
 def metric(service: Service, name: str) -> float:

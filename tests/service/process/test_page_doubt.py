@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import re
 from itertools import product
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
 from browser import NO_FIGURE
 from service.process.beam_page import circles, drawn
-from waiting import wait_until
 
 if TYPE_CHECKING:
     from browser import OpenPage, Watched
@@ -98,38 +97,6 @@ def test_notes_stand_in_words(start_bench: StartBench, open_page: OpenPage) -> N
     assert seen.complaints == []
 
 
-def test_readings_that_move_are_said_to_move(start_bench: StartBench, open_page: OpenPage) -> None:
-    bench = start_bench()
-    bench.load((150, 9))
-    seen = open_page(bench.service.url)
-    seen.wait_for_state("contact")
-    bench.moving((150, 9))
-    seen.wait_for_text("detail", "The readings move, or do not show the state by themselves: the interval is wide")
-    assert seen.page.evaluate("() => document.body.dataset.state") == "contact"
-
-
-def test_a_note_that_comes_and_goes_is_announced_once(start_bench: StartBench, open_page: OpenPage) -> None:
-    bench = start_bench()
-    bench.load((150, 15))
-    seen = open_page(bench.service.url)
-    seen.wait_for_text("status", "Contact at 150 mm")
-    seen.page.evaluate(
-        "() => { window.said = []; new MutationObserver(() => said.push(document.getElementById('status').textContent))"
-        ".observe(document.getElementById('status'), {childList: true, characterData: true, subtree: true}); }"
-    )
-    seen.watch()
-    for _ in range(10):
-        bench.load((150, 40))
-        seen.wait_for_text("detail", "beyond the range")
-        bench.load((150, 15))
-        seen.page.wait_for_function("() => !document.getElementById('detail').textContent.includes('beyond')")
-    bench.load((150, 40))
-    seen.wait_for_text("status", "beyond the range")
-    said = seen.page.evaluate("() => window.said")
-    assert len([one for one in said if "beyond" in one]) == 1
-    assert set(seen.states()) <= {"contact"}
-
-
 def test_doubt_can_be_read_on_every_screen(start_bench: StartBench, open_page: OpenPage) -> None:
     bench = start_bench()
     bench.wedge(2)
@@ -145,31 +112,6 @@ def test_doubt_can_be_read_on_every_screen(start_bench: StartBench, open_page: O
             assert box is not None
             assert box["y"] + box["height"] <= SIZES[size][1], (size, scheme, element)
         seen.page.close()
-
-
-EVENT = {
-    "touched_at": "2026-11-20T23:40:46.123Z", "dwell_ms": 4200.0, "end": "lift",
-    "mean_position_mm": 123.1, "peak_force_n": 9.8,
-}  # fmt: skip
-EVENTS: list[dict[str, Any]] = [
-    {**EVENT, "id": 3, "kind": "unexplained", "mean_position_mm": None, "peak_force_n": None},
-    {**EVENT, "id": 2, "kind": "contact", "unexplained_ms": 1300.0},
-    {**EVENT, "id": 1},
-]
-
-
-def test_events_show_unexplained_stretches(start_bench: StartBench, open_page: OpenPage) -> None:
-    bench = start_bench()
-    bench.load()
-    seen = open_page(bench.service.url)
-    seen.page.route("**/events?*", lambda route: route.fulfill(json={"events": EVENTS, "next": None}))
-    rows = "rows => rows.map(row => [...row.cells].slice(1).map(cell => cell.textContent))"
-    wait_until(
-        lambda: (
-            seen.page.eval_on_selector_all("#events tr", rows)
-            == [["unexplained", "4.2"], ["123.1", "9.8", "4.2, 1.3 unexplained"], ["123.1", "9.8", "4.2"]]
-        )
-    )
 
 
 def test_events_of_a_real_service_say_what_is_kept_and_what_is_uncertain(

@@ -5,20 +5,19 @@ from __future__ import annotations
 from itertools import product
 from typing import TYPE_CHECKING
 
-from service.conftest import READ_TOKEN
+from service.conftest import READ_TOKEN, batch_of
 from service.process.token_page import KEPT, WRONG, assert_open, enter
 
 if TYPE_CHECKING:
     from browser import OpenPage
-    from service.conftest import MakeBatch
     from service.process.conftest import StartService
 
 SIZES = {"desk": (1000, 900), "panel": (800, 480), "phone": (390, 844)}
 
 
-def test_by_keyboard_alone(start_page: StartService, make_batch: MakeBatch, open_page: OpenPage) -> None:
+def test_by_keyboard_alone(start_page: StartService, open_page: OpenPage) -> None:
     service = start_page()
-    service.post(make_batch())
+    service.post(batch_of())
     seen = open_page(service.url)
     seen.wait_for_state("locked")
     where = "() => document.activeElement.id || document.activeElement.textContent"
@@ -47,22 +46,9 @@ def test_by_keyboard_alone(start_page: StartService, make_batch: MakeBatch, open
     seen.page.wait_for_function(f"() => ({where})() === 'token'")
 
 
-def test_what_a_screen_reader_and_a_password_manager_find(start_page: StartService, open_page: OpenPage) -> None:
-    seen = open_page(start_page().url)
-    seen.wait_for_state("locked")
-    field = seen.page.get_by_role("textbox", name="Reading token")
-    assert field.get_attribute("type") == "password"
-    assert field.get_attribute("autocomplete") == "current-password"
-    assert field.get_attribute("aria-describedby") == "token-error"
-    assert seen.text("status") == "A reading token is needed"
-    assert seen.page.title().startswith("A reading token is needed")
-
-
-def test_the_form_and_the_button_fit_and_can_be_read(
-    start_page: StartService, make_batch: MakeBatch, open_page: OpenPage
-) -> None:
+def test_the_form_and_the_button_fit_and_can_be_read(start_page: StartService, open_page: OpenPage) -> None:
     service = start_page()
-    service.post(make_batch())
+    service.post(batch_of())
     for name, scheme in product(SIZES, ("light", "dark")):
         size = SIZES[name]
         seen = open_page(service.url, size=size, color_scheme=scheme)

@@ -6,23 +6,20 @@ import signal
 from typing import TYPE_CHECKING
 
 from browser import NO_FIGURE
-from service.conftest import READ_TOKEN, TOKEN
+from service.conftest import READ_TOKEN, batch_of
 from service.process.token_page import FORM, KEPT, WRONG, again, assert_locked, assert_only_refusals, assert_open, enter
 
 if TYPE_CHECKING:
     from browser import OpenPage
-    from service.conftest import MakeBatch
     from service.process.conftest import StartService
 
 OTHER = "another-token-since-the-restart"
 
 
-def test_from_the_form_to_the_figures_and_back(
-    start_page: StartService, make_batch: MakeBatch, open_page: OpenPage
-) -> None:
+def test_from_the_form_to_the_figures_and_back(start_page: StartService, open_page: OpenPage) -> None:
     service = start_page()
-    service.post(make_batch([0.0, 0.0, 0.0], sequence=1))
-    service.post(make_batch(sequence=2))
+    service.post(batch_of([0.0, 0.0, 0.0], sequence=1))
+    service.post(batch_of(sequence=2))
     seen = open_page(service.url)
     assert_locked(seen)
     assert seen.text("token-error") == ""
@@ -42,10 +39,10 @@ def test_from_the_form_to_the_figures_and_back(
     assert seen.page.is_visible("#with-token")
     # It goes on: the figures follow what arrives.
     for sequence, row in enumerate(([0.25, 0.5, 0.0], [0.25, 0.5, 0.25]), start=3):
-        service.post(make_batch(row, sequence=sequence))
+        service.post(batch_of(row, sequence=sequence))
         position = service.get("/contact", token=READ_TOKEN).json()["position_mm"]
         seen.wait_for_text("position", f"{position:.1f}")
-    service.post(make_batch(sequence=5))
+    service.post(batch_of(sequence=5))
 
     seen.page.reload()
     assert_open(seen)
@@ -58,10 +55,10 @@ def test_from_the_form_to_the_figures_and_back(
 
 
 def test_nothing_is_shown_once_the_token_is_forgotten_even_without_an_answer(
-    start_page: StartService, make_batch: MakeBatch, open_page: OpenPage
+    start_page: StartService, open_page: OpenPage
 ) -> None:
     service = start_page()
-    service.post(make_batch())
+    service.post(batch_of())
     seen = open_page(service.url)
     enter(seen, READ_TOKEN)
     assert_open(seen)
@@ -86,19 +83,9 @@ def test_what_cannot_be_a_token_is_not_sent(start_page: StartService, open_page:
         assert_only_refusals(seen)
 
 
-def test_the_write_token_reads_too(start_page: StartService, make_batch: MakeBatch, open_page: OpenPage) -> None:
+def test_it_is_kept_for_the_session_or_for_the_device(start_page: StartService, open_page: OpenPage) -> None:
     service = start_page()
-    service.post(make_batch())
-    seen = open_page(service.url)
-    enter(seen, TOKEN)
-    assert_open(seen)
-
-
-def test_it_is_kept_for_the_session_or_for_the_device(
-    start_page: StartService, make_batch: MakeBatch, open_page: OpenPage
-) -> None:
-    service = start_page()
-    service.post(make_batch())
+    service.post(batch_of())
     seen = open_page(service.url)
     enter(seen, READ_TOKEN)
     assert_open(seen)
@@ -118,18 +105,16 @@ def test_it_is_kept_for_the_session_or_for_the_device(
     assert seen.page.evaluate(KEPT) == [0, 0]
 
 
-def test_a_service_that_comes_back_with_another_token(
-    start_page: StartService, make_batch: MakeBatch, open_page: OpenPage
-) -> None:
+def test_a_service_that_comes_back_with_another_token(start_page: StartService, open_page: OpenPage) -> None:
     service = start_page()
-    service.post(make_batch())
+    service.post(batch_of())
     seen = open_page(service.url)
     enter(seen, READ_TOKEN)
     assert_open(seen)
     seen.watch()
 
     other = again(start_page, service, OTHER)
-    other.post(make_batch())
+    other.post(batch_of())
     assert_locked(seen)
     seen.wait_for_text("token-error", "The token kept here is not accepted any more")
     assert seen.page.is_visible("#forget")
@@ -140,16 +125,14 @@ def test_a_service_that_comes_back_with_another_token(
 
     # And with none at all: it goes on without a question.
     opened = again(start_page, other, None)
-    opened.post(make_batch())
+    opened.post(batch_of())
     seen.page.wait_for_function("() => window.states.filter(state => state === 'lost').length > 1")
     assert_open(seen)
 
 
-def test_without_a_token_for_reading_there_is_no_form(
-    start_page: StartService, make_batch: MakeBatch, open_page: OpenPage
-) -> None:
+def test_without_a_token_for_reading_there_is_no_form(start_page: StartService, open_page: OpenPage) -> None:
     service = start_page(read=None)
-    service.post(make_batch())
+    service.post(batch_of())
     seen = open_page(service.url)
     seen.page.evaluate(
         f"() => {{ window.forms = 0; new MutationObserver(() => forms++)"
@@ -159,32 +142,9 @@ def test_without_a_token_for_reading_there_is_no_form(
     assert_open(seen)
     restarted = again(start_page, service, None)
     seen.wait_for_text("headline", "no samples yet")
-    restarted.post(make_batch())
+    restarted.post(batch_of())
     assert_open(seen)
     assert seen.page.evaluate("() => window.forms") == 0
     assert "locked" not in seen.states()
     assert not seen.page.is_visible("#forget")
     assert not seen.page.is_visible("#with-token")
-
-
-def test_no_token_is_in_an_address_or_in_the_log(
-    start_page: StartService, make_batch: MakeBatch, open_page: OpenPage
-) -> None:
-    service = start_page()
-    service.post(make_batch())
-    seen = open_page(service.url, "/?surface=press-7")
-    enter(seen, WRONG)
-    seen.wait_for_text("token-error", "not accepted")
-    enter(seen, READ_TOKEN, keep=True)
-    assert_open(seen)
-    seen.page.reload()
-    assert_open(seen)
-    assert seen.page.url == service.url + "/?surface=press-7"
-    code, errors = service.stop(signal.SIGTERM)
-
-    assert code == 0
-    assert "refused (unauthorized)" in errors
-    for token in (WRONG, READ_TOKEN):
-        assert token not in errors
-        assert not [url for url in seen.requests if token in url]
-    assert_only_refusals(seen)
