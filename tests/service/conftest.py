@@ -1,6 +1,6 @@
 """A service in the test's process, its tokens, and batches for it."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar, TypedDict, Unpack
@@ -24,7 +24,8 @@ READ_TOKEN = "reading-horse-battery-staple"  # noqa: S105
 PATIENT = "from beamtouch_service.events import recorder; recorder.LOAD_S = 60.0"
 """For services in tests: on a starved machine, a batch would come back before what is on record of its boot is read."""
 BuildModel = Callable[..., Path]
-Row = list[float | None]
+Row = Sequence[float | None]
+"""Deflections of a sample."""
 
 
 class BatchOptions(TypedDict, total=False):

@@ -166,24 +166,38 @@ def test_settings_of_mqtt_that_cannot_work(
 
 
 @pytest.mark.parametrize(
-    ("library", "advice"),
+    ("library", "section", "advice"),
     [
-        ("fastapi", "fastapi is not installed; run: pip install 'beamtouch[service]'"),
-        ("onnxruntime", "onnxruntime is not installed; run: pip install 'beamtouch[service]'"),
-        ("paho", "[mqtt] needs paho; run: pip install 'beamtouch[service,mqtt]'"),
-        ("pymodbus", "[modbus_server] needs pymodbus; run: pip install 'beamtouch[service,modbus-server]'"),
-        ("psycopg", "events.url needs psycopg; run: pip install 'beamtouch[postgresql]'"),
+        ("paho", 'mqtt]\nhost = "b"', "[mqtt] needs paho; run: pip install 'beamtouch[service,mqtt]'"),
+        (
+            "pymodbus",
+            "modbus_server]\nport = 0",
+            "[modbus_server] needs pymodbus; run: pip install 'beamtouch[service,modbus-server]'",
+        ),
+        (
+            "psycopg",
+            "events]\nurl = 'postgresql://beamtouch@127.0.0.1/beamtouch'",
+            "events.url needs psycopg; run: pip install 'beamtouch[postgresql]'",
+        ),
     ],
 )
-def test_a_missing_library_names_the_extra(tmp_path: Path, library: str, advice: str) -> None:
-    section = {"paho": '[mqtt]\nhost = "b"\n', "pymodbus": "[modbus_server]\nport = 0\n"}
-    text = section.get(library, "[events]\nurl = 'postgresql://beamtouch@127.0.0.1/beamtouch'\n")
-    (tmp_path / "service.toml").write_text(text)
-    program = f"import sys; sys.modules[{library!r}] = None\nfrom beamtouch_service.cli import main; sys.exit(main())"
-    command = [sys.executable, "-c", program, "run", "--port", "0", "--config", str(tmp_path / "service.toml")]
+def test_a_missing_library_of_a_section_names_the_extra(
+    service: Command, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, library: str, section: str, advice: str
+) -> None:
+    for module in [name for name in sys.modules if name.startswith("beamtouch_service.outputs.m")]:
+        monkeypatch.delitem(sys.modules, module)
+    monkeypatch.setitem(sys.modules, library, None)  # as if it were not installed
+    (tmp_path / "service.toml").write_text(f"[{section}\n")
+    done = service("run", "--port", 0, "--config", tmp_path / "service.toml")
+    assert (done.returncode, done.stdout, done.stderr.splitlines()[-1]) == (2, "", f"beamtouch-service: {advice}")
+
+
+def test_a_missing_library_of_the_service_names_the_extra() -> None:
+    program = "import sys; sys.modules['fastapi'] = None\nfrom beamtouch_service.cli import main; sys.exit(main())"
+    command = [sys.executable, "-c", program, "run", "--port", "0"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
     assert (done.returncode, done.stdout) == (2, "")
-    assert done.stderr.splitlines()[-1] == f"beamtouch-service: {advice}"
+    assert done.stderr == "beamtouch-service: fastapi is not installed; run: pip install 'beamtouch[service]'\n"
 
 
 def test_check_says_when_a_service_is_open_to_other_machines_without_a_proxy(

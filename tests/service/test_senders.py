@@ -71,7 +71,7 @@ def test_of_the_former_senders_those_that_were_followed_last_are_remembered(benc
 _OFFER = st.tuples(st.sampled_from("abc"), st.integers(1, 9), st.floats(0, 0.4), st.floats(0, 1))
 
 
-@settings(max_examples=15)
+@settings(max_examples=10)
 @given(st.lists(_OFFER, min_size=1, max_size=12))
 def test_whatever_comes_no_sender_goes_backwards_and_none_takes_over_with_older_samples(
     offers: list[tuple[str, int, float, float]],
@@ -132,7 +132,7 @@ def test_a_sender_or_a_gap_that_is_forgotten_stays_lost() -> None:
     assert sender.lost == 1999
 
 
-@settings(max_examples=25)
+@settings(max_examples=12)
 @given(batches=st.lists(st.sets(st.integers(1, 60), min_size=1), min_size=1, max_size=12))
 def test_any_order_of_batches_gives_what_a_set_gives(batches: list[set[int]]) -> None:
     sender, known = Numbers(), set[int]()

@@ -7,7 +7,8 @@ import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from service.conftest import PATIENT, batch_of
+from service.conftest import PATIENT, Row, batch_of
+from service.event_story import RESTING, TOUCHING
 from waiting import wait_until
 
 if TYPE_CHECKING:
@@ -17,13 +18,11 @@ if TYPE_CHECKING:
     from service.process.broker import Broker
     from service.process.conftest import Service, StartService
 
-RESTING: list[float | None] = [0.0, 0.0, 0.0]
-TOUCHING: list[float | None] = [0.5, 0.25, 0.125]
 CONTACT, EVENT, STATUS = "beamtouch/press-7/contact", "beamtouch/press-7/event", "beamtouch/status"
 BATCH_S = 0.01
 
 
-def now_batch(*rows: list[float | None], sequence: int) -> dict[str, Any]:
+def now_batch(*rows: Row, sequence: int) -> dict[str, Any]:
     """A batch whose samples were taken just now."""
     batch = batch_of(*rows, sequence=sequence)
     now_us = time.time_ns() // 1000

@@ -13,6 +13,7 @@ import httpx2
 import pytest
 
 from service.conftest import batch_of
+from service.event_story import RESTING, TOUCHING
 from waiting import wait_until
 
 if TYPE_CHECKING:
@@ -20,8 +21,6 @@ if TYPE_CHECKING:
 
     from service.conftest import BuildModel
     from service.process.conftest import Service, StartService
-
-TOUCHING, RESTING = [0.5, 0.25, 0.125], [0.0, 0.0, 0.0]
 
 
 @pytest.fixture

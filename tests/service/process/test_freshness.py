@@ -14,7 +14,6 @@ import pytest
 
 from beamtouch_service.surfaces.freshness import PAUSE_S
 from service.conftest import TOKEN, batch_of
-from service.process.raw import connected
 from waiting import wait_until
 
 if TYPE_CHECKING:
@@ -27,6 +26,11 @@ def post(batch: dict[str, Any]) -> bytes:
     body = json.dumps(batch).encode()
     head = f"POST /surfaces/press-7/samples HTTP/1.1\r\nHost: x\r\nAuthorization: Bearer {TOKEN}\r\n"
     return f"{head}Content-Length: {len(body)}\r\n\r\n".encode() + body
+
+
+def connected(service: Service) -> socket.socket:
+    host, _, port = service.url.removeprefix("http://").rpartition(":")
+    return socket.create_connection((host, int(port)), timeout=60)
 
 
 def take_receipt(connection: socket.socket) -> None:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from own_names import own_names_in
 from service.conftest import batch_of
+from service.event_story import RESTING, TOUCHING
 from service.process.broker import Broker
 from service.process.conftest import CLI, service_of
 from service.process.modbus_service import ask
@@ -19,8 +20,6 @@ if TYPE_CHECKING:
 
     from service.conftest import BuildModel
     from service.process.conftest import Command, Process, Service, StartService
-
-TOUCHING, RESTING = [0.5, 0.25, 0.125], [0.0, 0.0, 0.0]
 
 
 def complaint(process: Process) -> str:

@@ -9,12 +9,11 @@ from typing import TYPE_CHECKING
 import pytest
 
 from beamtouch_common.commands import version
+from service.event_story import RESTING, TOUCHING
 from service.process.mqtt_line import (
     CONTACT,
     EVENT,
-    RESTING,
     STATUS,
-    TOUCHING,
     events,
     metric,
     now_batch,

@@ -8,11 +8,10 @@ from typing import TYPE_CHECKING
 
 from certificates import make_certificate
 from parts import require
+from service.event_story import RESTING, TOUCHING
 from service.process.mqtt_line import (
     CONTACT,
     EVENT,
-    RESTING,
-    TOUCHING,
     events,
     metric,
     now_batch,

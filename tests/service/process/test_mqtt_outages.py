@@ -9,12 +9,11 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from service.event_story import RESTING, TOUCHING
 from service.process.mqtt_line import (
     CONTACT,
     EVENT,
-    RESTING,
     STATUS,
-    TOUCHING,
     Sender,
     events,
     metric,
