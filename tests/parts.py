@@ -18,5 +18,5 @@ def require(program: str, package: str) -> str:
 def give_up(reason: str) -> NoReturn:
     """Skip the test, or fail it where changes are decided (CI=true)."""
     if os.environ.get("CI") == "true":
-        pytest.fail(reason)
+        pytest.fail(reason, pytrace=False)
     pytest.skip(reason)

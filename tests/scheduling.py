@@ -9,14 +9,12 @@ TOGETHER = (
     "models/test_false_alarms.py",
     "models/test_self_calibration.py",
     "models/test_small_network.py",
-    "process/test_heads.py",
     # Pages share a browser; started for each test, it would take longer than most of them. One for all modules would
     # keep its event loop running beside other tests.
     "models/test_pictures.py",
     "process/test_page.py",
     "process/test_page_beam.py",
     "process/test_page_doubt.py",
-    "process/test_page_form.py",
     "process/test_page_parser.py",
     "process/test_page_token.py",
     "system/test_page.py",

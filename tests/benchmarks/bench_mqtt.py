@@ -4,23 +4,27 @@ A subscriber keeps all that arrives: no event may be missing. A relay notes when
 may be older than its limit.
 """
 
+import http.client
 import json
+import re
 import shutil
 import signal
+import socket
+import subprocess
 import sys
 import tempfile
-from contextlib import closing
+import threading
+from collections.abc import Iterator
+from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from statistics import median
-from time import monotonic
+from time import monotonic, sleep, time, time_ns
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
-from mqtt_press import STALE_S, press
-from mqtt_relay import Relay
-
 from processes import processor_s
 from service.process.broker import Broker, Message, broker_in
+from service.small_model import write_model
 from waiting import wait_until
 
 CONTACTS = 200
@@ -30,6 +34,14 @@ TURNS, TURN_S = 3, 6.0
 RATES_HZ = (None, 20, 50)
 """Without MQTT, and the limits of its rate."""
 EVENT, CONTACT = "beamtouch/press-7/event", "beamtouch/press-7/contact"
+BATCH_S = 0.02
+"""From batch to batch; each has two samples."""
+TOUCHING_BATCHES, RESTING_BATCHES = 4, 4
+STALE_S = 0.5
+TOKEN = "a-token-of-this-benchmark"  # noqa: S105
+_CONTACT = re.compile(rb'"age_ms":([0-9.]+),"sampled_at":"[^"]+","sequence":([0-9]+),')
+_LONGEST = 1000
+"""No contact is longer."""
 
 
 def run() -> list[dict[str, object]]:
@@ -133,6 +145,129 @@ def costs() -> list[dict[str, object]]:
         }
         for rate, shares in found.items()
     ]
+
+
+class Press:
+    """A service of one surface, and the sender of its samples."""
+
+    def __init__(self, folder: Path, port: int | None, rate_hz: int | None = 20) -> None:
+        (folder / "token").write_text(TOKEN)
+        mqtt = f"[mqtt]\nhost = '127.0.0.1'\nport = {port}\nmax_rate_hz = {rate_hz}\n" if port else ""
+        config = folder / "service.toml"
+        config.write_text(
+            "[server]\nport = 0\nwrite_token_file = 'token'\n[events]\nfile = 'events.db'\n"
+            f"{mqtt}[surfaces.press-7]\nmodel = '{write_model(folder)}'\nstale_ms = {STALE_S * 1e3}\n"
+        )
+        program = [sys.executable, "-m", "beamtouch_service.cli", "run", "--config", str(config)]
+        self._log = (folder / "log").open("wb")
+        self.process = subprocess.Popen(program, stdout=subprocess.PIPE, stderr=self._log, text=True)
+        assert self.process.stdout is not None
+        port = int(self.process.stdout.readline().rpartition(":")[2])
+        self._client = http.client.HTTPConnection("127.0.0.1", port)
+        self._sequence = 0
+        self.receipts: dict[int, float] = {}
+        """Sequence number -> time of the receipt [s since 1970]. On a busy machine, a batch is old when it arrives."""
+
+    def get(self, path: str) -> bytes:
+        self._client.request("GET", path)
+        return self._client.getresponse().read()
+
+    def metric(self, name: str) -> float:
+        lines = self.get("/metrics").decode().splitlines()
+        return float(next(line.split()[-1] for line in lines if line.startswith(f"beamtouch_mqtt_{name} ")))
+
+    def contact(self) -> None:
+        """Touch and lift once."""
+        for _ in range(TOUCHING_BATCHES):
+            self._send([0.5, 0.25, 0.125])
+        for _ in range(RESTING_BATCHES):
+            self._send([0.0, 0.0, 0.0])
+
+    def _send(self, row: list[float]) -> None:
+        begin_s, now_us = monotonic(), time_ns() // 1000
+        samples = [
+            {
+                "sequence": self._sequence + index,
+                "acquired_unix_us": now_us - 10_000 * (1 - index),
+                "deflection_mm": row,
+                "quality": ["good"] * 3,
+            }
+            for index in range(2)
+        ]
+        self._sequence += 2
+        batch = {"boot_id": "boot-0001", "channels": ["s1", "s2", "s3"], "newest_age_ms": 0.0, "samples": samples}
+        headers = {"Authorization": f"Bearer {TOKEN}"}
+        self._client.request("POST", "/surfaces/press-7/samples", json.dumps(batch), headers)
+        answer = self._client.getresponse()
+        said = answer.read()
+        assert answer.status == 200, said
+        self.receipts[self._sequence - 1] = time()
+        sleep(max(0.0, begin_s + BATCH_S - monotonic()))
+
+    def since_receipt_ms(self, sequence: int, at_s: float) -> float:
+        """Return the time from the receipt of a sample [ms]; less than 0 if its contact was faster."""
+        return (at_s - self.receipts[sequence]) * 1e3
+
+    def close(self) -> None:
+        self.process.terminate()
+        self.process.communicate()
+        self._log.close()
+
+
+@contextmanager
+def press(within: str, port: int | None, rate_hz: int | None = 20) -> Iterator[Press]:
+    one = Press(Path(tempfile.mkdtemp(dir=within)), port, rate_hz)
+    try:
+        yield one
+    finally:
+        one.close()
+
+
+class Relay:
+    """Listens on a port of its own. A connection ends when either side ends it."""
+
+    def __init__(self, port: int) -> None:
+        self._broker = port
+        self._listener = socket.create_server(("127.0.0.1", 0))
+        self.port = int(self._listener.getsockname()[1])
+        self.left: list[tuple[int, float]] = []
+        """Sequence number of each contact that left the service, and the time [s since 1970]."""
+        threading.Thread(target=self._accept, daemon=True).start()
+
+    def close(self) -> None:
+        self._listener.shutdown(socket.SHUT_RDWR)
+        self._listener.close()
+
+    def _accept(self) -> None:
+        with suppress(OSError):
+            while True:
+                client = self._listener.accept()[0]
+                try:
+                    broker = socket.create_connection(("127.0.0.1", self._broker))
+                except OSError:
+                    client.close()
+                    continue
+                threading.Thread(target=self._carry, args=(client, broker, True), daemon=True).start()
+                threading.Thread(target=self._carry, args=(broker, client, False), daemon=True).start()
+
+    def _carry(self, source: socket.socket, sink: socket.socket, outwards: bool) -> None:
+        kept = b""
+        with suppress(OSError):
+            while content := source.recv(1 << 16):
+                if outwards:
+                    kept = self._note(kept + content, time())
+                sink.sendall(content)
+        for end in (source, sink):
+            with suppress(OSError):
+                end.shutdown(socket.SHUT_RDWR)
+
+    def _note(self, content: bytes, now_s: float) -> bytes:
+        """Note the contacts in what left, and return what may be the beginning of the next one."""
+        end = 0
+        for found in _CONTACT.finditer(content):
+            self.left.append((int(found[2]), now_s))
+            end = found.end()
+        return content[end:][-_LONGEST:]
 
 
 if __name__ == "__main__":

@@ -1,28 +1,41 @@
 """A service in the test's process, its tokens, and batches for it."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypedDict, Unpack
 
 import httpx2
 import pytest
 from anyio.from_thread import BlockingPortal, start_blocking_portal
 from fastapi.testclient import TestClient
 
-from beamtouch_models import modelfile
 from beamtouch_service.access import Access
 from beamtouch_service.api.app import create_app
 from beamtouch_service.events.recorder import Recorder
-from beamtouch_service.host import models
-from beamtouch_service.host.models import ModelKeeper
 from beamtouch_service.samples import Batch
+from beamtouch_service.sections import SurfaceSection
 from beamtouch_service.surfaces.surface import Surface
-from service.small_model import write_model
+from certificates import make_certificate
+from service.small_model import ModelOptions, model_of, write_model
 
 TOKEN = "correct-horse-battery-staple"  # noqa: S105  # of these tests only
 READ_TOKEN = "reading-horse-battery-staple"  # noqa: S105
+PATIENT = "from beamtouch_service.events import recorder; recorder.LOAD_S = 60.0"
+"""For services in tests: on a starved machine, a batch would come back before what is on record of its boot is read."""
 BuildModel = Callable[..., Path]
+Row = Sequence[float | None]
+"""Deflections of a sample."""
+
+
+class BatchOptions(TypedDict, total=False):
+    """What `batch_of` takes beside rows."""
+
+    sequence: int
+    age_ms: float
+    boot_id: str
+    channels: list[str] | None
+    quality: list[str] | None
 
 
 @pytest.fixture
@@ -31,32 +44,17 @@ def build_model(tmp_path: Path) -> BuildModel:
     return partial(write_model, tmp_path)
 
 
-@pytest.fixture
-def kept(build_model: BuildModel) -> ModelKeeper:
-    """The keeper of the model of one surface `press-7`, and of its file."""
-    path = build_model()
-    return ModelKeeper(Surface("press-7", models.load(path)), path, models.stamp_of(path))
-
-
 class Bench:
-    """One surface `press-7` behind its routes, with a clock that stands still until it is told otherwise."""
+    """One surface `press-7`, or others, behind routes, with a clock that stands still until it is told otherwise."""
 
     event_loop: ClassVar[BlockingPortal | None] = None
     """Of the requests of all tests: to start one for each takes longer than an answer."""
 
     def __init__(
-        self,
-        *surfaces: Surface,
-        token: str | Access | None = TOKEN,
-        recorder: Recorder | None = None,
+        self, *surfaces: Surface, token: str | Access | None = TOKEN, recorder: Recorder | None = None
     ) -> None:
         self.now_s = 1000.0
-        self.app = create_app(
-            surfaces,
-            token,
-            clock=lambda: self.now_s,
-            recorder=recorder,
-        )
+        self.app = create_app(surfaces, token, clock=lambda: self.now_s, recorder=recorder)
         self.client = TestClient(self.app, raise_server_exceptions=False)
         self.client.portal = self.event_loop
 
@@ -74,6 +72,33 @@ class Bench:
             return self.client.post(path, json=body, headers=headers)
         return self.client.post(path, content=body, headers=headers)
 
+    def send(
+        self,
+        *rows: Row,
+        surface: str = "press-7",
+        members: dict[str, Any] | None = None,
+        **options: Unpack[BatchOptions],
+    ) -> dict[str, Any]:
+        """Send a batch of `batch_of` with further members, which must be taken; return the receipt."""
+        answer = self.post(batch_of(*rows, **options) | (members or {}), f"/surfaces/{surface}/samples")
+        assert answer.status_code == 200, answer.text
+        receipt: dict[str, Any] = answer.json()
+        return receipt
+
+    def contact(self) -> dict[str, Any]:
+        """Return the contact, which there must be."""
+        answer = self.get("/contact")
+        assert answer.status_code == 200, answer.text
+        contact: dict[str, Any] = answer.json()
+        return contact
+
+    def problem(self, path: str = "/contact") -> str:
+        """Return the kind of the problem that there must be."""
+        return kind(self.get(path))
+
+    def metrics(self) -> str:
+        return self.get("/metrics").text
+
 
 @pytest.fixture(scope="session", autouse=True)
 def _event_loop() -> Iterator[None]:
@@ -82,21 +107,23 @@ def _event_loop() -> Iterator[None]:
     Bench.event_loop = None
 
 
-@pytest.fixture
-def bench(build_model: BuildModel) -> Bench:
-    return Bench(Surface("press-7", modelfile.load(build_model())))
+@pytest.fixture(scope="session", autouse=True)
+def _patient() -> None:
+    exec(PATIENT, {})  # noqa: S102 - as in the processes of the service
+
+
+def surface_of(name: str = "press-7", section: SurfaceSection | None = None, **model: Unpack[ModelOptions]) -> Surface:
+    """Return a surface with a model of `model_of`."""
+    return Surface(name, model_of(**model), section or SurfaceSection())
 
 
 @pytest.fixture
-def make_bench() -> type[Bench]:
-    return Bench
-
-
-MakeBatch = Callable[..., dict[str, Any]]
+def bench() -> Bench:
+    return Bench(surface_of())
 
 
 def batch_of(
-    *rows: list[float | None],
+    *rows: Row,
     sequence: int = 1,
     age_ms: float = 0.0,
     boot_id: str = "boot-0001",
@@ -118,18 +145,9 @@ def batch_of(
     return {"boot_id": boot_id, "channels": names, "newest_age_ms": age_ms, "samples": samples}
 
 
-@pytest.fixture
-def make_batch() -> MakeBatch:
-    """`batch_of`, for tests that cannot import it."""
-    return batch_of
-
-
-@pytest.fixture
-def parse_batch(make_batch: MakeBatch) -> Callable[..., Batch]:
-    def parse(*rows: list[float | None], **options: object) -> Batch:
-        return Batch.model_validate(make_batch(*rows, **options))
-
-    return parse
+def parsed(*rows: Row, **options: Unpack[BatchOptions]) -> Batch:
+    """Return the same as the service reads it."""
+    return Batch.model_validate(batch_of(*rows, **options))
 
 
 @pytest.fixture
@@ -144,6 +162,12 @@ def read_token_file(tmp_path: Path) -> Path:
     path = tmp_path / "read-token"
     path.write_text(READ_TOKEN + "\n")
     return path
+
+
+@pytest.fixture
+def certificate(tmp_path: Path) -> tuple[Path, Path]:
+    """A certificate for 127.0.0.1, and its key."""
+    return make_certificate(tmp_path)
 
 
 def kind(response: httpx2.Response) -> str:

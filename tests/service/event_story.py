@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from time import sleep
 from typing import TYPE_CHECKING, Any
 
+from service.conftest import batch_of
+from waiting import wait_until
+
 if TYPE_CHECKING:
-    from service.conftest import Bench, MakeBatch
+    from service.conftest import Bench, Row
 
 START_US = 1_795_218_046_123_456
-Row = list[float | None]
 TOUCHING: Row = [0.5, 0.25, 0.125]
 HARDER: Row = [0.5, 0.5, 0.25]
 RESTING: Row = [0.0, 0.0, 0.0]
@@ -22,39 +23,42 @@ ODD: Row = [0.5, 0.25, 0.75]
 class Story:
     """Samples 5 ms apart, the first one at `START_US`, of a sender that keeps them until they are on record."""
 
-    def __init__(self, bench: Bench, make_batch: MakeBatch, rows: list[Row], boot_id: str = "boot-0001") -> None:
-        self.bench, self.make_batch, self.rows, self.boot_id = bench, make_batch, rows, boot_id
+    def __init__(self, bench: Bench, rows: list[Row], boot_id: str = "boot-0001") -> None:
+        self.bench, self.rows, self.boot_id = bench, rows, boot_id
         self.oldest: int | None = 1
         self.later_us = 0
         """Pause of the device before the samples that are delivered next."""
         self.earlier: list[str] = []
 
-    def deliver(self, first: int, last: int, **members: object) -> dict[str, Any]:
-        """Send the samples from index `first` up to, but not including, `last`; return the receipt."""
+    def offer(self, first: int, last: int, **members: object) -> dict[str, Any]:
+        """Send the samples from index `first` up to, but not including, `last` once; return the receipt."""
         rows = self.rows[first:last]
-        body = self.make_batch(*rows or [RESTING], sequence=first + 1, boot_id=self.boot_id)
+        body = batch_of(*rows or [RESTING], sequence=first + 1, boot_id=self.boot_id)
         body["samples"] = body["samples"][: len(rows)]
         for offset, sample in enumerate(body["samples"]):
             sample["acquired_unix_us"] = START_US + (first + offset) * 5000 + self.later_us
         body |= {"oldest": self.oldest, "earlier": self.earlier} | members
         self.bench.now_s += 0.001
-        receipt = self._sent(body)
-        for _ in range(20):  # a busy machine has not read the record yet
-            if receipt["expected"] is not None:
-                break
-            sleep(0.05)
-            receipt = self._sent(body | {"backlog": True, "newest_age_ms": None})
-        return receipt
-
-    def _sent(self, body: dict[str, Any]) -> dict[str, Any]:
         answer = self.bench.post(body)
         assert answer.status_code == 200, answer.text
         receipt: dict[str, Any] = answer.json()
         return receipt
 
-    def backlog(self, first: int, last: int, **members: object) -> dict[str, Any]:
+    def deliver(self, first: int, last: int, **members: object) -> dict[str, Any]:
+        """Send samples, and again as a backlog until the record can be read; return the receipt."""
+        receipts = [self.offer(first, last, **members)]
+
+        def is_read() -> bool:
+            if receipts[-1]["expected"] is None:
+                receipts.append(self.offer(first, last, **members | {"backlog": True, "newest_age_ms": None}))
+            return receipts[-1]["expected"] is not None
+
+        wait_until(is_read, pause_s=0.05)
+        return receipts[-1]
+
+    def backlog(self, first: int, last: int) -> dict[str, Any]:
         """Send samples from the log; return the receipt."""
-        return self.deliver(first, last, backlog=True, newest_age_ms=None, **members)
+        return self.deliver(first, last, backlog=True, newest_age_ms=None)
 
     def ask(self) -> dict[str, Any]:
         """Ask how far the record is."""
@@ -62,8 +66,7 @@ class Story:
 
     def catch_up(self) -> None:
         """Send what the record lacks."""
-        expected = self.ask()["expected"]
-        self.backlog(expected - 1, len(self.rows))
+        self.backlog(self.ask()["expected"] - 1, len(self.rows))
 
     @property
     def events(self) -> list[dict[str, Any]]:

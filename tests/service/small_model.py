@@ -2,12 +2,14 @@
 
 from functools import cache
 from pathlib import Path
+from typing import TypedDict, Unpack
 
 import numpy as np
 import onnx
 import onnxruntime as ort
 from onnx import TensorProto, helper
 
+from beamtouch_models import modelfile
 from beamtouch_models.metadata import (
     FORCE_OUTPUTS,
     POSITION_OUTPUTS,
@@ -26,6 +28,7 @@ from beamtouch_models.metadata import (
     SmallestForce,
     Thresholds,
 )
+from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.session import session_options
 
 Rows = list[list[float]]
@@ -157,17 +160,42 @@ def _content(
     return content
 
 
-def write_model(
-    folder: Path,
-    name: str = "press-7",
-    channels: int = 3,
-    min_channels: int = 2,
-    outputs: tuple[str, ...] = POSITION_OUTPUTS + FORCE_OUTPUTS,
-    prefix: str = "s",
-    beam: str = BEAM,
-    spoiled: str = "position_mm",
-) -> Path:
-    """Write a model file with channels s1, s2, ... (or of another prefix) on a beam of 400 mm."""
+class ModelOptions(TypedDict, total=False):
+    """What `model_of` and `write_model` take beside the name."""
+
+    channels: int
+    min_channels: int
+    outputs: tuple[str, ...]
+    prefix: str
+    beam: str
+    spoiled: str
+
+
+def content_of(name: str = "press-7", **options: Unpack[ModelOptions]) -> bytes:
+    """Return a model file with channels s1, s2, ... (or of another prefix) on a beam of 400 mm."""
+    return _content(
+        name,
+        options.get("channels", 3),
+        options.get("min_channels", 2),
+        options.get("outputs", POSITION_OUTPUTS + FORCE_OUTPUTS),
+        options.get("prefix", "s"),
+        options.get("beam", BEAM),
+        options.get("spoiled", "position_mm"),
+    )
+
+
+def model_of(name: str = "press-7", **options: Unpack[ModelOptions]) -> ModelFile:
+    """Return such a model, loaded once for all tests."""
+    return _loaded(content_of(name, **options))
+
+
+@cache
+def _loaded(content: bytes) -> ModelFile:
+    return modelfile.load_bytes(content, "small model")
+
+
+def write_model(folder: Path, name: str = "press-7", **options: Unpack[ModelOptions]) -> Path:
+    """Write such a file; return its path."""
     path = folder / f"{name}.onnx"
-    path.write_bytes(_content(name, channels, min_channels, outputs, prefix, beam, spoiled))
+    path.write_bytes(content_of(name, **options))
     return path

@@ -3,118 +3,122 @@
 from __future__ import annotations
 
 import re
-from importlib import resources
 from typing import TYPE_CHECKING
 
 import pytest
+from fastapi.routing import iter_route_contexts
 
-from beamtouch_models import modelfile
 from beamtouch_service.access import Access
+from beamtouch_service.api.page import FOLDER
 from beamtouch_service.surfaces.surface import Surface
-from service.conftest import READ_TOKEN, TOKEN, kind
+from service.conftest import READ_TOKEN, TOKEN, Bench, batch_of, kind, surface_of
 
 if TYPE_CHECKING:
-    from service.conftest import Bench, BuildModel, MakeBatch
+    from collections.abc import Iterator
 
 ALL = Access(write=TOKEN, read=READ_TOKEN)
-PAGE = sorted(entry.name for entry in (resources.files("beamtouch_service") / "page").iterdir())
-READS = ["/contact", "/surfaces/press-7/contact", "/surfaces", "/surfaces/press-7", "/health/ready", "/metrics"]
-READS += [
-    "/surfaces/press-7/model",
-    "/openapi.json",
-    "/nothing",
-    "/events",
-    "/events/1",
-    "/events?surface=press-7&format=csv",
-]
-STREAMS = ["/stream", "/stream?surface=press-7", "/surfaces/press-7/stream"]
+PAGE = {"/" if path.name == "index.html" else f"/{path.name}" for path in FOLDER.iterdir()}
+NOT_TOKENS = [None, "wrong", READ_TOKEN[:-1], READ_TOKEN + "x", TOKEN[:-1], TOKEN + "x"]
 
 
 @pytest.fixture
-def guarded(make_bench: type[Bench], build_model: BuildModel, make_batch: MakeBatch) -> Bench:
-    bench = make_bench(Surface("press-7", modelfile.load(build_model())), token=ALL)
-    assert bench.post(make_batch()).status_code == 200
+def guarded() -> Bench:
+    bench = Bench(surface_of(), token=ALL)
+    bench.send()
     return bench
 
 
-@pytest.mark.parametrize("path", READS)
-def test_reading_takes_the_read_token_or_one_that_can_do_more(guarded: Bench, path: str) -> None:
-    for token in (None, "wrong", READ_TOKEN[:-1], READ_TOKEN + "x"):
-        response = guarded.get(path, token=token)
-        assert (response.status_code, kind(response)) == (401, "unauthorized")
-        assert response.headers["www-authenticate"].startswith("Bearer")
-    answers = {guarded.get(path, token=token).status_code for token in (READ_TOKEN, TOKEN)}
-    assert answers == {404 if path == "/nothing" else 200}
+def routes(bench: Bench) -> Iterator[tuple[str, str]]:
+    """Yield method and address of each route."""
+    for path in sorted({str(route.path) for route in iter_route_contexts(bench.app.routes)}):
+        yield "POST" if path.endswith("/samples") else "GET", path.format(name="press-7", id=1)
 
 
-@pytest.mark.parametrize("path", STREAMS)
-def test_a_stream_takes_the_token_in_its_header(guarded: Bench, path: str) -> None:
-    for address in (path, f"{path}{'&' if '?' in path else '?'}token={READ_TOKEN}"):
-        response = guarded.get(address)
-        assert (response.status_code, kind(response)) == (401, "unauthorized")
-
-
-OPEN = {"/health/live"} | {"/" if name == "index.html" else f"/{name}" for name in PAGE}
-
-
-def test_health_and_the_files_of_the_page_are_open_and_nothing_else_is(guarded: Bench) -> None:
-    assert {path for path in OPEN if guarded.get(path).status_code == 200} == OPEN
-    assert {path for path in OPEN if guarded.client.head(path).status_code in {200, 405}} == OPEN
-    described = guarded.get("/openapi.json", token=READ_TOKEN).json()["paths"]
-    readable = {path for path, methods in described.items() if "get" in methods}
-    assert len(readable) > 10
-    named = {path.replace("{name}", "press-7") for path in readable - OPEN}
-    assert {path: guarded.get(path).status_code for path in named} == dict.fromkeys(named, 401)
-
-
-@pytest.mark.parametrize(
-    "path",
-    ["//", "/?/../contact", "/index.html", "/page", "/page/", "/page.js/", "/page.js/contact", "/Page.js", "//page.js"],
-)
-def test_what_only_looks_like_a_file_of_the_page_shows_nothing(guarded: Bench, path: str) -> None:
-    answer = guarded.client.get(f"http://testserver{path}")
-    if path.startswith("/?"):
-        assert answer.text == guarded.get("/").text
-    else:
-        assert (answer.status_code, kind(answer)) == (401, "unauthorized")
-
-
-def test_the_files_of_the_page_say_nothing_of_the_surface(guarded: Bench) -> None:
-    for path in OPEN - {"/health/live"}:
+def test_no_route_is_open_but_the_page_and_the_check_that_the_process_answers(guarded: Bench) -> None:
+    is_open = {path for method, path in routes(guarded) if guarded.client.request(method, path).status_code != 401}
+    assert is_open == PAGE | {"/health/live"}
+    assert {path for path in is_open if guarded.get(path).status_code == 200} == is_open
+    for path in ("/nothing", "//", "/index.html", "/page", "/page.js/", "/page.js/contact", "/Page.js", "//page.js"):
+        answer = guarded.client.get(f"http://testserver{path}")
+        assert (answer.status_code, kind(answer)) == (401, "unauthorized"), path
+    for method in ("POST", "PUT", "DELETE", "PATCH", "OPTIONS"):
+        assert guarded.client.request(method, "/page.js").status_code == 401, method
+    for path in PAGE:
         assert not re.search("press-7|horse|s1|position_mm *: *[0-9]", guarded.get(path).text)
 
 
-@pytest.mark.parametrize("method", ["POST", "PUT", "DELETE", "PATCH", "OPTIONS"])
-@pytest.mark.parametrize("path", ["/", "/page.js"])
-def test_the_files_of_the_page_are_open_for_reading_only(guarded: Bench, method: str, path: str) -> None:
-    answer = guarded.client.request(method, path)
-    assert (answer.status_code, kind(answer)) == (401, "unauthorized")
+@pytest.mark.parametrize("token", NOT_TOKENS)
+def test_nothing_but_the_whole_token_opens_a_route(guarded: Bench, token: str | None) -> None:
+    for method, path in routes(guarded):
+        if path not in PAGE | {"/health/live"}:
+            headers = {"Authorization": f"Bearer {token}"} if token else {}
+            answer = guarded.client.request(method, path, headers=headers)
+            assert (answer.status_code, kind(answer)) == (401, "unauthorized"), path
+            assert answer.headers["www-authenticate"].startswith("Bearer")
+    assert guarded.get("/surfaces/press-7", token=TOKEN).json()["samples"]["accepted"] == 1
 
 
-def test_the_read_token_does_not_write(guarded: Bench, make_batch: MakeBatch) -> None:
-    response = guarded.post(make_batch(sequence=2), token=READ_TOKEN)
+@pytest.mark.parametrize("has_read_token", [False, True])
+def test_every_route_takes_the_tokens_that_its_description_names(has_read_token: bool) -> None:
+    bench = Bench(Surface("press-7"), token=Access(TOKEN, READ_TOKEN if has_read_token else None))
+    description = bench.get("/openapi.json", token=TOKEN).json()
+    tokens = {"read_token": READ_TOKEN, "write_token": TOKEN} if has_read_token else {"write_token": TOKEN}
+    for path, operations in description["paths"].items():
+        for method, operation in operations.items():
+            if path.endswith("stream"):
+                continue  # it would not end
+            taken = {scheme for one in operation["security"] for scheme in one}
+            is_open = not operation["security"] or {} in operation["security"]
+            for name, token in {"": "", **tokens}.items():
+                headers = {"Authorization": f"Bearer {token}"} if token else {}
+                answer = bench.client.request(method, path.format(name="press-7", id=1), headers=headers)
+                assert (answer.status_code not in (401, 403)) == (is_open or name in taken), (path, name)
 
+
+@pytest.mark.parametrize(
+    "header",
+    [b"", b"Bearer", b"Basic correct-horse-battery-staple", b"Bearer \xff\xfe", b"correct-horse-battery-staple"],
+)
+def test_a_strange_authorization_is_refused(bench: Bench, header: bytes) -> None:
+    response = bench.client.post("/surfaces/press-7/samples", content=b"{}", headers={b"Authorization": header})
+    assert response.status_code == 401
+
+
+def test_a_stream_takes_no_token_from_its_address(guarded: Bench) -> None:
+    for path in ("/stream", "/surfaces/press-7/stream"):
+        assert guarded.get(f"{path}?token={READ_TOKEN}").status_code == 401
+
+
+def test_the_read_token_does_not_write_and_an_intruder_learns_no_name(guarded: Bench) -> None:
+    response = guarded.post(batch_of(sequence=2), token=READ_TOKEN)
     assert (response.status_code, kind(response)) == (403, "forbidden")
-    assert guarded.get("/surfaces/press-7", token=READ_TOKEN).json()["samples"]["accepted"] == 1
+    nobody = [guarded.post(batch_of(), path="/surfaces/nobody/samples", token=token) for token in ("wrong", TOKEN)]
+    assert [kind(answer) for answer in nobody] == ["unauthorized", "unknown-surface"]
 
 
-@pytest.mark.parametrize("path", [*READS, "/health/live", "/", "/page.js"])
-def test_every_answer_tells_the_browser_to_be_careful(guarded: Bench, path: str) -> None:
-    for token in (None, READ_TOKEN):
-        headers = guarded.get(path, token=token).headers
-        assert headers["x-content-type-options"] == "nosniff"
-        assert "default-src 'self'" in headers["content-security-policy"]
-        assert "frame-ancestors 'none'" in headers["content-security-policy"]
-        assert headers["referrer-policy"] == "no-referrer"
+def test_a_service_without_a_token_refuses_every_write_and_says_how_to_allow_it() -> None:
+    response = Bench(Surface("press-7"), token=None).post(batch_of())
+    assert response.status_code == 401
+    assert "--write-token-file" in response.json()["detail"]
+
+
+def test_every_answer_tells_the_browser_to_be_careful(guarded: Bench) -> None:
+    for method, path in routes(guarded):
+        for token in (None,) if path.endswith("stream") else (None, READ_TOKEN):
+            headers = {"Authorization": f"Bearer {token}"} if token else {}
+            found = guarded.client.request(method, path, headers=headers).headers
+            assert found["x-content-type-options"] == "nosniff"
+            assert "default-src 'self'" in found["content-security-policy"]
+            assert "frame-ancestors 'none'" in found["content-security-policy"]
+            assert found["referrer-policy"] == "no-referrer"
 
 
 def test_refusals_are_counted_and_logged_once_a_minute_without_the_token(
-    guarded: Bench, make_batch: MakeBatch, caplog: pytest.LogCaptureFixture
+    guarded: Bench, caplog: pytest.LogCaptureFixture
 ) -> None:
     for _ in range(5):
         guarded.get("/contact", token="a-secret-that-is-wrong")  # noqa: S106  # of this test only
-        guarded.post(make_batch(), token=READ_TOKEN)
-
+        guarded.post(batch_of(), token=READ_TOKEN)
     assert [record.getMessage() for record in caplog.records if record.name == "beamtouch.service"] == [
         "refused (unauthorized): 1 since the last such line, the newest from testclient",
         "refused (forbidden): 1 since the last such line, the newest from testclient",
@@ -122,7 +126,4 @@ def test_refusals_are_counted_and_logged_once_a_minute_without_the_token(
     text = guarded.get("/metrics", token=READ_TOKEN).text
     assert 'beamtouch_refusals_total{kind="unauthorized"} 5.0' in text
     assert 'beamtouch_refusals_total{kind="forbidden"} 5.0' in text
-
-
-def test_tokens_are_not_printed() -> None:
     assert "horse" not in repr(ALL)

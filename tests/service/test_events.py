@@ -1,23 +1,25 @@
-"""Events from samples: in order, and in parts."""
+"""Events from samples, and the routes that give them: single ones, pages, CSV, and their best samples."""
 
 from __future__ import annotations
 
+import csv
+import io
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from beamtouch_service.events.event import MAX_POINTS, Point, thin
-from service.event_story import HARDER, RESTING, TOUCHING, Row, Story
+from beamtouch_service.events.event import MAX_POINTS
+from service.conftest import Bench, batch_of, surface_of
+from service.event_story import BETWEEN, HARDER, ODD, RESTING, START_US, TOUCHING, Story
+from service.small_model import model_of
 
 if TYPE_CHECKING:
-    from service.conftest import Bench, MakeBatch
+    from service.conftest import Row
 
 
-def test_one_contact_is_one_event(bench: Bench, make_batch: MakeBatch) -> None:
-    story = Story(bench, make_batch, [RESTING, TOUCHING, HARDER, TOUCHING, RESTING])
-    story.deliver(0, 5)
-
+def test_one_contact_is_one_event(bench: Bench) -> None:
+    Story(bench, [RESTING, TOUCHING, HARDER, TOUCHING, RESTING]).deliver(0, 5)
     (event,) = bench.get("/events?path=true").json()["events"]
     assert bench.get(f"/events/{event['id']}").json() == event
     assert event.pop("model").startswith("press-7@")
@@ -43,31 +45,258 @@ def test_one_contact_is_one_event(bench: Bench, make_batch: MakeBatch) -> None:
     }
 
 
-def test_a_contact_that_goes_on_is_an_open_event(bench: Bench, make_batch: MakeBatch) -> None:
-    story = Story(bench, make_batch, [RESTING, *[TOUCHING] * 500, RESTING])
+def test_a_contact_that_goes_on_is_an_open_event_and_its_path_is_thinned_evenly(bench: Bench) -> None:
+    story = Story(bench, [RESTING, *[TOUCHING] * 1000, RESTING])
     story.deliver(0, 300)
     (event,) = story.events
-    assert (event["begin"], event["end"], event["lifted_at"]) == ("touch", "open", None)
-    assert event["samples"] == 299
-
-    story.deliver(300, 502)
+    assert (event["begin"], event["end"], event["lifted_at"], event["samples"]) == ("touch", "open", None, 299)
+    story.deliver(300, 1002)
     (event,) = story.events
-    assert (event["end"], event["samples"], event["dwell_ms"]) == ("lift", 500, 2500.0)
-    assert len(event["path"]) <= MAX_POINTS
+    assert (event["end"], event["samples"], event["dwell_ms"]) == ("lift", 1000, 5000.0)
+    seconds = [float(point["at"][17:-1]) for point in event["path"]]
+    assert len(seconds) <= MAX_POINTS
+    assert (seconds[0], seconds[-1]) == (46.128, 51.123)
+    assert max(later - earlier for earlier, later in pairwise(seconds)) < 0.06
 
 
-def test_samples_without_all_channels_or_an_estimate_degrade_the_event(bench: Bench, make_batch: MakeBatch) -> None:
+def test_samples_without_all_channels_or_an_estimate_degrade_the_event(bench: Bench) -> None:
     unusable: Row = [1.0, 0.5, 0.5]
-    story = Story(bench, make_batch, [RESTING, TOUCHING, unusable, TOUCHING, RESTING, RESTING, TOUCHING, RESTING])
+    story = Story(bench, [RESTING, TOUCHING, unusable, TOUCHING, RESTING, RESTING, TOUCHING, RESTING])
     story.deliver(0, 8)
-
     assert [(event["quality"], event["samples"]) for event in story.events] == [("degraded", 2), ("good", 1)]
 
 
-def test_a_long_path_is_thinned_evenly_and_keeps_its_ends() -> None:
-    path: list[Point] = [(i * 1000, float(i), None) for i in range(5000)]
-    thinned = thin(path)
+def story_of(bench: Bench, rows: list[Row]) -> Story:
+    story = Story(bench, rows)
+    story.deliver(0, len(rows))
+    return story
 
-    assert len(thinned) <= MAX_POINTS
-    assert (thinned[0], thinned[-1]) == (path[0], path[-1])
-    assert max(b[0] - a[0] for a, b in pairwise(thinned)) < 60_000
+
+def told(story: Story) -> list[tuple[str, str, str, float, float]]:
+    """Kind, begin, end, dwell and unexplained part of each event."""
+    return [
+        (event["kind"], event["begin"], event["end"], event["dwell_ms"], event["unexplained_ms"])
+        for event in story.events
+    ]
+
+
+@pytest.mark.parametrize(
+    ("rows", "events"),
+    [
+        # Two odd samples come before the state, and two that are explained end it.
+        ([*[TOUCHING] * 3, *[ODD] * 4, *[TOUCHING] * 4, RESTING], [("contact", "touch", "lift", 55.0, 20.0)]),
+        ([*[ODD] * 5, *[RESTING] * 4], [("unexplained", "clear", "clear", 25.0, 25.0)]),
+        # A contact that begins in a stretch has an unseen touch, and one that ends in a stretch an unseen lift.
+        (
+            [*[ODD] * 5, *[TOUCHING] * 4, RESTING],
+            [("unexplained", "clear", "contact", 20.0, 20.0), ("contact", "unexplained", "lift", 10.0, 0.0)],
+        ),
+        ([*[TOUCHING] * 2, *[ODD] * 5, *[RESTING] * 3], [("contact", "touch", "unexplained", 45.0, 25.0)]),
+    ],
+    ids=["during", "alone", "before", "after"],
+)
+def test_an_unexplained_stretch_counts_in_a_contact_or_is_an_event_of_its_own(
+    bench: Bench, rows: list[Row], events: list[tuple[str, str, str, float, float]]
+) -> None:
+    story = story_of(bench, [RESTING, *rows])
+    assert told(story) == events
+    for event in story.events:
+        is_contact = event["kind"] == "contact"
+        figures = [event[name] for name in ("mean_position_mm", "peak_position_mm", "peak_force_n")]
+        assert figures == ([150.0, 150.0, 8.75] if is_contact else [None] * 3)
+        assert (event["samples"] > 0) is is_contact
+
+
+def test_undecided_samples_go_on_in_a_stretch(bench: Bench) -> None:
+    story = Story(bench, [RESTING, *[ODD] * 7, *[RESTING] * 3])
+    story.deliver(0, 5)
+    members = batch_of([None] * 3, sequence=6, quality=["missing"] * 3) | {"oldest": 1}
+    members["samples"][0]["acquired_unix_us"] = START_US + 25_000
+    bench.send(members=members)
+    story.deliver(6, 11)
+    assert told(story) == [("unexplained", "clear", "clear", 35.0, 35.0)]
+    assert story.events[0]["quality"] == "degraded"
+
+
+def test_another_model_ends_the_event(bench: Bench) -> None:
+    story = Story(bench, [RESTING, *[ODD] * 10, *[RESTING] * 3])
+    story.deliver(0, 6)
+    bench.app.context.registry.named("press-7").adopt(model_of("other"))
+    story.deliver(6, 14)
+    assert [one[:3] for one in told(story)] == [("unexplained", "clear", "unseen"), ("unexplained", "unseen", "clear")]
+
+
+def test_a_stretch_keeps_what_each_channel_of_its_first_samples_contradicts() -> None:
+    wedged: Row = [0.5, 0.25, 0.75, 0.125]
+    resting: Row = [0.0] * 4
+    (event,) = story_of(Bench(surface_of(channels=4)), [resting, *[wedged] * 20, *[resting] * 4]).events
+    assert [sample["sequence"] for sample in event["capture"]] == [4, 5, 6, 7, 8]
+    first = event["capture"][0]
+    assert first["misfit"] == 500.0
+    assert [channel["deflection_mm"] for channel in first["channels"]] == wedged
+    assert [channel["name"] for channel in first["channels"] if channel["explained_without"]] == ["s3"]
+    assert first["channels"][2]["misfit_without"] == 0.0
+
+
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [(ODD, [RESTING] * 2), (TOUCHING, [ODD] * 2), (TOUCHING, [BETWEEN]), (TOUCHING, [BETWEEN, ODD, BETWEEN])],
+    ids=["rest after a stretch", "odd after a contact", "weak after a contact", "changing after a contact"],
+)
+def test_the_first_samples_after_a_gap_make_no_event_by_themselves(bench: Bench, before: Row, after: list[Row]) -> None:
+    """None of them shows by itself what came before the gap."""
+    story = Story(bench, [RESTING, *[before] * 5, RESTING, *after])
+    story.deliver(0, 6)
+    story.oldest = 8  # the one before is lost
+    story.deliver(7, 7 + len(after))
+    kind, begin = ("contact", "touch") if before is TOUCHING else ("unexplained", "clear")
+    assert [one[:3] for one in told(story)] == [(kind, begin, "unseen")]
+
+
+@pytest.fixture
+def history(bench: Bench) -> Bench:
+    """Seven contacts, at samples 1, 3, 5, ..."""
+    story_of(bench, [RESTING, *[TOUCHING, RESTING] * 7])
+    return bench
+
+
+def ids(bench: Bench, query: str) -> list[int]:
+    return [event["id"] for event in bench.get(f"/events?{query}").json()["events"]]
+
+
+def test_pages_come_newest_first_and_can_be_limited_by_time_kind_and_surface(history: Bench) -> None:
+    found, after = list[int](), ""
+    while after is not None:
+        page = history.get(f"/events?limit=3{after and f'&after={after}'}").json()
+        found += [event["id"] for event in page["events"]]
+        after = page["next"]
+    assert found == [7, 6, 5, 4, 3, 2, 1]
+    # Sample 5 is the touch of event 3.
+    third = "2026-11-20T23:40:46.148456Z"
+    assert ids(history, f"since={third}") == [7, 6, 5, 4, 3]
+    assert ids(history, f"until={third}") == [2, 1]
+    assert ids(history, f"since={third}&until=2026-11-21T00:40:46.150%2B01:00") == [3]
+    assert (ids(history, "surface=press-7&limit=1"), ids(history, "kind=unexplained")) == ([7], [])
+    assert history.problem("/events?surface=nobody") == "unknown-surface"
+
+
+def test_csv_has_a_row_per_event_and_a_link_to_the_next_page(history: Bench) -> None:
+    response = history.get("/events?format=csv&limit=2&surface=press-7")
+    assert response.headers["content-type"].startswith("text/csv")
+    rows = list(csv.DictReader(io.StringIO(response.text)))
+    assert [row["id"] for row in rows] == ["7", "6"]
+    assert (rows[0]["surface"], rows[0]["end"], rows[0]["peak_force_n"]) == ("press-7", "lift", "8.75")
+    assert rows[0]["unsteady"] == "false"
+    assert history.get(response.links["next"]["url"]).text.splitlines()[1].startswith("5,")
+
+
+@pytest.mark.parametrize(
+    "query",
+    [
+        *("limit=0", "limit=1001", "limit=many", "since=yesterday", "since=1795218046", "since=2026-11-20T23:40:46"),
+        *("until=", "after=1", "after=x.y", "after=99999999999999999999999.1", "format=xml", "surface=a%20b"),
+        *("kind=press", "sort=up", "path=maybe", "limit=51&path=true"),
+    ],
+)
+def test_a_wrong_query_is_a_problem_that_names_the_parameter(history: Bench, query: str) -> None:
+    response = history.get(f"/events?{query}")
+    assert (response.status_code, response.json()["type"]) == (422, "urn:beamtouch:problem:invalid-request")
+    assert response.json()["errors"][0]["pointer"].startswith("#/query/" + query.split("=", maxsplit=1)[0])
+
+
+def test_a_list_has_paths_only_on_request_and_a_single_event_always(history: Bench) -> None:
+    (plain, *_), (full, *_) = (history.get(f"/events{query}").json()["events"] for query in ("", "?path=true&limit=50"))
+    assert history.get("/events/7").json() == full
+    assert [point["position_mm"] for point in full.pop("path")] == [150.0]
+    assert full.pop("capture") == []
+    assert plain == full
+    missing = history.get("/events/8").json()
+    assert missing["type"] == "urn:beamtouch:problem:unknown-event"
+    assert missing["detail"].startswith("There is no event 8.")
+    for wrong in ("0", "first", str(2**63)):
+        assert history.get(f"/events/{wrong}").json()["errors"][0]["pointer"] == "#/path/id"
+
+
+STILL: dict[str, Any] = {"readings": 4}
+MOVING: dict[str, Any] = {"readings": 50, "covariance_mm2": [1e-3, 0.0, 1e-3, 0.0, 0.0, 1e-3]}
+
+
+def send(bench: Bench, *samples: tuple[Row, dict[str, Any]], sequence: int = 1) -> None:
+    """Send these samples, 100 ms apart, each with its further members."""
+    members = batch_of(*(row for row, _ in samples), sequence=sequence)
+    for place, (sample, (_, more)) in enumerate(zip(members["samples"], samples, strict=True)):
+        sample.update(more, acquired_unix_us=1_795_218_000_000_000 + (sequence + place) * 100_000)
+    noise_mm = [0.01] * len(members["channels"])
+    bench.send(members=members | {"noise_mm": noise_mm, "characteristic": "as-taken"})
+
+
+def best_samples(bench: Bench, query: str = "") -> list[dict[str, str]]:
+    answer = bench.get(f"/surfaces/press-7/calibration-data{query}")
+    assert answer.status_code == 200, answer.text
+    assert answer.headers["content-type"].startswith("text/csv")
+    return list(csv.DictReader(io.StringIO(answer.text)))
+
+
+@pytest.mark.parametrize("parts", [[7], [2, 5], [3, 4], [1, 6]])
+def test_unsteady_samples_count_in_no_peak_and_no_mean_if_there_are_others(bench: Bench, parts: list[int]) -> None:
+    pressing: Row = [1.0, 0.5, 0.25]
+    rows: list[tuple[Row, dict[str, Any]]] = [(RESTING, STILL), (pressing, MOVING), *[(TOUCHING, STILL)] * 2]
+    rows += [*[(pressing, MOVING)] * 2, (RESTING, STILL)]
+    first = 0
+    for count in parts:
+        send(bench, *rows[first : first + count], sequence=first + 1)
+        bench.get("/events")  # It writes what there is so far.
+        first += count
+    (event,) = bench.get("/events").json()["events"]
+    assert (event["samples"], event["unsteady"], event["peak_force_n"], event["mean_position_mm"]) == (
+        *(2, False, 8.75, 150.0),
+    )
+    send(bench, (RESTING, STILL), (TOUCHING, MOVING), (pressing, MOVING), (RESTING, STILL), sequence=8)
+    event = bench.get("/events").json()["events"][0]
+    assert (event["samples"], event["unsteady"], event["peak_force_n"], event["mean_position_mm"]) == (
+        *(2, True, 17.5, 200.0),  # they share readings, of which the later one has more
+    )
+
+
+def test_the_steady_sample_of_the_most_readings_is_kept_with_the_rest_before_it(bench: Bench) -> None:
+    degraded = {"readings": 100, "quality": ["good", "good", "stuck"]}
+    best: Row = [0.52, 0.26, 0.13]
+    later: Row = [0.54, 0.27, 0.135]
+    send(
+        bench,
+        *[([0.002, 0.0, 0.0], STILL), ([0.004, 0.0, 0.0], STILL), ([0.09, 0.0, 0.0], STILL), (TOUCHING, STILL)],
+        *[(best, {"readings": 16}), (later, {"readings": 16}), (later, MOVING), (later, degraded), (RESTING, STILL)],
+    )
+    (row,) = best_samples(bench)
+    assert [float(row[f"s{i}_mm"]) for i in (1, 2, 3)] == best
+    assert [float(row[f"s{i}_sd_mm"]) for i in (1, 2, 3)] == pytest.approx([0.01 / 4] * 3)
+    assert (row["readings"], row["characteristic"], row["time"]) == ("16", "as-taken", "2026-11-20T23:40:00.500Z")
+    # Without the newest sample of the rest, which may hold the touch.
+    assert [float(row[f"s{i}_rest_mm"]) for i in (1, 2, 3)] == pytest.approx([0.003, 0.0, 0.0])
+    assert float(row["s1_rest_sd_mm"]) == pytest.approx(0.01 / 8**0.5)
+    assert best_samples(bench, "?since=2026-11-20T23:40:01Z") == []
+
+
+def test_an_event_without_a_steady_sample_of_one_contact_has_no_row(bench: Bench) -> None:
+    missing: dict[str, Any] = {"readings": 4, "quality": ["good", "missing", "good"]}
+    odd: Row = [0.5, 0.1, 0.4]
+    send(bench, (RESTING, STILL), (TOUCHING, MOVING), (TOUCHING, missing), (RESTING, STILL))
+    send(bench, (RESTING, STILL), *[(odd, STILL)] * 6, *[(RESTING, STILL)] * 3, sequence=5)
+    assert [event["kind"] for event in bench.get("/events").json()["events"]] == ["unexplained", "contact"]
+    assert best_samples(bench) == []
+    # A sender that states no readings sends settled samples.
+    bench.send(RESTING, TOUCHING, RESTING, boot_id="boot-0002")
+    (row,) = best_samples(bench)
+    assert (row["readings"], row["characteristic"], row["s1_sd_mm"]) == ("1", "", "0.0100000000")
+
+
+def test_contacts_of_another_layout_of_channels_have_no_row() -> None:
+    surface = surface_of(channels=4)
+    bench = Bench(surface)
+    send(bench, *(([*row, 0.0], STILL) for row in (RESTING, TOUCHING, RESTING)))
+    assert list(best_samples(bench)[0])[5:9] == ["s1_mm", "s2_mm", "s3_mm", "s4_mm"]
+    surface.adopt(model_of("other"))
+    send(bench, *((row, STILL) for row in (RESTING, TOUCHING, RESTING)), sequence=10)
+    (row,) = best_samples(bench)
+    assert row["model"].startswith("other@")
+    assert "s4_mm" not in row

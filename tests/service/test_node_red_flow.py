@@ -11,7 +11,7 @@ from pasted import blocks_of
 from toolchain import need
 
 if TYPE_CHECKING:
-    from service.conftest import Bench, MakeBatch
+    from service.conftest import Bench
 
 (FLOW,) = [block.text for block in blocks_of("docs/how-to/node-red.md") if block.word == "json"]
 NODES = {node["id"]: node for node in json.loads(FLOW)}
@@ -30,13 +30,13 @@ def sorted_by_the_flow(*messages: dict[str, Any]) -> list[list[dict[str, Any] | 
     return sent
 
 
-def test_the_flow_asks_a_route_of_the_service_and_sorts_its_answers(bench: Bench, make_batch: MakeBatch) -> None:
+def test_the_flow_asks_a_route_of_the_service_and_sorts_its_answers(bench: Bench) -> None:
     asked = NODES["beamtouch-ask"]
     path = urlsplit(asked["url"]).path
     messages: list[dict[str, Any]] = []
     for rows in ([], [[0.0, 0.0, 0.0]] * 10, [[0.5, 0.25, 0.125]] * 10):
         if rows:
-            assert bench.post(make_batch(*rows, sequence=1 + 10 * len(messages))).status_code == 200
+            bench.send(*rows, sequence=1 + 10 * len(messages))
         answer = bench.client.request(asked["method"], path)
         messages.append({"statusCode": answer.status_code, "payload": answer.json()})
     away = {"statusCode": "ECONNREFUSED", "payload": "RequestError: connect ECONNREFUSED 127.0.0.1:8420"}

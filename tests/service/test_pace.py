@@ -2,39 +2,28 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import pytest
 
-from beamtouch_models import modelfile
 from beamtouch_service.outputs.mqtt.pace import ALIVE_S, Pace
-from beamtouch_service.surfaces.surface import Surface
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from beamtouch_service.samples import Batch
-    from service.conftest import BuildModel
-
-RESTING, TOUCHING = [0.0, 0.0, 0.0], [0.5, 0.25, 0.125]
+from service.conftest import Row, parsed, surface_of
+from service.event_story import RESTING, TOUCHING
 
 
 class Press:
     """A surface whose samples come at times of the test."""
 
-    def __init__(self, surface: Surface, parse_batch: Callable[..., Batch]) -> None:
-        self.surface = surface
-        self._parse = parse_batch
+    def __init__(self, name: str = "press-7") -> None:
+        self.surface = surface_of(name)
         self._sequence = 0
 
-    def take(self, row: list[float], now_s: float) -> None:
+    def take(self, row: Row, now_s: float) -> None:
         self._sequence += 1
-        self.surface.receive(self._parse(row, sequence=self._sequence), now_s)
+        self.surface.receive(parsed(row, sequence=self._sequence), now_s)
 
 
 @pytest.fixture
-def press(build_model: BuildModel, parse_batch: Callable[..., Batch]) -> Press:
-    return Press(Surface("press-7", modelfile.load(build_model())), parse_batch)
+def press() -> Press:
+    return Press()
 
 
 def test_a_state_is_due_at_once_and_a_sample_in_it_at_its_turn(press: Press) -> None:
@@ -88,10 +77,8 @@ def test_the_same_sample_is_due_within_a_second(press: Press) -> None:
     assert pace.due(10.0 + ALIVE_S) == [press.surface]
 
 
-def test_turns_are_common_to_all_surfaces(
-    build_model: BuildModel, parse_batch: Callable[..., Batch], press: Press
-) -> None:
-    other = Press(Surface("press-8", modelfile.load(build_model())), parse_batch)
+def test_turns_are_common_to_all_surfaces(press: Press) -> None:
+    other = Press("press-8")
     pace = Pace([press.surface, other.surface], max_rate_hz=10)
     press.take(RESTING, 1.0)
     other.take(RESTING, 1.0)
@@ -102,9 +89,3 @@ def test_turns_are_common_to_all_surfaces(
     pace.sent([other.surface], 1.04)
     other.take(TOUCHING, 1.05)
     assert pace.due(1.1) == [press.surface, other.surface]
-
-
-def test_without_surfaces_there_is_nothing_to_do() -> None:
-    pace = Pace([], max_rate_hz=10)
-    assert pace.due(1.0) == []
-    assert pace.wait_s(1.0) > 0

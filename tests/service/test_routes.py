@@ -1,164 +1,88 @@
-"""The routes, with a clock that the tests turn."""
+"""Questions about surfaces, refusals of what a request must not be, and the OpenAPI description of both."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import json
+import random
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from beamtouch_models import modelfile
+from beamtouch_service.api.events import Event
+from beamtouch_service.api.samples import MAX_BODY_BYTES
+from beamtouch_service.api.stream import Pace
+from beamtouch_service.outputs.modbus.blocks import Blocks
+from beamtouch_service.problems import MEDIA_TYPE
+from beamtouch_service.samples import MAX_SAMPLES, Batch
+from beamtouch_service.surfaces.contact import Contact
 from beamtouch_service.surfaces.surface import Surface
-from service.conftest import kind
+from service.conftest import Bench, batch_of, kind, surface_of
+from service.malformed import malformed
+from service.small_model import model_of
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from beamtouch_service.problems import Problem
-    from beamtouch_service.samples import Batch
+    from beamtouch_service.samples import Batch as ReceivedBatch
     from beamtouch_service.surfaces.surface import Answer, Received
-    from service.conftest import Bench, BuildModel, MakeBatch
+
+MQTT = Path(__file__).parents[2] / "docs" / "how-to" / "mqtt.md"
 
 
-def test_the_contact_is_the_one_of_the_design(bench: Bench, make_batch: MakeBatch) -> None:
-    assert bench.post(make_batch(age_ms=12.3, sequence=4711)).json() == {
-        "accepted": 1,
-        "repeated": 0,
-        "durable": 4710,
-        "expected": 4712,
-        "stale_ms": 500.0,
-    }
-
-    response = bench.get("/contact")
-    assert response.status_code == 200
-    assert response.headers["cache-control"] == "no-store"
-    contact = response.json()
-    assert str(contact.pop("model")).startswith("press-7@")
-    assert contact == {
-        "surface": "press-7",
-        "state": "contact",
-        "position_mm": 150.0,
-        "position_low_mm": 149.0,
-        "position_high_mm": 151.0,
-        "force_n": 8.75,
-        "force_low_n": 7.75,
-        "force_high_n": 9.75,
-        "age_ms": 12.3,
-        "sampled_at": "2026-11-20T23:40:46.123Z",
-        "sequence": 4711,
-        "readings": None,
-        "misfit": 0.0,
-        "quality": "good",
-        "degraded_channels": [],
-        "notes": [],
-    }
-    assert bench.get("/surfaces/press-7/contact").json() == response.json()
-    assert bench.get("/contact?surface=press-7").json() == response.json()
-
-
-def test_a_note_of_the_sender_stands_with_the_contact_until_it_is_gone(bench: Bench, make_batch: MakeBatch) -> None:
-    bench.post(make_batch() | {"notes": ["rate"]})
-    assert bench.get("/contact").json()["notes"] == ["rate"]
-    bench.post(make_batch(sequence=2))
-    assert bench.get("/contact").json()["notes"] == []
-    refused = bench.post(make_batch(sequence=3) | {"notes": ["loud"]})
-    assert (refused.status_code, kind(refused)) == (422, "invalid-request")
-
-
-def test_a_beam_at_rest_is_clear_and_has_no_position(bench: Bench, make_batch: MakeBatch) -> None:
-    bench.post(make_batch([0.01, 0.02, 0.01]))
-
-    contact = bench.get("/contact").json()
-    assert contact["state"] == "clear"
-    assert {contact[name] for name in contact if name.startswith(("position_", "force_"))} == {None}
-
-
-def test_the_newest_sample_of_a_batch_counts(bench: Bench, make_batch: MakeBatch) -> None:
-    bench.post(make_batch([0.5, 0.25, 0.125], [0.5, 0.5, 0.0]))
-
-    assert bench.get("/contact").json()["position_mm"] == pytest.approx(150.0)
-    assert bench.get("/contact").json()["sequence"] == 2
-
-
-def test_no_samples_then_fresh_then_stale(bench: Bench, make_batch: MakeBatch) -> None:
-    assert kind(bench.get("/contact")) == "no-samples"
-    assert kind(bench.get("/health/ready")) == "not-ready"
-
-    bench.post(make_batch())
-    assert bench.get("/contact").status_code == 200
-    assert bench.get("/health/ready").json() == {"status": "ready"}
-
-    bench.now_s += 0.6
-    stale = bench.get("/contact")
-    assert (stale.status_code, kind(stale)) == (503, "stale")
-    assert (stale.json()["surface"], stale.json()["age_ms"], stale.json()["stale_ms"]) == ("press-7", 600.0, 500.0)
-    ready = bench.get("/health/ready")
-    assert (ready.status_code, kind(ready)) == (503, "not-ready")
-    assert ready.json()["surfaces"]["press-7"]["type"] == "urn:beamtouch:problem:stale"
-    assert bench.get("/health/live").json() == {"status": "live"}
-
-
-def test_too_few_channels_are_named(bench: Bench, make_batch: MakeBatch) -> None:
-    bench.post(make_batch([0.5, None, 0.1], quality=["good", "missing", "stuck"]))
-
-    response = bench.get("/contact")
-    assert (response.status_code, kind(response)) == (503, "too-few-channels")
-    assert response.json()["bad_channels"] == {"s2": "missing", "s3": "stuck"}
-
-
-def test_an_unusable_estimate_is_a_problem_and_no_number(bench: Bench, make_batch: MakeBatch) -> None:
-    bench.post(make_batch([1.0, 0.5, 0.5]))
-
-    response = bench.get("/contact")
-    assert (response.status_code, kind(response)) == (503, "unusable-estimate")
-    assert "NaN" not in response.text
-
-
-def test_a_service_without_a_surface_says_so_everywhere(make_bench: type[Bench], make_batch: MakeBatch) -> None:
-    bench = make_bench()
-
+def test_a_service_without_a_surface_says_so_everywhere() -> None:
+    bench = Bench()
     answers = [bench.get("/contact"), bench.get("/surfaces/press-7/contact"), bench.get("/health/ready")]
-    for response in [*answers, bench.post(make_batch())]:
+    for response in [*answers, bench.post(batch_of())]:
         assert (response.status_code, kind(response)) == (503, "no-surface")
     assert bench.get("/surfaces").json() == {"surfaces": []}
     assert bench.get("/health/live").status_code == 200
 
 
-def test_a_surface_without_a_model_takes_samples_and_says_why_it_gives_nothing(
-    make_bench: type[Bench], make_batch: MakeBatch
-) -> None:
-    bench = make_bench(Surface("press-7"))
+def test_a_surface_without_a_model_takes_samples_and_says_why_it_gives_nothing() -> None:
+    surface = Surface("press-7")
+    bench = Bench(surface)
+    bench.send([0.5], channels=["any"])
+    for path in ("/contact", "/surfaces/press-7/model", "/surfaces/press-7/beam"):
+        assert bench.problem(path) == "no-model"
+    # A model says nothing of a sample from before it.
+    surface.adopt(model_of())
+    assert bench.problem() == "no-samples"
+    bench.send(boot_id="boot-0002")
+    assert bench.contact()["state"] == "contact"
 
-    assert bench.post(make_batch([0.5], channels=["any"])).status_code == 200
-    response = bench.get("/contact")
-    assert (response.status_code, kind(response)) == (503, "no-model")
+
+def test_model_and_beam_are_those_in_use(bench: Bench) -> None:
+    (surface,) = bench.app.context.registry
+    bench.send()
+    before = bench.contact()
+    surface.adopt(model_of("other", channels=4))
+    model, beam = (bench.get(f"/surfaces/press-7/{what}").json() for what in ("model", "beam"))
+    assert (model["channels"], model["positions_mm"]) == (["s1", "s2", "s3", "s4"], [100.0, 200.0, 300.0, 400.0])
+    assert model["ranges"] == {"position_mm": [1.0, 399.0], "force_n": [1.0, 20.0]}
+    assert model["accuracy"]["limit_percent"] == 1.0
+    assert (beam["model"], beam["length_mm"], beam["drawn"]["load_mm"]) == (model["identity"], 400.0, [200.0])
+    # The contact so far stays with the model that gave it.
+    assert bench.contact() == before
+    bench.send([0.5, 0.25, 0.125, 0.0], sequence=2)
+    assert bench.contact()["model"] == model["identity"] != before["model"]
 
 
-def test_several_surfaces_must_be_named(
-    make_bench: type[Bench], build_model: BuildModel, make_batch: MakeBatch
-) -> None:
-    model = modelfile.load(build_model())
-    bench = make_bench(Surface("press-7", model), Surface("press-8", model))
-    bench.post(make_batch(), path="/surfaces/press-8/samples")
-
+def test_several_surfaces_must_be_named() -> None:
+    bench = Bench(surface_of(), surface_of("press-8"))
+    bench.send(surface="press-8")
     response = bench.get("/contact")
     assert (response.status_code, kind(response)) == (400, "surface-required")
     assert response.json()["surfaces"] == ["press-7", "press-8"]
     assert bench.get("/contact?surface=press-8").json()["surface"] == "press-8"
-    assert kind(bench.get("/contact?surface=press-7")) == "no-samples"
-    unready = bench.get("/health/ready").json()["surfaces"]
-    assert list(unready) == ["press-7"]
+    assert bench.problem("/contact?surface=press-7") == "no-samples"
+    assert list(bench.get("/health/ready").json()["surfaces"]) == ["press-7"]
 
 
-@pytest.mark.parametrize(
-    "path", ["/contact?surface=nobody", "/surfaces/nobody/contact", "/surfaces/nobody", "/surfaces/%C3%A9%00"]
-)
-def test_an_unknown_surface_is_404(bench: Bench, path: str) -> None:
-    response = bench.get(path)
-
-    assert (response.status_code, kind(response)) == (404, "unknown-surface")
-
-
-def test_the_summary_of_a_surface(bench: Bench, make_batch: MakeBatch) -> None:
-    bench.post(make_batch())
-
+def test_the_summary_of_a_surface(bench: Bench) -> None:
+    for sequence in (1, 3, 8):
+        bench.send(*[[0.5, 0.25, 0.125]] * 3, sequence=sequence)
     summary = bench.get("/surfaces/press-7").json()
     assert bench.get("/surfaces").json() == {"surfaces": [summary]}
     assert str(summary.pop("model")).startswith("press-7@")
@@ -176,36 +100,232 @@ def test_the_summary_of_a_surface(bench: Bench, make_batch: MakeBatch) -> None:
         "channels_out": {},
         "wiring": None,
         "model_error": None,
-        "samples": {"accepted": 1, "repeated": 0, "lost": 0},
+        "samples": {"accepted": 8, "repeated": 1, "lost": 2},
         "health": {},
     }
 
 
-@pytest.mark.parametrize("path", ["/nothing", "/page", "/contact/", "/docs", "/surfaces/a/b/c"])
-def test_an_unknown_route_is_a_problem(bench: Bench, path: str) -> None:
+@pytest.mark.parametrize(
+    ("path", "problem"),
+    [
+        ("/contact?surface=nobody", "unknown-surface"),
+        ("/surfaces/nobody/contact", "unknown-surface"),
+        ("/surfaces/%C3%A9%00", "unknown-surface"),
+        ("/surfaces/nobody/stream", "unknown-surface"),
+        ("/surfaces/nobody/beam", "unknown-surface"),
+        ("/surfaces/nobody/calibration-data", "unknown-surface"),
+        ("/nothing", "not-found"),
+        ("/contact/", "not-found"),
+        ("/docs", "not-found"),
+        ("/surfaces/a/b/c", "not-found"),
+        ("/stream?interval_ms=19", "invalid-request"),
+        ("/stream?interval_ms=5001", "invalid-request"),
+        ("/surfaces/press-7/calibration-data?limit=0", "invalid-request"),
+    ],
+)
+def test_an_address_or_a_query_that_does_not_exist_is_a_problem(bench: Bench, path: str, problem: str) -> None:
     response = bench.get(path)
-
-    assert (response.status_code, kind(response)) == (404, "not-found")
+    assert (response.status_code, kind(response)) == (422 if problem == "invalid-request" else 404, problem)
 
 
 def test_a_wrong_method_is_a_problem_that_names_the_right_one(bench: Bench) -> None:
     response = bench.client.delete("/contact")
-
     assert (response.status_code, kind(response)) == (405, "method-not-allowed")
     assert response.headers["allow"] == "GET"
 
 
-def test_a_failure_inside_is_a_problem_without_its_traceback(make_bench: type[Bench], make_batch: MakeBatch) -> None:
+def test_a_failure_inside_is_a_problem_without_its_traceback() -> None:
     class Broken(Surface):
         def answer(self, now_s: float) -> Answer | Problem:
             message = f"secret at {now_s}"
             raise RuntimeError(message)
 
-        def receive(self, batch: Batch, arrival_s: float, address: str = "") -> Received:
+        def receive(self, batch: ReceivedBatch, arrival_s: float, address: str = "") -> Received:
             message = f"secret at {arrival_s} from {address} in {batch}"
             raise RuntimeError(message)
 
-    bench = make_bench(Broken("press-7"))
-    for response in (bench.get("/surfaces"), bench.post(make_batch())):
+    bench = Bench(Broken("press-7"))
+    for response in (bench.get("/surfaces"), bench.post(batch_of())):
         assert (response.status_code, kind(response)) == (500, "internal")
         assert "secret" not in response.text
+
+
+def test_a_stream_says_the_state_when_it_changes_and_each_second(bench: Bench) -> None:
+    bench.send()
+    (surface,) = bench.app.context.registry
+    pace = Pace()
+    said = [pace.next(surface, bench.now_s + since_s) is not None for since_s in (0.0, 0.1, 0.4, 0.6, 0.7, 1.7)]
+    assert said == [True, False, False, True, False, True]  # at 0.6 s the contact is stale
+
+
+def accepted(bench: Bench) -> int:
+    return int(bench.get("/surfaces/press-7").json()["samples"]["accepted"])
+
+
+def test_a_batch_holds_so_many_samples_and_no_more(bench: Bench) -> None:
+    rows = [[0.5, 0.25, 0.125]] * MAX_SAMPLES
+    response = bench.post(batch_of(*rows, [0.0, 0.0, 0.0]))
+    assert (response.status_code, kind(response)) == (422, "invalid-request")
+    assert response.json()["errors"][0]["pointer"] == "#/samples"
+    assert accepted(bench) == 0
+    bench.send(*rows)
+    assert accepted(bench) == MAX_SAMPLES == 2000
+
+
+@pytest.mark.parametrize("is_stated", [True, False])
+def test_a_body_that_is_too_large_is_refused(bench: Bench, *, is_stated: bool) -> None:
+    def chunks() -> Iterator[bytes]:
+        for _ in range(MAX_BODY_BYTES // 65536 + 1):
+            yield b" " * 65536
+
+    response = bench.post(b" " * (MAX_BODY_BYTES + 1) if is_stated else chunks())
+    assert (response.status_code, kind(response)) == (413, "too-large")
+
+
+@pytest.mark.parametrize("body", [b"", b"{", b"\xff\xfe", b"[" * 100_000, b"not json"])
+def test_what_is_not_json_is_malformed(bench: Bench, body: bytes) -> None:
+    response = bench.post(body)
+    assert (response.status_code, kind(response)) == (400, "malformed-json")
+    assert len(response.content) < 1000
+
+
+@pytest.mark.parametrize(
+    ("change", "place"),
+    [
+        ({"newest_age_ms": -1}, "#/newest_age_ms"),
+        ({"newest_age_ms": "1"}, "#/newest_age_ms"),
+        ({"newest_age_ms": float("nan")}, "#/newest_age_ms"),
+        ({"newest_age_ms": float("inf")}, "#/newest_age_ms"),
+        ({"newest_age_ms": None}, "#"),
+        ({"backlog": True}, "#"),
+        ({"boot_id": "short"}, "#/boot_id"),
+        ({"beam": "beam 2"}, "#/beam"),
+        ({"notes": ["loud"]}, "#/notes/0"),
+        ({"noise_mm": [0.1]}, "#"),
+        ({"noise_mm": [0.1, 0.0, 0.1]}, "#/noise_mm/1"),
+        ({"noise_mm": [0.1, float("inf"), 0.1]}, "#/noise_mm/1"),
+        ({"noise_mm": [0.1, 1.001e4, 0.1]}, "#/noise_mm/1"),
+        ({"channels": ["s1", "s1", "s1"]}, "#"),
+        ({"channels": ["s1", "s2"]}, "#"),
+        ({"surprise": 1}, "#/surprise"),
+        ({"a/b~c": 1}, "#/a~1b~0c"),
+    ],
+)
+def test_a_wrong_batch_is_refused_with_the_place_that_is_wrong(
+    bench: Bench, change: dict[str, Any], place: str
+) -> None:
+    response = bench.post(json.dumps(batch_of() | change).encode())
+    assert (response.status_code, kind(response)) == (422, "invalid-request")
+    assert [error["pointer"] for error in response.json()["errors"]] == [place]
+    assert accepted(bench) == 0
+
+
+@pytest.mark.parametrize("value", ["NaN", "Infinity", "-Infinity", "1e999"])
+def test_a_deflection_that_is_not_finite_is_refused(bench: Bench, value: str) -> None:
+    response = bench.post(json.dumps(batch_of([0.5, 0.25, 77.0])).replace("77.0", value).encode())
+    assert response.status_code == 422
+    assert response.json()["errors"][0]["pointer"] == "#/samples/0/deflection_mm/2"
+
+
+def test_a_hugely_wrong_batch_gets_a_short_answer(bench: Bench) -> None:
+    body = batch_of(*[[0.5, 0.25, 0.125]] * 500) | {"k" * 100_000: "x" * 100_000}
+    for sample in body["samples"]:
+        sample["sequence"] = "y" * 500
+    response = bench.post(body)
+    assert (response.status_code, len(response.json()["errors"])) == (422, 10)
+    assert "more)" in response.json()["detail"]
+    assert len(response.content) < 4000
+
+
+def test_missing_channels_are_named_and_the_batch_changes_nothing(bench: Bench) -> None:
+    response = bench.post(batch_of([0.5, 0.25], channels=["s1", "spare"]))
+    assert (response.status_code, kind(response)) == (422, "missing-channels")
+    assert response.json()["missing_channels"] == ["s2", "s3"]
+    assert (accepted(bench), bench.problem()) == (0, "no-samples")
+
+
+def test_malformed_batches_are_refused_and_contacts_are_answered_meanwhile(bench: Bench) -> None:
+    chance, statuses = random.Random(1), set[int]()  # noqa: S311 - noise, not secrets
+    for number in range(1, 201):
+        statuses.add(bench.post(malformed(chance)).status_code)
+        if number % 20 == 0:
+            bench.send(sequence=10_000 + number, boot_id="boot-0002")
+            assert bench.contact()["sequence"] == 10_000 + number
+    assert statuses <= {400, 413, 422}
+    assert accepted(bench) == 10
+
+
+DETAIL = (
+    "The samples are of beam beam-2, the model is of beam beam-1. Give the service the model of beam-2, or the daemon "
+    "the configuration that was built with this model (400 mm; s1 100, s2 200, s3 300)."
+)
+
+
+def test_samples_of_another_beam_are_refused_and_every_answer_says_so(
+    bench: Bench, caplog: pytest.LogCaptureFixture
+) -> None:
+    for sequence in (1, 2):
+        refused = bench.post(batch_of(sequence=sequence) | {"beam": "beam-2"})
+        assert (refused.status_code, kind(refused)) == (503, "other-beam")
+    contact = bench.get("/contact").json()
+    assert (contact["type"], contact["detail"]) == ("urn:beamtouch:problem:other-beam", DETAIL)
+    assert (contact["sender_beam"], contact["model_beam"]) == ("beam-2", "beam-1")
+    assert bench.get("/health/ready").json()["surfaces"]["press-7"] == contact
+    summary = bench.get("/surfaces/press-7").json()
+    assert (summary["beam"], summary["state"], summary["problem"]) == ("beam-1", None, contact)
+    assert Blocks(bench.app.context.registry, "big").read(2, 1, bench.now_s) == [21]
+    assert [one.getMessage() for one in caplog.records] == [f"surface press-7: its samples are refused: {DETAIL}"]
+    bench.now_s += 9
+    assert bench.problem() == "other-beam"  # a daemon that is refused asks again within seconds
+    bench.now_s += 2
+    assert bench.problem() == "no-samples"
+
+
+def test_samples_of_the_beam_of_the_model_or_of_none_are_taken_and_a_former_beam_changes_nothing(bench: Bench) -> None:
+    bench.post(batch_of(boot_id="boot-0002") | {"beam": "beam-2"})
+    bench.send(members={"beam": "beam-1"})
+    bench.send(sequence=2)
+    assert bench.contact()["state"] == "contact"
+    late = bench.post(batch_of(boot_id="boot-0000", age_ms=60_000) | {"beam": "beam-2"})
+    assert (kind(late), bench.contact()["state"]) == ("other-beam", "contact")
+    bench.now_s += 1
+    assert bench.problem() == "stale"
+
+
+@pytest.fixture
+def description(bench: Bench) -> dict[str, Any]:
+    content: dict[str, Any] = bench.get("/openapi.json").json()
+    return content
+
+
+def test_the_description_names_every_operation_and_its_problems(description: dict[str, Any]) -> None:
+    operations = [one for each in description["paths"].values() for one in each.values()]
+    assert sorted(operation["operationId"] for operation in operations) == [
+        "get_beam", "get_calibration_data", "get_contact", "get_event", "get_events", "get_live",
+        "get_metrics", "get_model", "get_ready", "get_stream", "get_surface", "get_surface_contact",
+        "get_surface_stream", "get_surfaces", "post_samples",
+    ]  # fmt: skip
+    for operation in operations:
+        assert operation["description"]
+        assert len(operation["tags"]) == 1
+        assert set(operation["responses"]) == {"200", "default"}
+        problem = {MEDIA_TYPE: {"schema": {"$ref": "#/components/schemas/Problem"}}}
+        assert operation["responses"]["default"]["content"] == problem
+
+
+def test_the_description_is_whole_and_its_example_is_a_batch(description: dict[str, Any]) -> None:
+    schemas = description["components"]["schemas"]
+    references = {part.split('"')[0] for part in json.dumps(description).split('"#/components/schemas/')[1:]}
+    assert references <= set(schemas)
+    assert "HTTPValidationError" not in schemas
+    (example,) = schemas["Batch"]["examples"]
+    assert Batch.model_validate_json(json.dumps(example)).boot_id == "6f1d2c84-0b7e-4a53"
+
+
+def test_the_messages_in_the_document_of_mqtt_have_the_members_of_today() -> None:
+    messages = [json.loads(line[line.index("{") :]) for line in MQTT.read_text().splitlines() if line.endswith("}")]
+    (contact,) = [message for message in messages if "state" in message]
+    (event,) = [message for message in messages if "touched_at" in message]
+    assert (list(contact), list(event)) == (list(Contact.model_fields), list(Event.model_fields))
+    Contact.model_validate(contact)
+    Event.model_validate(event)

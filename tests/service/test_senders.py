@@ -1,4 +1,4 @@
-"""The samples that change the contact, from one sender or several: over HTTP."""
+"""Samples of one sender or of several: which count as new, which move the contact, and when two daemons send."""
 
 from __future__ import annotations
 
@@ -8,56 +8,54 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from beamtouch_models import modelfile
 from beamtouch_service.surfaces.surface import Surface
-from service.conftest import Bench, batch_of
-from service.small_model import write_model
+from service.conftest import TOKEN, Bench, batch_of, surface_of
 
 if TYPE_CHECKING:
-    from service.conftest import MakeBatch
+    from collections.abc import Iterable
 
 STALE_S = 0.5
+STEP_S = 0.1
 
 
 def moves(bench: Bench, boot_id: str, sequence: int, age_s: float = 0.0) -> bool:
     """Send a sample, and return whether the contact stands on it. No other sender has sent this number."""
-    assert bench.post(batch_of(sequence=sequence, boot_id=boot_id, age_ms=age_s * 1e3)).status_code == 200
+    bench.send(sequence=sequence, boot_id=boot_id, age_ms=age_s * 1e3)
     return bool(bench.get("/contact").json().get("sequence") == sequence)
 
 
 def test_a_former_sender_returns_when_the_present_is_stale_and_not_before(bench: Bench) -> None:
     assert moves(bench, "daemon-one", 12)
-    bench.now_s += 0.1
+    bench.now_s += STEP_S
     assert moves(bench, "stray-by-hand", 1)
-
-    bench.now_s += STALE_S
-    assert not moves(bench, "daemon-one", 13)
+    for number in range(4):
+        # Its age is stated wrongly: as if it were taken just now.
+        assert not moves(bench, "daemon-one", 13 + number)
+        bench.now_s += STALE_S / 4
+    assert not moves(bench, "daemon-one", 18)
     bench.now_s += 0.001
-    assert moves(bench, "daemon-one", 14)
-    bench.now_s += 0.001
-    assert moves(bench, "daemon-one", 15)
-    assert 'beamtouch_sender_changes_total{surface="press-7"} 2.0' in bench.get("/metrics").text
+    assert moves(bench, "daemon-one", 19)
+    assert moves(bench, "daemon-one", 20)
+    assert 'beamtouch_sender_changes_total{surface="press-7"} 2.0' in bench.metrics()
 
 
 def test_a_former_sender_never_goes_backwards(bench: Bench) -> None:
     moves(bench, "daemon-one", 12)
-    bench.now_s += 0.1
-    moves(bench, "stray-by-hand", 1)
-    bench.now_s += 0.05
-    assert moves(bench, "stray-by-hand", 2)
-
+    bench.now_s += STEP_S
+    assert moves(bench, "stray-by-hand", 1)
     bench.now_s += 10
     assert not moves(bench, "daemon-one", 12)
+    assert bench.problem() == "stale"
     assert not moves(bench, "daemon-one", 13, age_s=10.1)
     assert moves(bench, "daemon-one", 14)
     bench.now_s += 10
-    assert not moves(bench, "stray-by-hand", 2)
+    assert not moves(bench, "stray-by-hand", 1)
 
 
-def test_a_sender_that_started_anew_is_followed_at_once(bench: Bench) -> None:
-    moves(bench, "first-life", 1000)
+def test_a_sender_that_started_anew_is_followed_at_once_but_not_with_older_samples(bench: Bench) -> None:
+    assert moves(bench, "first-life", 1000)
     assert moves(bench, "second-life", 1)
-    assert not moves(bench, "third-life", 2, age_s=0.1)
+    assert not moves(bench, "third-life", 2, age_s=STEP_S)
 
 
 def test_of_the_former_senders_those_that_were_followed_last_are_remembered(bench: Bench) -> None:
@@ -65,26 +63,20 @@ def test_of_the_former_senders_those_that_were_followed_last_are_remembered(benc
     for number, boot_id in enumerate(boots, start=1):
         bench.now_s += 0.01
         assert moves(bench, boot_id, number)
-
     assert not moves(bench, boots[-2], 101)
     assert not moves(bench, boots[1], 102)
     assert moves(bench, boots[0], 103)
 
 
-@pytest.fixture(scope="module")
-def model(tmp_path_factory: pytest.TempPathFactory) -> modelfile.ModelFile:
-    return modelfile.load(write_model(tmp_path_factory.mktemp("model")))
-
-
 _OFFER = st.tuples(st.sampled_from("abc"), st.integers(1, 9), st.floats(0, 0.4), st.floats(0, 1))
 
 
-@settings(max_examples=25)
-@given(st.lists(_OFFER, min_size=1, max_size=20))
+@settings(max_examples=10)
+@given(st.lists(_OFFER, min_size=1, max_size=12))
 def test_whatever_comes_no_sender_goes_backwards_and_none_takes_over_with_older_samples(
-    model: modelfile.ModelFile, offers: list[tuple[str, int, float, float]]
+    offers: list[tuple[str, int, float, float]],
 ) -> None:
-    bench, last, present, present_s = Bench(Surface("press-7", model)), dict[str, int](), "", 0.0
+    bench, last, present, present_s = Bench(surface_of()), dict[str, int](), "", 0.0
     for sender, number, age_s, pause_s in offers:
         bench.now_s += pause_s
         sequence = number + 100 * ord(sender)
@@ -95,19 +87,109 @@ def test_whatever_comes_no_sender_goes_backwards_and_none_takes_over_with_older_
             last[sender], present, present_s = sequence, sender, bench.now_s - age_s
 
 
-def test_a_change_of_sender_is_counted_and_logged_seldom(
-    bench: Bench, make_batch: MakeBatch, caplog: pytest.LogCaptureFixture
+class Numbers:
+    """Sends samples of these numbers to a surface without a model."""
+
+    def __init__(self) -> None:
+        self._bench = Bench(Surface("press-7"))
+
+    def send(self, numbers: Iterable[int], boot_id: str = "boot-0001") -> tuple[int, int]:
+        """Return how many of them count as new, and how many as repeated."""
+        numbers = list(numbers)
+        batch = batch_of(*[[0.5]] * len(numbers), boot_id=boot_id)
+        for sample, number in zip(batch["samples"], numbers, strict=True):
+            sample["sequence"] = number
+        receipt = self._bench.post(batch).json()
+        return receipt["accepted"], receipt["repeated"]
+
+    @property
+    def lost(self) -> int:
+        lost: int = self._bench.get("/surfaces/press-7").json()["samples"]["lost"]
+        return lost
+
+
+def test_gaps_are_losses_until_they_are_filled() -> None:
+    sender = Numbers()
+    assert [sender.send([1, 2, 3]), sender.send([1, 2, 3]), sender.send([2, 3, 4, 5])] == [(3, 0), (0, 3), (2, 2)]
+    assert sender.lost == 0
+    assert (sender.send([11, 13]), sender.lost) == ((2, 0), 6)
+    assert (sender.send([3, 5, 6, 8]), sender.lost) == ((2, 2), 4)
+    assert (sender.send([7, 9, 10, 11, 12]), sender.lost) == ((4, 1), 0)
+
+
+def test_a_sender_or_a_gap_that_is_forgotten_stays_lost() -> None:
+    sender = Numbers()
+    sender.send([100, 102])
+    for number in range(16):
+        assert sender.send([1], f"boot-{number:04}-later") == (1, 0)
+    assert sender.send([100]) == (1, 0)
+    assert sender.lost == 1
+    for first in (201, 2201):
+        sender.send(range(first, first + 2000, 2), "boot-of-gaps")
+    assert sender.lost == 2000
+    assert sender.send([202], "boot-of-gaps") == (0, 1)
+    assert sender.send([4198], "boot-of-gaps") == (1, 0)
+    assert sender.lost == 1999
+
+
+@settings(max_examples=12)
+@given(batches=st.lists(st.sets(st.integers(1, 60), min_size=1), min_size=1, max_size=12))
+def test_any_order_of_batches_gives_what_a_set_gives(batches: list[set[int]]) -> None:
+    sender, known = Numbers(), set[int]()
+    for batch in batches:
+        assert sender.send(sorted(batch)) == (len(batch - known), len(batch & known))
+        known |= batch
+        assert sender.lost == max(known) - min(known) + 1 - len(known)
+
+
+@pytest.mark.parametrize("age_s", [0.0, 0.05, 0.4])
+def test_two_daemons_that_send_in_turn_are_told_until_one_stops(
+    bench: Bench, caplog: pytest.LogCaptureFixture, age_s: float
 ) -> None:
     caplog.set_level("INFO", "beamtouch.service")
-    bench.post(make_batch(sequence=1))
-    assert not caplog.records
-    for number in range(1, 6):
-        bench.now_s += 1
-        bench.post(make_batch(boot_id="stray-by-hand", sequence=number))
-        bench.now_s += 1
-        bench.post(make_batch(sequence=2 + number))
+    for number in range(1, 21):
+        bench.now_s += STEP_S
+        moves(bench, "daemon-one", number)
+        moves(bench, "daemon-two", number, age_s)
+    assert bench.contact()["notes"] == ["senders"]
+    assert 'beamtouch_note{note="senders",surface="press-7"} 1.0' in bench.metrics()
+    for number in range(21, 81):
+        bench.now_s += 2 * STEP_S
+        moves(bench, "daemon-two", number, age_s)
+    assert bench.contact()["notes"] == []
+    assert [message for message in caplog.messages if "daemon" in message and "changed to" not in message] == [
+        "surface press-7: two daemons send its samples, from testclient:50000 and from testclient:50000; "
+        "stop one of them",
+        "surface press-7: one daemon sends its samples again",
+    ]
+    assert sum("the sender changed to" in message for message in caplog.messages) <= 2  # one a minute
 
-    (changed,) = [one for one in caplog.records if "the sender changed" in one.getMessage()]
-    assert "press-7: the sender changed to stray-by-hand" in changed.getMessage()
-    assert sum("two daemons send its samples" in one.getMessage() for one in caplog.records) <= 1
-    assert 'beamtouch_sender_changes_total{surface="press-7"} 10.0' in bench.get("/metrics").text
+
+def test_the_line_about_two_daemons_names_the_one_behind_a_proxy(
+    bench: Bench, caplog: pytest.LogCaptureFixture
+) -> None:
+    headers = {"Authorization": f"Bearer {TOKEN}", "X-Forwarded-For": "203.0.113.7, 10.0.0.6"}
+    for number in range(1, 21):
+        bench.now_s += STEP_S
+        moves(bench, "daemon-one", number)
+        batch = batch_of(sequence=number, boot_id="daemon-two")
+        assert bench.client.post("/surfaces/press-7/samples", json=batch, headers=headers).status_code == 200
+    (line,) = (message for message in caplog.messages if "two daemons" in message)
+    assert "10.0.0.6 (through testclient:50000)" in line
+    assert "203.0.113.7" not in line
+
+
+def test_a_daemon_that_is_started_anew_and_delivers_its_log_is_one(bench: Bench) -> None:
+    begun_s, sent = list[float](), 0
+    for number in range(3):
+        begun_s.append(bench.now_s)
+        for _ in range(10):
+            bench.now_s += STEP_S
+            sent += 1
+            moves(bench, f"daemon-{number}", sent)
+            # Beside its own samples, those that the earlier ones left on disk: an hour old, or of their last second.
+            for old, began_s in enumerate(begun_s[:number]):
+                for age_s in (3600.0, bench.now_s - began_s - 1.0):
+                    sent += 1
+                    moves(bench, f"daemon-{old}", sent, age_s)
+            assert bench.contact()["notes"] == []

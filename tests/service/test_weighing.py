@@ -1,4 +1,4 @@
-"""Samples weighed by their covariance: in the model's order, by the sender's noise, and whatever is missing."""
+"""Samples weighed by their covariance: in the model's order, by the sender's noise, and what no channel can have."""
 
 from __future__ import annotations
 
@@ -6,13 +6,19 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from pydantic import ValidationError
 
 from beamtouch_models import modelfile
 from beamtouch_models.physics.beam import influence_matrix
 from beamtouch_models.scene import load_scene
+from beamtouch_service.samples import Sample
 from beamtouch_service.surfaces.surface import Surface
 from example_scenes import SCENES
-from service.conftest import Bench
+from service.conftest import Bench, batch_of
+from service.event_story import BETWEEN, RESTING, TOUCHING
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -72,6 +78,20 @@ def width_mm(figures: dict[str, Any]) -> float:
 @pytest.fixture(scope="module")
 def line(bench_model: Path) -> Line:
     return Line(modelfile.load(bench_model))
+
+
+def test_a_contact_that_is_held_on_a_weak_sample_says_so(bench: Bench) -> None:
+    bench.send(RESTING, TOUCHING)
+    assert bench.contact()["notes"] == []
+    bench.send(BETWEEN, sequence=3)
+    held = bench.contact()
+    assert (held["state"], held["notes"], held["sequence"]) == ("contact", ["unsteady"], 3)
+    bench.send(RESTING, sequence=4)
+    assert (bench.contact()["state"], bench.contact()["notes"]) == ("clear", [])
+    # After a gap nothing is known of the samples before.
+    bench.send(TOUCHING, sequence=5)
+    bench.send(BETWEEN, sequence=7)
+    assert (bench.contact()["state"], bench.contact()["notes"]) == ("clear", ["unsteady"])
 
 
 def test_a_sample_without_readings_is_a_settled_one(line: Line) -> None:
@@ -149,3 +169,99 @@ def test_a_larger_covariance_widens_the_interval_and_is_unsteady(line: Line) -> 
     assert sure["state"] == unsure["state"] == "contact"
     assert width_mm(unsure) > 5 * width_mm(sure)
     assert unsure["notes"] == [*sure["notes"], "unsteady"]
+
+
+@pytest.mark.parametrize("huge_mm", [1e3, -1e3, 1e38, -1e300])
+def test_a_deflection_that_no_load_makes_is_out_of_range(bench: Bench, huge_mm: float) -> None:
+    # The largest deflection of the model is 1 mm.
+    bench.send([0.5, 0.25, huge_mm])
+    assert (bench.contact()["state"], bench.contact()["degraded_channels"]) == ("contact", ["s3"])
+    bench.send([huge_mm] * 3, sequence=2)
+    problem = bench.get("/contact").json()
+    assert (problem["type"], problem["bad_channels"]["s1"]) == (
+        "urn:beamtouch:problem:too-few-channels",
+        "out-of-range",
+    )
+
+
+GOOD = [2.0, 1.0, 2.0, 0.0, 0.5, 1.0]
+
+
+@pytest.mark.parametrize(
+    ("fields", "reason"),
+    [
+        ({"covariance_mm2": GOOD, "readings": 4}, ""),
+        ({"covariance_mm2": [1e8] * 6, "readings": 1}, ""),
+        ({"covariance_mm2": GOOD}, "needs readings"),
+        ({"readings": 0}, "greater than or equal to 1"),
+        ({"readings": 4, "covariance_mm2": GOOD[:5]}, "must hold 6 values, the lower triangle of 3 channels, not 5"),
+        ({"readings": 4, "covariance_mm2": [*GOOD, 1.0]}, "must hold 6 values"),
+        ({"readings": 4, "covariance_mm2": [-1.0, 0, 2, 0, 0, 1]}, "negative value on its diagonal"),
+        ({"readings": 4, "covariance_mm2": [2.0, 2.1, 2.0, 0, 0, 1]}, "not positive semi-definite"),
+        ({"readings": 4, "covariance_mm2": [0.0, 0.1, 2.0, 0, 0, 1]}, "not positive semi-definite"),
+        ({"readings": 4, "covariance_mm2": [1.0, 0.9, 1.0, -0.9, 0.9, 1.0]}, "not positive semi-definite"),
+        ({"readings": 4, "covariance_mm2": [1.001e8] * 6}, "less than or equal to 100000000"),
+        ({"readings": 4, "covariance_mm2": [1e300] * 6}, "less than or equal to 100000000"),
+        (
+            {"readings": 4, "covariance_mm2": GOOD, "deflection_mm": [None, 0.5, 0.5]}
+            | {"quality": ["missing", "good", "good"]},
+            "must be 0 for a channel without a deflection",
+        ),
+    ],
+)
+def test_what_is_no_covariance_is_refused_with_the_reason(bench: Bench, fields: dict[str, object], reason: str) -> None:
+    body = batch_of()
+    body["samples"][0] |= fields
+    response = bench.post(body)
+    assert (response.status_code, reason in response.text) == (422 if reason else 200, True)
+    assert bench.get("/contact").is_success is not bool(reason)
+
+
+def test_a_covariance_that_rounding_makes_unusable_costs_only_its_own_sample(bench: Bench) -> None:
+    # An eigenvalue of -2e-4 mm^2 beside one of 3e6 passes for rounding, and is more than the floor makes up for.
+    large, above = 1e6, 1e6 * (1 + 2e-10)
+    unusable = {"readings": 1, "covariance_mm2": [large, above, large, above, above, large]}
+    body = batch_of(RESTING, TOUCHING, TOUCHING)
+    body["samples"][1] |= unusable
+    bench.send(members=body)
+    assert (bench.contact()["state"], bench.contact()["sequence"]) == ("contact", 3)
+    body = batch_of(TOUCHING, sequence=4)
+    body["samples"][0] |= unusable
+    bench.send(members=body)
+    problem = bench.get("/contact").json()
+    assert problem["type"] == "urn:beamtouch:problem:unusable-estimate"
+    assert problem["detail"] == "For the newest sample, covariance_mm2: it must be positive definite."
+
+
+def sample(matrix: np.ndarray[Any, Any]) -> Sample:
+    channels = len(matrix)
+    fields = {"deflection_mm": [0.5] * channels, "quality": ["good"] * channels, "readings": 4}
+    return Sample.model_validate({"sequence": 1, "acquired_unix_us": 0, "covariance_mm2": triangle(matrix)} | fields)
+
+
+factors = st.integers(1, 8).flatmap(
+    lambda channels: arrays(
+        np.float64, st.tuples(st.just(channels), st.integers(1, 8)), elements=st.floats(-1, 1, allow_subnormal=False)
+    )
+)
+
+
+@given(factor=factors, scale=st.sampled_from([1e-18, 1e-6, 1.0, 1e6]), digits=st.sampled_from([12, 17]))
+@example(factor=np.array([[0.00668995], [0.875]]), scale=1e-18, digits=12)
+def test_a_product_of_a_factor_with_itself_is_taken_even_if_rounded(
+    factor: np.ndarray[tuple[int, int], np.dtype[np.float64]], scale: float, digits: int
+) -> None:
+    matrix = scale * factor @ factor.T
+    quantum = np.abs(matrix).max() * 10.0**-digits or 1.0
+    assert sample(np.round(matrix / quantum) * quantum).covariance_mm2 is not None
+
+
+@given(factor=factors, share=st.floats(0.001, 1.0))
+def test_a_matrix_with_a_negative_eigenvalue_is_refused(
+    factor: np.ndarray[tuple[int, int], np.dtype[np.float64]], share: float
+) -> None:
+    matrix = factor @ factor.T
+    values, vectors = np.linalg.eigh(matrix)
+    matrix = matrix - (values[0] + share * (values[-1] + 1)) * np.outer(vectors[:, 0], vectors[:, 0])
+    with pytest.raises(ValidationError, match=r"covariance_mm2 (has a negative value|is not positive)"):
+        sample(matrix)

@@ -1,7 +1,5 @@
 """The whole line, as real processes: rig, daemon and service, over each kind of line, against the rig's own truth."""
 
-import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -19,7 +17,7 @@ from beamtouch_models import modelfile
 from beamtouch_models.building.daemon_config import daemon_config
 from example_scenes import SCENES
 from line import Kind, Line, Surface, Truth
-from plain_http import NO_TLS, TIMEOUT_S
+from plain_http import TIMEOUT_S
 
 pytestmark = [pytest.mark.long, pytest.mark.timeout(600)]
 
@@ -169,50 +167,3 @@ def test_contact_agrees_with_the_truth_position_by_position(kind: Kind, start: C
     inner = [one for one in rests if INNER_MM[0] < one.true_mm < INNER_MM[1]]
     assert np.median([abs(one.contact["force_n"] - one.true_n) / one.true_n for one in inner]) < 0.1
     assert mistaken == [], [(load, one["state"], one["notes"], one["readings"]) for load, one in mistaken]
-
-
-def test_the_five_answers_of_contact(start: Callable[[Kind, str], Line], bench_model: Path) -> None:
-    line = start("modbus-tcp", "[[step]]\nseconds = 1.5\nposition_mm = 120\nforce_n = 10\n[[step]]\nseconds = 1.5\n")
-    rests = wait_for(line.url, lambda response: response.is_success and is_steady_contact(response.json()))
-    assert abs(rests["position_mm"] - 120) < 15
-    assert rests["model"] == modelfile.load(bench_model).identity
-    lifted = wait_for(line.url, lambda response: response.is_success and response.json()["state"] == "clear")
-    assert lifted["position_mm"] is None
-    assert lifted["force_n"] is None
-    assert line.end("daemon") == 0
-    stale = wait_for(line.url, lambda response: response.status_code == 503)
-    assert stale["type"].endswith("stale")
-    assert stale["age_ms"] >= 500
-    line.stop()
-
-    service = str(Path(sys.executable).parent / "beamtouch-service")
-    answers = []
-    for options in ([], ["--model", str(bench_model)]):
-        with subprocess.Popen([service, "run", "--port", "0", *options], stdout=subprocess.PIPE, text=True) as process:
-            try:
-                assert process.stdout is not None
-                url = process.stdout.readline().split()[-1]
-                answers.append(wait_for(url, lambda response: response.status_code == 503))
-            finally:
-                process.terminate()
-    before_any_model, before_any_sample = answers
-    types = {answer["type"] for answer in (before_any_model, before_any_sample, stale)}
-    assert len(types) == 3, types
-    assert "sample" in before_any_sample["title"]
-
-
-def is_steady_contact(answer: dict[str, Any]) -> bool:
-    """Return whether the beam has come to rest under a load; just after the touch the interval is long."""
-    return answer["state"] == "contact" and "unsteady" not in answer["notes"]
-
-
-def wait_for(url: str, accept: Callable[[httpx2.Response], bool]) -> dict[str, Any]:
-    """Ask for the contact until the answer is the one wanted, for at most 60 s; returns its body."""
-    deadline = time.monotonic() + 60
-    while True:
-        response = httpx2.get(f"{url}/contact", verify=NO_TLS, timeout=TIMEOUT_S)
-        if accept(response):
-            body: dict[str, Any] = response.json()
-            return body
-        assert time.monotonic() < deadline, response.text
-        time.sleep(0.02)

@@ -30,7 +30,7 @@ from example_scenes import SCENES
 from posterior_cases import graph_of
 from stated_problems import problem_in, real_prior
 
-CHANNELS, TOUCHES, SETTLED, RECORDED = 4, 600, 40, 12_000
+CHANNELS, TOUCHES, SETTLED, RECORDED = 4, 400, 40, 12_000
 
 
 def scene_with(**sensors: object) -> Scene:
@@ -159,8 +159,8 @@ def test_the_challenge_states_what_noise_prints(steps: int, alike: float) -> Non
 @pytest.mark.long
 @pytest.mark.parametrize(
     ("steps", "noise_mm", "alike"),
-    [(16, 0.0045, 0.0), (16, 0.0045, 0.8), (16, 0.0045, 0.95), (8, 0.0002, 0.0), (8, 0.002, 0.0), (9, 0.003, 0.9)],
-    ids=["white", "coloured", "slow", "coarse ADC", "less coarse", "coloured and coarse"],
+    [(16, 0.0045, 0.95), (8, 0.0002, 0.0), (9, 0.003, 0.9)],
+    ids=["slow", "coarse ADC", "coloured and coarse"],
 )
 def test_measured_noise_gives_intervals_that_hold(steps: int, noise_mm: float, alike: float, layout: Floats) -> None:
     real = scene_with(noise_mm=noise_mm, adc_bits=steps)

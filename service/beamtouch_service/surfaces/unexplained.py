@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from beamtouch_models.modelfile import State
+from beamtouch_service.surfaces.channels import SampleClock
 from beamtouch_service.surfaces.follower import Decision
 
 
@@ -20,8 +21,7 @@ class Stretches:
     """Follows the samples that move the answer."""
 
     def __init__(self, after_s: float, max_pause_s: float) -> None:
-        """Count at most `max_pause_s` between two samples: nothing is known of a longer pause."""
-        self._max_pause_s = max_pause_s
+        self._clock = SampleClock(max_pause_s)
         self.after_s = after_s
         """A stretch may last this long [s]."""
         self.count = 0
@@ -30,7 +30,7 @@ class Stretches:
         """Their time, by the ages of the samples [s]."""
         self._since_us: int | None = None
         """First sample of the current stretch; None without one."""
-        self._length_s = self._last_s = 0.0
+        self._length_s = 0.0
         self._suspect: str | None = None
         self._overdue: Overdue | None = None
 
@@ -43,11 +43,7 @@ class Stretches:
         """Add the next samples, of which the last was taken at `acquired_s` [s, monotonic]."""
         newest_us = decisions[-1].estimate.sample.acquired_unix_us
         for decision in decisions:
-            # No sample is newer than the last one, whatever happened to the sender's wall clock.
-            age_us = max(0, newest_us - decision.estimate.sample.acquired_unix_us)
-            # The ages of two batches differ by how long each travelled. No time counts twice.
-            taken_s = max(self._last_s, acquired_s - age_us / 1e6)
-            passed_s, self._last_s = min(taken_s - self._last_s, self._max_pause_s), taken_s
+            passed_s = self._clock.passed_s(decision.estimate.sample.acquired_unix_us, newest_us, acquired_s)
             if decision.held is State.UNEXPLAINED:
                 self._extend(decision, passed_s)
             else:

@@ -13,15 +13,12 @@ import httpx2
 import pytest
 
 from beamtouch_models import modelfile
-from certificates import make_certificate
 from forked import Forked
 from plain_http import NO_TLS, TIMEOUT_S
-from service.conftest import READ_TOKEN, TOKEN, BuildModel, batch_of
+from service.conftest import PATIENT, READ_TOKEN, BuildModel, batch_of
 from service.process.beam_page import Bench
 from service.process.broker import broker_in
 from service.process.mqtt_line import Line
-from service.small_model import write_model
-from waiting import wait_until
 
 COMMAND = "beamtouch_service.cli"
 CLI = ("-m", COMMAND)
@@ -55,7 +52,6 @@ class Service:
 
 
 Command = Callable[..., Process]
-Wait = Callable[[Callable[[], bool]], None]
 StartService = Callable[..., Service]
 
 
@@ -63,16 +59,19 @@ StartService = Callable[..., Service]
 def commands_in(folder: Path) -> Iterator[Command]:
     """Give a function that starts `beamtouch-service` with these arguments in a folder; at the end all are ended.
 
-    With an environment or a program of its own it is started anew, otherwise forked.
+    With an environment or a program of its own it is started anew, otherwise forked, with Python `code` run before it.
     """
     started: list[Process] = []
 
     def start(
-        *arguments: str | Path, environment: dict[str, str] | None = None, program: Sequence[str] = CLI
+        *arguments: str | Path,
+        environment: dict[str, str] | None = None,
+        program: Sequence[str] = CLI,
+        code: str = PATIENT,
     ) -> Process:
         words = [str(one) for one in arguments]
         if environment is None and program is CLI:
-            started.append(Forked(COMMAND, words, folder))
+            started.append(Forked(COMMAND, words, folder, code))
             return started[-1]
         search = [str(Path(entry).resolve()) for entry in os.environ.get("PYTHONPATH", "").split(":") if entry]
         process = subprocess.Popen(
@@ -111,19 +110,11 @@ def service_of(process: Process, token: str) -> Service:
 
 @pytest.fixture
 def start_service(command: Command, token_file: Path) -> StartService:
-    def start(
-        *arguments: str | Path, environment: dict[str, str] | None = None, program: Sequence[str] = CLI
-    ) -> Service:
-        process = command("run", "--port", "0", *arguments, environment=environment, program=program)
+    def start(*arguments: str | Path, **how: Any) -> Service:  # noqa: ANN401  # as `command`
+        process = command("run", "--port", "0", *arguments, **how)
         return service_of(process, token_file.read_text().strip())
 
     return start
-
-
-@pytest.fixture
-def wait_for() -> Wait:
-    """Poll until a condition holds, 60 s at most."""
-    return wait_until
 
 
 @pytest.fixture
@@ -143,29 +134,16 @@ def start_page(
 
 
 @pytest.fixture
-def certificate(tmp_path: Path) -> tuple[Path, Path]:
-    """A certificate for 127.0.0.1, and its key."""
-    return make_certificate(tmp_path)
-
-
-@contextmanager
-def touched_in(folder: Path) -> Iterator[Service]:
-    """Give a service with a contact to give, for a minute."""
-    token = folder / "token"
-    token.write_text(TOKEN)
-    (folder / "service.toml").write_text(f'[surfaces.press-7]\nmodel = "{write_model(folder)}"\nstale_ms = 60000\n')
-    with commands_in(folder) as start:
-        options = ("run", "--port", "0", "--config", "service.toml", "--write-token-file", token)
-        service = service_of(start(*options), TOKEN)
-        assert service.post(batch_of()).status_code == 200
-        yield service
+def fresh(start_service: StartService, build_model: BuildModel, token_file: Path) -> Service:
+    """A service of the surface press-7 whose samples stay fresh for a minute."""
+    return start_service("--model", build_model(), "--write-token-file", token_file, "--stale-ms", "60000")
 
 
 @pytest.fixture
-def touched_service(tmp_path: Path) -> Iterator[Service]:
-    """A service of the test alone with a contact to give, for a minute."""
-    with touched_in(tmp_path) as service:
-        yield service
+def touched_service(fresh: Service) -> Service:
+    """A service with a contact to give, for a minute."""
+    assert fresh.post(batch_of()).status_code == 200
+    return fresh
 
 
 @pytest.fixture

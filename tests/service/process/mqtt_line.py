@@ -7,7 +7,8 @@ import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from service.conftest import batch_of
+from service.conftest import PATIENT, Row, batch_of
+from service.event_story import RESTING, TOUCHING
 from waiting import wait_until
 
 if TYPE_CHECKING:
@@ -17,13 +18,11 @@ if TYPE_CHECKING:
     from service.process.broker import Broker
     from service.process.conftest import Service, StartService
 
-RESTING: list[float | None] = [0.0, 0.0, 0.0]
-TOUCHING: list[float | None] = [0.5, 0.25, 0.125]
 CONTACT, EVENT, STATUS = "beamtouch/press-7/contact", "beamtouch/press-7/event", "beamtouch/status"
 BATCH_S = 0.01
 
 
-def now_batch(*rows: list[float | None], sequence: int) -> dict[str, Any]:
+def now_batch(*rows: Row, sequence: int) -> dict[str, Any]:
     """A batch whose samples were taken just now."""
     batch = batch_of(*rows, sequence=sequence)
     now_us = time.time_ns() // 1000
@@ -74,15 +73,16 @@ class Line:
         stale_ms: float = 60_000,
         port: int | None = None,
         surfaces: Sequence[str] = ("press-7",),
+        code: str = PATIENT,
     ) -> Service:
-        """Start a service with these lines in `[mqtt]`."""
+        """Start a service with these lines in `[mqtt]`, and `code` run before it."""
         lines = ['host = "127.0.0.1"', f"port = {port or self.broker.port}", *mqtt]
         (self.folder / "service.toml").write_text(
             f"[server]\nwrite_token_file = '{self.token_file}'\n[events]\nfile = 'events.db'\n[mqtt]\n"
             + "\n".join(lines)
             + "".join(f"\n[surfaces.{name}]\nmodel = '{self.model}'\nstale_ms = {stale_ms}\n" for name in surfaces)
         )
-        return self.start_service("--config", self.folder / "service.toml")
+        return self.start_service("--config", self.folder / "service.toml", code=code)
 
 
 def metric(service: Service, name: str) -> float:

@@ -8,8 +8,8 @@ import httpx2
 
 from balancer import Balancer
 from plain_http import NO_TLS, TIMEOUT_S
-from service.conftest import TOKEN, batch_of
-from service.event_story import RESTING, TOUCHING, Row
+from service.conftest import TOKEN, Row, batch_of
+from service.event_story import RESTING, TOUCHING
 from waiting import wait_until
 
 if TYPE_CHECKING:
@@ -42,9 +42,10 @@ class Plant:
 
         def is_taken() -> bool:
             try:
-                return httpx2.post(url, json=body, headers=headers, trust_env=False, timeout=TIMEOUT_S).is_success
+                answer = httpx2.post(url, json=body, headers=headers, trust_env=False, timeout=TIMEOUT_S)
             except httpx2.TransportError:
                 return False
+            return answer.is_success
 
         wait_until(is_taken)
         self._sent[name] += len(values)

@@ -14,14 +14,11 @@ import pytest
 
 from beamtouch_service.surfaces.freshness import PAUSE_S
 from service.conftest import TOKEN, batch_of
-from service.process.raw import connected
 from waiting import wait_until
 
 if TYPE_CHECKING:
-    from service.conftest import BuildModel, MakeBatch
-    from service.process.conftest import Service, StartService
+    from service.process.conftest import Service
 
-BODY_TAKES_S = 0.5
 FROZEN_S = 1.0
 
 
@@ -31,24 +28,9 @@ def post(batch: dict[str, Any]) -> bytes:
     return f"{head}Content-Length: {len(body)}\r\n\r\n".encode() + body
 
 
-def test_the_time_that_a_body_takes_makes_its_samples_older(
-    start_service: StartService, build_model: BuildModel, token_file: Path, make_batch: MakeBatch
-) -> None:
-    service = start_service("--model", build_model(), "--write-token-file", token_file, "--stale-ms", "60000")
-    body = json.dumps(make_batch(age_ms=100.0)).encode()
-    head = (
-        f"POST /surfaces/press-7/samples HTTP/1.1\r\nHost: x\r\nAuthorization: Bearer {TOKEN}\r\n"
-        f"Expect: 100-continue\r\nContent-Length: {len(body)}\r\n\r\n"
-    )
-    with socket.create_connection(("127.0.0.1", int(service.url.rpartition(":")[2])), timeout=60) as connection:
-        connection.sendall(head.encode() + body[:-1])
-        # It says so when it begins to read the body, so the head has been seen.
-        assert connection.recv(65536).startswith(b"HTTP/1.1 100 ")
-        time.sleep(BODY_TAKES_S)
-        connection.sendall(body[-1:])
-        assert connection.recv(65536).startswith(b"HTTP/1.1 200 ")
-
-    assert service.get("/contact").json()["age_ms"] >= 100 + BODY_TAKES_S * 1e3
+def connected(service: Service) -> socket.socket:
+    host, _, port = service.url.removeprefix("http://").rpartition(":")
+    return socket.create_connection((host, int(port)), timeout=60)
 
 
 def take_receipt(connection: socket.socket) -> None:

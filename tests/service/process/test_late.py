@@ -7,19 +7,19 @@ import subprocess
 import sys
 from typing import TYPE_CHECKING
 
-from free_ports import free_port
 from own_names import own_names_in
+from service.conftest import batch_of
+from service.event_story import RESTING, TOUCHING
 from service.process.broker import Broker
 from service.process.conftest import CLI, service_of
 from service.process.modbus_service import ask
+from waiting import wait_until
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from service.conftest import BuildModel, MakeBatch
-    from service.process.conftest import Command, Process, Service, StartService, Wait
-
-TOUCHING, RESTING = [0.5, 0.25, 0.125], [0.0, 0.0, 0.0]
+    from service.conftest import BuildModel
+    from service.process.conftest import Command, Process, Service, StartService
 
 
 def complaint(process: Process) -> str:
@@ -59,10 +59,8 @@ def test_a_name_that_does_not_resolve_is_waited_for(tmp_path: Path, token_file: 
 def test_what_is_missing_is_named_and_used_when_it_comes(
     start_service: StartService,
     build_model: BuildModel,
-    make_batch: MakeBatch,
     token_file: Path,
     tmp_path: Path,
-    wait_for: Wait,
 ) -> None:
     broker, record = Broker(tmp_path), tmp_path / "mount" / "events.db"
     model = build_model()
@@ -76,12 +74,12 @@ def test_what_is_missing_is_named_and_used_when_it_comes(
             f'[surfaces.press-8]\nmodel = "{absent}"\nstale_ms = 60000\n'
         )
         service = start_service("--config", "service.toml")
-        receipt = service.post(make_batch(RESTING, TOUCHING, RESTING) | {"oldest": 1}).json()
+        receipt = service.post(batch_of(RESTING, TOUCHING, RESTING) | {"oldest": 1}).json()
         # The other surface goes on, and its sender keeps the samples for the record.
         assert (receipt["durable"], receipt["expected"]) == (None, None)
         assert service.get("/surfaces/press-7/contact").json()["state"] == "clear"
         assert service.get("/events").status_code == 503
-        wait_for(lambda: missing(service) == {"events", "modbus_server", "mqtt"})
+        wait_until(lambda: missing(service) == {"events", "modbus_server", "mqtt"})
         problem = service.get("/health/ready")
         assert problem.status_code == 503
         assert set(problem.json()["missing"]) == {"events", "modbus_server", "mqtt"}
@@ -96,32 +94,16 @@ def test_what_is_missing_is_named_and_used_when_it_comes(
     absent.write_bytes(model.read_bytes())
     broker.start()
     try:
-        wait_for(lambda: missing(service) == set())
-        wait_for(lambda: service.get("/surfaces/press-8/contact").json()["type"].endswith("no-samples"))
+        wait_until(lambda: missing(service) == set())
+        wait_until(lambda: service.get("/surfaces/press-8/contact").json()["type"].endswith("no-samples"))
         with socket.create_connection(("127.0.0.1", port)) as connection:
             assert len(ask(connection, 0, 40)) == 40
-        wait_for(lambda: service.get("/events").status_code == 200)
-        log = make_batch(RESTING, TOUCHING, RESTING) | {"oldest": 1, "backlog": True, "newest_age_ms": None}
-        wait_for(lambda: service.post(log).json()["expected"] == 4)
+        wait_until(lambda: service.get("/events").status_code == 200)
+        log = batch_of(RESTING, TOUCHING, RESTING) | {"oldest": 1, "backlog": True, "newest_age_ms": None}
+        wait_until(lambda: service.post(log).json()["expected"] == 4)
         assert [event["end"] for event in service.get("/events").json()["events"]] == ["lift"]
         assert set(service.get("/health/ready").json()["surfaces"]) == {"press-8"}
         assert service.get("/health/ready").json()["missing"] == {}
     finally:
         broker.close()
     assert record.stat().st_size > 0
-
-
-def test_a_database_that_is_away_is_waited_for(
-    command: Command, build_model: BuildModel, token_file: Path, tmp_path: Path
-) -> None:
-    port = free_port()
-    (tmp_path / "service.toml").write_text(
-        f'[server]\nport = 0\nwrite_token_file = "{token_file}"\n'
-        f'[events]\nurl = "postgresql://beamtouch@127.0.0.1:{port}/beamtouch"\n'
-        f'[surfaces.press-7]\nmodel = "{build_model()}"\n'
-    )
-    process = command("run", "--config", tmp_path / "service.toml")
-    assert process.stderr is not None
-    line = next(line for line in process.stderr if "the record of events is away" in line)
-    assert "Connection refused; check events.url, and that its server runs; answers go on" in line
-    assert missing(service_of(process, "")) == {"events"}

@@ -4,19 +4,14 @@ from __future__ import annotations
 
 import signal
 import subprocess
-import sys
 from typing import TYPE_CHECKING
 
-import pytest
-
-from beamtouch_service import cli
 from certificates import make_certificate
 from parts import require
+from service.event_story import RESTING, TOUCHING
 from service.process.mqtt_line import (
     CONTACT,
     EVENT,
-    RESTING,
-    TOUCHING,
     events,
     metric,
     now_batch,
@@ -84,7 +79,7 @@ def test_events_that_the_broker_refuses_wait(line: Line) -> None:
     wait_for(lambda: line.broker.log.count("New client connected from") >= 3)
     count = len(subscriber.of(CONTACT))
     wait_for(lambda: len(subscriber.of(CONTACT)) > count + 2)
-    assert metric(service, "events_pending") == 1
+    wait_for(lambda: metric(service, "events_pending") == 1)
     _, errors = service.stop(signal.SIGTERM)
     assert errors.count("refuses events") == 1
     assert "allow this user to write to beamtouch/+/event" in errors
@@ -123,8 +118,7 @@ def test_tls_with_a_client_certificate(line: Line, tmp_path: Path) -> None:
 
     # The system trusts no such issuer.
     service = line.start("tls = true", *own)
-    wait_for(lambda: "alert unknown ca" in line.broker.log)
-    assert service.get("/health/live").status_code == 200
+    wait_for(lambda: "certificate verify failed" in service.get("/health/ready").json()["missing"].get("mqtt", ""))
     _, errors = service.stop(signal.SIGTERM)
     (said,) = [one for one in errors.splitlines() if "MQTT broker 127.0.0.1" in one]
     assert "certificate verify failed" in said
@@ -139,46 +133,3 @@ def test_a_broker_that_freezes_in_the_handshake_does_not_hold_up_a_stop(line: Li
     assert service.get("/health/live").status_code == 200
     code, errors = service.stop(signal.SIGTERM)
     assert (code, "ERROR" in errors) == (0, False)
-
-
-@pytest.mark.parametrize(
-    ("section", "words"),
-    [
-        ("port = 1883\n", "mqtt.host is missing; add it"),
-        ('host = "b"\nprefix = "a/+"\n', "mqtt.prefix: must match the pattern"),
-        ('host = "b"\nmax_rate_hz = 0.5\n', "mqtt.max_rate_hz: must be at least 1"),
-        ('host = "b"\nca_file = "ca.pem"\n', "mqtt: ca_file has no effect without TLS; set tls = true"),
-        ('host = "b"\ntls = true\nkey_file = "k"\n', "mqtt: certificate_file is missing; a client certificate needs"),
-        ('host = "b"\ntls = true\nca_file = "token"\n', "token: not PEM; set mqtt.ca_file to"),
-        ('host = "b"\ntls = true\nca_file = "none"\n', "none: No such file or directory; set mqtt.ca_file to"),
-        ('host = "b"\ntls = true\ncertificate_file = "token"\nkey_file = "token"\n', "are not a PEM certificate"),
-        ('host = "b"\npassword_file = "token"\n', "mqtt: password_file has no effect without a user; set username"),
-        ('host = "b"\nusername = "u"\npassword_file = "none"\n', "none: No such file or directory; write the password"),
-        ('host = "b"\nusername = "u"\npassword_file = "lines"\n', "lines: not one line of text; write the password"),
-        ('host = "b"\nusername = "u"\npassword_file = "empty"\n', "empty: not one line of text; write the password"),
-        ('host = "b"\nusername = "u"\npassword_file = "bytes"\n', "bytes: not one line of text; write the password"),
-    ],
-)
-def test_settings_that_cannot_work(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, token_file: Path, section: str, words: str
-) -> None:
-    assert token_file.name == "token"
-    (tmp_path / "lines").write_text("one\ntwo\n")
-    (tmp_path / "empty").write_text("\n")
-    (tmp_path / "bytes").write_bytes(b"\xff\xfe\n")
-    (tmp_path / "service.toml").write_text(f"[mqtt]\n{section}")
-    assert cli.main(["run", "--port", "0", "--config", str(tmp_path / "service.toml")]) != 0
-    output, errors = capsys.readouterr()
-    assert words in errors
-    assert (output, errors.count("\n")) == ("", 1)
-
-
-def test_a_missing_library_is_one_line(tmp_path: Path) -> None:
-    (tmp_path / "service.toml").write_text('[mqtt]\nhost = "broker"\n')
-    program = (
-        "import sys; sys.modules['paho'] = None\nfrom beamtouch_service.cli import main; sys.exit(main(sys.argv[1:]))"
-    )
-    command = [sys.executable, "-c", program, "run", "--port", "0", "--config", str(tmp_path / "service.toml")]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
-    assert (done.returncode, done.stdout) == (2, "")
-    assert done.stderr == "beamtouch-service: [mqtt] needs paho; run: pip install 'beamtouch[service,mqtt]'\n"

@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from beamtouch_models.metadata import POSITION_OUTPUTS
 from browser import NO_FIGURE
+from service.conftest import batch_of
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from browser import OpenPage, Watched
-    from service.conftest import BuildModel, MakeBatch
+    from service.conftest import BuildModel
     from service.process.conftest import Service, StartService
 
 LONG_MS = "60000"
@@ -29,13 +29,13 @@ def fresh(start_service: StartService, build_model: BuildModel, token_file: Path
     return start_service("--model", build_model(), "--write-token-file", token_file, "--stale-ms", LONG_MS)
 
 
-def test_contact_degraded_and_too_few_channels(fresh: Service, make_batch: MakeBatch, open_page: OpenPage) -> None:
+def test_contact_degraded_and_too_few_channels(fresh: Service, open_page: OpenPage) -> None:
     seen = open_page(fresh.url)
     seen.wait_for_text("headline", "no samples yet")
     assert seen.text("position") == NO_FIGURE
     assert len(seen.page.query_selector_all("#beam rect.unknown")) == 3
 
-    fresh.post(make_batch([0.5, 0.25, 0.125], sequence=1))
+    fresh.post(batch_of([0.5, 0.25, 0.125], sequence=1))
     seen.wait_for_state("contact")
     assert (seen.text("headline"), seen.text("position"), seen.text("detail")) == ("Contact", "150.0", "")
     assert seen.text("position-interval") == "149.0 … 151.0 (95 %)"
@@ -43,7 +43,7 @@ def test_contact_degraded_and_too_few_channels(fresh: Service, make_batch: MakeB
     assert [cell.inner_text() for cell in cells] == ["0.500", "0.250", "0.125"]
     assert "times larger" in seen.text("beam-words")
 
-    fresh.post(make_batch([0.5, 0.25, None], sequence=2, quality=["good", "good", "stuck"]))
+    fresh.post(batch_of([0.5, 0.25, None], sequence=2, quality=["good", "good", "stuck"]))
     seen.wait_for_text("detail", "Degraded: without s3")
     seen.wait_for_text("channels", "stuck")
     assert seen.page.query_selector("#beam text.bad") is not None
@@ -51,28 +51,13 @@ def test_contact_degraded_and_too_few_channels(fresh: Service, make_batch: MakeB
     said = r"Contact at \d+ mm\. Degraded: without s3\. Too few sensors to tell a single contact from anything else"
     assert re.fullmatch(said, seen.text("status"))
 
-    fresh.post(make_batch([0.5, None, None], sequence=3, quality=["good", "missing", "saturated"]))
+    fresh.post(batch_of([0.5, None, None], sequence=3, quality=["good", "missing", "saturated"]))
     seen.wait_for_state("problem")
     assert seen.text("headline") == "Too few working channels"
     assert "Check s2 (missing), s3 (saturated)" in seen.text("detail")
     assert seen.text("position") == NO_FIGURE
     assert "saturated" in seen.text("channels")
     assert seen.complaints == []
-
-
-def test_a_model_without_force_says_so(
-    start_service: StartService,
-    build_model: BuildModel,
-    make_batch: MakeBatch,
-    token_file: Path,
-    open_page: OpenPage,
-) -> None:
-    model = build_model(outputs=POSITION_OUTPUTS)
-    service = start_service("--model", model, "--write-token-file", token_file, "--stale-ms", LONG_MS)
-    service.post(make_batch())
-    seen = open_page(service.url)
-    seen.wait_for_state("contact")
-    assert (seen.text("force"), seen.text("force-interval")) == (NO_FIGURE, "not estimated")
 
 
 def test_no_surface_no_model_and_one_that_is_not_there(
@@ -89,6 +74,16 @@ def test_no_surface_no_model_and_one_that_is_not_there(
     seen.page.select_option("#chooser", "press-8")
     seen.wait_for_text("headline", "The surface has no model")
     assert seen.text("position") == NO_FIGURE
+    seen.page.wait_for_url("**/?surface=press-8")
+    seen.page.select_option("#chooser", "press-7")
+    seen.page.wait_for_function("() => document.title.includes('press-7')")
+    seen.page.go_back()
+    seen.page.wait_for_function("() => document.title.includes('press-8')")
+    assert seen.page.input_value("#chooser") == "press-8"
+    linked = open_page(service.url, "/?surface=press-8")
+    linked.wait_for_text("headline", "The surface has no model")
+    assert any("/surfaces/press-8/stream" in url for url in linked.requests)
+    assert not any("/surfaces/press-7/stream" in url for url in linked.requests)
     assert nothing.complaints + seen.complaints == []
 
 
@@ -132,13 +127,13 @@ def test_the_keyboard_reaches_everything_and_shows_where_it_is(
     assert seen.page.is_visible("text=The large figures are the newest contact")
 
 
-def test_every_text_stands_out_from_its_ground(fresh: Service, make_batch: MakeBatch, open_page: OpenPage) -> None:
+def test_every_text_stands_out_from_its_ground(fresh: Service, open_page: OpenPage) -> None:
     both = [open_page(fresh.url, color_scheme=scheme) for scheme in ("light", "dark")]
     for seen in both:
         seen.page.click("summary")
         seen.wait_for_state("problem")
         _assert_contrast(seen)
-    fresh.post(make_batch([0.5, 0.25, None], sequence=1, quality=["good", "good", "stuck"]))
+    fresh.post(batch_of([0.5, 0.25, None], sequence=1, quality=["good", "good", "stuck"]))
     for seen in both:
         seen.wait_for_state("contact")
         _assert_contrast(seen)
@@ -155,25 +150,23 @@ _LISTEN = """() => { window.said = []; const status = document.getElementById("s
     .observe(status, {childList: true, characterData: true, subtree: true}); }"""
 
 
-def test_what_is_announced_follows_the_contact_and_not_every_sample(
-    fresh: Service, make_batch: MakeBatch, open_page: OpenPage
-) -> None:
+def test_what_is_announced_follows_the_contact_and_not_every_sample(fresh: Service, open_page: OpenPage) -> None:
     seen = open_page(fresh.url)
     seen.wait_for_text("status", "no samples yet")
     seen.page.evaluate(_LISTEN)
     # A contact that trembles within its interval, then slides: twenty places in a second or more.
     for step in range(20):
-        fresh.post(make_batch([0.5, 0.25 + 0.002 * (step % 2), 0.125], sequence=1 + step))
+        fresh.post(batch_of([0.5, 0.25 + 0.002 * (step % 2), 0.125], sequence=1 + step))
         time.sleep(0.02)
     seen.wait_for_text("status", "Contact at 150 mm")
     for step in range(20):
-        fresh.post(make_batch([0.5, 0.25 + 0.01 * step, 0.125], sequence=100 + step))
+        fresh.post(batch_of([0.5, 0.25 + 0.01 * step, 0.125], sequence=100 + step))
         time.sleep(0.02)
     final = fresh.get("/contact").json()["position_mm"]
     assert final > 160
     seen.wait_for_text("status", f"Contact at {final:.0f} mm")
     assert seen.page.get_attribute("#beam", "aria-labelledby") == "status beam-words"
-    fresh.post(make_batch([0.0, 0.0, 0.0], sequence=200))
+    fresh.post(batch_of([0.0, 0.0, 0.0], sequence=200))
     seen.wait_for_state("clear")
 
     moments = seen.page.evaluate("() => window.said")
@@ -185,26 +178,8 @@ def test_what_is_announced_follows_the_contact_and_not_every_sample(
     assert seen.page.title() == "Clear · press-7 · Beamtouch"
 
 
-def test_recent_contacts_are_a_table(fresh: Service, make_batch: MakeBatch, open_page: OpenPage) -> None:
-    rest, touching, elsewhere = [0.0, 0.0, 0.0], [0.5, 0.25, 0.125], [0.25, 0.5, 0.125]
-    seen = open_page(fresh.url)
-    fresh.post(make_batch(rest))
-    seen.wait_for_state("clear")
-    assert not seen.page.is_visible("#events-section")
-
-    fresh.post(make_batch(*[touching] * 40, rest, elsewhere, sequence=2))
-    seen.wait_for_text("events", "still")
-    # In one go: the table is written anew each time the page asks.
-    script = "rows => rows.map(row => [...row.cells].slice(1).map(cell => cell.textContent))"
-    rows = seen.page.eval_on_selector_all("#events tr", script)
-    assert rows == [["175.0", "8.8", "still"], ["150.0", "8.8", "0.2"]]
-    assert seen.complaints == []
-
-
-def test_what_waited_while_the_page_slept_is_not_taken_for_new(
-    fresh: Service, make_batch: MakeBatch, open_page: OpenPage
-) -> None:
-    fresh.post(make_batch())
+def test_what_waited_while_the_page_slept_is_not_taken_for_new(fresh: Service, open_page: OpenPage) -> None:
+    fresh.post(batch_of())
     seen = open_page(fresh.url, is_patient=False)
     seen.wait_for_state("contact")
     seen.watch()
@@ -216,18 +191,6 @@ def test_what_waited_while_the_page_slept_is_not_taken_for_new(
     assert seen.wrongs() == []
 
 
-def test_calm_where_motion_is_not_wanted(fresh: Service, make_batch: MakeBatch, open_page: OpenPage) -> None:
-    fresh.post(make_batch())
-    seen = open_page(fresh.url, reduced_motion="reduce")
-    seen.wait_for_state("contact")
-    writes = seen.page.evaluate(
-        "async () => { let count = 0; const observer = new MutationObserver(() => count++);"
-        " observer.observe(document.getElementById('beam'), {childList: true});"
-        " await new Promise(done => setTimeout(done, 2000)); observer.disconnect(); return count; }"
-    )
-    assert writes <= 5
-
-
 def durations(seen: Watched) -> list[str]:
     script = "rows => rows.map(row => row.cells[3].textContent)"
     found: list[str] = seen.page.eval_on_selector_all("#events tr", script)
@@ -235,20 +198,18 @@ def durations(seen: Watched) -> list[str]:
 
 
 def test_the_contact_of_a_sender_that_fell_silent_is_shown_as_ended(
-    start_service: StartService, build_model: BuildModel, token_file: Path, make_batch: MakeBatch, open_page: OpenPage
+    start_service: StartService, build_model: BuildModel, token_file: Path, open_page: OpenPage
 ) -> None:
     service = start_service("--model", build_model(), "--write-token-file", token_file, "--stale-ms", "500")
     seen = open_page(service.url)
-    service.post(make_batch([0.0, 0.0, 0.0], [0.5, 0.25, 0.125]))
+    service.post(batch_of([0.0, 0.0, 0.0], [0.5, 0.25, 0.125]))
     seen.wait_for_text("headline", "Stale")
     seen.wait_for_text("events", "≥")
     assert durations(seen) == ["≥ 0.0"]
 
 
-def test_without_a_connection_no_contact_is_shown_as_going_on(
-    fresh: Service, make_batch: MakeBatch, open_page: OpenPage
-) -> None:
-    fresh.post(make_batch([0.0, 0.0, 0.0], [0.5, 0.25, 0.125]))
+def test_without_a_connection_no_contact_is_shown_as_going_on(fresh: Service, open_page: OpenPage) -> None:
+    fresh.post(batch_of([0.0, 0.0, 0.0], [0.5, 0.25, 0.125]))
     seen = open_page(fresh.url)
     seen.wait_for_text("events", "still")
     fresh.process.kill()

@@ -12,16 +12,14 @@ import pytest
 from onnx import helper
 
 from beamtouch_models import modelfile
-from service.conftest import READ_TOKEN
 from service.process.beam_page import bench_shape, circles, drawn
-from service.process.token_page import enter
+from waiting import wait_until
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from browser import OpenPage, Watched
     from service.process.beam_page import StartBench
-    from service.process.conftest import Wait
 
 LENGTH_MM = 400.0
 PIXEL = 0.6
@@ -72,23 +70,6 @@ def test_a_contact_bends_the_beam_as_physics_does(start_bench: StartBench, open_
     assert seen.page.evaluate(boxes) == pytest.approx([12 * px_per_mm] * len(channels), abs=PIXEL)
 
 
-def test_a_misfit_is_to_be_seen(start_bench: StartBench, open_page: OpenPage) -> None:
-    bench = start_bench()
-    bench.load((130, 12))
-    seen = open_page(bench.service.url)
-    wait_for_shape(seen)
-    line, before = drawn(seen, "bent"), circles(seen)
-    # One sensor moves by less than makes the sample unexplained.
-    moved = bench.deflection_mm((130, 12))
-    moved[1] += 0.01
-    bench.send(list(moved))
-    seen.wait_for_text("channels", f"{moved[1]:.3f}")
-    seen.page.wait_for_function(f"() => document.querySelectorAll('#beam circle')[1].cy.baseVal.value > {before[1][1]}")
-    assert seen.page.evaluate("() => document.body.dataset.state") == "contact"
-    _, y = circles(seen)[1]
-    assert y - np.interp(before[1][0], *np.transpose(line)) > 0
-
-
 def test_clear_is_a_straight_beam_and_nothing_known_is_no_beam(start_bench: StartBench, open_page: OpenPage) -> None:
     bench = start_bench()
     seen = open_page(bench.service.url)
@@ -102,7 +83,7 @@ def test_clear_is_a_straight_beam_and_nothing_known_is_no_beam(start_bench: Star
 
 
 def test_it_is_asked_for_once_and_again_for_another_model(
-    start_bench: StartBench, bench_model: Path, tmp_path: Path, open_page: OpenPage, wait_for: Wait
+    start_bench: StartBench, bench_model: Path, tmp_path: Path, open_page: OpenPage
 ) -> None:
     path = tmp_path / "press-7.onnx"
     shutil.copy(bench_model, path)
@@ -118,7 +99,7 @@ def test_it_is_asked_for_once_and_again_for_another_model(
 
     first = bench.model.identity
     add_support(path, 200.0)
-    wait_for(lambda: bench.service.get("/surfaces/press-7").json()["model"] != first)
+    wait_until(lambda: bench.service.get("/surfaces/press-7").json()["model"] != first)
     bench.load((130, 12))
     seen.page.wait_for_function("() => document.querySelectorAll('#beam .support').length === 3")
     assert len([url for url in seen.requests if url.endswith("/beam")]) == 2
@@ -154,21 +135,6 @@ def test_without_an_answer_the_page_goes_on_and_asks_again(start_bench: StartBen
     assert [one for one in seen.complaints if "500" not in one] == []
     seen.page.unroute("**/beam")
     wait_for_shape(seen)
-
-
-def test_it_is_for_those_who_have_the_token(
-    start_bench: StartBench, read_token_file: Path, open_page: OpenPage
-) -> None:
-    bench = start_bench("--read-token-file", read_token_file)
-    bench.load((130, 12))
-    seen = open_page(bench.service.url)
-    seen.wait_for_state("locked")
-    assert not any(url.endswith("/beam") for url in seen.requests)
-    enter(seen, READ_TOKEN)
-    wait_for_shape(seen)
-    seen.page.click("text=Forget token")
-    seen.wait_for_state("locked")
-    assert seen.page.query_selector("#beam .support") is None
 
 
 _SCALED = """async ([contact, drawn, seen]) => {

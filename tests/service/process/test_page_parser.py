@@ -69,12 +69,3 @@ def test_wherever_it_is_cut_it_finds_what_the_browser_finds(start_service: Start
         everything = {"bytes": list(content), "sizes": [1, 2, 3, 5, 7, len(content)]}
         for found in seen.page.evaluate(_PARSE, everything) + seen.page.evaluate(_CUT, everything):
             assert found == wanted, name
-
-
-def test_bytes_that_are_no_text_do_not_end_it(start_service: StartService, open_page: OpenPage) -> None:
-    seen = open_page(start_service().url)
-    content = b"data: a\xff\xe2\x82b\n\ndata: \xf0\x9f\n\ndata: 3\n\n"
-    wanted = by_browser(seen, content)
-    assert [data[-1] for _, data in wanted] == ["b", "\ufffd", "3"]
-    for found in seen.page.evaluate(_CUT, {"bytes": list(content)}):
-        assert found == wanted

@@ -1,28 +1,70 @@
-"""The page of a service with a token for reading, in a real browser: what it shows to whom, and where the token is."""
+"""The page of a service with a token for reading, in a real browser: what it shows to whom, and its form."""
 
 from __future__ import annotations
 
+import re
 import signal
 from typing import TYPE_CHECKING
 
 from browser import NO_FIGURE
-from service.conftest import READ_TOKEN, TOKEN
-from service.process.token_page import FORM, KEPT, WRONG, again, assert_locked, assert_only_refusals, assert_open, enter
+from service.conftest import READ_TOKEN, batch_of
 
 if TYPE_CHECKING:
-    from browser import OpenPage
-    from service.conftest import MakeBatch
-    from service.process.conftest import StartService
+    from browser import OpenPage, Watched
+    from service.process.conftest import Service, StartService
 
+WRONG = "a-wrong-token-that-someone-mistyped"
+FORM = "#token-form"
+KEPT = "() => [sessionStorage.length, localStorage.length]"
 OTHER = "another-token-since-the-restart"
+SCREENS = [("desk", (1000, 900), "light"), ("panel", (800, 480), "dark"), ("phone", (390, 844), "light")]
 
 
-def test_from_the_form_to_the_figures_and_back(
-    start_page: StartService, make_batch: MakeBatch, open_page: OpenPage
-) -> None:
+def again(start: StartService, service: Service, read: str | None) -> Service:
+    """End the service and start it on the same port with another token for reading."""
+    service.stop(signal.SIGTERM)
+    return start("--port", service.url.rpartition(":")[2], read=read)
+
+
+def enter(seen: Watched, token: str, *, keep: bool = False) -> None:
+    """Type a token in once the form is there."""
+    seen.wait_for_state("locked")
+    seen.page.get_by_role("textbox", name="Reading token").fill(token)
+    seen.page.get_by_label("Keep on this device until I forget it").set_checked(keep)
+    seen.page.get_by_role("button", name="Show the page").click()
+
+
+def assert_locked(seen: Watched) -> None:
+    """Nothing is there but the form: no figure, no name, no leftover of what was."""
+    seen.wait_for_state("locked")
+    assert seen.text("headline") == "A reading token is needed"
+    assert seen.page.is_visible(FORM)
+    assert re.search(r"\d", seen.page.inner_text("body")) is None
+    for element in ("position", "force", "age"):
+        assert seen.page.text_content(f"#{element}") == NO_FIGURE
+    assert "press-7" not in seen.page.content()
+    for element in ("channels", "events", "beam"):
+        assert seen.page.locator(f"#{element} > *").count() == 0
+    # The charts are drawn less often than the rest.
+    seen.page.wait_for_function("() => document.querySelectorAll('.strip-line').length === 0")
+
+
+def assert_open(seen: Watched) -> None:
+    seen.wait_for_state("contact")
+    assert seen.text("position") == "150.0"
+    assert not seen.page.is_visible(FORM)
+
+
+def assert_only_refusals(seen: Watched) -> None:
+    """The browser notes each refused request by itself; nothing else went wrong, nothing came from elsewhere."""
+    assert [text for text in seen.complaints if "status of 401" not in text] == []
+    assert seen.strangers() == []
+
+
+def test_from_the_form_to_the_figures_and_back(start_page: StartService, open_page: OpenPage) -> None:
     service = start_page()
-    service.post(make_batch([0.0, 0.0, 0.0], sequence=1))
-    service.post(make_batch(sequence=2))
+    service.post(batch_of([0.0, 0.0, 0.0], sequence=1))
+    service.post(batch_of(sequence=2))
     seen = open_page(service.url)
     assert_locked(seen)
     assert seen.text("token-error") == ""
@@ -42,10 +84,10 @@ def test_from_the_form_to_the_figures_and_back(
     assert seen.page.is_visible("#with-token")
     # It goes on: the figures follow what arrives.
     for sequence, row in enumerate(([0.25, 0.5, 0.0], [0.25, 0.5, 0.25]), start=3):
-        service.post(make_batch(row, sequence=sequence))
+        service.post(batch_of(row, sequence=sequence))
         position = service.get("/contact", token=READ_TOKEN).json()["position_mm"]
         seen.wait_for_text("position", f"{position:.1f}")
-    service.post(make_batch(sequence=5))
+    service.post(batch_of(sequence=5))
 
     seen.page.reload()
     assert_open(seen)
@@ -55,13 +97,14 @@ def test_from_the_form_to_the_figures_and_back(
     seen.page.reload()
     assert_locked(seen)
     assert_only_refusals(seen)
+    assert not [url for url in seen.requests if READ_TOKEN in url or WRONG in url]
 
 
 def test_nothing_is_shown_once_the_token_is_forgotten_even_without_an_answer(
-    start_page: StartService, make_batch: MakeBatch, open_page: OpenPage
+    start_page: StartService, open_page: OpenPage
 ) -> None:
     service = start_page()
-    service.post(make_batch())
+    service.post(batch_of())
     seen = open_page(service.url)
     enter(seen, READ_TOKEN)
     assert_open(seen)
@@ -73,32 +116,21 @@ def test_nothing_is_shown_once_the_token_is_forgotten_even_without_an_answer(
 
 
 def test_what_cannot_be_a_token_is_not_sent(start_page: StartService, open_page: OpenPage) -> None:
-    service = start_page()
+    seen = open_page(start_page().url)
+    seen.wait_for_state("locked")
     for text in ("", "   ", "two words that are long enough", "tökén-ünd-nöch-étwas-😀"):
-        seen = open_page(service.url)
-        seen.wait_for_state("locked")
         asked = len(seen.requests)
         enter(seen, text)
         if text:
             seen.wait_for_text("token-error", "This token is not accepted")
         assert_locked(seen)
         assert len(seen.requests) == asked, text
-        assert_only_refusals(seen)
+    assert_only_refusals(seen)
 
 
-def test_the_write_token_reads_too(start_page: StartService, make_batch: MakeBatch, open_page: OpenPage) -> None:
+def test_it_is_kept_for_the_session_or_for_the_device(start_page: StartService, open_page: OpenPage) -> None:
     service = start_page()
-    service.post(make_batch())
-    seen = open_page(service.url)
-    enter(seen, TOKEN)
-    assert_open(seen)
-
-
-def test_it_is_kept_for_the_session_or_for_the_device(
-    start_page: StartService, make_batch: MakeBatch, open_page: OpenPage
-) -> None:
-    service = start_page()
-    service.post(make_batch())
+    service.post(batch_of())
     seen = open_page(service.url)
     enter(seen, READ_TOKEN)
     assert_open(seen)
@@ -118,18 +150,16 @@ def test_it_is_kept_for_the_session_or_for_the_device(
     assert seen.page.evaluate(KEPT) == [0, 0]
 
 
-def test_a_service_that_comes_back_with_another_token(
-    start_page: StartService, make_batch: MakeBatch, open_page: OpenPage
-) -> None:
+def test_a_service_that_comes_back_with_another_token(start_page: StartService, open_page: OpenPage) -> None:
     service = start_page()
-    service.post(make_batch())
+    service.post(batch_of())
     seen = open_page(service.url)
     enter(seen, READ_TOKEN)
     assert_open(seen)
     seen.watch()
 
     other = again(start_page, service, OTHER)
-    other.post(make_batch())
+    other.post(batch_of())
     assert_locked(seen)
     seen.wait_for_text("token-error", "The token kept here is not accepted any more")
     assert seen.page.is_visible("#forget")
@@ -140,16 +170,14 @@ def test_a_service_that_comes_back_with_another_token(
 
     # And with none at all: it goes on without a question.
     opened = again(start_page, other, None)
-    opened.post(make_batch())
+    opened.post(batch_of())
     seen.page.wait_for_function("() => window.states.filter(state => state === 'lost').length > 1")
     assert_open(seen)
 
 
-def test_without_a_token_for_reading_there_is_no_form(
-    start_page: StartService, make_batch: MakeBatch, open_page: OpenPage
-) -> None:
+def test_without_a_token_for_reading_there_is_no_form(start_page: StartService, open_page: OpenPage) -> None:
     service = start_page(read=None)
-    service.post(make_batch())
+    service.post(batch_of())
     seen = open_page(service.url)
     seen.page.evaluate(
         f"() => {{ window.forms = 0; new MutationObserver(() => forms++)"
@@ -159,7 +187,7 @@ def test_without_a_token_for_reading_there_is_no_form(
     assert_open(seen)
     restarted = again(start_page, service, None)
     seen.wait_for_text("headline", "no samples yet")
-    restarted.post(make_batch())
+    restarted.post(batch_of())
     assert_open(seen)
     assert seen.page.evaluate("() => window.forms") == 0
     assert "locked" not in seen.states()
@@ -167,24 +195,64 @@ def test_without_a_token_for_reading_there_is_no_form(
     assert not seen.page.is_visible("#with-token")
 
 
-def test_no_token_is_in_an_address_or_in_the_log(
-    start_page: StartService, make_batch: MakeBatch, open_page: OpenPage
-) -> None:
+def test_by_keyboard_alone(start_page: StartService, open_page: OpenPage) -> None:
     service = start_page()
-    service.post(make_batch())
-    seen = open_page(service.url, "/?surface=press-7")
-    enter(seen, WRONG)
+    service.post(batch_of())
+    seen = open_page(service.url)
+    seen.wait_for_state("locked")
+    where = "() => document.activeElement.id || document.activeElement.textContent"
+    seen.page.wait_for_function(f"() => ({where})() === 'token'")
+    seen.page.keyboard.type(WRONG)
+    seen.page.keyboard.press("Enter")
     seen.wait_for_text("token-error", "not accepted")
-    enter(seen, READ_TOKEN, keep=True)
+    assert seen.page.evaluate(where) == "token"
+    # The wrong one is selected, so that typing replaces it.
+    seen.page.keyboard.type(READ_TOKEN)
+    reached = []
+    for _ in range(2):
+        seen.page.keyboard.press("Tab")
+        reached.append(seen.page.evaluate(where))
+        outline = "() => getComputedStyle(document.activeElement).outlineStyle"
+        assert seen.page.evaluate(outline) == "solid"
+    assert reached == ["keep", "Show the page"]
+    seen.page.keyboard.press("Shift+Tab")
+    seen.page.keyboard.press("Space")
+    seen.page.keyboard.press("Tab")
+    seen.page.keyboard.press("Enter")
     assert_open(seen)
-    seen.page.reload()
-    assert_open(seen)
-    assert seen.page.url == service.url + "/?surface=press-7"
-    code, errors = service.stop(signal.SIGTERM)
+    assert seen.page.evaluate(KEPT) == [0, 1]
+    seen.page.focus("#forget")
+    seen.page.keyboard.press("Enter")
+    seen.page.wait_for_function(f"() => ({where})() === 'token'")
 
-    assert code == 0
-    assert "refused (unauthorized)" in errors
-    for token in (WRONG, READ_TOKEN):
-        assert token not in errors
-        assert not [url for url in seen.requests if token in url]
-    assert_only_refusals(seen)
+
+def test_the_form_and_the_button_fit_and_can_be_read(start_page: StartService, open_page: OpenPage) -> None:
+    service = start_page()
+    service.post(batch_of())
+    for name, size, scheme in SCREENS:
+        seen = open_page(service.url, size=size, color_scheme=scheme)
+        seen.wait_for_state("locked")
+        seen.picture(f"token-{name}-{scheme}")
+        enter(seen, WRONG)
+        seen.wait_for_text("token-error", "not accepted")
+        seen.picture(f"token-wrong-{name}-{scheme}")
+        found = seen.contrasts()
+        assert len(found) >= 6
+        assert [(text, ratio) for text, ratio in found if ratio < 4.5] == [], (name, scheme)
+        assert seen.overflow() <= 0, (name, scheme)
+        for element in ("headline", "token", "token-error", "keep", "token-form"):
+            box = seen.page.locator(f"#{element}").bounding_box()
+            assert box is not None
+            assert box["x"] >= 0, (name, scheme, element)
+            assert box["x"] + box["width"] <= size[0], (name, scheme, element)
+            assert box["y"] + box["height"] <= size[1], (name, scheme, element)
+
+        enter(seen, READ_TOKEN)
+        assert_open(seen)
+        seen.picture(f"token-used-{name}-{scheme}")
+        assert seen.overflow() <= 0, (name, scheme)
+        # The button takes no room from what matters.
+        box = seen.page.locator("#force-strip").bounding_box()
+        assert box is not None
+        assert name == "phone" or box["y"] + box["height"] <= size[1], (name, scheme)
+        seen.page.close()

@@ -13,12 +13,12 @@ import httpx2
 import pytest
 
 from plain_http import NO_TLS, TIMEOUT_S
-from service.conftest import READ_TOKEN, TOKEN
+from service.conftest import READ_TOKEN, TOKEN, batch_of
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from service.conftest import BuildModel, MakeBatch
+    from service.conftest import BuildModel
     from service.process.conftest import Command, Service, StartService
 
 
@@ -61,7 +61,6 @@ def test_beyond_loopback_a_service_without_tls_warns(
 def test_no_token_is_ever_in_the_log(
     start_service: StartService,
     build_model: BuildModel,
-    make_batch: MakeBatch,
     token_file: Path,
     read_token_file: Path,
 ) -> None:
@@ -75,7 +74,7 @@ def test_no_token_is_ever_in_the_log(
     wrong = "a-wrong-token-that-someone-mistyped"
 
     assert service.get("/contact").status_code == 401
-    assert service.post(make_batch()).status_code == 200
+    assert service.post(batch_of()).status_code == 200
     for token in (wrong, READ_TOKEN, TOKEN):
         for path in ("/contact", f"/contact?token={token}", f"/surfaces/{token}", f"/{token}"):
             service.get(path, token=token)
@@ -107,21 +106,6 @@ def test_https(
         assert client.get(service.url + "/health/live").json() == {"status": "live"}
 
 
-def test_a_certificate_that_will_not_do(command: Command, certificate: tuple[Path, Path], tmp_path: Path) -> None:
-    def refused(certificate_file: Path, key_file: Path, code: int = 2) -> str:
-        options = ("--certificate-file", certificate_file, "--key-file", key_file)
-        process = command("run", "--port", "0", *options)
-        _, errors = process.communicate(timeout=60)
-        (line,) = errors.splitlines()
-        assert process.returncode == code
-        return str(line)
-
-    assert "not a PEM certificate and its key" in refused(certificate[1], certificate[0])
-    assert "nowhere.pem: No such file" in refused(tmp_path / "nowhere.pem", certificate[1], code=1)
-    process = command("run", "--port", "0", "--key-file", certificate[1])
-    assert "certificate_file is missing" in process.communicate(timeout=60)[1]
-
-
 @pytest.mark.long
 def test_a_body_that_trickles_is_given_up_after_ten_seconds(
     start_service: StartService, build_model: BuildModel, token_file: Path
@@ -144,16 +128,3 @@ def test_a_body_that_trickles_is_given_up_after_ten_seconds(
     assert found.startswith(b"HTTP/1.1 408 ")
     assert json.loads(found.partition(b"\r\n\r\n")[2])["type"] == "urn:beamtouch:problem:too-slow"
     assert time.monotonic() - begin_s > 8
-
-
-def test_a_flood_of_nonsense_leaves_one_line(start_service: StartService) -> None:
-    service = start_service()
-    for _ in range(50):
-        with socket.create_connection(address(service)) as connection:
-            connection.sendall(b"\x16\x03\x01 nonsense\r\n\r\n")
-            told(connection)
-    code, errors = service.stop(signal.SIGTERM)
-
-    assert code == 0
-    assert errors.count("Invalid HTTP request") == 1
-    assert len(errors.splitlines()) <= 3

@@ -7,6 +7,7 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
 from contextlib import closing
 from pathlib import Path
@@ -20,6 +21,8 @@ from waiting import wait_until
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+
+    import httpx2
 
     from service.conftest import BuildModel
     from service.process.conftest import StartService
@@ -98,6 +101,44 @@ def test_a_service_that_stands_still_is_not_alive(
     deadline_s = time.monotonic() + 60
     while manager.until("WATCHDOG=1", within_s=2):
         assert time.monotonic() < deadline_s
+
+
+def test_sigterm_and_ctrl_c_end_the_service_without_a_word(
+    start_service: StartService, build_model: BuildModel, token_file: Path
+) -> None:
+    for number, code in ((signal.SIGTERM, 0), (signal.SIGINT, 130)):
+        service = start_service("--model", build_model(), "--write-token-file", token_file)
+        assert service.stop(number) == (code, "")
+
+
+def test_it_stops_with_a_sender_connected(
+    start_service: StartService, build_model: BuildModel, token_file: Path
+) -> None:
+    service = start_service("--model", build_model(), "--write-token-file", token_file)
+    answers: list[httpx2.Response] = []
+    sent, release = threading.Event(), threading.Event()
+
+    def slow() -> Iterator[bytes]:
+        yield b"{"
+        sent.set()
+        release.wait(60)
+        yield b"}"
+
+    def post() -> None:
+        answers.append(service.post(slow()))
+
+    sender = threading.Thread(target=post)
+    sender.start()
+    assert sent.wait(60)
+    # A later connection is answered, so the sender's has been accepted, and does not only wait in the kernel's queue.
+    assert service.get("/contact").status_code == 503
+    code, errors = service.stop(signal.SIGTERM)
+    release.set()
+    sender.join()
+    assert code == 0
+    (answer,) = answers
+    assert answer.json()["type"] == "urn:beamtouch:problem:stopping"
+    assert "Traceback" not in errors
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,312 @@
+"""What a surface says when something is wrong for too long: unexplained, a channel out, a wrong wiring; and metrics."""
+
+from __future__ import annotations
+
+import json
+from datetime import UTC, datetime, timedelta
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from prometheus_client.parser import text_string_to_metric_families
+
+from beamtouch_models import modelfile
+from beamtouch_service.api.stream import Pace
+from beamtouch_service.sections import SurfaceSection
+from beamtouch_service.surfaces.surface import Surface
+from service.conftest import Bench, batch_of, surface_of
+from service.event_story import ODD, RESTING, Story
+from service.touches import Touches
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from pathlib import Path
+
+    from beamtouch_models.arrays import Floats
+    from service.conftest import Row
+
+WEDGED: Row = [0.5, 0.25, 0.75, 0.125]
+"""Without s3, a contact."""
+
+
+def metrics(bench: Bench) -> dict[str, float]:
+    """Values by name and further labels, the surface first."""
+    response = bench.get("/metrics")
+    assert response.headers["content-type"].startswith("text/plain; version=")
+    return {
+        ".".join([sample.name, *(sample.labels[name] for name in sorted(sample.labels, key=_surface_first))]): (
+            sample.value
+        )
+        for family in text_string_to_metric_families(response.text)
+        for sample in family.samples
+    }
+
+
+def _surface_first(label: str) -> tuple[bool, str]:
+    return label != "surface", label
+
+
+@pytest.fixture
+def soon() -> Bench:
+    return Bench(surface_of(section=SurfaceSection(unexplained_after_s=0.5, degraded_after_s=2.0), channels=4))
+
+
+def deliver(story: Story, first: int, last: int) -> None:
+    """Send samples as the time passes that they took."""
+    story.bench.now_s += (last - first) * 0.005
+    story.deliver(first, last)
+
+
+def test_a_stretch_that_lasts_raises_a_metric_and_writes_one_line(
+    soon: Bench, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level("WARNING", "beamtouch.service")
+    resting: Row = [0.0] * 4
+    story = Story(soon, [resting, *[WEDGED] * 300, *[resting] * 4, *[WEDGED] * 200])
+    deliver(story, 0, 90)
+    found = metrics(soon)
+    assert found["beamtouch_unexplained.press-7"] == 0
+    assert found["beamtouch_unexplained_stretches_total.press-7"] == 1
+    assert found["beamtouch_unexplained_seconds_total.press-7"] == pytest.approx(0.43)
+    assert caplog.messages == []
+    for first in range(90, 300, 30):
+        deliver(story, first, first + 30)
+    found = metrics(soon)
+    assert found["beamtouch_unexplained.press-7"] == found["beamtouch_state.press-7.unexplained"] == 1
+    assert found["beamtouch_note.press-7.check-s3"] == 1
+    assert caplog.messages == [
+        "surface press-7: since 2026-11-20T23:40:46.138Z neither rest nor a single contact explains the samples "
+        "(over 0.5 s); check sensor s3: without it, everything is explained"
+    ]
+    deliver(story, 300, 305)
+    assert metrics(soon)["beamtouch_unexplained.press-7"] == 0
+    deliver(story, 305, 505)
+    assert len(caplog.messages) == 2
+    found = metrics(soon)
+    assert found["beamtouch_unexplained_stretches_total.press-7"] == 2
+    assert found["beamtouch_unexplained_seconds_total.press-7"] == pytest.approx(1.49 + 0.985, abs=0.02)
+    # The samples stop: nothing is known of the surface, nor of the time until they come again.
+    soon.now_s += 3600.0
+    found = metrics(soon)
+    assert found["beamtouch_unexplained.press-7"] == found["beamtouch_state.press-7.unexplained"] == 0
+    Story(soon, [*story.rows, WEDGED]).deliver(505, 506)
+    assert metrics(soon)["beamtouch_unexplained_seconds_total.press-7"] < 4
+
+
+def test_a_wall_clock_that_goes_back_within_a_batch_delays_no_alarm(soon: Bench) -> None:
+    turned_back = batch_of(*[[0.0] * 4] * 10)
+    for sample in turned_back["samples"][:5]:
+        sample["acquired_unix_us"] += 3_600_000_000
+    soon.send(members=turned_back)
+    for sequence in range(11, 311, 10):
+        soon.now_s += 0.05
+        soon.send(*[WEDGED] * 10, sequence=sequence)
+    assert metrics(soon)["beamtouch_unexplained.press-7"] == 1
+    assert metrics(soon)["beamtouch_unexplained_seconds_total.press-7"] == pytest.approx(1.5, abs=0.1)
+
+
+def test_without_a_suspect_the_line_says_what_to_look_for(caplog: pytest.LogCaptureFixture) -> None:
+    bench = Bench(surface_of(section=SurfaceSection(unexplained_after_s=0.1)))
+    # The stretch has ended by the end of the batch.
+    Story(bench, [RESTING, *[ODD] * 50, *[RESTING] * 5]).deliver(0, 56)
+    (line,) = caplog.messages
+    assert line.endswith("anything that touches the beam from below, for swapped cables, and for a damaged sensor")
+
+
+def test_contact_summary_and_stream_carry_the_state_and_its_suspect(soon: Bench) -> None:
+    (surface,) = soon.app.context.registry
+    soon.send(*[WEDGED] * 60)
+    contact, summary = soon.contact(), soon.get("/surfaces/press-7").json()
+    stream = json.loads(str(Pace().next(surface, soon.now_s)))
+    assert (contact["state"], contact["notes"], contact["position_mm"], contact["force_n"]) == (
+        *("unexplained", ["check-s3"], None, None),
+    )
+    assert stream["contact"] == contact
+    assert (summary["state"], summary["notes"], summary["misfit"]) == ("unexplained", ["check-s3"], contact["misfit"])
+    assert summary["misfit"] > summary["misfit_limit"] == stream["misfit_limit"]
+    # A channel that drops out is not named any more.
+    soon.send(*[[0.5, 0.25, 0.75, None]] * 3, sequence=61, quality=["good", "good", "good", "missing"])
+    assert soon.contact()["notes"] == []
+    soon.now_s += 10
+    assert soon.get("/surfaces/press-7").json()["state"] is None
+    stream = json.loads(str(Pace().next(surface, soon.now_s)))
+    assert (stream["contact"], {channel["deflection_mm"] for channel in stream["channels"]}) == (None, {None})
+
+
+GOOD, BAD = ["good"] * 4, ["good", "good", "missing", "good"]
+PERIOD_S = 0.1
+
+
+class Cable:
+    """Sends samples of a beam at rest, whose third channel may be off."""
+
+    def __init__(self, bench: Bench) -> None:
+        self.bench, self._sent = bench, 0
+
+    def send(self, *each: tuple[float, list[str]], times: int = 1) -> None:
+        """Send samples of this quality for so many seconds, each in turn."""
+        for seconds, quality in each * times:
+            for _ in range(round(seconds / PERIOD_S)):
+                self._sent += 1
+                self.bench.now_s += PERIOD_S
+                row = [0.0, 0.0, None if quality is BAD else 0.0, 0.0]
+                self.bench.send(row, sequence=self._sent, quality=quality)
+
+    @property
+    def is_out(self) -> bool:
+        """Whether s3 is out; every door that has no figures of its own must agree."""
+        out = "s3" in self.bench.get("/surfaces/press-7").json()["channels_out"]
+        assert (self.bench.get("/health/ready?health=true").status_code == 503) == out
+        assert self.bench.get("/health/ready").status_code == 200
+        assert ("degraded" in self.bench.contact()["notes"]) == out
+        assert metrics(self.bench)["beamtouch_channel_out.press-7.s3"] == out
+        return out
+
+
+def test_a_loose_cable_is_out_if_it_is_off_for_more_than_half_of_the_time(
+    soon: Bench, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level("INFO", "beamtouch.service")
+    cable = Cable(soon)
+    cable.send((0.4, BAD), (0.6, GOOD), times=10)
+    assert not cable.is_out
+    cable.send((0.7, BAD), (0.3, GOOD), times=10)
+    assert cable.is_out
+    cable.send((0.3, BAD), (0.7, GOOD), times=10)
+    assert not cable.is_out
+    assert [message.partition(" since ")[0] for message in caplog.messages] == [
+        "surface press-7: channel s3 has been missing",
+        "surface press-7: channel s3 is good again; it had been missing",
+    ]
+
+
+def test_a_pause_without_samples_counts_for_nothing(soon: Bench) -> None:
+    cable = Cable(soon)
+    cable.send((1.0, BAD))
+    soon.now_s += 3600
+    assert "beamtouch_channel_out{" not in soon.metrics()
+    cable.send((0.2, BAD))
+    assert not cable.is_out
+    cable.send((1.5, BAD))
+    assert cable.is_out
+
+
+TOUCHES = 12
+
+
+class Line:
+    """A surface that is touched, and whose deflections a test may change on their way."""
+
+    def __init__(self, model: modelfile.ModelFile) -> None:
+        self.bench, self._touches = Bench(Surface("press-7", model)), Touches(model)
+        self._begin = datetime(2026, 11, 23, 12, 0, tzinfo=UTC)
+
+    def touch(self, change: Callable[[Floats], Floats], count: int = TOUCHES) -> str | None:
+        """Touch some times; return the wiring that the service names then."""
+        batch = self._touches.batch(count, self._begin, every_s=2.0)
+        for sample in batch["samples"]:
+            sample["deflection_mm"] = change(np.array(sample["deflection_mm"])).tolist()
+        self._begin += timedelta(seconds=2.0 * count)
+        self.bench.now_s += 2.0 * count
+        self.bench.send(members=batch)
+        wiring: str | None = self.bench.get("/surfaces/press-7").json()["wiring"]
+        return wiring
+
+
+@pytest.mark.parametrize(
+    ("change", "wiring"),
+    [
+        (lambda one: one[[1, 0, 2, 3]], "s1 and s2 seem to be swapped"),
+        (lambda one: one * [1, 1, -1, 1], "s3 seems to be inverted"),
+    ],
+)
+def test_a_wrong_wiring_is_named_after_some_contacts_and_is_over_once_it_is_right(
+    bench_model: Path, change: Callable[[Floats], Floats], wiring: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level("INFO", "beamtouch.service")
+    line = Line(modelfile.load(bench_model))
+    assert line.touch(change, count=2) is None
+    assert line.touch(change) == wiring
+    assert line.touch(lambda one: one) is None
+    named, over = (text for text in caplog.messages if "wiring" in text)
+    assert named.startswith(f"surface press-7: {wiring}; that explains its last contacts; check the wiring")
+    assert over == "surface press-7: the wiring seems to be right again"
+
+
+def test_other_faults_are_not_taken_for_a_wrong_wiring(bench_model: Path) -> None:
+    line = Line(modelfile.load(bench_model))
+    assert line.touch(lambda one: one * [1, 0, 1, 1]) is None  # one that does not move
+    assert line.touch(lambda one: one * [1, 0.6, 1, 1]) is None
+    again = line.touch(lambda one: one + one[::-1])  # as heavy a load at the other end
+    assert again is None
+
+
+def test_before_anything_has_happened_nothing_is_counted(bench: Bench) -> None:
+    found = metrics(bench)
+    assert found["beamtouch_samples_accepted_total.press-7"] == 0
+    assert found["beamtouch_refusals_total.unauthorized"] == 0
+    assert found["beamtouch_record_outages_total"] == 0
+    assert found["beamtouch_contacts_total.press-7.clear"] == 0
+    assert found["beamtouch_batch_seconds_count.press-7"] == 0
+    assert "beamtouch_sample_age_seconds.press-7" not in found
+
+
+def test_samples_contacts_problems_and_durations_are_counted_for_each_surface() -> None:
+    bench = Bench(surface_of(), surface_of("press-8"))
+    bench.get("/contact?surface=press-7")
+    for sequence in (1, 1, 5):
+        bench.send(sequence=sequence)
+    for path in ("/contact?surface=press-7", "/surfaces/press-7/contact", "/contact?surface=press-7&x=1"):
+        assert bench.get(path).status_code == 200
+    bench.send([0.0, 0.0, 0.0], sequence=6)
+    bench.get("/surfaces/press-7/contact")
+    for body in (b"{", json.dumps(batch_of([1.0], sequence=7)).encode()):
+        bench.post(body)
+    bench.post(batch_of(sequence=7) | {"beam": "beam-2"})
+    bench.post(batch_of(), token="wrong")  # noqa: S106  # it is wrong
+    for name in ("made-up", "made-up-too"):
+        bench.post(b"{", path=f"/surfaces/{name}/samples")
+    bench.now_s += 0.25
+    found = metrics(bench)
+    expected = {
+        "samples_accepted_total.press-7": 3,
+        "samples_accepted_total.press-8": 0,
+        "samples_repeated_total.press-7": 1,
+        "samples_missing.press-7": 3,
+        "sample_age_seconds.press-7": 0.25,
+        "sender_changes_total.press-7": 0,
+        "contacts_total.press-7.contact": 3,
+        "contacts_total.press-7.clear": 1,
+        "contacts_total.press-8.contact": 0,
+        "problems_total.no-samples": 1,
+        "batches_rejected_total.press-7.malformed-json": 1,
+        "batches_rejected_total.press-7.missing-channels": 1,
+        "batches_rejected_total.press-7.other-beam": 1,
+        "batches_rejected_total..unknown-surface": 2,
+        "refusals_total.unauthorized": 1,
+        "batch_seconds_count.press-7": 4,
+        "inference_seconds_count.press-7": 3,
+        "model_refused.press-7": 0,
+    }
+    assert {name: found[f"beamtouch_{name}"] for name in expected} == expected
+    assert found["beamtouch_inference_seconds_sum.press-7"] > 0
+    assert not [name for name in found if "made-up" in name]
+
+
+def test_how_long_a_batch_takes_and_how_old_its_samples_are_when_it_comes(bench: Bench) -> None:
+    def slow_body(takes_s: float, sequence: int, age_ms: float) -> Iterator[bytes]:
+        body = json.dumps(batch_of(sequence=sequence, age_ms=age_ms)).encode()
+        yield body[:-1]
+        bench.now_s += takes_s
+        yield body[-1:]
+
+    assert bench.post(slow_body(0.3, 2, 15)).status_code == 200
+    assert bench.contact()["age_ms"] == 315  # the time that the body takes makes its samples older
+    # What comes late says nothing of how old the present is.
+    assert bench.post(slow_body(0.0, 1, 10**9)).status_code == 200
+    found = metrics(bench)
+    buckets = [found[f"beamtouch_batch_seconds_bucket.press-7.{bound}"] for bound in ("0.0005", "0.2", "0.5", "+Inf")]
+    ages = [found[f"beamtouch_sample_arrival_age_seconds_bucket.press-7.{bound}"] for bound in ("0.01", "0.02", "+Inf")]
+    assert (buckets, ages) == ([1, 1, 2, 2], [0, 1, 1])
+    assert found["beamtouch_batch_seconds_sum.press-7"] == pytest.approx(0.3)
+    assert found["beamtouch_sample_arrival_age_seconds_sum.press-7"] == pytest.approx(0.015)

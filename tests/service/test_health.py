@@ -1,0 +1,100 @@
+"""The health of sensors, from the contacts on record: changes with their day, kept over restarts, and at every door."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime, timedelta
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from beamtouch_models import modelfile
+from beamtouch_service.events.recorder import Recorder
+from beamtouch_service.sections import EventsSection
+from beamtouch_service.surfaces.surface import Surface
+from service.conftest import Bench
+from service.touches import Touches
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+BASELINE, CHANGED = 100, 14
+BEGIN = datetime(2026, 2, 1, 12, tzinfo=UTC)
+DAY = datetime(2026, 3, 3, 12, tzinfo=UTC)
+
+
+class Line:
+    """A surface that is touched, with a file of events that each service goes on with."""
+
+    def __init__(self, model: modelfile.ModelFile, folder: Path) -> None:
+        self.touches, self._file = Touches(model), folder / "events.db"
+        self.start()
+
+    def start(self) -> None:
+        """Start the service anew; the old one is killed."""
+        self.bench = Bench(Surface("press-7", self.touches.model), recorder=Recorder(EventsSection(file=self._file)))
+        self.bench.get("/events")  # It reads what is on record.
+
+    def touch(self, count: int, begin: datetime, every_s: float = 60.0) -> None:
+        self.bench.send(members=self.touches.batch(count, begin, every_s))
+        self.bench.get("/events")  # It writes what there is so far.
+
+    @property
+    def health(self) -> dict[str, Any]:
+        health: dict[str, Any] = self.bench.get("/surfaces/press-7").json()["health"]
+        return health
+
+
+@pytest.fixture
+def line(bench_model: Path, tmp_path: Path) -> Line:
+    return Line(modelfile.load(bench_model), tmp_path)
+
+
+def test_a_gain_that_falls_is_named_with_its_day_at_every_door_and_survives_a_kill(line: Line) -> None:
+    assert line.health == {}
+    line.touch(BASELINE, BEGIN, 3600)
+    for one in line.health.values():
+        assert (one["changed"], one["contacts"]) == (False, BASELINE)
+        assert one["gain_low_percent"] < 0 < one["gain_high_percent"]
+        assert one["zero_low_mm"] < 0 < one["zero_high_mm"]
+        assert one["since"].startswith("2026-02-01T12:")
+    assert line.bench.get("/health/ready?health=true").status_code == 200
+
+    line.touches.gain[1] = 0.95
+    line.touch(CHANGED, DAY)
+    found = line.health
+    assert {name: one["changes"] for name, one in found.items()} == {"s1": [], "s2": ["gain"], "s3": [], "s4": []}
+    assert found["s2"]["gain_low_percent"] < -5 < found["s2"]["gain_high_percent"] < -3
+    assert found["s2"]["since"].startswith("2026-03-03")
+    low = 'beamtouch_gain_change_percent{bound="low",channel="s2",surface="press-7"}'
+    assert 'beamtouch_channel_changed{channel="s2",surface="press-7"} 1.0' in line.bench.metrics()
+    assert 'beamtouch_channel_changed{channel="s1",surface="press-7"} 0.0' in line.bench.metrics()
+    assert f"{low} {found['s2']['gain_low_percent']}" in line.bench.metrics()
+    # A problem only for those who ask.
+    assert line.bench.get("/health/ready").status_code == 200
+    problem = line.bench.get("/health/ready?health=true").json()["surfaces"]["press-7"]
+    assert problem["type"].endswith(":changed-channels")
+    assert problem["changed_channels"] == ["s2"]
+
+    line.start()
+    # Contacts are read again in other groups, so that they may weigh a little more or less.
+    assert {name: one["changes"] for name, one in line.health.items()} == {"s1": [], "s2": ["gain"], "s3": [], "s4": []}
+    assert line.health["s2"]["since"] == found["s2"]["since"]
+
+
+def test_another_characteristic_begins_anew(line: Line) -> None:
+    line.touch(30, BEGIN)
+    line.touches.characteristic = "tared-again"
+    line.touch(4, DAY)
+    assert {(one["contacts"], one["since"][:10]) for one in line.health.values()} == {(4, "2026-03-03")}
+
+
+def test_a_zero_that_creeps_is_no_gain(line: Line) -> None:
+    line.touches.readings = 4
+    line.touch(60, BEGIN)
+    for step in range(10):
+        line.touches.zero_mm[2] = 0.0008 * (step + 1)
+        line.touch(2, DAY + timedelta(minutes=10 * step))
+    line.touch(20, DAY + timedelta(days=1))
+    found = line.health
+    assert found["s3"]["zero_low_mm"] < 0.008 < found["s3"]["zero_high_mm"]
+    assert {name: one["changes"] for name, one in found.items()} == {"s1": [], "s2": [], "s3": ["zero"], "s4": []}

@@ -1,0 +1,192 @@
+"""New model files while the service runs: in use at once if they are good, and nothing changes if they are not."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import time
+from typing import TYPE_CHECKING
+
+import onnx
+import pytest
+
+from beamtouch_models.metadata import POSITION_OUTPUTS
+from beamtouch_service.host import models
+from beamtouch_service.host.models import ModelKeeper
+from beamtouch_service.problems import ProblemError
+from beamtouch_service.surfaces.surface import Surface
+from service.conftest import Bench, parsed
+from service.small_model import content_of, write_model
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+pytestmark = pytest.mark.anyio
+NO_FORCE = content_of(outputs=POSITION_OUTPUTS)
+
+
+class Kept(ModelKeeper):
+    """The keeper of the model of one surface `press-7`, and of its file."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(Surface("press-7", models.load(path)), path, models.stamp_of(path))
+
+    @property
+    def identity(self) -> str:
+        assert self.surface.model is not None
+        return self.surface.model.identity
+
+    def put(self, content: bytes) -> None:
+        """Put content there as a copy that was complete 10 s ago."""
+        self.path.write_bytes(content)
+        os.utime(self.path, (time.time() - 10,) * 2)
+
+    async def polls(self, content: bytes | None = None, times: int = 3) -> None:
+        if content is not None:
+            self.put(content)
+        for _ in range(times):
+            await self.poll()
+
+
+@pytest.fixture
+def kept(tmp_path: Path) -> Kept:
+    return Kept(write_model(tmp_path))
+
+
+async def test_a_new_model_is_in_use_after_two_looks_that_find_the_same_file(kept: Kept) -> None:
+    bench, old, looks = Bench(kept.surface), kept.identity, []
+    bench.send()
+    kept.put(NO_FORCE)
+    for _ in range(3):
+        await kept.poll()
+        looks.append(kept.identity != old)
+    assert looks == [False, True, True]
+    assert (bench.contact()["model"], bench.contact()["force_n"]) == (old, 8.75)
+    bench.send(sequence=2)
+    assert (bench.contact()["model"], bench.contact()["force_n"]) == (kept.identity, None)
+    assert bench.get("/surfaces/press-7/model").json()["identity"] == kept.identity
+    # The same content is no new model.
+    model = kept.surface.model
+    await kept.polls(NO_FORCE)
+    assert (kept.surface.model is model, kept.surface.model_error) == (True, None)
+
+
+async def test_others_go_on_while_a_model_is_loaded(kept: Kept) -> None:
+    old = kept.identity
+    await kept.polls(NO_FORCE, times=1)  # sees it first
+    loading, turns = asyncio.ensure_future(kept.poll()), 0
+    while not loading.done():
+        await asyncio.sleep(0)
+        turns += 1
+    assert kept.identity != old
+    assert turns > 1
+
+
+async def test_a_copy_under_way_is_waited_for(kept: Kept) -> None:
+    old = kept.identity
+    with kept.path.open("wb") as file:
+        for begin in range(0, len(NO_FORCE), len(NO_FORCE) // 8 + 1):
+            file.write(NO_FORCE[begin : begin + len(NO_FORCE) // 8 + 1])
+            file.flush()
+            await kept.poll()
+            assert (kept.identity, kept.surface.model_error) == (old, None)
+    await kept.poll()
+    assert (kept.identity != old, kept.surface.model_error) == (True, None)
+
+
+async def test_a_bad_file_changes_nothing_and_is_named_once_until_there_is_a_good_one(
+    kept: Kept, caplog: pytest.LogCaptureFixture
+) -> None:
+    old, good = kept.surface.model, kept.path.read_bytes()
+    wrong_answers = onnx.load_from_string(good)
+    for entry in wrong_answers.metadata_props:
+        if entry.key == "beamtouch.golden":
+            entry.value = entry.value.replace("103.", "104.").replace("130.", "131.").replace("100.0", "101.0")
+    bad = {
+        "damaged": good[: len(good) // 2],
+        "not an ONNX file": b"hello",
+        "golden answers": wrong_answers.SerializeToString(),
+        **{
+            f"lacks {name})": content_of(outputs=tuple(one for one in POSITION_OUTPUTS if one != name))
+            for name in POSITION_OUTPUTS[1:]
+        },
+    }
+    for number, (complaint, content) in enumerate(bad.items(), start=1):
+        await kept.polls(content, times=5)
+        assert kept.surface.model is old
+        assert complaint in str(kept.surface.model_error)
+        assert complaint in caplog.messages[-1]
+        assert len(caplog.messages) == number
+    kept.path.unlink()
+    await kept.polls()
+    assert kept.surface.model is old
+    await kept.polls(good)
+    assert (kept.surface.model, kept.surface.model_error) == (old, None)
+    kept.path.rename(kept.path.with_name("away"))
+    await kept.polls()
+    kept.path.with_name("away").rename(kept.path)
+    await kept.polls()
+    assert kept.surface.model_error is None
+
+
+async def test_what_is_no_file_is_never_opened(kept: Kept, caplog: pytest.LogCaptureFixture) -> None:
+    kept.path.unlink()
+    os.mkfifo(kept.path)
+    os.utime(kept.path, (time.time() - 10,) * 2)
+    try:
+        async with asyncio.timeout(60):
+            await kept.polls(times=6)
+    finally:
+        # A thread that waits for a writer is let go, or the loop would wait for that thread.
+        os.close(os.open(kept.path, os.O_RDWR | os.O_NONBLOCK))
+    assert "not a regular file" in str(kept.surface.model_error)
+    assert len(caplog.records) == 1
+
+
+async def test_a_model_waits_for_its_channels(kept: Kept, caplog: pytest.LogCaptureFixture) -> None:
+    old = kept.identity
+    kept.surface.receive(parsed(), 10.0)
+    await kept.polls(content_of("five", channels=5), times=6)
+    kept.surface.receive(parsed([0.5] * 4, sequence=2), 10.1)
+    await kept.polls()
+    assert (kept.identity, len(caplog.records)) == (old, 1)
+    assert "it needs s4, s5, but the samples of this surface lack them" in str(kept.surface.model_error)
+    assert kept.surface.contact(10.1).model == old
+    kept.surface.receive(parsed([0.5] * 5, boot_id="boot-0002"), 10.2)
+    await kept.polls()
+    assert (kept.identity[:5], kept.surface.model_error) == ("five@", None)
+
+
+@pytest.mark.parametrize("model_comes_first", [True, False])
+async def test_model_and_daemon_may_be_changed_in_either_order(kept: Kept, *, model_comes_first: bool) -> None:
+    kept.surface.receive(parsed(), 10.0)
+    renamed = parsed(channels=["t1", "t2", "t3"], boot_id="boot-0002")
+    content = content_of("renamed", prefix="t")
+    if model_comes_first:
+        await kept.polls(content)
+    with pytest.raises(ProblemError):
+        kept.surface.receive(renamed, 10.1)
+    if not model_comes_first:
+        await kept.polls(content)
+    await kept.polls()
+    kept.surface.receive(renamed, 10.2)
+    assert kept.surface.contact(10.2).model.startswith("renamed@")
+
+
+@pytest.mark.parametrize(("stated", "whose"), [(None, "the model in use is"), ("beam-1", "the samples are")])
+async def test_a_model_of_another_beam_waits_for_samples_of_that_beam(
+    kept: Kept, stated: str | None, whose: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    old = kept.identity
+    kept.surface.receive(parsed().model_copy(update={"beam": stated}), 10.0)
+    await kept.polls(content_of(beam="beam-2"), times=5)
+    assert kept.identity == old
+    assert f"it is of beam beam-2, {whose} of beam beam-1; to switch to another" in str(kept.surface.model_error)
+    assert len(caplog.records) == 1
+    other = parsed(boot_id="boot-0002").model_copy(update={"beam": "beam-2"})
+    with pytest.raises(ProblemError):
+        kept.surface.receive(other, 10.1)
+    await kept.polls()
+    assert (kept.identity != old, kept.surface.model_error) == (True, None)
+    kept.surface.receive(other, 10.2)
+    assert kept.surface.contact(10.2).model == kept.identity

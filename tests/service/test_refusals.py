@@ -1,0 +1,221 @@
+"""The command: wrong input ends in exit code 2 and one line that says what to do."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import onnx
+import pytest
+
+from beamtouch_common.commands import version
+from beamtouch_models import cli as design_sensors
+from beamtouch_service import cli
+from in_process import command_of
+from service.conftest import TOKEN
+from service.small_model import content_of, write_model
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from in_process import Command
+
+
+@pytest.fixture
+def service(capsys: pytest.CaptureFixture[str]) -> Command:
+    """The command, run in this process: for what ends before it listens."""
+    return command_of(cli.main, capsys)
+
+
+@pytest.fixture
+def refused(service: Command) -> Callable[..., str]:
+    """A function that runs a command and returns the one line with which it is refused."""
+
+    def refuse(*arguments: object, code: int = 2) -> str:
+        done = service(*arguments)
+        assert (done.returncode, done.stdout) == (code, ""), done.stderr
+        (line,) = done.stderr.splitlines()
+        return line
+
+    return refuse
+
+
+def test_version_names_the_program_and_its_version(service: Command) -> None:
+    assert service("--version").stdout == f"beamtouch-service {version()}\n"
+
+
+@pytest.mark.parametrize(
+    ("words", "complaint"),
+    [
+        ("", "the following arguments are required: COMMAND"),
+        ("run --hos ::1", "unknown argument --hos ::1; see beamtouch-service run --help"),
+        ("run --port -1", "command line: --port: must be"),
+        ("run --port 65536", "command line: --port: must be"),
+        ("run --host 127.0.0.1:8420", "--host: must be the name or address of a host"),
+        ("run --host no.such.host.invalid", "no.such.host.invalid is open to the network"),
+        ("run --key-file key.pem", "certificate_file is missing"),
+        ("check", "one of the arguments MODEL --config is required"),
+        ("check /dev/zero", "it is not a regular file"),
+        ("check nowhere.onnx", "nowhere.onnx: No such file or directory"),
+    ],
+)
+def test_a_wrong_option_is_one_line(refused: Callable[..., str], words: str, complaint: str) -> None:
+    assert complaint in refused(*words.split())
+
+
+@pytest.mark.parametrize("host", ["0.0.0.0", "::"])  # noqa: S104  # that it is refused is the point
+def test_the_network_without_tokens(refused: Callable[..., str], host: str, token_file: Path) -> None:
+    line = refused("run", "--host", host, "--port", 0)
+    assert line.endswith("add --write-token-file FILE and --read-token-file FILE, or use 127.0.0.1")
+    line = refused("run", "--host", host, "--port", 0, "--write-token-file", token_file)
+    assert line.endswith("a write token and a read token: add --read-token-file FILE, or use 127.0.0.1")
+
+
+def test_a_model_that_cannot_be_served_is_refused_by_run_and_check(refused: Callable[..., str], tmp_path: Path) -> None:
+    path = tmp_path / "press-7.onnx"
+    whole = content_of()
+    fixed = onnx.load_from_string(whole)
+    for value in [*fixed.graph.input, *fixed.graph.output]:
+        value.type.tensor_type.shape.dim[0].dim_value = 2
+    for content, complaint in {
+        whole[: len(whole) // 2]: "damaged or not an ONNX file; rebuild it with",
+        b"hello": "damaged or not an ONNX file",
+        content_of(outputs=("position_mm",)): "lacks position_low_mm, position_high_mm, contact_log_odds, misfit)",
+        fixed.SerializeToString(): "its graph fails on a single sample",
+        bytes(5_000_000): "it is larger than 4 MiB",
+    }.items():
+        path.write_bytes(content)
+        line = refused("run", "--model", path)
+        assert line.startswith(f"beamtouch-service: model {path}: ")
+        assert complaint in line
+        assert refused("check", path) == line
+
+
+def test_check_says_what_a_model_is(service: Command, bench_model: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    text = service("check", bench_model).stdout
+    assert "s1 68, s2 156, s3 244, s4 332 mm" in text
+    assert "answers reproduced" in text
+    assert design_sensors.main(["inspect", str(bench_model)]) == 0
+    assert capsys.readouterr().out == text
+    said = json.loads(service("check", "--json", bench_model).stdout)
+    assert len(said["positions_mm"]) == len(said["channels"]) == 4
+
+
+def test_a_file_that_may_come_later_is_no_wrong_input(refused: Callable[..., str], tmp_path: Path) -> None:
+    """The service manager starts the service again until it is there."""
+    line = refused("run", "--write-token-file", tmp_path / "token", code=1)
+    assert f"token file {tmp_path}/token: No such file or directory" in line
+    (tmp_path / "token").touch()
+    line = refused("run", "--write-token-file", tmp_path / "token")
+    assert "empty; write at least 16 random characters to it" in line
+
+
+def test_a_certificate_that_will_not_do(refused: Callable[..., str], certificate: tuple[Path, Path]) -> None:
+    pem, key = certificate
+    pair = ("run", "--port", 0, "--certificate-file")
+    assert "not a PEM certificate and its key" in refused(*pair, key, "--key-file", pem)
+    assert "nowhere.pem: No such file" in refused(*pair, pem.with_name("nowhere.pem"), "--key-file", key, code=1)
+
+
+def test_a_record_that_is_no_record_is_refused(refused: Callable[..., str], tmp_path: Path) -> None:
+    (tmp_path / "events.db").write_text("something else entirely\n" * 100)
+    config = tmp_path / "service.toml"
+    config.write_text("[events]\nfile = 'events.db'\n")
+    line = refused("run", "--port", 0, "--config", config)
+    assert line.endswith("events.db: file is not a database; set events.file to one that the service can write")
+    config.write_text("[events]\nurl = 'postgresql://beamtouch:secret@127.0.0.1:port/beamtouch'\n")
+    line = refused("run", "--port", 0, "--config", config)
+    assert "events.url cannot be read; it looks like postgresql://" in line
+    assert "secret" not in line
+
+
+def test_more_surfaces_than_modbus_has_addresses_are_refused(refused: Callable[..., str], tmp_path: Path) -> None:
+    surfaces = "\n".join(f"[surfaces.press-{number}]" for number in range(1311))
+    config = tmp_path / "service.toml"
+    config.write_text(f"[modbus_server]\nport = 0\n{surfaces}\n")
+    line = refused("run", "--port", 0, "--config", config)
+    assert "[modbus_server]: the addresses of Modbus hold 1310 surfaces, but there are 1311" in line
+
+
+@pytest.mark.parametrize(
+    ("section", "words"),
+    [
+        ("port = 1883\n", "mqtt.host is missing; add it"),
+        ('host = "b"\nprefix = "a/+"\n', "mqtt.prefix: must match the pattern"),
+        ('host = "b"\nca_file = "ca.pem"\n', "mqtt: ca_file has no effect without TLS; set tls = true"),
+        ('host = "b"\ntls = true\nkey_file = "k"\n', "mqtt: certificate_file is missing; a client certificate needs"),
+        ('host = "b"\ntls = true\nca_file = "token"\n', "token: not PEM; set mqtt.ca_file to"),
+        ('host = "b"\ntls = true\nca_file = "none"\n', "none: No such file or directory; set mqtt.ca_file to"),
+        ('host = "b"\ntls = true\ncertificate_file = "token"\nkey_file = "token"\n', "are not a PEM certificate"),
+        ('host = "b"\npassword_file = "token"\n', "mqtt: password_file has no effect without a user; set username"),
+        ('host = "b"\nusername = "u"\npassword_file = "lines"\n', "lines: not one line of text; write the password"),
+        ('host = "b"\nusername = "u"\npassword_file = "bytes"\n', "bytes: not one line of text; write the password"),
+    ],
+)
+def test_settings_of_mqtt_that_cannot_work(
+    refused: Callable[..., str], tmp_path: Path, section: str, words: str
+) -> None:
+    (tmp_path / "token").write_text(TOKEN)
+    (tmp_path / "lines").write_text("one\ntwo\n")
+    (tmp_path / "bytes").write_bytes(b"\xff\xfe\n")
+    (tmp_path / "service.toml").write_text(f"[mqtt]\n{section}")
+    assert words in refused("run", "--port", 0, "--config", tmp_path / "service.toml")
+
+
+@pytest.mark.parametrize(
+    ("library", "section", "advice"),
+    [
+        ("paho", 'mqtt]\nhost = "b"', "[mqtt] needs paho; run: pip install 'beamtouch[service,mqtt]'"),
+        (
+            "pymodbus",
+            "modbus_server]\nport = 0",
+            "[modbus_server] needs pymodbus; run: pip install 'beamtouch[service,modbus-server]'",
+        ),
+        (
+            "psycopg",
+            "events]\nurl = 'postgresql://beamtouch@127.0.0.1/beamtouch'",
+            "events.url needs psycopg; run: pip install 'beamtouch[postgresql]'",
+        ),
+    ],
+)
+def test_a_missing_library_of_a_section_names_the_extra(
+    service: Command, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, library: str, section: str, advice: str
+) -> None:
+    for module in [name for name in sys.modules if name.startswith("beamtouch_service.outputs.m")]:
+        monkeypatch.delitem(sys.modules, module)
+    monkeypatch.setitem(sys.modules, library, None)  # as if it were not installed
+    (tmp_path / "service.toml").write_text(f"[{section}\n")
+    done = service("run", "--port", 0, "--config", tmp_path / "service.toml")
+    assert (done.returncode, done.stdout, done.stderr.splitlines()[-1]) == (2, "", f"beamtouch-service: {advice}")
+
+
+def test_a_missing_library_of_the_service_names_the_extra() -> None:
+    program = "import sys; sys.modules['fastapi'] = None\nfrom beamtouch_service.cli import main; sys.exit(main())"
+    command = [sys.executable, "-c", program, "run", "--port", "0"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr == "beamtouch-service: fastapi is not installed; run: pip install 'beamtouch[service]'\n"
+
+
+def test_check_says_when_a_service_is_open_to_other_machines_without_a_proxy(
+    service: Command, tmp_path: Path, token_file: Path, read_token_file: Path
+) -> None:
+    config = tmp_path / "service.toml"
+    tokens = f'write_token_file = "{token_file}"\nread_token_file = "{read_token_file}"\n'
+    surface = f'[surfaces.press-7]\nmodel = "{write_model(tmp_path).name}"\n'
+
+    def check(server: str, *options: str) -> str:
+        config.write_text(f"[server]\nport = 0\n{tokens}{server}\n{surface}")
+        done = service("check", "--config", config, *options)
+        assert done.returncode == 0
+        return done.stdout
+
+    assert check('host = "127.0.0.1"').startswith("surface press-7: press-7@")
+    assert "warning" not in check('host = "127.0.0.1"')
+    assert "warning: no proxy: other machines can hold connections" in check('host = "0.0.0.0"')
+    assert "warning" not in check('host = "0.0.0.0"\nproxy = "192.168.1.4"')
+    (line, *_) = json.loads(check('host = "0.0.0.0"', "--json"))["warnings"]
+    assert line.startswith("no TLS")
