@@ -5,7 +5,7 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
@@ -70,28 +70,37 @@ def _maps(pid: int) -> str:
 
 
 @contextmanager
-def dask(folder: Path, workers: int, first: Path | None = None) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
-    """A Dask scheduler with workers of one thread, without nannies; yields its address, and its processes.
+def dask(
+    folder: Path, workers: int, first: Path | None = None
+) -> Iterator[tuple[str, Callable[[Path | None], subprocess.Popen[bytes]], list[subprocess.Popen[bytes]]]]:
+    """A Dask scheduler with workers of one thread, without nannies.
 
-    Modules and distributions in the folder `first` come before those that are installed.
+    Yields its address, a function that starts another worker, and the processes. Modules and distributions in the
+    folder `first` come before those that are installed.
     """
     if importlib.util.find_spec("distributed") is None:
         give_up("distributed is not installed: pip install 'beamtouch[cluster]'")
     log = folder / "dask.log"
-    environment = {**os.environ, "PYTHONPATH": str(first)} if first else None
     common = ("--host", "127.0.0.1", "--dashboard-address", "127.0.0.1:0")
     with ExitStack() as stack, log.open("wb") as output:
 
-        def start(*arguments: str) -> subprocess.Popen[bytes]:
+        def start(*arguments: str, first: Path | None = None) -> subprocess.Popen[bytes]:
+            environment = {**os.environ, "PYTHONPATH": str(first)} if first else None
             command = [sys.executable, "-m", "dask", *arguments, *common]
             process = subprocess.Popen(command, cwd=folder, stdout=output, stderr=output, env=environment)
             stack.enter_context(process)
             stack.callback(process.kill)
             return process
 
-        processes = [start("scheduler", "--port", "0")]
+        def start_worker(first: Path | None) -> subprocess.Popen[bytes]:
+            before = log.read_bytes().count(b"Registered to")
+            process = start("worker", address, "--nthreads", "1", "--no-nanny", first=first)
+            wait_until(lambda: log.read_bytes().count(b"Registered to") > before, WITHIN_S)
+            return process
+
+        scheduler = start("scheduler", "--port", "0")
         wait_until(lambda: b"Scheduler at:" in log.read_bytes(), WITHIN_S)
         address = log.read_text().split("Scheduler at:")[1].split()[0]
-        processes += [start("worker", address, "--nthreads", "1", "--no-nanny") for _ in range(workers)]
+        started = [start("worker", address, "--nthreads", "1", "--no-nanny", first=first) for _ in range(workers)]
         wait_until(lambda: log.read_bytes().count(b"Registered to") == workers, WITHIN_S)
-        yield address, processes
+        yield address, start_worker, [scheduler, *started]

@@ -7,7 +7,6 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from html import escape
-from itertools import pairwise
 from typing import Literal
 
 Colour = Literal["ground", "ink", "faint", "muted", "s0", "s1", "s2", "s3", "s4", "s5", "s6", "s7"]
@@ -260,20 +259,23 @@ def _line(series: Series) -> str:
     return f'{paint} stroke-linejoin="round"{dashes}'
 
 
+def flow(widths: Iterable[float], room: float, gap: float) -> list[tuple[int, float]]:
+    """Return row and offset of entries of these widths that follow each other in rows, with a gap between two."""
+    places, row, offset = [], 0, 0.0
+    for width in widths:
+        if offset and offset + width > room:
+            row, offset = row + 1, 0.0
+        places.append((row, offset))
+        offset += width + gap
+    return places
+
+
 def _legend(series: Sequence[Series], width: float) -> tuple[list[str], int]:
     """Return the elements of the legend and its number of rows."""
     named = [one for one in series if one.label]
-    widths = [34 + len(one.label) * CHARACTER + 14 for one in named]
-    starts = [0.0]
-    for before, _ in pairwise(widths):
-        starts.append(starts[-1] + before)
-    room = width - LEFT - RIGHT
-    parts, row, offset = [], 0, 0.0
-    for one, start, needed in zip(named, starts, widths, strict=False):
-        if start - offset + needed > room and start > offset:
-            row, offset = row + 1, start
-        parts.append(_key(one, LEFT + start - offset, TOP + row * LEGEND_ROW))
-    return parts, row + 1 if named else 0
+    places = flow((34 + len(one.label) * CHARACTER for one in named), width - LEFT - RIGHT, 14)
+    parts = [_key(one, LEFT + offset, TOP + row * LEGEND_ROW) for one, (row, offset) in zip(named, places, strict=True)]
+    return parts, places[-1][0] + 1 if places else 0
 
 
 def _key(series: Series, x: float, y: float) -> str:

@@ -1,4 +1,8 @@
-"""The blocks of README, tutorial and guides run as they stand there, pasted whole and in order."""
+"""The blocks of README, tutorial and guides run as they stand there, pasted whole and in order.
+
+Each starts a rig, a service and a daemon, and waits for them as its reader does. So the README and most guides are of
+the soak; `test_commands_in_pages.py` holds their commands and files to the programs in each run.
+"""
 
 import json
 import re
@@ -63,6 +67,7 @@ def _follow_tutorial(folder: Path) -> None:
     (folder / "printed").write_text(paste(TUTORIAL, folder))
 
 
+@pytest.mark.soak
 def test_the_readme_ends_in_a_contact(tmp_path: Path) -> None:
     need("curl")
 
@@ -81,6 +86,7 @@ def test_the_tutorial_ends_in_the_contact_that_it_shows(followed: Path) -> None:
     assert abs(contact["position_mm"] - 150) < 20
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("page", GUIDES)
 def test_a_guide_runs_after_the_tutorial(page: str, strip: Path) -> None:
     need("openssl")

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from beamtouch_models.building.build import draw_beam
-from beamtouch_models.building.report.beam_drawing import BENT_PX, MARGIN, WIDTH, beam_drawing
+from beamtouch_models.building.report.beam_drawing import BENT_PX, HEIGHT, MARGIN, WIDTH, beam_drawing
 from beamtouch_models.metadata import Channel
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.scene import Scene, parse_scene
@@ -55,12 +55,45 @@ def test_a_thin_beam_is_drawn_thicker_by_the_stated_factor_and_keeps_its_steps(b
     assert "3 mm thick" in drawn(bench, scene_with("")).text
 
 
-def test_sensors_are_as_wide_as_their_housings(bench: ModelFile) -> None:
-    scale = (WIDTH - 2 * MARGIN) / 400
-    for size_mm in (5, 30):
-        boxes = drawn(bench, scene_with("", f"size_mm = {size_mm}")).of("rect", "sensor")
-        assert [float(box["width"]) for box in boxes] == pytest.approx([size_mm * scale] * 2, abs=0.06)
-        assert float(boxes[0]["x"]) + float(boxes[0]["width"]) / 2 == pytest.approx(MARGIN + 100 * scale, abs=0.1)
+def test_the_drawing_is_to_scale(bench: ModelFile) -> None:
+    rules = "size_mm = 30\nfixed_mm = [100]\nkeep_out_mm = [[200, 240]]"
+    tags, scale = drawn(bench, scene_with("", rules), 100.0, 170.0, 330.0), (WIDTH - 2 * MARGIN) / 400
+    sensors, (beam,), (keep_out,) = (tags.of("rect", kind) for kind in ("sensor", "beam", "keepout"))
+    assert [float(one["width"]) for one in sensors] == pytest.approx([30 * scale] * 3, abs=0.06)
+    middles = [float(one["x"]) + float(one["width"]) / 2 for one in sensors]
+    assert middles == pytest.approx([MARGIN + x * scale for x in (100, 170, 330)], abs=0.1)
+    assert ["fixed" in one["class"] for one in sensors] == [True, False, False]
+    assert float(beam["width"]) == pytest.approx(400 * scale, abs=0.1)
+    assert float(beam["height"]) == pytest.approx(3 * scale, abs=0.1)
+    gap = float(sensors[0]["y"]) - float(beam["y"]) - float(beam["height"])
+    assert gap == pytest.approx(bench.metadata.sensor.standoff_mm * scale, abs=0.2)
+    assert float(keep_out["x"]) == pytest.approx(MARGIN + 200 * scale, abs=0.1)
+    assert float(keep_out["width"]) == pytest.approx(40 * scale, abs=0.1)
+    assert {"s1 (fixed)", "s2", "keep out"} <= set(tags.text)
+
+
+def test_labels_of_close_sensors_do_not_overlap(bench: ModelFile) -> None:
+    tags = drawn(bench, scene_with(""), *(10.0 + 12 * i for i in range(8)))
+    rows = {float(line["y2"]) for line in tags.of("line", "lead")}
+    assert len(tags.of("line", "lead")) == 8
+    assert len(rows) == 2
+    assert max(rows) + 25 < HEIGHT - 36
+
+
+@pytest.mark.parametrize(
+    ("beam", "supports", "sections"),
+    [
+        ('supports = "cantilever"', 1, 1),
+        ('supports = "propped"\nsegments = [{to_mm = 150}, {to_mm = 400, thickness_mm = 8}]', 2, 2),
+        ('supports = [{at_mm = 50}, {at_mm = 200, kind = "fixed"}, {at_mm = 350}]', 3, 1),
+        ("supports = []\nfoundation_n_mm2 = 0.01", 1, 1),  # springs under the whole beam are drawn as one
+    ],
+)
+def test_every_support_and_section_is_drawn(bench: ModelFile, beam: str, supports: int, sections: int) -> None:
+    tags = drawn(bench, scene_with(beam))
+    assert len(tags.of("path", "support")) == supports
+    assert len(tags.of("rect", "beam")) == sections
+    assert "Supports: " in tags.of("svg")[0]["aria-label"]
 
 
 @pytest.mark.parametrize("ends", ["simply-supported", "cantilever", "propped"])
@@ -80,17 +113,12 @@ def test_the_bent_beam_has_the_shape_of_the_model(bench: ModelFile, ends: str) -
 
 
 def test_every_colour_has_its_words(bench: ModelFile) -> None:
-    plain = drawn(bench, scene_with("")).text
-    assert "sensor, 8 mm wide" in plain
-    assert not {"sensor, 8 mm wide, fixed by the scene", "no sensors here", "elastic foundation"} & set(plain)
+    ruled = {"sensor, 8 mm wide, fixed by the scene", "no sensors here", "elastic foundation"}
     rules = "fixed_mm = [100]\nkeep_out_mm = [[200, 220]]"
-    words = drawn(bench, scene_with("foundation_n_mm2 = 0.01", rules)).text
-    assert {
-        "sensor, 8 mm wide",
-        "sensor, 8 mm wide, fixed by the scene",
-        "no sensors here",
-        "elastic foundation",
-    } <= set(words)
+    plain, words = (drawn(bench, one).text for one in (scene_with(""), scene_with("foundation_n_mm2 = 0.01", rules)))
+    assert "sensor, 8 mm wide" in plain
+    assert not ruled & set(plain)
+    assert {"sensor, 8 mm wide", *ruled} <= set(words)
 
 
 def test_the_file_of_a_model_says_which_supports_slide(bench: ModelFile) -> None:

@@ -22,7 +22,6 @@ from in_process import Command
 from waiting import wait_until
 
 STRIP = ("--length-mm", 650, "--width-mm", 40, "--thickness-mm", 2)
-STAINLESS = (*STRIP, "--material", "stainless", "--left", "clamped", "--right", "roller", "--sensors", 4)
 STANDING = [pair for pair in product(("clamped", "pinned", "roller", "free"), repeat=2) if "clamped" in pair]
 STANDING += [("pinned", "pinned"), ("pinned", "roller"), ("roller", "pinned")]
 
@@ -34,21 +33,6 @@ def test_a_scene_of_any_ends_can_be_built(left: End, right: End, size_mm: tuple[
     scene = parse_scene(scene_text(Answers(*size_mm, material=material, left=left, right=right), "x"), "x.toml")
     Surface.of(scene).check()
     assert (held_stretch_mm(scene.beam) is not None) == ({left, right} <= {"clamped", "pinned"})
-
-
-@pytest.mark.long
-@pytest.mark.usefixtures("short_measuring")
-def test_the_strip_of_stainless_steel_becomes_a_model(
-    design_sensors_here: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    assert design_sensors_here("new", "strip.toml", *STAINLESS).returncode == 0
-    stated = tomllib.loads(Path("strip.toml").read_text())
-    assert stated["beam"]["material"] == "stainless"
-    assert [one["kind"] for one in stated["beam"]["supports"]] == ["fixed", "simple"]
-    done = design_sensors_here("build", "strip.toml", "-o", "strip.onnx", "--json")
-    assert done.returncode == 0, done.stderr
-    assert len(json.loads(done.stdout)["positions_mm"]) == 4
 
 
 def test_a_roller_between_the_ends_carries_the_beam(

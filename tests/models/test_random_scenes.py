@@ -5,12 +5,8 @@
 
 from pathlib import Path
 
-import numpy as np
 import pytest
 
-from beamtouch_models.accuracy.rest import reach_of
-from beamtouch_models.accuracy.touch_thresholds import directions, log_odds, touch_threshold
-from beamtouch_models.arrays import Floats
 from beamtouch_models.loading import load
 from random_scenes import random_scene, run_here, short_work, try_scene
 
@@ -87,18 +83,3 @@ def test_a_random_scene_is_explained_and_placed_or_refused_in_one_line(seed: int
         told = dict(try_scene(seed, ["explain", "place"], tmp_path))
 
     assert set(told) == {"explain", "place"}, random_scene(seed)
-
-
-@pytest.mark.parametrize(("sensors", "share"), [(7, 0.3), (4, 0.05), (2, 1e-3)])
-def test_where_zeros_drift_rest_exceeds_the_threshold_of_touch_as_often_as_asked(sensors: int, share: float) -> None:
-    rate, rng = 1e-3, np.random.default_rng(1)
-    shapes = np.sin(np.linspace(0, np.pi, 129)[:, None] * np.arange(1, sensors + 1)) / np.arange(1, sensors + 1) ** 2
-    unit, noise = directions(shapes), np.full(sensors, share)
-    zero = reach_of(noise) * rng.uniform(-1, 1, size=(100_000, sensors))
-    rest: Floats = zero + noise * rng.normal(size=zero.shape)
-
-    often = np.mean(log_odds(unit, rest) > touch_threshold(unit, noise, rate, 3))
-
-    assert not unit[0].any()
-    assert not unit[-1].any()
-    assert often == pytest.approx(rate, rel=0.3)

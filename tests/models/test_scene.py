@@ -57,6 +57,12 @@ def test_rigidity_of_a_rectangular_section() -> None:
             "false_contacts_per_day = 86401: at sensors.rate_hz = 100 at most 86400 a day, one sample in 100",
         ),
         ("thickness_mm = 3", "", "give youngs_modulus_gpa or material, width_mm and thickness_mm, or flexural"),
+        ("[beam]", "[beam]\nsupports = [{at_mm = 100}]", "one simple support lets the beam rotate: add a support"),
+        ("[beam]", "[beam]\nsupports = [{at_mm = 100, kin = 'fixed'}]", "unknown key beam.supports[0].kin"),
+        ("position_mm", "width_mm = -1\nposition_mm", "contact.width_mm"),
+        ("count = 2", "count = 2\nfixed_mm = [200, 207]", "fixed_mm has 200 and 207 mm, 7 mm apart, less than"),
+        ("[sensors]", "[requirements]\nlatency_ms = inf\n[sensors]", "latency_ms: must be a finite number"),
+        ("width_mm = 25", "width_mm = 25\nsegments = [{to_mm = 300}]", "they must cover it exactly"),
         ("width_mm = 25", "width_mm = 25\nsegments = [{to_mm = 300}, {to_mm = 200}]", "must ascend"),
         (
             "width_mm = 25",

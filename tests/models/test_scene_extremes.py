@@ -114,7 +114,7 @@ def check_answered(code: int, out: str, err: str) -> None:
     assert len([line for line in err.splitlines() if line.startswith("design-sensors: ")]) == 1, err
 
 
-@pytest.mark.parametrize(("command", "examples"), [("explain", 120), ("place", 20)])
+@pytest.mark.parametrize(("command", "examples"), [("explain", 60), ("place", 8)])
 def test_extreme_numbers_give_a_figure_or_one_line(command: str, examples: int, tmp_path: Path) -> None:
     arguments = ["--sensors", "2"] if command == "place" else []
 
@@ -125,64 +125,3 @@ def test_extreme_numbers_give_a_figure_or_one_line(command: str, examples: int, 
         check_answered(*run(command, str(path), *arguments, "--json"))
 
     holds()
-
-
-@pytest.mark.parametrize(
-    ("part", "key", "value", "said"),
-    [
-        ("beam", "flexural_rigidity_n_mm2", 1e30, "the largest deflection is 2.67e-23 mm, which no sensor measures"),
-        ("sensors", "noise_mm", 1e-310, "less than 1e-4 % of the largest deflection"),
-        ("sensors", "noise_mm", 1e-6, "less than 1e-4 % of the largest deflection"),
-        ("sensors", "noise_mm", 1e5, "hides the largest deflection"),
-        ("sensors", "zero_drift_mm", 1e200, "zero_drift_mm = 1e+200 hides the largest deflection"),
-        ("sensors", "zero_drift_mm", 5.0, "no contact of the scene is seen, as at least"),
-        ("sensors", "fixed_mm", [100.0, 200.0, 100.0], "fixed_mm names 100 mm twice"),
-        ("requirements", "latency_ms", math.inf, "requirements.latency_ms: must be a finite number"),
-        ("requirements", "latency_ms", 1e300, "more than 10000 readings"),
-    ],
-)
-def test_build_refuses_scenes_that_no_model_can_carry(
-    part: str, key: str, value: object, said: str, tmp_path: Path
-) -> None:
-    stated = scene(section=False)
-    stated[part][key] = value
-    output = tmp_path / "model.onnx"
-    code, out, err = run("build", str(written(tmp_path / "scene.toml", stated)), "-o", str(output))
-    check_answered(code, out, err)
-    assert said in err
-    assert not output.exists()
-
-
-def test_a_noise_too_small_for_float64_is_refused_by_place(tmp_path: Path) -> None:
-    stated = scene(section=False)
-    stated["sensors"]["noise_mm"] = 1e-310
-    code, out, err = run("place", str(written(tmp_path / "scene.toml", stated)), "--json")
-    check_answered(code, out, err)
-    assert "less than 1e-4 % of the largest deflection" in err
-
-
-@pytest.mark.parametrize(
-    ("part", "key", "value"), [("contact", "force_n", [2.0, 1e308]), ("beam", "shear_modulus_gpa", 1e-300)]
-)
-def test_a_deflection_beyond_every_number_is_refused_by_place(
-    part: str, key: str, value: object, tmp_path: Path
-) -> None:
-    stated = scene()
-    stated[part][key] = value
-    code, out, err = run("place", str(written(tmp_path / "scene.toml", stated)), "--json")
-    check_answered(code, out, err)
-    assert "beyond the 0.1 rad of small-angle theory" in err
-
-
-@pytest.mark.parametrize("command", ["explain", "trade"])
-@pytest.mark.parametrize(
-    ("noise_mm", "said"), [(1e5, "hides the largest deflection"), (1e-8, "less than 1e-4 % of the largest deflection")]
-)
-def test_a_noise_that_no_model_can_carry_is_refused(command: str, noise_mm: float, said: str, tmp_path: Path) -> None:
-    stated = scene(section=False)
-    stated["sensors"]["noise_mm"] = noise_mm
-    path = written(tmp_path / "scene.toml", stated)
-    more = ["-o", str(tmp_path / "out"), "--estimators", "posterior", "--draws", "100"] if command == "trade" else []
-    code, out, err = run(command, str(path), *more, "--json")
-    check_answered(code, out, err)
-    assert said in err

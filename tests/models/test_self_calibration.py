@@ -17,7 +17,6 @@ from beamtouch_models.calibration.loads import read_loads
 from beamtouch_models.calibration.self_calibrate import KINDS, SelfCalibrated, self_calibrate
 from beamtouch_models.calibration.theory import GAIN, Theory
 from beamtouch_models.calibration.unlabelled import fit_contacts
-from beamtouch_models.commands import calibrate_events
 from beamtouch_models.estimators.onnx_graph import to_bytes, with_force_error
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.progress import Progress, silent
@@ -172,7 +171,7 @@ def test_the_command_writes_a_model_and_says_what_it_changed(
         kept.extend([] if kept else [self_calibrate(model, contacts, progress)])
         return kept[0]
 
-    monkeypatch.setattr(calibrate_events, "self_calibrate", once)
+    monkeypatch.setattr("beamtouch_models.calibration.self_calibrate.self_calibrate", once)
     contacts, _ = random_contacts(bench, OFF, 1, 100)
     path, output = write_contacts(tmp_path / "contacts.csv", bench, contacts), tmp_path / "new.onnx"
     done = design_sensors_here("calibrate", bench_model, "--events", path, "-o", output, "--json")

@@ -1,25 +1,37 @@
-"""Sweeps over worker processes: the same results, and an end without remains."""
+"""Sweeps over worker processes and over a Dask cluster: the same results, and an end without remains."""
 
 import json
+import logging
 import os
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from beamtouch_common.errors import FailedError
+from beamtouch_models import cli
+from beamtouch_models.workers.cluster import cluster_at
 from example_scenes import PAPER
-from in_process import Command
-from sweeping import COMMAND, QUICKLY_TIMED, WITHIN_S, at_work, group, sweeping, swept
+from in_process import Command, command_of
+from sweeping import COMMAND, QUICKLY_TIMED, WITHIN_S, at_work, dask, group, sweeping, swept
 from waiting import wait_until
 
 LONG = ("--draws", 2000)
 """Enough work for workers to be interrupted."""
 MEASURED = ("times", "latency_ms", "on_front", "sentences")
 """Fields of a trade that are measured times, or follow from them."""
+
+
+@pytest.fixture
+def spread_here(capsys: pytest.CaptureFixture[str]) -> Iterator[Command]:
+    """`design-sensors` in this process, with the workers that its arguments name."""
+    yield command_of(cli.main, capsys)
+    logging.disable(logging.NOTSET)
 
 
 def untimed(found: Any) -> Any:  # noqa: ANN401  # JSON
@@ -39,13 +51,13 @@ def scenes_in(folder: Path) -> Path:
     return folder
 
 
-def test_evaluate_and_challenge_print_the_same_bytes_at_any_number_of_workers(
+def test_an_evaluation_prints_the_same_bytes_at_any_number_of_workers(
     design_sensors_here: Command, quick_model: Path
 ) -> None:
-    for arguments in (("evaluate", "--draws", 400, "--noise", 0.01, "--noise", 0.02), ("challenge", "--draws", 10)):
-        alone = design_sensors_here(*arguments, quick_model, "--json")
-        assert alone.stdout == swept(*arguments, quick_model, "--json", "--workers", 2)
-        assert len(alone.stdout) > 500
+    arguments = ("evaluate", "--draws", 400, "--noise", 0.01, "--noise", 0.02, quick_model, "--json")
+    alone = design_sensors_here(*arguments).stdout
+    assert len(alone) > 500
+    assert alone == swept(*arguments, "--workers", 2)
 
 
 @pytest.mark.long
@@ -60,12 +72,12 @@ def test_a_folder_of_scenes_is_traded_into_a_folder_each(design_sensors_here: Co
     objects = [json.loads(line) for line in done.stdout.splitlines()]
     assert [one.pop("output") for one in objects] == [str(folder / name) for name in ("narrow", "plain")]
     assert [one["scene"] for one in objects] == [str(scenes / f"{name}.toml") for name in ("narrow", "plain")]
-    assert all(one["points"] for one in objects)
-    for name in ("narrow", "plain"):
+    for one, name in zip(objects, ("narrow", "plain"), strict=True):
+        assert one["points"]
         assert json.loads((folder / name / "trade.json").read_text())["points"]
 
     # In this process; times are no part of what is compared.
-    told = design_sensors_here("trade", scenes / "plain.toml", *options, "-o", alone, "--workers", 1)
+    told = design_sensors_here("trade", scenes / "plain.toml", *options, "-o", alone)
     assert told.returncode == 0, told.stderr
     one = json.loads(told.stdout)
     assert one.pop("output") == str(alone)
@@ -86,23 +98,17 @@ def kill_a_worker(process: subprocess.Popen[str]) -> None:
         (interrupt_the_group, 130, "design-sensors: interrupted\n"),
         (kill_a_worker, 1, "design-sensors: a worker process ended before its work was done; if memory was short, use "
             "fewer --workers\n"),
+        (subprocess.Popen.kill, -signal.SIGKILL, ""),
     ],
 )  # fmt: skip
 def test_what_ends_a_sweep_ends_its_workers(
-    bench_model: Path, harm: Callable[[subprocess.Popen[str]], None], code: int, said: str
+    quick_model: Path, harm: Callable[[subprocess.Popen[str]], None], code: int, said: str
 ) -> None:
-    with sweeping("challenge", bench_model, *LONG, "--workers", 2) as process:
+    with sweeping("challenge", quick_model, *LONG, "--workers", 2) as process:
         wait_until(lambda: len(at_work(process.pid)) == 2, WITHIN_S)
         harm(process)
         out, err = process.communicate(timeout=WITHIN_S)
         assert (process.returncode, out, err) == (code, "", said)
-        wait_until(lambda: not group(process.pid), WITHIN_S)
-
-
-def test_workers_end_when_their_command_is_killed(bench_model: Path) -> None:
-    with sweeping("challenge", bench_model, *LONG, "--workers", 2) as process:
-        wait_until(lambda: len(at_work(process.pid)) == 2, WITHIN_S)
-        process.kill()
         wait_until(lambda: not group(process.pid), WITHIN_S)
 
 
@@ -116,32 +122,137 @@ def test_workers_end_when_their_command_is_killed(bench_model: Path) -> None:
     ],
 )
 @pytest.mark.parametrize("command", ["trade", "evaluate", "challenge"])
-def test_wrong_workers_are_refused_in_one_line(command: str, options: tuple[str, ...], said: str) -> None:
-    done = subprocess.run([COMMAND, command, "FILE", *options], capture_output=True, text=True, check=False)
+def test_wrong_workers_are_refused_in_one_line(
+    spread_here: Command, command: str, options: tuple[str, ...], said: str
+) -> None:
+    done = spread_here(command, "FILE", *options)
     assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
     assert said in done.stderr
-
-
-def test_a_cluster_without_its_extra_names_the_extra(bench_model: Path) -> None:
-    # As if it were not installed: an entry of None is not found.
-    program = "import sys; sys.modules['distributed'] = None; from beamtouch_models.cli import main; sys.exit(main())"
-    command = [sys.executable, "-c", program, "evaluate", str(bench_model), "--cluster", "tcp://127.0.0.1:1"]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=WITHIN_S)
-    expected = "design-sensors: --cluster needs distributed; run: pip install 'beamtouch[design,cluster]'\n"
-    assert (done.returncode, done.stdout, done.stderr) == (2, "", expected)
 
 
 def test_a_folder_without_scenes_and_a_wrong_scene_are_refused_before_any_work(
     design_sensors_here: Command, tmp_path: Path
 ) -> None:
-    empty = tmp_path / "empty"
-    empty.mkdir()
-    done = design_sensors_here("trade", empty, "-o", tmp_path / "out")
-    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
-    assert "no scenes (*.toml)" in done.stderr
+    (tmp_path / "empty").mkdir()
     scenes = scenes_in(tmp_path / "scenes")
     (scenes / "wrong.toml").write_text(PAPER.replace("count = 2", "count = 0"))
-    done = design_sensors_here("trade", scenes, "-o", tmp_path / "out")
-    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
-    assert "wrong.toml" in done.stderr
+    for folder, said in ((tmp_path / "empty", "no scenes (*.toml)"), (scenes, "wrong.toml")):
+        done = design_sensors_here("trade", folder, "-o", tmp_path / "out")
+        assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+        assert said in done.stderr
     assert not (tmp_path / "out").exists()
+
+
+def test_a_cluster_without_its_extra_names_the_extra(
+    spread_here: Command, quick_model: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "distributed", None)  # as if it were not installed
+    monkeypatch.delitem(sys.modules, "beamtouch_models.workers.cluster")
+    done = spread_here("evaluate", quick_model, "--cluster", "tcp://127.0.0.1:1")
+    expected = "design-sensors: --cluster needs distributed; run: pip install 'beamtouch[design,cluster]'\n"
+    assert (done.returncode, done.stdout, done.stderr) == (2, "", expected)
+
+
+def other_version_of(name: str, folder: Path) -> Path:
+    """Make a folder with another version of a package, or of Python, for a worker to find first."""
+    if name == "Python":
+        (folder / "sitecustomize.py").write_text("import platform\nplatform.python_version = lambda: '3.7.1'\n")
+    else:
+        (folder / f"{name}-0.0.7.dist-info").mkdir()
+        (folder / f"{name}-0.0.7.dist-info" / "METADATA").write_text(f"Name: {name}\nVersion: 0.0.7\n")
+    return folder
+
+
+@pytest.mark.long
+def test_a_cluster_gives_the_same_bytes_and_is_refused_in_one_line_where_it_cannot_work(
+    design_sensors_here: Command, spread_here: Command, quick_model: Path, tmp_path: Path
+) -> None:
+    """One scheduler: without a worker, with one of another version, with one that fits, and gone."""
+
+    def refusal(address: str) -> str:
+        done = spread_here("evaluate", quick_model, "--cluster", address)
+        assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1), done.stderr
+        return done.stderr
+
+    first = tmp_path / "first"
+    first.mkdir()
+    with dask(tmp_path, workers=0) as (address, start_worker, (scheduler,)):
+        assert "it has no workers; run `dask worker tcp://" in refusal(address)
+
+        other = start_worker(other_version_of("beamtouch", first))
+        ours = metadata.version("beamtouch")
+        said = f" has beamtouch 0.0.7; install 'beamtouch[design,cluster]' there, with beamtouch {ours}"
+        assert said in refusal(address)
+        other.kill()
+        other.wait()
+
+        start_worker(None)
+        arguments = ("challenge", "--draws", 10, quick_model, "--json")
+        here = design_sensors_here(*arguments).stdout
+        assert here == spread_here(*arguments, "--cluster", address).stdout
+        assert len(here) > 500
+
+        scheduler.kill()
+        scheduler.wait()
+        assert "no Dask scheduler answers there" in refusal(address)
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("name", ["Python", "numpy"])
+def test_a_cluster_with_another_version_is_refused_in_one_line(
+    spread_here: Command, quick_model: Path, tmp_path: Path, name: str
+) -> None:
+    first = tmp_path / "first"
+    first.mkdir()
+    has = "Python 3.7.1" if name == "Python" else f"{name} 0.0.7"
+    with dask(tmp_path, workers=1, first=other_version_of(name, first)) as (address, _, _):
+        said = spread_here("evaluate", quick_model, "--cluster", address).stderr
+    ours = "3." if name == "Python" else metadata.version(name)
+    assert f" has {has}; install 'beamtouch[design,cluster]' there, with {name} {ours}" in said
+
+
+def work_without_workers(address: str, worker: subprocess.Popen[bytes]) -> None:
+    with cluster_at(address, without_workers_s=0.0) as spread:
+        worker.kill()
+        worker.wait()
+        list(spread(abs, [-1]))
+
+
+@pytest.mark.soak
+def test_a_cluster_that_has_no_workers_for_too_long_ends_the_work(tmp_path: Path) -> None:
+    try:
+        with dask(tmp_path, workers=1) as (address, _, (_, worker)):
+            with cluster_at(address) as spread:
+                assert list(spread(abs, [-1, 2, -3])) == [1, 2, 3]
+            said = f"--cluster {address}: its scheduler or its workers ended before the work was done"
+            with pytest.raises(FailedError, match=said):
+                work_without_workers(address, worker)
+    finally:
+        logging.disable(logging.NOTSET)
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("lost", ["worker", "scheduler", "command"])
+def test_a_cluster_that_loses_a_process(quick_model: Path, tmp_path: Path, lost: str) -> None:
+    with dask(tmp_path, workers=2) as (address, _, (scheduler, worker, _)):
+        command = [COMMAND, "challenge", str(quick_model), "--draws", "40", "--json", "--cluster", address]
+        pipe = subprocess.PIPE
+        with subprocess.Popen(command, stdout=pipe, stderr=pipe, text=True) as process:
+            try:
+                maps = Path(f"/proc/{worker.pid}/maps")
+                wait_until(lambda: "onnxruntime" in maps.read_text(), WITHIN_S)
+                if lost == "command":
+                    process.send_signal(signal.SIGINT)
+                else:
+                    (worker if lost == "worker" else scheduler).kill()
+                out, err = process.communicate(timeout=WITHIN_S)
+            finally:
+                process.kill()
+    if lost == "worker":  # the other one does its work
+        assert (process.returncode, err) == (0, "")
+        assert out.startswith('{"model": ')
+    elif lost == "command":
+        assert (process.returncode, out, err) == (130, "", "design-sensors: interrupted\n")
+    else:
+        said = f"--cluster {address}: its scheduler or its workers ended before the work was done\n"
+        assert (process.returncode, out, err) == (1, "", f"design-sensors: {said}")

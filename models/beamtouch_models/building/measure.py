@@ -53,7 +53,11 @@ def measure(estimator: Estimator, prior: Prior, surface: Surface, sensor_mm: Flo
     `sensor_mm` (channels,) are the positions of the sensors of the prior. Errors are those of `reach`.
     """
     run = runner(to_bytes(estimator.graph))
-    reached = reach(estimator, prior, run, ACCURACY_DRAWS, seed + 2)
+    try:
+        reached = reach(estimator, prior, run, ACCURACY_DRAWS, seed + 2)
+    except NotGoodEnoughError as error:
+        message = f"nothing was written: {error}"
+        raise NotGoodEnoughError(message) from None
     thresholds = thresholds_of(prior, surface, seed + 1)
     supports_mm = [support.at_mm for support in surface.stated.beam.support_list]
     gain, zero_mm = (np.broadcast_to(value, prior.channels).tolist() for value in (prior.gain, prior.zero_mm))
@@ -116,7 +120,7 @@ def reach(made: Estimator, prior: Prior, run: Run, draws: int, seed: int) -> Rea
     deflection = prior.measured(contacts.drawn.deflection_mm)
     answers = run(deflection, prior.whitening(deflection))
     if not all(np.isfinite(values).all() for values in answers.values()):
-        message = "nothing was written: some answers of the model are not finite; check the scene for extreme values"
+        message = "some answers of the model are not finite; check the scene for extreme values"
         raise NotGoodEnoughError(message)
     error = contacts.mean_error_mm(answers["position_mm"])
     reached = Reached(mean_of(error, weight), mean_of(best, weight), ratio_of(error * weight, best * weight))
@@ -131,9 +135,8 @@ def reach(made: Estimator, prior: Prior, run: Run, draws: int, seed: int) -> Rea
     ):
         return reached
     message = (
-        f"nothing was written: with {digits(prior.noise_mm, 3)} mm of noise the model's error is "
-        f"{digits(ratio.value, 3)} times the accuracy limit, and {coverage.value:.1%} of positions lie in their 95 % "
-        "intervals; state a larger noise"
+        f"with {digits(prior.noise_mm, 3)} mm of noise the error is {digits(ratio.value, 3)} times the accuracy "
+        f"limit, and {coverage.value:.1%} of positions lie in their 95 % intervals; state a larger noise"
     )
     raise NotGoodEnoughError(message)
 

@@ -1,6 +1,7 @@
 """The text of a new scene, with comments, from a few answers."""
 
 from dataclasses import asdict, dataclass
+from importlib.resources import files
 from typing import Literal
 
 import numpy as np
@@ -21,47 +22,6 @@ SUPPORTS: dict[End, tuple[str, str]] = {
     "pinned": ('kind = "simple", slides = false', "pinned: it can turn, not slide"),
     "roller": ('kind = "simple"', "on a roller: it can turn and slide"),
 }
-
-
-TEMPLATE = """\
-# {name}: a strip of {material}, {length_mm:g} x {width_mm:g} x {thickness_mm:g} mm.
-# Lengths are in mm, from the left end. Keys behind a # are optional; the reference of the scene describes them all.
-
-[beam]
-length_mm = {length_mm:.12g}
-width_mm = {width_mm:.12g}
-thickness_mm = {thickness_mm:.12g}
-# With {known.youngs_modulus_gpa:g} GPa, {known.density_kg_m3:g} kg/m3 and {known.expansion_um_per_m_k:g} um/(m K).
-material = "{material}"
-# youngs_modulus_gpa = {known.youngs_modulus_gpa:g}  # goes before that of the material
-supports = [
-{supports}
-]
-
-[contact]
-force_n = [{force_n[0]:.12g}, {force_n[1]:.12g}]  # {told}
-position_mm = [{position_mm[0]:.12g}, {position_mm[1]:.12g}]  # near a support the beam moves too little
-
-[sensors]
-count = {sensors}
-noise_mm = {noise_mm:.12g}  # standard deviation of a reading; `beamtouch-daemon noise` measures it
-rate_hz = {rate_hz:.12g}  # readings per second
-range_mm = [{range_mm[0]:.12g}, {range_mm[1]:.12g}]  # gaps over which the sensor is linear
-# gain_error_percent = 0.3  # what calibration leaves of each sensor's gain, as a standard deviation
-# zero_drift_mm = 0.001  # of each sensor's zero since the last tare, likewise
-# mounting_tolerance_mm = 0.5  # of each sensor's position, likewise
-# drift_um_per_k = 0.2  # needs temperature_range_k
-# size_mm = 8  # width of a housing along the beam; it keeps housings apart, and off supports and ends
-# keep_out_mm = [[{middle_mm[0]:.12g}, {middle_mm[1]:.12g}]]  # no sensors here
-
-[requirements]
-latency_ms = {latency_ms:.12g}  # time that readings are filtered; ringing may last longer, `explain` says how long
-descriptors = ["position", "force"]
-{error}  # largest mean error
-
-# [environment]
-# temperature_range_k = [-10, 15]  # relative to the temperature at which the beam was mounted
-"""
 
 
 @dataclass(frozen=True)
@@ -112,7 +72,7 @@ def scene_text(answers: Answers, name: str) -> str:
         "middle_mm": (length / 2 - 10, length / 2 + 10),
         "error": "# position_error_mm = 10" if wanted is None else f"position_error_mm = {wanted:.12g}",
     }
-    return TEMPLATE.format_map(stated)
+    return files(__package__).joinpath("new_scene.toml.txt").read_text(encoding="utf-8").format_map(stated)
 
 
 def _held(answers: Answers) -> list[tuple[float, End]]:

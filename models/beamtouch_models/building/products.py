@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Literal
 
 from beamtouch_common.files import require_writable, write_atomically
-from beamtouch_models.building.build import Choices, build_model
+from beamtouch_models.building.build import Built, Choices, build_model
 from beamtouch_models.building.daemon_config import daemon_config as daemon_config_of
 from beamtouch_models.building.report.facts import gather
 from beamtouch_models.building.report.page import page
@@ -15,7 +15,7 @@ from beamtouch_models.estimators.estimator import NAMES, Name
 from beamtouch_models.metadata.fields import NAME
 from beamtouch_models.numbers import require, whole
 from beamtouch_models.placement.placing import DEFAULT_AIM, Aim, Criterion
-from beamtouch_models.progress import silent
+from beamtouch_models.progress import Progress, silent
 from beamtouch_models.scene import Scene, format_scene, load_scene, read_scene
 from beamtouch_models.scene.scene import path_of
 
@@ -67,14 +67,38 @@ def build(  # noqa: PLR0913  # one for each option of the command
         raise SceneError(message)
     config_file, report_file = (None if one is None else Path(one) for one in (daemon_config, report))
     require_writable((config_file, report_file), () if isinstance(scene, Scene) else (path_of(scene),))
-    choices = Choices(estimator=estimator, aim=Aim(criterion, spare))
-    count, seed = count_of(sensors), whole(seed, "seed", 0)
-    built = build_model(stated, text, name, count=count, seed=seed, progress=silent, choices=choices)
-    if config_file is not None:
-        write_atomically(config_file, daemon_config_of(built.metadata).encode())
-    if report_file is not None:
-        write_atomically(report_file, page(gather(stated, built, silent)).encode())
+    built = build_model(
+        stated,
+        text,
+        name,
+        count=count_of(sensors),
+        seed=whole(seed, "seed", 0),
+        progress=silent,
+        choices=Choices(estimator=estimator, aim=Aim(criterion, spare)),
+    )
+    write_products(stated, built, config=config_file, report=report_file)
     return built.content
+
+
+def write_products(
+    scene: Scene,
+    built: Built,
+    *,
+    model: Path | None = None,
+    config: Path | None = None,
+    report: Path | None = None,
+    progress: Progress = silent,
+) -> None:
+    """Write the model, the daemon's configuration and the report of a build, each where a file is given for it."""
+    # The report is measured before anything is written: a build that is interrupted leaves no file.
+    text = None if report is None else page(gather(scene, built, progress))
+    for path, content in (
+        (model, built.content),
+        (report, None if text is None else text.encode()),
+        (config, None if config is None else daemon_config_of(built.metadata).encode()),
+    ):
+        if path is not None and content is not None:
+            write_atomically(path, content)
 
 
 def _stated(scene: Path | str | Scene) -> tuple[Scene, str]:

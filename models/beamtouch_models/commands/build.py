@@ -5,12 +5,12 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from beamtouch_common.digits import digits
-from beamtouch_common.files import require_writable, write_atomically
 from beamtouch_models.commands.inspect import describe
 from beamtouch_models.commands.options import (
     ESTIMATORS,
@@ -21,7 +21,7 @@ from beamtouch_models.commands.options import (
     shown_progress,
     surface_name,
 )
-from beamtouch_models.commands.printing import show
+from beamtouch_models.commands.printing import note, show
 
 if TYPE_CHECKING:
     from beamtouch_models.building.build import Built, Choices
@@ -50,72 +50,52 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Build, write the requested files, and print the metadata of the model."""
+    from beamtouch_common.files import require_writable
     from beamtouch_models import loading
     from beamtouch_models.building.build import build_model
-    from beamtouch_models.building.daemon_config import daemon_config, write_token_if_absent
-    from beamtouch_models.building.remarks import remarks
-    from beamtouch_models.building.report.facts import gather
-    from beamtouch_models.building.report.page import page
+    from beamtouch_models.building.daemon_config import write_token_if_absent
+    from beamtouch_models.building.products import write_products
+    from beamtouch_models.building.remarks import missed_requirement, remarks, weak_spot
+    from beamtouch_models.description import unseen
 
     scene, text, name, choices = _scene_of(options)
+    config: Path | None = options.daemon_config
     is_rebuilt = options.scene.suffix == ".onnx"  # a rebuilt model may replace the old one
-    require_writable((options.output, options.daemon_config, options.report), () if is_rebuilt else (options.scene,))
-    for remark in remarks(scene):
-        print(f"note:    {remark}", file=sys.stderr)
+    require_writable((options.output, config, options.report), () if is_rebuilt else (options.scene,))
+    note(*remarks(scene))
     with shown_progress() as progress:
         built = build_model(
-            scene,
-            text,
-            name,
-            count=options.sensors,
-            seed=options.seed,
-            progress=progress,
-            choices=choices,
+            scene, text, name, count=options.sensors, seed=options.seed, progress=progress, choices=choices
         )
-        report = None if options.report is None else page(gather(scene, built, progress))
-    write_atomically(options.output, built.content)
-    if report is not None:
-        write_atomically(options.report, report.encode())
-    if options.daemon_config is not None:
-        write_atomically(options.daemon_config, daemon_config(built.metadata).encode())
-        token = write_token_if_absent(options.daemon_config.parent)
+        write_products(scene, built, model=options.output, config=config, report=options.report, progress=progress)
+    if config is not None:
+        token = write_token_if_absent(config.parent)
         print(
             f"try it:  beamtouch-rig {options.scene} --model {options.output} --modbus-tcp 127.0.0.1:5020\n"
             f"         beamtouch-service run --model {options.output} --write-token-file {token}\n"
-            f"         beamtouch-daemon run {options.daemon_config}",
+            f"         beamtouch-daemon run {config}",
             file=sys.stderr,
         )
-    _say_floor(scene, built.surface.readings)
-    _say_what_is_missed(scene, built)
+    note(_assumed_errors(scene, built.surface.readings))
+    note(missed_requirement(built.metadata, scene), unseen(built.metadata))
+    note(weak_spot(built.metadata), kind="warning")
+    note(*_not_modelled(built))
     show(describe(loading.load_bytes(built.content, str(options.output))), as_json=options.json)
 
 
-def _say_floor(scene: Scene, readings: ReadingErrors) -> None:
-    """Say which errors the model takes the sensors to have where the scene does not state them."""
+def _assumed_errors(scene: Scene, readings: ReadingErrors) -> str:
+    """Return which errors the model takes the sensors to have where the scene does not state them."""
     sensors, gain, zero_mm = scene.sensors, readings.gain, readings.zero_mm
     taken = [] if sensors.gain_error_percent is not None else [f"sensors.gain_error_percent = {100 * gain:g}"]
     taken += [] if sensors.zero_drift_mm is not None else [f"sensors.zero_drift_mm = {digits(zero_mm, 2)}"]
-    if taken:
-        print(f"note:    the scene does not state {' and '.join(taken)}, which the model assumes", file=sys.stderr)
+    return f"the scene does not state {' and '.join(taken)}, which the model assumes" if taken else ""
 
 
-def _say_what_is_missed(scene: Scene, built: Built) -> None:
-    """Say what the scene asks for and the model does not give, and what one failed sensor costs."""
-    from beamtouch_models.building.remarks import missed_requirement, weak_spot
-    from beamtouch_models.description import unseen
-
-    for note in (missed_requirement(built.metadata, scene), unseen(built.metadata)):
-        if note:
-            print(f"note:    {note}", file=sys.stderr)
-    if weak := weak_spot(built.metadata):
-        print(f"warning: {weak}", file=sys.stderr)
+def _not_modelled(built: Built) -> Iterator[str]:
+    """Yield each effect that the scene has and the model has not."""
     for effect in built.surface.effects:
         if effect.verdict == "not modelled" and effect.having is not None and effect.price is not None:
-            print(
-                f"note:    {effect.name} is {digits(effect.price, 2)} times the noise but not modelled: "
-                f"{effect.reason}",
-                file=sys.stderr,
-            )
+            yield f"{effect.name} is {digits(effect.price, 2)} times the noise but not modelled: {effect.reason}"
 
 
 def _scene_of(options: argparse.Namespace) -> tuple[Scene, str, str, Choices]:

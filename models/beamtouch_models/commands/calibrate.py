@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+import sys
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,15 +12,17 @@ from typing import TYPE_CHECKING, Any
 from beamtouch_common.commands import whole_number
 from beamtouch_common.digits import digits
 from beamtouch_common.errors import InputError
-from beamtouch_common.files import require_writable, write_atomically
 from beamtouch_models.commands.options import add_json, shown_progress
 from beamtouch_models.commands.printing import Result, show
 
 if TYPE_CHECKING:
     from beamtouch_models.arrays import Floats
     from beamtouch_models.calibration.calibrate import Calibrated
-    from beamtouch_models.calibration.fit import Fit
+    from beamtouch_models.calibration.contacts import UnlabelledContacts
     from beamtouch_models.calibration.loads import RecordingErrors
+    from beamtouch_models.calibration.self_calibrate import SelfCalibrated
+    from beamtouch_models.loading import ModelFile
+    from beamtouch_models.metadata import Departures, Metadata
 
 MIN_ERROR, MAX_ERROR = 1e-3, 50.0
 """Bounds of the stated errors of the loads, in mm and in percent."""
@@ -60,67 +63,41 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> None:
-    """Calibrate, write the model, and print the departures and the errors before and after."""
+    """Calibrate, write the model, and print the departures with the errors or misfits before and after."""
+    from beamtouch_common.files import require_writable, write_atomically
     from beamtouch_models import loading
-    from beamtouch_models.calibration.calibrate import calibrate
-    from beamtouch_models.calibration.loads import read_loads
-    from beamtouch_models.commands import calibrate_events
 
     model = loading.load(options.model)
     require_writable([options.output], [options.readings, options.events])
-    if options.events is not None:
-        calibrate_events.run(model, options)
-        return
+    calibrated: Calibrated | SelfCalibrated
+    if options.events is None:
+        calibrated = _with_loads(model, options)
+        errors = calibrated.fit.theory.standard_errors(calibrated.fit.vector, calibrated.fit.spread)
+        fields, rows = _told_of_loads(calibrated, errors, options.leave_out)
+    else:
+        calibrated, contacts = _with_contacts(model, options)
+        fields, rows = _told_of_contacts(calibrated, contacts, model)
+    write_atomically(options.output, calibrated.content)
+    identity, metadata = loading.load(options.output).identity, calibrated.metadata
+    shown = {
+        "model": identity,
+        "output": str(options.output),
+        "calibration": metadata.calibration and metadata.calibration.model_dump(),
+        **fields,
+        "accuracy": {**metadata.accuracy.model_dump(), "ratio": metadata.accuracy.ratio},
+    }
+    show(Result(shown, [[("model", identity), *rows]]), as_json=options.json)
+
+
+def _with_loads(model: ModelFile, options: argparse.Namespace) -> Calibrated:
+    """Calibrate a model with recorded loads."""
+    from beamtouch_models.calibration.calibrate import calibrate
+    from beamtouch_models.calibration.loads import read_loads
+
     errors = _errors(options.placing_mm, options.force_percent)
     loads = replace(read_loads(options.readings, model.metadata, options.leave_out), errors=errors)
     with shown_progress() as progress:
-        found = calibrate(model, loads, progress)
-    write_atomically(options.output, found.content)
-    fresh = loading.load(options.output)
-    results = _results(found, options.leave_out)
-    fields = {"model": fresh.identity, "output": str(options.output), **results}
-    show(Result(fields, [_rows(found, fresh.identity)]), as_json=options.json)
-
-
-def _results(found: Calibrated, left_out: Sequence[int]) -> dict[str, Any]:
-    metadata = found.metadata
-    calibration = metadata.calibration
-    return {
-        "calibration": None if calibration is None else calibration.model_dump(),
-        "standard_errors": {name: values.tolist() for name, values in _standard_errors(found.fit).items()},
-        "error_before_mm": {"mean": float(found.before_mm.mean()), "worst": float(found.before_mm.max())},
-        "error_after_mm": {"mean": float(found.after_mm.mean()), "worst": float(found.after_mm.max())},
-        "limit_mm": found.limit_mm,
-        "placing_mm": found.fit.errors.placing_mm,
-        "force_percent": 100 * found.fit.errors.force,
-        "loads_left_out": sorted(set(left_out)),
-        "accuracy": {**metadata.accuracy.model_dump(), "ratio": metadata.accuracy.ratio},
-    }
-
-
-def _rows(found: Calibrated, identity: str) -> list[tuple[str, str]]:
-    from beamtouch_models.commands.calibrate_events import departures_in_words
-
-    before, after = found.before_mm, found.after_mm
-    shown = departures_in_words(found.metadata, found.fit.departures, _standard_errors(found.fit))
-    return [
-        ("model", identity),
-        (
-            "loads",
-            f"{len(before)}, placed to about {digits(found.fit.errors.placing_mm, 2)} mm and with forces "
-            f"known to about {digits(100 * found.fit.errors.force, 2)} %",
-        ),
-        *((kind, text if kind in found.fit.kinds else "as in the scene") for kind, text in shown.items()),
-        (
-            "before",
-            f"{digits(before.mean(), 3)} mm mean error of these loads, {digits(before.max(), 3)} mm worst",
-        ),
-        (
-            "after",
-            f"{digits(after.mean(), 3)} mm mean, {digits(after.max(), 3)} mm worst, each by a fit without the load",
-        ),
-        ("limit", f"{digits(found.limit_mm, 3)} mm mean error of single samples of these loads, at best"),
-    ]
+        return calibrate(model, loads, progress)
 
 
 def _errors(placing_mm: float, force_percent: float) -> RecordingErrors:
@@ -134,5 +111,128 @@ def _errors(placing_mm: float, force_percent: float) -> RecordingErrors:
     return RecordingErrors(placing_mm, force_percent / 100)
 
 
-def _standard_errors(fit: Fit) -> dict[str, Floats]:
-    return fit.theory.standard_errors(fit.vector, fit.spread)
+Told = tuple[dict[str, Any], list[tuple[str, str]]]
+"""Fields for programs, and rows for people."""
+
+
+def _told_of_loads(calibrated: Calibrated, errors: Mapping[str, Floats], left_out: Sequence[int]) -> Told:
+    fit, before, after, limit_mm = calibrated.fit, calibrated.before_mm, calibrated.after_mm, calibrated.limit_mm
+    words = _departures_in_words(calibrated.metadata, fit.departures, errors)
+    fields = {
+        "standard_errors": {kind: values.tolist() for kind, values in errors.items()},
+        "error_before_mm": {"mean": float(before.mean()), "worst": float(before.max())},
+        "error_after_mm": {"mean": float(after.mean()), "worst": float(after.max())},
+        "limit_mm": limit_mm,
+        "placing_mm": fit.errors.placing_mm,
+        "force_percent": 100 * fit.errors.force,
+        "loads_left_out": sorted(set(left_out)),
+    }
+    rows = [
+        (
+            "loads",
+            f"{len(before)}, placed to about {digits(fit.errors.placing_mm, 2)} mm and with forces "
+            f"known to about {digits(100 * fit.errors.force, 2)} %",
+        ),
+        *((kind, text if kind in fit.kinds else "as in the scene") for kind, text in words.items()),
+        ("before", f"{digits(before.mean(), 3)} mm mean error of these loads, {digits(before.max(), 3)} mm worst"),
+        (
+            "after",
+            f"{digits(after.mean(), 3)} mm mean, {digits(after.max(), 3)} mm worst, each by a fit without the load",
+        ),
+        ("limit", f"{digits(limit_mm, 3)} mm mean error of single samples of these loads, at best"),
+    ]
+    return fields, rows
+
+
+def _with_contacts(model: ModelFile, options: argparse.Namespace) -> tuple[SelfCalibrated, UnlabelledContacts]:
+    """Calibrate a model with unlabelled contacts; says which contacts are left out, and which zeros moved."""
+    import numpy as np
+
+    from beamtouch_models.calibration.contacts import read_contacts
+    from beamtouch_models.calibration.self_calibrate import self_calibrate
+    from beamtouch_models.health.zeros import DRIFT
+
+    contacts = read_contacts(options.events, model.metadata)
+    for count, why in ((contacts.other_characteristic, "with an older characteristic"), (contacts.older, "older")):
+        if count:
+            print(f"{count} contacts {why} are left out; the newest {len(contacts)} are used", file=sys.stderr)
+    moved = contacts.moved_zeros(np.array(model.metadata.floor.zero_mm))
+    if len(moved):
+        names = " and ".join(model.channels[channel] for channel in moved)
+        print(
+            f"the zeros of {names} moved by more than {DRIFT:g} times the stated drift, and the fit takes them as "
+            "constant; fetch only the contacts since they moved, with ?since=TIME",
+            file=sys.stderr,
+        )
+    with shown_progress() as progress:
+        return self_calibrate(model, contacts, progress), contacts
+
+
+def _told_of_contacts(calibrated: SelfCalibrated, contacts: UnlabelledContacts, given: ModelFile) -> Told:
+    import numpy as np
+
+    from beamtouch_models.calibration.self_calibrate import KINDS
+
+    metadata, fit = calibrated.metadata, calibrated.found.fit
+    held, left_open = calibrated.found.held_out, calibrated.found.left_open
+    # Errors of gains without the common scale, which is the force's.
+    errors = fit.theory.standard_errors(fit.vector, np.sqrt(np.diag(left_open.relative)))
+    words = _departures_in_words(metadata, fit.theory.departures(fit.vector), errors)
+    single, changed_mm = float(fit.single.sum()), left_open.shift_mm()
+    open_mm = float(np.sqrt((left_open.position_mm**2).mean()))
+    force = metadata.calibration.force_error if metadata.calibration else 0.0
+    before, after = (_percent(one.floor.gain) for one in (given.metadata, metadata))
+    fields = {
+        "standard_errors": {kind: values.tolist() for kind, values in errors.items() if kind in KINDS},
+        "misfit": {"before": held.before, "after": held.after, "expected": held.expected},
+        "changed_mm": changed_mm,
+        "open_mm": open_mm,
+        "single_contacts": single,
+        "contacts_left_out": contacts.other_characteristic + contacts.older,
+        "floor": metadata.floor.model_dump(),
+    }
+    rows = [
+        ("contacts", f"{len(contacts)}, of which about {len(contacts) - single:.0f} are not single contacts"),
+        *((kind, words[kind]) for kind in KINDS),
+        (
+            "misfit",
+            f"{digits(held.before, 3)} before, {digits(held.after, 3)} after, each by a fit without the contact "
+            f"(medians; {digits(held.expected, 3)} from noise alone)",
+        ),
+        (
+            "position",
+            f"changes by {digits(changed_mm, 3)} mm (root mean square), {digits(open_mm, 3)} mm left open",
+        ),
+        *([("force", f"its scale stays open by {digits(100 * force, 2)} %")] if force else []),
+        ("floor", f"gains +- {before} before, +- {after} now"),
+    ]
+    return fields, rows
+
+
+def _departures_in_words(metadata: Metadata, found: Departures, errors: Mapping[str, Floats]) -> dict[str, str]:
+    """Return each kind of departure with its standard errors, in the units of the departures, as text."""
+
+    def each(values: list[float], spread: Floats, factor: float = 1.0, centre: float = 0.0) -> str:
+        return ", ".join(
+            f"{channel.name} {(value - centre) * factor:+.2f} +- {error * factor:.2f}"
+            for channel, value, error in zip(metadata.layout, values, spread, strict=True)
+        )
+
+    shown = {
+        "rigidity": f"{(found.rigidity - 1) * 100:+.2f} +- {errors['rigidity'][0] * 100:.2f} %",
+        "gain": f"{each(found.gain, errors['gain'], 100.0, 1.0)} %",
+        "position": f"{each(found.position_offset_mm, errors['position'])} mm",
+        "curve": f"{found.curve_per_mm:+.4f} +- {errors['curve'][0]:.4f} per mm",
+        "offset": f"{each(found.offset_mm, errors['offset'], 1e3)} um",
+    }
+    if "fixity" in errors:
+        ends = zip(found.fixity, errors["fixity"], strict=True)
+        left, right = (f"{value:.3f} +- {error:.3f}" for value, error in ends)
+        shown["fixity"] = f"left {left}, right {right}"
+    return shown
+
+
+def _percent(values: Sequence[float]) -> str:
+    """Return relative errors as one number, or as their range."""
+    low, high = (digits(100 * end(values), 2) for end in (min, max))
+    return f"{low} %" if low == high else f"{low}..{high} %"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import math
-import sys
 from collections.abc import Callable
 from dataclasses import asdict
 from functools import partial
@@ -14,7 +13,7 @@ from typing import TYPE_CHECKING
 from beamtouch_common.digits import digits
 from beamtouch_common.errors import InputError
 from beamtouch_models.commands.options import add_contacts, add_json, add_seed, add_workers, shown_progress
-from beamtouch_models.commands.printing import Result, Table, show
+from beamtouch_models.commands.printing import Result, Table, note, show
 
 if TYPE_CHECKING:
     from beamtouch_models.accuracy.evaluation import Errors, Evaluation
@@ -69,9 +68,7 @@ def run(options: argparse.Namespace) -> None:
             )
             found.append(one)
     scene = parse_scene(model.metadata.scene, f"the scene in {model.metadata.name}")
-    for remark in (*remarks(scene), missed_requirement(model.metadata, scene), unseen(model.metadata)):
-        if remark:
-            print(f"note:    {remark}", file=sys.stderr)
+    note(*remarks(scene), missed_requirement(model.metadata, scene), unseen(model.metadata))
     fields = {
         "model": model.identity,
         "estimator": model.metadata.estimator,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import sys
 import time
 from dataclasses import asdict
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from beamtouch_common.digits import digits
 from beamtouch_models.commands.options import add_json
-from beamtouch_models.commands.printing import Block, Result, Table, show
+from beamtouch_models.commands.printing import Block, Result, Table, note, show
 
 if TYPE_CHECKING:
     from beamtouch_models.pricing.effect import Effect
@@ -37,8 +36,7 @@ def run(options: argparse.Namespace) -> None:
     from beamtouch_models.surface import Surface
 
     scene, _ = load_scene(options.scene)
-    for remark in remarks(scene):
-        print(f"note:    {remark}", file=sys.stderr)
+    note(*remarks(scene))
     surface = Surface.of(scene)
     surface.check()
     effects = [(effect, _cost_us(effect)) for effect in surface.effects]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import math
-import sys
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from beamtouch_common.commands import whole_number
 from beamtouch_common.digits import digits
 from beamtouch_models.commands.options import add_json, add_layout, add_seed, shown_progress
-from beamtouch_models.commands.printing import Result, show
+from beamtouch_models.commands.printing import Result, note, show
 
 if TYPE_CHECKING:
     from beamtouch_models.building.sensors import PlacedSensors
@@ -45,16 +44,14 @@ def run(options: argparse.Namespace) -> None:
 
     started = time.perf_counter()
     scene, _ = load_scene(options.scene)
-    for remark in remarks(scene):
-        print(f"note:    {remark}", file=sys.stderr)
+    note(*remarks(scene))
     aim = _aim_of(options)
     with shown_progress() as progress:
         sensors = place_sensors(Surface.of(scene), count=options.sensors, seed=options.seed, aim=aim, progress=progress)
         progress("measuring the accuracy limit", 0.95)
         found = _describe(sensors, aim, options.seed)
     found["wall_s"] = time.perf_counter() - started
-    if missed := missed_error("accuracy limit", found["accuracy_limit_percent"], scene):
-        print(f"note:    {missed}", file=sys.stderr)
+    note(missed_error("accuracy limit", found["accuracy_limit_percent"], scene))
     show(Result(found, [_rows(found, sensors)]), as_json=options.json)
 
 

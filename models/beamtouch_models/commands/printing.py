@@ -1,4 +1,4 @@
-"""The form of a command's result, and its one printer."""
+"""The form of a command's result, its one printer, and notes beside it."""
 
 import json
 import sys
@@ -51,6 +51,13 @@ def show(result: Result, *, as_json: bool) -> None:
             print(block)
         else:
             print("\n".join(_in_columns(block)))
+
+
+def note(*texts: str, kind: str = "note") -> None:
+    """Print notes or warnings on standard error, where no program takes them for a result; empty ones are none."""
+    for text in texts:
+        if text:
+            print(f"{kind + ':':<8} {text}", file=sys.stderr)
 
 
 def _in_columns(lines: Sequence[tuple[str, ...]]) -> Iterable[str]:

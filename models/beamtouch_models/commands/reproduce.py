@@ -4,7 +4,6 @@ import argparse
 import sys
 from pathlib import Path
 
-from beamtouch_common.files import write_atomically
 from beamtouch_models.commands.options import add_json, add_seed, folder_of, shown_progress
 from beamtouch_models.commands.printing import Result, Table, show
 
@@ -20,6 +19,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Compute everything, write the folder, print the table."""
+    from beamtouch_common.files import write_atomically
     from beamtouch_models.reproduction.reproduce import reproduce
 
     folder = folder_of(options.output)

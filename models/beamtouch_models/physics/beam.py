@@ -16,7 +16,7 @@ from beamtouch_models.physics.closed_forms import patch_influence, point_influen
 from beamtouch_models.physics.influence import InfluenceFunction
 from beamtouch_models.scene import Scene
 from beamtouch_models.scene.beam import SMALLEST_NORMAL, Beam
-from beamtouch_models.scene.misplaced import ROUNDING, taken_mm
+from beamtouch_models.scene.plausible import ROUNDING, taken_mm
 
 MAX_SENSOR_POSITIONS = 20_000
 POINTS = 801

@@ -1,8 +1,7 @@
 """The scene of a surface: what the user states before it is built.
 
-`scene` has the whole and reads it. `beam` (of `beam_parts` and `materials`), `contact` (with the environment) and
-`sensors` have its tables; `fields`, their types. `identity` names a beam with its layout. `misplaced` and `other_units`
-find obvious mistakes: places off the beam, numbers in other units.
+`scene` has the whole and reads it. `beam` (with `materials`), `contact` (with the environment) and `sensors` have its
+tables; `fields`, their types. `identity` names a beam with its layout. `plausible` finds obvious mistakes.
 """
 
 from beamtouch_models.scene.identity import identity_of

@@ -14,8 +14,7 @@ from beamtouch_models.rates import MAX_FALSE, max_false_per_day
 from beamtouch_models.scene.beam import Beam
 from beamtouch_models.scene.contact import Contact, Environment
 from beamtouch_models.scene.fields import PositiveFinite, Strict
-from beamtouch_models.scene.misplaced import misplaced
-from beamtouch_models.scene.other_units import in_other_units
+from beamtouch_models.scene.plausible import in_other_units, misplaced
 from beamtouch_models.scene.sensors import Sensors
 
 Descriptor = Literal["position", "force"]

@@ -4,7 +4,7 @@ import os
 from contextlib import AbstractContextManager, nullcontext
 
 from beamtouch_models.sweeps import Spread, in_turn
-from beamtouch_models.workers.submitted import processes
+from beamtouch_models.workers.processes import processes
 
 __all__ = ["spread_over"]
 

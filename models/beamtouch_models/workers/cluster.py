@@ -13,7 +13,7 @@ from typing import TypeVar
 
 from beamtouch_common.errors import FailedError, InputError
 from beamtouch_models.sweeps import Spread
-from beamtouch_models.workers.submitted import submitted
+from beamtouch_models.workers.processes import submit
 
 try:
     from distributed import Client, KilledWorker
@@ -57,7 +57,7 @@ def cluster_at(address: str, without_workers_s: float = WITHOUT_WORKERS_S) -> It
     try:
         _check(client, address)
         # Not pure: Dask would have to hash all data to find out whether it has done the same task before.
-        yield partial(submitted, client.get_executor(pure=False), partial(_result, client, without_workers_s))
+        yield partial(submit, client.get_executor(pure=False), partial(_result, client, without_workers_s))
     except (KilledWorker, CancelledError):
         message = f"--cluster {address}: its scheduler or its workers ended before the work was done"
         raise FailedError(message) from None

@@ -11,11 +11,10 @@ from html import escape
 import numpy as np
 
 from beamtouch_common.digits import digits
-from beamtouch_models.charts import CHARACTER, fill, opening, round_ticks, stroke
+from beamtouch_models.charts import CHARACTER, fill, flow, opening, round_ticks, stroke
 from beamtouch_models.metadata import Channel, Metadata
 from beamtouch_models.scene import Scene
-from beamtouch_models.scene.beam import Beam
-from beamtouch_models.scene.beam_parts import Support
+from beamtouch_models.scene.beam import Beam, Support
 
 WIDTH, HEIGHT, MARGIN = 900, 236, 48
 """Size of the drawing without its legend, and space beside the beam."""
@@ -301,26 +300,9 @@ def _support_key(support: Support) -> Callable[[float, float], str]:
 
 def _legend(entries: Sequence[_Entry], left: float, right: float, top: float) -> tuple[list[str], int]:
     """Return the elements of a legend between two edges, and its number of rows."""
-    rows = list(_legend_rows(entries, right - left))
+    places = flow((KEY + 4 + len(words) * CHARACTER for _, words in entries), right - left, GAP)
     parts = []
-    for number, row in enumerate(rows):
-        y = top + number * ROW
-        for offset, (symbol, words) in row:
-            x = left + offset
-            parts += [symbol(x + KEY / 2, y), f'<text x="{x + KEY + 4:.1f}" y="{y + 4:.1f}">{escape(words)}</text>']
-    return parts, len(rows)
-
-
-def _legend_rows(entries: Sequence[_Entry], width: float) -> Iterator[list[tuple[float, _Entry]]]:
-    """Yield rows of entries, each with its offset."""
-    row: list[tuple[float, _Entry]] = []
-    offset = 0.0
-    for entry in entries:
-        wide = KEY + 4 + len(entry[1]) * CHARACTER + GAP
-        if row and offset + wide - GAP > width:
-            yield row
-            row, offset = [], 0.0
-        row.append((offset, entry))
-        offset += wide
-    if row:
-        yield row
+    for (symbol, words), (row, offset) in zip(entries, places, strict=True):
+        x, y = left + offset, top + row * ROW
+        parts += [symbol(x + KEY / 2, y), f'<text x="{x + KEY + 4:.1f}" y="{y + 4:.1f}">{escape(words)}</text>']
+    return parts, places[-1][0] + 1

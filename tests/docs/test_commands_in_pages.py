@@ -1,0 +1,67 @@
+"""Commands and files in all pages fit the programs: each command exists, takes these options, and reads these keys."""
+
+import re
+import tomllib
+from collections.abc import Iterator
+from functools import cache
+
+import jsonschema
+import pytest
+
+from helps import PROGRAMS, all_helps
+from pasted import COMMANDS, ROOT, blocks_of
+from reference import FILES
+from schemas import editor_schema
+
+FOUND = [page.relative_to(ROOT) for page in (*ROOT.glob("*.md"), *ROOT.glob("[a-z]*/**/*.md"))]
+PAGES = [str(page) for page in FOUND if page.parts[0] != "build"]
+TABLE = (ROOT / "docs" / "reference" / "commands.md").read_text()
+_NAMES = "|".join(PROGRAMS)
+_COMMAND = re.compile(
+    rf"(?:^|[$;|{{(`]|\bdo|\buntil|\bsudo(?: -\w+ \S+)*) *({_NAMES})((?: +[^\s|&<>#;`)]+)*)", re.MULTILINE
+)
+_FILE = re.compile(r"cat > (\S+\.toml) <<'?END'?\n(.*?)^END$", re.MULTILINE | re.DOTALL)
+
+
+@cache
+def helps() -> dict[str, str]:
+    return dict(all_helps())
+
+
+def commands_in(page: str) -> Iterator[tuple[str, list[str]]]:
+    """Yield each command in the blocks of a page, as `beamtouch-daemon check`, with its options."""
+    for block in blocks_of(page):
+        if block.word in (COMMANDS, "console"):
+            for program, rest in _COMMAND.findall(block.text.replace("\\\n", " ")):
+                words = rest.split()
+                has_commands = any(name.startswith(f"{program} ") for name in helps())
+                command = f"{program} {words[0]}" if has_commands and words and words[0][0] != "-" else program
+                yield command, [word for word in words if re.fullmatch("--[a-z-]+", word)]
+
+
+def test_every_command_in_a_page_exists_and_takes_its_options() -> None:
+    found = [(page, *one) for page in PAGES for one in commands_in(page)]
+    wrong = [
+        f"{page}: {command} {option}"
+        for page, command, options in found
+        for option in options or [""]
+        if command not in helps() or not re.search(rf"{option}(?![a-z-])", helps()[command])
+    ]
+    assert len(found) > 60
+    assert len({command for _, command, _ in found}) > 15
+    assert wrong == []
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if any(_FILE.search(block.text) for block in blocks_of(page))])
+def test_every_file_that_a_page_writes_has_the_keys_of_its_kind(page: str) -> None:
+    kinds = {name: jsonschema.Draft202012Validator(editor_schema(*FILES[name])) for name in FILES}
+    for block in blocks_of(page):
+        for name, text in _FILE.findall(block.text):
+            assert any(kind.is_valid(tomllib.loads(text)) for kind in kinds.values()), f"{page}: {name}"
+
+
+def test_every_command_has_a_row_in_the_table() -> None:
+    rows = re.findall(r"^\| `((?:design-sensors|beamtouch-[a-z]+)(?: [a-z-]+)?)[ `]", TABLE, re.MULTILINE)
+    with_commands = {command.partition(" ")[0] for command in helps() if " " in command}
+    assert set(rows) == set(helps()) - with_commands
+    assert with_commands < set(PROGRAMS)
