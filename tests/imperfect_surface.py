@@ -10,7 +10,7 @@ from beamtouch_models.arrays import Floats
 from beamtouch_models.metadata import Metadata
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.physics.beam import influence_of
-from beamtouch_models.rig.imperfections import Imperfections
+from beamtouch_models.rig.surface import Imperfections
 from beamtouch_models.scene import parse_scene
 from beamtouch_models.surface import depart
 

@@ -33,7 +33,7 @@ from beamtouch_models.loading import load
 from beamtouch_models.physics.beam import travel_of
 from beamtouch_models.placement import position_error
 from beamtouch_models.placement import search as placement_search
-from beamtouch_models.rig.imperfections import Imperfections
+from beamtouch_models.rig.surface import Imperfections
 from beamtouch_models.scene import Scene, parse_scene
 from few_draws import few_draws
 from imperfect_surface import true_prior, write_readings

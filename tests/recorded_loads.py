@@ -5,7 +5,7 @@ import numpy as np
 from beamtouch_models.arrays import Floats
 from beamtouch_models.calibration.loads import Loads
 from beamtouch_models.metadata import Metadata
-from beamtouch_models.rig.imperfections import Imperfections
+from beamtouch_models.rig.surface import Imperfections
 from beamtouch_models.scene import parse_scene
 from imperfect_surface import true_prior
 

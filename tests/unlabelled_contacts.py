@@ -15,7 +15,7 @@ from beamtouch_models.calibration.unlabelled import places
 from beamtouch_models.metadata import Metadata
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.progress import silent
-from beamtouch_models.rig.imperfections import Imperfections
+from beamtouch_models.rig.surface import Imperfections
 from imperfect_surface import true_prior
 
 

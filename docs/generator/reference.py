@@ -15,8 +15,8 @@ from pydantic import BaseModel
 
 import facts
 from beamtouch_daemon.config.settings import Config
-from beamtouch_models.rig.imperfections import Imperfections
-from beamtouch_models.rig.script import Script
+from beamtouch_models.rig.loads import Script
+from beamtouch_models.rig.surface import Imperfections
 from beamtouch_models.scene import Scene
 from beamtouch_service.config import ConfigFile
 from beamtouch_service.problems import ProblemBody

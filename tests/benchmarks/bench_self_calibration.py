@@ -26,7 +26,7 @@ from beamtouch_models.errors import NotGoodEnoughError
 from beamtouch_models.estimators.onnx_graph import to_bytes
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.progress import silent
-from beamtouch_models.rig.imperfections import Imperfections
+from beamtouch_models.rig.surface import Imperfections
 from beamtouch_models.session import Answers, Run, runner
 from imperfect_surface import true_prior
 from unlabelled_contacts import Kind, drawn, surface

@@ -27,7 +27,7 @@ from beamtouch_models.building.build import build_model
 from beamtouch_models.building.daemon_config import daemon_config
 from beamtouch_models.modelfile import State
 from beamtouch_models.progress import silent
-from beamtouch_models.rig.script import Load
+from beamtouch_models.rig.loads import Load
 from beamtouch_models.rig.surface import VirtualSurface
 from beamtouch_models.scene import parse_scene
 from beamtouch_service.samples import Batch

@@ -13,7 +13,7 @@ import pytest
 from beamtouch_daemon.sources.polled import PolledSource
 from beamtouch_daemon.sources.reading import first_readings
 from beamtouch_models.modelfile import ModelFile
-from beamtouch_models.rig.script import Load
+from beamtouch_models.rig.loads import Load
 from beamtouch_models.rig.surface import VirtualSurface
 from beamtouch_models.scene import load_scene
 from example_scenes import SCENES

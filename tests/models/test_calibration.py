@@ -20,7 +20,7 @@ from beamtouch_models.calibration.theory import Theory
 from beamtouch_models.errors import NotGoodEnoughError
 from beamtouch_models.modelfile import Metadata, ModelFile
 from beamtouch_models.progress import Progress, silent
-from beamtouch_models.rig.imperfections import Imperfections
+from beamtouch_models.rig.surface import Imperfections
 from beamtouch_models.surface import prior_of_model
 from few_draws import few_draws
 from imperfect_surface import imperfections, readings, true_prior

@@ -14,7 +14,7 @@ from beamtouch_models.building.daemon_config import daemon_config
 from beamtouch_models.metadata import Metadata
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.pricing.noise import step_mm
-from beamtouch_models.rig.script import Load
+from beamtouch_models.rig.loads import Load
 from beamtouch_models.rig.surface import VirtualSurface
 from beamtouch_models.scene import load_scene
 from beamtouch_service.samples import Quality

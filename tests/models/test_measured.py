@@ -1,10 +1,13 @@
 """What is measured of an estimator: the thresholds of touch, the accuracy, the golden answers."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from beamtouch_models.accuracy.touch_thresholds import rate_per_sample, smallest_force_n, touch_thresholds
 from beamtouch_models.building.measure import measure, thresholds_of
+from beamtouch_models.building.sensors import place_sensors
 from beamtouch_models.estimators.estimator import estimator_of
 from beamtouch_models.estimators.onnx_graph import to_bytes
 from beamtouch_models.progress import silent
@@ -92,14 +95,14 @@ def test_fewer_false_contacts_cost_a_little_force() -> None:
 
 
 def test_the_same_seed_measures_the_same() -> None:
-    prior = prior_of("bench", 2, 1.0, known=False)
-    made = estimator_of("posterior", prior, min_noise_mm=prior.noise_mm, with_force=True, seed=4, progress=silent)
     scene, _ = load_scene(SCENES / "bench.toml")
-    sensor_mm = np.array([100.0, 300.0])
+    sensors = place_sensors(Surface.of(scene), kept_mm=(100.0, 300.0))
+    prior = replace(sensors.prior, noise_mm=0.0226, gain=0.0, zero_mm=0.0)  # 1 % of the largest deflection
+    made = estimator_of("posterior", prior, min_noise_mm=prior.noise_mm, with_force=True, seed=4, progress=silent)
     with few_draws():
-        once, again = (measure(made, prior, Surface.of(scene), sensor_mm, 4) for _ in range(2))
+        once, again = (measure(made, prior, sensors.surface, sensors.world, 4) for _ in range(2))
     assert once == again
-    first = measure(made, prior, Surface.of(scene), sensor_mm, 4)
+    first = measure(made, prior, sensors.surface, sensors.world, 4)
     assert first.accuracy.ratio == pytest.approx(1, abs=0.01)
     # Four thousand plain contacts leave 1.2 % at best.
     assert 0 < first.accuracy.limit_standard_error < 0.01 * first.accuracy.limit_percent

@@ -19,7 +19,7 @@ from beamtouch_models.calibration.theory import Theory
 from beamtouch_models.errors import NotGoodEnoughError
 from beamtouch_models.modelfile import Metadata, ModelFile
 from beamtouch_models.progress import silent
-from beamtouch_models.rig.imperfections import Imperfections
+from beamtouch_models.rig.surface import Imperfections
 from imperfect_surface import true_prior, write_readings
 from in_process import Command
 from recorded_loads import MISTAKES, random_imperfections, recorded, with_mistake

@@ -8,7 +8,7 @@ import pytest
 
 from beamtouch_models.calibration.loads import LoadsError, read_loads
 from beamtouch_models.modelfile import ModelFile
-from beamtouch_models.rig.imperfections import Imperfections
+from beamtouch_models.rig.surface import Imperfections
 from imperfect_surface import readings
 from in_process import Command
 

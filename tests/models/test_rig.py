@@ -1,48 +1,43 @@
-"""The virtual surface: scripts, sensor characteristic, imperfections, and the device on a pseudo-terminal."""
+"""`beamtouch-rig`: scripts, loads and faults by hand, its devices, what it refuses, and how it ends."""
 
 import asyncio
 import contextlib
 import os
+import re
+import signal
 import socket
 import struct
 import subprocess
 import sys
 import time
-from collections.abc import Callable
-from functools import partial
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from importlib.metadata import version
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from beamtouch_common.errors import InputError
 from beamtouch_models.errors import SceneError
-from beamtouch_models.metadata import Departures, Sensor
-from beamtouch_models.modelfile import ModelFile
-from beamtouch_models.physics.beam import influence
 from beamtouch_models.rig.faults import Faults
-from beamtouch_models.rig.imperfections import Imperfections, load_imperfections
-from beamtouch_models.rig.pty_line import joined_line, named_line
-from beamtouch_models.rig.relay import Relay
-from beamtouch_models.rig.script import Load, Script, default_script, load_script
+from beamtouch_models.rig.lines import Relay, named_line
+from beamtouch_models.rig.loads import Load, default_script, load_script
 from beamtouch_models.rig.serial_device import MAX_RATE_HZ, SerialDevice
-from beamtouch_models.rig.surface import VirtualSurface, counts_of_gap
-from beamtouch_models.scene import change_scene, load_scene
-from beamtouch_models.scene.beam import Beam
+from beamtouch_models.scene import load_scene
 from beamtouch_protocol.framing import Decoder, encode
 from beamtouch_protocol.messages import Hello, HelloRequest, Message, Ping, Pong, Reading, Start, Stop
 from example_scenes import SCENES
 from in_process import Command
+from simulated_board import Board
 
-scene, _ = load_scene(SCENES / "bench.toml")
-
+SCENE = SCENES / "bench.toml"
+RIG = str(Path(sys.executable).parent / "beamtouch-rig")
+SIGMA_COUNTS = 79
+"""Noise of a reading of the bench, in counts."""
 UNTROUBLED = Relay(Faults([]), time.monotonic)
 
-READINGS = 1500
-"""Enough for the mean of a channel to 3 % of its noise, and for the noise to 2 %."""
-
 TOUCH_MOVE_LIFT = """
-repeat = false
 [[step]]
 seconds = 1
 [[step]]
@@ -56,230 +51,380 @@ force_n = [10, 20]
 """
 
 
-def script_of(tmp_path: Path, text: str) -> Script:
-    (tmp_path / "script.toml").write_text(text)
-    return load_script(tmp_path / "script.toml", 400.0)
-
-
-def test_a_load_touches_moves_and_lifts(tmp_path: Path) -> None:
-    script = script_of(tmp_path, TOUCH_MOVE_LIFT)
-    assert script.at(0.5) == Load(None, 0.0)
-    assert script.at(1.0) == Load(100, 10)
-    assert script.at(5.0) == Load(200, 15)
-    assert script.at(7.0) == Load(None, 0.0)
-    assert script.at(1e9) == Load(None, 0.0)
-
-
-def test_a_script_repeats_unless_told_otherwise(tmp_path: Path) -> None:
-    script = script_of(tmp_path, TOUCH_MOVE_LIFT.replace("repeat = false", ""))
-    assert script.at(7.0 + 5.0) == Load(200, 15)
-
-
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("seconds", "once", "again"),
     [
-        ("[[step]]\nseconds = 0", "seconds"),
-        ("[[step]]\nseconds = 1\nposition_mm = 3", "together"),
-        ("[[step]]\nseconds = 1\nposition_mm = 401\nforce_n = 1", "must lie on the beam"),
-        ("[[step]]\nseconds = 1\nspeed = 3", "speed"),
-        ("", "step"),
-        ("[[", "not valid TOML"),
-        ("x = " + "[" * 100_000, "not valid TOML"),
+        (0.5, Load(None, 0), Load(None, 0)),
+        (1.0, Load(100, 10), Load(100, 10)),
+        (5.0, Load(200, 15), Load(200, 15)),
+        (7.0, Load(None, 0), Load(None, 0)),
+        (12.0, Load(None, 0), Load(200, 15)),
     ],
 )
-def test_a_bad_script_is_refused(tmp_path: Path, text: str, said: str) -> None:
-    with pytest.raises(InputError, match=said):
-        script_of(tmp_path, text)
+def test_a_script_touches_moves_and_lifts_and_repeats_unless_told_otherwise(
+    tmp_path: Path, seconds: float, once: Load, again: Load
+) -> None:
+    path = tmp_path / "script.toml"
+    for repeat, expected in (("repeat = false", once), ("", again)):
+        path.write_text(repeat + TOUCH_MOVE_LIFT)
+        assert load_script(path, 400.0).at(seconds) == expected
 
 
 def test_the_default_script_stays_in_the_range_of_the_scene() -> None:
-    script = default_script(scene)
-    loads = [script.at(time) for time in np.arange(0, 19, 0.01)]
+    script = default_script(load_scene(SCENE)[0])
+    loads = [script.at(time) for time in np.arange(0, 19, 0.05)]
     touching = [load for load in loads if load.position_mm is not None]
     assert 0.6 < len(touching) / len(loads) < 0.95
     assert all(1 <= (load.position_mm or 0) <= 399 and 2 <= load.force_n <= 20 for load in touching)
 
 
-def sensor_of(bits: int) -> Sensor:
-    """Linear from 1 to 4 mm over the middle 80 % of the scale, worked out by hand."""
-    full_scale = 2**bits - 1
-    gain = 3 / (0.8 * full_scale)
-    return Sensor(
-        rate_hz=100, range_mm=(1, 4), standoff_mm=3.5, adc_bits=bits, gain_mm_per_count=gain, offset_mm=1 - 0.375
-    )
+TCP = ("--modbus-tcp", "127.0.0.1:0")
+NAMED = ("--serial", "line")
 
 
-@pytest.mark.parametrize("bits", [8, 12, 16])
-def test_the_characteristic_is_linear_from_1_to_4_mm_and_levels_off_beyond(bits: int) -> None:
-    sensor, full_scale = sensor_of(bits), 2**bits - 1
-    gap = np.linspace(1, 4, 1001)
-    linear = 0.1 + 0.8 * (gap - 1) / 3
-    assert np.abs(counts_of_gap(sensor, gap) - linear * full_scale).max() <= 0.5 + 1e-6
-    assert counts_of_gap(sensor, np.array([-1e6, 1e6])).tolist() == [0, full_scale]
-    beyond = counts_of_gap(sensor, np.array([0.8, 4.2])) / full_scale
-    assert 0 < beyond[0] < 0.1
-    assert 0.9 < beyond[1] < 1
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ((), "one of the arguments --modbus-tcp --modbus-rtu --serial is required"),
+        (("--modbus-tcp", "5020"), "'5020' is not HOST:PORT"),
+        (("--modbus-tcp", "rig..plant:0"), "'rig..plant:0' is not HOST:PORT"),
+        (("--modbus-tcp", "192.0.2.1:5020"), "cannot listen on 192.0.2.1:5020: not on this machine; use 127.0.0.1"),
+        ((*NAMED, "--seed", "-1"), "'-1' is not a whole number from 0 to 4294967295"),
+        ((*TCP, "--truth", "absent/truth.csv"), "absent: no such folder; create it first"),
+        ((*NAMED, "--byte-order", "CDAB"), "--byte-order needs --modbus-tcp or --modbus-rtu"),
+        (("--modbus-rtu", "line", "--type", "i16"), "counts up to 65535 do not fit --type i16"),
+        (("--modbus-rtu", "line", "--register", "65533"), "--register 65533: 4 registers from there go beyond 65535"),
+        ((*NAMED, "--firmware", "b", "e", "--fault", "pause"), "only faults of sensors are played"),
+        ((*NAMED, "--firmware", "b", "e"), "the firmware's ADC has 10 bits; set sensors.adc_bits = 10 in the scene"),
+        ((*TCP, "--firmware", "b", "e"), "--firmware needs --serial"),
+        (("--serial", "absent/line"), "absent/line: No such file or directory"),
+        ((*NAMED, "--fault", "foo"), "fault foo: no such fault; give unplugged:s1, stuck:s1"),
+        ((*NAMED, "--fault", "unplugged:s9"), "there is no sensor s9; the sensors are s1, s2, s3, s4"),
+        ((*NAMED, "--fault", "unplugged"), "give one sensor, as in unplugged:s1"),
+        ((*NAMED, "--fault", "swapped:s1,s1"), "give two sensors, as in swapped:s1,s2"),
+        ((*NAMED, "--fault", "lost:101"), "give a percentage up to 100, as in lost:10"),
+        ((*NAMED, "--fault", "late:nan"), "give a delay in ms up to 60000, as in late:80"),
+        ((*NAMED, "--fault", "pause:3"), "give times instead, as in pause@10..12"),
+        ((*NAMED, "--fault", "stuck:s1@5..4"), "after @ give the seconds from which and until which it is on"),
+        ((*NAMED, "--fault", "stuck:s1@0..1/0.5"), "after @ give the seconds"),
+        ((*NAMED, "--fault", "stuck:s1@x"), "after @ give the seconds"),
+    ],
+)
+def test_wrong_arguments_are_one_line_and_exit_2(
+    rig_here: Command,
+    bench_model: Path,
+    tmp_path: Path,
+    options: tuple[str, ...],
+    said: str,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    done = rig_here(SCENE, "--model", bench_model, *options)
+    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
+    assert done.stderr.startswith("beamtouch-rig: ")
+    assert said in done.stderr
 
 
-def test_counts_come_back_as_the_deflection_with_the_noise_of_the_scene(bench: ModelFile) -> None:
-    surface = VirtualSurface(scene, bench.metadata, seed=1)
-    sensor = bench.metadata.sensor
-    counts = np.array([surface.counts(Load(150.0, 12.0), 0.0) for _ in range(READINGS)])
-    deflection = sensor.standoff_mm - (sensor.offset_mm + sensor.gain_mm_per_count * counts)
-    expected = 12.0 * influence(scene.beam, [68, 156, 244, 332], [150.0])[0]
-    noise = 0.002 * bench.metadata.max_deflection_mm
-    assert deflection.mean(axis=0) == pytest.approx(expected, abs=5 * noise / np.sqrt(READINGS))
-    assert deflection.std(axis=0) == pytest.approx(np.full(4, noise), rel=0.06)
-    assert VirtualSurface(scene, bench.metadata, seed=1).counts(Load(150.0, 12.0), 0.0) == counts[0].tolist()
+@pytest.mark.parametrize(
+    ("option", "text", "said"),
+    [
+        ("--script", "[[step]]\nseconds = 0", "seconds"),
+        ("--script", "[[step]]\nseconds = 1\nposition_mm = 3", "together"),
+        ("--script", "[[step]]\nseconds = 1\nposition_mm = 401\nforce_n = 1", "must lie on the beam"),
+        ("--script", "[[step]]\nseconds = 1\nspeed = 3", "speed"),
+        ("--imperfections", "gain = [1.0]", "gain has 1 entries for 4 channels"),
+        ("--imperfections", "gian = [1, 1, 1, 1]", "unknown key gian"),
+        ("--imperfections", "fixity = [1.0, 0.0]", "fixity"),
+        ("--imperfections", "position_offset_mm = [-200, 0, 0, 0]", "moves a sensor off the beam"),
+    ],
+)
+def test_a_wrong_file_is_one_line(
+    rig_here: Command, bench_model: Path, tmp_path: Path, option: str, text: str, said: str
+) -> None:
+    path = tmp_path / "file.toml"
+    path.write_text(text)
+    done = rig_here(SCENE, "--model", bench_model, *TCP, option, path)
+    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
+    assert said in done.stderr
 
 
-def includes(kind: type[Message], messages: list[Message]) -> bool:
-    return any(isinstance(message, kind) for message in messages)
+ASK = struct.pack(">HHBBHH", 0, 6, 1, 4, 0, 4)
 
 
-Sent = list[Message | float | type[Message]]
-"""What a host sends; a number is a pause [s], and for a message of a type is waited."""
+class Rig:
+    """A rig on Modbus TCP that takes loads and faults from a test."""
 
+    def __init__(self, process: subprocess.Popen[str]) -> None:
+        assert process.stdout is not None
+        self.process, self._out, self._number = process, process.stdout, 0
+        self.port = int(self._out.readline().rpartition(":")[2])
+        self.line = socket.create_connection(("127.0.0.1", self.port), 60)
 
-async def exchange(path: Path, sent: Sent, enough: Callable[[list[Message]], bool]) -> list[Message]:
-    """Talk to a serial device as a host would and return its messages."""
-    received: list[Message] = []
-    with named_line(path) as line:
-        device = asyncio.create_task(SerialDevice(line, lambda: [1, 2, 65535], 3, 16, UNTROUBLED).serve())
-        await asyncio.sleep(0)
-        host = os.open(path, os.O_RDWR | os.O_NOCTTY)
+    def type(self, line: str) -> str:
+        """Type a line; returns what the rig says of it."""
+        assert self.process.stdin is not None
+        self.process.stdin.write(f"{line}\n")
+        self.process.stdin.flush()
+        return self._out.readline()
+
+    def ask(self) -> int:
+        """Send a request; returns its number."""
+        self._number += 1
+        self.line.sendall(struct.pack(">H", self._number) + ASK)
+        return self._number
+
+    def answer(self) -> tuple[int, list[int]]:
+        """Return the number and the counts of the next answer."""
+        frame = self.line.recv(100)
+        return struct.unpack(">H", frame[:2])[0], list(struct.unpack(">4H", frame[9:]))
+
+    def is_silent(self) -> bool:
+        """Return whether no answer comes for a while."""
+        self.line.settimeout(0.3)
         try:
-            decoder = Decoder()
+            return not self.line.recv(100)
+        except TimeoutError:
+            return True
+        finally:
+            self.line.settimeout(60)
 
-            async def until(holds: Callable[[list[Message]], bool]) -> None:
-                nonlocal received
-                async with asyncio.timeout(60):
-                    while not holds(received):
-                        received += decoder.feed(await asyncio.to_thread(os.read, host, 4096))
+    def counts(self) -> list[int]:
+        """Ask for the counts of all channels."""
+        number = self.ask()
+        answered, counts = self.answer()
+        assert answered == number
+        return counts
 
-            for message in sent:
-                if isinstance(message, float):
-                    await asyncio.sleep(message)
-                elif isinstance(message, type):
-                    await until(partial(includes, message))
-                else:
-                    await asyncio.to_thread(os.write, host, encode(message))
-            await until(enough)
+
+@contextmanager
+def process_of(*options: str | Path) -> Iterator[subprocess.Popen[str]]:
+    pipe, words = subprocess.PIPE, [RIG, *map(str, options)]
+    environment = os.environ | {"PYTHONIOENCODING": "utf-8:strict"}  # as with LANG=en_US.UTF-8
+    with subprocess.Popen(words, stdin=pipe, stdout=pipe, stderr=pipe, text=True, env=environment) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+@pytest.fixture(scope="module")
+def one_rig(bench_model: Path) -> Iterator[Rig]:
+    """The rig of all tests that leave it as they found it; it has said nothing unasked when SIGTERM ends it."""
+    with process_of(SCENE, "--model", bench_model, *TCP, "--by-hand", "--no-ringing") as process:
+        one = Rig(process)
+        yield one
+        one.line.close()
+        process.terminate()
+        _, said = process.communicate(timeout=60)
+        assert (process.returncode, said) == (0, "")
+
+
+@pytest.fixture
+def rig(one_rig: Rig) -> Iterator[Rig]:
+    yield one_rig
+    one_rig.type("mend")
+    one_rig.type("")
+
+
+def near(counts: list[int], expected: list[int]) -> list[bool]:
+    return [abs(one - other) < 10 * SIGMA_COUNTS for one, other in zip(counts, expected, strict=True)]
+
+
+def test_faults_of_sensors_change_their_counts_until_they_are_mended(rig: Rig) -> None:
+    assert rig.type("90 10") == "10 N at 90 mm is on\n"
+    s1, s2, s3, s4 = before = rig.counts()
+    assert not near([s1], [s3])[0]
+    assert rig.type("swapped:s1,s3") == "swapped:s1,s3 is on\n"
+    assert all(near(rig.counts(), [s3, s2, s1, s4]))
+    rig.type("unplugged:s2")
+    assert rig.counts()[1] == 0
+    assert rig.type("mend") == "no fault is on\n"
+    assert all(near(rig.counts(), before))
+    rig.type("inverted:s4")
+    assert all(near(rig.counts(), [s1, s2, s3, 65535 - s4]))
+    rig.type("stuck:s1")
+    held = rig.counts()[0]
+    assert rig.type("") == "nothing is on\n"
+    assert rig.counts()[0] == held
+    assert near([held], [s1])[0]
+    rig.type("mend")
+    assert not near(rig.counts()[:1], [s1])[0]
+
+
+def test_replies_are_late_or_lost_and_keep_their_numbers(rig: Rig) -> None:
+    rig.type("late:300")
+    began_s = time.monotonic()
+    numbers = [rig.ask()]
+    rig.type("")  # the second request comes while the first reply is still out
+    numbers.append(rig.ask())
+    assert [rig.answer()[0], rig.answer()[0]] == numbers
+    assert time.monotonic() - began_s >= 0.3
+    rig.type("mend")
+    rig.type("lost:100")
+    rig.ask()
+    assert rig.is_silent()
+    rig.type("mend")
+    assert len(rig.counts()) == 4
+
+
+def test_a_paused_device_answers_when_the_pause_ends(rig: Rig) -> None:
+    rig.type("pause")
+    number = rig.ask()
+    assert rig.is_silent()
+    rig.type("mend")
+    assert rig.answer()[0] == number
+
+
+def test_clients_that_go_before_their_answer_leave_no_word(rig: Rig) -> None:
+    """The fixture looks at what the rig has said."""
+    for _ in range(50):
+        with socket.create_connection(("127.0.0.1", rig.port), 60) as client:
+            client.sendall(struct.pack(">H", 1) + ASK)
+    assert len(rig.counts()) == 4
+
+
+def test_a_port_that_is_taken_is_named(rig: Rig, rig_here: Command, bench_model: Path) -> None:
+    where = f"127.0.0.1:{rig.port}"
+    done = rig_here(SCENE, "--model", bench_model, "--modbus-tcp", where)
+    said = f"beamtouch-rig: cannot listen on {where}: in use; stop the program that listens there"
+    assert (done.returncode, done.stdout, done.stderr[: len(said)]) == (2, "", said)
+
+
+def test_lines_that_are_no_load_are_named_and_ctrl_c_is_130_and_removes_the_line(
+    bench_model: Path, tmp_path: Path
+) -> None:
+    line = tmp_path / "line"
+    with process_of(SCENE, "--model", bench_model, "--serial", line, "--by-hand") as process:
+        assert process.stdin is not None
+        assert process.stdout is not None
+        assert process.stdout.readline() == f"listening on serial {line}\n"
+        os.write(process.stdin.fileno(), b"abc\n9999 10\n150\xa0mm 10\nstuck:s1@2..\n150 12\n")
+        assert process.stdout.readline() == "12 N at 150 mm is on\n"
+        process.send_signal(signal.SIGINT)
+        _, said = process.communicate(timeout=60)
+    assert process.returncode == 130
+    lines = said.splitlines()
+    usage = r"beamtouch-rig: give a position in mm and a force in N, as in 150 10"
+    for text, expected in zip(
+        lines, (usage, r".* 10 N at 9999 mm is no load on a beam of 400 mm", usage, r".* leave out @"), strict=True
+    ):
+        assert re.match(expected, text), text
+    assert not line.is_symlink()
+
+
+def test_frames_of_the_serial_protocol_are_lost_and_a_pause_stops_them(bench_model: Path, tmp_path: Path) -> None:
+    faults = ["--fault", "lost:20", "--fault", "pause@0..0.1/0.2"]
+    with process_of(SCENE, "--model", bench_model, "--serial", tmp_path / "line", *faults) as process:
+        assert process.stdout is not None
+        process.stdout.readline()
+        host = os.open(tmp_path / "line", os.O_RDWR | os.O_NOCTTY)
+        os.write(host, encode(Start(400, 1)))
+        decoder, readings = Decoder(), list[Reading]()
+        while len(readings) < 150:
+            readings += [one for one in decoder.feed(os.read(host, 4096)) if isinstance(one, Reading)]
+        os.close(host)
+    sent = readings[-1].sequence - readings[0].sequence + 1
+    assert 1 - len(readings) / sent > 0.05  # 20 % by the fault, and more where the test is slow to read
+    gaps_us = [later.device_us - one.device_us for one, later in pairwise(readings)]
+    assert sum(gap > 90_000 for gap in gaps_us) >= 3
+
+
+@pytest.mark.parametrize(
+    ("times", "on", "off"),
+    [
+        ("", (0.0, 1e9), ()),
+        ("@2..5", (2.0, 4.9), (1.9, 5.0, 1e9)),
+        ("@2..", (2.0, 1e9), (1.9,)),
+        ("@1..1.5/4", (1.0, 1.4, 5.2, 401.2), (0.9, 1.6, 4.9, 5.6, 403.0)),
+    ],
+)
+def test_a_fault_comes_and_goes_at_its_times(times: str, on: tuple[float, ...], off: tuple[float, ...]) -> None:
+    faults = Faults(["s1"], [f"pause{times}"])
+    assert all(faults.pause_s(seconds) > 0 for seconds in on)
+    assert not any(faults.pause_s(seconds) for seconds in off)
+
+
+@contextmanager
+def device_on(path: Path, channels: int, convert: Callable[[], list[int]]) -> Iterator[int]:
+    """A serial device at work on a line; gives the host's end, which does not block."""
+    with named_line(path) as line:
+        device = asyncio.ensure_future(SerialDevice(line, convert, channels, 16, UNTROUBLED).serve())
+        host = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+        try:
+            yield host
         finally:
             os.close(host)
             device.cancel()
-            await asyncio.wait([device])
-    return received
+
+
+async def read_until(host: int, received: list[Message], holds: Callable[[list[Message]], bool]) -> None:
+    """Add messages of a device until a condition holds."""
+    decoder = Decoder()
+    async with asyncio.timeout(60):
+        while not holds(received):
+            with contextlib.suppress(BlockingIOError):
+                received += decoder.feed(os.read(host, 4096))
+            await asyncio.sleep(0.001)
 
 
 @pytest.mark.anyio
-async def test_the_serial_device_says_hello_and_streams_until_stopped(tmp_path: Path) -> None:
-    received = await exchange(tmp_path / "line", [HelloRequest(), Start(500, 1)], lambda so_far: len(so_far) >= 52)
-    hellos = [message for message in received if isinstance(message, Hello)]
-    readings = [message for message in received if isinstance(message, Reading)]
-    assert len(hellos) == 2
-    assert hellos[0] == hellos[1]
-    assert (hellos[0].channel_count, hellos[0].adc_bits, hellos[0].is_compatible) == (3, 16, True)
-    numbers = [reading.sequence for reading in readings]
+async def test_the_serial_device_says_hello_streams_until_stopped_and_ignores_what_is_not_for_it(
+    tmp_path: Path,
+) -> None:
+    received: list[Message] = []
+    with device_on(tmp_path / "line", 3, lambda: [1, 2, 65535]) as host:
+        # Neither a pong, nor a rate or an oversampling that it does not have, is for a device.
+        for message in (Pong(6, 0), Start(MAX_RATE_HZ + 1, 1), Start(500, 2), HelloRequest(), Ping(7), Start(500, 1)):
+            os.write(host, encode(message))
+        await read_until(host, received, lambda so_far: len(so_far) >= 53)
+        os.write(host, encode(Stop()) + encode(Ping(8)))
+        await read_until(host, received, lambda so_far: 8 in tokens(so_far))
+        os.write(host, encode(Ping(9)))  # since the stop it has sent only answers
+        await read_until(host, received, lambda so_far: 9 in tokens(so_far))
+    hello, again, pong, *readings, before_last, last = received
+    assert isinstance(hello, Hello)
+    assert again == hello
+    assert (hello.channel_count, hello.adc_bits, hello.is_compatible) == (3, 16, True)
+    assert tokens([pong, before_last, last]) == [7, 8, 9]
+    streamed = [one for one in readings if isinstance(one, Reading)]
+    assert len(streamed) == len(readings)
+    numbers = [reading.sequence for reading in streamed]
     assert numbers[0] == 0
     assert numbers == sorted(set(numbers))  # a scan that a busy machine skips has a number too
-    assert all(reading.counts == (1, 2, 65535) for reading in readings)
-    clocks = [reading.device_us for reading in readings]
-    assert clocks == sorted(clocks)
+    assert all(reading.counts == (1, 2, 65535) for reading in streamed)
+    clocks = np.array([reading.device_us for reading in streamed])
     # A busy machine skips slots and is late for others, but never catches up.
-    assert clocks[-1] - clocks[0] >= (len(readings) - 3) * 2000
-    assert np.diff(clocks).min() < 2600
-
-
-@pytest.mark.anyio
-async def test_a_stopped_device_sends_nothing_but_answers(tmp_path: Path) -> None:
-    script: list[Message | float | type[Message]] = [
-        Start(500, 1),
-        Reading,
-        Stop(),
-        HelloRequest(),
-        0.1,
-        HelloRequest(),
-    ]
-    received = await exchange(tmp_path / "line", script, lambda so_far: sum(isinstance(m, Hello) for m in so_far) == 3)
-    kinds = [type(message) for message in received]
-    assert kinds[-2:] == [Hello, Hello]  # after the stop, the device sent only answers
-
-
-@pytest.mark.anyio
-async def test_it_answers_a_ping_and_ignores_what_a_device_does_not_take(tmp_path: Path) -> None:
-    script: Sent = [Pong(6, 0), Start(MAX_RATE_HZ + 1, 1), Start(500, 2), Ping(7)]
-    received = await exchange(tmp_path / "line", script, lambda so_far: any(isinstance(m, Pong) for m in so_far))
-    assert [type(message) for message in received] == [Hello, Pong]
-    assert isinstance(received[1], Pong)
-    assert received[1].token == 7
+    assert (np.diff(clocks) > 0).all()
+    assert clocks[-1] - clocks[0] >= (len(streamed) - 3) * 2000
 
 
 @pytest.mark.anyio
 async def test_frames_on_a_line_that_nobody_reads_are_lost_and_the_device_goes_on(tmp_path: Path) -> None:
-    converted = [0]
+    converted, received = [0], list[Message]()
 
     def convert() -> list[int]:
         converted[0] += 1
         return [1] * 8
 
-    with named_line(tmp_path / "line") as line:
-        host = os.open(tmp_path / "line", os.O_RDWR | os.O_NOCTTY)
-        os.set_blocking(host, False)
-        device = asyncio.create_task(SerialDevice(line, convert, 8, 16, UNTROUBLED).serve())
+    with device_on(tmp_path / "line", 8, convert) as host:
         os.write(host, encode(Start(MAX_RATE_HZ, 1)))
-        try:
-            async with asyncio.timeout(60):
-                while converted[0] < 3000:  # noqa: ASYNC110  # more than a pseudo-terminal holds
-                    await asyncio.sleep(0.01)
-                decoder, sequences = Decoder(), list[int]()
-                while not sequences or sequences[-1] < 3000:
-                    with contextlib.suppress(BlockingIOError):
-                        found = decoder.feed(os.read(host, 4096))
-                        sequences += [message.sequence for message in found if isinstance(message, Reading)]
-                    await asyncio.sleep(0.001)
-        finally:
-            os.close(host)
-            device.cancel()
-            await asyncio.wait([device])
-    assert len(sequences) < sequences[-1]
+        async with asyncio.timeout(60):
+            while converted[0] < 1000:  # noqa: ASYNC110  # more than a pseudo-terminal holds
+                await asyncio.sleep(0.01)
+        await read_until(host, received, lambda so_far: newest(so_far) >= 1000)
+    assert sum(isinstance(one, Reading) for one in received) < newest(received)
 
 
-def test_a_line_that_cannot_be_made_is_one_line(tmp_path: Path) -> None:
-    with (
-        pytest.raises(SceneError, match=r"absent/line: No such file or directory"),
-        named_line(tmp_path / "absent/line"),
-    ):
-        pass
-    (tmp_path / "line").symlink_to(tmp_path / "gone")  # left behind by a rig that was killed
-    with named_line(tmp_path / "line"):
-        assert (tmp_path / "line").is_char_device()
+def tokens(messages: list[Message]) -> list[int]:
+    return [one.token for one in messages if isinstance(one, Pong)]
 
 
-@pytest.mark.anyio
-async def test_a_joined_line_that_nobody_reads_loses_bytes_and_works_again(tmp_path: Path) -> None:
-    with joined_line(tmp_path / "line", UNTROUBLED) as near_name:
-        near, far = (os.open(name, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK) for name in (near_name, tmp_path / "line"))
-        try:
-            for _ in range(100):
-                with contextlib.suppress(BlockingIOError):
-                    os.write(near, bytes(1000))
-                await asyncio.sleep(0)
-            async with asyncio.timeout(60):
-                held = b""
-                while b"again" not in held:
-                    with contextlib.suppress(BlockingIOError):
-                        os.write(near, b"again")
-                    await asyncio.sleep(0.01)
-                    with contextlib.suppress(BlockingIOError):
-                        held += os.read(far, 65_536)
-        finally:
-            os.close(near)
-            os.close(far)
-    assert held.count(0) < 100_000
+def newest(messages: list[Message]) -> int:
+    return max((one.sequence for one in messages if isinstance(one, Reading)), default=-1)
 
 
-def test_a_line_removes_its_link_and_never_replaces_a_file(tmp_path: Path) -> None:
+def test_a_line_replaces_a_link_that_a_killed_rig_left_and_never_a_file(tmp_path: Path) -> None:
+    (tmp_path / "line").symlink_to(tmp_path / "gone")
     with named_line(tmp_path / "line"):
         assert (tmp_path / "line").is_char_device()
     assert not (tmp_path / "line").is_symlink()
@@ -289,129 +434,31 @@ def test_a_line_removes_its_link_and_never_replaces_a_file(tmp_path: Path) -> No
     assert (tmp_path / "file").read_text() == "keep me"
 
 
-@pytest.mark.anyio
-async def test_a_joined_line_carries_bytes_both_ways(tmp_path: Path) -> None:
-    with joined_line(tmp_path / "line", UNTROUBLED) as near_name:
-        ends = [os.open(name, os.O_RDWR | os.O_NOCTTY) for name in (near_name, tmp_path / "line")]
-        for one, other in (ends, ends[::-1]):
-            await asyncio.to_thread(os.write, one, b"\x00\x11\x13\x03\r\n")
-            async with asyncio.timeout(60):
-                assert await asyncio.to_thread(os.read, other, 100) == b"\x00\x11\x13\x03\r\n"
-        for end in ends:
-            os.close(end)
-
-
-IMPERFECT = """
-position_offset_mm = [1.0, -1.0, 0.5, 0.0]
-gain = [1.03, 0.97, 1.0, 1.01]
-offset_mm = [0.01, 0.0, -0.02, 0.0]
-curve_per_mm = 0.02
-fixity = [0.05, 0.0]
-rigidity = 1.1
-"""
-
-
-def test_imperfections_change_the_counts_as_stated(bench: ModelFile, tmp_path: Path) -> None:
-    path = tmp_path / "imperfections.toml"
-    path.write_text(IMPERFECT)
-    surface = VirtualSurface(scene, bench.metadata, 1, load_imperfections(path))
-    sensor, layout = bench.metadata.sensor, np.array([c.position_mm for c in bench.metadata.layout])
-    counts = np.mean([surface.counts(Load(150.0, 12.0), 0.0) for _ in range(READINGS)], axis=0)
-    ends = [{"at_mm": 0.0, "fixity": 0.05}, {"at_mm": 400.0}]
-    stiffer = {**scene.beam.model_dump(), "youngs_modulus_gpa": 231.0, "supports": ends}
-    deflection = 12 * influence(Beam.model_validate(stiffer), layout + np.array([1, -1, 0.5, 0]), [150.0])[0]
-    linear = np.array([1.03, 0.97, 1.0, 1.01]) * deflection
-    seen = (np.sqrt(1 + 4 * 0.02 * linear) - 1) / (2 * 0.02)
-    gap = sensor.standoff_mm - seen + [0.01, 0, -0.02, 0]
-    assert sensor.offset_mm + sensor.gain_mm_per_count * counts == pytest.approx(gap, abs=5e-4)
-
-
 @pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        ("gain = [1.0]", "gain has 1 entries for 4 channels"),
-        ("gian = [1, 1, 1, 1]", "unknown key gian"),
-        ("fixity = [1.0, 0.0]", "fixity"),
-        ("rigidity = 0", "rigidity"),
-        ("damping_ratio = 1", "damping_ratio"),
-        ("position_offset_mm = [-200, 0, 0, 0]", "moves a sensor off the beam"),
-        ("gain = [", "imperfections.toml"),
-    ],
+    ("board", "said"),
+    [("absent", "absent: No such file or directory"), ("/bin/false", "the simulated board /bin/false did not start")],
 )
-def test_wrong_imperfections_are_one_line(
-    rig_here: Command, bench_model: Path, tmp_path: Path, text: str, said: str
+def test_a_board_that_does_not_start_is_named(
+    rig_here: Command, ten_bits: tuple[Path, Path], tmp_path: Path, board: str, said: str
 ) -> None:
-    path = tmp_path / "imperfections.toml"
-    path.write_text(text)
-    line = ("--modbus-tcp", "127.0.0.1:0")
-    done = rig_here(SCENES / "bench.toml", "--model", bench_model, *line, "--imperfections", path)
-    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
-    assert said in done.stderr
+    scene, model = ten_bits
+    done = rig_here(scene, "--model", model, "--serial", tmp_path / "line", "--firmware", board, "firmware.elf")
+    assert (done.returncode, done.stdout, done.stderr) == (2, "", f"beamtouch-rig: {said}\n")
 
 
-def test_a_fixed_support_takes_no_fixity(bench: ModelFile) -> None:
-    propped = change_scene(scene, beam={"supports": "propped"})
-    with pytest.raises(SceneError, match="already fixed"):
-        VirtualSurface(propped, bench.metadata, 1, Imperfections(fixity=(0.1, 0.0)))
+def test_a_board_that_ends_is_reported_and_ends_the_rig(
+    board: Board, ten_bits: tuple[Path, Path], tmp_path: Path
+) -> None:
+    (scene, model), line = ten_bits, tmp_path / "line"
+    with process_of(scene, "--model", model, "--serial", line, "--firmware", *board.command) as rig:
+        assert rig.stdout
+        assert rig.stdout.readline() == f"listening on serial {line}\n"
+        (child,) = Path(f"/proc/{rig.pid}/task/{rig.pid}/children").read_text().split()
+        os.kill(int(child), signal.SIGKILL)
+        _, said = rig.communicate(timeout=60)
+    assert (rig.returncode, said) == (2, "beamtouch-rig: the simulated board ended unexpectedly\n")
 
 
-def test_loads_are_put_on_by_hand(bench_model: Path) -> None:
-    program = Path(sys.executable).parent / "beamtouch-rig"
-    command: list[str | Path] = [program, SCENES / "bench.toml", "--model", bench_model]
-    with subprocess.Popen(
-        [*command, "--by-hand", "--modbus-tcp", "127.0.0.1:0"],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        env=os.environ | {"PYTHONIOENCODING": "utf-8:strict"},  # as with LANG=en_US.UTF-8
-    ) as process:
-        try:
-            assert process.stdin is not None
-            assert process.stdout is not None
-            assert process.stderr is not None
-            assert process.stdout.readline().startswith("listening on modbus-tcp ")
-            process.stdin.write("150 10\nabc\n9999 10\n\n")
-            process.stdin.flush()
-            assert process.stdout.readline() == "10 N at 150 mm is on\n"
-            assert process.stderr.readline().startswith("beamtouch-rig: give a position in mm and a force in N")
-            assert process.stderr.readline() == "beamtouch-rig: 10 N at 9999 mm is no load on a beam of 400 mm\n"
-            assert process.stdout.readline() == "nothing is on\n"
-            os.write(process.stdin.fileno(), b"150\xa0mm 10\n150 12\n")
-            assert process.stdout.readline() == "12 N at 150 mm is on\n"
-        finally:
-            process.terminate()
-
-
-def test_a_client_that_goes_before_its_answer_leaves_no_word(bench_model: Path) -> None:
-    program = Path(sys.executable).parent / "beamtouch-rig"
-    command: list[str | Path] = [program, SCENES / "bench.toml", "--model", bench_model, "--modbus-tcp", "127.0.0.1:0"]
-    ask = struct.pack(">HHHBBHH", 1, 0, 6, 1, 4, 0, 4)
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
-        try:
-            assert process.stdout is not None
-            port = int(process.stdout.readline().rpartition(":")[2])
-            for _ in range(50):
-                with socket.create_connection(("127.0.0.1", port), 60) as client:
-                    client.sendall(ask)
-            with socket.create_connection(("127.0.0.1", port), 60) as client:
-                client.sendall(ask)
-                assert client.recv(100)
-        finally:
-            process.terminate()
-            said = process.communicate(timeout=60)[1]
-    assert said == ""
-
-
-def test_departures_undo_what_they_do() -> None:
-    rng = np.random.default_rng(3)
-    stated = {"gain": [0.95, 1.0, 1.04], "offset_mm": [0.02, -0.03, 0.0], "curve_per_mm": 0.03}
-    departures = Departures.none(3).model_copy(update=stated)
-    linear = rng.uniform(-1.0, 3.0, (50, 3))
-
-    measured = departures.measure(linear)
-
-    # As its line says: y + curve y^2 is the deflection with its gain, and y is measured without the offset.
-    y = measured - np.array([0.02, -0.03, 0.0])
-    assert y + 0.03 * y**2 == pytest.approx(linear, abs=1e-12)
-    assert departures.linear_mm(measured) == pytest.approx(linear, abs=1e-12)
+def test_it_prints_its_version(rig_here: Command) -> None:
+    done = rig_here("--version")
+    assert (done.returncode, done.stdout) == (0, f"beamtouch-rig {version('beamtouch')}\n")

@@ -20,7 +20,7 @@ from beamtouch_models.calibration.unlabelled import fit_contacts
 from beamtouch_models.estimators.onnx_graph import to_bytes, with_force_error
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.progress import Progress, silent
-from beamtouch_models.rig.imperfections import Imperfections
+from beamtouch_models.rig.surface import Imperfections
 from beamtouch_models.session import runner
 from beamtouch_models.surface import prior_of_model
 from few_draws import few_draws

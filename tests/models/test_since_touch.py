@@ -9,7 +9,7 @@ import pytest
 from beamtouch_models import cli
 from beamtouch_models.accuracy.limit import accuracy_limit
 from beamtouch_models.building.since_touch import Touches
-from beamtouch_models.challenge.honest import rings
+from beamtouch_models.challenge.contacts import rings
 from beamtouch_models.challenge.judge import judge
 from beamtouch_models.challenge.surface import SimulatedSurface
 from beamtouch_models.loading import ModelFile, load
@@ -68,8 +68,8 @@ def test_a_sudden_touch_errs_as_in_the_challenge(slow: ModelFile) -> None:
     surface, rng = SimulatedSurface.of(slow.metadata), np.random.default_rng(1)
     play = rings(surface, 64, rng)
     (reading,) = [at for name, at in play.rows if name == "sudden force, 200 ms"]
-    said = judge(surface, slow.run, surface.readings(play.deflection_mm, play.errors, rng), reading).at([reading])
-    off = np.abs(said.position_mm - play.truth_mm[:, reading]) / surface.beam.length_mm * 100
+    said = judge(surface, slow.run, surface.world.readings(play.deflection_mm, play.errors, rng), reading).at([reading])
+    off = np.abs(said.position_mm - play.truth_mm[:, reading]) / surface.world.beam.length_mm * 100
 
     stated = slow.metadata.accuracy.since_touch[2]
 
@@ -83,7 +83,7 @@ def test_a_sudden_touch_errs_as_in_the_challenge(slow: ModelFile) -> None:
 
 def test_a_channel_whose_reading_was_taken_for_a_spike_is_missing(slow: ModelFile) -> None:
     prior = prior_of_model(slow.metadata)
-    touches = Touches.draw(prior, slow.metadata.noise.reading_mm, 256, 1)
+    touches = Touches.draw(prior, SimulatedSurface.of(slow.metadata).world, 256, 1)
     sample_mm, covariance_mm2 = touches.shown_mm.copy(), np.tile(np.eye(4) * prior.noise_mm**2, (256, 1, 1))
     whole = touches.errors_mm(slow.run, sample_mm, covariance_mm2).mean()
     sample_mm[:, 1] = np.nan

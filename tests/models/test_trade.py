@@ -18,7 +18,7 @@ from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.scene import change_scene, load_scene, parse_scene
 from beamtouch_models.surface import Surface
 from beamtouch_models.trade.measure import Model, Task, follow, measure, numbers_of_sensors
-from beamtouch_models.trade.trade import NotToBeHadError, Point, is_smaller, most_accurate, pareto_front, quickest
+from beamtouch_models.trade.trade import NotToBeHadError, Point, most_accurate, pareto_front, quickest
 from example_scenes import PAPER, SCENES
 from in_process import Command
 
@@ -36,11 +36,6 @@ def point(latency_ms: float, error_mm: float, sensors: int, standard_error_mm: f
 
 THREE = st.sampled_from([1.0, 2.0, 3.0])
 POINTS = st.lists(st.builds(point, THREE, THREE, st.sampled_from([2, 3, 4])), min_size=1, max_size=12)
-UNSURE = st.lists(
-    st.builds(point, THREE, THREE, st.sampled_from([2, 3, 4]), st.sampled_from([0.0, 0.4, 1.0])),
-    min_size=1,
-    max_size=12,
-)
 
 
 @given(POINTS)
@@ -52,18 +47,6 @@ def test_the_front_has_the_points_that_no_other_dominates(points: list[Point]) -
         others = [(other.latency_ms, other.error_mm.value, other.model.sensors) for other in points]
         beaten = any(all(a <= b for a, b in zip(other, cost, strict=True)) and other != cost for other in others)
         assert (one in front) != beaten
-
-
-@given(UNSURE)
-def test_on_the_front_is_what_differs_by_more_than_its_standard_error(points: list[Point]) -> None:
-    front = pareto_front(points)
-    assert front
-    for one in front:
-        for other in points:
-            cheaper = (other.model.sensors, other.latency_ms) != (one.model.sensors, one.latency_ms) and (
-                other.model.sensors <= one.model.sensors and other.latency_ms <= one.latency_ms
-            )
-            assert not cheaper or is_smaller(one.error_mm, other.error_mm)
 
 
 def test_a_sensor_more_that_saves_less_than_its_standard_error_is_not_on_the_front() -> None:
@@ -132,78 +115,56 @@ def test_a_curve_is_of_the_filter_that_build_writes() -> None:
 
 @pytest.mark.long
 @pytest.mark.usefixtures("short_timing", "short_measuring")
-def test_the_command_writes_the_folder_and_builds_the_choice(
+def test_the_command_writes_the_folder_names_what_fails_and_builds_the_choice(
     design_sensors_here: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(paper_network, "PATIENCE", 10)  # its error is not asked for
-    scene, out = tmp_path / "plate.toml", tmp_path / "out"
-    text = PAPER.replace("count = 2", "count = [2, 3]\ngrid_mm = 57").replace("[sensors]", "[sensors]\nrate_hz = 50")
+    scene, out = tmp_path / "narrow.toml", tmp_path / "out"
+    # Three sensors with 150 mm between them go on 400 mm, four do not.
+    text = PAPER.replace("count = 2", "count = [2, 4]\nmin_distance_mm = 150\ngrid_mm = 25")
+    text = text.replace("[sensors]", "[sensors]\nrate_hz = 50")
     scene.write_text(text + "\n[requirements]\nlatency_ms = 40\nposition_error_mm = 1000\n")
-    common = ("trade", scene, "-o", out, "--draws", 128, "--estimators", "posterior", "paper-network")
-    done = design_sensors_here(*common, "--latency-ms", 60, "--json")
-    assert (done.returncode, done.stderr) == (0, "")
-    found = json.loads(done.stdout)
-    chosen = found["points"][found["picked"]["index"]]
-    assert chosen["latency_ms"] <= 60
-    built = modelfile.load(Path(found["picked"]["model"]))
-    assert built.metadata.estimator == chosen["estimator"]
-    assert len(built.metadata.layout) == chosen["sensors"]
-    assert {path.name for path in out.iterdir()} == {"trade.json", "trade.md", "trade.svg", "plate.onnx"}
-    assert found["failures"] == []
+    options = ("--draws", 128, "--estimators", "posterior", "paper-network", "--latency-ms", 60)
+    done = design_sensors_here("trade", scene, "-o", out, *options)
+    assert done.returncode == 0
+    assert {path.name for path in out.iterdir()} == {"trade.json", "trade.md", "trade.svg", "narrow.onnx"}
+    found = json.loads((out / "trade.json").read_text())
     changes = [model["changed"] for model in found["models"]]
     # The own model has the fewest sensors that meet the requirement.
     assert changes == [None, "sensors", "estimator", "noise", "noise", "noise", "noise", "latency"]
-    assert found["planned_points"] == len(changes)
-    assert all(model["ratio"]["value"] > 0.97 for model in found["models"])
-    noisy = [model for model in found["models"] if model["changed"] == "noise"]
-    errors = [model["error_mm"] for model in noisy]
-    assert errors == sorted(errors)
-    assert [model["reading_mm"] / found["models"][0]["reading_mm"] for model in noisy] == pytest.approx(
-        [0.25, 0.5, 2, 4]
-    )
-    (latency,) = (model for model in found["models"] if model["changed"] == "latency")
-    assert latency["filter"]["window"] == 4
-    # Sentences, tables, and the command that builds each point of the front.
-    page = (out / "trade.md").read_text()
-    assert all(sentence in page for sentence in found["sentences"])
-    assert any("more (3)" in sentence for sentence in found["sentences"])
-    assert f"design-sensors build {scene} --sensors 2 -o plate.onnx" in page
-    assert page.count("\n| *") == sum(one["on_front"] for one in found["points"])
-    picture = (out / "trade.svg").read_text()
-    labels = ("sensors", "since a touch, ms", "noise of a reading, µm", "an inference, µs", "accuracy limit")
-    assert all(f">{label}</text>" in picture for label in labels)
-    none = design_sensors_here(*common, "--error-mm", 1e-6)
-    assert (none.returncode, none.stdout, none.stderr.count("\n")) == (2, "", 1)
-    assert "no point has a mean error of 1e-06 mm" in none.stderr
-
-
-@pytest.mark.usefixtures("short_timing", "short_measuring")
-def test_models_that_fail_are_named_and_the_front_is_a_table(design_sensors_here: Command, tmp_path: Path) -> None:
-    scene, out = tmp_path / "narrow.toml", tmp_path / "out"
-    # Three sensors with 150 mm between them go on 400 mm, four do not.
-    text = PAPER.replace("count = 2", "count = [3, 4]\nmin_distance_mm = 150\ngrid_mm = 25")
-    scene.write_text(text + "\n[requirements]\nlatency_ms = 10\n")
-    options = ("--draws", 128, "--estimators", "posterior", "--error-mm", 300)
-    done = design_sensors_here("trade", scene, "-o", out, *options)
-    assert done.returncode == 0
-    found = json.loads((out / "trade.json").read_text())
-    assert {one["sensors"] for one in found["points"]} == {3}
     (failure,) = found["failures"]
     assert (failure["sensors"], failure["varied"]) == (4, "sensors")
     assert "min_distance_mm" in failure["reason"]
-    assert failure["reason"] in (out / "trade.md").read_text()
-    assert failure["reason"] in done.stderr
+    assert found["planned_points"] == len(changes) + 1
+    assert all(model["ratio"]["value"] > 0.97 for model in found["models"])
+    noisy = [model for model in found["models"] if model["changed"] == "noise"]
+    assert [model["error_mm"] for model in noisy] == sorted(model["error_mm"] for model in noisy)
+    noises = [model["reading_mm"] / found["models"][0]["reading_mm"] for model in noisy]
+    assert noises == pytest.approx([0.25, 0.5, 2, 4])
+    assert found["models"][-1]["filter"]["window"] == 4
     points, front = len(found["points"]), sum(one["on_front"] for one in found["points"])
+    page = (out / "trade.md").read_text()
+    assert failure["reason"] in page
+    assert failure["reason"] in done.stderr
+    assert all(sentence in page for sentence in found["sentences"])
+    assert any("more (3)" in sentence for sentence in found["sentences"])
+    assert f"design-sensors build {scene} --sensors 2 -o narrow.onnx" in page
+    assert page.count("\n| *") == front
+    picture = (out / "trade.svg").read_text()
+    labels = ("sensors", "since a touch, ms", "noise of a reading, µm", "an inference, µs", "accuracy limit")
+    assert all(f">{label}</text>" in picture for label in labels)
     first, *lines, command, last = done.stdout.strip().splitlines()
-    assert first.startswith("3 sensors give a mean error of ")
+    assert first.startswith("2 sensors give a mean error of ")
     assert f"narrow: the front, {front} of {points} points" in map(str.rstrip, lines)
-    assert sum(bool(re.match(r"\s+3\s+posterior\s", line)) for line in lines) == front
-    assert command == f"Build one: design-sensors build {scene} --sensors 3 -o {out / 'narrow.onnx'}"
+    assert sum(bool(re.match(r"\s+[23]\s+(posterior|paper-network)\s", line)) for line in lines) == front
+    assert command == f"Build one: design-sensors build {scene} --sensors 2 -o {out / 'narrow.onnx'}"
     assert f"all {points} points are in {out}: trade.md, " in done.stderr
-    assert last.startswith(f"built {out / 'narrow.onnx'}: posterior, 3 sensors, ")
-    quickest_ms = min(one["latency_ms"] for one in found["points"])
-    assert last.endswith(f" mm, {quickest_ms:.3g} ms")
-    assert len(modelfile.load(out / "narrow.onnx").metadata.layout) == 3
+    quick = [one for one in found["points"] if one["latency_ms"] <= 60]
+    best = min(quick, key=lambda one: (one["error_mm"], one["latency_ms"]))
+    assert last.startswith(f"built {out / 'narrow.onnx'}: {best['estimator']}, {best['sensors']} sensors, ")
+    assert last.endswith(f" mm, {best['latency_ms']:.3g} ms")
+    built = modelfile.load(out / "narrow.onnx").metadata
+    assert (built.estimator, len(built.layout)) == (best["estimator"], best["sensors"])
 
 
 @pytest.mark.parametrize(

@@ -5,8 +5,8 @@ import tomllib
 import pytest
 from pydantic import BaseModel, ValidationError
 
-from beamtouch_models.rig.imperfections import Imperfections
-from beamtouch_models.rig.script import Script
+from beamtouch_models.rig.loads import Script
+from beamtouch_models.rig.surface import Imperfections
 from beamtouch_models.scene import Scene
 from wrong_numbers import with_wrong_numbers
 

@@ -14,9 +14,8 @@ from beamtouch_daemon.config.settings import Surface as Config
 from beamtouch_daemon.processing.pipeline import Pipeline
 from beamtouch_daemon.sources.reading import Reading
 from beamtouch_models.building.daemon_config import daemon_config
-from beamtouch_models.rig.imperfections import Imperfections
-from beamtouch_models.rig.script import Load
-from beamtouch_models.rig.surface import VirtualSurface
+from beamtouch_models.rig.loads import Load
+from beamtouch_models.rig.surface import Imperfections, VirtualSurface
 from beamtouch_models.scene import load_scene
 from beamtouch_service.api.app import create_app
 from beamtouch_service.samples import Sample

@@ -25,13 +25,13 @@ if TYPE_CHECKING:
 pytestmark = pytest.mark.long
 
 SETTLED_S = 2.0
-REST_S, TOUCHED_S, TOUCH_S = 20.0, 8.0, 0.1
+REST_S, TOUCHED_S, TOUCH_S = 9.0, 6.0, 0.1
 """The beam rests, then another load each 0.1 s keeps it from settling."""
 SCRIPT = f"[[step]]\nseconds = {REST_S}\n" + "".join(
     f"[[step]]\nseconds = {TOUCH_S}\nposition_mm = {100 + 20 * (number % 10)}\nforce_n = {5 + 10 * (number % 2)}\n"
     for number in range(round(TOUCHED_S / TOUCH_S))
 )
-SPAN_S, SPANS = 1.0, 4
+SPAN_S, SPANS = 1.0, 3
 """Readings and samples are counted over spans of this time: so many at rest, and so many of a beam that is touched."""
 
 

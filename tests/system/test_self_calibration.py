@@ -8,7 +8,7 @@ import pytest
 
 from beamtouch_models import modelfile
 from beamtouch_models.calibration.theory import Theory
-from beamtouch_models.rig.imperfections import load_imperfections
+from beamtouch_models.rig.surface import load_imperfections
 from pasted import ROOT, blocks_of, paste
 from toolchain import need
 from unlabelled_contacts import missed_mm

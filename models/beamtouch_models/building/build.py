@@ -92,7 +92,7 @@ def build_model(
         progress=lambda done: progress("making the estimator", 0.3 + 0.5 * done),
     )
     progress("measuring the accuracy against the limit", 0.8)
-    fields = measure(made, prior, surface, sensors.positions_mm, seed)
+    fields = measure(made, prior, surface, sensors.world, seed)
     metadata = _metadata(name, text, sensors, choices.aim, made, fields, seed)
     return Built(to_bytes(made.graph, metadata), metadata, sensors.placement, surface, choices.aim)
 

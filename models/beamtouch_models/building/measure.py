@@ -15,7 +15,6 @@ from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.statistics import Measurement, mean_of, ratio_of, share_of
 from beamtouch_models.accuracy.touch_thresholds import PLACES, rate_per_sample, smallest_forces, touch_thresholds
 from beamtouch_models.accuracy.unexplained_thresholds import unexplained_thresholds, windows_of
-from beamtouch_models.arrays import Floats
 from beamtouch_models.building.since_touch import errors_since_touch
 from beamtouch_models.error_model import whitening
 from beamtouch_models.errors import NotGoodEnoughError
@@ -24,6 +23,7 @@ from beamtouch_models.estimators.onnx_graph import to_bytes
 from beamtouch_models.metadata import Accuracy, Floor, Golden, Influence, SmallestForce, Thresholds
 from beamtouch_models.session import Run, runner
 from beamtouch_models.surface import Surface
+from beamtouch_models.world import World
 
 ACCURACY_DRAWS = 4_096
 GOLDEN_DRAWS = 6
@@ -47,10 +47,10 @@ class Measured:
     golden: Golden
 
 
-def measure(estimator: Estimator, prior: Prior, surface: Surface, sensor_mm: Floats, seed: int) -> Measured:
+def measure(estimator: Estimator, prior: Prior, surface: Surface, world: World, seed: int) -> Measured:
     """Measure an estimator on simulated samples of its prior, using the three seeds after `seed`.
 
-    `sensor_mm` (channels,) are the positions of the sensors of the prior. Errors are those of `reach`.
+    `surface` is that of the model, `world` its simulation. Errors are those of `reach`.
     """
     run = runner(to_bytes(estimator.graph))
     try:
@@ -66,7 +66,7 @@ def measure(estimator: Estimator, prior: Prior, surface: Surface, sensor_mm: Flo
         smallest_forces(prior, thresholds.touch[-1], supports_mm),
         Floor(gain=gain, zero_mm=zero_mm),
         _influence(prior),
-        _accuracy(prior, run, reached, surface, sensor_mm, seed + 2),
+        _accuracy(prior, run, reached, surface, world, seed + 2),
         _golden(prior, run, seed + 3),
     )
 
@@ -141,11 +141,11 @@ def reach(made: Estimator, prior: Prior, run: Run, draws: int, seed: int) -> Rea
     raise NotGoodEnoughError(message)
 
 
-def _accuracy(prior: Prior, run: Run, reached: Reached, surface: Surface, sensor_mm: Floats, seed: int) -> Accuracy:
+def _accuracy(prior: Prior, run: Run, reached: Reached, surface: Surface, world: World, seed: int) -> Accuracy:
     """Return the error of the exported graph and the accuracy limit."""
     error, least = (one.scaled(100 / prior.length_mm) for one in (reached.error_mm, reached.limit_mm))
     return Accuracy(
-        since_touch=errors_since_touch(prior, run, surface, sensor_mm, error, seed),
+        since_touch=errors_since_touch(prior, run, surface, world, error, seed),
         error_percent=error.value,
         error_standard_error=error.standard_error,
         limit_percent=least.value,

@@ -27,6 +27,7 @@ from beamtouch_models.placement.placing import DEFAULT_AIM, Aim, Criterion, Plac
 from beamtouch_models.progress import Progress, silent
 from beamtouch_models.scene import Scene
 from beamtouch_models.surface import Surface
+from beamtouch_models.world import World
 
 DRAWS, FEWEST_DRAWS = 4_096, 256
 """Simulated contacts, shared between the sensors, and the smallest number for each; bounds the time of a build."""
@@ -48,6 +49,12 @@ class PlacedSensors:
     def prior(self) -> Prior:
         """Everything that estimator and accuracy know: physics ends here."""
         return self.surface.prior(self.positions_mm)
+
+    @cached_property
+    def world(self) -> World:
+        """The simulated surface with these sensors."""
+        surface = self.surface
+        return World.of(surface.stated, surface.sensor, self.positions_mm, surface.modelled_readings.sensor_mm)
 
 
 def place_sensors(

@@ -1,13 +1,13 @@
 """The error of a model by the time since a touch, behind the filter that it is made for.
 
-Simulated readings run through the daemon's own filter: of a touch that the beam follows at once, and of a sudden force,
-after which it rings in all modes with the damping of the scene, as in `challenge`. Few contacts are enough, because
-they only give the difference to the plain mean of their loaded readings, whose error comes from many contacts.
+Readings of the simulated world of `challenge` run through the daemon's own filter: of a touch that the beam follows at
+once, and of a sudden force, after which it rings in all modes with the damping of the scene. Few contacts are enough,
+because they only give the difference to the plain mean of their loaded readings, whose error comes from many contacts.
 """
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
@@ -19,9 +19,9 @@ from beamtouch_models.arrays import Floats
 from beamtouch_models.error_model import whitening
 from beamtouch_models.filters import Chain
 from beamtouch_models.metadata import FilterChoice, SinceTouch
-from beamtouch_models.physics.motion import Modes, damping_of, swings
 from beamtouch_models.session import Run
 from beamtouch_models.surface import Surface
+from beamtouch_models.world import SensorErrors, World
 
 CONTACTS, KNOWN = 96, 4096
 """Simulated contacts that run through the filter reading by reading, which bounds the time of a build, and those of
@@ -36,42 +36,36 @@ FIRST = 2
 
 @dataclass(frozen=True, eq=False)
 class Touches:
-    """Simulated contacts, and what is wrong with the sensors as long as a contact lasts."""
+    """Simulated contacts on a world, and what is wrong with the sensors as long as a contact lasts."""
 
     prior: Prior
+    world: World
     drawn: Draws
-    reading_mm: float
-    """Noise of a reading."""
     shown_mm: Floats
-    """(contacts, channels) deflections at the sensors where they really stand."""
-    gain: Floats
-    zero_mm: Floats
-    """(contacts, channels) relative error of the gain, and the zero."""
+    """(contacts, channels) deflections at rest, at the sensors where they really stand."""
+    errors: SensorErrors
 
     @classmethod
-    def draw(cls, prior: Prior, reading_mm: float, count: int, seed: int) -> Self:
+    def draw(cls, prior: Prior, world: World, count: int, seed: int) -> Self:
         """Draw at least `count` contacts of a prior, evenly."""
         drawn, rng = draw_evenly(prior, count, seed), np.random.default_rng([seed, prior.channels])
-        shown = drawn.force_n[:, None] * prior.influence_at(drawn.position_mm)
+        shown = world.under(drawn.position_mm, drawn.force_n)
         gain, zero_mm, mounting = rng.normal(size=(3, *shown.shape))
         if prior.uncertain_at is not None:
             shown = shown + mounting * drawn.force_n[:, None] * prior.uncertain_at(drawn.position_mm)
-        return cls(prior, drawn, reading_mm, shown, gain * prior.gain, zero_mm * prior.zero_mm)
+        perfect = SensorErrors.none(*shown.shape)
+        errors = replace(perfect, gain=1 + gain * prior.gain, zero_mm=zero_mm * prior.zero_mm)
+        return cls(prior, world, drawn, shown, errors)
 
     @property
     def weight(self) -> Floats:
         """Weight of each contact in an average, (contacts,)."""
         return np.broadcast_to(self.drawn.weight, len(self.shown_mm))
 
-    def measured_mm(self, true_mm: Floats) -> Floats:
-        """Return readings without noise of true deflections; both (contacts, readings, channels)."""
-        linear = (true_mm * (1 + self.gain[:, None])).reshape(-1, self.prior.channels)
-        return self.prior.measured(linear).reshape(true_mm.shape) + self.zero_mm[:, None]
-
     def errors_mm(self, run: Run, sample_mm: Floats, covariance_mm2: Floats) -> Floats:
         """Return the errors (contacts,) of the answers to a sample of each contact, (contacts, channels).
 
-        A channel whose only reading was taken for a spike is NaN, and missing.
+        A channel is NaN, and missing, if its only reading was taken for a spike or is beyond the sensor's range.
         """
         valid = np.isfinite(sample_mm)
         weights = whitening(sample_mm, covariance_mm2, self.prior.gain, self.prior.zero_mm, valid)
@@ -81,14 +75,14 @@ class Touches:
 
     def plain_errors_mm(self, run: Run, count: int, noise: Floats) -> Floats:
         """Return the errors (contacts,) for means of as many readings, whose noise is `noise` times its deviation."""
-        deviation_mm = self.reading_mm / math.sqrt(count)
-        sample_mm = self.measured_mm(self.shown_mm[:, None])[:, 0] + deviation_mm * noise
+        deviation_mm = self.world.reading_mm / math.sqrt(count)
+        sample_mm = self.world.measured(self.shown_mm[:, None], self.errors)[:, 0] + deviation_mm * noise
         return self.errors_mm(run, sample_mm, np.eye(self.prior.channels) * deviation_mm**2)
 
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """The readings of touches: a rest, and then a touch at any time before the first loaded reading."""
+    """A rest, and then touches, each at any time before the first loaded reading."""
 
     touches: Touches
     chain: Chain
@@ -96,40 +90,46 @@ class Course:
     """Readings at rest."""
     since_s: Floats
     """(contacts, readings) since the touch."""
-    noise_mm: Floats
-    """(contacts, readings, channels)"""
+    seed: int
 
     @classmethod
     def draw(cls, touches: Touches, surface: Surface, longest: int, seed: int) -> Self:
-        """Draw the noise and the moments of touches of which `longest` loaded readings come."""
-        channels, rate_hz = touches.prior.channels, surface.stated.sensors.rate_hz
-        before = STILL + min(MOST, math.ceil(surface.slowest_period))
-        rng = np.random.default_rng([seed, channels, longest])
-        since_s = (np.arange(1 - before, longest + 1) - rng.uniform(size=(len(touches.shown_mm), 1))) / rate_hz
-        noise_mm = touches.reading_mm * rng.normal(size=(*since_s.shape, channels))
-        return cls(touches, surface.chain(channels), before, since_s, noise_mm)
+        """Draw the moments of touches of which `longest` loaded readings come."""
+        before, rng = STILL + min(MOST, math.ceil(surface.slowest_period)), np.random.default_rng([seed, longest])
+        since = np.arange(1 - before, longest + 1) - rng.uniform(size=(len(touches.shown_mm), 1))
+        return cls(touches, surface.chain(touches.prior.channels), before, since / surface.stated.sensors.rate_hz, seed)
 
-    def errors_mm(self, run: Run, counts: Sequence[int], ringing_mm: Floats | float = 0.0) -> Floats:
-        """Return the errors (counts, contacts) behind the filter after so many loaded readings.
+    def readings(self, ringing_mm: Floats | float = 0.0) -> Floats:
+        """Return the readings (contacts, readings, channels), with the same noise each time.
 
-        `ringing_mm` (contacts, readings, channels) is what ringing adds to the deflections.
+        `ringing_mm` is what ringing adds to the deflections at rest under the load.
         """
-        true_mm = (self.since_s > 0)[:, :, None] * (self.touches.shown_mm[:, None] + ringing_mm)
+        touches = self.touches
+        true_mm = (self.since_s > 0)[:, :, None] * (touches.shown_mm[:, None] + ringing_mm)
+        return touches.world.readings(true_mm, touches.errors, np.random.default_rng([self.seed, 1]))
+
+    def errors_mm(self, run: Run, readings_mm: Floats, counts: Sequence[int]) -> Floats:
+        """Return the errors (counts, contacts) behind the filter after so many loaded readings."""
         at, means, covariances = self.before - 1 + np.array(counts), [], []
-        for readings in self.touches.measured_mm(true_mm) + self.noise_mm:
+        for readings in readings_mm:
             self.chain.restart()
             filtered = self.chain.apply(readings)
-            means.append(filtered.mean_mm[at])
+            # A channel whose newest reading is not good takes no part.
+            means.append(np.where(np.isnan(readings[at]), np.nan, filtered.mean_mm[at]))
             covariances.append(filtered.covariances_mm2(at))
         samples = zip(np.array(means).swapaxes(0, 1), np.array(covariances).swapaxes(0, 1), strict=True)
         return np.array([self.touches.errors_mm(run, *sample) for sample in samples])
 
-    def plain_errors_mm(self, run: Run, counts: Sequence[int]) -> Floats:
-        """Return the errors (counts, contacts) of the plain means of the same loaded readings."""
-        loaded = self.noise_mm[:, self.before :] / self.touches.reading_mm
-        return np.array(
-            [self.touches.plain_errors_mm(run, one, loaded[:, :one].sum(axis=1) / math.sqrt(one)) for one in counts]
-        )
+    def plain_errors_mm(self, run: Run, readings_mm: Floats, counts: Sequence[int]) -> Floats:
+        """Return the errors (counts, contacts) of the plain means of the first loaded readings."""
+        touches, variance_mm2 = self.touches, self.touches.world.reading_mm**2 * np.eye(self.touches.world.channels)
+        found = []
+        for count in counts:
+            loaded = readings_mm[:, self.before : self.before + count]
+            with np.errstate(invalid="ignore"):  # a channel that is always beyond its range is missing
+                mean = np.nansum(loaded, axis=1) / np.isfinite(loaded).sum(axis=1)
+            found.append(touches.errors_mm(run, mean, variance_mm2 / count))
+        return np.array(found)
 
 
 def readings_of(chosen: FilterChoice) -> list[int]:
@@ -139,19 +139,18 @@ def readings_of(chosen: FilterChoice) -> list[int]:
 
 
 def errors_of_means(
-    prior: Prior, run: Run, reading_mm: float, counts: Sequence[int], window: int, error: Measurement, seed: int
+    prior: Prior, run: Run, world: World, counts: Sequence[int], window: int, error: Measurement, seed: int
 ) -> list[Measurement]:
     """Return the mean errors of a graph for plain means of so many loaded readings, with their standard errors.
 
     Parameters
     ----------
-    prior, run : of the model, and its graph
-    reading_mm : noise of a reading
+    prior, run, world : of the model, its graph, and the world of its surface
     counts : numbers of readings
     window, error : number of readings in a mean whose error is known, and this error; the result is in its unit
     seed : seed of contacts and noise
     """
-    many = Touches.draw(prior, reading_mm, KNOWN, seed + 1)
+    many = Touches.draw(prior, world, KNOWN, seed + 1)
     noise = np.random.default_rng([seed, prior.channels]).normal(size=many.shown_mm.shape)
     usual = many.plain_errors_mm(run, window, noise) * many.weight
     found = []
@@ -163,51 +162,45 @@ def errors_of_means(
 
 
 def errors_since_touch(
-    prior: Prior, run: Run, surface: Surface, sensor_mm: Floats, error: Measurement, seed: int
+    prior: Prior, run: Run, surface: Surface, world: World, error: Measurement, seed: int
 ) -> list[SinceTouch]:
     """Return the mean errors of the model by the time since a touch, with their standard errors.
 
     Parameters
     ----------
     prior, run : of the model, and its graph
-    surface, sensor_mm : the surface, and the positions of its sensors (channels,)
+    surface, world : the surface, and its world
     error : mean error of the model in percent, for a mean of `filter.window` readings at rest
     seed : seed of contacts and noise
     """
-    chosen, rate_hz = surface.filter, surface.stated.sensors.rate_hz
-    beam, reading_mm = surface.stated.beam, surface.noise.reading_mm
-    counts = readings_of(chosen)
-    longest = counts[-1]
-    known = errors_of_means(prior, run, reading_mm, counts, chosen.window, error, seed)
-    touches = Touches.draw(prior, reading_mm, CONTACTS, seed)
-    course = Course.draw(touches, surface, longest, seed)
-    plain, weight = course.plain_errors_mm(run, counts), touches.weight
+    chosen, counts = surface.filter, readings_of(surface.filter)
+    known = errors_of_means(prior, run, world, counts, chosen.window, error, seed)
+    touches = Touches.draw(prior, world, CONTACTS, seed)
+    course = Course.draw(touches, surface, counts[-1], seed)
+    still = course.readings()
+    plain = course.plain_errors_mm(run, still, counts)
 
-    def measured(errors_mm: Floats) -> list[Measurement]:
-        worse = [mean_of(one, weight).scaled(100 / prior.length_mm) for one in errors_mm - plain]
+    def measure(readings_mm: Floats) -> list[Measurement]:
+        worse = course.errors_mm(run, readings_mm, counts) - plain
+        more = [mean_of(one, touches.weight).scaled(100 / prior.length_mm) for one in worse]
         return [
-            Measurement(one.value + more.value, math.hypot(one.standard_error, more.standard_error))
-            for one, more in zip(known, worse, strict=True)
+            Measurement(one.value + other.value, math.hypot(one.standard_error, other.standard_error))
+            for one, other in zip(known, more, strict=True)
         ]
 
-    followed, modes = measured(course.errors_mm(run, counts)), Modes.of(beam, surface.stated.contact.width_mm)
     answers = [
         SinceTouch(
-            since_ms=count * 1e3 / rate_hz,
+            since_ms=count * 1e3 / surface.stated.sensors.rate_hz,
             readings=count,
             error_percent=one.value,
             error_standard_error=one.standard_error,
         )
-        for count, one in zip(counts, followed, strict=True)
+        for count, one in zip(counts, measure(still), strict=True)
     ]
-    if modes is None:
+    if world.modes is None:
         return answers
-    drawn = touches.drawn
-    loaded = swings(
-        modes.at(sensor_mm), modes.under(drawn.position_mm), modes.square_s2, drawn.force_n, drawn.force_n * 0
-    )
-    ringing = measured(course.errors_mm(run, counts, loaded.ringing_mm(course.since_s, damping_of(beam))))
+    ringing = world.ringing_mm(touches.drawn.position_mm, touches.drawn.force_n, course.since_s)
     return [
         answer.model_copy(update={"ringing_percent": one.value, "ringing_standard_error": one.standard_error})
-        for answer, one in zip(answers, ringing, strict=True)
+        for answer, one in zip(answers, measure(course.readings(ringing)), strict=True)
     ]

@@ -13,6 +13,7 @@ from beamtouch_models.estimators.onnx_graph import to_bytes, with_force_error, w
 from beamtouch_models.metadata import Calibration, Metadata
 from beamtouch_models.progress import Fraction, Progress, silent
 from beamtouch_models.surface import Surface
+from beamtouch_models.world import World
 
 
 def rebuilt(metadata: Metadata, prior: Prior, calibration: Calibration, progress: Progress) -> tuple[bytes, Metadata]:
@@ -25,8 +26,10 @@ def rebuilt(metadata: Metadata, prior: Prior, calibration: Calibration, progress
     """
     made = remade(metadata, prior, calibration, lambda done: progress("making the estimator", 0.7 + 0.1 * done))
     progress("measuring the accuracy against the limit", 0.85)
-    sensor_mm = calibration.departures.sensors_mm(metadata.layout_mm, metadata.length_mm)
-    fields = measure(made, prior, Surface.of_model(metadata), sensor_mm, metadata.seed)
+    surface = Surface.of_model(metadata)
+    noise_mm, departures = surface.modelled_readings.sensor_mm, calibration.departures
+    world = World.of(surface.stated, metadata.sensor, metadata.layout_mm, noise_mm, departures)
+    fields = measure(made, prior, surface, world, metadata.seed)
     before = metadata.placed
     fresh = metadata.model_copy(
         update={

@@ -10,10 +10,9 @@ from scipy.special import bdtrc, chdtrc
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.unexplained_thresholds import left_by_contact
 from beamtouch_models.arrays import Bools, Floats
+from beamtouch_models.challenge.contacts import honest_cases, lossy_cases
 from beamtouch_models.challenge.faults import fault_cases
-from beamtouch_models.challenge.honest import honest_cases
 from beamtouch_models.challenge.judge import judge
-from beamtouch_models.challenge.lost import lossy_cases
 from beamtouch_models.challenge.play import Case, Play
 from beamtouch_models.challenge.power import distances, power_of_noise, power_of_shift
 from beamtouch_models.challenge.scoring import Row, exact_intervals_mm, ghosts, naming, scored
@@ -118,7 +117,7 @@ def rows_of(
     case, draws, rng : the case, how often it is drawn, and the random numbers
     """
     play = case.make(surface, draws, rng)
-    readings = surface.readings(play.deflection_mm, play.errors, rng)
+    readings = surface.world.readings(play.deflection_mm, play.errors, rng)
     first = max(0, min(reading for _, reading in play.rows) - surface.decided)
     if prior is not None:
         prior = replace(prior, noise_mm=prior.noise_mm / math.sqrt(play.came))

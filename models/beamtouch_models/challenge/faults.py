@@ -10,8 +10,9 @@ import numpy as np
 
 from beamtouch_models.arrays import Floats
 from beamtouch_models.challenge.play import Case, Make, Play, drawn, settled
-from beamtouch_models.challenge.surface import SensorErrors, SimulatedSurface
+from beamtouch_models.challenge.surface import SimulatedSurface
 from beamtouch_models.physics.beam import influence
+from beamtouch_models.world import SensorErrors
 
 WEDGE = 0.22
 """Deflection that a wedge shows, over the largest; 0.5 mm on the bench."""
@@ -52,7 +53,7 @@ def stuck(surface: SimulatedSurface, draws: int, rng: np.random.Generator) -> Pl
     """Return contacts while one sensor shows rest, with its noise."""
     position, force = drawn(surface, draws, rng)
     one = _one(surface, draws, rng)
-    clean = np.where(one, 0.0, surface.under(position, force))
+    clean = np.where(one, 0.0, surface.world.under(position, force))
     return _fault(surface, "one channel stuck at rest", clean, rng, one=one)
 
 
@@ -85,7 +86,7 @@ def pulled(surface: SimulatedSurface, draws: int, rng: np.random.Generator, *, t
     position, _ = drawn(surface, draws, rng)
     force = np.full(draws, -times * surface.metadata.ranges.force_n[0])
     name = f"pull of {times:g} times the smallest force"
-    return _fault(surface, name, surface.under(position, force), rng)
+    return _fault(surface, name, surface.world.under(position, force), rng)
 
 
 def two_contacts(
@@ -99,7 +100,7 @@ def two_contacts(
     swapped = rng.random(draws) < 0.5
     first, second = np.where(swapped, second, first), np.where(swapped, first, second)
     shares = force / (1 + ratio), force * ratio / (1 + ratio)
-    clean = surface.under(first, shares[0]) + surface.under(second, shares[1])
+    clean = surface.world.under(first, shares[0]) + surface.world.under(second, shares[1])
     name = f"two contacts {apart:g} of the range apart" + (f", 1:{ratio:g}" if ratio != 1 else "")
     return _fault(surface, name, clean, rng)
 
@@ -109,17 +110,17 @@ def two_at_the_quarters(surface: SimulatedSurface, draws: int, rng: np.random.Ge
     low, high = surface.metadata.ranges.position_mm
     force = np.full(draws, AT_THE_QUARTERS * surface.metadata.ranges.force_n[1])
     places = (np.full(draws, low + part * (high - low)) for part in (0.25, 0.75))
-    clean: Floats = np.sum([surface.under(place, force) for place in places], axis=0)
+    clean: Floats = np.sum([surface.world.under(place, force) for place in places], axis=0)
     return _fault(surface, "two contacts at the quarters", clean, rng)
 
 
 def distributed(surface: SimulatedSurface, draws: int, rng: np.random.Generator, *, part: float) -> Play:
     """Return loads that press evenly on a part of the beam."""
-    width_mm = part * surface.beam.length_mm
+    width_mm = part * surface.world.beam.length_mm
     low, high = surface.metadata.ranges.position_mm
     middle = rng.uniform(min(low + width_mm / 2, (low + high) / 2), max(high - width_mm / 2, (low + high) / 2), draws)
     _, force = drawn(surface, draws, rng)
-    clean = influence(surface.beam, surface.sensor_mm, middle, width_mm) * force[:, None]
+    clean = influence(surface.world.beam, surface.world.sensor_mm, middle, width_mm) * force[:, None]
     name = f"load spread over {100 * part:g} % of the beam"
     return _fault(surface, name, clean, rng)
 
@@ -145,7 +146,7 @@ def _fault(
 
 def _clean(surface: SimulatedSurface, draws: int, rng: np.random.Generator, *, touched: bool) -> Floats:
     position, force = drawn(surface, draws, rng)
-    return surface.under(position, force) * touched
+    return surface.world.under(position, force) * touched
 
 
 def _one(surface: SimulatedSurface, draws: int, rng: np.random.Generator) -> Floats:

@@ -1,16 +1,15 @@
 """A model behind the daemon's filters: from readings to its statement on every sample."""
 
-import math
 from dataclasses import dataclass, fields
 from enum import IntEnum
-from typing import NamedTuple
+from typing import Self
 
 import numpy as np
 
 from beamtouch_models.arrays import Bools, Floats, Indices
 from beamtouch_models.challenge.surface import SimulatedSurface
-from beamtouch_models.decision.decider import Decider, State, Verdict
-from beamtouch_models.decision.evidence import Evidence, Weighed, evidence, is_overload, is_unchecked
+from beamtouch_models.decision.decider import Decider, State
+from beamtouch_models.decision.evidence import Weighed, evidence, is_overload, is_unchecked
 from beamtouch_models.decision.suspects import Suspects
 from beamtouch_models.filters import Chain
 from beamtouch_models.metadata import Metadata
@@ -32,19 +31,6 @@ NOBODY = -1
 """Index of a channel where none is said to be wrong."""
 
 
-class JudgedSample(NamedTuple):
-    """The first fields of `Judged`, for one sample."""
-
-    said: int = Said.NOTHING
-    unsteady: bool = False
-    other_note: bool = False
-    position_mm: float = math.nan
-    low_mm: float = math.nan
-    high_mm: float = math.nan
-    suspect: int = NOBODY
-
-
-SILENT = JudgedSample()
 _SAID = {State.CLEAR: Said.CLEAR, State.CONTACT: Said.CONTACT, State.UNEXPLAINED: Said.UNEXPLAINED}
 
 
@@ -67,6 +53,15 @@ class Judged:
     """(draws, samples, channels); 0 for a channel that takes no part."""
     valid: Bools
     """(draws, samples, channels), which channels take part."""
+
+    @classmethod
+    def silent(cls, mean_mm: Floats, valid: Bools) -> Self:
+        """Return statements of which there are none yet."""
+        shape = mean_mm.shape[:2]
+        position, low, high = np.full((3, *shape), np.nan)
+        unsteady, other = np.zeros((2, *shape), np.bool_)
+        nothing, nobody = np.full(shape, Said.NOTHING), np.full(shape, NOBODY)
+        return cls(nothing, unsteady, other, position, low, high, nobody, mean_mm, valid)
 
     def at(self, readings: list[int]) -> "Judged":
         """Return the statements at some readings of each draw, as one axis of samples."""
@@ -116,40 +111,33 @@ def judge(
         np.nan_to_num(np.concatenate(variance)) * metadata.noise.reading_mm**2,
         np.concatenate(valid),
     )
-    rows: list[JudgedSample] = [SILENT] * len(samples.valid)
-    asked = np.arange(len(samples.valid)) % readings_mm.shape[1] >= first
-    enough = np.flatnonzero(asked & came.ravel() & (samples.valid.sum(axis=1) >= metadata.min_channels))
     length, before, decider = readings_mm.shape[1], -1, Decider(metadata.thresholds)
+    judged = Judged.silent(mean, valid)
+    asked = np.arange(len(samples.valid)) % length >= first
+    enough = np.flatnonzero(asked & came.ravel() & (samples.valid.sum(axis=1) >= metadata.min_channels))
     found = evidence(metadata, run, samples.part(enough)) if len(enough) else []
     for index, one in zip(enough.tolist(), found, strict=True):
         if index // length != before:
             before, decider = index // length, Decider(metadata.thresholds)
-        rows[index] = _row(metadata, one, decider.step(one))
+        verdict, at = decider.step(one), divmod(index, length)
+        judged.said[at], judged.unsteady[at] = _SAID[verdict.state], verdict.unsteady
+        if verdict.state is State.CONTACT:
+            judged.other_note[at] = is_overload(metadata, one) or is_unchecked(one)
+            judged.position_mm[at] = one.answer["position_mm"]
+            judged.low_mm[at], judged.high_mm[at] = one.answer["position_low_mm"], one.answer["position_high_mm"]
     if naming:
-        _name_suspects(metadata, run, samples, rows, length)
-    columns = (np.array(column).reshape(valid.shape[:2]) for column in zip(*rows, strict=True))
-    by_name = dict(zip(JudgedSample._fields, columns, strict=True))
-    return Judged(**by_name, mean_mm=mean, valid=valid)
+        _name_suspects(metadata, run, samples, judged)
+    return judged
 
 
-def _name_suspects(metadata: Metadata, run: Run, samples: Weighed, rows: list[JudgedSample], length: int) -> None:
-    """Add the suspect of each unexplained sample to its row; draws have `length` samples."""
+def _name_suspects(metadata: Metadata, run: Run, samples: Weighed, judged: Judged) -> None:
+    """Add the suspect of each unexplained sample."""
     suspects, names = Suspects(metadata, run), [channel.name for channel in metadata.layout]
-    unexplained = [index for index, row in enumerate(rows) if row.said == Said.UNEXPLAINED]
+    unexplained = np.flatnonzero(judged.said == Said.UNEXPLAINED).tolist()
     without = suspects.leave_out([samples.part(np.array([index])) for index in unexplained])
     for before, index, left in zip([NOBODY, *unexplained], unexplained, without, strict=False):
-        if index != before + 1 or index % length == 0:
+        if index != before + 1 or index % judged.said.shape[1] == 0:
             suspects.clear()
         suspects.add(left)
         if suspects.suspect is not None:
-            rows[index] = rows[index]._replace(suspect=names.index(suspects.suspect))
-
-
-def _row(metadata: Metadata, found: Evidence, verdict: Verdict) -> JudgedSample:
-    """Return the statement on one sample."""
-    if verdict.state is not State.CONTACT:
-        return SILENT._replace(said=_SAID[verdict.state], unsteady=verdict.unsteady)
-    answer = found.answer
-    other = is_overload(metadata, found) or is_unchecked(found)
-    middle, low, high = (answer[name] for name in ("position_mm", "position_low_mm", "position_high_mm"))
-    return JudgedSample(Said.CONTACT, verdict.unsteady, other, middle, low, high)
+            judged.suspect.flat[index] = names.index(suspects.suspect)

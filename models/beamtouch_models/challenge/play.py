@@ -6,7 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from beamtouch_models.arrays import Bools, Floats, Indices
-from beamtouch_models.challenge.surface import SensorErrors, SimulatedSurface, Stated
+from beamtouch_models.challenge.surface import SimulatedSurface, Stated
+from beamtouch_models.world import SensorErrors
 
 
 @dataclass(frozen=True)
@@ -112,5 +113,5 @@ def settled(
         errors=errors,
         rows=((name, length - 1),),
         settled=as_assumed,
-        fault_mm=None if faulty is None else surface.measured(deflection_mm[:, None], faulty)[:, 0],
+        fault_mm=None if faulty is None else surface.world.measured(deflection_mm[:, None], faulty)[:, 0],
     )

@@ -37,7 +37,7 @@ def distances(surface: SimulatedSurface, fault_mm: Floats, valid: Bools) -> Floa
     `valid` (draws, channels) says which channels take part.
     """
     curve, weight = _curve(surface), np.where(valid, _weight(surface, fault_mm), 0.0)
-    moved = np.where(valid, surface.departures.linear_mm(fault_mm), 0.0)
+    moved = np.where(valid, surface.world.departures.linear_mm(fault_mm), 0.0)
     position, force = curve.best_contacts(moved, weight)
     left = moved - np.maximum(force, 0.0)[:, None] * curve.at(position)[0]
     distance: Floats = np.sqrt((weight * left**2).sum(axis=1))
@@ -52,7 +52,7 @@ def power_of_shift(distance: Floats, alpha: float) -> float:
 def power_of_noise(surface: SimulatedSurface, clean_mm: Floats, noise: Floats, alpha: float) -> float:
     """Return the mean power for channels whose noise is some times that of the model; both (draws, channels)."""
     curve, weight = _curve(surface), _weight(surface, clean_mm)
-    position, _ = curve.best_contacts(surface.departures.linear_mm(clean_mm), weight)
+    position, _ = curve.best_contacts(surface.world.departures.linear_mm(clean_mm), weight)
     basis = np.linalg.qr(np.sqrt(weight)[:, :, None] * np.stack(curve.at(position), axis=2))[0]
     row, louder = np.arange(len(noise)), np.argmax(noise, axis=1)
     left = weight[row, louder] * (1 - (basis[row, louder] ** 2).sum(axis=1))
@@ -63,7 +63,9 @@ def power_of_noise(surface: SimulatedSurface, clean_mm: Floats, noise: Floats, a
 def _curve(surface: SimulatedSurface) -> InfluenceCurve:
     """Return the deflections that the model expects of contacts, without offsets and the curvature of a calibration."""
     places = np.linspace(*surface.metadata.ranges.position_mm, PLACES)
-    return InfluenceCurve(places, surface.influence(places) * np.array(surface.departures.gain), surface.departures)
+    return InfluenceCurve(
+        places, surface.world.influence(places) * np.array(surface.world.departures.gain), surface.world.departures
+    )
 
 
 def _weight(surface: SimulatedSurface, deflection_mm: Floats) -> Floats:

@@ -42,7 +42,7 @@ def naming(surface: SimulatedSurface, run: Run, play: Play, rng: np.random.Gener
         noise=errors.noise[:DRAWS],
         missing=errors.missing[:DRAWS],
     )
-    said = judge(surface, run, surface.readings(deflection_mm, some, rng), naming=True).at([-1])
+    said = judge(surface, run, surface.world.readings(deflection_mm, some, rng), naming=True).at([-1])
     wrong = np.full(len(said.said), NOBODY) if play.wrong is None else play.wrong[:DRAWS]
     there = said.said == Said.UNEXPLAINED
     if not there.any():

@@ -34,7 +34,7 @@ def coloured(surface: SimulatedSurface, draws: int, rng: np.random.Generator, *,
         step_mm=metadata.sensor.gain_mm_per_count,
     )
     play = settled(
-        surface, _measured(f"noise correlated by {COLOURED:g}", measured), surface.under(position, force),
+        surface, _measured(f"noise correlated by {COLOURED:g}", measured), surface.world.under(position, force),
         replace(surface.honest(draws, rng), correlation=COLOURED), truth_mm=position, faulty=surface.perfect(draws),
     )  # fmt: skip
     return replace(play, stated=stated if measured else None)
@@ -60,7 +60,7 @@ def coarse(surface: SimulatedSurface, draws: int, rng: np.random.Generator, *, m
     step_mm = COARSE * noise_mm
     place_mm = rng.uniform(-0.5, 0.5, honest.gain.shape) * step_mm
     bare = replace(surface.perfect(draws), step_mm=step_mm, zero_mm=place_mm)
-    rest = surface.readings(np.zeros((draws, TARED, surface.channels)), bare, rng)
+    rest = surface.world.readings(np.zeros((draws, TARED, surface.channels)), bare, rng)
     errors = replace(honest, step_mm=step_mm, zero_mm=honest.zero_mm + place_mm, tare_mm=rest.mean(axis=1))
     stated = Stated(
         noise_mm=float(np.hypot(HIDDEN * step_mm, step_mm / np.sqrt(12))),
@@ -68,7 +68,7 @@ def coarse(surface: SimulatedSurface, draws: int, rng: np.random.Generator, *, m
         step_mm=step_mm,
     )
     play = settled(
-        surface, _measured(f"ADC steps of {COARSE:g} noises", measured), surface.under(position, force), errors,
+        surface, _measured(f"ADC steps of {COARSE:g} noises", measured), surface.world.under(position, force), errors,
         truth_mm=position, faulty=surface.perfect(draws),
     )  # fmt: skip
     return replace(play, stated=stated if measured else None)
@@ -119,7 +119,7 @@ def _all_off(
     honest, perfect = surface.honest(draws, rng), surface.perfect(draws)
     off = {kind: getattr(perfect, kind) + deviation * rng.normal(size=perfect.gain.shape)}
     return settled(
-        surface, name, surface.under(position, force), replace(honest, **off),
+        surface, name, surface.world.under(position, force), replace(honest, **off),
         truth_mm=position, faulty=replace(perfect, **off), as_assumed=True,
     )  # fmt: skip
 
@@ -129,9 +129,9 @@ def places_off(surface: SimulatedSurface, draws: int, rng: np.random.Generator) 
     position, force = drawn(surface, draws, rng)
     clean = np.empty((draws, surface.channels))
     for index, (load_mm, load_n) in enumerate(zip(position, force, strict=True)):
-        true_mm = surface.sensor_mm + OFF_MM * rng.normal(size=surface.channels)
-        sensor_mm = np.clip(true_mm, 0.0, surface.beam.length_mm)
-        clean[index] = load_n * influence(surface.beam, sensor_mm, load_mm, surface.scene.contact.width_mm)[0]
+        true_mm = surface.world.sensor_mm + OFF_MM * rng.normal(size=surface.channels)
+        sensor_mm = np.clip(true_mm, 0.0, surface.world.beam.length_mm)
+        clean[index] = load_n * influence(surface.world.beam, sensor_mm, load_mm, surface.scene.contact.width_mm)[0]
     return settled(
         surface, f"positions {OFF_MM:g} mm off", clean, surface.honest(draws, rng), truth_mm=position,
         faulty=surface.perfect(draws),

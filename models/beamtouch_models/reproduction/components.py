@@ -10,8 +10,8 @@ from beamtouch_models.charts import Chart, Series
 from beamtouch_models.placement.components import Components, principal_components
 from beamtouch_models.reproduction.finding import Figure, Row, compared, rounded
 from beamtouch_models.reproduction.paper import LOADS_MM, MAX_DEFLECTION, SCENE, dimensionless, equal_pitch_mm
-from beamtouch_models.rig.surface import counts_of_gap
 from beamtouch_models.surface import Surface
+from beamtouch_models.world import counts_of_output, output_of_gap
 
 
 def figure_2() -> Figure:
@@ -19,7 +19,7 @@ def figure_2() -> Figure:
     sensor = Surface.of(SCENE).sensor
     full_scale = 2**sensor.adc_bits - 1
     gap = np.linspace(0.0, 5.0, 501)
-    output = counts_of_gap(sensor, gap) / full_scale * 100
+    output = counts_of_output(sensor, output_of_gap(sensor, gap)) / full_scale * 100
     stated = (gap >= 1) & (gap <= 4)
     line = np.polynomial.Polynomial.fit(gap[stated], output[stated], 1)
     departure = np.abs(output - line(gap))

@@ -1,14 +1,24 @@
 """The command `beamtouch-rig`: serves a virtual surface over a real line."""
 
-import argparse
-import sys
-from collections.abc import Sequence
-from importlib import import_module
-from pathlib import Path
+from __future__ import annotations
 
-from beamtouch_common.commands import Parser, exit_code, whole_number
+import argparse
+import asyncio
+import sys
+from dataclasses import fields
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from beamtouch_common.commands import DONE, INTERRUPTED, Parser, exit_code, whole_number
+from beamtouch_common.errors import InputError
 from beamtouch_common.hosts import host_name
 from beamtouch_models.errors import WRONG_INPUT_ERRORS
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from beamtouch_models.rig.loads import ByHand, Script
+    from beamtouch_models.rig.modbus_device import Module
 
 PROGRAM = "beamtouch-rig"
 
@@ -19,9 +29,52 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(options: argparse.Namespace) -> int:
+    """Serve the surface until the command is stopped; returns the exit code, InputError for wrong input."""
     # Imported here, so that --help is quick and a missing extra is reported in one line.
-    code: int = import_module("beamtouch_models.rig.command").run(options)
-    return code
+    from beamtouch_common.files import require_writable
+    from beamtouch_models import loading
+    from beamtouch_models.rig.faults import Faults
+    from beamtouch_models.rig.firmware import ADC_BITS
+    from beamtouch_models.rig.loads import ByHand, default_script, load_script
+    from beamtouch_models.rig.run import Device, run
+    from beamtouch_models.rig.surface import PERFECT, VirtualSurface, load_imperfections
+    from beamtouch_models.scene import load_scene
+
+    require_writable([options.truth], [options.scene, options.model, options.script])
+    scene, _ = load_scene(options.scene)
+    model = loading.load(options.model)
+    length_mm, firmware = scene.beam.length_mm, options.firmware
+    device = Device(options.modbus_tcp, options.modbus_rtu, options.serial, firmware, _module(options))
+    names = [channel.name for channel in model.metadata.layout]
+    faults = Faults(names, options.fault, options.seed, own_line=device.own_line)
+    script: Script | ByHand
+    if options.by_hand:
+        script = ByHand(length_mm, faults)
+    else:
+        script = load_script(options.script, length_mm) if options.script else default_script(scene)
+    imperfect = load_imperfections(options.imperfections) if options.imperfections else PERFECT
+    rings = not options.no_ringing
+    surface = VirtualSurface(scene, model.metadata, options.seed, imperfect, faults=faults, rings=rings)
+    device.module.check(surface.channels, surface.sensor.adc_bits)
+    if firmware and options.serial is None:
+        message = "--firmware needs --serial"
+        raise InputError(message)
+    if firmware and surface.sensor.adc_bits != ADC_BITS:
+        message = f"the firmware's ADC has {ADC_BITS} bits; set sensors.adc_bits = {ADC_BITS} in the scene"
+        raise InputError(message)
+    return INTERRUPTED if asyncio.run(run(surface, script, device, faults, options.truth)) else DONE
+
+
+def _module(options: argparse.Namespace) -> Module:
+    """Return the module that the options state; InputError for a device that has no registers."""
+    from beamtouch_models.rig.modbus_device import Module
+
+    stated = {field.name: getattr(options, field.name) for field in fields(Module)}
+    stated = {name: value for name, value in stated.items() if value is not None}
+    if stated and options.serial is not None:
+        message = f"--{next(iter(stated)).replace('_', '-')} needs --modbus-tcp or --modbus-rtu"
+        raise InputError(message)
+    return Module(**stated)
 
 
 def _parser() -> Parser:

@@ -10,13 +10,12 @@ import numpy as np
 from beamtouch_common.errors import InputError
 from beamtouch_models.arrays import Floats
 
-SENSORS = {"unplugged": 1, "stuck": 1, "inverted": 1, "swapped": 2}
-"""Faults of sensors and their cables, and the number of sensors that each takes."""
+SENSORS = {"unplugged": "one sensor", "stuck": "one sensor", "inverted": "one sensor", "swapped": "two sensors"}
+"""Faults of sensors and their cables, and the sensors that each takes."""
 REPLIES = {"lost": ("percentage", 100.0), "late": ("delay in ms", 60_000.0), "pause": None}
 """Faults of replies: the argument, and its largest value."""
 FORMS = "unplugged:s1, stuck:s1, inverted:s1, swapped:s1,s2, lost:10 (percent), late:80 (ms) or pause"
-_TEXT = re.compile(r"(?P<word>[a-z]+)(:(?P<argument>[^@]*))?(@(?P<times>.*))?")
-_TIMES = re.compile(r"(?P<begin>\d+\.?\d*)\.\.(?P<end>\d+\.?\d*)?(/(?P<period>\d+\.?\d*))?")
+_TIMES = re.compile(r"(\d+\.?\d*)\.\.(\d+\.?\d*)?(?:/(\d+\.?\d*))?")
 
 
 @dataclass(frozen=True)
@@ -103,70 +102,63 @@ class Faults:
         return sum(fault.amount for fault in on if fault.word == "late") / 1000
 
     def _read(self, text: str) -> Fault:
-        found = _TEXT.fullmatch(text.strip())
-        word, argument, times = found.group("word", "argument", "times") if found else ("", None, None)
+        what, at, times = text.strip().partition("@")
+        word, colon, argument = what.partition(":")
         try:
-            if word not in SENSORS and word not in REPLIES:
+            if word in SENSORS:
+                fault = Fault(word, channels=self._channels(word, argument))
+            elif word not in REPLIES:
                 message = f"no such fault; give {FORMS}"
                 raise ValueError(message)
-            if word in REPLIES and not self._own_line:
+            elif not self._own_line:
                 message = "with --firmware or a real serial device, only faults of sensors are played"
                 raise ValueError(message)
-            fault = Fault(word, self._channels(word, argument), _amount(word, argument))
-            return fault if times is None else _timed(fault, times)
+            else:
+                fault = Fault(word, amount=_amount(word, colon + argument))
+            return _timed(fault, times) if at else fault
         except ValueError as error:
             message = f"fault {text.strip()}: {error}"
             raise InputError(message) from None
 
-    def _channels(self, word: str, argument: str | None) -> tuple[int, ...]:
-        if word not in SENSORS:
-            return ()
+    def _channels(self, word: str, argument: str) -> tuple[int, ...]:
         names = argument.split(",") if argument else []
         for name in names:
             if name not in self._sensors:
                 message = f"there is no sensor {name}; the sensors are {', '.join(self._sensors)}"
                 raise ValueError(message)
-        if len(set(names)) != SENSORS[word] or len(names) != SENSORS[word]:
-            message = f"give {'one sensor' if SENSORS[word] == 1 else 'two sensors'}, as in {_example(word)}"
+        two = word == "swapped"
+        if not len(names) == len(set(names)) == 1 + two:
+            message = f"give {SENSORS[word]}, as in {word}:{'s1,s2' if two else 's1'}"
             raise ValueError(message)
         return tuple(map(self._sensors.index, names))
 
 
-def _amount(word: str, argument: str | None) -> float:
-    if word in SENSORS:
-        return 0.0
+def _amount(word: str, argument: str) -> float:
+    """Read what stands after the word, its colon included."""
     limit = REPLIES[word]
     if limit is None:
-        if argument is not None:
+        if argument:
             message = f"give times instead, as in {word}@10..12"
             raise ValueError(message)
         return 0.0
     name, largest = limit
     try:
-        amount = float(argument or "")
+        amount = float(argument[1:])
     except ValueError:
         amount = math.nan
     if not 0 < amount <= largest:
-        message = f"give a {name} up to {largest:g}, as in {_example(word)}"
+        message = f"give a {name} up to {largest:g}, as in {word}:{'10' if word == 'lost' else '80'}"
         raise ValueError(message)
     return amount
 
 
 def _timed(fault: Fault, times: str) -> Fault:
-    found = _TIMES.fullmatch(times)
-    begin, end, period = found.group("begin", "end", "period") if found else (None, None, None)
-    if begin is not None:
-        timed = replace(
-            fault, begin_s=float(begin), end_s=float(end or "inf"), period_s=float(period or "inf")
-        )  # fmt: skip
-        if timed.begin_s < timed.end_s and (period is None or timed.end_s - timed.begin_s < timed.period_s):
-            return timed
+    if found := _TIMES.fullmatch(times):
+        begin_s, end_s, period_s = (float(one or "inf") for one in found.groups())
+        if begin_s < end_s and (end_s - begin_s < period_s or period_s == math.inf):
+            return replace(fault, begin_s=begin_s, end_s=end_s, period_s=period_s)
     message = (
         "after @ give the seconds from which and until which it is on, as in @10..20, or @10.., "
         "or @0..0.06/0.4 for 0.06 s every 0.4 s"
     )
     raise ValueError(message)
-
-
-def _example(word: str) -> str:
-    return {"swapped": "swapped:s1,s2", "lost": "lost:10", "late": "late:80"}.get(word, f"{word}:s1")

@@ -1,62 +1,44 @@
 """The reference firmware on the simulated board (`firmware_protocol/simulator`), as the device of a virtual surface."""
 
 import asyncio
-from asyncio.subprocess import PIPE, Process
-from collections.abc import Callable, Sequence
+from asyncio.subprocess import PIPE
+from collections.abc import Awaitable, Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 
 from beamtouch_models.errors import SceneError
-from beamtouch_models.rig.pty_line import remove_left_behind
+from beamtouch_models.rig.lines import remove_left_behind
 
 ADC_BITS = 10
 SUPPLY_MV = 5000
 _UPDATE_S = 0.002
 
 
-@dataclass(frozen=True)
-class Firmware:
-    """The board program and the firmware image that it runs."""
+async def start_board(board: Path, elf: Path, line: Path, outputs: Callable[[], Sequence[float]]) -> Awaitable[None]:
+    """Start a board program with its firmware image and its serial line at `line`.
 
-    board: Path
-    elf: Path
+    Returns what sets its voltages to the sensor outputs, 0 to 1, until it is cancelled; SceneError if the board ends.
 
+    Raises
+    ------
+    SceneError
+        The board does not start; it has printed the reason.
+    OSError
+        The board is not an executable file.
+    """
+    remove_left_behind(line)
+    process = await asyncio.create_subprocess_exec(str(board), str(elf), "--link", str(line), stdin=PIPE, stdout=PIPE)
+    voltages, announced = process.stdin, process.stdout
+    if voltages is None or announced is None:
+        message = "the board has no standard input and output"
+        raise AssertionError(message)
+    if not await announced.readline():
+        voltages.close()
+        await process.wait()  # the board has closed its output, so it is about to end
+        message = f"the simulated board {board} did not start"
+        raise SceneError(message)
 
-class FirmwareDevice:
-    """A running board, whose firmware serves the surface."""
-
-    def __init__(self, process: Process) -> None:
-        self._process = process
-
-    @classmethod
-    async def started(cls, firmware: Firmware, line: Path) -> "FirmwareDevice":
-        """Start the board with its serial line at `line`.
-
-        Raises
-        ------
-        SceneError
-            The board does not start; it has printed the reason.
-        OSError
-            The board is not an executable file.
-        """
-        remove_left_behind(line)
-        command = (str(firmware.board), str(firmware.elf), "--link", str(line))
-        process = await asyncio.create_subprocess_exec(*command, stdin=PIPE, stdout=PIPE)
-        if process.stdout is None or not await process.stdout.readline():
-            if process.stdin is not None:
-                process.stdin.close()
-            await process.wait()  # the board has closed its output, so it is about to end
-            message = f"the simulated board {firmware.board} did not start"
-            raise SceneError(message)
-        return cls(process)
-
-    async def serve(self, outputs: Callable[[], Sequence[float]]) -> None:
-        """Set the voltages to the sensor outputs, 0 to 1, until cancelled; SceneError if the board ends."""
-        voltages = self._process.stdin
-        if voltages is None:
-            message = "the board has no standard input"
-            raise AssertionError(message)
+    async def serve() -> None:
         try:
             while not voltages.is_closing():
                 voltages.write((" ".join(map(_millivolts, outputs())) + "\n").encode())
@@ -67,9 +49,11 @@ class FirmwareDevice:
         finally:
             with suppress(BrokenPipeError, ConnectionResetError):
                 voltages.close()  # this ends the board
-            await self._process.wait()
+            await process.wait()
         message = "the simulated board ended unexpectedly"
         raise SceneError(message)
+
+    return serve()
 
 
 def _millivolts(output: float) -> str:

@@ -1,9 +1,8 @@
-"""Runs the rig: a script loads the virtual surface, a device serves its readings, and a file records the true loads."""
+"""The rig at work: loads touch the virtual surface, a device serves its readings, and a file records the true loads."""
 
 import asyncio
 import logging
 import signal
-import socket
 import time
 from collections.abc import Awaitable, Callable
 from contextlib import ExitStack
@@ -16,19 +15,16 @@ from pymodbus.server import ModbusSerialServer, ModbusTcpServer
 from beamtouch_common.listening import remedy
 from beamtouch_models.errors import SceneError
 from beamtouch_models.rig import modbus_device
-from beamtouch_models.rig.by_hand import ByHand
 from beamtouch_models.rig.faults import Faults
-from beamtouch_models.rig.firmware import Firmware, FirmwareDevice
+from beamtouch_models.rig.firmware import start_board
+from beamtouch_models.rig.lines import Relay, joined_line, named_line
+from beamtouch_models.rig.loads import ByHand, Load, Script
 from beamtouch_models.rig.modbus_device import Module
-from beamtouch_models.rig.pty_line import joined_line, named_line
-from beamtouch_models.rig.relay import Relay
-from beamtouch_models.rig.script import Load, Script
 from beamtouch_models.rig.serial_device import SerialDevice
 from beamtouch_models.rig.surface import VirtualSurface
 
 TRUTH_PERIOD_S = 0.01
 TRUTH_HEADER = "unix_time_s,position_mm,force_n"
-
 
 Touching = Callable[[], tuple[Load, float]]
 """Returns the load on the surface now, and the time since the start [s]."""
@@ -41,7 +37,8 @@ class Device:
     modbus_tcp: tuple[str, int] | None = None
     modbus_rtu: Path | None = None
     serial: Path | None = None
-    firmware: Firmware | None = None
+    firmware: tuple[Path, Path] | None = None
+    """The board program, and the firmware image that it runs."""
     module: Module = field(default_factory=Module)
 
     @property
@@ -83,7 +80,7 @@ async def run(
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, stop_on, number)
     with ExitStack() as resources:
-        serve = await _device(device, surface, touching, Relay(faults, clock), resources)
+        serve = await _open(device, surface, touching, Relay(faults, clock), resources)
         if isinstance(script, ByHand):
             script.follow(clock)
         tasks: list[asyncio.Future[Any]] = [asyncio.ensure_future(serve)]
@@ -99,7 +96,7 @@ async def run(
     return signal.SIGINT in received
 
 
-async def _device(
+async def _open(
     device: Device, surface: VirtualSurface, touching: Touching, relay: Relay, resources: ExitStack
 ) -> Awaitable[None]:
     """Open the device, print its address, and return the awaitable that serves it."""
@@ -109,11 +106,15 @@ async def _device(
 
     if device.modbus_tcp is not None:
         host, port = device.modbus_tcp
-        _require_free(host, port)
         # The relay delays replies, not the server: pymodbus gives a reply the number of the newest request.
         tcp = modbus_device.tcp_server(convert, surface.channels, device.module, "127.0.0.1", 0)
-        await _listen(tcp, f"{host}:{port}")
-        front = await relay.listen(host, port, _port_of(tcp.transport))
+        await _listen(tcp, "127.0.0.1")
+        try:
+            front = await relay.listen(host, port, _port_of(tcp.transport))
+        except OSError as error:
+            await tcp.shutdown()
+            message = f"cannot listen on {host}:{port}: {remedy(error, '--modbus-tcp')}"
+            raise SceneError(message) from None
         resources.callback(front.close)
         _announce(f"modbus-tcp {host}:{_port_of(front)}")
         return tcp.serving
@@ -124,26 +125,16 @@ async def _device(
         await _listen(rtu, str(path))
         _announce(f"modbus-rtu {path}")
         return rtu.serving
-    if device.serial is not None and device.firmware is not None:
-        board = await FirmwareDevice.started(device.firmware, device.serial)
-        _announce(f"serial {device.serial}")
-        return board.serve(lambda: surface.outputs(*touching()))
-    if device.serial is not None:
+    if device.serial is None:
+        message = "no device given"
+        raise AssertionError(message)
+    if device.firmware is not None:
+        serving = await start_board(*device.firmware, device.serial, lambda: surface.outputs(*touching()))
+    else:
         line = resources.enter_context(named_line(device.serial))
-        _announce(f"serial {device.serial}")
-        return SerialDevice(line, convert, surface.channels, surface.sensor.adc_bits, relay).serve()
-    message = "no device given"
-    raise AssertionError(message)
-
-
-def _require_free(host: str, port: int) -> None:
-    """Raise SceneError with the reason if nothing can listen there; pymodbus does not say why."""
-    try:
-        with socket.create_server((host, port), family=socket.AF_INET6 if ":" in host else socket.AF_INET):
-            pass
-    except OSError as error:
-        message = f"cannot listen on {host}:{port}: {remedy(error, '--modbus-tcp')}"
-        raise SceneError(message) from None
+        serving = SerialDevice(line, convert, surface.channels, surface.sensor.adc_bits, relay).serve()
+    _announce(f"serial {device.serial}")
+    return serving
 
 
 async def _listen(server: ModbusTcpServer | ModbusSerialServer, where: str) -> None:

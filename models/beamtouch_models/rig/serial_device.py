@@ -6,8 +6,7 @@ import secrets
 import time
 from collections.abc import Callable
 
-from beamtouch_models.rig.pty_line import write
-from beamtouch_models.rig.relay import Relay
+from beamtouch_models.rig.lines import Relay, read, write
 from beamtouch_protocol.framing import DELIMITER, Decoder, encode
 from beamtouch_protocol.messages import (
     PROTOCOL_VERSION,
@@ -23,7 +22,6 @@ from beamtouch_protocol.messages import (
 )
 
 MAX_RATE_HZ = 2000
-_CHUNK = 4096
 
 
 class SerialDevice:
@@ -60,10 +58,7 @@ class SerialDevice:
             self._stop()
 
     def _receive(self) -> None:
-        try:
-            data = os.read(self._line, _CHUNK)
-        except BlockingIOError:
-            return
+        data = read(self._line)
         self._relay.request(lambda: self._take(data))
 
     def _take(self, data: bytes) -> None:

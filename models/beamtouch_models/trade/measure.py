@@ -167,7 +167,7 @@ def _measure(task: Task) -> Model:
     graph = to_bytes(made.graph)
     run = runner(graph)
     reached, counts = reach(made, prior, run, task.draws, seed + 2), readings_of(chosen)
-    means = errors_of_means(prior, run, noise.reading_mm, counts, chosen.window, reached.error_mm, seed + 2)
+    means = errors_of_means(prior, run, sensors.world, counts, chosen.window, reached.error_mm, seed + 2)
     return Model(
         task.varied,
         task.estimator,
@@ -197,31 +197,21 @@ def follow(task: tuple[Scene, Model, int, int]) -> Curve:
     scene, model, draws, seed = task
     sensors = place_sensors(Surface.of(scene, model.filter), seed=seed, kept_mm=model.positions_mm)
     prior, scale = sensors.prior, model.length_mm / 100
-    answers = errors_since_touch(
-        prior,
-        runner(model.graph),
-        sensors.surface,
-        sensors.positions_mm,
-        model.error_mm.scaled(1 / scale),
-        seed + 2,
-    )
+    error_percent = model.error_mm.scaled(1 / scale)
+    answers = errors_since_touch(prior, runner(model.graph), sensors.surface, sensors.world, error_percent, seed + 2)
     limits = [
         accuracy_limit(replace(prior, noise_mm=model.reading_mm / math.sqrt(answer.readings)), draws, seed + 2)
         for answer in answers
     ]
-    at_once = [Measurement(one.error_percent, one.error_standard_error or 0.0) for one in answers]
+    at_once = [Measurement(one.error_percent, one.error_standard_error) for one in answers]
     ringing = [
         Measurement(one.ringing_percent, one.ringing_standard_error or 0.0)
         for one in answers
         if one.ringing_percent is not None
     ]
-    return Curve(
-        tuple(one.readings for one in answers),
-        tuple(one.since_ms for one in answers),
-        tuple(one.scaled(scale) for one in at_once),
-        tuple(one.scaled(scale) for one in ringing),
-        tuple(Measurement(one.percent, one.standard_error).scaled(scale) for one in limits),
-    )
+    least = [Measurement(one.percent, one.standard_error) for one in limits]
+    errors_mm = (tuple(error.scaled(scale) for error in errors) for errors in (at_once, ringing, least))
+    return Curve(tuple(one.readings for one in answers), tuple(one.since_ms for one in answers), *errors_mm)
 
 
 ROUNDS, CALLS = 40, 50

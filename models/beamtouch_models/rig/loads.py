@@ -1,14 +1,22 @@
-"""Scripts of loads that touch, move and lift on the virtual surface."""
+"""Loads on the virtual surface: a script that touches, moves and lifts, or a person who types."""
 
+import math
+import sys
+import threading
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, NamedTuple, Self
 
 from pydantic import Field, model_validator
 
 from beamtouch_common.files import load_toml
+from beamtouch_common.typed import typed_line
 from beamtouch_models.errors import SceneError
+from beamtouch_models.rig.faults import FORMS, REPLIES, SENSORS, Faults
 from beamtouch_models.scene import Scene
 from beamtouch_models.scene.fields import Finite, Pair, PositiveFinite, Strict
+
+MEND = "mend"
 
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
@@ -18,6 +26,9 @@ class Load(NamedTuple):
 
     position_mm: float | None
     force_n: float
+
+
+NOTHING = Load(None, 0.0)
 
 
 class Step(Strict):
@@ -40,7 +51,7 @@ class Step(Strict):
     def at(self, fraction: float) -> Load:
         """Return the load at a fraction 0..1 of the step."""
         if self.position_mm is None or self.force_n is None:
-            return Load(None, 0.0)
+            return NOTHING
         return Load(_between(self.position_mm, fraction), _between(self.force_n, fraction))
 
 
@@ -56,13 +67,19 @@ class Script(Strict):
         """Return the load at a time [s] since the start."""
         total = sum(step.seconds for step in self.step)
         if seconds >= total and not self.repeat:
-            return Load(None, 0.0)
+            return NOTHING
         rest = seconds % total
         for step in self.step:
             if rest < step.seconds:
                 return step.at(rest / step.seconds)
             rest -= step.seconds
         return self.step[-1].at(1.0)
+
+
+def _between(ends: float | tuple[float, float], fraction: float) -> float:
+    if not isinstance(ends, tuple):
+        return ends
+    return ends[0] + fraction * (ends[1] - ends[0])
 
 
 def load_script(path: Path, length_mm: float) -> Script:
@@ -101,7 +118,58 @@ def default_script(scene: Scene) -> Script:
     )
 
 
-def _between(ends: float | tuple[float, float], fraction: float) -> float:
-    if not isinstance(ends, tuple):
-        return ends
-    return ends[0] + fraction * (ends[1] - ends[0])
+class ByHand:
+    """The load of the last line touches the surface. An empty line lifts it. Faults stay until `mend`."""
+
+    def __init__(self, length_mm: float, faults: Faults) -> None:
+        self._length_mm, self._faults = length_mm, faults
+        self._load = NOTHING
+
+    def follow(self, clock: Callable[[], float]) -> None:
+        """Begin to take lines from standard input, and say on standard output what each has done.
+
+        `clock` returns the time since the start [s].
+        """
+        # A thread, as standard input may be a terminal, a pipe or a file, and only a blocking read serves all three.
+        threading.Thread(target=self._read, args=(clock,), daemon=True).start()
+
+    def at(self, _seconds: float) -> Load:
+        """Load that is on now."""
+        return self._load
+
+    def _read(self, clock: Callable[[], float]) -> None:
+        while line := typed_line():
+            try:
+                print(self._take(line.strip(), clock()), flush=True)
+            except ValueError as error:
+                print(f"beamtouch-rig: {error}", file=sys.stderr, flush=True)
+
+    def _take(self, line: str, seconds: float) -> str:
+        if line == MEND:
+            self._faults.mend()
+            return "no fault is on"
+        if line.split(":", maxsplit=1)[0] in (*SENSORS, *REPLIES):
+            self._faults.add(line, seconds)
+            return f"{line} is on"
+        self._load = load_of(line, self._length_mm)
+        position_mm, force_n = self._load
+        return "nothing is on" if position_mm is None else f"{force_n:g} N at {position_mm:g} mm is on"
+
+
+def load_of(line: str, length_mm: float) -> Load:
+    """Read a position and a force, or nothing; raises ValueError with the reason in one line."""
+    words = line.split()
+    if not words:
+        return NOTHING
+    try:
+        position_mm, force_n = map(float, words)
+    except ValueError:
+        message = (
+            "give a position in mm and a force in N, as in 150 10, or an empty line to lift the load; "
+            f"or a fault, {FORMS}, or {MEND} to end all faults"
+        )
+        raise ValueError(message) from None
+    if not (0 <= position_mm <= length_mm and 0 <= force_n < math.inf):
+        message = f"{force_n:g} N at {position_mm:g} mm is no load on a beam of {length_mm:g} mm"
+        raise ValueError(message)
+    return Load(position_mm, force_n)

@@ -1,0 +1,260 @@
+"""The world of a simulated surface, as the rig and `challenge` play it: sensors, ADC, departures and motion."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.signal import lsim, lti
+
+from beamtouch_models.arrays import Floats
+from beamtouch_models.challenge import contacts, sensor_cases
+from beamtouch_models.challenge.play import drawn
+from beamtouch_models.challenge.power import distances
+from beamtouch_models.challenge.surface import SimulatedSurface
+from beamtouch_models.errors import SceneError
+from beamtouch_models.metadata import Calibration, Departures, Sensor
+from beamtouch_models.modelfile import ModelFile
+from beamtouch_models.physics.beam import influence
+from beamtouch_models.physics.motion import Following, first_frequency_hz
+from beamtouch_models.rig.loads import NOTHING, Load
+from beamtouch_models.rig.surface import PERFECT, Imperfections, VirtualSurface
+from beamtouch_models.scene import change_scene, load_scene
+from beamtouch_models.scene.beam import Beam
+from beamtouch_models.surface import prior_of_model
+from beamtouch_models.world import Motion, SensorErrors, World, counts_of_output, output_of_gap
+from example_scenes import SCENES, paper_scene
+
+SCENE, _ = load_scene(SCENES / "bench.toml")
+READINGS = 1000
+"""Enough for the mean of a channel to 3 % of its noise, and for the noise to 2 %."""
+LOAD = Load(150.0, 12.0)
+
+
+def sensor_of(bits: int) -> Sensor:
+    """Linear from 1 to 4 mm over the middle 80 % of the scale, worked out by hand."""
+    gain = 3 / (0.8 * (2**bits - 1))
+    return Sensor(
+        rate_hz=100, range_mm=(1, 4), standoff_mm=3.5, adc_bits=bits, gain_mm_per_count=gain, offset_mm=1 - 0.375
+    )
+
+
+@pytest.mark.parametrize("bits", [8, 16])
+def test_the_characteristic_is_linear_from_1_to_4_mm_and_levels_off_beyond(bits: int) -> None:
+    sensor, full_scale = sensor_of(bits), 2**bits - 1
+
+    def counts(gap_mm: Floats) -> Floats:
+        return counts_of_output(sensor, output_of_gap(sensor, gap_mm)).astype(np.float64)
+
+    gap = np.linspace(1, 4, 1001)
+    assert np.abs(counts(gap) - (0.1 + 0.8 * (gap - 1) / 3) * full_scale).max() <= 0.5 + 1e-6
+    assert counts(np.array([-1e6, 1e6])).tolist() == [0, full_scale]
+    beyond = counts(np.array([0.8, 4.2])) / full_scale
+    assert 0 < beyond[0] < 0.1
+    assert 0.9 < beyond[1] < 1
+
+
+def test_readings_have_the_errors_that_are_asked_for(surface: SimulatedSurface) -> None:
+    draws, random, world = 200, np.random.default_rng(5), surface.world
+    clean = np.repeat(world.under(*drawn(surface, draws, random))[:, None], 60, axis=1)
+    exact, stated_mm = surface.perfect(draws), surface.metadata.noise.reading_mm
+    noise = world.readings(clean, exact, random) - clean
+    assert noise.std() == pytest.approx(stated_mm, rel=0.015)
+    assert abs(np.mean(noise[:, 1:] * noise[:, :-1])) < 0.02 * stated_mm**2
+    coloured = world.readings(clean, replace(exact, correlation=0.7), random) - clean
+    assert coloured[:, 0].std() == pytest.approx(stated_mm, rel=0.08)
+    assert np.mean(coloured[:, 1:] * coloured[:, :-1]) == pytest.approx(0.7 * stated_mm**2, rel=0.06)
+    coarse = world.readings(clean, replace(exact, step_mm=0.05), random)
+    assert len(np.unique(np.round(coarse, 9))) < 60
+    assert np.abs(coarse - clean).max() < 0.025 + 7 * stated_mm
+    gone = np.zeros((draws, 4), np.bool_)
+    gone[:, 2] = True
+    assert (np.isnan(world.readings(clean, replace(exact, missing=gone), random)).all(axis=1) == gone).all()
+    beyond = np.isnan(world.readings(3 * clean, exact, random))
+    assert (beyond == (world.sensor.standoff_mm - 3 * clean < 1.0)).mean() > 0.99
+    apart = (world.measured(clean, surface.honest(draws, random)) - clean)[:, 0].std(axis=0)
+    expected = np.sqrt(((0.003 * clean[:, 0]) ** 2 + 0.001**2).mean(axis=0))
+    np.testing.assert_allclose(apart, expected, rtol=0.2)
+    away_mm = np.array([0.1, 0.0, -0.2, 0.3]) * np.ones((draws, 1))
+    tared = replace(exact, zero_mm=away_mm, tare_mm=away_mm)
+    plain, same = (world.readings(clean, errors, np.random.default_rng(2)) for errors in (exact, tared))
+    np.testing.assert_allclose(plain, same, atol=1e-4)  # a count is 0.06 um
+
+
+def test_the_noise_of_a_mean_of_alike_readings() -> None:
+    # By hand: of four readings, three pairs are one apart, two are two apart and one is three apart.
+    by_hand = (4 + 2 * (3 * 0.7 + 2 * 0.49 + 0.343)) / 4
+    assert sensor_cases.coloured_times(0.7, 4) == pytest.approx(np.sqrt(by_hand))
+    assert sensor_cases.coloured_times(0.7, 1) == 1
+    # A mean of very many readings: the sum of all correlations, (1 + r) / (1 - r).
+    assert sensor_cases.coloured_times(0.7, 100_000) == pytest.approx(np.sqrt(1.7 / 0.3), rel=1e-4)
+
+
+def test_departures_undo_what_they_do() -> None:
+    stated = {"gain": [0.95, 1.0, 1.04], "offset_mm": [0.02, -0.03, 0.0], "curve_per_mm": 0.03}
+    departures = Departures.none(3).model_copy(update=stated)
+    linear = np.random.default_rng(3).uniform(-1.0, 3.0, (50, 3))
+    measured = departures.measure(linear)
+    # As its line says: y + curve y^2 is the deflection with its gain, and y is measured without the offset.
+    y = measured - np.array([0.02, -0.03, 0.0])
+    assert y + 0.03 * y**2 == pytest.approx(linear, abs=1e-12)
+    assert departures.linear_mm(measured) == pytest.approx(linear, abs=1e-12)
+
+
+OFF = Imperfections(
+    position_offset_mm=(1.0, -1.0, 0.5, 0.0),
+    gain=(1.03, 0.97, 1.0, 1.01),
+    offset_mm=(0.01, 0.0, -0.02, 0.0),
+    curve_per_mm=0.02,
+    fixity=(0.05, 0.0),
+    rigidity=1.1,
+)
+
+
+@pytest.mark.parametrize("imperfections", [PERFECT, OFF], ids=["as the scene", "with departures"])
+def test_the_rig_sends_counts_of_the_gaps_and_the_noise_of_its_scene(
+    bench: ModelFile, imperfections: Imperfections
+) -> None:
+    surface, sensor = VirtualSurface(SCENE, bench.metadata, 1, imperfections), bench.metadata.sensor
+    counts = np.array([surface.counts(LOAD, 0.0) for _ in range(READINGS)])
+    if imperfections is PERFECT:
+        seen = gap = sensor.standoff_mm - 12 * influence(SCENE.beam, bench.metadata.layout_mm, [150.0])[0]
+    else:  # by hand, from the keys above
+        ends = [{"at_mm": 0.0, "fixity": 0.05}, {"at_mm": 400.0}]
+        beam = Beam.model_validate({**SCENE.beam.model_dump(), "youngs_modulus_gpa": 231.0, "supports": ends})
+        linear = 12 * influence(beam, bench.metadata.layout_mm + np.array([1, -1, 0.5, 0]), [150.0])[0]
+        linear = np.array([1.03, 0.97, 1.0, 1.01]) * linear
+        seen = sensor.standoff_mm - (np.sqrt(1 + 4 * 0.02 * linear) - 1) / (2 * 0.02)
+        gap = seen + np.array([0.01, 0, -0.02, 0])
+    noise = 0.002 * bench.metadata.max_deflection_mm
+    measured = sensor.offset_mm + sensor.gain_mm_per_count * counts
+    assert measured.mean(axis=0) == pytest.approx(gap, abs=5 * noise / np.sqrt(READINGS))
+    assert measured.std(axis=0) == pytest.approx(np.full(4, noise), rel=0.1)
+    assert VirtualSurface(SCENE, bench.metadata, 1, imperfections).counts(LOAD, 0.0) == counts[0].tolist()
+
+
+def test_a_calibrated_surface_measures_what_its_model_expects(bench: ModelFile) -> None:
+    departures = Departures(
+        position_offset_mm=[1.0, -2.0, 0.5, 0.0], gain=[1.02, 0.97, 1.0, 1.01], offset_mm=[0.1, 0.0, -0.05, 0.02],
+        curve_per_mm=0.02, rigidity=1.1,
+    )  # fmt: skip
+    calibration = Calibration(
+        departures=departures, fitted=["gain"], loads=9, residual_mm=0.0, error_before_mm=9.0, error_after_mm=1.0
+    )
+    metadata = bench.metadata.model_copy(update={"calibration": calibration})
+    calibrated, prior = SimulatedSurface.of(metadata), prior_of_model(metadata)
+    np.testing.assert_allclose(calibrated.world.sensor_mm - metadata.layout_mm, [1.0, -2.0, 0.5, 0.0])
+    position, force = drawn(calibrated, 20, np.random.default_rng(10))
+    clean = calibrated.world.under(position, force)
+    measured = calibrated.world.measured(clean[:, None], calibrated.perfect(20))[:, 0]
+    np.testing.assert_allclose(measured, prior.measured(force[:, None] * prior.influence_at(position)), rtol=1e-5)
+    every = np.ones(measured.shape, np.bool_)
+    assert distances(calibrated, measured, every).max() < 0.05
+    assert distances(calibrated, clean, every).min() > 1
+
+
+def after_a_step(frequency_hz: float, zeta: float, times: Floats) -> Floats:
+    """The deflection of an oscillator that follows 1 from the first time on, from rest at 0."""
+    following, one = Following(np.zeros(1), zeta), np.ones(1)
+    angles = 2 * math.pi * frequency_hz * np.diff(times)
+    return np.array([0.0, *(following.step(angle, one, one)[0] for angle in angles)])
+
+
+@pytest.mark.parametrize("frequency_hz", [1e-6, 44.0, 100.0, 1e5])
+@pytest.mark.parametrize("zeta", [1e-4, 0.01, 0.99])
+def test_the_step_response_is_the_closed_form_at_any_spacing_of_conversions(frequency_hz: float, zeta: float) -> None:
+    times = np.cumsum(np.random.default_rng(1).uniform(0.001, 0.009, 200))
+    omega, since = 2 * math.pi * frequency_hz, times - times[0]
+    damped = omega * math.sqrt(1 - zeta**2)
+    # Step response of a second-order system; Ogata, Modern Control Engineering, sec. 5-3.
+    swing = np.cos(damped * since) + zeta / math.sqrt(1 - zeta**2) * np.sin(damped * since)
+    closed = 1 - np.exp(-zeta * omega * since) * swing
+    tolerance = 1e-12 * max(1.0, omega * since[-1])  # the phase is a product of a float64 with the time
+    np.testing.assert_allclose(after_a_step(frequency_hz, zeta, times), closed, atol=tolerance)
+
+
+def test_a_mode_much_faster_than_the_conversions_follows_at_once_and_a_much_slower_one_hardly_moves() -> None:
+    times = np.arange(100) / 200.0
+    for frequency_hz, zeta in ((1e9, 0.01), (1e300, 0.5)):
+        np.testing.assert_allclose(after_a_step(frequency_hz, zeta, times)[1:], np.ones(99), rtol=1e-15)
+    assert np.abs(after_a_step(1e-9, 0.01, times)).max() < 1e-16
+
+
+def test_the_response_to_moving_loads_agrees_with_scipy() -> None:
+    omega, zeta, times = 2 * math.pi * 44.0, 0.01, np.arange(400) / 200.0
+    target = np.where(times < 0.5, 0.0, np.sin(3 * times))
+    following = Following(target[:1], zeta)
+    found = [following.step(omega / 200, target[at : at + 1], target[at : at + 1])[0] for at in range(1, 400)]
+    # Each target acts from the conversion before it; scipy holds each from its own time on.
+    system = lti([omega**2], [1, 2 * zeta * omega, omega**2])
+    _, expected, _ = lsim(system, np.append(target[1:], 0.0), times, interp=False)
+    np.testing.assert_allclose(found, expected[1:], atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["bench", "cantilever", "two-spans"])
+def test_the_rig_rings_in_all_modes_as_challenge_does(name: str) -> None:
+    scene, _ = load_scene(SCENES / f"{name}.toml")
+    length_mm = scene.beam.length_mm
+    world = World.of(scene, sensor_of(12), np.array([0.3, 0.62, 0.9]) * length_mm, 1e-3)
+    place_mm, times = 0.41 * length_mm, np.cumsum(np.random.default_rng(1).uniform(0.001, 0.009, 200))
+    motion = Motion(world)
+    motion.at(times[0], place_mm, 0.0)
+    found = np.array([motion.at(seconds, place_mm, 7.0) for seconds in times[1:]])
+    # The load acts since the first instant.
+    place, force = np.array([place_mm]), np.array([7.0])
+    expected = world.under(place, force) + world.ringing_mm(place, force, times[None, 1:] - times[0])[0]
+    np.testing.assert_allclose(found, expected, atol=1e-6 * np.abs(expected).max())
+    assert (motion.at(times[-1], place_mm, 7.0) == found[-1]).all()  # two conversions at the same time
+
+
+def deflections(model: ModelFile, times: Floats, imperfections: Imperfections, *, rings: bool) -> Floats:
+    """Mean deflection of the rig's channels over that at rest; the load comes right after the first conversion."""
+    metadata = model.metadata
+    surface, sensor = VirtualSurface(SCENE, metadata, 1, imperfections, rings=rings), metadata.sensor
+    counts = np.array([surface.counts(LOAD if at else NOTHING, seconds) for at, seconds in enumerate(times.tolist())])
+    still = 12 * influence(SCENE.beam, metadata.layout_mm, [150.0])[0]
+    mean: Floats = (sensor.standoff_mm - sensor.offset_mm - sensor.gain_mm_per_count * counts).mean(axis=1)
+    return mean / float(still.mean())
+
+
+@pytest.mark.parametrize(("imperfections", "zeta"), [(PERFECT, 0.01), (Imperfections(damping_ratio=0.05), 0.05)])
+def test_a_rig_swings_at_the_frequency_of_its_beam_with_the_damping_of_its_scene_unless_told_otherwise(
+    bench: ModelFile, imperfections: Imperfections, zeta: float
+) -> None:
+    """The bench states no damping, so that of a bare metal beam is assumed; its other modes hold 1 % of the motion."""
+    times = np.arange(1000) / 200.0
+    found = deflections(bench, times, imperfections, rings=True)
+    expected = after_a_step(first_frequency_hz(SCENE.beam) or 0.0, zeta, times)
+    np.testing.assert_allclose(found, expected, atol=0.06)
+    assert found.max() > 1.7
+    np.testing.assert_allclose(deflections(bench, times[:50], imperfections, rings=False)[1:], 1.0, atol=0.03)
+
+
+def test_a_rig_that_cannot_be_as_stated_is_refused(bench: ModelFile) -> None:
+    VirtualSurface(paper_scene(), bench.metadata, 1)  # of no stated mass: it follows each load at once
+    with pytest.raises(SceneError, match="density_kg_m3"):
+        VirtualSurface(paper_scene(), bench.metadata, 1, Imperfections(damping_ratio=0.01))
+    propped = change_scene(SCENE, beam={"supports": "propped"})
+    with pytest.raises(SceneError, match="already fixed"):
+        VirtualSurface(propped, bench.metadata, 1, Imperfections(fixity=(0.1, 0.0)))
+
+
+def test_a_slow_load_is_where_it_is_at_rest_and_a_fast_one_swings_around_it(surface: SimulatedSurface) -> None:
+    def away_mm(speed_mm_per_s: float) -> float:
+        play = contacts.moves(surface, 20, np.random.default_rng(6), speed_mm_per_s=speed_mm_per_s)
+        # The force is the same at all times, so the deflection of the first reading tells it.
+        shape = surface.world.influence(play.truth_mm)
+        force = np.linalg.norm(play.deflection_mm[:, :1], axis=2) / np.linalg.norm(shape[:, :1], axis=2)
+        return float(np.abs(play.deflection_mm - shape * force[:, :, None]).max())
+
+    assert away_mm(10.0) < 0.002
+    assert 0.01 < away_mm(1000.0) < 0.1
+
+
+def test_a_world_without_a_stated_mass_has_no_inertia(surface: SimulatedSurface) -> None:
+    bare = change_scene(surface.scene, beam={"density_kg_m3": None})
+    world = World.of(bare, surface.world.sensor, surface.world.sensor_mm, 1e-3)
+    assert not world.inertia_mm(np.array([[100.0, 200.0]]), np.array([9.0]), 1e-3).any()
+    with pytest.raises(ValueError, match="does not ring"):
+        world.ringing_mm(np.array([100.0]), np.array([9.0]), np.zeros((1, 1)))
+    assert SensorErrors.none(2, 3).gain.shape == (2, 3)
