@@ -107,6 +107,11 @@ class Prior:
         deviation: Floats = np.sqrt(variance_mm2(deflection_mm, self.noise_mm, self.gain, self.zero_mm, moved_mm))
         return deviation
 
+    @property
+    def rest_mm(self) -> Floats:
+        """Standard deviation of a sample at rest, (channels,) in mm."""
+        return self.deviation_mm(np.zeros((1, self.channels)))[0]
+
     def deviation_in_table_mm(self, position_mm: Floats, force_n: Floats | float) -> Floats:
         """Return that of contacts, all errors included, from the tables; places (contacts,), forces (contacts, 1)."""
         moved = 0.0 if self.uncertainty is None else force_n * self.uncertainty(position_mm)
