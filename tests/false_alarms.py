@@ -166,5 +166,5 @@ def _odd(on: Watched, kept: tuple[int, ...], reading: Floats) -> NDArray[np.bool
 def _unwhitened(prior: Prior, kept: tuple[int, ...], sample: Floats) -> Floats:
     """Deflections (..., channels) of whitened samples (..., kept) at rest."""
     deflection = np.zeros((*sample.shape[:-1], prior.channels))
-    deflection[..., kept] = sample * prior.deviation_mm(np.zeros((1, prior.channels)))[0, list(kept)]
+    deflection[..., kept] = sample * prior.rest_mm[list(kept)]
     return deflection

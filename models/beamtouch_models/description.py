@@ -7,6 +7,7 @@ from itertools import groupby, pairwise
 from beamtouch_common.digits import digits
 from beamtouch_models.detection import extremes
 from beamtouch_models.metadata import POSITION_OUTPUTS, Metadata
+from beamtouch_models.numbers import three_digits
 
 NARROW = 1 / 64
 """Share of the range of contacts that a stretch at one of its ends must exceed to be told."""
@@ -22,8 +23,8 @@ def summary(metadata: Metadata, identity: str, outputs: Sequence[str]) -> str:
     gap = f"gap {sensor.range_mm[0]:g}..{sensor.range_mm[1]:g} mm, {digits(sensor.standoff_mm, 4)} mm at rest"
     most = "" if chosen.max_readings == chosen.window else f" to {chosen.max_readings}"
     smoothing = f"{chosen.kind} of {chosen.window}{most} readings"
-    error = f"{accuracy.error_percent:.3f} % +- {digits(accuracy.error_standard_error, 1)}"
-    best = f"{accuracy.limit_percent:.3f} % +- {digits(accuracy.limit_standard_error, 1)}"
+    error = f"{three_digits(accuracy.error_percent)} % +- {digits(accuracy.error_standard_error, 1)}"
+    best = f"{three_digits(accuracy.limit_percent)} % +- {digits(accuracy.limit_standard_error, 1)}"
     ratio = f"{accuracy.ratio:.3f} +- {digits(accuracy.ratio_standard_error, 1)}"
     lacks = ", ".join(lacking(outputs))
     largest = f"{metadata.length_mm:g} mm, largest deflection {digits(metadata.max_deflection_mm, 4)} mm"
@@ -164,9 +165,10 @@ def _placed(metadata: Metadata) -> list[tuple[str, str]]:
     if not found.limit_without_percent:
         return []
     worst = max(found.limit_without_percent)
-    name = metadata.layout[found.limit_without_percent.index(worst)].name
+    index = found.limit_without_percent.index(worst)
+    name, grown = metadata.layout[index].name, _measured(worst, found.limit_without_standard_error[index])
     spare = ", with a spare" if found.spare else ""
-    return [("placed", f"by {found.criterion}{spare}; the limit grows to {digits(worst, 3)} % if {name} fails")]
+    return [("placed", f"by {found.criterion}{spare}; the limit grows to {grown} if {name} fails")]
 
 
 def _calibration(metadata: Metadata) -> list[tuple[str, str]]:

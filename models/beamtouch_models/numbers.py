@@ -5,6 +5,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
+from beamtouch_common.digits import digits
 from beamtouch_models.arrays import Floats
 from beamtouch_models.errors import SceneError
 
@@ -65,6 +66,11 @@ def require(value: object, kind: type, name: str, wanted: str) -> None:
     if not isinstance(value, kind):
         message = f"{name}: give {wanted}, not {type(value).__name__} {str(value)[:40]!r}"
         raise SceneError(message)
+
+
+def three_digits(value: float) -> str:
+    """Return a number with three decimals, or with three significant digits if it is less than 0.1."""
+    return f"{value:.3f}" if value >= 0.1 else digits(value, 3)
 
 
 def at_most(value: float) -> float:

@@ -62,5 +62,5 @@ def few_at_rest(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture
 def short_limit(monkeypatch: pytest.MonkeyPatch) -> None:
     """`place` measures its layout by few contacts, for tests that do not ask for its accuracy limit."""
-    monkeypatch.setattr(place, "LIMIT_DRAWS", sensors.FEWEST_DRAWS)
-    monkeypatch.setattr(sensors, "DRAWS", sensors.FEWEST_DRAWS)
+    monkeypatch.setattr(place, "LIMIT_DRAWS", 256)
+    monkeypatch.setattr(sensors, "FAILED_DRAWS", 256)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from beamtouch_models import modelfile
+from beamtouch_models.accuracy.statistics import Measurement
 from beamtouch_models.building.build import Built
 from beamtouch_models.building.report import facts as facts_module
 from beamtouch_models.building.report.facts import Facts, gather
@@ -118,14 +119,17 @@ def test_the_error_is_stated_with_each_sensor_failed_and_without_each_kind_of_er
     placed, prices = facts.model.metadata.placed, {price.name: price for price in facts.prices}
     # The outer sensors are worth more than the inner ones.
     assert min(placed.limit_without_percent[::3]) > 1.2 * max(placed.limit_without_percent[1:3])
-    assert min(placed.limit_without_percent) > placed.limit_percent
+    limit_percent = facts.model.metadata.accuracy.limit_percent
+    assert min(placed.limit_without_percent) > limit_percent
     assert len(placed.limit_without_percent) == 4
-    for percent in (placed.limit_percent, *placed.limit_without_percent):
+    for percent in (limit_percent, *placed.limit_without_percent):
         assert f"{percent:.3f}" in words
     for name in ("gain error", "zero drift"):
-        assert prices[name].with_percent > 1.01 * prices[name].without_percent
-        assert f"{prices[name].without_percent:.3f}" in words
-    assert prices["mounting tolerance"].with_percent == prices["mounting tolerance"].without_percent
+        more = prices[name].more_percent
+        assert more.value > max(1.0, 3 * more.standard_error)
+        assert f"{prices[name].without.percent:.3f}" in words
+        assert f"{more.value:.1f} ± " in words
+    assert prices["mounting tolerance"].more_percent == Measurement(0.0, 0.0)
 
 
 def test_text_of_the_user_is_escaped(facts: Facts) -> None:

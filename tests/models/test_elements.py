@@ -58,12 +58,12 @@ def test_point_loads_agree_with_transfer_matrices(name: str) -> None:
     check(STRUCTURES[name])
 
 
-@pytest.mark.parametrize("name", STRUCTURES)
+@pytest.mark.parametrize("name", ["two spans with overhangs", "steps", "foundation", "everything"])
 def test_wide_contacts_agree_with_transfer_matrices(name: str) -> None:
     check(STRUCTURES[name], width=130.0, positions=POSITIONS[1:-1])
 
 
-@settings(max_examples=25)
+@settings(max_examples=12)
 @given(
     x=st.floats(0, 400),
     a=st.floats(0, 400),
@@ -88,8 +88,8 @@ def test_a_load_nearly_on_a_support_is_not_refused() -> None:
     assert 0 <= influence(beam, [2.2250738585e-313], [200.0])[0, 0] < 1e-307
 
 
-@pytest.mark.parametrize("supports", ["simply-supported", "cantilever", "fixed-fixed", "propped", simple(100), []])
-@pytest.mark.parametrize("reach", [1e-6, 1e-3, 0.1, 1.0, 5.0])
+@pytest.mark.parametrize("supports", ["simply-supported", "propped", simple(100), []])
+@pytest.mark.parametrize("reach", [1e-6, 0.1, 5.0])
 def test_foundations_from_soft_to_stiff_agree_with_transfer_matrices(supports: object, reach: float) -> None:
     # reach is beta l, with beta = (k / (4 EI))^(1/4).
     beam = stated(PLAIN, supports=supports, foundation_n_mm2=4e7 * (reach / 400) ** 4)
@@ -133,7 +133,7 @@ def test_deflections_agree_with_published_values() -> None:
     assert found == pytest.approx((1 / 8 + 7 / 16) / 3 * 400**3 / 1e7, rel=1e-13)
 
 
-@pytest.mark.parametrize("supports", ["simply-supported", "cantilever", "fixed-fixed", "propped", simple(0, 300)])
+@pytest.mark.parametrize("supports", ["cantilever", "propped", simple(0, 300)])
 def test_elements_agree_with_the_closed_forms(supports: object) -> None:
     # Within the span there is a closed form; a negligible foundation forces the use of elements.
     points = np.linspace(0, 300, 31)
@@ -142,11 +142,6 @@ def test_elements_agree_with_the_closed_forms(supports: object) -> None:
     closed = influence(plain, points, points, 20.0)
     elements = influence(stated(PLAIN, supports=supports, foundation_n_mm2=1e-60), points, points, 20.0)
     assert np.abs(closed - elements).max() < 1e-14 * closed.max()
-
-
-def test_equal_segments_make_a_prismatic_beam() -> None:
-    beam = stated(STEEL, segments=[{"to_mm": 100}, {"to_mm": 400}])
-    assert span_of(beam, 0, 400) is not None
 
 
 def test_points_at_supports_do_not_move_and_move_nothing() -> None:
@@ -160,7 +155,7 @@ def with_tip(tip: float) -> Beam:
     return stated(STEEL, supports="cantilever", segments=[{"to_mm": 400 - tip}, {"to_mm": 400, "thickness_mm": 20}])
 
 
-@pytest.mark.parametrize("tip", [10.0, 1.0, 0.1])
+@pytest.mark.parametrize("tip", [10.0, 0.1])
 def test_short_segments_stay_accurate(tip: float) -> None:
     check(with_tip(tip), positions=np.array([100.0, 399.0, 400 - tip / 2, 400.0]))
 
@@ -171,12 +166,12 @@ def test_segments_too_short_to_be_accurate_are_refused(tip: float, said: str) ->
         influence(with_tip(tip), [400.0], [400.0])
 
 
-@pytest.mark.parametrize("apart", [1.0, 1e-3, 1e-6])
+@pytest.mark.parametrize("apart", [1.0, 1e-6])
 def test_two_supports_close_together_act_as_a_clamp(apart: float) -> None:
     check(stated(STEEL, supports=simple(100, 100 + apart)), digits=80)
 
 
-@pytest.mark.parametrize("ratio", [1e-12, 1e-4, 1e4])
+@pytest.mark.parametrize("ratio", [1e-12, 1e4])
 def test_sections_of_any_stiffness_agree_with_transfer_matrices(ratio: float) -> None:
     segments = [{"to_mm": 130, "flexural_rigidity_n_mm2": 1e7}, {"to_mm": 400, "flexural_rigidity_n_mm2": 1e7 * ratio}]
     check(stated({"length_mm": 400}, supports="propped", segments=segments), digits=80)

@@ -18,7 +18,6 @@ from beamtouch_models.physics.beam import influence_of
 from beamtouch_models.physics.influence import InfluenceFunction
 from beamtouch_models.placement.layout import Candidates
 from beamtouch_models.placement.placing import fewest_sensors, place, place_by_position_error, recommended_count
-from beamtouch_models.scene import Scene
 from example_scenes import paper_scene
 from posterior_cases import answers_of
 from stated_problems import problem_in
@@ -70,9 +69,9 @@ def test_a_measured_string_has_a_number_of_sensors_a_limit_and_an_estimator() ->
     assert recommended_count(string, 1e6) == 2 < recommended_count(string, NOISE_MM) <= 8
     found = place_by_position_error(string, RULES, 2, 0, SampleErrors(NOISE_MM))
     prior = Prior.of(string, np.array(found.positions_mm), NOISE_MM)
-    reached = limit.accuracy_limit(prior, 2_000, 1).percent
+    reached = limit.accuracy_limit(prior, 1_000, 1).percent
     by_product = Prior.of(string, np.array(place(string, RULES, 2, 0).positions_mm), NOISE_MM)
-    other = limit.accuracy_limit(by_product, 2_000, 1)
+    other = limit.accuracy_limit(by_product, 1_000, 1)
     assert reached <= other.percent + 3 * other.standard_error
     drawn = limit.draw(prior, 2_000, 2)
     answers = answers_of(posterior_graph(prior, with_force=False), prior, drawn.deflection_mm)
@@ -82,11 +81,6 @@ def test_a_measured_string_has_a_number_of_sensors_a_limit_and_an_estimator() ->
     assert 2 <= len(few.positions_mm) <= 3
     with pytest.raises(SceneError, match="not even 3 sensors reach"):
         fewest_sensors(string, RULES, (2, 3), wanted_mm=1e-6, errors=SampleErrors(NOISE_MM), seed=0)
-
-
-def test_a_structure_that_does_not_bend_is_refused() -> None:
-    with pytest.raises(SceneError, match="the largest deflection per newton is 0 mm"):
-        place(replace(measured_string(), at=lambda sensor, load: np.zeros((len(load), len(sensor)))), RULES, 3, 0)
 
 
 def test_a_measured_beam_gets_the_sensors_of_its_scene() -> None:
@@ -102,10 +96,9 @@ def test_a_measured_beam_gets_the_sensors_of_its_scene() -> None:
         return found
 
     measured = InfluenceFunction(400.0, stated.load_mm, (10.0, 10.0), at, stated.unit_mm_per_n)
-    for count in (2, 4):
-        theirs, ours = place(stated, rules, count, 0), place(measured, rules, count, 0)
-        assert ours.positions_mm == theirs.positions_mm
-        assert ours.log_eigenvalue_product == pytest.approx(theirs.log_eigenvalue_product, abs=1e-4)
+    theirs, ours = place(stated, rules, 4, 0), place(measured, rules, 4, 0)
+    assert ours.positions_mm == theirs.positions_mm
+    assert ours.log_eigenvalue_product == pytest.approx(theirs.log_eigenvalue_product, abs=1e-4)
     sensor_mm, errors = np.array([122.0, 278.0]), SampleErrors(NOISE_MM, 0.003, 0.004, 0.5)
     theirs_percent, ours_percent = (
         limit.accuracy_limit(Prior.real(influence, sensor_mm, errors), 500, 0).percent
@@ -178,67 +171,3 @@ def test_what_was_made_does_not_follow_the_arrays_of_its_caller() -> None:
     before = string.position_mm, prior.influence_at(at_mm).tolist(), prior.uncertain_at(at_mm).tolist()
     loads_mm[:], sensor_mm[:] = 30.0, 200.0
     assert (string.position_mm, prior.influence_at(at_mm).tolist(), prior.uncertain_at(at_mm).tolist()) == before
-
-
-def test_structures_rules_and_priors_are_equal_to_themselves_only() -> None:
-    one, other = InfluenceFunction(**GOOD), InfluenceFunction(**GOOD)
-    priors = [Prior.of(one, np.array([122.0, 278.0]), NOISE_MM) for _ in range(2)]
-    for first, second in ((one, other), (RULES, replace(RULES)), priors):
-        same = first
-        # A comparison of the arrays in it would have no truth value.
-        assert first == same
-        assert first != second
-        assert len({first, second, first}) == 2
-
-
-def scene_of(beam: dict[str, Any], width_mm: float = 0.0) -> Scene:
-    """The paper's scene with other values in its beam."""
-    stated = paper_scene().model_dump()
-    return Scene.model_validate(
-        {**stated, "beam": {**stated["beam"], **beam}, "contact": {**stated["contact"], "width_mm": width_mm}}
-    )
-
-
-PLACES_MM = np.array([37.0, 200.0, 311.0])
-EI = 210e3 * 25 * 27 / 12
-
-
-def test_a_wide_contact_is_the_mean_of_point_contacts_over_its_width() -> None:
-    wide, point = influence_of(scene_of({}, 120.0)), influence_of(scene_of({}))
-    # The middles of 20000 equal parts; the contact at 37 mm reaches beyond the end of the beam.
-    parts = (np.arange(20_000) + 0.5) / 20_000
-    for load, low, high in ((37.0, 0.0, 97.0), (200.0, 140.0, 260.0), (311.0, 251.0, 371.0)):
-        mean = point.at(PLACES_MM, low + (high - low) * parts).mean(axis=0)
-        assert wide.at(PLACES_MM, np.array([load]))[0] == pytest.approx(mean, rel=1e-7)
-        assert wide.at(PLACES_MM, np.array([load]))[0] != pytest.approx(
-            point.at(PLACES_MM, np.array([load]))[0], rel=1e-3
-        )
-
-
-def test_a_foundation_is_in_the_influence_function() -> None:
-    # Sine series of a simply supported beam on a Winkler foundation k; Hetenyi, Beams on Elastic Foundation, 1946.
-    k, order = 0.5, np.arange(1, 4000)[:, None]
-
-    def sines(x: Floats) -> Floats:
-        found: Floats = np.sin(order * np.pi * x / 400)
-        return found
-
-    stiffness = EI * (order * np.pi / 400) ** 4 + k
-    expected = 2 / 400 * (sines(PLACES_MM) / stiffness).T @ sines(PLACES_MM)
-    found = influence_of(scene_of({"foundation_n_mm2": k})).at(PLACES_MM, PLACES_MM)
-    assert found == pytest.approx(expected, rel=1e-7)
-    assert found != pytest.approx(influence_of(scene_of({})).at(PLACES_MM, PLACES_MM), rel=0.1)
-
-
-def test_a_step_is_in_the_influence_function() -> None:
-    # Unit load method: the integral of M m / (EI) over a beam that is twice as thick from 150 mm on.
-    segments = [{"to_mm": 150, "thickness_mm": 3}, {"to_mm": 400, "thickness_mm": 6}]
-    x = (np.arange(400_000) + 0.5) / 1000
-
-    def moment(load: float) -> Floats:
-        return np.where(x < load, x * (400 - load), load * (400 - x)) / 400
-
-    rigidity = np.where(x < 150, EI, 8 * EI)
-    expected = [[float(np.sum(moment(a) * moment(b) / rigidity)) / 1000 for b in PLACES_MM] for a in PLACES_MM]
-    found = influence_of(scene_of({"segments": segments})).at(PLACES_MM, PLACES_MM)
-    assert found == pytest.approx(np.array(expected), rel=1e-6)

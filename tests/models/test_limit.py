@@ -1,54 +1,221 @@
-"""The accuracy limit, against published limits and plain integrals."""
+"""The accuracy limit and the posterior that it comes from: published limits, plain integrals, closed forms."""
+
+import dataclasses
 
 import mpmath
 import numpy as np
 import pytest
+from scipy.stats import norm
 
-from beamtouch_models.accuracy import limit, posterior
+from beamtouch_models.accuracy import limit
+from beamtouch_models.accuracy.cramer_rao import mean_error_mm, position_deviation_mm
+from beamtouch_models.accuracy.densities import densities
+from beamtouch_models.accuracy.forces import TAIL, forces_of
+from beamtouch_models.accuracy.limit import accuracy_limit, compare_limits, limits_without
+from beamtouch_models.accuracy.posterior import log_likelihood, posterior_quantiles
 from beamtouch_models.accuracy.prior import Prior
-from beamtouch_models.physics.beam import influence, influence_of
-from beamtouch_models.scene import Scene
+from beamtouch_models.arrays import Floats
+from beamtouch_models.error_model import whitening
+from beamtouch_models.physics.beam import influence_of
 from beamtouch_models.surface import Surface
 from example_scenes import paper_scene
 from plain_error import mean_error
-
-
-def limit_of(scene: Scene, *sensors: float, draws: int = 6000) -> limit.MeanError:
-    prior = Prior.of(influence_of(scene), np.array(sensors), Surface.of(scene).readings.reading_mm)
-    drawn = limit.draw(prior, draws, 1)
-    return mean_error(prior, drawn, limit.posterior_median_mm(prior, drawn.deflection_mm))
+from posterior_cases import prior_of
 
 
 @pytest.mark.parametrize(("layout", "percent"), [((400 / 3, 800 / 3), 4.50), ((122, 278), 4.12), ((107, 293), 3.78)])
 def test_the_limits_that_are_known_for_the_paper(layout: tuple[float, float], percent: float) -> None:
-    found = limit_of(paper_scene(), *layout)
+    noise_mm = Surface.of(paper_scene()).readings.reading_mm
+    prior = Prior.of(influence_of(paper_scene()), np.array(layout), noise_mm)
+    found = accuracy_limit(prior, 4000, 1)
     assert abs(found.percent - percent) < 3.5 * found.standard_error + 0.005
+    # Plain draws have the same mean, and scatter more.
+    drawn = limit.draw(prior, 4000, 3)
+    plain = mean_error(prior, drawn, limit.posterior_median_mm(prior, drawn.deflection_mm))
+    assert abs(plain.percent - found.percent) < 4 * np.hypot(plain.standard_error, found.standard_error)
+    assert found.standard_error < plain.standard_error / 1.5
 
 
-def test_the_posterior_median_equals_a_plain_integral_over_position_and_force() -> None:
-    base = paper_scene().model_dump()
-    scene = Scene.model_validate({**base, "contact": {"force_n": (2.0, 20.0), "position_mm": (1, 399)}})
-    layout, noise = np.array([100.0, 200.0, 300.0]), 0.02
-    prior = Prior.of(influence_of(scene), layout, noise)
-    drawn = limit.draw(prior, 5, 3)
-    found = limit.posterior_median_mm(prior, drawn.deflection_mm)
-    grid, forces = np.linspace(1, 399, 1991), np.linspace(2, 20, 3001)
-    shapes = influence(scene.beam, layout, grid)
-    for reading, median in zip(drawn.deflection_mm, found, strict=True):
-        square = sum((value - np.outer(shape, forces)) ** 2 for value, shape in zip(reading, shapes.T, strict=True))
-        density = np.exp(-(square - np.min(square)) / (2 * noise**2)).sum(axis=1)
-        cumulative = np.cumsum(density) / density.sum()
-        assert median == pytest.approx(np.interp(0.5, cumulative, grid), abs=0.15)
+def test_limits_that_are_compared_share_their_contacts() -> None:
+    prior = prior_of("bench", 4, 0.5, known=False)
+    missing = [(0,), (1, 2)]
+    whole = accuracy_limit(prior, 2000, 9).percent
+    for lacking, one in zip(missing, limits_without(prior, missing, 256, 3), strict=True):
+        alone = accuracy_limit(prior.without(*lacking), 2000, 8).percent
+        assert one.ratio.standard_error < 0.08 * one.ratio.value
+        assert abs(one.ratio.value - alone / whole) < 4 * one.ratio.standard_error + 0.02 * one.ratio.value
+    gains = [dataclasses.replace(prior, gain=gain) for gain in (0.0, 0.001, 0.003)]
+    none, little, usual = (one.ratio for one in compare_limits(prior, gains, 256, 3))
+    # The same errors, and a price that is seen although it is smaller than the scatter of either limit.
+    assert (none.value, none.standard_error) == (1, 0)
+    assert 1 + 3 * little.standard_error < little.value < usual.value
 
 
-@pytest.mark.parametrize(
-    ("low", "high"), [(-1.0, 1.0), (5.0, 6.0), (30.0, 31.0), (-31.0, -30.0), (8.0, 1e3), (0.0, 1e-9), (37.0, 37.5)]
-)
-def test_normal_intervals_in_both_tails(low: float, high: float) -> None:
-    with mpmath.workdps(400):
-        # In the far tails ncdf itself cancels; erfc does not.
-        root = mpmath.sqrt(2)
-        exact = (mpmath.erfc(low / root) - mpmath.erfc(high / root)) / 2
-        expected = float(mpmath.log(exact))
-    found = posterior._log_normal_interval(np.array([low]), np.array([high]))[0]
-    assert found == pytest.approx(expected, rel=1e-7)
+@pytest.mark.parametrize("known", [True, False])
+@pytest.mark.parametrize("gain", [0.1, 0.5])
+def test_no_estimator_beats_the_limit_under_large_errors_of_gains(gain: float, known: bool) -> None:
+    """The exact posterior: the variance of each channel follows from the contact, for every force."""
+    prior = dataclasses.replace(prior_of("bench", 4, 0.2, known=known), gain=gain)
+    drawn = limit.draw_evenly(prior, 64, 1)
+    grid = np.linspace(*prior.position_mm, 400)
+    force = np.linspace(*prior.force_n, 1 if known else 60)[:, None, None]
+    mean = force * prior.influence_at(grid)
+    variance = prior.noise_mm**2 + (gain * mean) ** 2
+    exact = []
+    for sample in drawn.deflection_mm:
+        log_density = -(((sample - mean) ** 2 / variance + np.log(variance)).sum(axis=2)) / 2
+        density = np.exp(log_density - log_density.max()).sum(axis=0)
+        median = grid[np.searchsorted(np.cumsum(density), density.sum() / 2)]
+        exact.append(float((np.abs(grid - median) * density).sum() / density.sum()))
+    claimed = posterior_quantiles(prior, drawn.deflection_mm)[1]
+    assert (claimed * drawn.weight).mean() == pytest.approx((exact * drawn.weight).mean(), rel=0.01 if known else 0.03)
+
+
+@pytest.mark.parametrize("force_n", [(2.0, 20.0), (10.0, 10.0)])
+@pytest.mark.parametrize("truth_n", [0.4, 10.0, 24.0, 90.0])
+def test_the_force_is_integrated_out_exactly(force_n: tuple[float, float], truth_n: float) -> None:
+    forces = forces_of(force_n, TAIL)
+    assert sum(piece.share for piece in forces) == pytest.approx(1)
+    for size in (1e-6, 0.1, 3.0, 200.0):
+        projection = truth_n * size + 0.3
+        with mpmath.workdps(60):
+
+            def density(force: mpmath.mpf, size: float = size, projection: float = projection) -> mpmath.mpf:
+                return mpmath.exp(-((projection - force * size) ** 2) / 2)
+
+            total = mpmath.mpf(0)
+            for piece in forces:
+                low, high = mpmath.mpf(piece.low_n), mpmath.mpf(piece.high_n)
+                if low == high:
+                    total += piece.share * density(low)
+                    continue
+                peak = min(max(projection / size, low), high)
+                marks = sorted({low, high, *(min(max(peak + k / size, low), high) for k in (-40, -9, -3, 0, 3, 9, 40))})
+                total += piece.share * mpmath.quad(density, marks) / (high - low)
+            exact = float(mpmath.log(total))
+        found = log_likelihood(forces, np.array([size]), np.array([[projection]]), np.zeros((1, 1)))[0, 0]
+        assert found == pytest.approx(exact, rel=1e-7, abs=1e-7)
+
+
+def correlated(channels: int, noise_mm: float) -> Floats:
+    """A covariance with an excess along one direction, as a sample has just after a touch."""
+    along = np.sin(np.arange(1, channels + 1))
+    made: Floats = noise_mm**2 * (np.eye(channels) + 30.0 * np.outer(along, along))
+    return made
+
+
+@pytest.mark.parametrize("tail", [0.0, TAIL])
+@pytest.mark.parametrize("known", [True, False])
+def test_quantiles_are_those_of_a_plain_integral_under_any_covariance(tail: float, known: bool) -> None:
+    prior = prior_of("bench", 3, 2.0, known=known)
+    covariance = correlated(3, prior.noise_mm)
+    rng = np.random.default_rng(4)
+    drawn = limit.draw(prior, 4, 7)
+    reading = drawn.deflection_mm + rng.multivariate_normal(np.zeros(3), covariance, 4)
+    found, distance = posterior_quantiles(
+        prior,
+        reading,
+        np.tile([0.025, 0.5, 0.975], (4, 1)),
+        whitening_per_mm=whitening(reading, covariance, 0.003, 1e-3),
+        tail=tail,
+    )
+    grid = np.linspace(*prior.position_mm, 1201)
+    shape = prior.influence_at(grid)
+    for row, one in enumerate(reading):
+        precision = np.linalg.inv(covariance + np.diag((0.003 * one) ** 2 + 1e-6))
+        density = np.zeros(len(grid))
+        square, along = np.einsum("gi,ij,gj->g", shape, precision, shape), shape @ precision @ one
+        for piece in forces_of(prior.force_n, tail):
+            forces = np.linspace(piece.low_n, piece.high_n, 1 if piece.low_n == piece.high_n else 2001)
+            misfit = one @ precision @ one - 2 * np.outer(forces, along) + np.outer(forces**2, square)
+            likelihood = np.exp(-misfit / 2)
+            density += piece.share * (
+                likelihood[0] if len(forces) == 1 else np.trapezoid(likelihood, forces, axis=0) / np.ptp(forces)
+            )
+        below = np.concatenate([[0.0], np.cumsum(density[1:] + density[:-1])])
+        expected = np.interp([0.025, 0.5, 0.975], below / below[-1], grid)
+        width = expected[2] - expected[0]
+        assert found[row] == pytest.approx(expected, abs=2e-3 * width + 0.02)
+        mean = np.trapezoid(density * np.abs(grid - expected[1]), grid) / np.trapezoid(density, grid)
+        assert distance[row] == pytest.approx(mean, rel=5e-3)
+
+
+def test_gains_and_zeros_scatter_as_the_floor_says_and_intervals_hold_the_truth_under_them() -> None:
+    bare = prior_of("bench", 4, 0.05, known=False)
+    prior = dataclasses.replace(bare, gain=0.01, zero_mm=bare.noise_mm * np.array([0.0, 1.0, 2.0, 3.0]))
+    drawn, evenly = limit.draw(prior, 20_000, 3), limit.draw_evenly(prior, 4096, 3)
+    for one in (drawn, evenly):
+        clean = one.force_n[:, None] * prior.influence_at(one.position_mm)
+        deviation = np.sqrt(prior.noise_mm**2 + (0.01 * clean) ** 2 + np.square(prior.zero_mm))
+        assert ((one.deflection_mm - clean) / deviation).std(axis=0) == pytest.approx(np.ones(4), rel=0.04)
+    limits = (accuracy_limit(one, 500, 1).percent for one in (bare, dataclasses.replace(bare, zero_mm=prior.zero_mm)))
+    least, drifted = limits
+    assert drifted > 1.2 * least
+    levels = np.tile([0.025, 0.975], (1000, 1))
+    low, high = posterior_quantiles(prior, drawn.deflection_mm[:1000], levels)[0].T
+    assert ((low <= drawn.position_mm[:1000]) & (drawn.position_mm[:1000] <= high)).mean() == pytest.approx(
+        0.95, abs=0.03
+    )
+
+
+LEVELS = np.array([0.01, 0.2, 0.5, 0.7, 0.975])
+
+
+@pytest.mark.parametrize("step", [0.05, 0.5])
+@pytest.mark.parametrize("shift", [0.0, 0.3])
+def test_normal_densities_on_coarse_grids_side_by_side(step: float, shift: float) -> None:
+    grids = np.stack([width * (np.arange(-10, 10, step) + shift * step) for width in (1.0, 2.5)])
+    found = densities(grids, -((grids / [[1.0], [2.5]]) ** 2) / 2)
+    assert found.mean_distance() == pytest.approx(np.array([1.0, 2.5]) * (2 / np.pi) ** 0.5, rel=0.003)
+    quantiles = found.quantiles(np.tile(LEVELS, (2, 1))) / [[1.0], [2.5]]
+    assert quantiles == pytest.approx(np.tile(norm.ppf(LEVELS), (2, 1)), abs=0.01 * (step / 0.5) ** 2 + 1e-4)
+
+
+def test_densities_that_the_range_or_a_cliff_cuts_off() -> None:
+    grid = np.linspace(0, 40, 801)
+    found = densities(grid[None], -grid[None])
+    assert found.quantiles(np.array([[0.5]]))[0, 0] == pytest.approx(np.log(2), rel=1e-5)
+    assert found.mean_distance()[0] == pytest.approx(np.log(2), rel=1e-5)
+    grid = np.linspace(0, 1, 129)
+    for edge in np.linspace(0.3, 0.31, 7):
+        # Even above the edge, and impossible below it within a thousandth of a cell.
+        found = densities(grid[None], -(np.maximum((edge - grid) / 8e-6, 0.0)[None] ** 2))
+        assert found.quantiles(np.array([[0.5]]))[0, 0] == pytest.approx((1 + edge) / 2, abs=0.6 / 128)
+        assert found.mean_distance()[0] == pytest.approx((1 - edge) / 4, abs=0.6 / 128)
+
+
+SENSORS = (122.0, 278.0)
+
+
+def textbook_mm_per_n(sensor: mpmath.mpf, load: mpmath.mpf) -> mpmath.mpf:
+    """Deflection of the paper's simply supported beam (Roark's Formulas for Stress and Strain, table 8.1, case 1e)."""
+    length, rigidity = mpmath.mpf(400), mpmath.mpf(210e3) * 25 * mpmath.mpf(3) ** 3 / 12
+    near, far = min(sensor, load), max(sensor, load)
+    return near * (length - far) * (length**2 - near**2 - (length - far) ** 2) / (6 * rigidity * length)
+
+
+@pytest.mark.parametrize("position", [3.0, 150.0, 390.0])
+@pytest.mark.parametrize("known", [True, False])
+def test_the_cramer_rao_bound_is_that_of_the_textbook_formula(position: float, known: bool) -> None:
+    prior = Prior.of(influence_of(paper_scene()), np.array(SENSORS), 0.002)
+    if not known:
+        prior = dataclasses.replace(prior, force_n=(2.0, 20.0))
+    with mpmath.workdps(40):
+        g = [textbook_mm_per_n(mpmath.mpf(s), mpmath.mpf(position)) for s in SENSORS]
+        d = [mpmath.diff(lambda x, s=s: textbook_mm_per_n(mpmath.mpf(s), x), mpmath.mpf(position)) for s in SENSORS]
+        # Two channels: the part of d across g is their cross product over the length of g.
+        told = abs(g[0] * d[1] - g[1] * d[0]) / mpmath.hypot(*g) if not known else mpmath.hypot(*d)
+        exact = float(mpmath.mpf(0.002) / (told * 10.0))
+    assert position_deviation_mm(prior, [position], 10.0)[0] == pytest.approx(exact, rel=1e-4)
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_the_limit_lies_between_the_bound_and_a_guess(known: bool) -> None:
+    prior = dataclasses.replace(prior_of("bench", 4, 0.003, known=known), position_mm=(80.0, 320.0))
+    best, bound = accuracy_limit(prior, 1000, 1), mean_error_mm(prior) / prior.length_mm * 100
+    assert best.percent == pytest.approx(bound, abs=4 * best.standard_error + 0.02 * bound)
+    # At x in 1..399 a uniform guess is off by ((x - 1)^2 + (399 - x)^2) / (2 * 398), which is 398 / 3 on average.
+    assert mean_error_mm(prior_of("bench", 2, 1e7, known=known)) == pytest.approx(398 / 3, rel=1e-3)
+    # One channel gives no position if the force is open.
+    one = dataclasses.replace(Prior.of(influence_of(paper_scene()), np.array([122.0]), 0.002), force_n=(2.0, 20.0))
+    assert position_deviation_mm(one, [50.0, 200.0], 10.0).min() > 1e6

@@ -56,12 +56,6 @@ def test_a_built_model_loads_with_its_metadata(bench: ModelFile) -> None:
     assert bench.metadata.noise.sample_mm == pytest.approx(0.001 * bench.metadata.max_deflection_mm, rel=1e-9)
 
 
-def test_a_model_answers_a_batch(bench: ModelFile) -> None:
-    answers = bench.estimate(np.zeros((3, 4), np.float32), np.tile(np.eye(4, dtype=np.float32), (3, 1, 1)))
-    assert set(answers) == set(bench.outputs)
-    assert all(values.shape == (3,) and values.dtype == np.float32 for values in answers.values())
-
-
 def test_opset_and_ir_stay_readable_for_onnxruntime_1_17(bench_model: Path) -> None:
     model = onnx.load(bench_model)
     assert (model.opset_import[0].version, model.ir_version) == (17, 8)
@@ -101,12 +95,11 @@ def test_wrong_golden_answers_are_refused(tmp_path: Path, bench_model: Path, ben
 @pytest.mark.parametrize(
     ("key", "value", "said"),
     [
-        ("beamtouch.schema_version", "4", r"beamtouch\.schema_version: '4', but this version reads 3; rebuild"),
+        ("beamtouch.schema_version", "5", r"beamtouch\.schema_version: '5', but this version reads 4; rebuild"),
         ("beamtouch.schema_version", "1", r"rebuild it .* with `design-sensors build .*changed\.onnx -o"),
         ("beamtouch.floor", '{"gain": [0.1], "zero_mm": [0]}', "thresholds and floor: each list must have 4 entries"),
         ("beamtouch.floor", '{"gain": [1e200, 0, 0, 0], "zero_mm": [0, 0, 0, 0]}', r"floor\.gain\.0: must be at most"),
         ("beamtouch.floor", '{"gain": [0, 0, 0, 0], "zero_mm": [0, 1e9, 0, 0]}', "floor.zero_mm hides the largest"),
-        ("beamtouch.drawn", json.dumps(DRAWN | {"at_mm": []}), r"drawn\.at_mm: must have at least 2 items"),
         ("beamtouch.drawn", json.dumps(DRAWN | {"load_mm": [1, 2]}), "drawn: .* must hold 2 rows of 2 values"),
         ("beamtouch.drawn", json.dumps(DRAWN | {"at_mm": [400, 0]}), "drawn: at_mm and load_mm must ascend"),
         ("beamtouch.drawn", json.dumps(DRAWN | {"load_mm": [1e300]}), "drawn: every position must lie on the beam"),
@@ -130,18 +123,8 @@ def test_wrong_golden_answers_are_refused(tmp_path: Path, bench_model: Path, ben
         ("beamtouch.noise", None, "beamtouch.noise: Field required"),
         ("beamtouch.noise", "{", "not JSON"),
         ("beamtouch.length_mm", '"long"', "beamtouch.length_mm"),
-    ],
-)
-def test_metadata_that_is_wrong_is_named(
-    tmp_path: Path, bench_model: Path, key: str, value: str | None, said: str
-) -> None:
-    with pytest.raises(ModelFileError, match=said):
-        modelfile.load(rewritten(bench_model, tmp_path / "changed.onnx", key, value))
-
-
-@pytest.mark.parametrize(
-    ("name", "values", "said"),
-    [
+        ("beamtouch.seed", "[" * 100_000, "its metadata is not JSON"),
+        ("beamtouch.seed", "9" * 5000, "its metadata is not JSON"),
         ("touch", [-5, -5, -5, -5], r"thresholds\.touch\.0: .* at least 0"),
         ("rest", [1e-300, 30, 30, 30], r"thresholds\.rest\.0: .* at least 1"),
         ("rest", [30, 30, 30, 1e300], r"thresholds\.rest\.3: .* at most"),
@@ -149,12 +132,13 @@ def test_metadata_that_is_wrong_is_named(
         ("touch", [17, 17, 17], "thresholds and floor: each list must have 4 entries"),
     ],
 )
-def test_thresholds_that_decide_nothing_are_refused(
-    tmp_path: Path, bench_model: Path, bench: ModelFile, name: str, values: list[float | None], said: str
+def test_metadata_that_is_wrong_is_named(
+    tmp_path: Path, bench_model: Path, bench: ModelFile, key: str, value: str | list[float | None] | None, said: str
 ) -> None:
-    stated = json.dumps(bench.metadata.thresholds.model_dump() | {name: values})
+    if isinstance(value, list):  # one kind of thresholds
+        key, value = "beamtouch.thresholds", json.dumps(bench.metadata.thresholds.model_dump() | {key: value})
     with pytest.raises(ModelFileError, match=said):
-        modelfile.load(rewritten(bench_model, tmp_path / "changed.onnx", "beamtouch.thresholds", stated))
+        modelfile.load(rewritten(bench_model, tmp_path / "changed.onnx", key, value))
 
 
 def test_the_door_is_light() -> None:
@@ -220,7 +204,7 @@ def test_a_path_that_is_not_a_regular_file_is_refused_unopened(tmp_path: Path) -
 
 
 @pytest.mark.parametrize("where", ["initializer", "constant"])
-@pytest.mark.parametrize("location", ["weights.bin", "../{folder}/weights.bin", "{path}/weights.bin", "/dev/zero"])
+@pytest.mark.parametrize("location", ["../{folder}/weights.bin", "/dev/zero"])
 def test_weights_in_another_file_are_refused(
     bench_model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, location: str, where: str
 ) -> None:
@@ -326,12 +310,6 @@ def test_a_graph_with_other_inputs_or_outputs_is_refused(
     onnx.save(model, path)
     with pytest.raises(ModelFileError, match=said):
         modelfile.load(path)
-
-
-@pytest.mark.parametrize("value", ["[" * 100_000, "9" * 5000])
-def test_metadata_beyond_the_limits_of_the_parser_is_refused(bench_model: Path, tmp_path: Path, value: str) -> None:
-    with pytest.raises(ModelFileError, match="its metadata is not JSON"):
-        modelfile.load(rewritten(bench_model, tmp_path / "changed.onnx", "beamtouch.seed", value))
 
 
 def test_a_model_in_use_reports_to_nobody(bench_model: Path, tmp_path: Path) -> None:

@@ -9,8 +9,6 @@ from beamtouch_models.accuracy.limit import accuracy_limit
 from beamtouch_models.accuracy.prior import Prior, SampleErrors
 from beamtouch_models.accuracy.unexplained_thresholds import unexplained_thresholds
 from beamtouch_models.arrays import Floats
-from beamtouch_models.physics.beam import influence_of
-from beamtouch_models.placement.layout import Candidates
 from beamtouch_models.placement.noticing import FORCES, PLACES, OtherLoads, other_loads
 from beamtouch_models.placement.placing import place, place_by_position_error
 from beamtouch_models.placement.position_error import SLACK
@@ -23,7 +21,7 @@ pytestmark = pytest.mark.long
 
 LOW_MM, HIGH_MM, FORCE_N = 20.0, 390.0, (2.0, 20.0)
 ERRORS = SampleErrors(0.0015, 0.003, 0.001)
-LAYOUTS = [[68.0, 156.0, 244.0, 332.0], [53.0, 104.0, 312.0, 353.0], [90.0, 200.0, 310.0]]
+LAYOUTS = [[68.0, 156.0, 244.0, 332.0], [90.0, 200.0, 310.0]]
 
 
 def scene_of(**sensors: object) -> Scene:
@@ -55,19 +53,6 @@ def best_fit(whitened: Floats, shapes: Floats) -> Floats:
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
-def test_the_distance_from_the_best_contact_is_that_of_a_plain_search(layout: list[float]) -> None:
-    others, candidates = loads_of(ERRORS)
-    sensor_mm = np.array(layout)
-    sample, contacts = plain_loads(sensor_mm), np.linspace(LOW_MM, HIGH_MM, 40_001)[:, None]
-    deviation = np.sqrt(ERRORS.noise_mm**2 + ERRORS.zero_mm**2 + (ERRORS.gain * sample) ** 2)
-    shapes = deflection_per_newton(sensor_mm, contacts)
-    left = [best_fit((z / s)[None], shapes / s)[0] for z, s in zip(sample, deviation, strict=True)]
-    found = others.unexplained(np.searchsorted(candidates, sensor_mm))
-    assert found == pytest.approx(np.array(left), rel=5e-3, abs=5e-3)
-    assert found.max() > 20
-
-
-@pytest.mark.parametrize("layout", LAYOUTS)
 def test_the_share_is_that_of_simulated_samples_with_a_fit_each(layout: list[float]) -> None:
     others, candidates = loads_of(ERRORS)
     sensor_mm, rng = np.array(layout), np.random.default_rng(3)
@@ -76,16 +61,16 @@ def test_the_share_is_that_of_simulated_samples_with_a_fit_each(layout: list[flo
     shares = []
     for z in plain_loads(sensor_mm):
         s = np.sqrt(ERRORS.noise_mm**2 + ERRORS.zero_mm**2 + (ERRORS.gain * z) ** 2)
-        samples = z / s + rng.normal(size=(400, len(layout)))
+        samples = z / s + rng.normal(size=(200, len(layout)))
         shares.append((best_fit(samples, shapes / s) > threshold).mean())
     found = others.noticed(np.searchsorted(candidates, sensor_mm))
     pairs, spread = np.reshape(shares, (FORCES, 2, PLACES)).mean(axis=(0, 2))
     print(f"{layout}: {found}, simulated {pairs:.4f} and {spread:.4f}")
-    assert found == pytest.approx([pairs, spread], abs=0.01)
+    assert found == pytest.approx([pairs, spread], abs=0.015)
     assert pairs > 0.05
 
 
-@pytest.mark.parametrize(("rate_hz", "windows"), [(1.0, (1,)), (100.0, (2, 24)), (1000.0, (24,))])
+@pytest.mark.parametrize(("rate_hz", "windows"), [(1.0, (1,)), (100.0, (2, 24))])
 def test_the_threshold_is_that_of_a_model_at_the_same_rate_and_window(rate_hz: float, windows: tuple[int, ...]) -> None:
     influence, rules = problem_in(scene_of())
     errors = replace(ERRORS, rate_hz=rate_hz, windows=windows)
@@ -95,42 +80,18 @@ def test_the_threshold_is_that_of_a_model_at_the_same_rate_and_window(rate_hz: f
     assert found == pytest.approx(expected, rel=0.1)
 
 
-def test_two_sensors_notice_nothing_however_precise_they_are() -> None:
+def test_one_or_two_sensors_notice_nothing_however_precise_they_are() -> None:
     # The loads between two places look like a contact between them.
     others, candidates = loads_of(SampleErrors(1e-6))
-    for layout in ([122.0, 278.0], [60.0, 340.0], [150.0, 160.0]):
+    for layout in ([122.0, 278.0], [150.0, 160.0], [200.0]):
         assert others.noticed(np.searchsorted(candidates, layout)) == pytest.approx([0.0, 0.0], abs=1e-4)
-
-
-def test_one_sensor_and_a_sensor_on_a_support_notice_nothing() -> None:
-    influence, rules = influence_of(scene_of()), Candidates(np.array([0.0, 200.0]), np.array([], dtype=np.intp), 0.0)
-    others = other_loads(influence, rules, ERRORS)
-    for layout in ([200.0], [0.0], [0.0, 200.0]):
-        assert others.noticed(np.searchsorted(rules.position_mm, layout)) == pytest.approx([0.0, 0.0], abs=1e-4)
-
-
-def test_errors_of_any_kind_hide_loads() -> None:
-    influence, rules = problem_in(scene_of())
-    layout = np.searchsorted(rules.position_mm, place(influence, rules, 4, 0).positions_mm)
-    noticed = [
-        other_loads(influence, rules, errors).noticed(layout)
-        for errors in (
-            SampleErrors(0.001),
-            SampleErrors(0.001, zero_mm=0.002),
-            SampleErrors(0.001, gain=0.01),
-            SampleErrors(0.001, mounting_mm=2.0),
-            SampleErrors(10.0, 0.01, 0.002, 2.0),
-        )
-    ]
-    assert np.all(noticed[0] > np.max(noticed[1:4], axis=0) + 0.02)
-    assert noticed[-1] == pytest.approx([0.0, 0.0], abs=1e-4)
 
 
 def test_the_mounting_counts_as_displaced_sensors_scatter() -> None:
     influence, rules = problem_in(scene_of())
     sensor_mm, errors, rng = np.array(LAYOUTS[0]), SampleErrors(0.001, mounting_mm=1.0), np.random.default_rng(1)
     layout = np.searchsorted(rules.position_mm, sensor_mm)
-    moved = [plain_loads(sensor_mm + rng.normal(size=4)) for _ in range(600)]
+    moved = [plain_loads(sensor_mm + rng.normal(size=4)) for _ in range(300)]
     deviation = np.sqrt(np.var(moved, axis=0) + errors.noise_mm**2)
     found = 1 / np.sqrt(other_loads(influence, rules, errors).precision[:, layout])
     assert found == pytest.approx(deviation, rel=0.12)
@@ -143,7 +104,7 @@ def test_the_layout_of_the_least_error_notices_as_much_as_that_of_the_product_an
     found = place_by_position_error(influence, rules, 4, 0, ERRORS).positions_mm
     shares = [others.noticed(np.searchsorted(rules.position_mm, layout)) for layout in (product, found)]
     percent = [
-        accuracy_limit(Prior.real(influence, np.array(layout), ERRORS), 4_000, 9).percent for layout in (product, found)
+        accuracy_limit(Prior.real(influence, np.array(layout), ERRORS), 2_000, 9).percent for layout in (product, found)
     ]
     print(f"{product}, {found}: noticed {shares}, error {percent}")
     assert np.all(shares[1] >= shares[0] - SLACK)

@@ -11,8 +11,8 @@ from in_process import Command
 
 KEYS = {
     "positions_mm", "log_eigenvalue_product", "accuracy_limit_percent", "standard_error", "gap",
-    "evaluations", "wall_s", "criterion", "spare", "limit_without_percent", "search", "seed", "components",
-    "recommended_sensors",
+    "evaluations", "wall_s", "criterion", "spare", "limit_without_percent",
+    "limit_without_standard_error", "search", "seed", "components", "recommended_sensors",
 }  # fmt: skip
 PRODUCT = ("--criterion", "eigenvalue-product")
 
@@ -63,6 +63,11 @@ def test_a_spare_is_stated_with_the_error_without_each_sensor(design_sensors_her
     assert found["spare"] == 1
     assert len(found["limit_without_percent"]) == 3
     assert min(found["limit_without_percent"]) > found["accuracy_limit_percent"]
+    lines = dict(
+        line.split(maxsplit=1) for line in design_sensors_here("place", path, "--spare", 1).stdout.splitlines()
+    )
+    worst = max(found["limit_without_percent"])
+    assert f"{worst:.3g} % +-" in lines["failed"]
 
 
 @pytest.mark.usefixtures("short_limit")

@@ -27,7 +27,7 @@ OPTIMA = {
 @pytest.mark.parametrize("count", OPTIMA)
 def test_every_seed_reaches_the_optimum(count: int, search: SearchName) -> None:
     positions, log_product = OPTIMA[count]
-    for seed in range(10):  # a search that misses it from one start in three passes once in 58 times
+    for seed in range(5 if search == "exact" else 10):  # a miss from one start in three passes once in 58 times
         found = place(*problem_in(paper_scene()), count, seed, search=search)
         assert found.positions_mm == positions
         assert found.log_eigenvalue_product == pytest.approx(log_product, abs=5e-5)
@@ -36,7 +36,7 @@ def test_every_seed_reaches_the_optimum(count: int, search: SearchName) -> None:
 @pytest.mark.parametrize("search", ["exact", "paper"])
 def test_eight_sensors_on_four_components_merge_into_four_pairs(search: SearchName) -> None:
     # The paper's figure 5.
-    for seed in range(3 if search == "exact" else 10):
+    for seed in range(2 if search == "exact" else 4):
         found = place(*problem_in(paper_scene()), 8, seed, leading=4, search=search)
         assert found.positions_mm == (68, 69, 156, 157, 243, 244, 331, 332)
 
@@ -68,6 +68,9 @@ def test_layouts_keep_keep_outs_fixed_sensors_grid_and_distance(search: SearchNa
     assert np.all(np.diff(found) >= 40)
     others = found[found != 200.5]
     assert np.all(others % 5 == 0)
+    # Without a keep-out the left sensor stands at 122 mm; its housing of 8 mm touches the keep-out now.
+    beside = place(*problem_in(paper_scene(keep_out_mm=[(110, 130)], size_mm=8.0)), 2, 0, search=search).positions_mm
+    assert beside[0] in {106, 134}
 
 
 def test_an_open_number_starts_at_the_number_of_fixed_sensors() -> None:
@@ -87,11 +90,6 @@ def test_an_open_number_starts_at_the_number_of_fixed_sensors() -> None:
 def limit_mm(influence: InfluenceFunction, sensor_mm: tuple[float, ...], errors: SampleErrors) -> float:
     """Accuracy limit of a layout in mm, on a beam of 400 mm."""
     return 4 * accuracy_limit(Prior.real(influence, np.array(sensor_mm), errors), 1_000, 0).percent
-
-
-@pytest.mark.parametrize("search", ["exact", "paper"])
-def test_a_layout_of_fixed_sensors_only_is_what_was_fixed(search: SearchName) -> None:
-    assert place(*problem_in(paper_scene(fixed_mm=[100, 300])), 2, 0, search=search).positions_mm == (100, 300)
 
 
 def test_rules_that_allow_no_layout_are_refused() -> None:

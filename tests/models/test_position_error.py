@@ -9,12 +9,10 @@ from beamtouch_models.accuracy.prior import Prior, SampleErrors
 from beamtouch_models.errors import SceneError
 from beamtouch_models.physics.beam import influence_of
 from beamtouch_models.placement.layout import equal_layout
-from beamtouch_models.placement.placing import place, place_by_position_error
+from beamtouch_models.placement.placing import place_by_position_error
 from beamtouch_models.placement.position_error import PositionError, mean_distances, position_error_of
-from beamtouch_models.placement.search import SearchName
 from beamtouch_models.scene import Scene
 from example_scenes import paper_scene
-from plain_error import mean_error
 from stated_problems import problem_in
 
 pytestmark = pytest.mark.long
@@ -28,27 +26,13 @@ def limit_of(
     return limit.accuracy_limit(Prior.of(influence_of(scene), np.array(layout), noise_mm), draws, 77)
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_two_sensors_have_a_lower_limit_than_by_the_eigenvalue_product(seed: int) -> None:
     found = place_by_position_error(*problem_in(paper_scene()), 2, seed, SampleErrors(NOISE_MM))
     # From independent code: 3.78 % near 107 and 293 mm, 4.12 % at the optimum of the product.
     assert np.array(found.positions_mm) == pytest.approx([107, 293], abs=14)
     assert limit_of(paper_scene(), found.positions_mm).percent == pytest.approx(3.78, abs=0.06)
-
-
-def test_the_layout_of_the_eigenvalue_product_has_a_higher_limit() -> None:
     assert limit_of(paper_scene(), (122.0, 278.0)).percent > 3.95
-
-
-def test_the_limit_of_spread_contacts_is_that_of_random_ones() -> None:
-    layout = np.array([107.0, 293.0])
-    prior = Prior.of(influence_of(paper_scene()), layout, NOISE_MM)
-    drawn = limit.draw(prior, 40_000, 3)
-    median = limit.posterior_median_mm(prior, drawn.deflection_mm)
-    plain, spread = mean_error(prior, drawn, median), limit_of(paper_scene(), (107.0, 293.0), draws=16_000)
-    assert abs(plain.percent - spread.percent) < 4 * np.hypot(plain.standard_error, spread.standard_error)
-    # Known to a fifth only, and with less than half the contacts.
-    assert spread.standard_error < plain.standard_error / 2.5
 
 
 def test_at_little_noise_the_layout_is_no_worse_than_equal_pitch_or_the_product() -> None:
@@ -81,7 +65,7 @@ def test_the_objective_orders_layouts_as_the_limit_does(force_n: object, errors:
     layouts = np.array([[49, 199, 349], [87, 199, 311], [99, 149, 299], [59, 219, 339], [119, 199, 279]])
     ratios = [
         one.error_mm(layout)
-        / (4 * limit.accuracy_limit(Prior.real(influence, one.rules.position_mm[layout], errors), 2_000, 3).percent)
+        / (4 * limit.accuracy_limit(Prior.real(influence, one.rules.position_mm[layout], errors), 1_000, 3).percent)
         for layout in layouts
     ]
     # The width of posteriors of samples without errors is a little less than that of samples with them.
@@ -98,24 +82,12 @@ def test_the_mean_distance_of_a_density_on_cells_is_that_of_scipy(sigma_mm: floa
     assert found[0] == pytest.approx(stats.norm(0, sigma_mm).expect(np.abs), rel=0.02)
 
 
-@pytest.mark.parametrize("search", ["exact", "paper"])
-def test_layouts_by_position_error_keep_the_rules(search: SearchName) -> None:
+def test_layouts_by_position_error_keep_the_rules() -> None:
     scene = paper_scene(keep_out_mm=[(80, 130)], fixed_mm=[200.5], grid_mm=5, min_distance_mm=40)
-    found = np.array(
-        place_by_position_error(*problem_in(scene), 3, 0, SampleErrors(NOISE_MM), search=search).positions_mm
-    )
+    found = np.array(place_by_position_error(*problem_in(scene), 3, 0, SampleErrors(NOISE_MM)).positions_mm)
     assert 200.5 in found
     assert not np.any((found > 80) & (found < 130))
     assert np.all(np.diff(found) >= 40)
     assert np.all(found[found != 200.5] % 5 == 0)
     with pytest.raises(SceneError, match="min_distance_mm"):
         place_by_position_error(*problem_in(paper_scene(min_distance_mm=300)), 4, 0, SampleErrors(NOISE_MM))
-
-
-def test_with_an_open_force_the_seed_decides_and_the_limit_is_no_worse_than_by_the_product() -> None:
-    base = paper_scene().model_dump()
-    scene = Scene.model_validate({**base, "contact": {"force_n": (2.0, 20.0), "position_mm": (1, 399)}})
-    first, second = (place_by_position_error(*problem_in(scene), 2, 4, SampleErrors(0.01)) for _ in range(2))
-    assert first == second
-    other = limit_of(scene, place(*problem_in(scene), 2, 0).positions_mm, 0.01)
-    assert limit_of(scene, first.positions_mm, 0.01).percent <= other.percent + 3 * other.standard_error

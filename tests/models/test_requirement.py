@@ -23,6 +23,7 @@ def test_a_requirement_that_is_missed_is_remarked(design_sensors_here: Command, 
             assert bool(re.search(MISSED, done.stderr)) == is_missed
 
 
+@pytest.mark.usefixtures("short_limit")
 def test_place_says_that_the_best_possible_error_misses_it_too(design_sensors_here: Command, tmp_path: Path) -> None:
     scene = tmp_path / "paper.toml"
     for wanted_mm, is_missed in ((0.5, True), (50, False)):

@@ -5,11 +5,11 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from beamtouch_models.accuracy.limit import accuracy_limit
-from beamtouch_models.accuracy.prior import Prior, SampleErrors
+from beamtouch_models.accuracy.prior import SampleErrors
 from beamtouch_models.arrays import Indices
+from beamtouch_models.errors import SceneError
 from beamtouch_models.placement.layout import Candidates, equal_layout
-from beamtouch_models.placement.placing import place, place_by_position_error
+from beamtouch_models.placement.placing import Aim, place, place_by_position_error
 from beamtouch_models.placement.position_error import SPARE_NOTICES, PositionError, position_error_of
 from beamtouch_models.placement.search import SearchName, first_best, search_from
 from beamtouch_models.scene import Scene
@@ -42,11 +42,11 @@ def every_layout(rules: Candidates, count: int = 3) -> Indices:
     return every[rules.allowed(every)]
 
 
-@pytest.mark.parametrize(
-    ("supports", "spare"), [("simply-supported", 0), ("simply-supported", 1), ("cantilever", 0), ("cantilever", 1)]
-)
+@pytest.mark.parametrize(("supports", "spare"), [("simply-supported", 1), ("cantilever", 0)])
 def test_the_searches_reach_the_least_error_of_all_layouts(supports: str, spare: int) -> None:
-    objective, reference = objective_of(scene_of(supports, grid_mm=20, min_distance_mm=30), spare)
+    objective, reference = objective_of(scene_of(supports, grid_mm=25, min_distance_mm=30), spare)
+    # A start that the rules do not allow is left out.
+    assert len(search_from([np.array([0, 1, 2]), reference], objective, "exact", 0)) == 1
     best = objective.scores(every_layout(objective.rules)).max()
     for search in SEARCHES:
         found = first_best(search_from([reference, reference], objective, search, 0))
@@ -62,13 +62,6 @@ def test_layouts_against_the_rules_or_that_notice_less_than_the_reference_have_n
     assert np.array_equal(np.isfinite(scores), objective.rules.allowed(every) & notices)
     assert 0 < np.isfinite(scores).sum() < objective.rules.allowed(every).sum()
     assert objective.scores(reference[None])[0] == -objective.error_mm(reference)
-
-
-def test_a_start_that_is_not_allowed_is_left_out() -> None:
-    objective, reference = objective_of(scene_of(grid_mm=20, min_distance_mm=30), 0)
-    runs = search_from([np.array([0, 1, 2]), reference], objective, "exact", 0)
-    assert len(runs) == 1
-    assert runs[0].score >= objective.scores(reference[None])[0]
 
 
 def test_with_a_spare_the_score_is_the_worst_failure_less_what_is_noticed() -> None:
@@ -104,12 +97,9 @@ def test_the_only_layout_is_found_and_fixed_sensors_stay(spare: int) -> None:
     assert place_by_position_error(*every, 3, 0, ERRORS, spare=spare).positions_mm == (100.5, 200.0, 300.0)
 
 
-def test_eight_sensors_with_a_spare_err_less_than_by_the_product_when_one_fails() -> None:
-    influence, rules = problem_in(scene_of(grid_mm=8, min_distance_mm=10))
-
-    def worst_percent(positions_mm: tuple[float, ...]) -> float:
-        prior = Prior.real(influence, np.array(positions_mm), ERRORS)
-        return max(accuracy_limit(prior.without(index), 1_000, 5).percent for index in range(8))
-
-    found = place_by_position_error(influence, rules, 8, 0, ERRORS, spare=1).positions_mm
-    assert worst_percent(found) < 0.95 * worst_percent(place(influence, rules, 8, 0).positions_mm)
+def test_a_spare_needs_another_sensor_and_the_position_error() -> None:
+    problem = problem_in(paper_scene(grid_mm=40))
+    with pytest.raises(SceneError, match="spare = 1 needs at least 2 sensors, not 1"):
+        place_by_position_error(*problem, 1, 0, ERRORS, spare=1)
+    with pytest.raises(SceneError, match="spare = 1: give 0, or 1, which places by position error"):
+        Aim("eigenvalue-product", spare=1)

@@ -16,14 +16,14 @@ from beamtouch_models.accuracy.touch_thresholds import rate_per_sample, touch_th
 from beamtouch_models.arrays import Floats
 from beamtouch_models.error_model import whitening
 from beamtouch_models.estimators.onnx_graph import to_bytes
-from beamtouch_models.estimators.posterior.window import table_of, windowed_graph
+from beamtouch_models.estimators.posterior.window import windowed_graph
 from beamtouch_models.estimators.small_network import Network, first_stage, layers_of, loss_and_gradient, train
 from beamtouch_models.metadata import FORCE_OUTPUTS, POSITION_OUTPUTS
 from beamtouch_models.session import runner
 from posterior_cases import answers_of, check_sane, exceeding, graph_of, nonsense, prior_of, with_floor
 
 PRIOR = with_floor(prior_of("bench", 4, 0.2, known=False))
-CONTACTS = 2000
+CONTACTS = 1000
 
 
 def trained(prior: Prior) -> Network:
@@ -70,24 +70,10 @@ def test_the_same_seed_gives_the_same_file() -> None:
     assert first == second
 
 
-def test_straight_lines_between_the_nodes_are_exact_within_the_noise() -> None:
-    table, force = table_of(PRIOR), PRIOR.force_n[1]
-    between = (table.position_mm[1:] + table.position_mm[:-1]) / 2
-    node = np.searchsorted(table.position_mm, between)
-    straight = (table.influence[node - 1] + table.influence[node]) / 2
-    exact = force * PRIOR.table(between)
-    off = np.linalg.norm((force * straight - exact) / PRIOR.deviation_mm(exact), axis=1)
-    assert off.max() < 0.1
-
-
-def test_the_network_names_a_place_near_the_contact_and_the_graph_computes_it(
-    network: Network, graph: onnx.ModelProto
-) -> None:
+def test_the_network_names_a_place_near_the_contact(network: Network, graph: onnx.ModelProto) -> None:
     drawn = limit.draw(PRIOR, 500, 5)
-    steps = len(network.table.position_mm) - 1
-    node = network.node(drawn.deflection_mm)
+    steps = network.table.steps
     true = np.interp(drawn.position_mm, network.table.position_mm, np.arange(steps + 1))
-    assert np.median(np.abs(node - true)) < 0.03 * steps
     shown = onnx.ModelProto()
     shown.CopyFrom(graph)
     # Its output is what is rounded to the first integers.
@@ -95,7 +81,7 @@ def test_the_network_names_a_place_near_the_contact_and_the_graph_computes_it(
     del shown.graph.output[:]
     shown.graph.output.append(helper.make_tensor_value_info(cast.output[0], TensorProto.INT64, ["batch", 1]))
     found = runner(to_bytes(shown))(drawn.deflection_mm, PRIOR.whitening(drawn.deflection_mm))[cast.output[0]]
-    assert np.abs(found[:, 0] + 0.5 - np.clip(node, 0, steps - 0.5)).max() < 0.6
+    assert np.median(np.abs(found[:, 0] - true)) < 0.03 * steps
 
 
 def covariances() -> dict[str, Floats]:
@@ -111,8 +97,9 @@ def covariances() -> dict[str, Floats]:
     }
 
 
-@pytest.mark.parametrize("missing", [None, 0, 2])
-@pytest.mark.parametrize("kind", covariances())
+@pytest.mark.parametrize(
+    ("kind", "missing"), [("settled", None), ("few readings", 0), ("noisy channel", 2), ("rings", None)]
+)
 def test_it_answers_as_the_posterior_under_any_covariance_and_mask(
     graph: onnx.ModelProto, kind: str, missing: int | None
 ) -> None:
@@ -142,10 +129,10 @@ def test_it_answers_as_the_posterior_under_any_covariance_and_mask(
 
 
 def test_the_misfit_of_a_contact_is_chi_square_and_that_of_a_fault_is_not(graph: onnx.ModelProto) -> None:
-    drawn = limit.draw(PRIOR, 2 * CONTACTS, 6)
+    drawn = limit.draw(PRIOR, 4 * CONTACTS, 6)
     inside = (drawn.position_mm > 20) & (drawn.position_mm < 380)
     for missing, freedom in ((None, 2), (1, 1)):
-        valid = np.tile(np.arange(4) != (-1 if missing is None else missing), (2 * CONTACTS, 1))
+        valid = np.tile(np.arange(4) != (-1 if missing is None else missing), (4 * CONTACTS, 1))
         misfit = answers_of(graph, PRIOR, drawn.deflection_mm, valid)["misfit"][inside]
         for share in (0.5, 0.1, 0.01):
             slack = 0.12 * share + 4 * (share / inside.sum()) ** 0.5
@@ -155,7 +142,7 @@ def test_the_misfit_of_a_contact_is_chi_square_and_that_of_a_fault_is_not(graph:
     assert (answers_of(graph, PRIOR, wedged)["misfit"] > chdtri(2, 1e-6)).mean() > 0.5
 
 
-@pytest.mark.parametrize("kept", [(0, 1, 2, 3), (1, 2, 3), (0, 1, 3), (0, 3), (1, 2), (2,)], ids=str)
+@pytest.mark.parametrize("kept", [(0, 1, 2, 3), (0, 1, 3), (1, 2), (2,)], ids=str)
 def test_false_contacts_at_rest_are_as_many_as_were_asked_for(graph: onnx.ModelProto, kept: tuple[int, ...]) -> None:
     rate = rate_per_sample(1 / 30, 200.0, 4)
     threshold = touch_thresholds(PRIOR, rate, 1)[len(kept) - 1]
@@ -164,9 +151,8 @@ def test_false_contacts_at_rest_are_as_many_as_were_asked_for(graph: onnx.ModelP
         assert 0.5 < exceeding(run, PRIOR, covariance, kept, rate, threshold) < 2
 
 
-@pytest.mark.parametrize("known", [True, False])
-def test_a_load_beyond_the_range_is_placed_where_it_is(known: bool) -> None:
-    prior = with_floor(prior_of("bench", 4, 0.2, known=known))
+def test_a_load_beyond_a_known_force_is_placed_where_it_is() -> None:
+    prior = with_floor(prior_of("bench", 4, 0.2, known=True))
     graph = graph_with(prior, trained(prior))
     position = np.linspace(40, 360, 1000)
     force = np.full(len(position), 3 * prior.force_n[1])
@@ -180,7 +166,7 @@ def test_a_load_beyond_the_range_is_placed_where_it_is(known: bool) -> None:
 def test_it_holds_where_perfect_sensors_have_hardly_any_noise() -> None:
     prior = prior_of("two-spans", 5, 3e-3, known=False)
     graph = graph_with(prior, trained(prior))
-    drawn = limit.draw(prior, 1000, 4)
+    drawn = limit.draw(prior, 600, 4)
     answers = answers_of(graph, prior, drawn.deflection_mm)
     best = limit.posterior_median_mm(prior, drawn.deflection_mm)
     error, least = (np.abs(place - drawn.position_mm).mean() for place in (answers["position_mm"], best))
@@ -190,8 +176,7 @@ def test_it_holds_where_perfect_sensors_have_hardly_any_noise() -> None:
     assert np.quantile(answers["misfit"], 0.9) == pytest.approx(chdtri(3, 0.1), rel=0.2)
 
 
-@pytest.mark.parametrize("known", [True, False])
-@pytest.mark.parametrize("noise_percent", [100.0, 1.0, 1e-4])
+@pytest.mark.parametrize(("noise_percent", "known"), [(100.0, True), (1.0, False), (1e-4, True)])
 def test_nonsense_gets_a_sane_answer(noise_percent: float, known: bool) -> None:
     prior = prior_of("bench", 2, noise_percent, known=known)
     untaught = train(prior, 1, lambda _done: None, fewest=2, examples=200, iterations=5)

@@ -142,7 +142,9 @@ def _content(
         influence=Influence(
             mm_per_n=[[0.01 * (1 + (place + 3 * i) % 7) for i in range(channels)] for place in range(9)]
         ),
-        placed=LayoutErrors(criterion="position-error", spare=0, limit_percent=1, limit_without_percent=[]),
+        placed=LayoutErrors(
+            criterion="position-error", spare=0, limit_without_percent=[], limit_without_standard_error=[]
+        ),
         seed=1,
         accuracy=Accuracy(
             error_percent=1,

@@ -6,13 +6,13 @@ import numpy as np
 
 from beamtouch_models.accuracy import cramer_rao
 from beamtouch_models.accuracy.contacts import Contacts, simulated
-from beamtouch_models.accuracy.limit import SCRAMBLINGS
 from beamtouch_models.accuracy.prior import Prior
-from beamtouch_models.accuracy.statistics import Measurement, mean_of, quantile_of, ratio_of, share_of
+from beamtouch_models.accuracy.statistics import SCRAMBLINGS, Measurement, mean_of, quantile_of, ratio_of, share_of
 from beamtouch_models.accuracy.touch_thresholds import (
     directions,
     noise_at_rest,
     rest_like_contact,
+    shapes_at_rest,
     size_per_n,
     smallest_forces,
 )
@@ -24,8 +24,8 @@ from beamtouch_models.sweeps import Spread, in_turn
 
 MIDDLE = (0.2, 0.8)
 """Bounds of the middle of the beam, over its length."""
-REST_PLACES, REST_DRAWS, REST_RATE = 129, 2**14, 1e-8
-"""Positions, samples and rarity of the simulated samples at rest that look like a contact."""
+REST_DRAWS, REST_RATE = 2**14, 1e-8
+"""Number and rarity of the simulated samples at rest that look like a contact."""
 MIN_SHARE = 1e-3
 """Smallest share of contacts for which a stretch gets its own errors; each part of the draws needs one there, too."""
 
@@ -190,10 +190,9 @@ def _width(answers: dict[str, Floats], weight: Floats) -> Measurement | None:
 def _false_alarms(model: ModelFile, prior: Prior, seed: int) -> Measurement | None:
     if "contact_log_odds" not in model.outputs or prior.noise_mm == 0:
         return None
-    deviation = prior.deviation_mm(np.zeros((1, prior.channels)))
-    unit = directions(prior.table(np.linspace(*prior.position_mm, REST_PLACES)) / deviation)
+    unit = directions(shapes_at_rest(prior))
     rest = rest_like_contact(unit, noise_at_rest(prior), REST_RATE, REST_DRAWS, seed)
-    odds = estimates(model, prior, rest.sample * deviation)["contact_log_odds"]
+    odds = estimates(model, prior, rest.sample * prior.rest_mm)["contact_log_odds"]
     return mean_of(np.where(odds > model.metadata.thresholds.touch[-1], rest.weight, 0.0))
 
 

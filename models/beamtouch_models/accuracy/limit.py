@@ -1,9 +1,10 @@
 """The accuracy limit: the mean position error that no estimator can beat, given the prior of a surface.
 
 Position and force are drawn uniformly from their ranges, noise is added, and the posterior median estimates the
-position: of all estimators it has the smallest mean absolute error.
+position: of all estimators it has the smallest mean absolute error. Limits that are compared share their contacts.
 """
 
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,11 +13,10 @@ from scipy.special import ndtri
 from beamtouch_models.accuracy import cramer_rao
 from beamtouch_models.accuracy.posterior import posterior_quantiles
 from beamtouch_models.accuracy.prior import Prior
+from beamtouch_models.accuracy.statistics import SCRAMBLINGS, Measurement, mean_of, ratio_of
 from beamtouch_models.arrays import Floats
 from beamtouch_models.errors import SceneError
 
-SCRAMBLINGS = 16
-"""Number of independent parts of evenly spread draws."""
 UNIFORM = 0.5
 """Share of evenly spread contacts that are drawn uniformly; the largest weight is about one over it."""
 
@@ -41,6 +41,15 @@ class MeanError:
     standard_error: float
 
 
+@dataclass(frozen=True)
+class ComparedLimit:
+    """An accuracy limit beside another one, on the same contacts."""
+
+    limit: MeanError
+    ratio: Measurement
+    """Over the other limit."""
+
+
 def draw(prior: Prior, count: int, seed: int) -> Draws:
     """Draw contacts uniformly from the ranges; noise, gains and zeros are Gaussian, drawn per sample and channel."""
     rng = np.random.default_rng(seed)
@@ -62,15 +71,57 @@ def accuracy_limit(prior: Prior, draws: int, seed: int) -> MeanError:
     SceneError
         The noise is 0, so that there is no limit.
     """
+    _require_noise(prior)
+    drawn = draw_evenly(prior, draws, seed)
+    return _limit_of(_errors_percent(prior, drawn.deflection_mm, drawn.weight))
+
+
+def compare_limits(prior: Prior, others: Sequence[Prior], draws: int, seed: int) -> list[ComparedLimit]:
+    """Return the limits of other priors with the same ranges and channels beside that of a prior.
+
+    All share at least `draws` contacts with their noise, so that their ratios scatter far less than the limits do.
+    Errors are those of `accuracy_limit`.
+    """
+    _require_noise(prior)
+    position, force, noise, weight = _even_contacts(prior, draws, seed)
+    errors = []
+    for one in (prior, *others):
+        clean, deviation = one.sampled(position, force)
+        errors.append(_errors_percent(one, clean + deviation * noise, weight))
+    return [ComparedLimit(_limit_of(other), ratio_of(other, errors[0])) for other in errors[1:]]
+
+
+def limits_without(prior: Prior, missing: Iterable[Sequence[int]], draws: int, seed: int) -> Iterator[ComparedLimit]:
+    """Yield the limits without some channels beside that with all of them, as `compare_limits`.
+
+    `missing` has the indices of the channels that each lacks.
+    """
+    _require_noise(prior)
+    drawn = draw_evenly(prior, draws, seed)
+    whole = _errors_percent(prior, drawn.deflection_mm, drawn.weight)
+    for lacking in missing:
+        sample_mm = np.delete(drawn.deflection_mm, lacking, axis=1)
+        errors = _errors_percent(prior.without(*lacking), sample_mm, drawn.weight)
+        yield ComparedLimit(_limit_of(errors), ratio_of(errors, whole))
+
+
+def _require_noise(prior: Prior) -> None:
     if not 0 < prior.noise_mm < np.inf:
         message = (
             f"sensors: with a noise of {prior.noise_mm:g} mm there is no accuracy limit; state the noise of a reading"
         )
         raise SceneError(message)
-    drawn = draw_evenly(prior, draws, seed)
-    deviation = posterior_quantiles(prior, drawn.deflection_mm)[1] * drawn.weight
-    percent = deviation.reshape(SCRAMBLINGS, -1).mean(axis=1) / prior.length_mm * 100
-    return MeanError(float(percent.mean()), float(percent.std(ddof=1) / np.sqrt(SCRAMBLINGS)))
+
+
+def _errors_percent(prior: Prior, deflection_mm: Floats, weight: Floats | float) -> Floats:
+    """Return the weighted mean |error| of the posterior median of samples, (draws,) in percent of the length."""
+    errors: Floats = posterior_quantiles(prior, deflection_mm)[1] * weight / prior.length_mm * 100
+    return errors
+
+
+def _limit_of(errors_percent: Floats) -> MeanError:
+    mean = mean_of(errors_percent)
+    return MeanError(mean.value, mean.standard_error)
 
 
 def draw_evenly(prior: Prior, count: int, seed: int) -> Draws:
@@ -80,14 +131,19 @@ def draw_evenly(prior: Prior, count: int, seed: int) -> Draws:
     means gives a standard error. Half of the contacts are drawn where the Cramer-Rao bound is large, for example next
     to a support, with smaller weights; otherwise a few contacts would dominate a mean.
     """
+    position, force, noise, weight = _even_contacts(prior, count, seed)
+    clean, deviation = prior.sampled(position, force)
+    return Draws(position, force, clean + deviation * noise, weight)
+
+
+def _even_contacts(prior: Prior, count: int, seed: int) -> tuple[Floats, Floats, Floats, Floats]:
+    """Return positions, forces, noise of variance 1 (draws, channels), and weights of the contacts of `draw_evenly`."""
     rngs = np.random.default_rng(seed).spawn(SCRAMBLINGS)
     each = 2 ** max(0, int(np.ceil(np.log2(count / SCRAMBLINGS))))
     contacts = [spread_contacts(prior, each, rng) for rng in rngs]
-    position, force = (np.concatenate([contact[part] for contact in contacts]) for part in (0, 1))
-    noise = np.concatenate([contact[2] for contact in contacts])
+    position, force, noise = (np.concatenate(parts) for parts in zip(*contacts, strict=True))
     position, weight = where_it_errs(prior, position)
-    clean, deviation = prior.sampled(position, force)
-    return Draws(position, force, clean + deviation * noise, weight / weight.mean())
+    return position, force, noise, weight / weight.mean()
 
 
 def where_it_errs(prior: Prior, position_mm: Floats) -> tuple[Floats, Floats]:

@@ -1,7 +1,8 @@
 """The posterior of the position under any covariance, with the force integrated out exactly.
 
 For a given position the likelihood is Gaussian in the force, so its integral over an even piece of the prior of the
-force is a difference of normal distribution functions.
+force is a difference of normal distribution functions. That takes the errors of the gains from the sample. Where they
+are large, they are those of each contact: then the variance depends on the force, and the integral is a sum.
 """
 
 from dataclasses import dataclass
@@ -15,6 +16,7 @@ from beamtouch_models.accuracy.densities import densities
 from beamtouch_models.accuracy.forces import Forces, Piece, forces_of
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.arrays import Bools, Floats, Indices
+from beamtouch_models.error_model import variance_mm2
 from beamtouch_models.errors import SceneError
 
 GRID = 801
@@ -25,6 +27,11 @@ NEGLIGIBLE = 40.0
 """Difference to the largest log density beyond which a position is not part of a posterior."""
 CHUNK = 100
 """Readings per step, few enough for their grids to fit the cache of a core."""
+LARGE_GAIN = 0.05
+"""Relative gain error up to which the variance of a sample may be taken from its own deflections instead of those of
+each contact."""
+FORCES, REACH = 24, 6.0
+"""Forces over which the posterior is integrated otherwise, and half their range in deviations of the force."""
 MIN_NOISE = 1e-12
 """Smallest noise of a sample over the largest deflection: below it, rounding in float64 shows in the posterior."""
 
@@ -57,11 +64,13 @@ def posterior_quantiles(
         )
         raise SceneError(message)
     whitening = prior.whitening(deflection_mm) if whitening_per_mm is None else whitening_per_mm
+    gains_matter = whitening_per_mm is None and not tail and bool(np.max(prior.gain) > LARGE_GAIN)
     forces = forces_of(prior.force_n, tail)
     found = []
     for start in range(0, len(deflection_mm), CHUNK):
         part = slice(start, start + CHUNK)
-        seen = _Seen(whitening[part], np.einsum("dij,dj->di", whitening[part], deflection_mm[part]))
+        own = deflection_mm[part] if gains_matter else None
+        seen = _Seen(whitening[part], np.einsum("dij,dj->di", whitening[part], deflection_mm[part]), own)
         density = _log_density(prior, seen, forces, grid[None], influence[None])
         found.append(_resolved(prior, forces, seen, np.broadcast_to(grid, density.shape), density, levels[part]))
     whole = np.concatenate(found)
@@ -76,24 +85,59 @@ class _Seen:
     """(draws, channels, channels)"""
     sample: Floats
     """(draws, channels)"""
+    deflection_mm: Floats | None = None
+    """(draws, channels) where the errors of the gains follow from each contact; None: they are those of the sample."""
 
     def take(self, rows: Indices) -> "_Seen":
-        return _Seen(self.whitening[rows], self.sample[rows])
+        deflection_mm = None if self.deflection_mm is None else self.deflection_mm[rows]
+        return _Seen(self.whitening[rows], self.sample[rows], deflection_mm)
 
 
 def _log_density(prior: Prior, seen: _Seen, forces: Forces, grids: Floats, influence: Floats) -> Floats:
     """Return log densities (draws, grid) at the nodes of grids (draws or 1, grid) with their influence."""
     shapes = np.matmul(seen.whitening, influence.transpose(0, 2, 1))
     sample = seen.sample[:, :, None]
-    if prior.uncertainty is None:
+    if prior.uncertainty is None and seen.deflection_mm is None:
         return _fitted(forces, shapes, sample)
     # The likeliest force at a position says how much the mounting adds to each channel's variance there.
     square = np.einsum("dsg,dsg->dg", shapes, shapes)
     force = (shapes * sample).sum(axis=1) / np.where(square > 0, square, 1.0)
     force = np.clip(force, forces[0].low_n, forces[-1].high_n)
-    moved = np.matmul(seen.whitening**2, prior.uncertainty(grids).transpose(0, 2, 1) ** 2)
+    moved_mm = np.zeros_like(influence) if prior.uncertainty is None else prior.uncertainty(grids)
+    if seen.deflection_mm is not None:
+        return _over_forces(prior, seen.deflection_mm, influence, moved_mm, force, square)
+    moved = np.matmul(seen.whitening**2, moved_mm.transpose(0, 2, 1) ** 2)
     wider = np.sqrt(1 + force[:, None, :] ** 2 * moved)
     return _fitted(forces, shapes / wider, sample / wider, np.log(wider).sum(axis=1))
+
+
+def _over_forces(
+    prior: Prior, deflection_mm: Floats, influence: Floats, moved_mm: Floats, force: Floats, square: Floats
+) -> Floats:
+    """Return log densities (draws, grid) with the errors that each contact has, integrated over the force.
+
+    The midpoint rule takes FORCES forces about the likeliest one of each position, within the range of the prior.
+
+    Parameters
+    ----------
+    deflection_mm : (draws, channels)
+    influence, moved_mm : (draws or 1, grid, channels) in mm/N, with its deviation by the mounting of the sensors
+    force, square : (draws, grid) likeliest force, and one over the square of its deviation
+    """
+    low, high = prior.force_n
+    # The sample's own errors may be far from those of the contact, so the gains widen the range.
+    reach = REACH * (1 / np.sqrt(np.maximum(square, np.finfo(np.float64).tiny)) + np.max(prior.gain) * force)
+    start, end = np.maximum(force - reach, low), np.minimum(force + reach, high)
+    still = variance_mm2(0.0, prior.noise_mm, 0.0, prior.zero_mm)
+    scaled = (np.asarray(prior.gain) * influence) ** 2 + moved_mm**2
+    parts, total = 1 if prior.force_is_known else FORCES, np.full(force.shape, -np.inf)
+    for part in range(parts):
+        newtons = (start + (end - start) * (part + 0.5) / parts)[:, :, None]
+        variance = still + newtons**2 * scaled
+        square_left = (deflection_mm[:, None] - newtons * influence) ** 2 / variance
+        total = np.logaddexp(total, -(square_left + np.log(variance)).sum(axis=2) / 2)
+    density: Floats = total if prior.force_is_known else total + np.log(end - start)
+    return density
 
 
 def _fitted(forces: Forces, shapes: Floats, sample: Floats, log_volume: Floats | float = 0.0) -> Floats:

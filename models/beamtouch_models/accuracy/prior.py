@@ -100,12 +100,17 @@ class Prior:
         return clean, self.deviation_mm(clean, moved)
 
     def deviation_mm(self, deflection_mm: Floats, moved_mm: Floats | float = 0.0) -> Floats:
-        """Return the standard deviation of measurements of deflections (samples, channels), in mm, floor included.
+        """Return the standard deviation of measurements of deflections (..., channels), in mm, floor included.
 
         `moved_mm` is that of the deflections which the mounting of the sensors leaves.
         """
         deviation: Floats = np.sqrt(variance_mm2(deflection_mm, self.noise_mm, self.gain, self.zero_mm, moved_mm))
         return deviation
+
+    @property
+    def rest_mm(self) -> Floats:
+        """Standard deviation of a sample at rest, (channels,) in mm."""
+        return self.deviation_mm(np.zeros(self.channels))
 
     def deviation_in_table_mm(self, position_mm: Floats, force_n: Floats | float) -> Floats:
         """Return that of contacts, all errors included, from the tables; places (contacts,), forces (contacts, 1)."""

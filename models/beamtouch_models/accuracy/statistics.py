@@ -8,8 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from beamtouch_models.accuracy.limit import SCRAMBLINGS
 from beamtouch_models.arrays import Bools, Floats
+
+SCRAMBLINGS = 16
+"""Number of independent parts of evenly spread draws."""
 
 
 @dataclass(frozen=True)

@@ -92,16 +92,22 @@ def touch_thresholds(prior: Prior, rate: float, seed: int) -> list[float]:
     return found
 
 
-def shapes_at_rest(prior: Prior) -> Floats:
-    """Return the influence over the errors of a sample at rest, (places, channels) per newton."""
-    places = np.linspace(*prior.position_mm, PLACES)
-    shapes: Floats = prior.table(places) / prior.deviation_mm(np.zeros((1, prior.channels)))
+def shapes_at_rest(prior: Prior, position_mm: Floats | None = None) -> Floats:
+    """Return the influence over the errors of a sample at rest, (places, channels) per newton.
+
+    It is that at PLACES along the range, from the table, or at positions (places,).
+    """
+    if position_mm is None:
+        matrix = prior.table(np.linspace(*prior.position_mm, PLACES))
+    else:
+        matrix = prior.influence_at(position_mm)
+    shapes: Floats = matrix / prior.rest_mm
     return shapes
 
 
 def noise_at_rest(prior: Prior) -> Floats:
     """Return the deviation (channels,) of the noise of a whitened sample; the rest of its unit variance is the zero."""
-    share: Floats = np.maximum(prior.noise_mm / prior.deviation_mm(np.zeros((1, prior.channels)))[0], MIN_NOISE)
+    share: Floats = np.maximum(prior.noise_mm / prior.rest_mm, MIN_NOISE)
     return share
 
 
@@ -157,10 +163,8 @@ def smallest_force_n(prior: Prior, threshold: float, position_mm: Floats) -> Flo
 
     It is infinite where no sensor moves.
     """
-    unit = directions(shapes_at_rest(prior))
-    shape = prior.influence_at(position_mm) / prior.deviation_mm(np.zeros((1, prior.channels)))
+    unit, along = directions(shapes_at_rest(prior)), directions(shapes_at_rest(prior, position_mm))
     low, high = np.zeros(len(position_mm)), np.full(len(position_mm), 2 * np.sqrt(2 * threshold) + 8)
-    along = directions(shape)
     for _ in range(30):
         middle = (low + high) / 2
         above = log_odds(unit, middle[:, None] * along) > threshold
@@ -187,6 +191,5 @@ def size_per_n(prior: Prior, position_mm: Floats) -> Floats:
 
     All channels work.
     """
-    shape = prior.influence_at(position_mm) / prior.deviation_mm(np.zeros((1, prior.channels)))
-    size: Floats = np.linalg.norm(shape, axis=1)
+    size: Floats = np.linalg.norm(shapes_at_rest(prior, position_mm), axis=1)
     return size

@@ -120,7 +120,7 @@ def _metadata(
         smallest_force=fields.smallest_force,
         drawn=draw_beam(scene),
         influence=fields.influence,
-        placed=layout_errors(sensors.prior, aim.criterion, aim.spare, seed),
+        placed=layout_errors(sensors.prior, fields.accuracy, aim.criterion, aim.spare, seed),
         seed=seed,
         accuracy=fields.accuracy,
         golden=fields.golden,

@@ -62,17 +62,17 @@ def missed_error(name: str, percent: float, scene: Scene) -> str:
 
 def weak_spot(metadata: Metadata) -> str:
     """Say whether one failed sensor ends a surface or doubles its error; empty if neither."""
-    layout, found = metadata.layout, metadata.placed
+    layout, found, limit_percent = metadata.layout, metadata.placed, metadata.accuracy.limit_percent
     remedy = "add a sensor" if found.spare else "add a sensor, or place them with --spare 1"
     if metadata.min_channels == len(layout):
         if len(layout) == 1:
             return "one failed sensor ends this surface: it has no other; add one"
         return f"one failed sensor ends this surface: all {len(layout)} channels must work; {remedy}"
     worst = max(found.limit_without_percent)
-    if worst < TOO_MUCH * found.limit_percent:
+    if worst < TOO_MUCH * limit_percent:
         return ""
     name = layout[found.limit_without_percent.index(worst)].name
     return (
-        f"if {name} fails, the mean position error grows from {digits(found.limit_percent, 3)} to {digits(worst, 3)} "
+        f"if {name} fails, the mean position error grows from {digits(limit_percent, 3)} to {digits(worst, 3)} "
         f"% of the length; {remedy}"
     )

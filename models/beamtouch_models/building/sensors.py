@@ -1,5 +1,6 @@
 """The sensors of a scene, placed or kept, and how they fare with one of them failed."""
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
@@ -7,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from beamtouch_common.digits import digits
-from beamtouch_models.accuracy.limit import accuracy_limit
+from beamtouch_models.accuracy.limit import MeanError, limits_without
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.touch_thresholds import (
     PLACES,
@@ -20,7 +21,7 @@ from beamtouch_models.accuracy.touch_thresholds import (
 )
 from beamtouch_models.arrays import Floats
 from beamtouch_models.errors import SceneError
-from beamtouch_models.metadata import LayoutErrors
+from beamtouch_models.metadata import Accuracy, LayoutErrors
 from beamtouch_models.numbers import require, whole
 from beamtouch_models.physics.influence import InfluenceFunction
 from beamtouch_models.placement.placing import DEFAULT_AIM, Aim, Criterion, Placement, fewest_sensors, score_positions
@@ -29,8 +30,8 @@ from beamtouch_models.scene import Scene
 from beamtouch_models.surface import Surface
 from beamtouch_models.world import World
 
-DRAWS, FEWEST_DRAWS = 4_096, 256
-"""Simulated contacts, shared between the sensors, and the smallest number for each; bounds the time of a build."""
+FAILED_DRAWS = 1_024
+"""Simulated contacts that the limits with each sensor failed share; only their ratios to the limit are used."""
 
 
 @dataclass(frozen=True)
@@ -157,13 +158,32 @@ def _check_seen(prior: Prior, surface: Surface, seed: int) -> None:
         raise SceneError(message)
 
 
-def layout_errors(prior: Prior, criterion: Criterion, spare: int, seed: int) -> LayoutErrors:
-    """Measure how a layout fares with all sensors, and with each one failed."""
-    draws = max(FEWEST_DRAWS, DRAWS // prior.channels)
-    failed = range(prior.channels if prior.channels > 1 else 0)
+def layout_errors(prior: Prior, accuracy: Accuracy, criterion: Criterion, spare: int, seed: int) -> LayoutErrors:
+    """Return how a layout fares with each sensor failed, beside its limit with all of them."""
+    limit = MeanError(accuracy.limit_percent, accuracy.limit_standard_error)
+    failed = limits_with_one_failed(prior, limit, seed)
     return LayoutErrors(
         criterion=criterion,
         spare=spare,
-        limit_percent=accuracy_limit(prior, draws, seed).percent,
-        limit_without_percent=[accuracy_limit(prior.without(index), draws, seed).percent for index in failed],
+        limit_without_percent=[one.percent for one in failed],
+        limit_without_standard_error=[one.standard_error for one in failed],
     )
+
+
+def limits_with_one_failed(prior: Prior, limit: MeanError, seed: int) -> list[MeanError]:
+    """Return the accuracy limits with each sensor failed, from that with all of them; none for a single sensor.
+
+    Their ratios to it come from contacts that they share.
+    """
+    if prior.channels == 1:
+        return []
+    ratios = [
+        one.ratio for one in limits_without(prior, [(index,) for index in range(prior.channels)], FAILED_DRAWS, seed)
+    ]
+    return [
+        MeanError(
+            one.value * limit.percent,
+            math.hypot(one.standard_error * limit.percent, one.value * limit.standard_error),
+        )
+        for one in ratios
+    ]

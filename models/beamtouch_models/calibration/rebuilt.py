@@ -39,7 +39,7 @@ def rebuilt(metadata: Metadata, prior: Prior, calibration: Calibration, progress
             "floor": fields.floor,
             "influence": fields.influence,
             "accuracy": fields.accuracy,
-            "placed": layout_errors(prior, before.criterion, before.spare, metadata.seed),
+            "placed": layout_errors(prior, fields.accuracy, before.criterion, before.spare, metadata.seed),
             "golden": fields.golden,
             "calibration": calibration,
         }

@@ -12,6 +12,7 @@ from beamtouch_common.commands import whole_number
 from beamtouch_common.digits import digits
 from beamtouch_models.commands.options import add_json, add_layout, add_seed, shown_progress
 from beamtouch_models.commands.printing import Result, note, show
+from beamtouch_models.numbers import three_digits
 
 if TYPE_CHECKING:
     from beamtouch_models.building.sensors import PlacedSensors
@@ -86,7 +87,7 @@ def _rows(found: dict[str, Any], sensors: PlacedSensors) -> list[tuple[str, str]
 def _describe(sensors: PlacedSensors, aim: Aim, seed: int) -> dict[str, Any]:
     """Return everything to print except the time; unknown values are None."""
     from beamtouch_models.accuracy.limit import accuracy_limit
-    from beamtouch_models.building.sensors import layout_errors
+    from beamtouch_models.building.sensors import limits_with_one_failed
     from beamtouch_models.placement.bound import largest_gap
     from beamtouch_models.placement.placing import recommended_count
 
@@ -95,7 +96,7 @@ def _describe(sensors: PlacedSensors, aim: Aim, seed: int) -> dict[str, Any]:
         gap = largest_gap(surface.influence, surface.rules, sensors.positions_mm, aim.leading)
     # Use fresh draws: a layout looks better on the draws that it was chosen by.
     limit = accuracy_limit(sensors.prior, LIMIT_DRAWS, seed + 1)
-    failed = layout_errors(sensors.prior, aim.criterion, aim.spare, seed + 1).limit_without_percent
+    failed = limits_with_one_failed(sensors.prior, limit, seed + 1)
     score = placement.log_eigenvalue_product
     return {
         "positions_mm": list(placement.positions_mm),
@@ -106,7 +107,8 @@ def _describe(sensors: PlacedSensors, aim: Aim, seed: int) -> dict[str, Any]:
         "evaluations": placement.evaluations,
         "criterion": aim.criterion,
         "spare": aim.spare,
-        "limit_without_percent": failed,
+        "limit_without_percent": [one.percent for one in failed],
+        "limit_without_standard_error": [one.standard_error for one in failed],
         "search": aim.search,
         "seed": seed,
         "components": aim.leading or len(placement.positions_mm),
@@ -117,14 +119,17 @@ def _describe(sensors: PlacedSensors, aim: Aim, seed: int) -> dict[str, Any]:
 def _limit_line(percent: float, standard_error: float, sensors: PlacedSensors) -> str:
     error_mm, noise_mm = percent / 100 * sensors.surface.influence.length_mm, sensors.surface.errors.noise_mm
     return (
-        f"mean error {percent:.3f} % +- {digits(standard_error, 1)} of the length, {digits(error_mm, 3)} mm, at "
-        f"{digits(noise_mm, 3)} mm noise per sample"
+        f"mean error {three_digits(percent)} % +- {digits(standard_error, 1)} of the length, "
+        f"{digits(error_mm, 3)} mm, at {digits(noise_mm, 3)} mm noise per sample"
     )
 
 
 def _failed_line(found: dict[str, Any]) -> str:
-    pairs = zip(found["positions_mm"], found["limit_without_percent"], strict=True)
-    without = ", ".join(f"{digits(percent, 3)} % without {position:g}" for position, percent in pairs)
+    names = ("positions_mm", "limit_without_percent", "limit_without_standard_error")
+    without = ", ".join(
+        f"{digits(percent, 3)} % +- {digits(error, 1)} without {position:g}"
+        for position, percent, error in zip(*(found[name] for name in names), strict=True)
+    )
     return f"mean error {without}"
 
 

@@ -6,7 +6,7 @@ from typing import Literal, get_args
 
 import onnx
 
-from beamtouch_models.accuracy.limit import accuracy_limit
+from beamtouch_models.accuracy.limit import limits_without
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.estimators.paper_network import paper_graph, trained_as_in_the_paper
 from beamtouch_models.estimators.posterior.graph import posterior_graph
@@ -35,8 +35,9 @@ def fewest_channels(prior: Prior, seed: int) -> int:
         sets = list(combinations(every, size))
         if len(sets) > MAX_SETS:
             sets = [tuple(range(start, start + size)) for start in range(prior.channels - size + 1)]
-        limits = (accuracy_limit(prior.without(*(set(every) - set(kept))), DRAWS, seed) for kept in sets)
-        if all(limit.percent <= ENOUGH * guess_percent for limit in limits):
+        missing = (sorted(set(every) - set(kept)) for kept in sets)
+        found = limits_without(prior, missing, DRAWS, seed)
+        if all(one.limit.percent <= ENOUGH * guess_percent for one in found):
             return size
     return prior.channels
 

@@ -48,11 +48,6 @@ class Network:
         features: Floats = scaled / np.sqrt((scaled**2).sum(axis=1, keepdims=True) + FAINT)
         return features
 
-    def node(self, deflection_mm: Floats) -> Floats:
-        """Return the node at which to look, (samples,), not rounded and not limited to the table."""
-        node: Floats = (forward(self.layers, self.features(deflection_mm))[-1][:, 0] + 1) * self.table.steps / 2
-        return node
-
 
 def first_stage(network: Network) -> FirstStage:
     """Return the first stage that names the node of the network."""

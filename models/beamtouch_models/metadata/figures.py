@@ -87,7 +87,7 @@ class LayoutErrors(MetadataPart):
     criterion: Literal["position-error", "eigenvalue-product"]
     spare: int = Field(ge=0, le=1)
     """1: placed so that the largest error with one sensor failed is least."""
-    limit_percent: NonNegativeFloat
-    """With all sensors."""
     limit_without_percent: list[NonNegativeFloat]
-    """With each sensor failed, in the order of the layout; empty for a single sensor."""
+    """With each sensor failed, in the order of the layout; empty for a single sensor. That with all is
+    `Accuracy.limit_percent`."""
+    limit_without_standard_error: list[NonNegativeFloat]

@@ -22,7 +22,7 @@ from beamtouch_models.metadata.figures import (
 from beamtouch_models.metadata.surface import Channel, Drawn, FilterChoice, Floor, Influence, Noise, Ranges, Sensor
 from beamtouch_models.rates import max_false_per_day
 
-SCHEMA_VERSION: Literal[3] = 3
+SCHEMA_VERSION: Literal[4] = 4
 METADATA_PREFIX = "beamtouch."
 THIS_FILE = "MODEL.onnx"
 """Stands for the name of the file in a message; the loader knows the name."""
@@ -33,7 +33,7 @@ MAX_ERROR = 1e3
 class Metadata(MetadataPart):
     """The metadata of a model file: each field is one entry, as JSON, named `beamtouch.<field>`."""
 
-    schema_version: Literal[3] = SCHEMA_VERSION
+    schema_version: Literal[4] = SCHEMA_VERSION
     name: str = Field(pattern=NAME)
     """Name of the scene, and of the surface unless a configuration gives another."""
     beam: str = Field(pattern=NAME)
@@ -74,11 +74,11 @@ class Metadata(MetadataPart):
         if self.min_channels > len(names):
             message = f"min_channels: {self.min_channels} of {len(names)} channels"
             raise ValueError(message)
-        golden, limits, placed = self.golden, self.thresholds, self.placed.limit_without_percent
+        golden, limits, placed = self.golden, self.thresholds, self.placed
         found = self.calibration.departures if self.calibration else None
         lists: dict[str, list[list[Any]]] = {
             "thresholds and floor": [limits.touch, limits.rest, limits.misfit, self.floor.gain, self.floor.zero_mm],
-            "placed": [placed] if placed else [],
+            "placed": [one for one in (placed.limit_without_percent, placed.limit_without_standard_error) if one],
             "influence": [*self.influence.mm_per_n],
             "golden": [*golden.deflection_mm, *(row for one in golden.whitening_per_mm for row in one)],
             "calibration.departures": [found.position_offset_mm, found.gain, found.offset_mm] if found else [],

@@ -8,7 +8,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from beamtouch_common.digits import digits
-from beamtouch_models.accuracy.limit import accuracy_limit
+from beamtouch_models.accuracy.limit import accuracy_limit, limits_without
 from beamtouch_models.accuracy.prior import Prior, SampleErrors
 from beamtouch_models.arrays import Floats, Indices
 from beamtouch_models.errors import NotGoodEnoughError, SceneError
@@ -23,14 +23,11 @@ from beamtouch_models.sweeps import one_thread
 
 AT_REST = 1e-12
 """Largest deflection at a support, over that elsewhere: rounding."""
-
-FINALISTS = 6
-"""Layouts that the accuracy limit compares."""
 CLEAR = 1.015
-"""Ratio of two scores that decides without it. The ratio of score to limit scatters by 0.2 to 0.6 % between layouts,
-and by more where few sensors stand close together, or errors are smaller than a cell."""
+"""Ratio of two scores that decides without the accuracy limit. The ratio of score to limit scatters by 0.2 to 0.6 %
+between layouts, and by more where few sensors stand close together, or errors are smaller than a cell."""
 FINAL_DRAWS = 2_000
-"""Contacts of that limit; with a spare, the limits of all failures share them."""
+"""Contacts of the limits that decide otherwise; with a spare, the limits of all failures share them."""
 
 Criterion = Literal["position-error", "eigenvalue-product"]
 
@@ -179,7 +176,7 @@ def place_by_position_error(
         runs = search_from(
             [product, equal], objective, search, seed, lambda part: progress("placing by position error", part)
         )
-        layout = _decided(objective, [*(run.layout for run in runs), product, equal], influence, seed)
+        layout = _least(objective, [*(run.layout for run in runs), product, equal], influence, seed)
     positions = rules.position_mm[layout]
     size = np.abs(influence.matrix(positions)).max(axis=0)
     if size.min() <= AT_REST * size.max():
@@ -203,25 +200,32 @@ def _by_product(influence: InfluenceFunction, rules: Candidates, equal: Indices,
     return first_best(search_from(product.starts(seed), product, "exact", seed)).layout
 
 
-def _decided(objective: PositionError, found: Sequence[Indices], influence: InfluenceFunction, seed: int) -> Indices:
+def _least(objective: PositionError, layouts: Sequence[Indices], influence: InfluenceFunction, seed: int) -> Indices:
     """Return the layout with the least accuracy limit of those that the objective does not clearly tell from the best.
 
-    They are the layouts found (sensors,), and those that differ from the best of them by one step of one sensor.
+    They are what the search found and where it began: the coarse grid of the objective cannot tell errors that are
+    smaller than its cells.
     """
-    best = max(found, key=lambda layout: float(objective.scores(layout[None])[0]))
-    steps = np.eye(len(best), dtype=np.intp)
-    near = np.sort(np.concatenate([np.array(found), best + steps, best - steps]), axis=1)
-    near = np.unique(near[(near >= 0).all(axis=1) & (near < len(objective.rules.position_mm)).all(axis=1)], axis=0)
-    scores = objective.scores(near)
-    ranks = np.argsort(-scores, kind="stable")[:FINALISTS]
-    finalists = near[ranks[scores[ranks] >= CLEAR * scores.max()]]
-    draws = FINAL_DRAWS // (len(best) if objective.spare else 1)
+    distinct = np.unique(layouts, axis=0)
+    scores = objective.scores(distinct)
+    near = distinct[scores >= CLEAR * scores.max()]
+    if len(near) == 1:
+        return np.asarray(near[0])
 
-    def limit(sensors: Indices) -> float:
-        prior = Prior.real(influence, objective.rules.position_mm[sensors], objective.errors)
+    def limit(layout: Indices) -> float:
+        prior = Prior.real(influence, objective.rules.position_mm[layout], objective.errors)
+        draws = FINAL_DRAWS // (len(layout) if objective.spare else 1)
+        return _limit_percent(prior, objective.spare, draws, seed) * objective.worth(layout)
+
+    return np.asarray(min(near, key=limit))
+
+
+def _limit_percent(prior: Prior, spare: int, draws: int, seed: int) -> float:
+    """Return the accuracy limit of a layout; with a spare, the largest with one sensor failed."""
+    if not spare:
         return accuracy_limit(prior, draws, seed).percent
-
-    return np.asarray(max(finalists, key=lambda layout: objective.score(layout, limit)))
+    failed = limits_without(prior, [(index,) for index in range(prior.channels)], draws, seed)
+    return max(one.limit.percent for one in failed)
 
 
 def _placement(rules: Candidates, layout: Indices, score: float, runs: Sequence[SearchRun]) -> Placement:
@@ -300,8 +304,7 @@ def fewest_sensors(
                 raise
             raise _out_of_reach(number - 1, wanted_mm, reached_mm, aim, f"and {refusal}") from None
         prior = Prior.real(influence, np.array(placement.positions_mm), errors)
-        priors = [prior, *(prior.without(index) for index in range(number if aim.spare else 0))]
-        reached_mm = max(accuracy_limit(one, COUNT_DRAWS, seed).percent for one in priors) / 100 * influence.length_mm
+        reached_mm = _limit_percent(prior, aim.spare, COUNT_DRAWS, seed) / 100 * influence.length_mm
         if reached_mm <= wanted_mm:
             return placement
     remedy = "use sensors with less noise or allow more latency_ms"

@@ -10,7 +10,6 @@ The contacts are the same for every layout, and more of them lie where errors ar
 narrower where an equal pitch tells more positions apart. Nothing here bounds how much better another layout could be.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -83,20 +82,23 @@ class PositionError:
         """
         scores = np.full(len(layouts), -np.inf)
         for row in np.flatnonzero(self.rules.allowed(layouts)):
-            scores[row] = self.score(layouts[row], self.error_mm, above)
+            scores[row] = self._score(layouts[row], above)
         return scores
 
-    def score(self, layout: Indices, error: Callable[[Indices], float], above: float = -np.inf) -> float:
-        """Return the score of a layout (sensors,) that the rules allow, by the error of each set of its sensors."""
-        noticed = self.others.noticed(layout)
+    def _score(self, layout: Indices, above: float) -> float:
+        """Return the score of a layout (sensors,) that the rules allow."""
         if not self.spare:
-            return -error(layout) if np.all(noticed >= self.least) else -np.inf
-        score, worth = 0.0, 1 - SPARE_NOTICES * float(noticed.mean())
+            return -self.error_mm(layout) if np.all(self.others.noticed(layout) >= self.least) else -np.inf
+        score, worth = 0.0, self.worth(layout)
         for index in range(len(layout)):
-            score = min(score, -worth * error(np.delete(layout, index)))
+            score = min(score, -worth * self.error_mm(np.delete(layout, index)))
             if score < above:
                 break
         return score
+
+    def worth(self, layout: Indices) -> float:
+        """Return the factor on the error of a layout (sensors,) for what else it notices; 1 without a spare."""
+        return 1 - SPARE_NOTICES * float(self.others.noticed(layout).mean()) if self.spare else 1.0
 
     def error_mm(self, sensors: Indices) -> float:
         """Return the mean error of sensors (sensors,), ascending, whatever else they notice."""
@@ -131,9 +133,6 @@ class PositionError:
         squares of the sample and the logarithm of the variances, as far as they depend on the cell.
         """
         low, high = self.force_n
-        if low == high:
-            known: Floats = low * (along - low / 2 * square) - others / 2
-            return known
         size = np.sqrt(square)
         projection = along / np.where(size > 0, size, 1.0)
         fit = (projection**2 - others) / 2

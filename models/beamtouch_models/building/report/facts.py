@@ -9,14 +9,15 @@ import numpy as np
 from beamtouch_common.digits import digits
 from beamtouch_models.accuracy.contacts import simulated
 from beamtouch_models.accuracy.evaluation import estimates
-from beamtouch_models.accuracy.limit import MeanError, accuracy_limit
-from beamtouch_models.accuracy.prior import Prior, SampleErrors
+from beamtouch_models.accuracy.limit import MeanError, compare_limits
+from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.statistics import Measurement, mean_of
 from beamtouch_models.arrays import Floats
 from beamtouch_models.building.build import Built
 from beamtouch_models.errors import SceneError
 from beamtouch_models.loading import ModelFile, load_bytes
 from beamtouch_models.metadata import Metadata
+from beamtouch_models.numbers import three_digits
 from beamtouch_models.placement.components import Components, principal_components
 from beamtouch_models.placement.layout import equal_pitch_mm
 from beamtouch_models.placement.placing import Aim, Placement, place, place_by_position_error, score_positions
@@ -30,13 +31,15 @@ Rows = list[tuple[str, ...]]
 
 @dataclass(frozen=True)
 class ErrorPrice:
-    """The accuracy limit of a layout with and without one kind of error, in percent of the length."""
+    """What one kind of error adds to the accuracy limit of a layout."""
 
     name: str
     size: str
     """Its standard deviation, with its unit."""
-    with_percent: float
-    without_percent: float
+    without: MeanError
+    """The limit without it."""
+    more_percent: Measurement
+    """Excess of the limit with all errors over that without this one, which share their contacts."""
 
 
 def error_prices(surface: Surface, positions_mm: Floats, draws: int, seed: int) -> tuple[ErrorPrice, ...]:
@@ -45,11 +48,6 @@ def error_prices(surface: Surface, positions_mm: Floats, draws: int, seed: int) 
     The part of the zeros' errors that comes with the temperature is priced by itself as well.
     """
     errors, warmth_mm = surface.errors, surface.modelled_readings.warmth_mm
-
-    def limit_percent(some: SampleErrors) -> float:
-        return accuracy_limit(Prior.real(surface.influence, positions_mm, some), draws, seed).percent
-
-    whole = limit_percent(errors)
     at_one_temperature = replace(errors, zero_mm=math.sqrt(max(0.0, errors.zero_mm**2 - warmth_mm**2)))
     kinds = [
         ("gain error", f"{digits(100 * errors.gain, 3)} %", replace(errors, gain=0.0)),
@@ -58,35 +56,46 @@ def error_prices(surface: Surface, positions_mm: Floats, draws: int, seed: int) 
     ]
     if warmth_mm:
         kinds.insert(2, ("of this, with the temperature", f"{digits(1000 * warmth_mm, 3)} µm", at_one_temperature))
+    priors = [Prior.real(surface.influence, positions_mm, some) for _, _, some in kinds]
+    found = compare_limits(Prior.real(surface.influence, positions_mm, errors), priors, draws, seed)
     return tuple(
-        ErrorPrice(name, size, whole, whole if without == errors else limit_percent(without))
-        for name, size, without in kinds
+        ErrorPrice(name, size, one.limit, _excess_percent(one.ratio))
+        for (name, size, _), one in zip(kinds, found, strict=True)
     )
+
+
+def _excess_percent(ratio: Measurement) -> Measurement:
+    """Return by how much a figure exceeds another one, in percent, from the ratio of the other one to it."""
+    return Measurement(100 * (1 / ratio.value - 1), 100 * ratio.standard_error / ratio.value**2)
 
 
 def price_rows(prices: tuple[ErrorPrice, ...]) -> Rows:
     """Return a row per kind of error."""
     return [
-        (
-            price.name,
-            price.size,
-            f"{price.with_percent:.3f}",
-            f"{price.without_percent:.3f}",
-            f"{100 * (price.with_percent / price.without_percent - 1):.1f}",
-        )
+        (price.name, price.size, _with_error(price.without.percent, price.without.standard_error), _more(price))
         for price in prices
     ]
 
 
+def _more(price: ErrorPrice) -> str:
+    more = price.more_percent
+    return f"{more.value:.1f} ± {digits(more.standard_error, 1)}" if more.standard_error else "0"
+
+
+def _with_error(percent: float, standard_error: float) -> str:
+    return f"{three_digits(percent)} ± {digits(standard_error, 1)}"
+
+
 def failed_rows(metadata: Metadata) -> Rows:
     """Return a row for all sensors and for each one failed."""
-    found, mm = metadata.placed, metadata.length_mm / 100
-    errors = np.array([found.limit_percent, *found.limit_without_percent])
-    names = ["none", *(channel.name for channel in metadata.layout)]
-    # A single sensor has no row without it.
+    accuracy, placed, mm = metadata.accuracy, metadata.placed, metadata.length_mm / 100
+    rows = [("none", accuracy.limit_percent, accuracy.limit_standard_error)]
+    names = [channel.name for channel in metadata.layout]
+    if placed.limit_without_percent:  # a single sensor has no row without it
+        rows += zip(names, placed.limit_without_percent, placed.limit_without_standard_error, strict=True)
     return [
-        (name, f"{percent:.3f}", digits(percent * mm, 3), f"{percent / errors[0]:.2f}")
-        for name, percent in zip(names, errors, strict=False)
+        (name, _with_error(percent, error), digits(percent * mm, 3), f"{percent / accuracy.limit_percent:.2f}")
+        for name, percent, error in rows
     ]
 
 
@@ -218,9 +227,11 @@ def _layouts(built: Built) -> tuple[OtherLayout, ...]:
     )
     if not any(np.allclose(taken, positions) for positions in named.values()):
         named["the model's"] = taken
-    found = []
-    for name, positions in named.items():
-        reached = accuracy_limit(built.surface.prior(positions), LAYOUT_DRAWS, seed + SEED_SHIFT + 1)
-        score = score_positions(influence, positions)
-        found.append(OtherLayout(name, positions, score, reached, bool(np.allclose(taken, positions))))
-    return tuple(found)
+    priors = [built.surface.prior(positions) for positions in named.values()]
+    limits = compare_limits(built.surface.prior(taken), priors, LAYOUT_DRAWS, seed + SEED_SHIFT + 1)
+    return tuple(
+        OtherLayout(
+            name, positions, score_positions(influence, positions), one.limit, bool(np.allclose(taken, positions))
+        )
+        for (name, positions), one in zip(named.items(), limits, strict=True)
+    )

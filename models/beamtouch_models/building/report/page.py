@@ -11,6 +11,7 @@ from beamtouch_models.building.report.facts import PROFILE_BINS, Facts, failed_r
 from beamtouch_models.charts import STYLE, Chart, Series, draw
 from beamtouch_models.description import answers, nothing_seen, per_day, unseen
 from beamtouch_models.detection import detection_of
+from beamtouch_models.numbers import three_digits
 from beamtouch_models.pricing.effect import NEGLIGIBLE
 from beamtouch_models.pricing.ringing import told
 from beamtouch_models.surface import Surface
@@ -129,7 +130,7 @@ def _layout(facts: Facts) -> Rows:
 def _accuracy(facts: Facts) -> Rows:
     accuracy, mm = facts.model.metadata.accuracy, facts.model.metadata.length_mm / 100
     return [
-        (name, f"{mean:.3f} ± {digits(error, 1)}", f"{digits(mean * mm, 3)} ± {digits(error * mm, 1)}")
+        (name, f"{three_digits(mean)} ± {digits(error, 1)}", f"{digits(mean * mm, 3)} ± {digits(error * mm, 1)}")
         for name, mean, error in (
             ("model", accuracy.error_percent, accuracy.error_standard_error),
             ("accuracy limit", accuracy.limit_percent, accuracy.limit_standard_error),
@@ -144,7 +145,7 @@ def _layouts(facts: Facts) -> Rows:
             layout.name,
             ", ".join(digits(x, 4) for x in layout.positions_mm),
             f"{layout.log_eigenvalue_product:.4f}".replace("-inf", "-∞"),
-            f"{layout.limit.percent:.3f} ± {digits(layout.limit.standard_error, 1)}",
+            f"{three_digits(layout.limit.percent)} ± {digits(layout.limit.standard_error, 1)}",
             f"{layout.limit.percent / least:.2f}",
         )
         for layout in facts.layouts

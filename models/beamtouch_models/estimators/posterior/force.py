@@ -34,17 +34,6 @@ def mass_of(graph: Graph, force_n: tuple[float, float], root: str, force: str) -
     return _weighted(graph, error, 0.5 * rows / rows[:, 2:3])
 
 
-def known_and_tails(graph: Graph, known_n: float, root: str, force: str) -> tuple[str, str]:
-    """Return -a (F - f)^2 of a known force, and the mass of its tails over its share, each (batch, 1, N)."""
-    forces = forces_of((known_n, known_n))
-    ends, offset = _offset(graph, forces, root, force)
-    stated = _densities(forces, ends)[None] / forces[1].share
-    tails = _weighted(graph, graph.apply("Erf", offset), stated * np.sqrt(np.pi) / 2)
-    square = graph.apply("Mul", offset, offset)
-    known = graph.apply("MatMul", graph.constant(-(ends == known_n)[None].astype(np.float64)), square)
-    return known, graph.apply("Div", tails, root)
-
-
 def _offset(graph: Graph, forces: Forces, root: str, force: str) -> tuple[Floats, str]:
     """Return the ends of all pieces, and their distances from the best force of each cell, in root-2 deviations."""
     ends = np.unique([end for piece in forces for end in (piece.low_n, piece.high_n)])
@@ -114,7 +103,13 @@ class KnownForce:
 
 def known_force(graph: Graph, known_n: float, found: Scored, root: str) -> KnownForce:
     """Return the likelihoods of each cell; they are yet to be multiplied by exp(-R)."""
-    distance, tails = known_and_tails(graph, known_n, root, found.force)
+    forces = forces_of((known_n, known_n))
+    ends, offset = _offset(graph, forces, root, found.force)
+    stated = _densities(forces, ends)[None] / forces[1].share
+    tails = _weighted(graph, graph.apply("Erf", offset), stated * np.sqrt(np.pi) / 2)
+    square = graph.apply("Mul", offset, offset)
+    distance = graph.apply("MatMul", graph.constant(-(ends == known_n)[None].astype(np.float64)), square)
+    tails = graph.apply("Div", tails, root)
     return KnownForce(graph.apply("Exp", graph.apply("Max", distance, graph.constant(FARTHEST))), tails)
 
 
