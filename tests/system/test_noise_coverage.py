@@ -22,10 +22,10 @@ from beamtouch_models.metadata import Sensor
 from beamtouch_models.physics.beam import influence_matrix
 from beamtouch_models.placement.placing import place
 from beamtouch_models.pricing.noise import step_mm
-from beamtouch_models.rig.surface import counts_of_gap
 from beamtouch_models.scene import Scene, parse_scene
 from beamtouch_models.session import Run, runner
 from beamtouch_models.surface import Surface
+from beamtouch_models.world import counts_of_output, output_of_gap
 from example_scenes import SCENES
 from posterior_cases import graph_of
 from stated_problems import problem_in, real_prior
@@ -62,7 +62,7 @@ class Line:
         for index in range(1, readings):
             noise[index] = self.alike * noise[index - 1] + np.sqrt(1 - self.alike**2) * fresh[index]
         gap = self.sensor.standoff_mm + offset_mm - deflection_mm + self.noise_mm * noise
-        return counts_of_gap(self.sensor, gap).astype(np.float64)
+        return counts_of_output(self.sensor, output_of_gap(self.sensor, gap)).astype(np.float64)
 
 
 def surface_of(scene: Scene, sensor: Sensor, keys: Keys | None = None) -> Settings:
