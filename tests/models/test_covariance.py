@@ -80,7 +80,7 @@ def held(
 
 BEFORE = 60
 """Readings at rest before a load, more than any filter here looks back."""
-LOADS = 150
+LOADS = 80
 
 
 def loads(random: np.random.Generator, lasting_s: float | None) -> tuple[FloatArray, FloatArray]:
@@ -110,7 +110,7 @@ def test_while_the_beam_rings_the_error_is_covered(lasting_s: float, first_ms: i
     assert held(Chain(FILTER, 4, NOISE_MM, PERIOD), deflection, truth, samples, random).min() >= 0.93
 
 
-@pytest.mark.parametrize("speed_mm_per_s", [10, 100, 300, 1000])
+@pytest.mark.parametrize("speed_mm_per_s", [10, 300, 1000])
 def test_while_a_load_moves_the_error_is_covered(speed_mm_per_s: float) -> None:
     random = np.random.default_rng(5)
     place, largest = random.uniform(0.05, 0.95, LOADS), random.uniform(0.23, 2.26, LOADS)
@@ -134,7 +134,7 @@ GHOST = 17.0
 """Log odds from which the bench is touched."""
 
 
-@pytest.mark.parametrize("amplitude", [8, 12, 16])
+@pytest.mark.parametrize("amplitude", [8, 16])
 def test_ringing_that_looks_like_spikes_is_motion(amplitude: float) -> None:
     """Medians of three readings of a mode at 0.36 of the rate of the readings swing slowly about another place."""
     random = np.random.default_rng(11)
@@ -146,7 +146,7 @@ def test_ringing_that_looks_like_spikes_is_motion(amplitude: float) -> None:
     assert (ghosts > GHOST).mean() <= 1e-3
 
 
-@pytest.mark.parametrize("lost", [-30.0, 0.0, 30.0])
+@pytest.mark.parametrize("lost", [-30.0, 30.0])
 def test_a_mean_of_the_half_waves_within_the_range_is_doubtful(lost: float) -> None:
     """The beam rings about rest, and swings beyond the range of the sensors on one side."""
     random = np.random.default_rng(12)
@@ -160,18 +160,9 @@ def test_a_mean_of_the_half_waves_within_the_range_is_doubtful(lost: float) -> N
     assert (ghosts > GHOST).mean() <= 1e-3
 
 
-def test_most_readings_of_a_swing_may_be_missing_and_the_rest_agree_by_chance() -> None:
-    values = NOISE_MM * np.random.default_rng(13).standard_normal((60, 3))
-    values[::2] = math.nan
-    values[41::4] = math.nan  # of eight readings, two are left
-    filtered = Chain((), 3, NOISE_MM, 32.0).apply(values)
-    assert filtered.moves[55]
-    assert not filtered.moves[39]  # of eight, four
-
-
 @pytest.mark.parametrize("what", ["spike", "missing", "spike on all channels", "missing on all channels"])
 def test_a_lone_spike_or_a_lone_lost_reading_at_rest_is_harmless(what: str) -> None:
-    values = NOISE_MM * np.random.default_rng(14).standard_normal((20_000, 4))
+    values = NOISE_MM * np.random.default_rng(14).standard_normal((10_000, 4))
     rows = np.arange(100, len(values), 50)
     values[rows, slice(None) if "all" in what else 2] = math.nan if "missing" in what else 1.0
     filtered = Chain(FILTER, 4, NOISE_MM, PERIOD).apply(values)
@@ -179,18 +170,6 @@ def test_a_lone_spike_or_a_lone_lost_reading_at_rest_is_harmless(what: str) -> N
     at_rest[rows] = False  # while it is the newest, a spike may be a touch
     assert filtered.moves[at_rest].mean() <= 0.012
     assert filtered.relative_variance[rows[0] + 1, 2] <= 0.5
-
-
-def test_a_load_that_moves_steadily_is_found_before_its_lag_is_large() -> None:
-    random = np.random.default_rng(15)
-    found = np.zeros(2)
-    for index, lags in enumerate((1.0, 3.0)):  # in standard deviations of the mean of four readings
-        slope = lags * NOISE_MM / math.sqrt(WINDOW) / ((WINDOW - 1) / 2) * PATTERN / np.linalg.norm(PATTERN)
-        for _ in range(30):
-            values = slope * np.arange(400)[:, np.newaxis] + NOISE_MM * random.standard_normal((400, 4))
-            found[index] += Chain(FILTER, 4, NOISE_MM, PERIOD).apply(values).moves[100:].mean() / 30
-    assert found[0] >= 0.5
-    assert found[1] >= 0.999
 
 
 CHAINS = {
@@ -204,7 +183,7 @@ CHAINS = {
 @pytest.mark.parametrize("kind", CHAINS)
 @pytest.mark.parametrize("channels", [2, 8])
 def test_a_beam_at_rest_has_the_noise_of_its_filter_and_nothing_else(kind: str, channels: int) -> None:
-    white = np.random.default_rng(6).standard_normal((100_000 // channels, channels))
+    white = np.random.default_rng(6).standard_normal((60_000 // channels, channels))
     filtered = Chain(CHAINS[kind], channels, 1.0, 20.0).apply(white)
     settled = slice(400, None)
     measured = np.cov(filtered.mean_mm[settled].T)
@@ -220,29 +199,6 @@ def test_a_beam_at_rest_has_the_noise_of_its_filter_and_nothing_else(kind: str, 
     assert (sign == 1).all()
     expected = np.log(filtered.relative_variance[settled][~filtered.moves[settled]]).sum(axis=1)
     np.testing.assert_allclose(logarithm, expected, rtol=1e-9)
-
-
-def test_a_touch_is_doubtful_only_until_as_many_readings_agree_as_prove_rest() -> None:
-    random = np.random.default_rng(8)
-    deflection, _ = loads(random, None)
-    chain, doubtful = Chain(FILTER, 4, NOISE_MM, PERIOD), np.zeros(12)
-    for readings in deflection[:50]:
-        chain.restart()
-        filtered = chain.apply(readings + NOISE_MM * random.standard_normal(readings.shape))
-        doubtful += filtered.moves[BEFORE : BEFORE + 12]
-    assert (doubtful[:4] >= 48).all()
-    assert (doubtful[4:] <= 3).all()  # a quarter of the period has five readings
-
-
-def test_a_replaced_spike_makes_the_mean_less_certain_as_measured() -> None:
-    random = np.random.default_rng(9)
-    values = random.standard_normal((8, 4000))
-    values[4] += 50
-    filtered = Chain((spike_stage(20.0), moving_average_stage(4)), 4000).apply(values)
-    np.testing.assert_allclose(
-        filtered.relative_variance[[3, 4, 7]], [[1 / 4] * 4000, [6 / 16] * 4000, [6 / 16] * 4000]
-    )
-    assert 0.25 * 1.1 < np.mean(filtered.mean_mm[6] ** 2) <= 6 / 16  # it repeats the larger of its neighbours
 
 
 def test_a_spike_is_doubtful_until_the_next_reading_shows_that_it_was_one() -> None:
@@ -266,9 +222,9 @@ def test_a_channel_without_a_reading_has_a_zero_row_and_the_others_keep_their_do
     assert correlation > 0.99
 
 
-@pytest.mark.parametrize("noise_mm", [0.0, 1e-6, 1e-3, 10.0])
+@pytest.mark.parametrize("noise_mm", [0.0, 1e-3, 10.0])
 @pytest.mark.parametrize("kind", CHAINS)
-@settings(max_examples=25)
+@settings(max_examples=15)
 @given(data=st.data())
 def test_a_covariance_is_finite_and_positive_at_any_scale(kind: str, noise_mm: float, data: st.DataObject) -> None:
     unit = st.sampled_from([0.0, 1e-6, 1e-3, 1.0, 1e3])
@@ -289,7 +245,7 @@ def test_without_a_known_noise_there_is_no_covariance() -> None:
         _ = filtered.covariance_mm2
 
 
-@pytest.mark.parametrize("beyond", [0.01, 0.002, 0.0002])
-@pytest.mark.parametrize("freedom", [2, 3, 8, 40, 400])
+@pytest.mark.parametrize("beyond", [0.01, 0.0002])
+@pytest.mark.parametrize("freedom", [2, 8, 400])
 def test_the_quantile_is_that_of_chi_square(freedom: int, beyond: float) -> None:
     assert chi_square_quantile(freedom, beyond) == pytest.approx(chi2.isf(beyond, freedom), rel=0.04)

@@ -14,7 +14,7 @@ from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.surface import prior_of_model
 from in_process import Command
 
-DRAWS = 4096
+DRAWS = 2048
 
 
 @pytest.mark.parametrize("share", [0.7, 0.85, 1.0])

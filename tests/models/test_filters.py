@@ -41,11 +41,6 @@ def test_a_single_spike_never_passes_and_a_step_passes_one_reading_later() -> No
     assert cleaned[:, 0].tolist() == [0, 0, 0, 0, 0, 0, 5, 5]
 
 
-def test_noise_below_the_limit_passes_the_spike_filter_untouched() -> None:
-    cleaned = filtered(spike_stage(12.0), WHITE)
-    np.testing.assert_array_equal(cleaned, WHITE)
-
-
 def test_with_no_limit_the_spike_filter_is_a_median_of_three() -> None:
     cleaned = filtered(spike_stage(1e-12), WHITE)
     # The median of three has the variance 1 - sqrt(3) / pi; David & Nagaraja, Order Statistics, 2003, ch. 3.

@@ -9,9 +9,6 @@ from scipy.stats import chi2
 from beamtouch_models.filters import Chain, Filtered, FloatArray, growing_mean_stage
 from beamtouch_models.filters.look import pairs_of
 from beamtouch_models.filters.significance import FALSE
-from beamtouch_models.physics.beam import influence
-from beamtouch_models.scene import load_scene
-from example_scenes import SCENES
 
 LONGEST = 200
 CHANNELS = 4
@@ -38,6 +35,12 @@ def grown(
     )
 
 
+def without(dead: int | None, values: FloatArray) -> FloatArray:
+    """Return readings without those of a channel that has died."""
+    values[:, [] if dead is None else [dead]] = np.nan
+    return values
+
+
 def stepped(size: float, readings: int, at: int) -> FloatArray:
     """Return a step of a size, in units of the noise over all channels."""
     there = (np.arange(readings) >= at).astype(np.float64)
@@ -46,7 +49,7 @@ def stepped(size: float, readings: int, at: int) -> FloatArray:
 
 
 def test_after_a_touch_all_readings_since_it_count_and_none_before() -> None:
-    courses = [grown(stepped(100, 420, 200) + one) for one in noise(420, 1, 60)]
+    courses = [grown(stepped(100, 420, 200) + one) for one in noise(420, 1, 30)]
     readings = np.array([one.readings for one in courses])
     assert np.median(readings[:, 199]) == 200
     # The first reading waits for the second, as it may be a spike.
@@ -55,11 +58,11 @@ def test_after_a_touch_all_readings_since_it_count_and_none_before() -> None:
         assert (readings[:, 200 + later] <= later + 1).all()
 
 
-@pytest.mark.parametrize("size", [10.0, 100.0, 1e6])
+@pytest.mark.parametrize("size", [10.0, 1e6])
 def test_the_error_since_a_touch_is_that_of_the_mean_of_so_many_readings(size: float) -> None:
     truth = stepped(size, 401, 200)
     held = []
-    for one in noise(401, 2, 100):
+    for one in noise(401, 2, 60):
         filtered = grown(truth + one)
         error = ((filtered.mean_mm - truth) ** 2).sum(axis=1) * filtered.readings
         held.append(error < chi2.ppf(0.95, CHANNELS))
@@ -69,22 +72,17 @@ def test_the_error_since_a_touch_is_that_of_the_mean_of_so_many_readings(size: f
     assert share[201:203].mean() > 0.85
 
 
-def test_a_weak_touch_counts_from_its_beginning_once_it_can_be_told_from_a_drift() -> None:
-    readings = np.array([grown(stepped(4, 400, 200) + one).readings for one in noise(400, 3, 40)])
-    assert np.median(readings[:, 260]) == pytest.approx(61, abs=3)
-
-
 def test_at_rest_the_mean_is_cut_in_few_samples() -> None:
-    readings = np.concatenate([grown(one).readings[LONGEST:] for one in noise(1200, 4, 30)])
+    readings = np.concatenate([grown(one).readings[LONGEST:] for one in noise(1200, 4, 15)])
     windows = len(pairs_of(LONGEST).windows)
     assert (readings < LONGEST).mean() < windows * FALSE / 2
     assert np.median(readings) == LONGEST
 
 
-@pytest.mark.parametrize("speed", [0.03, 0.1, 0.3, 1.0, 3.0])
+@pytest.mark.parametrize("speed", [0.03, 0.3, 3.0])
 def test_while_a_load_moves_the_mean_lags_less_than_its_noise_and_it_grows_again_once_it_lies(speed: float) -> None:
     way = np.clip(np.arange(900) - 300, 0, 300)[:, np.newaxis] * speed * ACROSS / np.linalg.norm(ACROSS)
-    filtered = [grown(way + one) for one in noise(900, 5, 20)]
+    filtered = [grown(way + one) for one in noise(900, 5, 12)]
     normalised = np.array([((one.mean_mm - way) ** 2).sum(axis=1) * one.readings for one in filtered])
     held = normalised < chi2.ppf(0.95, CHANNELS)
     moving, lying = slice(450, 600), slice(605, 800)
@@ -102,32 +100,6 @@ def test_a_lone_spike_is_left_out_of_its_channel_and_delays_the_others_by_one_re
     assert filtered.mean_mm[61, 1] == pytest.approx(good, abs=1e-4)
     np.testing.assert_array_equal(filtered.mean_mm[60], filtered.mean_mm[59])
     assert filtered.moves[60]
-
-
-def test_readings_that_swing_from_one_to_the_next_are_no_spikes() -> None:
-    values = np.where(np.arange(60) % 2 == 0, 50.0, -50.0)[:, np.newaxis] * np.ones(CHANNELS) + noise(60, 7)
-    filtered = grown(values, period=PERIOD)
-    assert not np.isnan(filtered.mean_mm).any()
-    np.testing.assert_allclose(filtered.readings[5:], 1.0)
-    assert filtered.moves[10:].all()
-
-
-def test_missing_readings_count_only_in_their_channel() -> None:
-    values = noise(80, 8)
-    values[20:30, 2] = np.nan
-    values[79, 0] = np.nan
-    filtered = grown(values)
-    assert np.isnan(filtered.mean_mm[20:30, 2]).all()
-    assert (1 / filtered.relative_variance[78]).round().tolist() == [79, 79, 69, 79]
-    assert filtered.mean_mm[78, 2] == pytest.approx(np.nanmean(values[:79, 2]), abs=1e-4)
-    assert np.isnan(filtered.mean_mm[79]).tolist() == [True, False, False, False]
-
-
-def test_a_touch_is_found_while_a_channel_is_missing() -> None:
-    values = stepped(50, 400, 200) + noise(400, 9)
-    values[:, 2] = np.nan
-    filtered = grown(values)
-    assert [round(filtered.readings[at]) for at in (199, 205, 250)] == [200, 6, 51]
 
 
 @pytest.mark.parametrize("longest", [1, 2, 3, 10_000])
@@ -148,14 +120,30 @@ def test_sums_stay_exact_however_large_and_however_many_the_readings_were() -> N
     np.testing.assert_array_equal(chain.apply(after).mean_mm[-20:], new.apply(after).mean_mm[-20:])
 
 
-def test_a_touch_of_a_beam_that_lay_still_is_as_sure_as_a_reading_until_a_quarter_of_the_period_agrees() -> None:
-    filtered = grown(stepped(100, 300, 200) + noise(300, 11), period=PERIOD)
+@pytest.mark.parametrize("dead", [None, 2])
+def test_a_touch_of_a_calm_beam_is_as_sure_as_a_reading_until_a_quarter_of_the_period_agrees(dead: int | None) -> None:
+    filtered = grown(without(dead, stepped(100, 300, 200) + noise(300, 11)), period=PERIOD)
     covariance = filtered.covariance_mm2
+    there = np.diag([float(channel != dead) for channel in range(CHANNELS)])
     assert filtered.moves[200:204].all()
     assert not filtered.moves[204:230].any()
     for readings in (2, 3, 4):
-        np.testing.assert_allclose(covariance[199 + readings], np.eye(CHANNELS) * (1 + 1 / readings), atol=1e-9)
-    np.testing.assert_allclose(covariance[204], np.eye(CHANNELS) / 5)
+        np.testing.assert_allclose(covariance[199 + readings], there * (1 + 1 / readings), atol=1e-9)
+    np.testing.assert_allclose(covariance[204], there / 5)
+
+
+@pytest.mark.parametrize("dead", [None, 2])
+@pytest.mark.parametrize("period", [6.3, 9.1, 20.0])
+def test_turning_points_of_a_swing_of_few_readings_are_no_touch(period: float, dead: int | None) -> None:
+    time = np.arange(400)
+    for seed, swing, beyond in ((0, 4.0, np.inf), (1, 8.0, np.inf), (2, 16.0, np.inf), (3, 16.0, 8.0), (4, 50.0, 30.0)):
+        phase = np.random.default_rng(seed).uniform(0, 2 * np.pi)
+        swings = swing * np.sin(2 * np.pi * time / period + phase)[:, np.newaxis] * ALONG / ALONG.max()
+        values = swings + noise(400, seed)
+        values[values < -beyond] = np.nan  # what swings beyond its range comes and goes
+        found = grown(without(dead, values), 100, period, spike=None, fewest=5)
+        # Only since a touch is a mean of fewer.
+        assert (found.readings[50:] >= 5).all()
 
 
 def test_the_first_swings_of_a_beam_are_no_touch_of_a_beam_that_lies_still() -> None:
@@ -169,18 +157,6 @@ def test_the_first_swings_of_a_beam_are_no_touch_of_a_beam_that_lies_still() -> 
         assert filtered.moves[202:240].all()
         # From the third reading on; the very first ones do not show the load yet.
         assert (stated[203:240] < chi2.ppf(0.999, CHANNELS)).mean() > 0.8
-
-
-@pytest.mark.parametrize("period", [6.3, 7.4, 9.1, 12.7, 20.0])
-@pytest.mark.parametrize("swing", [4.0, 8.0, 16.0])
-def test_turning_points_of_a_swing_of_few_readings_are_no_touch(period: float, swing: float) -> None:
-    time = np.arange(400)
-    for seed in range(5):
-        phase = np.random.default_rng(seed).uniform(0, 2 * np.pi)
-        swings = swing * np.sin(2 * np.pi * time / period + phase)[:, np.newaxis] * ALONG / ALONG.max()
-        found = grown(swings + noise(400, seed), 100, period, spike=None, fewest=5)
-        # Only since a touch is a mean of fewer.
-        assert (found.readings[50:] >= 5).all()
 
 
 def test_a_doubtful_reading_after_a_touch_leaves_it_open_whether_the_beam_rings() -> None:
@@ -201,19 +177,19 @@ def test_a_touch_in_a_gap_is_no_motion_once_enough_has_been_seen() -> None:
     assert not filtered.moves[228:].any()
 
 
+def test_a_gap_forgets_nothing_that_is_still_true() -> None:
+    values, came = stepped(0, 260, 0) + noise(260, 28), np.ones(260, np.bool_)
+    came[150:170] = False
+    chain = Chain((growing_mean_stage(LONGEST, np.ones(CHANNELS), SPIKE),), CHANNELS, 1.0)
+    lost = np.diff(np.flatnonzero(came), prepend=-1) - 1
+    filtered = chain.apply(values[came], lost.tolist())
+    # The first reading after the gap is in a mean with all those before it.
+    assert filtered.readings[149:151] == pytest.approx([150, 151])
+
+
 @pytest.mark.parametrize("longest", [1, 4, 40])
 def test_a_mean_that_is_shorter_than_what_proves_rest_comes_to_rest(longest: int) -> None:
     assert grown(noise(2000, 26), longest, period=200.0).moves[500:].mean() < 0.01
-
-
-def test_noise_that_is_correlated_passes_for_motion_and_white_noise_does_not() -> None:
-    white = noise(2000, 26)
-    coloured = np.empty_like(white)
-    coloured[0] = white[0]
-    for index in range(1, len(white)):
-        coloured[index] = 0.7 * coloured[index - 1] + math.sqrt(1 - 0.7**2) * white[index]
-    assert grown(coloured, period=PERIOD, fewest=4).moves[LONGEST:].mean() > 0.3
-    assert grown(white, period=PERIOD, fewest=4).moves[LONGEST:].mean() < 0.01
 
 
 @pytest.mark.parametrize(("speed", "readings", "least"), [(0.02, 60, 0.93), (0.05, 30, 0.75)])
@@ -231,45 +207,10 @@ def test_a_load_that_begins_to_move_is_within_the_covariance_before_any_test_fin
     assert np.mean(held) > least
 
 
-@pytest.mark.parametrize("fewest", [4, 10, 20])
+@pytest.mark.parametrize("fewest", [4, 20])
 def test_at_rest_a_mean_seldom_lags_and_hardly_ever_by_the_noise_of_its_fewest_readings(fewest: int) -> None:
-    filtered = [grown(one, period=5.0 * fewest, fewest=fewest) for one in noise(1000, 22, 20)]
+    filtered = [grown(one, period=5.0 * fewest, fewest=fewest) for one in noise(1000, 22, 10)]
     assert np.mean([one.lags[LONGEST:] for one in filtered]) < 0.3
     traces = np.concatenate([np.trace(one.covariance_mm2[LONGEST:], axis1=1, axis2=2) for one in filtered])
     moves = np.concatenate([one.moves[LONGEST:] for one in filtered])
     assert (traces[~moves] > 1.5 * CHANNELS / fewest).mean() < 0.002
-
-
-def test_a_load_that_runs_along_two_spans_stays_near_the_covariance_of_its_mean() -> None:
-    beam = load_scene(SCENES / "two-spans.toml")[0].beam
-    # A way that is nowhere straight for long, at up to 5 deviations per reading.
-    load_mm = np.arange(60.0, 940.0, 5.0)
-    truth = 30_000 * influence(beam, np.array([146.0, 269.0, 391.0, 660.0]), load_mm, 0.0)
-    far = []
-    for one in noise(len(load_mm), 23, 100):
-        filtered = grown(truth + one, period=7.4, fewest=5)
-        error, floor = (filtered.mean_mm - truth)[10:], 0.3**2 * np.eye(CHANNELS)
-        stated = np.einsum("ni,nij,nj->n", error, np.linalg.inv(filtered.covariance_mm2[10:] + floor), error)
-        far.append(stated > 4 * chi2.ppf(0.95, CHANNELS))
-    assert np.mean(far) < 0.001
-
-
-@pytest.mark.parametrize("noise_mm", [1.0, 1e-3])
-def test_a_lone_spike_or_a_missing_channel_changes_no_lag_of_a_drift(noise_mm: float) -> None:
-    way = 0.05 * np.arange(400)[:, np.newaxis] * ACROSS / np.linalg.norm(ACROSS)
-    readings = noise_mm * (way + noise(400, 24))
-    spike, missing = readings.copy(), readings.copy()
-    spike[250, 1] += 1000 * noise_mm
-    missing[:, 2] = np.nan
-
-    def deviation(values: FloatArray) -> FloatArray:
-        stage = growing_mean_stage(LONGEST, np.full(CHANNELS, noise_mm), SPIKE * noise_mm)
-        covariance = Chain((stage,), CHANNELS, noise_mm).apply(values).covariance_mm2
-        found: FloatArray = np.sqrt(np.trace(covariance, axis1=1, axis2=2))[256:300] / noise_mm
-        return found
-
-    plain = deviation(readings)
-    assert deviation(spike).max() < 2 * plain.max()
-    assert deviation(missing).mean() > 0.5 * plain.mean()
-    # The mean of a slow drift is a quarter of the readings since it began to show.
-    assert plain.min() > 1.2 * (CHANNELS / (LONGEST / 4)) ** 0.5

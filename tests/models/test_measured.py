@@ -20,8 +20,7 @@ from posterior_cases import answers_of, exceeding, graph_of, prior_of
 from stated_problems import fewest_mm, real_prior
 
 
-@pytest.mark.parametrize("sensors", [2, 5])
-@pytest.mark.parametrize("rate", [1e-2, 1e-3])
+@pytest.mark.parametrize(("sensors", "rate"), [(2, 1e-2), (5, 1e-3)])
 def test_samples_at_rest_exceed_the_threshold_at_the_stated_rate(sensors: int, rate: float) -> None:
     prior = prior_of("bench", sensors, 1.0, known=False)
     threshold = touch_thresholds(prior, rate, 3)[-1]
@@ -38,7 +37,7 @@ def test_the_threshold_of_a_single_channel_is_the_normal_tail() -> None:
     assert threshold == pytest.approx(4.7534**2 / 2, abs=0.15)
 
 
-@pytest.mark.parametrize("name", ["bench", "short-deep", "two-spans"])
+@pytest.mark.parametrize("name", ["short-deep", "two-spans"])
 def test_any_covariance_holds_the_false_contacts_that_were_asked_for(name: str) -> None:
     scene, _ = load_scene(SCENES / f"{name}.toml")
     chosen = Surface.of(scene).filter
@@ -59,8 +58,8 @@ def test_any_covariance_holds_the_false_contacts_that_were_asked_for(name: str) 
 def test_overlapping_windows_cluster_their_false_contacts() -> None:
     # By simulation of a moving average that exceeds three deviations: clusters, over samples that exceed.
     rng = np.random.default_rng(0)
-    for window in (1, 4, 20):
-        mean = np.convolve(rng.normal(size=2_000_000), np.ones(window) / window**0.5, "valid")
+    for window in (1, 20):
+        mean = np.convolve(rng.normal(size=1_000_000), np.ones(window) / window**0.5, "valid")
         above = mean > 3.0
         starts = np.flatnonzero(above[1:] & ~above[:-1])
         # Excursions of one window are one contact.

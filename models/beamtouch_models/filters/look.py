@@ -137,7 +137,9 @@ class Look:
             FINE**2 * chi_square_quantile(len(unit_mm), beyond)
             for beyond in (FALSE / self._pairs.tests, SHARP, FALSE, LAGS)
         )
-        self._calm = FINE**2 * chi_square_quantile(len(unit_mm) * (self._before - 1), FALSE)
+        self._calm = FINE**2 * np.array(
+            [chi_square_quantile(few * (self._before - 1), FALSE) for few in range(len(unit_mm) + 1)]
+        )
 
     def fresh(self, channels: int) -> FloatArray:
         """Return the initial state."""

@@ -75,11 +75,17 @@ def is_sharp(sums: Sums, sizes: NDArray[np.intp], limit: float) -> NDArray[np.bo
     return sharp
 
 
-def is_calm(sums: Sums, sizes: NDArray[np.intp], still: int, limit: float) -> NDArray[np.bool_]:
-    """Return whether `still` readings before a split, none of them missing, scatter within a limit, shape (means,)."""
+def is_calm(sums: Sums, sizes: NDArray[np.intp], still: int, limits: FloatArray) -> NDArray[np.bool_]:
+    """Return whether `still` readings before a split scatter within a limit, shape (means,).
+
+    Each channel has all of these readings or none: one that comes and goes may swing beyond its range. `limits`
+    (channels + 1,) are by the number of channels that have them.
+    """
     values, number = sums.each(sizes[:, np.newaxis] + np.arange(still, -1, -1))
     away = values - values.mean(axis=1, keepdims=True)
-    calm: NDArray[np.bool_] = number.all(axis=(1, 2)) & ((away * away).sum(axis=(1, 2)) < limit)
+    there, some = number.all(axis=1), number.any(axis=1)
+    calm: NDArray[np.bool_] = (there == some).all(axis=1) & there.any(axis=1)
+    calm &= (away * away).sum(axis=(1, 2)) < limits[there.sum(axis=1)]
     return calm
 
 
