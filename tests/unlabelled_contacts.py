@@ -11,7 +11,7 @@ from beamtouch_models.arrays import Floats
 from beamtouch_models.calibration.contacts import UnlabelledContacts
 from beamtouch_models.calibration.self_calibrate import SelfFit, self_fit
 from beamtouch_models.calibration.theory import Theory
-from beamtouch_models.calibration.unlabelled import places
+from beamtouch_models.calibration.unlabelled import locate
 from beamtouch_models.metadata import Metadata
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.progress import silent
@@ -111,5 +111,6 @@ def missed_mm(theory: Theory, vector: Floats, metadata: Metadata, real: Imperfec
     margin = 0.05 * (high - low)
     position = np.linspace(low + margin, high - margin, 60)
     measured = prior.measured(np.mean(prior.force_n) * prior.influence_at(position))
-    found, _ = places(theory, vector, measured, np.full(measured.shape, metadata.noise.sample_mm))
-    return float(np.abs(found - position).mean())
+    contacts = UnlabelledContacts(measured, np.full(measured.shape, metadata.noise.sample_mm))
+    found = locate(theory, vector, contacts, np.zeros(prior.channels))
+    return float(np.abs(found.position_mm - position).mean())

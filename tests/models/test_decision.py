@@ -1,13 +1,13 @@
 """The state of a surface from consecutive samples: touch, lift, ringing, and what no single contact explains."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from beamtouch_models.arrays import Floats
-from beamtouch_models.decision.decider import Decider
+from beamtouch_models.decision.decider import AT_REST
 from beamtouch_models.modelfile import (
     Answers,
     Hypotheses,
@@ -16,7 +16,6 @@ from beamtouch_models.modelfile import (
     Suspects,
     Weighed,
     evidence,
-    is_odd,
     is_unchecked,
     memories_after,
 )
@@ -33,7 +32,7 @@ class World:
         self.table = prior_of_model(model.metadata).table
         self.rng = np.random.default_rng(1)
         self.channels = len(model.channels)
-        self.decider: Decider | Hypotheses = Decider(model.metadata.thresholds)
+        self.decider = Hypotheses(model.metadata.thresholds, [AT_REST])
 
     def run(self, deflection_mm: NDArray[np.floating], whitening_per_mm: NDArray[np.floating]) -> Answers:
         return self.model.estimate(deflection_mm.astype(np.float32), whitening_per_mm.astype(np.float32))
@@ -45,25 +44,31 @@ class World:
         )
         return found
 
-    def sample(self, deflection_mm: Floats, scatter_mm: Iterable[Floats] = (), valid: Iterable[bool] = ()) -> Weighed:
-        """One settled sample with noise; `scatter_mm`: the vectors along which its readings scatter."""
-        noise_mm2 = np.full((1, self.channels), self.metadata.noise.sample_mm**2)
+    def sample(
+        self,
+        deflection_mm: Floats,
+        scatter_mm: Iterable[Floats] = (),
+        valid: Iterable[bool] = (),
+        noisier: float = 1.0,
+    ) -> Weighed:
+        """One sample with some times the noise of a settled one; `scatter_mm`: along which its readings scatter."""
+        noise_mm2 = np.full((1, self.channels), (noisier * self.metadata.noise.sample_mm) ** 2)
         covariance_mm2 = np.diag(noise_mm2[0]) + sum((np.outer(one, one) for one in scatter_mm), np.zeros(()))
         working = np.array([list(valid) or [True] * self.channels])
         noisy = deflection_mm + self.rng.normal(scale=self.metadata.noise.sample_mm, size=self.channels)
         return Weighed(np.where(working, noisy, 0.0), covariance_mm2[None], noise_mm2, working)
 
-    def step(self, deflection_mm: Floats, *scatter_mm: Floats, lost: Iterable[int] = ()) -> str:
+    def step(self, deflection_mm: Floats, *scatter_mm: Floats, lost: Iterable[int] = (), noisier: float = 1.0) -> str:
         """Decide on a sample without the channels that are lost; an unsteady one has a mark."""
         valid = [channel not in lost for channel in range(self.channels)]
-        (said,) = evidence(self.metadata, self.run, self.sample(deflection_mm, scatter_mm, valid))
+        (said,) = evidence(self.metadata, self.run, self.sample(deflection_mm, scatter_mm, valid, noisier))
         verdict = self.decider.step(said)
         return verdict.state.value + "*" * verdict.unsteady
 
 
 def named_after(suspects: Suspects, sample: Weighed) -> str | None:
     """Name the channel that contradicts the others, after one more sample."""
-    suspects.add(*suspects.leave_out([sample]))
+    suspects.add(*suspects.leave_out(sample))
     return suspects.suspect
 
 
@@ -72,111 +77,88 @@ def world(bench: ModelFile) -> World:
     return World(bench)
 
 
-def test_a_still_load_is_a_contact_until_it_is_gone(world: World) -> None:
-    load = world.load((100, 8))
-    assert [world.step(one) for one in (0 * load, load, load, 0 * load)] == [CLEAR, CONTACT, CONTACT, CLEAR]
-
-
-def test_a_touch_is_seen_at_its_first_reading_and_is_unsteady(world: World) -> None:
-    load = world.load((100, 8))
-    world.step(0 * load)
+COURSES = {
+    "a still load is a contact until it is gone": "rest: clear; load: contact; load: contact; rest: clear",
     # A window that mixes rest and load scatters along the deflection of the load, as far as it goes.
-    assert [world.step(part * load, load) for part in (0.05, 0.3, 0.6)] == [CONTACT + "*"] * 3
-    assert world.step(load) == CONTACT
-
-
-def test_a_large_covariance_ends_no_contact(world: World) -> None:
-    load = world.load((100, 8))
-    world.step(load)
-    assert [world.step(part * load, load) for part in (0.2, -0.3, 0.0)] == [CONTACT + "*"] * 3
-
-
-def test_a_lift_shows_as_soon_as_the_sample_could_show_the_load(world: World) -> None:
-    load = world.load((100, 8))
-    world.step(load)
-    assert world.step(0 * load, 0.02 * load) == CLEAR + "*"
-
-
-def test_a_beam_that_rings_after_a_lift_is_not_touched_by_that(world: World) -> None:
-    load = world.load((100, 8))
-    world.step(load)
-    swings = [world.step(part * load, 0.05 * load) for part in (0.0, 0.08, -0.08, 0.05, -0.05)]
-    assert swings == [CLEAR + "*"] * 5
+    "a touch is seen at its first reading, and a large covariance ends no contact": (
+        "rest: clear; 0.05 load ~ load: contact*; 0.3 load ~ load: contact*; 0.6 load ~ load: contact*; load: contact;"
+        "-0.3 load ~ load: contact*; rest ~ load: contact*"
+    ),
+    "a lift shows as soon as the sample could show the load": "load: contact; rest ~ 0.02 load: clear*",
     # Once it has lain still, it is touched by the same deflection.
-    assert [world.step(0 * load) for _ in range(5)] == [CLEAR] * 5
-    assert world.step(0.05 * load) == CONTACT
-
-
-def test_one_still_sample_is_no_rest_while_a_beam_rings_after_a_lift(world: World) -> None:
-    load = world.load((100, 8))
-    world.step(load)
-    swings = [world.step(part * load, *[0.05 * load] * moves) for part, moves in ((0.0, 1), (0.0, 0), (0.08, 1))]
-    assert swings == [CLEAR + "*", CLEAR, CLEAR + "*"]
+    "a beam that rings after a lift is not touched by that": (
+        "load: contact; rest ~ 0.05 load: clear*; 0.08 load ~ 0.05 load: clear*; -0.08 load ~ 0.05 load: clear*;"
+        "0.05 load ~ 0.05 load: clear*; rest: clear x5; 0.05 load: contact"
+    ),
+    "a beam that rings after a lift can be touched": (
+        "load: contact; rest ~ 0.02 load: clear*; load ~ 0.02 load: contact*"
+    ),
     # A crest that looks still is a swing, and a load that stays is a contact.
-    small = 0.025 * load
-    assert [world.step(small), world.step(0 * load, small)] == [CLEAR + "*"] * 2
-    assert [world.step(small) for _ in range(3)] == [CLEAR + "*", CLEAR + "*", CONTACT]
-
-
-def test_a_beam_that_rings_about_a_load_is_not_lifted_by_one_swing(world: World) -> None:
-    load = world.load((100, 8))
-    world.step(load)
-    mode = world.load((200, 5))
+    "one still sample is no rest while a beam rings after a lift": (
+        "load: contact; rest ~ 0.05 load: clear*; rest: clear; 0.08 load ~ 0.05 load: clear*; 0.025 load: clear*;"
+        "rest ~ 0.025 load: clear*; 0.025 load: clear* x2; 0.025 load: contact"
+    ),
     # Each swing lies within the covariance, and alone it could be a lift.
-    assert [world.step(0.6 * mode, mode), world.step(load + 0.2 * mode, mode)] == [CONTACT + "*"] * 2
-    assert [world.step(0.6 * mode, mode) for _ in range(3)] == [CONTACT + "*"] * 2 + [CLEAR + "*"]
+    "a beam that rings about a load is not lifted by one swing": (
+        "load: contact; 0.6 mode ~ mode: contact*; load + 0.2 mode ~ mode: contact*; 0.6 mode ~ mode: contact* x2;"
+        "0.6 mode ~ mode: clear*"
+    ),
+    "two contacts": "rest: clear; two: clear* x2; two: unexplained x8; rest: unexplained x2; rest: clear x2",
+    "a pull": "rest: clear; pull: clear* x2; pull: unexplained x2; rest: unexplained x2; rest: clear x2",
+    "a wedge under s3": "rest: clear; wedge: clear* x2; wedge: unexplained x2; rest: unexplained x2; rest: clear x2",
+    "s2 is stuck": "rest: clear; stuck: clear* x2; stuck: unexplained x2; rest: unexplained x2; rest: clear x2",
+    "a contact that becomes two is doubted at once and comes back": (
+        "load: contact; two: contact* x2; two: unexplained x2; load: unexplained x2; load: contact"
+    ),
+    "a large covariance explains nothing away": (
+        "rest: clear; two: clear* x2; two: unexplained; two ~ each: unexplained* x5"
+    ),
+    "a single odd sample changes no state": "wedge: clear*; rest: clear; wedge: clear*",
+    "a stretch ends when the odd channel drops out": (
+        "wedge: clear* x2; wedge: unexplained; rest without s3: unexplained x2; rest without s3: clear;"
+        "load without s3: contact; wedge: contact* x2; wedge: unexplained;"
+        "load ~ 0.02 load without s3: unexplained* x2; load ~ 0.02 load without s3: contact*"
+    ),
+    # As after a start, when a mean holds fewer readings than the model was made for.
+    "a lift that only means of few readings show takes three": (
+        "load: contact; rest of few: contact* x2; rest of few: clear"
+    ),
+}
+"""Each step: the deflection, ~ along which the readings scatter, and the state; * if it is unsteady."""
 
 
-def test_a_beam_that_rings_can_be_touched(world: World) -> None:
-    load = world.load((100, 8))
-    world.step(load)
-    world.step(0 * load, 0.02 * load)
-    assert world.step(load, 0.02 * load) == CONTACT + "*"
+@pytest.mark.parametrize("course", COURSES.values(), ids=COURSES)
+def test_the_state_follows(world: World, course: str) -> None:
+    two, load = world.load((100, 8), (300, 8)), world.load((100, 8))
+    shapes = {
+        "rest": 0 * load,
+        "load": load,
+        "mode": world.load((200, 5)),
+        "two": two,
+        "pull": world.load((200, -0.5)),
+        "wedge": 0.5 * np.eye(world.channels)[2],
+        "stuck": load * (np.arange(world.channels) != 1),
+    }
 
+    def deflection(text: str) -> Floats:
+        terms = [term.split() for term in text.split(" + ")]
+        total: Floats = sum((float((["1", *term])[-2]) * shapes[term[-1]] for term in terms), 0 * load)
+        return total
 
-@pytest.mark.parametrize(
-    "act",
-    [
-        lambda world: world.load((100, 8), (300, 8)),
-        lambda world: world.load((200, -0.5)),
-        lambda world: 0.5 * np.eye(world.channels)[2],
-        lambda world: world.load((100, 8)) * (np.arange(world.channels) != 1),
-    ],
-    ids=["two contacts", "a pull", "a wedge under s3", "s2 is stuck"],
-)
-def test_what_is_no_single_contact_is_unexplained_after_three_samples(
-    world: World, act: Callable[[World], Floats]
-) -> None:
-    deflection = act(world)
-    world.step(0 * deflection)
-    states = [world.step(deflection) for _ in range(10)]
-    assert states == [CLEAR + "*"] * 2 + [UNEXPLAINED] * 8
-    assert [world.step(0 * deflection) for _ in range(4)] == [UNEXPLAINED] * 2 + [CLEAR] * 2
-
-
-def test_a_contact_that_becomes_two_is_doubted_at_once_and_comes_back(world: World) -> None:
-    one, two = world.load((100, 8)), world.load((100, 8), (300, 8))
-    world.step(one)
-    assert [world.step(two) for _ in range(4)] == [CONTACT + "*"] * 2 + [UNEXPLAINED] * 2
-    assert [world.step(one) for _ in range(3)] == [UNEXPLAINED] * 2 + [CONTACT]
-
-
-def test_a_large_covariance_explains_nothing_away(world: World) -> None:
-    two = world.load((100, 8), (300, 8))
-    for _ in range(3):
-        world.step(two)
-    swings = [np.diag(two)[:, index] for index in range(world.channels)]
-    assert [world.step(two, *swings) for _ in range(5)] == [UNEXPLAINED + "*"] * 5
-
-
-def test_a_single_odd_sample_changes_no_state(world: World) -> None:
-    wedge = 0.5 * np.eye(world.channels)[2]
-    assert [world.step(wedge), world.step(0 * wedge), world.step(wedge)] == [CLEAR + "*", CLEAR, CLEAR + "*"]
+    for step in course.split(";"):
+        what, _, expected = step.strip().partition(": ")
+        state, _, times = expected.partition(" x")
+        what, lost = what.removesuffix(" without s3"), [2] * what.endswith("without s3")
+        what, noisier = what.removesuffix(" of few"), 2.0 if what.endswith(" of few") else 1.0
+        where, *along = what.split(" ~ ")
+        scatter = list(np.diag(two)) if along == ["each"] else [deflection(one) for one in along]
+        for _ in range(int(times or 1)):
+            assert world.step(deflection(where), *scatter, lost=lost, noisier=noisier) == state, step
 
 
 def test_honest_contacts_and_rest_stay_explained(world: World) -> None:
     low, high = world.metadata.ranges.force_n
-    for _ in range(300):
+    for _ in range(100):
         load = world.load((world.rng.uniform(5, 395), world.rng.uniform(low, high)))
         assert [world.step(load) for _ in range(2)] == [CONTACT] * 2
         # At rest, most samples lie below the threshold of a lift, not all.
@@ -194,7 +176,7 @@ def test_the_channel_that_contradicts_the_others_is_named_after_many_samples(wor
 
 
 def test_two_contacts_are_not_taken_for_a_broken_channel(world: World) -> None:
-    for far in (250, 300, 350):
+    for far in (250, 350):
         suspects = Suspects(world.metadata, world.run)
         two = world.load((100, 8), (far, 8))
         assert [named_after(suspects, world.sample(two)) for _ in range(60)] == [None] * 60
@@ -204,7 +186,7 @@ def test_two_channels_take_two_contacts_for_one_but_not_a_pull(world: World) -> 
     valid = [True, False, False, True, *[False] * (world.channels - 4)]
 
     def states(deflection: Floats) -> list[State]:
-        decider = Decider(world.metadata.thresholds)
+        decider = Hypotheses(world.metadata.thresholds, [AT_REST])
         (said,) = evidence(world.metadata, world.run, world.sample(deflection, valid=valid))
         assert is_unchecked(said)
         return [decider.step(said).state for _ in range(5)]
@@ -216,52 +198,14 @@ def test_two_channels_take_two_contacts_for_one_but_not_a_pull(world: World) -> 
         assert states(odd) == [State.CLEAR] * 2 + [State.UNEXPLAINED] * 3
 
 
-def test_a_sample_without_each_channel_shows_which_one_is_wrong(world: World) -> None:
-    suspects = Suspects(world.metadata, world.run)
-    wedge = world.sample(world.load((100, 8)) + 0.5 * np.eye(world.channels)[2])
-    rest = world.sample(world.load((100, 0)))
-    without, explained = suspects.leave_out([wedge, rest])
-
-    assert [name for name, left in without.items() if left.explained] == [world.model.channels[2]]
-    assert all(left.explained for left in explained.values())
-    for channel, (name, left) in enumerate(without.items()):
-        (alone,) = evidence(world.metadata, world.run, wedge.without(channel))
-        assert name == world.model.channels[channel]
-        assert left.misfit == pytest.approx(alone.misfit, rel=1e-3, abs=1e-3)
-        assert left.rest_misfit == pytest.approx(alone.rest_misfit)
-        assert left.explained != is_odd(world.metadata.thresholds, alone)
-
-
-def test_too_few_channels_cannot_contradict_and_are_not_left_out(world: World) -> None:
-    suspects = Suspects(world.metadata, world.run)
-    two = [True, True, *[False] * (world.channels - 2)]
-    sample = world.sample(world.load((100, 8), (300, 8)), valid=two)
-    assert suspects.leave_out([sample]) == [{}]
-    (said,) = evidence(world.metadata, world.run, sample)
-    assert not is_odd(world.metadata.thresholds, said)
-
-
-def test_a_stretch_ends_when_the_odd_channel_drops_out(world: World) -> None:
-    wedge = 0.5 * np.eye(world.channels)[2]
-    for _ in range(5):
-        world.step(wedge)
-    rest, load = 0 * wedge, world.load((100, 8))
-    assert [world.step(rest, lost=[2]) for _ in range(3)] == [UNEXPLAINED] * 2 + [CLEAR]
-    assert world.step(load, lost=[2]) == CONTACT
-    # Also while the beam moves, as far as the other channels could show it at all.
-    for _ in range(3):
-        world.step(wedge)
-    assert [world.step(load, 0.02 * load, lost=[2]) for _ in range(3)][-1] == CONTACT + "*"
-
-
 def test_a_contact_ends_although_the_channels_that_saw_it_are_lost(world: World) -> None:
-    for at_mm in (5, 20, 100, 200, 300, 380, 395):
+    for at_mm in (5, 100, 395):
         load = world.load((at_mm, 2))
-        for lost in ([0], [1], [2], [3], [0, 1], [0, 2], [1, 2], [1, 3], [2, 3]):
+        for lost in ([0], [2], [0, 1], [1, 2], [1, 3]):
             while world.step(load) != CONTACT:
                 pass
             # At rest, most samples lie below the threshold of a lift, not all. A contact that is held is doubted.
-            states = [world.step(0 * load, lost=lost) for _ in range(40)]
+            states = [world.step(0 * load, lost=lost) for _ in range(20)]
             assert CLEAR in states
             assert CONTACT not in states
 
@@ -270,12 +214,12 @@ def test_a_contact_that_weakens_is_doubted(world: World) -> None:
     load = world.load((100, 8))
     world.step(load)
     (said,) = evidence(world.metadata, world.run, world.sample(load))
-    # Log odds grow as the square of the deflection.
-    half = (world.metadata.thresholds.touch[-1] / said.log_odds / 2) ** 0.5
-    assert [world.step(part * load) for part in (half, 1)] == [CONTACT + "*", CONTACT]
+    # Log odds grow as the square of the deflection: a quarter of those of a touch are held, a hundredth is a lift.
+    weak, gone = ((world.metadata.thresholds.touch[-1] / said.log_odds * part) ** 0.5 for part in (0.25, 0.01))
+    assert [world.step(part * load) for part in (weak, weak, 1, gone)] == [CONTACT + "*"] * 2 + [CONTACT, CLEAR]
 
 
-@pytest.mark.parametrize("lost", [[2, 3], [0, 2], [0, 1], [1, 2], [1, 2, 3], [0, 1, 3]])
+@pytest.mark.parametrize("lost", [[2, 3], [0, 2], [1, 2, 3]])
 def test_a_pull_is_unexplained_with_any_number_of_channels(world: World, lost: list[int]) -> None:
     pull = world.load((200, -1))
     world.step(0 * pull)
@@ -283,10 +227,10 @@ def test_a_pull_is_unexplained_with_any_number_of_channels(world: World, lost: l
     assert [world.step(0 * pull, lost=lost) for _ in range(3)] == [UNEXPLAINED] * 2 + [CLEAR]
 
 
-@pytest.mark.parametrize("lost", [[2, 3], [0, 3], [1, 2], [0, 1], [1, 2, 3]])
+@pytest.mark.parametrize("lost", [[2, 3], [0, 1], [1, 2, 3]])
 def test_no_single_contact_of_any_force_is_unexplained_on_few_channels(world: World, lost: list[int]) -> None:
-    for at_mm in (10, 100, 200, 330):
-        for force_n in np.geomspace(0.05, 20, 25):
+    for at_mm in (10, 200, 330):
+        for force_n in np.geomspace(0.05, 20, 9):
             load = world.load((at_mm, force_n))
             assert UNEXPLAINED not in {world.step(load, lost=lost).rstrip("*") for _ in range(6)}
 

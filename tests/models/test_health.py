@@ -50,7 +50,7 @@ def test_the_table_gives_the_influence_and_finds_the_contact(bench: ModelFile) -
 
 def test_an_honest_surface_has_not_changed_and_the_intervals_hold_that(drawn: Drawn) -> None:
     held = []
-    for seed in range(6):
+    for seed in range(4):
         drawn.begin(seed)
         health = Health(drawn.metadata)
         for _ in range(4):
@@ -63,37 +63,32 @@ def test_an_honest_surface_has_not_changed_and_the_intervals_hold_that(drawn: Dr
     assert np.mean(held) > 0.8
 
 
-@pytest.mark.parametrize("channel", [0, 1, 2, 3])
-def test_a_gain_that_falls_by_four_percent_is_named_within_three_rested_contacts(drawn: Drawn, channel: int) -> None:
-    named = 0
-    for seed in range(8):
-        drawn.begin(seed, readings=45)
-        health = after(drawn, BASELINE)
-        drawn.gain[channel] *= 0.96
-        begin_us = drawn.at_us
-        health.add(drawn.contacts(3))
-        named += changed(health) == [(channel, "gain")]
-        health.add(drawn.contacts(9))
-        assert changed(health) == [(channel, "gain")]
-        one = health.channels()[channel]
-        assert one.since_us == pytest.approx(begin_us, abs=3 * drawn.every_us)
-        assert one.gain.value == pytest.approx(-0.04, abs=0.012)
-    assert named >= 6
-
-
-@pytest.mark.parametrize("channel", [1, 2])
-def test_one_percent_of_an_inner_channel_is_named_within_twenty_contacts(drawn: Drawn, channel: int) -> None:
+@pytest.mark.parametrize(
+    ("channel", "fall", "readings", "within"),
+    [(0, 0.04, 45, 3), (3, 0.04, 45, 3), (1, 0.01, None, 20), (2, 0.01, None, 20)],
+)
+def test_a_gain_that_falls_is_named_within_few_contacts(
+    drawn: Drawn, channel: int, fall: float, readings: int | None, within: int
+) -> None:
+    """4 % of an outer channel within three rested contacts, 1 % of an inner one within twenty."""
     named, held = 0, []
-    for seed in range(8):
-        drawn.begin(20 + seed)
+    for seed in range(5):
+        drawn.begin(20 + seed, readings)
         health = after(drawn, BASELINE)
-        drawn.gain[channel] *= 0.99
-        health.add(drawn.contacts(20))
+        drawn.gain[channel] *= 1 - fall
+        begin_us = drawn.at_us
+        health.add(drawn.contacts(within))
         named += changed(health) == [(channel, "gain")]
-        one = health.channels()[channel].gain
-        held.append(one.low < -0.01 < one.high)
-    assert named >= 6
-    assert sum(held) >= 6
+        one = health.channels()[channel]
+        held.append(one.gain.low < -fall < one.gain.high)
+        if fall == 0.04:
+            health.add(drawn.contacts(9))
+            assert changed(health) == [(channel, "gain")]
+            one = health.channels()[channel]
+            assert one.since_us == pytest.approx(begin_us, abs=3 * drawn.every_us)
+            assert one.gain.value == pytest.approx(-0.04, abs=0.012)
+    assert named >= 4
+    assert sum(held) >= 4
 
 
 def test_a_common_change_is_force_and_is_not_claimed_to_be_seen(drawn: Drawn) -> None:
@@ -159,16 +154,16 @@ def test_a_history_is_read_again_as_it_was(drawn: Drawn) -> None:
 
 def test_a_long_history_takes_few_blocks_and_loses_nothing() -> None:
     history = History(2)
-    for number in range(20_000):
+    for number in range(5_000):
         history.add(_block(number, 2), set())
     assert len(history.blocks) < 250
-    assert history.contacts == 20_000
-    assert history.since("score")[0] == pytest.approx([20_000.0] * 2)
+    assert history.contacts == 5_000
+    assert history.since("score")[0] == pytest.approx([5_000.0] * 2)
     later = history.after()
     for block, rest in zip(history.blocks, later, strict=True):
         assert block.contacts == 1 or block.contacts * RESOLUTION <= rest
     # A late contact has its place in time.
-    history.add(_block(19_990, 2), set())
+    history.add(_block(4_990, 2), set())
     assert [block.first_us for block in history.blocks] == sorted(block.first_us for block in history.blocks)
 
 

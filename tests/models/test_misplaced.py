@@ -24,7 +24,6 @@ def refusal(in_place_of: str, stated: str) -> str:
         ("count = 4", "count = 4\nfixed_mm = [0.1, 0.3]", "if it is in metres, write [100, 300]"),
         ("count = 4", "count = 4\nkeep_out_mm = [[9, 12], [0.1, 0.3]]", "sensors.keep_out_mm[1] = [0.1, 0.3] is next"),
         ("count = 4", "count = 4\nkeep_out_mm = [[400, 480]]", "has [400, 480], off the beam, 0..400 mm"),
-        ("count = 4", "count = 4\nkeep_out_mm = [[-9, 0]]", "has [-9, 0], off the beam"),
         (
             "count = 4",
             "count = 4\nfixed_mm = [99]\nkeep_out_mm = [[90, 110]]",

@@ -1,4 +1,4 @@
-"""Self-calibration: gains and positions from contacts of unknown place and force, beside the true ones."""
+"""Self-calibration: gains and positions from contacts of unknown place and force, beside the true ones; refusals."""
 
 import dataclasses
 import json
@@ -10,32 +10,33 @@ import pytest
 
 from beamtouch_models import modelfile
 from beamtouch_models.accuracy import limit
-from beamtouch_models.calibration.calibrate import calibrate
 from beamtouch_models.calibration.contacts import UnlabelledContacts
-from beamtouch_models.calibration.left_open import LeftOpen
-from beamtouch_models.calibration.loads import read_loads
-from beamtouch_models.calibration.self_calibrate import KINDS, SelfCalibrated, self_calibrate
-from beamtouch_models.calibration.theory import GAIN, Theory
+from beamtouch_models.calibration.left_open import measure_left_open
+from beamtouch_models.calibration.self_calibrate import KINDS, SelfCalibrated, self_calibrate, self_fit
+from beamtouch_models.calibration.theory import FIXITY, GAIN, Theory
 from beamtouch_models.calibration.unlabelled import fit_contacts
+from beamtouch_models.errors import NotGoodEnoughError
 from beamtouch_models.estimators.onnx_graph import to_bytes, with_force_error
 from beamtouch_models.modelfile import ModelFile
-from beamtouch_models.progress import Progress, silent
+from beamtouch_models.progress import silent
 from beamtouch_models.rig.surface import Imperfections
 from beamtouch_models.session import runner
 from beamtouch_models.surface import prior_of_model
 from few_draws import few_draws
-from imperfect_surface import imperfections, readings, true_prior
+from imperfect_surface import true_prior
 from in_process import Command
 from posterior_cases import graph_of
-from unlabelled_contacts import OFF, Kind, drawn, fitted, missed_mm, random_contacts, write_contacts
+from unlabelled_contacts import OFF, Kind, drawn, fitted, missed_mm, random_contacts, surface, write_contacts
 
 pytestmark = pytest.mark.long
+
+TWO_AT_ONCE = dataclasses.replace(OFF, two_at_once=0.1)
 
 
 @pytest.fixture(scope="module")
 def found(bench: ModelFile) -> tuple[SelfCalibrated, Imperfections]:
     """The bench's model from 200 contacts, of which a tenth are two at once."""
-    contacts, real = random_contacts(bench, dataclasses.replace(OFF, two_at_once=0.1), 3)
+    contacts, real = random_contacts(bench, TWO_AT_ONCE, 3)
     with few_draws():
         return self_calibrate(bench, contacts, silent), real
 
@@ -65,82 +66,45 @@ def test_200_contacts_bring_the_error_to_the_limit(
     # Nothing shows the scale of the forces, and the intervals say so.
     forces = (after["force_low_n"] <= fresh.force_n) & (fresh.force_n <= after["force_high_n"])
     assert forces.mean() > 0.9
-    assert calibrated.metadata.calibration is not None
-    assert 0.003 < calibrated.metadata.calibration.force_error < 0.03
-
-
-def test_the_file_says_what_was_fitted(bench: ModelFile, found: tuple[SelfCalibrated, Imperfections]) -> None:
-    metadata = modelfile.load_bytes(found[0].content, "calibrated").metadata
-    assert metadata.beam == bench.metadata.beam
-    calibration = metadata.calibration
+    calibration = model.metadata.calibration
     assert calibration is not None
+    assert 0.003 < calibration.force_error < 0.03
+    assert model.metadata.beam == bench.metadata.beam
     assert (calibration.loads, calibration.contacts, calibration.error_after_mm) == (0, 200, None)
     assert calibration.fitted == ["gain", "position", "curve", "offset"]
     assert calibration.misfit_before is not None
     assert calibration.misfit_after is not None
     assert calibration.misfit_after < 0.3 * calibration.misfit_before
-    assert metadata.floor.zero_mm == bench.metadata.floor.zero_mm
-    assert metadata.floor.gain == pytest.approx(found[0].found.left_open.floor().tolist())
+    assert model.metadata.floor.zero_mm == bench.metadata.floor.zero_mm
 
 
 def test_the_errors_of_positions_are_as_stated(bench: ModelFile) -> None:
     theory, ratios = Theory.of(bench.metadata), []
     zero_mm = np.array(bench.metadata.floor.zero_mm)
     noise_mm = np.hypot(bench.metadata.noise.sample_mm, zero_mm)
-    for seed in range(12):
+    for seed in range(8):
         contacts, real = random_contacts(bench, OFF, seed)
         one = fit_contacts(theory, np.zeros(theory.size), contacts, KINDS, zero_mm)
-        open_mm = LeftOpen(one, one.covariance, noise_mm).position_mm
+        assert one.left_error < 1e-3
+        open_mm = measure_left_open(one, one.covariance, noise_mm).position_mm
         ratios.append(missed_mm(theory, one.vector, bench.metadata, real) / np.sqrt(2 / np.pi) / open_mm.mean())
-    # The errors of one surface go together, so each is one draw, of which 12 have a root mean square of 1 +- 0.2.
+    # The errors of one surface go together, so each is one draw, of which 8 have a root mean square of 1 +- 0.25.
     assert 0.4 < np.sqrt(np.mean(np.square(ratios))) < 1.4
 
 
-def test_hinged_ends_are_not_refused(bench: ModelFile) -> None:
-    assert all(fitted(bench, OFF, seed)[0].fit.left_error < 1e-3 for seed in range(2))
-
-
-def test_a_known_force_is_used(built_model: Callable[[str], Path]) -> None:
-    model = modelfile.load(built_model("paper"))
-    kind = Kind(gain=0.02)
-    one, real = fitted(model, kind, 2)
+@pytest.mark.parametrize(("name", "two_at_once", "count"), [("paper", 0.0, 200), ("two-spans", 0.1, 100)])
+def test_gains_are_found_within_their_errors(
+    name: str, two_at_once: float, count: int, built_model: Callable[[str], Path]
+) -> None:
+    """With a known force, the scale too; and where two contacts seem to be one of 1e8 N on a middle support."""
+    one, real = fitted(modelfile.load(built_model(name)), Kind(gain=0.02, two_at_once=two_at_once), 2, count)
     theory = one.fit.theory
-    assert theory.prior.force_is_known
-    # With the force, the scale of the gains is known too.
-    gain = np.array(theory.departures(one.fit.vector).gain)
+    gain, true = np.array(theory.departures(one.fit.vector).gain), np.array(real.gain)
     errors = GAIN * one.fit.spread[theory.kinds["gain"]]
-    assert gain.mean() == pytest.approx(np.mean(real.gain), abs=3 * errors.mean())
-
-
-def test_what_seems_to_press_on_a_support_does_not_end_a_fit(built_model: Callable[[str], Path]) -> None:
-    # Two contacts at once often look like one on the middle support, where the best force is 1e8 N.
-    model = modelfile.load(built_model("two-spans"))
-    one, real = fitted(model, Kind(gain=0.02, two_at_once=0.1), 2, 100)
-    gain = np.array(one.fit.theory.departures(one.fit.vector).gain)
-    errors = GAIN * one.fit.spread[one.fit.theory.kinds["gain"]]
-    assert np.all(np.abs(gain / gain.mean() - np.array(real.gain) / np.mean(real.gain)) < 4 * errors)
-
-
-@pytest.mark.usefixtures("short_measuring")
-def test_it_goes_on_from_a_calibrated_model(bench: ModelFile, tmp_path: Path) -> None:
-    real = imperfections(4, bench.metadata)
-    first = calibrate(bench, read_loads(readings(tmp_path, bench, real), bench.metadata), silent)
-    model = modelfile.load_bytes(first.content, "calibrated with loads")
-    assert first.metadata.calibration is not None
-    theory = Theory.of(model.metadata)
-    start = theory.vector_of(first.metadata.calibration.departures)
-    again = theory.departures(start)
-    assert again.gain == pytest.approx(first.metadata.calibration.departures.gain)
-    assert again.fixity == pytest.approx(first.metadata.calibration.departures.fixity)
-    # Since the loads, one gain has fallen by 3 %.
-    aged = real.model_copy(update={"gain": (real.gain[0], real.gain[1] * 0.97, *real.gain[2:])})
-    contacts = drawn(model.metadata, aged, Kind(), np.random.default_rng(5), 100)
-    second = self_calibrate(model, contacts, silent)
-    fit, calibration = second.found.fit, second.metadata.calibration
-    assert missed_mm(theory, fit.vector, model.metadata, aged) < 0.4 * missed_mm(theory, start, model.metadata, aged)
-    assert calibration is not None
-    assert (calibration.loads, calibration.contacts) == (10, 100)
-    assert calibration.departures.fixity == pytest.approx(again.fixity)
+    if theory.prior.force_is_known:
+        assert gain.mean() == pytest.approx(true.mean(), abs=3 * errors.mean())
+    else:
+        assert np.all(np.abs(gain / gain.mean() - true / true.mean()) < 4 * errors)
 
 
 def test_wider_forces_leave_the_rest_as_it_is(bench: ModelFile) -> None:
@@ -154,26 +118,20 @@ def test_wider_forces_leave_the_rest_as_it_is(bench: ModelFile) -> None:
     for end in ("force_low_n", "force_high_n"):
         gap = np.hypot(before[end] - before["force_n"], 1.96 * 0.02 * before["force_n"])
         assert np.abs(after[end] - before["force_n"]) == pytest.approx(gap, rel=1e-4)
-    assert with_force_error(graph, 0.0) is graph
 
 
-@pytest.mark.usefixtures("short_measuring")
 def test_the_command_writes_a_model_and_says_what_it_changed(
     design_sensors_here: Command,
     bench_model: Path,
     bench: ModelFile,
+    found: tuple[SelfCalibrated, Imperfections],
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    kept: list[SelfCalibrated] = []
-
-    def once(model: ModelFile, contacts: UnlabelledContacts, progress: Progress) -> SelfCalibrated:
-        kept.extend([] if kept else [self_calibrate(model, contacts, progress)])
-        return kept[0]
-
-    monkeypatch.setattr("beamtouch_models.calibration.self_calibrate.self_calibrate", once)
-    contacts, _ = random_contacts(bench, OFF, 1, 100)
-    path, output = write_contacts(tmp_path / "contacts.csv", bench, contacts), tmp_path / "new.onnx"
+    # The fit was made above; the guide's steps, in the tests of the system, make theirs.
+    monkeypatch.setattr("beamtouch_models.calibration.self_calibrate.self_calibrate", lambda *_given: found[0])
+    path = write_contacts(tmp_path / "contacts.csv", bench, random_contacts(bench, TWO_AT_ONCE, 3)[0])
+    output = tmp_path / "new.onnx"
     done = design_sensors_here("calibrate", bench_model, "--events", path, "-o", output, "--json")
     assert done.returncode == 0
     told = json.loads(done.stdout)
@@ -181,9 +139,78 @@ def test_the_command_writes_a_model_and_says_what_it_changed(
     assert told["misfit"]["after"] < told["misfit"]["before"]
     assert set(told["standard_errors"]) == {"gain", "position", "curve", "offset"}
     assert told["open_mm"] < told["changed_mm"]
-    # The same answer once more, for people.
     plain = design_sensors_here("calibrate", bench_model, "--events", path, "-o", output)
     for word in ("gain ", "position ", "misfit ", "floor "):
         assert any(line.startswith(word) for line in plain.stdout.splitlines()), word
-    shown = design_sensors_here("inspect", output)
-    assert "calibrated with 100 unlabelled contacts" in shown.stdout
+    assert "calibrated with 200 unlabelled contacts" in design_sensors_here("inspect", output).stdout
+
+
+@pytest.mark.parametrize(
+    ("kind", "seed", "count", "reason"),
+    [
+        (Kind(fixity=(0.1, 0.1)), 0, 200, r"the beam itself is not as modelled.* ends were fixed by 0\.\d"),
+        (dataclasses.replace(OFF, fixity=(0.1, 0.1)), 1, 200, r"the beam itself is not as modelled.* were fixed by 0"),
+        (Kind(places_mm=(150.0,)), 1, 200, "determines no fit"),
+        (Kind(gain=0.0), 0, 12, r"12 contacts determine too little.* record more, over the whole"),
+        (Kind(), 0, 11, "11 contacts are too few"),
+    ],
+)
+def test_contacts_that_cannot_make_a_model_better_are_refused_with_the_reason(
+    bench: ModelFile, kind: Kind, seed: int, count: int, reason: str
+) -> None:
+    with pytest.raises(NotGoodEnoughError, match=reason):
+        fitted(bench, kind, seed, count)
+
+
+def test_a_fixity_is_told_with_its_error(bench: ModelFile) -> None:
+    with pytest.raises(NotGoodEnoughError) as refused:
+        fitted(bench, Kind(gain=0.0, fixity=(0.2, 0.0)), 0)
+    left = float(str(refused.value).split("fixed by ")[1].split(" +- ")[0])
+    assert left == pytest.approx(0.2, abs=FIXITY)
+
+
+def test_20_contacts_are_better_than_none_or_refused(bench: ModelFile) -> None:
+    accepted = 0
+    for seed in range(6):
+        try:
+            one, real = fitted(bench, Kind(), seed, 20)
+        except NotGoodEnoughError:
+            continue
+        accepted += 1
+        theory = one.fit.theory
+        before, after = (missed_mm(theory, vector, bench.metadata, real) for vector in (one.fit.start, one.fit.vector))
+        assert after < before, seed
+    assert accepted >= 3
+
+
+def test_swapped_channels_are_refused(bench: ModelFile) -> None:
+    contacts, _ = random_contacts(bench, OFF, 1, 100)
+    swapped = dataclasses.replace(contacts, measured_mm=contacts.measured_mm[:, [1, 0, 2, 3]])
+    with pytest.raises(NotGoodEnoughError, match="do not fit this model's surface"):
+        self_fit(bench, swapped, silent)
+
+
+def test_two_channels_are_too_few(bench: ModelFile) -> None:
+    layout = bench.metadata.layout[:2]
+    two = dataclasses.replace(bench, metadata=bench.metadata.model_copy(update={"layout": layout}))
+    with pytest.raises(NotGoodEnoughError, match=r"2 channels fit a contact of any place and force.* it takes 3"):
+        self_fit(two, UnlabelledContacts(np.ones((50, 2)), np.ones((50, 2))), silent)
+
+
+def test_a_refusal_writes_nothing(
+    design_sensors_here: Command, bench_model: Path, bench: ModelFile, tmp_path: Path
+) -> None:
+    real = surface(bench.metadata, OFF, np.random.default_rng(1))
+    contacts = drawn(bench.metadata, real, OFF, np.random.default_rng(2), 11)
+    path, output = write_contacts(tmp_path / "contacts.csv", bench, contacts), tmp_path / "new.onnx"
+    done = design_sensors_here("calibrate", bench_model, "--events", path, "-o", output, "--json")
+    assert (done.returncode, done.stdout) == (1, "")
+    assert "11 contacts are too few" in done.stderr
+    assert not output.exists()
+
+
+@pytest.mark.parametrize("given", [[], ["loads.csv", "--events", "contacts.csv"]])
+def test_loads_or_contacts_but_not_both(design_sensors_here: Command, bench_model: Path, given: list[str]) -> None:
+    done = design_sensors_here("calibrate", bench_model, *given, "-o", "new.onnx")
+    assert (done.returncode, done.stdout) == (2, "")
+    assert "READINGS.csv" in done.stderr

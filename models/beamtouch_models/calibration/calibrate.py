@@ -19,111 +19,37 @@ from beamtouch_models.metadata import Calibration, Departures, Metadata
 from beamtouch_models.progress import Progress
 from beamtouch_models.surface import Surface, prior_of_model
 
-
-def errors_of_model(metadata: Metadata, loads: Loads) -> Floats:
-    """Return the position errors (loads,) of the given model."""
-    departures = None if metadata.calibration is None else metadata.calibration.departures
-    prior = prior_of_model(metadata)
-    return np.array([_error(prior, departures, loads, index) for index in range(len(loads.number))])
-
-
-def error_without(theory: Theory, loads: Loads, found: Fit, index: int) -> float:
-    """Return the position error of a load by a fit without it."""
-    departures = fit(theory, loads.without(index), found.kinds, found.vector).departures
-    return _error(theory.prior_with(departures), departures, loads, index)
-
-
-def _error(prior: Prior, departures: Departures | None, loads: Loads, index: int) -> float:
-    """Return the position error of a load, located from the mean of its samples.
-
-    The noise is that of the mean, without the floor. With that of a single sample, a weak load would be drawn towards
-    the middle of the range, which can hide an error of the surface.
-    """
-    reading = loads.measured_mm[index]
-    valid = np.isfinite(reading)
-    if departures is not None:
-        reading = departures.linear_mm(reading)
-    noise_mm = float(loads.deviation_mm[index][valid].mean())
-    exact = replace(prior, noise_mm=noise_mm, gain=0.0, zero_mm=0.0, uncertain_at=None)
-    seen = exact.without(*np.flatnonzero(~valid).tolist())
-    return float(abs(limit.posterior_median_mm(seen, reading[valid][None])[0] - loads.position_mm[index]))
-
-
-def limit_mm(prior: Prior, loads: Loads, seed: int, draws: int = 400) -> float:
-    """Return the mean error of the best estimate for samples of these loads."""
-    rng = np.random.default_rng(seed)
-    clean = loads.force_n[:, None] * prior.influence_at(loads.position_mm)
-    noise = rng.normal(size=(draws, *clean.shape)) * prior.deviation_mm(clean)
-    readings = (clean + noise).reshape(-1, prior.channels)
-    off = limit.posterior_median_mm(prior, readings).reshape(draws, -1) - loads.position_mm
-    return float(np.abs(off).mean())
-
-
 MAX_LEFT = 0.1
 """Largest error of a fit, over the deflections that the scene predicts, and over the length.
 
 Above it, the recording is of another surface.
 """
+MOVED = 0.01
+"""Deflection, in noises of a sample, below which a load moves no sensor."""
 WORSE = 1.05
 """Factor by which the error of single samples may grow. Where a model is already right, the errors of the recording
 decide whether a fit locates its loads a little better or a little worse."""
 
 
 @dataclass(frozen=True)
-class Calibrated:
-    """A model of the real surface, with the fit and its errors."""
+class CheckedFit:
+    """A fit to consistent loads that is better than the given model."""
 
-    content: bytes
-    metadata: Metadata
     fit: Fit
     before_mm: Floats
     """(loads,) position error of the given model."""
     after_mm: Floats
     """(loads,) position error of a fit without the load."""
-    limit_mm: float
-    """Mean error of the best estimate for these loads at the noise of a sample."""
 
 
 @dataclass(frozen=True)
-class Checked:
-    """A fit to consistent loads that is better than the given model."""
+class Calibrated(CheckedFit):
+    """A model of the real surface, with the fit and its errors."""
 
-    fit: Fit
-    before_mm: Floats
-    after_mm: Floats
-
-
-def checked_fit(model: ModelFile, loads: Loads, progress: Progress) -> Checked:
-    """Fit the departures of a model's surface to recorded loads; raises as `calibrate`."""
-    theory = Theory.of(model.metadata)
-    swap = swapped(theory, loads, [channel.name for channel in model.metadata.layout])
-    if swap:
-        raise LoadsError(swap)
-    suspects = mistaken(theory, loads, lambda done: progress("looking for loads that do not fit", 0.3 * done))
-    if suspects:
-        raise LoadsError(_contradiction(loads, suspects))
-    found = supported_fit(theory, loads, lambda done: progress("fitting", 0.3 + 0.2 * done))
-    expected_mm = theory.measured_mm(np.zeros(theory.size), loads)[np.isfinite(loads.measured_mm)]
-    if not np.any(expected_mm):
-        message = "nothing was written: by this model, none of the loads moves a sensor; record loads elsewhere"
-        raise NotGoodEnoughError(message)
-    left = found.error_mm / float(np.sqrt((expected_mm**2).mean()))
-    if not left <= MAX_LEFT:
-        raise NotGoodEnoughError(_another_surface(f"leaves {left:.0%} of the expected deflections unexplained"))
-    before = errors_of_model(model.metadata, loads)
-    after = np.empty(len(loads.number))
-    for index in range(len(after)):
-        progress("leaving out one load at a time", 0.5 + 0.2 * index / len(after))
-        after[index] = error_without(theory, loads, found, index)
-    # A single sample has this error in addition, and the loads themselves stand a little off.
-    best = float(np.hypot(limit_mm(theory.prior, loads, model.metadata.seed, draws=100), loads.errors.placing_mm))
-    if not after.mean() <= max(MAX_LEFT * model.metadata.length_mm, best):
-        raise NotGoodEnoughError(_another_surface(f"locates left-out loads to {digits(after.mean(), 3)} mm"))
-    # A fit without departures is right only if the scene itself locates well.
-    worse = np.hypot(after.mean(), best) > WORSE * np.hypot(before.mean(), best)
-    if worse or (not found.kinds and not after.mean() <= best):
-        raise NotGoodEnoughError(_worse(loads, before, after))
-    return Checked(found, before, after)
+    content: bytes
+    metadata: Metadata
+    limit_mm: float
+    """Mean error of the best estimate for these loads at the noise of a sample."""
 
 
 def calibrate(model: ModelFile, loads: Loads, progress: Progress) -> Calibrated:
@@ -136,22 +62,93 @@ def calibrate(model: ModelFile, loads: Loads, progress: Progress) -> Calibrated:
     NotGoodEnoughError
         The fit locates left-out loads worse than the given model does, or explains too little of the recording.
     """
-    metadata = model.metadata
-    checked = checked_fit(model, loads, progress)
-    found, before, after = checked.fit, checked.before_mm, checked.after_mm
-    theory = found.theory
-    prior = _calibrated_prior(metadata, theory, found)
+    metadata, checked = model.metadata, checked_fit(model, loads, progress)
+    departures, before_mm, after_mm = checked.fit.departures, checked.before_mm, checked.after_mm
+    # The error of a prediction beyond the noise of the recording widens the intervals.
+    residual_mm = float(np.hypot(checked.fit.residual_mm, checked.fit.prediction_mm))
+    # The floor of the scene comes with the model; what the fit leaves unexplained does not average away either.
+    zero_mm = np.hypot(Surface.of_model(metadata).readings.floor_mm, residual_mm)
+    # The offsets are what the zeros drifted between the tare and the recording, and the next tare takes them away.
+    prior = replace(
+        checked.fit.theory.prior_with(departures),
+        gain=np.array(metadata.floor.gain),
+        zero_mm=np.hypot(zero_mm, departures.offset_mm),
+    )
     calibration = Calibration(
-        departures=found.departures,
-        fitted=list(found.kinds),
+        departures=departures,
+        fitted=list(checked.fit.kinds),
         loads=len(loads.number),
-        residual_mm=_residual_mm(found),
-        error_before_mm=float(before.mean()),
-        error_after_mm=float(after.mean()),
+        residual_mm=residual_mm,
+        error_before_mm=float(before_mm.mean()),
+        error_after_mm=float(after_mm.mean()),
     )
     content, fresh = rebuilt(metadata, prior, calibration, progress)
-    best = limit_mm(prior, loads, metadata.seed)
-    return Calibrated(content, fresh, found, before, after, best)
+    best_mm = limit_mm(prior, loads, metadata.seed)
+    return Calibrated(checked.fit, before_mm, after_mm, content, fresh, best_mm)
+
+
+def checked_fit(model: ModelFile, loads: Loads, progress: Progress) -> CheckedFit:
+    """Fit the departures of a model's surface to recorded loads; raises as `calibrate`."""
+    theory = Theory.of(model.metadata)
+    swap = swapped(theory, loads, [channel.name for channel in model.metadata.layout])
+    if swap:
+        raise LoadsError(swap)
+    suspects = mistaken(theory, loads, lambda done: progress("looking for loads that do not fit", 0.3 * done))
+    if suspects:
+        raise LoadsError(_contradiction(loads, suspects))
+    found = supported_fit(theory, loads, lambda done: progress("fitting", 0.3 + 0.2 * done))
+    expected_mm = theory.curve(np.zeros(theory.size)).measured_mm(loads.position_mm, loads.force_n)
+    expected_mm = expected_mm[np.isfinite(loads.measured_mm)]
+    if not np.abs(expected_mm).max() > MOVED * theory.prior.noise_mm:
+        raise NotGoodEnoughError(
+            "nothing was written: by this model, none of the loads moves a sensor; record loads elsewhere"
+        )
+    left = found.error_mm / float(np.sqrt((expected_mm**2).mean()))
+    if not left <= MAX_LEFT:
+        raise NotGoodEnoughError(_another_surface(f"leaves {left:.0%} of the expected deflections unexplained"))
+    before = _errors_mm(prior_of_model(model.metadata), model.metadata.departures, loads)
+    after = np.empty(len(loads.number))
+    for index in range(len(after)):
+        progress("leaving out one load at a time", 0.5 + 0.2 * index / len(after))
+        departures = fit(theory, loads.without(index), found.kinds, found.vector).departures
+        own = loads[np.arange(len(after)) == index]
+        after[index] = _errors_mm(theory.prior_with(departures), departures, own)[0]
+    # A single sample has this error in addition, and the loads themselves stand a little off.
+    best = float(np.hypot(limit_mm(theory.prior, loads, model.metadata.seed, draws=100), loads.errors.placing_mm))
+    if not after.mean() <= max(MAX_LEFT * model.metadata.length_mm, best):
+        raise NotGoodEnoughError(_another_surface(f"locates left-out loads to {digits(after.mean(), 3)} mm"))
+    # A fit without departures is right only if the scene itself locates well.
+    worse = np.hypot(after.mean(), best) > WORSE * np.hypot(before.mean(), best)
+    if worse or (not found.kinds and not after.mean() <= best):
+        raise NotGoodEnoughError(_worse(loads, before, after))
+    return CheckedFit(found, before, after)
+
+
+def _errors_mm(prior: Prior, departures: Departures, loads: Loads) -> Floats:
+    """Return the position errors (loads,) of loads that are located from the means of their samples.
+
+    The noise is that of the mean, without the floor. With that of a single sample, a weak load would be drawn towards
+    the middle of the range, which can hide an error of the surface.
+    """
+    errors = np.empty(len(loads.number))
+    for index, (measured, deviation) in enumerate(zip(loads.measured_mm, loads.deviation_mm, strict=True)):
+        valid = np.isfinite(measured)
+        noise_mm = float(deviation[valid].mean())
+        exact = replace(prior, noise_mm=noise_mm, gain=0.0, zero_mm=0.0, uncertain_at=None)
+        linear_mm = departures.linear_mm(measured)[valid][None]
+        found_mm = limit.posterior_median_mm(exact.without(*np.flatnonzero(~valid).tolist()), linear_mm)[0]
+        errors[index] = abs(found_mm - loads.position_mm[index])
+    return errors
+
+
+def limit_mm(prior: Prior, loads: Loads, seed: int, draws: int = 400) -> float:
+    """Return the mean error of the best estimate for samples of these loads."""
+    rng = np.random.default_rng(seed)
+    clean = loads.force_n[:, None] * prior.influence_at(loads.position_mm)
+    noise = rng.normal(size=(draws, *clean.shape)) * prior.deviation_mm(clean)
+    readings = (clean + noise).reshape(-1, prior.channels)
+    off = limit.posterior_median_mm(prior, readings).reshape(draws, -1) - loads.position_mm
+    return float(np.abs(off).mean())
 
 
 def _contradiction(loads: Loads, suspects: tuple[Suspect, ...]) -> str:
@@ -187,16 +184,3 @@ def _worse(loads: Loads, before: Floats, after: Floats) -> str:
         f"of load {loads.number[worst]} (lines {loads.lines[worst, 0]} to {loads.lines[worst, 1]}), "
         f"{digits(after[worst], 3)} mm. Keep the model, or check the loads and record more over the whole beam"
     )
-
-
-def _residual_mm(found: Fit) -> float:
-    """Return the error of a prediction beyond the noise of the recording; it widens the intervals."""
-    return float(np.hypot(found.residual_mm, found.prediction_mm))
-
-
-def _calibrated_prior(metadata: Metadata, theory: Theory, found: Fit) -> Prior:
-    prior, floor = theory.prior_with(found.departures), metadata.floor
-    # The floor of the scene comes with the model; what the fit leaves unexplained does not average away either.
-    zero_mm = np.hypot(Surface.of_model(metadata).readings.floor_mm, _residual_mm(found))
-    # The offsets are what the zeros drifted between the tare and the recording, and the next tare takes them away.
-    return replace(prior, gain=np.array(floor.gain), zero_mm=np.hypot(zero_mm, found.departures.offset_mm))

@@ -1,7 +1,7 @@
 """Unlabelled contacts: mean deflections per event, from a file that the service offers. Place and force are unknown."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from beamtouch_common.digits import digits
 from beamtouch_common.errors import InputError
-from beamtouch_models.arrays import Bools, Floats, Indices
+from beamtouch_models.arrays import Floats, Indices
 from beamtouch_models.calibration.loads import MAX_DEFLECTIONS, read_rows
 from beamtouch_models.health.zeros import DRIFT
 from beamtouch_models.metadata import Metadata
@@ -45,9 +45,10 @@ class UnlabelledContacts:
     def __len__(self) -> int:
         return len(self.measured_mm)
 
-    def __getitem__(self, kept: Bools | Indices) -> "UnlabelledContacts":
-        rest_mm = None if self.rest_mm is None else self.rest_mm[kept]
-        return replace(self, measured_mm=self.measured_mm[kept], deviation_mm=self.deviation_mm[kept], rest_mm=rest_mm)
+    def noise_mm(self, zero_mm: Floats, left_error: float) -> Floats:
+        """Return the standard deviation (contacts, channels) with zeros and a relative error of the deflections."""
+        deviation: Floats = np.sqrt(self.deviation_mm**2 + zero_mm**2 + (left_error * self.measured_mm) ** 2)
+        return deviation
 
     def moved_zeros(self, zero_mm: Floats) -> Indices:
         """Return the channels whose rests surely differ by more than `DRIFT` times the drift `zero_mm` (channels,).
@@ -57,10 +58,9 @@ class UnlabelledContacts:
         if self.rest_mm is None:
             return np.empty(0, np.intp)
         rest, deviation = self.rest_mm[~np.isnan(self.rest_mm).any(axis=(1, 2))].transpose(1, 0, 2)
-        if len(rest) == 0:
-            return np.empty(0, np.intp)
-        surely = (rest - SURELY * deviation).max(axis=0) - (rest + SURELY * deviation).min(axis=0)
-        return np.flatnonzero(surely > DRIFT * zero_mm)
+        highest = (rest - SURELY * deviation).max(axis=0, initial=-np.inf)
+        lowest = (rest + SURELY * deviation).min(axis=0, initial=np.inf)
+        return np.flatnonzero(highest - lowest > DRIFT * zero_mm)
 
 
 @dataclass(frozen=True)
@@ -83,20 +83,17 @@ def read_contacts(path: Path, metadata: Metadata) -> UnlabelledContacts:
     """
     channels = [channel.name for channel in metadata.layout]
     if path.is_file() and path.stat().st_size > MAX_BYTES:
-        message = f"{path}: it is larger than {MAX_BYTES >> 20} MiB; fetch fewer contacts, with ?limit="
-        raise ContactsError(message)
+        raise ContactsError(f"{path}: it is larger than {MAX_BYTES >> 20} MiB; fetch fewer contacts, with ?limit=")
     given, names = read_rows(path, ContactsError)
     _check_columns(path, names, channels)
     if not given:
-        message = f"{path}: no contacts; fetch them with GET /surfaces/NAME/calibration-data"
-        raise ContactsError(message)
+        raise ContactsError(f"{path}: no contacts; fetch them with GET /surfaces/NAME/calibration-data")
     rows = {}
     for line, row in enumerate(given, start=2):
         try:
             checked = _checked(row, channels, metadata)
         except ContactsError as error:
-            message = f"{path}: line {line}: {error}"
-            raise ContactsError(message) from None
+            raise ContactsError(f"{path}: line {line}: {error}") from None
         rows[checked.event] = checked
     return _newest(sorted(rows.values(), key=lambda row: row.time))
 
@@ -106,42 +103,37 @@ def _check_columns(path: Path, names: Sequence[str], channels: list[str]) -> Non
     wanted += [f"{name}_{end}" for end in ("mm", "sd_mm") for name in channels]
     missing = [column for column in wanted if column not in names]
     if missing:
-        message = f"{path}: column {missing[0]} is missing; fetch the contacts of this model's surface"
-        raise ContactsError(message)
+        raise ContactsError(f"{path}: column {missing[0]} is missing; fetch the contacts of this model's surface")
     others = [name.removesuffix("_sd_mm") for name in names if name.endswith("_sd_mm")]
     # A column such as s1_rest_sd_mm says more of a known channel.
     foreign = [name for name in others if not f"{name}_".startswith(tuple(f"{channel}_" for channel in channels))]
     if foreign:
-        message = f"{path}: it has a channel {foreign[0]}, which this model has not; fetch the contacts of its surface"
-        raise ContactsError(message)
+        raise ContactsError(
+            f"{path}: it has a channel {foreign[0]}, which this model has not; fetch the contacts of its surface"
+        )
 
 
 def _checked(row: dict[str, str], channels: list[str], metadata: Metadata) -> _Row:
     """Return a row as numbers; raises ContactsError with the reason."""
     surface = (row["model"] or "").rpartition("@")[0]
     if surface != metadata.name:
-        message = f"it is of the model {row['model']}, but this model's name is {metadata.name}"
-        raise ContactsError(message)
+        raise ContactsError(f"it is of the model {row['model']}, but this model's name is {metadata.name}")
     try:
         time = datetime.fromisoformat(row["time"] or "")
         measured, deviation = ([float(row[f"{name}_{end}"]) for name in channels] for end in ("mm", "sd_mm"))
         rest = [[float(row.get(f"{name}_{end}") or "nan") for name in channels] for end in ("rest_mm", "rest_sd_mm")]
     except (ValueError, TypeError):
-        message = "a value is missing, or not a number or a time"
-        raise ContactsError(message) from None
+        raise ContactsError("a value is missing, or not a number or a time") from None
     if time.tzinfo is None:
-        message = f"the time {row['time']} has no zone; it must end in Z"
-        raise ContactsError(message)
+        raise ContactsError(f"the time {row['time']} has no zone; it must end in Z")
     for name, value, error in zip(channels, measured, deviation, strict=True):
         if not (np.isfinite(value) and 0 < error < np.inf):
-            message = f"{name} must have a finite deflection and a positive finite deviation"
-            raise ContactsError(message)
+            raise ContactsError(f"{name} must have a finite deflection and a positive finite deviation")
         if max(abs(value), error) > MAX_DEFLECTIONS * metadata.max_deflection_mm:
-            message = (
+            raise ContactsError(
                 f"{name} states {value:g} +- {error:g} mm, but this surface deflects by "
                 f"{digits(metadata.max_deflection_mm, 3)} mm at most; check the unit and the daemon's config"
             )
-            raise ContactsError(message)
     return _Row((row["event"] or "", row["time"]), time, row["characteristic"] or "", measured, deviation, rest)
 
 

@@ -4,41 +4,29 @@ Maximum a posteriori: generalised least squares with a prior on each departure, 
 of the residuals holds the noise of the recording, the errors of position and force of each load, and a residual that
 neither explains. The residual is as large as makes the weighted squares equal to their degrees of freedom (Paule &
 Mandel 1982, doi 10.6028/jres.087.022). Kinds of departures are added one by one, each only if it lowers the error of
-loads that are left out of the fit. The residuals of these come from the leverages of all loads in one fit (PRESS; Allen
-1974, doi 10.1080/00401706.1974.10489157).
+loads that are left out of the fit.
 """
 
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import astuple, dataclass
 
 import numpy as np
 from scipy.optimize import least_squares
 
-from beamtouch_models.arrays import Bools, Floats, Indices
-from beamtouch_models.calibration.loads import Deflections, Loads, RecordingErrors
-from beamtouch_models.calibration.theory import FIXITY, MAX_FIXITY, Theory
+from beamtouch_models.arrays import Floats
+from beamtouch_models.calibration.loads import Loads
+from beamtouch_models.calibration.theory import Theory
+from beamtouch_models.health.residuals import LoadErrors, Residuals, leave_out
 from beamtouch_models.metadata import Departures
 from beamtouch_models.progress import Fraction
-
-
-def hat_matrix(slopes: Floats) -> Floats:
-    """Return the hat matrix of whitened residuals, with priors of variance 1 on the departures."""
-    matrix: Floats = slopes @ np.linalg.solve(slopes.T @ slopes + np.eye(slopes.shape[1]), slopes.T)
-    return matrix
-
-
-def left_out_residuals(residual: Floats, slopes: Floats) -> Floats:
-    """Return the whitened residuals (loads, channels, 1) of each load when it is left out of the fit."""
-    hat, channels = hat_matrix(slopes), residual.shape[1]
-    own = [slice(start, start + channels) for start in range(0, residual.size, channels)]
-    pairs = zip(own, residual, strict=True)
-    return np.array([np.linalg.solve(np.eye(channels) - hat[rows, rows], one) for rows, one in pairs])
-
 
 WORTH = 0.95
 """A kind of departure is added if it lowers the error of left-out loads to at most this fraction."""
 ROUNDS = 3
 """Largest number of times that the residual is estimated."""
+PSEUDO_LOADS = 0.25
+"""Weight of the stated errors, in loads; they matter where the loads tell little."""
+UPDATES = 10
+"""Number of improvements of the errors in each round of a fit. A round starts from the errors of the previous one."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +36,7 @@ class Fit:
     theory: Theory
     kinds: tuple[str, ...]
     vector: Floats
-    errors: RecordingErrors
+    errors: LoadErrors
     """Errors of the recording as the fit finds them."""
     scatter: float
     """Standard deviation of the residuals, per degree of freedom, in units of the errors that the recording states."""
@@ -84,109 +72,109 @@ class Fit:
         return self.theory.departures(self.vector)
 
 
-@dataclass(frozen=True)
-class _Problem:
-    """The fit of some kinds of departures to loads."""
-
-    theory: Theory
-    loads: Loads
-    kinds: tuple[str, ...]
-
-    @cached_property
-    def free(self) -> Indices:
-        """Places of the fitted departures in the vector of all."""
-        return free_of(self.theory, self.kinds)
-
-    @cached_property
-    def is_measured(self) -> Bools:
-        """(loads, channels), whether there is a measurement."""
-        return np.isfinite(self.loads.measured_mm)
-
-    def with_free(self, vector: Floats, part: Floats) -> Floats:
-        """Return the vector with other values of the fitted departures."""
-        moved = vector.copy()
-        moved[self.free] = part
-        return moved
-
-    def left_mm(self, vector: Floats) -> Floats:
-        """Return the residuals (loads, channels); 0 without a measurement."""
-        return np.where(self.is_measured, self.loads.measured_mm - self.theory.measured_mm(vector, self.loads), 0.0)
-
-    def slopes(self, vector: Floats) -> Floats:
-        """Return the change of each deflection with the fitted departures, (loads, channels, departures)."""
-        return self.theory.slopes(vector, self.loads, self.kinds)[..., self.free] * self.is_measured[..., None]
-
-    def weighed(self, slopes: Floats, whitening: Floats) -> Floats:
-        """Return whitened slopes, a row for each deflection."""
-        return (whitening @ slopes).reshape(self.is_measured.size, len(self.free))
-
-    def solved(self, vector: Floats, whitening: Floats) -> Floats:
-        """Return the vector with the likeliest departures for this whitening of the residuals."""
-        if not len(self.free):
-            return vector
-
-        def residuals(part: Floats) -> Floats:
-            left_mm = self.left_mm(self.with_free(vector, part))
-            return np.concatenate([np.einsum("lcd,ld->lc", whitening, left_mm).ravel(), part])
-
-        def jacobian(part: Floats) -> Floats:
-            slopes = self.slopes(self.with_free(vector, part))
-            return np.concatenate([-self.weighed(slopes, whitening), np.eye(len(part))])
-
-        low, high = bounds_of(self.theory, self.free)
-        # The default method, "trf", cannot leave a start on a bound, and fixities start at 0.
-        start = np.clip(vector[self.free], low, high)
-        found = least_squares(residuals, start, jacobian, bounds=(low, high), method="dogbox", ftol=1e-5, max_nfev=30)
-        return self.with_free(vector, found.x)
-
-
 def fit(
     theory: Theory, loads: Loads, kinds: tuple[str, ...], start: Floats | None = None, *, rounds: int = ROUNDS
 ) -> Fit:
     """Fit some kinds of departures; the others stay as in the scene."""
-    problem, errors = _Problem(theory, loads, kinds), loads.errors
-    none = np.zeros(theory.size)
-    vector = none if start is None else problem.with_free(none, start[problem.free])
+    free, vector, errors = theory.free_of(kinds), np.zeros(theory.size), loads.errors
+    if start is not None:
+        vector[free] = start[free]
+    residuals = residuals_of(theory, loads, vector)
+    measured = int(residuals.is_measured.sum())
     for _ in range(rounds):
-        moved = theory.deflections(vector, loads)
-        whitening = moved.whitening(errors)
-        vector = problem.solved(vector, whitening)
-        left, at = problem.left_mm(vector), problem.slopes(vector)
+        vector = _solve(theory, loads, kinds, vector, residuals.whitening(errors))
+        residuals, slopes = residuals_of(theory, loads, vector), _slopes(theory, loads, kinds, vector)
         # Only departures that the data determine, rather than the prior, use up degrees of freedom.
-        freedom = max(1.0, problem.is_measured.sum() - float(np.trace(hat_matrix(problem.weighed(at, whitening)))))
-        errors = moved.errors_of(left, loads.errors, errors, freedom)
-    return _judged(problem, vector, moved, errors, freedom, left, at)
-
-
-def _judged(
-    problem: _Problem,
-    vector: Floats,
-    moved: Deflections,
-    errors: RecordingErrors,
-    freedom: float,
-    left: Floats,
-    at: Floats,
-) -> Fit:
-    """Return the fit with these residuals and slopes, and its errors of loads that are left out of it."""
-    theory, measured, free = problem.theory, problem.is_measured, problem.free
-    whitening, as_stated = moved.whitening(errors), moved.whitening(problem.loads.errors)
-    weighed = problem.weighed(at, whitening)
-    left_out = np.linalg.solve(whitening, left_out_residuals(whitening @ left[..., None], weighed))[..., 0]
-    own = np.linalg.inv(weighed.T @ weighed + np.eye(len(free)))
+        weighed = residuals.whitening(errors) @ slopes
+        freedom = max(1.0, measured - float(np.einsum("lcv,vw,lcw->", weighed, _covariance(weighed), weighed)))
+        errors = _likely_errors(residuals, loads.errors, errors, freedom)
+    whitening, as_stated = residuals.whitening(errors), residuals.whitening(loads.errors)
+    weighed, left = whitening @ slopes, residuals.left_mm[..., None]
+    own = _covariance(weighed)
+    left_out = np.linalg.solve(whitening, leave_out((whitening @ left)[..., 0], weighed, own)[..., None])
     covariance = np.zeros((theory.size, theory.size))
     covariance[np.ix_(free, free)] = own
     return Fit(
         theory,
-        problem.kinds,
+        kinds,
         vector,
         errors,
-        scatter=float(np.sqrt(((as_stated @ left[..., None]) ** 2).sum() / freedom)),
+        scatter=float(np.sqrt(((as_stated @ left) ** 2).sum() / freedom)),
         freedom=freedom,
-        left_out_mm=np.where(measured, left_out, np.nan),
-        left_out=float(np.sqrt(((as_stated @ left_out[..., None]) ** 2).sum() / measured.sum())),
-        prediction_mm=float(np.sqrt(np.einsum("lcv,vw,lcw->", at, own, at) / measured.sum())),
+        left_out_mm=np.where(residuals.is_measured, left_out[..., 0], np.nan),
+        left_out=float(np.sqrt(((as_stated @ left_out) ** 2).sum() / measured)),
+        prediction_mm=float(np.sqrt(np.einsum("lcv,vw,lcw->", slopes, own, slopes) / measured)),
         covariance=covariance,
     )
+
+
+def residuals_of(theory: Theory, loads: Loads, vector: Floats) -> Residuals:
+    """Return the residuals of known loads on a surface with departures."""
+    return Residuals.of(theory.curve(vector), loads.position_mm, loads.force_n, loads.measured_mm, loads.deviation_mm)
+
+
+def _slopes(theory: Theory, loads: Loads, kinds: tuple[str, ...], vector: Floats) -> Floats:
+    """Return the change of each deflection with the fitted departures, (loads, channels, departures)."""
+    slopes = theory.slopes(vector, loads.position_mm, loads.force_n, kinds)[..., theory.free_of(kinds)]
+    return slopes * np.isfinite(loads.measured_mm)[..., None]
+
+
+def _covariance(weighed: Floats) -> Floats:
+    """Return the covariance of the fitted departures, from their whitened slopes and their prior of variance 1."""
+    return np.linalg.inv(np.einsum("lcv,lcw->vw", weighed, weighed) + np.eye(weighed.shape[2]))
+
+
+def _solve(theory: Theory, loads: Loads, kinds: tuple[str, ...], vector: Floats, whitening: Floats) -> Floats:
+    """Return the vector with the likeliest departures for this whitening of the residuals."""
+    free = theory.free_of(kinds)
+    if not len(free):
+        return vector
+    is_measured = np.isfinite(loads.measured_mm)
+
+    def with_free(part: Floats) -> Floats:
+        moved = vector.copy()
+        moved[free] = part
+        return moved
+
+    def residuals(part: Floats) -> Floats:
+        expected_mm = theory.curve(with_free(part)).measured_mm(loads.position_mm, loads.force_n)
+        left_mm = np.where(is_measured, loads.measured_mm - expected_mm, 0.0)
+        return np.concatenate([(whitening @ left_mm[..., None]).ravel(), part])
+
+    def jacobian(part: Floats) -> Floats:
+        weighed = whitening @ _slopes(theory, loads, kinds, with_free(part))
+        return np.concatenate([-weighed.reshape(-1, len(free)), np.eye(len(part))])
+
+    low, high = theory.bounds_of(free)
+    # The default method, "trf", cannot leave a start on a bound, and fixities start at 0.
+    start = np.clip(vector[free], low, high)
+    found = least_squares(residuals, start, jacobian, bounds=(low, high), method="dogbox", ftol=1e-5, max_nfev=30)
+    return with_free(found.x)
+
+
+def _likely_errors(residuals: Residuals, about: LoadErrors, start: LoadErrors, freedom: float) -> LoadErrors:
+    """Return the likely errors behind residuals with `freedom` degrees of freedom.
+
+    They maximise the likelihood (Zhou, Hu, Qiao & Lange 2019, doi 10.1080/10618600.2018.1529601), where `about`
+    counts as much as `PSEUDO_LOADS` loads.
+    """
+    is_measured, noise_mm = residuals.is_measured, residuals.noise_mm
+    share = freedom / is_measured.sum()
+    moved, left = np.moveaxis(residuals.moved_mm, 0, 2), residuals.left_mm[..., None]
+    prior = np.array([about.placing_mm, about.force]) ** 2
+    variance = np.array(astuple(start)) ** 2
+    variance[2] = max(variance[2], float((noise_mm[is_measured] ** 2).mean()))
+    for _ in range(UPDATES):
+        inverse = np.linalg.inv(residuals.covariance_mm2(LoadErrors(*np.sqrt(variance).tolist())))
+        pulled = inverse @ left
+        pulls = ((moved.transpose(0, 2, 1) @ pulled) ** 2).sum(axis=(0, 2))
+        traces = share * (moved * (inverse @ moved)).sum(axis=(0, 1))
+        safe = np.maximum(variance[:2], np.finfo(np.float64).tiny)
+        pulls, traces = pulls + PSEUDO_LOADS * prior / safe**2, traces + PSEUDO_LOADS / safe
+        own = share * np.trace(inverse * is_measured[..., None], axis1=1, axis2=2).sum()
+        variance[:2] *= np.sqrt(pulls / traces)
+        variance[2] *= np.sqrt((pulled**2).sum() / own)
+    return LoadErrors(*np.sqrt(variance).tolist())
 
 
 def supported_fit(theory: Theory, loads: Loads, progress: Fraction) -> Fit:
@@ -201,17 +189,3 @@ def supported_fit(theory: Theory, loads: Loads, progress: Fraction) -> Fit:
         best = trial
         open_kinds.remove(trial.kinds[-1])
     return best
-
-
-def free_of(theory: Theory, kinds: tuple[str, ...]) -> Indices:
-    """Return the places of some kinds in the vector of all departures."""
-    places = np.arange(theory.size)
-    return np.concatenate([places[:0], *(places[theory.kinds[kind]] for kind in kinds)])
-
-
-def bounds_of(theory: Theory, free: Indices) -> tuple[Floats, Floats]:
-    """Return the smallest and the largest values of fitted departures, in the units of the vector."""
-    low, high = np.full(theory.size, -8.0), np.full(theory.size, 8.0)
-    if "fixity" in theory.kinds:
-        low[theory.kinds["fixity"]], high[theory.kinds["fixity"]] = 0.0, MAX_FIXITY / FIXITY
-    return low[free], high[free]

@@ -5,24 +5,16 @@ residuals do not see them. The floor of a model is independent per channel. So i
 error.
 """
 
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import chi2
 
 from beamtouch_models.arrays import Floats
 from beamtouch_models.calibration.contacts import UnlabelledContacts
-from beamtouch_models.calibration.loads import Loads
-from beamtouch_models.calibration.theory import Theory
-from beamtouch_models.calibration.unlabelled import ContactFit, degrees_of, fit_contacts, linear
+from beamtouch_models.calibration.unlabelled import ContactFit, locate
+from beamtouch_models.health.residuals import leave_out
 
-PARTS = 4
-"""Number of parts of the contacts; each is left out of one fit."""
-ROUNDS = 5
-"""Rounds of a fit without a part, which begins with the fit to all."""
-CHANCE = 1e-4
-"""Probability that contacts on a surface as modelled are said to contradict it."""
 PLACES = 61
 """Number of contacts over the range at which errors are computed."""
 INNER = 0.05
@@ -43,140 +35,81 @@ class HeldOut:
     """Median by fits without the contact."""
     expected: float
     """Median of contacts on a surface that is exactly as the model says."""
-    beyond: float
-    """Sum of the misfits of single contacts over the largest that is allowed."""
 
 
-def held_out(fit: ContactFit, contacts: UnlabelledContacts, zero_mm: Floats, max_error: float) -> HeldOut:
-    """Leave out one part of the contacts at a time, spread over time.
+def hold_out(fit: ContactFit, contacts: UnlabelledContacts, zero_mm: Floats) -> HeldOut:
+    """Leave out one contact at a time, by the leverages of the fit to all.
 
-    Parameters
-    ----------
-    zero_mm : (channels,) standard deviation of the zeros
-    max_error : relative error of deflections that may be left
+    `zero_mm` (channels,) is the standard deviation of the zeros.
     """
-    theory, count = fit.theory, len(contacts)
-    after, allowed = np.empty(count), np.empty(count)
-    for part in range(PARTS):
-        left_out = np.arange(count) % PARTS == part
-        rest = fit_contacts(theory, fit.start, contacts[~left_out], fit.kinds, zero_mm, like=fit, rounds=ROUNDS)
-        after[left_out] = _misfits(fit, rest.vector, contacts[left_out], zero_mm, 0.0, None)
-        allowed[left_out] = _misfits(fit, rest.vector, contacts[left_out], zero_mm, max_error, rest.covariance)
-    before = _misfits(fit, fit.start, contacts, zero_mm, 0.0, None)
-    degrees = degrees_of(theory)
-    largest = float(chi2.isf(CHANCE, degrees * fit.single.sum()))
-    return HeldOut(
-        float(np.median(before)),
-        float(np.median(after)),
-        float(chi2.median(degrees)),
-        float(fit.single @ allowed) / largest,
-    )
-
-
-def _misfits(
-    fit: ContactFit,
-    vector: Floats,
-    contacts: UnlabelledContacts,
-    zero_mm: Floats,
-    left_error: float,
-    covariance: Floats | None,
-) -> Floats:
-    """Return the misfits (contacts,) of contacts under departures, whose covariance counts as an error."""
-    theory = fit.theory
-    at = linear(theory, vector, contacts, zero_mm, left_error)
-    if covariance is None:
-        return at.misfit(theory, left_error)
-    slopes = theory.slopes(vector, at.loads, fit.kinds)
-    return at.misfit(theory, left_error, more_mm2=np.einsum("lcv,vw,ldw->lcd", slopes, covariance, slopes))
+    theory, errors = fit.theory, fit.theory.contact_errors
+    at = locate(theory, fit.vector, contacts, zero_mm, fit.left_error)
+    slopes = theory.slopes(fit.vector, at.position_mm, at.force_n, fit.kinds)
+    whitening = np.sqrt(fit.single)[:, None, None] * at.residuals.whitening(errors)
+    weighed = whitening @ slopes
+    left = leave_out((whitening @ at.residuals.left_mm[..., None])[..., 0], weighed, fit.covariance)
+    moved = np.einsum("lcv,vw,luw,lu->lc", slopes, fit.covariance, weighed, left)
+    noise_mm = contacts.noise_mm(zero_mm, 0.0)
+    without = replace(at.residuals, left_mm=at.residuals.left_mm + moved, noise_mm=noise_mm)
+    before = locate(theory, fit.start, contacts, zero_mm).residuals
+    medians = (float(np.median(residuals.misfit(errors))) for residuals in (before, without))
+    return HeldOut(*medians, float(chi2.median(theory.degrees)))
 
 
 @dataclass(frozen=True)
 class LeftOpen:
     """Errors of the estimates of a fitted model, at contacts over the range with a force from its middle."""
 
-    fit: ContactFit
-    covariance: Floats
-    """(departures, departures) covariance of the departures, in the units of the vector."""
-    noise_mm: Floats
-    """(channels,) noise of a sample with the deviation of its zero."""
-
-    @property
-    def theory(self) -> Theory:
-        """The surface."""
-        return self.fit.theory
-
-    @cached_property
-    def position_mm(self) -> Floats:
-        """Standard deviation (places,) of the position, from the departures."""
-        variance: Floats = np.einsum("lv,vw,lw->l", self._moves, self.covariance, self._moves)
-        return np.sqrt(variance)
-
-    def shift_mm(self) -> float:
-        """Root mean square of the change of positions from the given model to the fitted one."""
-        step = self._moves @ (self.fit.vector - self.fit.start)
-        return float(np.sqrt((step**2).mean()))
+    position_mm: Floats
+    """Standard deviation (places,) of the position, from the departures."""
+    shift_mm: float
+    """Root mean square of the change of positions from the given model to the fitted one."""
+    per_gain_mm: Floats
+    """(places, channels) change of the position with the gain of each channel."""
+    relative: Floats
+    """(departures, departures) covariance without the common scale of the gains, which is force if that is open."""
+    floor: Floats
+    """Gain errors (channels,) that state what the fit leaves open."""
 
     def stated_mm(self, gain: Floats) -> Floats:
         """Return the standard deviation (places,) of the position that a floor of the gains (channels,) states."""
-        variance: Floats = ((self._weights * gain * self._clean_mm) ** 2).sum(axis=1)
-        return np.sqrt(variance)
+        return _stated_mm(self.per_gain_mm, gain)
 
-    def floor(self) -> Floats:
-        """Return the gain errors (channels,) that state what the fit leaves open."""
-        moved = np.einsum("lcv,vw,lcw->lc", self._slopes, self.relative, self._slopes)
-        each = np.sqrt((moved / np.maximum(self._clean_mm**2, np.finfo(np.float64).tiny)).mean(axis=0))
-        each = np.maximum(each, MIN_GAIN)
-        factor = float(np.quantile(self.position_mm / self.stated_mm(each), ENOUGH))
-        floor: Floats = np.hypot(factor * each, self.fit.left_error)
-        return np.maximum(floor, MIN_GAIN)
 
-    @cached_property
-    def _loads(self) -> Loads:
-        low, high = self.theory.prior.position_mm
-        margin = INNER * (high - low)
-        position = np.linspace(low + margin, high - margin, PLACES)
-        force = np.full(PLACES, np.mean(self.theory.prior.force_n))
-        shape = (PLACES, self.theory.prior.channels)
-        lines = np.zeros((PLACES, 2), np.intp)
-        return Loads(np.arange(PLACES), position, force, np.zeros(shape), np.ones(shape), lines)
+def _stated_mm(per_gain_mm: Floats, gain: Floats) -> Floats:
+    return np.linalg.norm(per_gain_mm * gain, axis=1)
 
-    @cached_property
-    def _clean_mm(self) -> Floats:
-        return self.theory.measured_mm(self.fit.vector, self._loads)
 
-    @cached_property
-    def _slopes(self) -> Floats:
-        """(places, channels, departures) change of the deflections."""
-        return self.theory.slopes(self.fit.vector, self._loads, tuple(self.theory.kinds))
+def measure_left_open(fit: ContactFit, covariance: Floats, noise_mm: Floats) -> LeftOpen:
+    """Return what a fit leaves open.
 
-    @cached_property
-    def _weights(self) -> Floats:
-        """(places, channels) change of the best estimate of the position with each deflection."""
-        moved = self.theory.deflections(self.fit.vector, self._loads).moved_mm
-        moved = moved[:1] if self.theory.prior.force_is_known else moved
-        whitened = np.moveaxis(moved, 0, 2) / self._deviation_mm[..., None]
-        weights: Floats = np.linalg.pinv(whitened)[:, 0] / self._deviation_mm
-        return weights
-
-    @cached_property
-    def _deviation_mm(self) -> Floats:
-        """(places, channels), with a typical floor."""
-        spread = np.einsum("lcv,vw,lcw->lc", self._slopes, self.relative, self._slopes)
-        deviation: Floats = np.sqrt(self.noise_mm**2 + spread)
-        return deviation
-
-    @cached_property
-    def _moves(self) -> Floats:
-        """(places, departures) change of the position with the departures."""
-        moves: Floats = np.einsum("lc,lcv->lv", self._weights, self._slopes)
-        return moves
-
-    @cached_property
-    def relative(self) -> Floats:
-        """(departures, departures) covariance without the common scale of the gains, which is force if that is open."""
-        if self.theory.prior.force_is_known:
-            return self.covariance
-        project, gain = np.eye(self.theory.size), self.theory.kinds["gain"]
-        project[gain, gain] -= 1 / self.theory.prior.channels
-        whole: Floats = project @ self.covariance @ project.T
-        return whole
+    Parameters
+    ----------
+    covariance : (departures, departures), of the departures, in the units of the vector
+    noise_mm : (channels,) noise of a sample with the deviation of its zero
+    """
+    theory, curve = fit.theory, fit.theory.curve(fit.vector)
+    (low, high), is_known = theory.prior.position_mm, theory.prior.force_is_known
+    margin = INNER * (high - low)
+    position = np.linspace(low + margin, high - margin, PLACES)
+    force = np.full(PLACES, np.mean(theory.prior.force_n))
+    clean = curve.measured_mm(position, force)
+    slopes = theory.slopes(fit.vector, position, force, tuple(theory.kinds))
+    relative = covariance
+    if not is_known:
+        project, gain = np.eye(theory.size), theory.kinds["gain"]
+        project[gain, gain] -= 1 / theory.prior.channels
+        relative = project @ covariance @ project.T
+    spread = np.einsum("lcv,vw,lcw->lc", slopes, relative, slopes)
+    # The best estimate of the position, with a typical floor.
+    deviation = np.sqrt(noise_mm**2 + spread)
+    along = curve.moved_mm(position, force)[: 1 if is_known else 2]
+    weights = np.linalg.pinv(np.moveaxis(along, 0, 2) / deviation[..., None])[:, 0] / deviation
+    moves = np.einsum("lc,lcv->lv", weights, slopes)
+    open_mm = np.sqrt(np.einsum("lv,vw,lw->l", moves, covariance, moves))
+    each = np.sqrt((spread / np.maximum(clean**2, np.finfo(np.float64).tiny)).mean(axis=0))
+    each = np.maximum(each, MIN_GAIN)
+    factor = float(np.quantile(open_mm / _stated_mm(weights * clean, each), ENOUGH))
+    floor = np.maximum(np.hypot(factor * each, fit.left_error), MIN_GAIN)
+    shift_mm = float(np.sqrt(((moves @ (fit.vector - fit.start)) ** 2).mean()))
+    return LeftOpen(open_mm, shift_mm, weights * clean, relative, floor)

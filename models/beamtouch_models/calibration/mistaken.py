@@ -13,7 +13,7 @@ from itertools import combinations
 import numpy as np
 from scipy.stats import f as f_distribution
 
-from beamtouch_models.calibration.fit import ROUNDS, Fit, fit
+from beamtouch_models.calibration.fit import ROUNDS, Fit, fit, residuals_of
 from beamtouch_models.calibration.loads import Loads
 from beamtouch_models.calibration.theory import Theory
 from beamtouch_models.decision.wiring import Wiring, wirings
@@ -69,8 +69,6 @@ PAIRED = 3
 """Number of loads that are tried in pairs with every other: those that leave the smallest scatter alone."""
 MIN_FOR_PAIRS = 5
 """Largest number of loads for which no pairs are left out, since too few would remain."""
-GRID = 401
-"""Number of positions at which a load is searched for."""
 
 
 @dataclass(frozen=True)
@@ -139,41 +137,30 @@ def _best_pair(theory: Theory, loads: Loads, indices: list[int], progress: Fract
 
 
 def _without(theory: Theory, loads: Loads, left_out: tuple[int, ...], rounds: int = ROUNDS) -> _Trial:
-    kept = np.ones(len(loads.number), np.bool_)
-    kept[list(left_out)] = False
     # Start from the scene, not from a fit that included the load.
-    return _Trial(fit(theory, loads[kept], tuple(theory.kinds), rounds=rounds), left_out)
+    return _Trial(fit(theory, loads.without(*left_out), tuple(theory.kinds), rounds=rounds), left_out)
 
 
 def _contradicts(fitted: Fit, loads: Loads, index: int) -> bool:
     theory, load = fitted.theory, _only(loads, index)
-    valid = np.isfinite(load.measured_mm[0])
-    predicted = theory.measured_mm(fitted.vector, load)[0]
-    off = (load.measured_mm[0] - predicted)[valid]
-    if not np.sqrt(np.mean(off**2)) >= FAR_NOISES * theory.prior.noise_mm:
+    residuals = residuals_of(theory, load, fitted.vector)
+    count = int(residuals.is_measured.sum())
+    if not np.sqrt((residuals.left_mm**2).sum() / count) >= FAR_NOISES * theory.prior.noise_mm:
         return False
-    slope = theory.slopes(fitted.vector, load, fitted.kinds)[0][valid]
+    slopes = theory.slopes(fitted.vector, load.position_mm, load.force_n, fitted.kinds)
     # An honest load may be off by as much as is stated, even if the others are better.
-    errors = theory.deflections(fitted.vector, load).covariance_mm2(fitted.errors.at_least(loads.errors))[0]
-    total = errors[np.ix_(valid, valid)] + slope @ fitted.covariance @ slope.T
-    ratio = float(off @ np.linalg.solve(total, off)) / len(off)
-    chance = f_distribution.sf(ratio, len(off), fitted.freedom)
+    errors = fitted.errors.at_least(loads.errors)
+    misfit = residuals.misfit(errors, slopes * residuals.is_measured[..., None], fitted.covariance)
+    chance = f_distribution.sf(float(misfit[0]) / count, count, fitted.freedom)
     return bool(chance < CHANCE / len(loads.number))
 
 
 def _suspect(fitted: Fit, loads: Loads, index: int, *, certain: bool) -> Suspect:
     """Return where the load pressed and how hard, by least squares over the range of positions."""
-    measured = loads.measured_mm[index]
-    valid = np.isfinite(measured)
-    departures = fitted.departures
-    linear = departures.linear_mm(measured)[valid]
-    prior = fitted.theory.prior_with(departures)
-    grid = np.linspace(*prior.position_mm, GRID)
-    shapes = prior.influence_at(grid)[:, valid]
-    square = np.maximum((shapes**2).sum(axis=1), np.finfo(np.float64).tiny)
-    force = np.maximum(shapes @ linear / square, 0.0)
-    best = int(((linear - force[:, None] * shapes) ** 2).sum(axis=1).argmin())
-    return Suspect(index, float(grid[best]), float(force[best]), certain)
+    curve, measured = fitted.theory.curve(fitted.vector), _only(loads, index).measured_mm
+    linear = np.nan_to_num(fitted.departures.linear_mm(measured))
+    position, force = curve.best_contacts(linear, np.isfinite(measured).astype(np.float64))
+    return Suspect(index, float(position[0]), max(float(force[0]), 0.0), certain)
 
 
 def _only(loads: Loads, index: int) -> Loads:

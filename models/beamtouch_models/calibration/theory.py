@@ -1,15 +1,16 @@
 """The surface as its scene and its model describe it, and how its deflections change with departures and loads."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from beamtouch_models.accuracy.prior import Prior
-from beamtouch_models.arrays import Floats
-from beamtouch_models.calibration.loads import Deflections, Loads
+from beamtouch_models.arrays import Floats, Indices
+from beamtouch_models.health.curve import InfluenceCurve
+from beamtouch_models.health.residuals import LoadErrors
 from beamtouch_models.metadata import Departures, Metadata
 from beamtouch_models.scene.beam import Beam
 from beamtouch_models.surface import Surface, depart
@@ -18,6 +19,10 @@ GAIN, POSITION_MM, FIXITY, RIGIDITY, BEND, OFFSET_NOISES = 0.04, 1.5, 0.1, 0.1, 
 """Standard deviations of plausible departures: relative gain, sensor position, fixity, relative rigidity, relative bend
 of the characteristic at full travel, and offset in units of the noise of a sample."""
 MAX_FIXITY = 0.9
+MAX_DEPARTURE = 8.0
+"""Largest other departure, in units of plausible ones."""
+GRID = 129
+"""Places of the influence over the range of contacts, as in a model file; it is interpolated between them."""
 MAX_INFLUENCES = 64
 """Number of influence matrices that are kept; it bounds their memory."""
 PER_CHANNEL = ("gain", "position", "offset")
@@ -34,7 +39,7 @@ FIELDS = {
 FACTORS = ("rigidity", "gain")
 """Kinds that enter the vector by their logarithm."""
 STEP = 1e-4
-"""Step of numerical derivatives: in units of the vector, over the length of the beam, and of the force."""
+"""Step of numerical derivatives, in units of the vector."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +53,7 @@ class Theory:
     sensor_mm: Floats
     prior: Prior
     max_deflection_mm: float
-    influences: dict[tuple[float, ...], Floats] = field(default_factory=dict, repr=False, compare=False)
+    _influences: dict[tuple[float, ...], Floats] = field(default_factory=dict, repr=False, compare=False)
     """Influence matrices that were computed recently."""
 
     @classmethod
@@ -123,18 +128,25 @@ class Theory:
         """Return the prior of the surface with departures."""
         return depart(self.prior, self.beam, self.width_mm, self.sensor_mm, departures)
 
-    def measured_mm(self, vector: Floats, loads: Loads) -> Floats:
-        """Return the deflections that its sensors measure under loads, (loads, channels)."""
+    def curve(self, vector: Floats) -> InfluenceCurve:
+        """Return the influence of the surface with the departures that a vector encodes, over the range of contacts."""
         departures = self.departures(vector)
-        influence = self._influence(departures, loads.position_mm)
-        return departures.measure(loads.force_n[:, None] * np.array(departures.gain) * influence)
+        # Gains, offsets and the curve do not change the beam, so its influence can often be used again.
+        beam = departures.model_copy(update={"gain": [1.0] * len(departures.gain)})
+        parts = (beam.rigidity, *beam.fixity, *beam.position_offset_mm)
+        places = np.linspace(*self.prior.position_mm, GRID)
+        if parts not in self._influences:
+            if len(self._influences) >= MAX_INFLUENCES:
+                self._influences.clear()
+            self._influences[parts] = self.prior_with(beam).influence_at(places)
+        return InfluenceCurve(places, np.array(departures.gain) * self._influences[parts], departures)
 
-    def slopes(self, vector: Floats, loads: Loads, kinds: Sequence[str]) -> Floats:
-        """Return the change of `measured_mm` with each entry of the vector, (loads, channels, departures).
+    def slopes(self, vector: Floats, position_mm: Floats, force_n: Floats, kinds: Sequence[str]) -> Floats:
+        """Return the change of measured deflections with each entry of the vector, (loads, channels, departures).
 
         It is 0 for the entries of other kinds than `kinds`.
         """
-        at = self.measured_mm(vector, loads)
+        at = self.curve(vector).measured_mm(position_mm, force_n)
         slopes = np.zeros((*at.shape, self.size))
         for kind in kinds:
             part = np.arange(self.size)[self.kinds[kind]]
@@ -142,42 +154,31 @@ class Theory:
             for moved in [part] if kind in PER_CHANNEL else part[:, None]:
                 step = np.zeros(self.size)
                 step[moved] = np.where(vector[moved] > 1, -STEP, STEP)  # away from the bound of a fixity
-                slope = (self.measured_mm(vector + step, loads) - at) / step[moved]
+                slope = (self.curve(vector + step).measured_mm(position_mm, force_n) - at) / step[moved]
                 slopes[:, np.arange(at.shape[1]), moved] = slope
         return slopes
 
-    def deflections(self, vector: Floats, loads: Loads) -> Deflections:
-        """Return what moves the deflections of loads about `measured_mm`."""
-        step_mm = STEP * self.prior.length_mm
-        low, high = (
-            replace(loads, position_mm=np.clip(loads.position_mm + way * step_mm, 0.0, self.prior.length_mm))
-            for way in (-1, 1)
-        )
-        apart_mm = (high.position_mm - low.position_mm)[:, None]
-        along = (self.measured_mm(vector, high) - self.measured_mm(vector, low)) / apart_mm
-        heavier = self.measured_mm(vector, replace(loads, force_n=(1 + STEP) * loads.force_n))
-        harder = (heavier - self.measured_mm(vector, loads)) / STEP
-        is_measured = np.isfinite(loads.measured_mm)
-        return Deflections(is_measured, loads.deviation_mm, np.stack([along, harder]) * is_measured)
+    @property
+    def degrees(self) -> int:
+        """Degrees of freedom of the residual of a contact: channels beyond its place and, if open, its force."""
+        return self.prior.channels - (1 if self.prior.force_is_known else 2)
 
-    @cached_property
-    def _scales(self) -> bool:
-        """Whether deflections are exactly inverse to the rigidity: nothing but bending carries the load."""
-        return self.beam.shear_modulus_gpa is None and self.beam.foundation_n_mm2 is None
+    @property
+    def contact_errors(self) -> LoadErrors:
+        """Errors of a contact of which nothing is known but what the scene states."""
+        return LoadErrors(placing_mm=np.inf, force=0.0 if self.prior.force_is_known else np.inf)
 
-    def _influence(self, departures: Departures, load_mm: Floats) -> Floats:
-        """Return the influence matrix (loads, channels) of the departed beam, without gains."""
-        # Gains, offsets and the curve do not change the beam, so its influence matrix can often be reused.
-        factor = departures.rigidity if self._scales else 1.0
-        solved = departures.model_copy(
-            update={"gain": [1.0] * len(departures.gain), "rigidity": departures.rigidity / factor}
-        )
-        parts = (solved.rigidity, *solved.fixity, *solved.position_offset_mm, *load_mm.tolist())
-        if parts not in self.influences:
-            if len(self.influences) >= MAX_INFLUENCES:
-                self.influences.clear()
-            self.influences[parts] = self.prior_with(solved).influence_at(load_mm)
-        return self.influences[parts] / factor
+    def free_of(self, kinds: Sequence[str]) -> Indices:
+        """Return the places of some kinds in the vector of all departures."""
+        places = np.arange(self.size)
+        return np.concatenate([places[:0], *(places[self.kinds[kind]] for kind in kinds)])
+
+    def bounds_of(self, free: Indices) -> tuple[Floats, Floats]:
+        """Return the smallest and the largest values of fitted departures, in the units of the vector."""
+        low, high = np.full(self.size, -MAX_DEPARTURE), np.full(self.size, MAX_DEPARTURE)
+        if "fixity" in self.kinds:
+            low[self.kinds["fixity"]], high[self.kinds["fixity"]] = 0.0, MAX_FIXITY / FIXITY
+        return low[free], high[free]
 
 
 def _values(departures: Departures, kind: str) -> Floats:

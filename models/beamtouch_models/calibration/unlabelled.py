@@ -1,9 +1,7 @@
 """The fit of a surface's departures to unlabelled contacts: mean deflections under loads of unknown place and force.
 
-An unlabelled contact is a load whose place and force are those of the fit, with errors as wide as their ranges. About
-them, its deflections are linear in the departures. The residual of its deflections at the best place and force shows
-the departures (variable projection: Golub & Pereyra 1973, doi 10.1137/0710036). Three things are estimated together
-with the departures, by expectation and maximisation:
+The residual of a contact's deflections at its best place and force shows the departures (`health.residuals`). Three
+things are estimated together with the departures, by expectation and maximisation:
 
 - the size of the departures, in units of plausible ones, so that few contacts change little;
 - the relative error that no departure explains;
@@ -11,23 +9,27 @@ with the departures, by expectation and maximisation:
 """
 
 from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import NamedTuple, Self
 
 import numpy as np
 from scipy.optimize import brentq, lsq_linear
 
-from beamtouch_models.arrays import Bools, Floats, Indices
+from beamtouch_models.arrays import Floats
 from beamtouch_models.calibration.contacts import UnlabelledContacts
-from beamtouch_models.calibration.fit import bounds_of, free_of
-from beamtouch_models.calibration.loads import Deflections, Loads, RecordingErrors
 from beamtouch_models.calibration.theory import GAIN, OFFSET_NOISES, Theory
-from beamtouch_models.health.curve import InfluenceCurve
+from beamtouch_models.health.residuals import Residuals
 
 MISFITS = (4.0, 16.0, 64.0, 256.0)
 """Residuals of several contacts at once, in units of the errors; each is as probable as the others."""
 SHARES = (0.01, 0.5)
 """Bounds of the share of samples that are not a single contact."""
+MAX_FORCE_RATIO = 100.0
+"""Largest force of a contact, over the largest of its scene. At a support, the best force may be any."""
+MAX_STEP = 2.0
+"""Bound of a step of a departure, in units of plausible ones: far off, the slopes are those of another surface."""
+ROUNDS = 12
+"""Number of rounds of a fit; after eight, nothing changes by a tenth of its error."""
+MIN_SIZE, MAX_SIZE = 0.02, 1.5
+"""Bounds of the size of the departures, in units of plausible ones."""
 
 
 def single_contact(misfit: Floats, degrees: int, share: float) -> Floats:
@@ -38,113 +40,34 @@ def single_contact(misfit: Floats, degrees: int, share: float) -> Floats:
     return single
 
 
-GRID = 401
-"""Number of positions over the range at which contacts are searched for."""
-MAX_FORCE_RATIO = 100.0
-"""Largest force of a contact, over the largest of its scene. At a support, the best force may be any."""
+@dataclass(frozen=True)
+class Located:
+    """Contacts at the places and forces that explain them best on a surface with departures."""
+
+    position_mm: Floats
+    force_n: Floats
+    """0 if it would have to pull, or to be beyond MAX_FORCE_RATIO: this is no contact."""
+    residuals: Residuals
 
 
-def places(theory: Theory, vector: Floats, measured_mm: Floats, deviation_mm: Floats) -> tuple[Floats, Floats]:
-    """Return the positions in mm and forces in N (contacts,) that explain measured deflections best.
+def locate(
+    theory: Theory, vector: Floats, contacts: UnlabelledContacts, zero_mm: Floats, left_error: float = 0.0
+) -> Located:
+    """Locate contacts on a surface with departures.
 
-    Deflections and their standard deviations are (contacts, channels). A force that would have to pull
-    or to be beyond MAX_FORCE_RATIO is 0: this is no contact.
+    Parameters
+    ----------
+    theory, vector : the surface and its departures
+    contacts : the deflections
+    zero_mm : (channels,) standard deviation of the zeros
+    left_error : relative error of the deflections beyond noise and zeros
     """
-    departures = theory.departures(vector)
-    prior = theory.prior_with(departures)
-    grid = np.linspace(*prior.position_mm, GRID)
-    curve = InfluenceCurve(grid, prior.influence_at(grid), departures)
+    curve, prior, noise_mm = theory.curve(vector), theory.prior, contacts.noise_mm(zero_mm, left_error)
     known_n = prior.force_n[0] if prior.force_is_known else None
-    linear_mm = departures.linear_mm(measured_mm)
-    position, force = curve.best_contacts(linear_mm, deviation_mm**-2, known_n)
-    return position, np.where((force > 0) & (force <= MAX_FORCE_RATIO * prior.force_n[1]), force, 0.0)
-
-
-ANY_FORCE = 3.0
-"""Error of the force of a contact, relative to the force of the fit: as good as unknown."""
-
-
-@dataclass(frozen=True)
-class Linear:
-    """Contacts at their best places and forces under a vector of departures."""
-
-    loads: Loads
-    moved: Deflections
-    left_mm: Floats
-    """(contacts, channels) measured minus predicted."""
-
-    def covariance_mm2(self, theory: Theory, left_error: float) -> Floats:
-        """Return the covariance (contacts, channels, channels) of `left_mm`, if place and force are unknown."""
-        noise = np.hypot(self.loads.deviation_mm, left_error * self.loads.measured_mm)
-        low, high = theory.prior.position_mm
-        force = 0.0 if theory.prior.force_is_known else ANY_FORCE
-        errors = RecordingErrors(placing_mm=high - low, force=force)
-        return replace(self.moved, noise_mm=noise).covariance_mm2(errors)
-
-    def whitening(self, theory: Theory, left_error: float) -> Floats:
-        """Return W (contacts, channels, channels) with W'W the inverse of that covariance."""
-        return np.linalg.inv(np.linalg.cholesky(self.covariance_mm2(theory, left_error)))
-
-    def misfit(
-        self, theory: Theory, left_error: float, left_mm: Floats | None = None, more_mm2: Floats | float = 0.0
-    ) -> Floats:
-        """Return the misfits (contacts,) of `left_mm`, or of other residuals, under that covariance and `more_mm2`."""
-        left_mm = self.left_mm if left_mm is None else left_mm
-        total = self.covariance_mm2(theory, left_error) + more_mm2
-        misfit: Floats = np.einsum("lc,lc->l", left_mm, np.linalg.solve(total, left_mm[..., None])[..., 0])
-        return misfit
-
-
-def linear(theory: Theory, vector: Floats, contacts: UnlabelledContacts, zero_mm: Floats, left_error: float) -> Linear:
-    """Locate contacts on a surface with departures; `zero_mm` (channels,) is the deviation of the zeros."""
-    deviation = np.hypot(contacts.deviation_mm, zero_mm)
-    position, force = places(
-        theory, vector, contacts.measured_mm, np.hypot(deviation, left_error * contacts.measured_mm)
-    )
-    count = np.arange(len(contacts))
-    lines = np.zeros((len(contacts), 2), np.intp)
-    loads = Loads(count, position, force, contacts.measured_mm, deviation, lines)
-    left = contacts.measured_mm - theory.measured_mm(vector, loads)
-    return Linear(loads, theory.deflections(vector, loads), left)
-
-
-def degrees_of(theory: Theory) -> int:
-    """Return the degrees of freedom of the residual of a contact: channels beyond its place and, if open, its force."""
-    return theory.prior.channels - (1 if theory.prior.force_is_known else 2)
-
-
-MAX_STEP = 2.0
-"""Bound of a step of a departure, in units of plausible ones: far off, the slopes are those of another surface."""
-
-
-@dataclass(frozen=True)
-class Normal:
-    """Normal equations of the departures."""
-
-    precision: Floats
-    pull: Floats
-
-    @classmethod
-    def of(cls, slopes: Floats, left: Floats) -> Self:
-        """Equations of whitened slopes (contacts, channels, departures) and residuals (contacts, channels)."""
-        return cls(np.einsum("lcv,lcw->vw", slopes, slopes), np.einsum("lcv,lc->v", slopes, left))
-
-    def with_prior(self, moved: Floats, deviation: Floats) -> Self:
-        """Add the prior of departures that are now `moved` away from its middle."""
-        return replace(self, precision=self.precision + np.diag(deviation**-2), pull=self.pull - moved / deviation**2)
-
-    def step(self, low: Floats, high: Floats) -> Floats:
-        """Return the best step between bounds."""
-        root = np.linalg.cholesky(self.precision)
-        bounds = np.clip(low, -MAX_STEP, -1e-9), np.clip(high, 1e-9, MAX_STEP)
-        found: Floats = lsq_linear(root.T, np.linalg.solve(root, self.pull), bounds, method="bvls").x
-        return found
-
-
-ROUNDS = 12
-"""Number of rounds of a fit; after eight, nothing changes by a tenth of its error."""
-MIN_SIZE, MAX_SIZE = 0.02, 1.5
-"""Bounds of the size of the departures, in units of plausible ones."""
+    linear_mm = curve.departures.linear_mm(contacts.measured_mm)
+    position, force = curve.best_contacts(linear_mm, noise_mm**-2, known_n)
+    force = np.where((force > 0) & (force <= MAX_FORCE_RATIO * prior.force_n[1]), force, 0.0)
+    return Located(position, force, Residuals.of(curve, position, force, contacts.measured_mm, noise_mm))
 
 
 @dataclass(frozen=True)
@@ -190,7 +113,6 @@ def fit_contacts(
     zero_mm: Floats,
     *,
     like: ContactFit | None = None,
-    rounds: int = ROUNDS,
 ) -> ContactFit:
     """Fit some kinds of departures to contacts, about those of the given model.
 
@@ -200,106 +122,62 @@ def fit_contacts(
     zero_mm : (channels,) standard deviation of the zeros
     like : a fit to begin with
     """
-    problem = _ContactProblem(theory, start, contacts, kinds, zero_mm)
-    found = problem.improved(
-        _Estimate(start) if like is None else _Estimate(like.vector, like.size, like.left_error, 0.1)
-    )
-    for _ in range(rounds - 1):
-        found = problem.improved(found)
-    at = linear(theory, found.vector, contacts, zero_mm, found.left_error)
-    whole = np.zeros((theory.size, theory.size))
-    whole[np.ix_(problem.free, problem.free)] = found.covariance
-    return ContactFit(
-        theory,
-        kinds,
-        start,
-        found.vector,
-        whole,
-        found.size,
-        found.left_error,
-        at.loads.position_mm,
-        found.single,
-        at.misfit(theory, found.left_error),
-        float((((found.vector - start)[problem.free] / found.about) ** 2).sum()),
-    )
-
-
-class _Estimate(NamedTuple):
-    """An intermediate result of a fit."""
-
-    vector: Floats
-    size: float = 1.0
-    left_error: float = GAIN
-    share: float = SHARES[0]
-    """Share of samples that are not a single contact."""
-    single: Floats = np.empty(0)
-    """(contacts,) probability that it is a single contact."""
-    covariance: Floats = np.empty((0, 0))
-    """Covariance of the fitted departures."""
-    about: Floats = np.empty(0)
-    """Standard deviations of the fitted departures about the given model."""
-
-
-@dataclass(frozen=True)
-class _ContactProblem:
-    """The departures to find, and the contacts that determine them."""
-
-    theory: Theory
-    start: Floats
-    contacts: UnlabelledContacts
-    kinds: tuple[str, ...]
-    zero_mm: Floats
-
-    @cached_property
-    def free(self) -> Indices:
-        """Places of the fitted departures in the vector of all."""
-        return free_of(self.theory, self.kinds)
-
-    def improved(self, found: _Estimate) -> _Estimate:
-        """Return the estimate after another round."""
-        theory, free, degrees = self.theory, self.free, degrees_of(self.theory)
-        at = linear(theory, found.vector, self.contacts, self.zero_mm, found.left_error)
-        single = single_contact(at.misfit(theory, found.left_error), degrees, found.share) * (at.loads.force_n > 0)
-        slopes = theory.slopes(found.vector, at.loads, self.kinds)[..., free]
-        about = _prior_deviation(theory, self.kinds, found.size, self.zero_mm)
-        weighed = np.sqrt(single)[:, None, None] * at.whitening(theory, found.left_error)
-        normal = Normal.of(weighed @ slopes, np.einsum("lcd,ld->lc", weighed, at.left_mm))
-        normal = normal.with_prior((found.vector - self.start)[free], about)
-        step = normal.step(*(bound - found.vector[free] for bound in bounds_of(theory, free)))
-        covariance = np.asarray(np.linalg.inv(normal.precision), np.float64)
-        vector = found.vector.copy()
+    free, degrees, errors = theory.free_of(kinds), theory.degrees, theory.contact_errors
+    bounds = theory.bounds_of(free)
+    # The offsets have the size of the zeros; all others share one.
+    offsets = np.arange(theory.size)[theory.kinds["offset"]]
+    sized = ~np.isin(free, offsets)
+    zeros = np.zeros(theory.size)
+    zeros[offsets] = zero_mm / (OFFSET_NOISES * theory.prior.noise_mm)
+    vector, size, left_error, share = start, 1.0, GAIN, SHARES[0]
+    if like is not None:
+        vector, size, left_error, share = like.vector, like.size, like.left_error, 0.1
+    for _ in range(ROUNDS):
+        at = locate(theory, vector, contacts, zero_mm, left_error)
+        single = single_contact(at.residuals.misfit(errors), degrees, share) * (at.force_n > 0)
+        slopes = theory.slopes(vector, at.position_mm, at.force_n, kinds)[..., free]
+        about = np.maximum(np.where(sized, size, zeros[free]), MIN_SIZE**2)
+        whitening = np.sqrt(single)[:, None, None] * at.residuals.whitening(errors)
+        weighed, left = whitening @ slopes, (whitening @ at.residuals.left_mm[..., None])[..., 0]
+        precision = np.einsum("lcv,lcw->vw", weighed, weighed) + np.diag(about**-2)
+        pull = np.einsum("lcv,lc->v", weighed, left) - (vector - start)[free] / about**2
+        step = _step(precision, pull, *(bound - vector[free] for bound in bounds))
+        covariance = np.linalg.inv(precision)
+        vector = vector.copy()
         vector[free] += step
         used = len(free) - float((np.diag(covariance) / about**2).sum())
-        left = at.left_mm - slopes @ step
-        left_error = _left_error(theory, at, left, single, degrees - used / max(single.sum(), 1.0))
-        sized = _sized(theory, self.kinds)
-        size = float(np.sqrt((((vector - self.start)[free] ** 2 + np.diag(covariance))[sized]).mean()))
-        size = float(np.clip(size, MIN_SIZE, MAX_SIZE))
+        moved = replace(at.residuals, left_mm=at.residuals.left_mm - slopes @ step)
+        per_contact = degrees - used / max(single.sum(), 1.0)
+        left_error = _left_error(theory, contacts, zero_mm, moved, single, per_contact)
+        squares = ((vector - start)[free] ** 2 + np.diag(covariance))[sized]
+        size = float(np.clip(np.sqrt(squares.mean()), MIN_SIZE, MAX_SIZE))
         share = float(np.clip(1 - single.mean(), *SHARES))
-        return _Estimate(vector, size, left_error, share, single, covariance, about)
+    at = locate(theory, vector, contacts, zero_mm, left_error)
+    whole = np.zeros((theory.size, theory.size))
+    whole[np.ix_(free, free)] = covariance
+    penalty = float((((vector - start)[free] / about) ** 2).sum())
+    misfit = at.residuals.misfit(errors)
+    return ContactFit(theory, kinds, start, vector, whole, size, left_error, at.position_mm, single, misfit, penalty)
 
 
-def _sized(theory: Theory, kinds: tuple[str, ...]) -> Bools:
-    """Return which of the fitted departures share a size: all but the offsets, whose size is that of the zeros."""
-    offsets = np.arange(theory.size)[theory.kinds["offset"]]
-    return ~np.isin(free_of(theory, kinds), offsets)
+def _step(precision: Floats, pull: Floats, low: Floats, high: Floats) -> Floats:
+    """Return the best step between bounds."""
+    root = np.linalg.cholesky(precision)
+    bounds = np.clip(low, -MAX_STEP, -1e-9), np.clip(high, 1e-9, MAX_STEP)
+    step: Floats = lsq_linear(root.T, np.linalg.solve(root, pull), bounds, method="bvls").x
+    return step
 
 
-def _prior_deviation(theory: Theory, kinds: tuple[str, ...], size: float, zero_mm: Floats) -> Floats:
-    """Return the standard deviations of the fitted departures about the given model."""
-    about = np.full(theory.size, size)
-    about[theory.kinds["offset"]] = zero_mm / (OFFSET_NOISES * theory.prior.noise_mm)
-    fitted: Floats = about[free_of(theory, kinds)]
-    return np.maximum(fitted, MIN_SIZE**2)
-
-
-def _left_error(theory: Theory, at: Linear, left_mm: Floats, single: Floats, degrees: float) -> float:
+def _left_error(
+    theory: Theory, contacts: UnlabelledContacts, zero_mm: Floats, at: Residuals, single: Floats, degrees: float
+) -> float:
     """Return the relative error that makes the misfit of the single contacts equal to their degrees of freedom."""
     if single.sum() <= 0 or degrees <= 0:
         return 0.0
 
     def beyond(left_error: float) -> float:
-        return float(single @ at.misfit(theory, left_error, left_mm) / single.sum()) - degrees
+        misfit = replace(at, noise_mm=contacts.noise_mm(zero_mm, left_error)).misfit(theory.contact_errors)
+        return float(single @ misfit / single.sum()) - degrees
 
     if beyond(0.0) <= 0:
         return 0.0

@@ -8,7 +8,7 @@ import numpy as np
 
 from beamtouch_models.arrays import Bools, Floats, Indices
 from beamtouch_models.challenge.surface import SimulatedSurface
-from beamtouch_models.decision.decider import Decider, State
+from beamtouch_models.decision.decider import AT_REST, Hypotheses, State
 from beamtouch_models.decision.evidence import Weighed, evidence, is_overload, is_unchecked
 from beamtouch_models.decision.suspects import Suspects
 from beamtouch_models.filters import Chain
@@ -111,14 +111,14 @@ def judge(
         np.nan_to_num(np.concatenate(variance)) * metadata.noise.reading_mm**2,
         np.concatenate(valid),
     )
-    length, before, decider = readings_mm.shape[1], -1, Decider(metadata.thresholds)
+    length, before, decider = readings_mm.shape[1], -1, Hypotheses(metadata.thresholds, [AT_REST])
     judged = Judged.silent(mean, valid)
     asked = np.arange(len(samples.valid)) % length >= first
     enough = np.flatnonzero(asked & came.ravel() & (samples.valid.sum(axis=1) >= metadata.min_channels))
     found = evidence(metadata, run, samples.part(enough)) if len(enough) else []
     for index, one in zip(enough.tolist(), found, strict=True):
         if index // length != before:
-            before, decider = index // length, Decider(metadata.thresholds)
+            before, decider = index // length, Hypotheses(metadata.thresholds, [AT_REST])
         verdict, at = decider.step(one), divmod(index, length)
         judged.said[at], judged.unsteady[at] = _SAID[verdict.state], verdict.unsteady
         if verdict.state is State.CONTACT:
@@ -134,7 +134,7 @@ def _name_suspects(metadata: Metadata, run: Run, samples: Weighed, judged: Judge
     """Add the suspect of each unexplained sample."""
     suspects, names = Suspects(metadata, run), [channel.name for channel in metadata.layout]
     unexplained = np.flatnonzero(judged.said == Said.UNEXPLAINED).tolist()
-    without = suspects.leave_out([samples.part(np.array([index])) for index in unexplained])
+    without = suspects.leave_out(samples.part(np.array(unexplained, np.intp)))
     for before, index, left in zip([NOBODY, *unexplained], unexplained, without, strict=False):
         if index != before + 1 or index % judged.said.shape[1] == 0:
             suspects.clear()

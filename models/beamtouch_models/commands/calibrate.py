@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from beamtouch_models.arrays import Floats
     from beamtouch_models.calibration.calibrate import Calibrated
     from beamtouch_models.calibration.contacts import UnlabelledContacts
-    from beamtouch_models.calibration.loads import RecordingErrors
     from beamtouch_models.calibration.self_calibrate import SelfCalibrated
+    from beamtouch_models.health.residuals import LoadErrors
     from beamtouch_models.loading import ModelFile
     from beamtouch_models.metadata import Departures, Metadata
 
@@ -100,15 +100,15 @@ def _with_loads(model: ModelFile, options: argparse.Namespace) -> Calibrated:
         return calibrate(model, loads, progress)
 
 
-def _errors(placing_mm: float, force_percent: float) -> RecordingErrors:
+def _errors(placing_mm: float, force_percent: float) -> LoadErrors:
     """Return the stated errors of the loads; InputError if nobody can place or weigh loads so well or so badly."""
-    from beamtouch_models.calibration.loads import RecordingErrors
+    from beamtouch_models.health.residuals import LoadErrors
 
     for option, value in (("--placing-mm", placing_mm), ("--force-percent", force_percent)):
         if not MIN_ERROR <= value <= MAX_ERROR:
             message = f"{option} {value:g} is not from {MIN_ERROR:g} to {MAX_ERROR:g}"
             raise InputError(message)
-    return RecordingErrors(placing_mm, force_percent / 100)
+    return LoadErrors(placing_mm, force_percent / 100)
 
 
 Told = tuple[dict[str, Any], list[tuple[str, str]]]
@@ -178,7 +178,7 @@ def _told_of_contacts(calibrated: SelfCalibrated, contacts: UnlabelledContacts, 
     # Errors of gains without the common scale, which is the force's.
     errors = fit.theory.standard_errors(fit.vector, np.sqrt(np.diag(left_open.relative)))
     words = _departures_in_words(metadata, fit.theory.departures(fit.vector), errors)
-    single, changed_mm = float(fit.single.sum()), left_open.shift_mm()
+    single, changed_mm = float(fit.single.sum()), left_open.shift_mm
     open_mm = float(np.sqrt((left_open.position_mm**2).mean()))
     force = metadata.calibration.force_error if metadata.calibration else 0.0
     before, after = (_percent(one.floor.gain) for one in (given.metadata, metadata))

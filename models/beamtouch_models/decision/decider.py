@@ -3,14 +3,20 @@
 A large covariance explains everything, rest and contact alike. So a state ends only on a sample that could show what
 the state stands on: with its covariance, the last clear deflection of that state would contradict rest about as well as
 these channels can show it. A sample that does not move is as precise as it can be.
+
+Where samples are not known, all that they may have left is decided side by side, and a state is shown once all
+hypotheses agree on it. So it does not depend on what the missing samples were, and is the same when they arrive later.
+They may have left a beam that lay still, one that rings from a lift, or a contact of which nothing is known. An
+unexplained stretch is left out: only three samples show that it is over, and to doubt every contact and every rest for
+so long would cost more than it tells.
 """
 
+from collections.abc import Iterable
 from enum import StrEnum
 from typing import NamedTuple
 
 import numpy as np
 
-from beamtouch_models.arrays import Floats
 from beamtouch_models.decision.evidence import Evidence, is_odd
 from beamtouch_models.metadata import Thresholds
 
@@ -40,7 +46,7 @@ class State(StrEnum):
 
 
 class Memory(NamedTuple):
-    """What a decider knows of the samples so far. Equal memories decide alike on everything that follows."""
+    """What is known of the samples so far. Equal memories decide alike on everything that follows."""
 
     state: State
     armed: bool = False
@@ -61,116 +67,149 @@ AT_REST = Memory(State.CLEAR, armed=True)
 class Verdict(NamedTuple):
     """The state after a sample."""
 
-    state: State
+    memory: Memory
     unsteady: bool
     """Whether the readings move, or do not show the state by themselves."""
 
+    @property
+    def state(self) -> State:
+        """Whether something touches the surface."""
+        return self.memory.state
 
-class Decider:
-    """Decides on the samples of one sender, in order, with the memory of those before them."""
 
-    def __init__(self, thresholds: Thresholds, memory: Memory = AT_REST) -> None:
+def decide(thresholds: Thresholds, before: Memory, evidence: Evidence) -> Verdict:
+    """Decide on the next sample of a sender, from the memory of those before."""
+    touch, odd = thresholds.touch[evidence.channels - 1], is_odd(thresholds, evidence)
+    after = _decide(before, evidence, touch, odd=odd)
+    # A stretch is no doubt about itself.
+    contradicts = odd or (evidence.log_odds > touch) != (after.state is State.CONTACT)
+    return Verdict(after, evidence.moves or (contradicts and after.state is not State.UNEXPLAINED))
+
+
+def _decide(before: Memory, evidence: Evidence, touch: float, *, odd: bool) -> Memory:
+    """Return what is known after a sample whose log odds are compared with `touch`."""
+    if before.state is State.UNEXPLAINED:
+        if odd:
+            return _standing_on(State.UNEXPLAINED, evidence)
+        run = before.run + _shows(before, evidence, touch)
+        if run < PERSISTENCE:
+            return before._replace(run=run)
+        return _standing_on(State.CONTACT, evidence) if evidence.log_odds > touch else _cleared(evidence)
+    if odd:
+        run = before.run + 1
+        return _standing_on(State.UNEXPLAINED, evidence) if run >= PERSISTENCE else before._replace(run=run)
+    if before.state is State.CLEAR:
+        return _touch(before._replace(run=0), evidence, touch)
+    return _lift(before._replace(run=0), evidence, touch)
+
+
+def _touch(before: Memory, evidence: Evidence, touch: float) -> Memory:
+    """Let a contact begin; while a clear beam rings from a lift, one sample shows only a strong touch."""
+    changing = before.changing + 1 if evidence.log_odds > touch else 0
+    if before.armed:
+        is_touched = max(evidence.log_odds, evidence.still_log_odds) > touch
+    else:
+        is_touched = evidence.log_odds > CLEARLY * touch or changing >= PERSISTENCE
+    return _standing_on(State.CONTACT, evidence) if is_touched else _rest(before, evidence, changing)
+
+
+def _lift(before: Memory, evidence: Evidence, touch: float) -> Memory:
+    """Let a contact end."""
+    if evidence.log_odds > touch:
+        return _standing_on(State.CONTACT, evidence)
+    if evidence.log_odds > LIFT_FRACTION * touch or not _shows(before, evidence, touch):
+        return before._replace(changing=0)
+    is_plain = evidence.still_log_odds <= touch and evidence.is_settled
+    if is_plain or before.changing + 1 >= PERSISTENCE:
+        return _cleared(evidence)
+    return before._replace(changing=before.changing + 1)
+
+
+def _standing_on(state: State, evidence: Evidence) -> Memory:
+    return Memory(state, seen_mm=tuple(evidence.deflection_mm.tolist()))
+
+
+def _cleared(evidence: Evidence) -> Memory:
+    # A beam that still rings from the lift is not touched by that.
+    return _rest(Memory(State.CLEAR), evidence, 0)
+
+
+def _rest(before: Memory, evidence: Evidence, changing: int) -> Memory:
+    """Follow a clear beam that comes to rest."""
+    still = 0 if evidence.moves else before.still + 1
+    return AT_REST if before.armed or still >= REST else Memory(State.CLEAR, still=still, changing=changing)
+
+
+def _shows(before: Memory, evidence: Evidence, touch: float) -> bool:
+    """Return whether the sample is precise enough to show what the state stands on."""
+    if not evidence.moves:
+        return True
+    if before.seen_mm is None:
+        return False
+    seen_mm = np.array(before.seen_mm)
+    return evidence.shows(seen_mm) >= min(evidence.could_show(seen_mm) / 2, 2 * touch)
+
+
+_RINGING = Memory(State.CLEAR)
+_COUNTS = range(PERSISTENCE)
+_CLEAR = tuple(_RINGING._replace(still=still, changing=changing) for still in range(REST) for changing in _COUNTS)
+_CONTACT = tuple(Memory(State.CONTACT, changing=changing) for changing in _COUNTS)
+# Nothing speaks against the very first sample: if it is odd, it is unexplained at once.
+_UNKNOWN = _RINGING._replace(run=PERSISTENCE - 1)
+
+
+def memories_after(state: State | None) -> tuple[Memory, ...]:
+    """Return the memories that missing samples may have left, likeliest first.
+
+    `state` is the last known state, None if it is unknown.
+    """
+    if state is State.UNEXPLAINED:
+        return (Memory(state),)
+    if state is State.CONTACT:
+        return _CONTACT
+    return (*_CLEAR, AT_REST) if state else (_UNKNOWN, *_CLEAR, AT_REST, *_CONTACT)
+
+
+class Judgement(NamedTuple):
+    """The state after a sample, as far as it is known."""
+
+    state: State
+    unsteady: bool
+    """Whether the readings move, or do not show the state by themselves; also if no state is known yet."""
+    shown: bool
+    """Whether all hypotheses agree on the state."""
+
+
+class Hypotheses:
+    """Decides on the samples of one sender, in order, from all that the samples before them may have left."""
+
+    def __init__(self, thresholds: Thresholds, before: Iterable[Memory], *, is_known: bool = False) -> None:
+        """Begin with these memories; the first one answers while they disagree."""
         self._thresholds = thresholds
-        self.state, self._armed, self._still, self._changing, self._run, seen_mm = memory
-        self._seen_mm: Floats | None = None if seen_mm is None else np.array(seen_mm)
+        self.memories = tuple(before)
+        """The memories so far, without repeats; one if the samples before no longer matter."""
+        self.is_known = is_known or self.agree
+        """Whether a state was known at any time."""
 
     @property
-    def memory(self) -> Memory:
-        """What it knows of the samples so far, without what no longer matters."""
-        if self.state is State.CLEAR:
-            if self._armed:
-                return AT_REST if not self._run else AT_REST._replace(run=self._run)
-            return Memory(self.state, still=self._still, changing=self._changing, run=self._run)
-        seen_mm = None if self._seen_mm is None else tuple(self._seen_mm.tolist())
-        return Memory(self.state, changing=self._changing, run=self._run, seen_mm=seen_mm)
+    def state(self) -> State:
+        """The state that is answered."""
+        return self.memories[0].state
 
     @property
-    def is_of_unknown_contact(self) -> bool:
-        """Whether there is a contact, and nothing is known of its deflection."""
-        return self.state is State.CONTACT and self._seen_mm is None
+    def agree(self) -> bool:
+        """Whether all hypotheses have the same state."""
+        return all(one.state is self.state for one in self.memories)
 
-    def step(self, evidence: Evidence) -> Verdict:
+    def step(self, evidence: Evidence) -> Judgement:
         """Take the next sample."""
-        odd = is_odd(self._thresholds, evidence)
-        if self.state is State.UNEXPLAINED:
-            if odd:
-                self._stand_on(evidence)
-            self._run = 0 if odd else self._run + self._shows(evidence)
-            if self._run >= PERSISTENCE:
-                self._settle(evidence)
-        elif odd:
-            self._run += 1
-            if self._run >= PERSISTENCE:
-                self.state, self._run, self._changing = State.UNEXPLAINED, 0, 0
-                self._stand_on(evidence)
-        else:
-            self._run = 0
-            self._follow(evidence)
-        return Verdict(self.state, evidence.moves or self._contradicts(evidence, odd=odd))
-
-    def _contradicts(self, evidence: Evidence, *, odd: bool) -> bool:
-        """Return whether the sample alone would give another state; a stretch is no doubt about itself."""
-        if self.state is State.UNEXPLAINED:
-            return False
-        return odd or (evidence.log_odds > self._touch(evidence)) != (self.state is State.CONTACT)
-
-    def _follow(self, evidence: Evidence) -> None:
-        """Let a contact begin or end."""
-        touch = self._touch(evidence)
-        if self.state is State.CLEAR:
-            self._changing = self._changing + 1 if evidence.log_odds > touch else 0
-            if self._touches(evidence, touch):
-                self.state, self._changing = State.CONTACT, 0
-                self._stand_on(evidence)
-            self._rest(evidence)
-        elif evidence.log_odds > touch:
-            self._changing = 0
-            self._stand_on(evidence)
-        elif evidence.log_odds > LIFT_FRACTION * touch or not self._shows(evidence):
-            self._changing = 0
-        else:
-            self._changing += 1
-            at_once = evidence.still_log_odds <= touch and evidence.is_settled
-            if at_once or self._changing >= PERSISTENCE:
-                self._clear(evidence)
-
-    def _touches(self, evidence: Evidence, touch: float) -> bool:
-        """Return whether a clear beam is touched; while it rings from a lift, one sample shows only a strong touch."""
-        if self._armed:
-            return max(evidence.log_odds, evidence.still_log_odds) > touch
-        return evidence.log_odds > CLEARLY * touch or self._changing >= PERSISTENCE
-
-    def _settle(self, evidence: Evidence) -> None:
-        """Leave the state `unexplained`."""
-        self._run = 0
-        if evidence.log_odds > self._touch(evidence):
-            self.state = State.CONTACT
-            self._stand_on(evidence)
-        else:
-            self._clear(evidence)
-
-    def _clear(self, evidence: Evidence) -> None:
-        # A beam that still rings from the lift is not touched by that.
-        self.state, self._armed = State.CLEAR, False
-        self._still = self._changing = 0
-        self._rest(evidence)
-
-    def _rest(self, evidence: Evidence) -> None:
-        """Follow a beam that comes to rest."""
-        self._still = 0 if evidence.moves else self._still + 1
-        self._armed |= self._still >= REST
-
-    def _stand_on(self, evidence: Evidence) -> None:
-        self._seen_mm = evidence.deflection_mm
-
-    def _shows(self, evidence: Evidence) -> bool:
-        """Return whether the sample is precise enough to show what the state stands on."""
-        if not evidence.moves:
-            return True
-        if self._seen_mm is None:
-            return False
-        enough = min(evidence.could_show(self._seen_mm) / 2, 2 * self._touch(evidence))
-        return evidence.shows(self._seen_mm) >= enough
-
-    def _touch(self, evidence: Evidence) -> float:
-        return self._thresholds.touch[evidence.channels - 1]
+        verdicts = [decide(self._thresholds, memory, evidence) for memory in self.memories]
+        memories = [verdict.memory for verdict in verdicts]
+        if evidence.moves and any(one.state is State.CONTACT and one.seen_mm is None for one in memories):
+            # Whether the sample shows such a contact is not known, so that it may be a lift.
+            memories += [_RINGING, *_CONTACT]
+        self.memories = tuple(dict.fromkeys(memories))
+        shown = self.agree
+        self.is_known |= shown
+        is_doubted = not self.is_known and self.state is not State.UNEXPLAINED
+        return Judgement(self.state, verdicts[0].unsteady or is_doubted, shown)

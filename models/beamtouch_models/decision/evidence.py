@@ -57,11 +57,11 @@ class Weighed:
         """Return some of the samples."""
         return Weighed(self.deflection_mm[rows], self.covariance_mm2[rows], self.noise_mm2[rows], self.valid[rows])
 
-    def without(self, channel: int) -> "Weighed":
-        """Return the same samples as if a channel were missing."""
+    def without(self, channel: Indices) -> "Weighed":
+        """Return the same samples as if a channel of each (samples,) were missing."""
         valid = self.valid.copy()
-        valid[:, channel] = False
-        return Weighed(np.where(valid, self.deflection_mm, 0.0), self.covariance_mm2, self.noise_mm2, valid)
+        valid[np.arange(len(valid)), channel] = False
+        return replace(self, deflection_mm=np.where(valid, self.deflection_mm, 0.0), valid=valid)
 
 
 class Evidence(NamedTuple):
@@ -127,72 +127,43 @@ def evidence(metadata: Metadata, run: Run, samples: Weighed) -> list[Evidence]:
     variance = samples.of_valid(np.einsum("nii->ni", samples.covariance_mm2))
     usual_mm2 = samples.of_valid(np.maximum(noise, metadata.noise.sample_mm**2))
     moves = variance.sum(axis=1) > MOVING * usual_mm2.sum(axis=1)
-    weights = _weights(metadata, samples, samples.covariance_mm2)
-    answers, still_odds, still_weights = _answers(metadata, run, samples, weights, np.flatnonzero(moves))
-    from_rest = _from_rest(metadata, samples)
-    settled: list[bool] = np.asarray((noise <= SETTLED * metadata.noise.sample_mm**2).all(axis=1)).tolist()
-    each = zip(
-        from_rest,
-        weights,
-        answers,
-        samples.valid.sum(axis=1).tolist(),
-        _misfit_of_rest(weights, from_rest),
-        moves.tolist(),
-        still_odds,
-        still_weights,
-        settled,
-        strict=True,
-    )
-    return [Evidence(*said) for said in each]
+    settled = (noise <= SETTLED * metadata.noise.sample_mm**2).all(axis=1).tolist()
+    # The graph runs once: for the samples as they are, and for those that move as if they were still.
+    still, moving = np.arange(len(moves)), np.flatnonzero(moves)
+    every = samples
+    if len(moving):
+        part = samples.part(moving)
+        as_still = replace(part, covariance_mm2=part.noise_mm2[:, :, None] * np.eye(noise.shape[1]))
+        every, still[moving] = Weighed.stacked([samples, as_still]), len(moves) + np.arange(len(moving))
+    floor, valid = metadata.floor, None if samples.is_whole else every.valid
+    weights = whitening(every.deflection_mm, every.covariance_mm2, floor.gain, floor.zero_mm, valid)
+    answers = _run(run, every.deflection_mm, weights)
+    from_rest = samples.deflection_mm
+    if metadata.calibration is not None:
+        from_rest = samples.of_valid(from_rest - np.array(metadata.calibration.departures.offset_mm))
+    rest_misfit = ((weights[: len(moves)] @ from_rest[:, :, None]) ** 2).sum(axis=(1, 2)).tolist()
+    channels = samples.valid.sum(axis=1).tolist()
+    return [
+        Evidence(
+            from_rest[row],
+            weights[row],
+            answers[row],
+            channels[row],
+            rest_misfit[row],
+            row != as_still_row,
+            answers[as_still_row][LOG_ODDS],
+            weights[as_still_row],
+            settled[row],
+        )
+        for row, as_still_row in enumerate(still.tolist())
+    ]
 
 
-def _answers(
-    metadata: Metadata, run: Run, samples: Weighed, weights: Floats, moving: Indices
-) -> tuple[list[dict[str, float]], list[float], Floats]:
-    """Return the answers, and the log odds and the whitening that each sample would have without scatter.
-
-    The graph runs once: for the samples with their whitening, and for those that move as if they were still.
-    """
-    if not len(moving):
-        said = _said(run, samples.deflection_mm, weights)
-        return said, [one[LOG_ODDS] for one in said], weights
-    part, count, still_weights = samples.part(moving), len(weights), weights.copy()
-    still = _weights(metadata, part, part.noise_mm2[:, :, None] * np.eye(weights.shape[1]))
-    still_weights[moving] = still
-    deflection_mm = np.concatenate([samples.deflection_mm, part.deflection_mm])
-    said = _said(run, deflection_mm, np.concatenate([weights, still]))
-    still_odds = [one[LOG_ODDS] for one in said[:count]]
-    for index, one in zip(moving.tolist(), said[count:], strict=True):
-        still_odds[index] = one[LOG_ODDS]
-    return said[:count], still_odds, still_weights
-
-
-def _said(run: Run, deflection_mm: Floats, weights: Floats) -> list[dict[str, float]]:
+def _run(run: Run, deflection_mm: Floats, weights: Floats) -> list[dict[str, float]]:
     """Return the value per output for each sample."""
     answers = run(deflection_mm, weights)
     columns = zip(*(values.tolist() for values in answers.values()), strict=True)
     return [dict(zip(answers, row, strict=True)) for row in columns]
-
-
-def _from_rest(metadata: Metadata, samples: Weighed) -> Floats:
-    """Return the deflections (samples, channels) from those that a calibration found at rest."""
-    calibration, deflection_mm = metadata.calibration, samples.deflection_mm
-    if calibration is not None:
-        deflection_mm = deflection_mm - np.array(calibration.departures.offset_mm)
-    return samples.of_valid(deflection_mm)
-
-
-def _weights(metadata: Metadata, samples: Weighed, covariance_mm2: Floats) -> Floats:
-    """Return the whitening for samples of this covariance."""
-    floor = metadata.floor
-    valid = None if samples.is_whole else samples.valid
-    return whitening(samples.deflection_mm, covariance_mm2, floor.gain, floor.zero_mm, valid)
-
-
-def _misfit_of_rest(whitening_per_mm: Floats, from_rest_mm: Floats) -> list[float]:
-    whitened = (whitening_per_mm @ from_rest_mm[:, :, None])[:, :, 0]
-    misfits: list[float] = (whitened * whitened).sum(axis=1).tolist()
-    return misfits
 
 
 SURELY = 2.0

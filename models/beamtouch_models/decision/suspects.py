@@ -1,7 +1,6 @@
 """The channel that contradicts the others, found by leaving out each in turn. Pure but for the run of the graph."""
 
 from collections import Counter, deque
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -52,34 +51,28 @@ class Suspects:
         (name, count), *_ = Counter(self._found).most_common(1)
         self.suspect = name if count >= AGREEING * SAMPLES else None
 
-    def leave_out(self, samples: Sequence[Weighed]) -> list[dict[str, LeftOut]]:
+    def leave_out(self, samples: Weighed) -> list[dict[str, LeftOut]]:
         """Return the misfits of each sample without each of its channels.
 
         They are left out where the other channels are so few that they fit most contacts.
         """
-        parts = [(index, channel) for index, sample in enumerate(samples) for channel in self._working(sample)]
-        coarse = [self._coarse(sample) for sample in samples]
-        found = list[dict[str, LeftOut]]({} for _ in samples)
-        for begin in range(0, len(parts), ROWS):
-            some = parts[begin : begin + ROWS]
-            rows = Weighed.stacked([coarse[index].without(channel) for index, channel in some])
-            each = evidence(self._metadata, self._run, rows)
-            for (index, channel), said in zip(some, each, strict=True):
+        coarse, names = self._coarse(samples), [channel.name for channel in self._metadata.layout]
+        found = list[dict[str, LeftOut]]({} for _ in samples.valid)
+        checked = samples.valid & (samples.valid.sum(axis=1, keepdims=True) > CHECKED)
+        rows, channels = np.nonzero(checked)
+        for begin in range(0, len(rows), ROWS):
+            row, channel = rows[begin : begin + ROWS], channels[begin : begin + ROWS]
+            each = evidence(self._metadata, self._run, coarse.part(row).without(channel))
+            for index, place, said in zip(row.tolist(), channel.tolist(), each, strict=True):
                 explained = not is_odd(self._metadata.thresholds, said)
-                name = self._metadata.layout[channel].name
-                found[index][name] = LeftOut(said.misfit, said.rest_misfit, explained)
+                found[index][names[place]] = LeftOut(said.misfit, said.rest_misfit, explained)
         return found
 
-    def _coarse(self, sample: Weighed) -> Weighed:
-        """Return a sample with at least the noise that the model was made for.
+    def _coarse(self, samples: Weighed) -> Weighed:
+        """Return samples with at least the noise that the model was made for.
 
         Two contacts may look like a single one without any of several channels. In a precise mean only one of these
         channels may be left, by chance, and none of them is wrong. So channels are left out at the model's own noise.
         """
-        missing = np.maximum(self._metadata.noise.sample_mm**2 - sample.noise_mm2, 0.0)
-        return replace(sample.noisier(missing), noise_mm2=sample.noise_mm2 + missing)
-
-    def _working(self, sample: Weighed) -> list[int]:
-        """Return the channels that can be left out of a sample."""
-        working: list[int] = np.flatnonzero(sample.valid[0]).tolist()
-        return working if len(working) > CHECKED else []
+        missing = np.maximum(self._metadata.noise.sample_mm**2 - samples.noise_mm2, 0.0)
+        return replace(samples.noisier(missing), noise_mm2=samples.noise_mm2 + missing)

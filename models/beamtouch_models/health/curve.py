@@ -1,4 +1,4 @@
-"""The influence curve of a model: the deflections at its sensors per newton, for each position of the contact."""
+"""The influence curve of a surface: the deflections at its sensors per newton, for each position of the contact."""
 
 from dataclasses import dataclass
 from typing import Self
@@ -12,6 +12,9 @@ STEPS = 3
 """Steps of Gauss and Newton from the best entry of the table; each squares the distance to the best contact."""
 SINGULAR = 1e-9
 """Smallest part of the precision of a position that does not depend on the force."""
+_POWERS = np.arange(4)
+_LAGRANGE = np.linalg.inv(np.vander(_POWERS.astype(np.float64), increasing=True))
+"""Coefficients of the cubic through four entries of a table, from the entries."""
 _TINY = float(np.finfo(np.float64).tiny)
 
 
@@ -24,7 +27,7 @@ class InfluenceCurve:
     influence: Floats
     """(loads, channels) mm/N."""
     departures: Departures
-    """Those of the calibration; none of a model that is not calibrated."""
+    """Those of the surface, whose gains the influence holds; none of a model that is not calibrated."""
 
     @classmethod
     def of(cls, metadata: Metadata) -> Self:
@@ -37,18 +40,25 @@ class InfluenceCurve:
         step = self.load_mm[1] - self.load_mm[0]
         place = (position_mm - self.load_mm[0]) / step
         first = np.clip(np.floor(place).astype(np.intp) - 1, 0, len(self.load_mm) - 4)
-        t = place - first
-        nodes = np.arange(4.0)
-        # Lagrange polynomials through four entries, and their derivatives.
-        values, slopes = np.empty((4, len(t))), np.zeros((4, len(t)))
-        for node in range(4):
-            others = np.delete(nodes, node)
-            scale = np.prod(node - others)
-            values[node] = np.prod(t - others[:, None], axis=0) / scale
-            for left, right in ((0, 1), (0, 2), (1, 2)):
-                slopes[node] += (t - others[left]) * (t - others[right]) / scale
+        powers = (place - first)[:, None] ** _POWERS
+        slopes = np.concatenate([np.zeros((len(powers), 1)), powers[:, :-1] * _POWERS[1:]], axis=1)
         table = self.influence[first[:, None] + np.arange(4)]
-        return np.einsum("kn,nkc->nc", values, table), np.einsum("kn,nkc->nc", slopes, table) / step
+        weights = np.stack([powers, slopes / step]) @ _LAGRANGE
+        value, slope = np.einsum("knp,npc->knc", weights, table)
+        return value, slope
+
+    def measured_mm(self, position_mm: Floats, force_n: Floats) -> Floats:
+        """Return what the sensors measure under contacts (contacts,), (contacts, channels)."""
+        return self.departures.measure(force_n[:, None] * self.at(position_mm)[0])
+
+    def moved_mm(self, position_mm: Floats, force_n: Floats) -> Floats:
+        """Return how `measured_mm` changes with 1 mm of the position, and with the whole force, relatively.
+
+        The shape is (2, contacts, channels).
+        """
+        shape, slope = self.at(position_mm)
+        bent = self.departures.slope(force_n[:, None] * shape) * force_n[:, None]
+        return np.stack([bent * slope, bent * shape])
 
     def best_contacts(
         self, linear_mm: Floats, weight: Floats, known_force_n: float | None = None

@@ -8,12 +8,19 @@ from typing import Any
 import numpy as np
 
 from beamtouch_models.arrays import Bools, Floats
+from beamtouch_models.error_model import floor_mm2
 from beamtouch_models.health.changes import CERTAIN, Change, Gains, found_changes
-from beamtouch_models.health.contacts import BestSample, Residuals, residuals
 from beamtouch_models.health.curve import InfluenceCurve
 from beamtouch_models.health.history import Block, History
-from beamtouch_models.health.zeros import Estimate, interval, rest_block, zero_of
+from beamtouch_models.health.residuals import UNKNOWN, Residuals
+from beamtouch_models.health.zeros import Estimate, interval, zero_of
 from beamtouch_models.metadata import Metadata
+
+SCATTER = 1 / 3
+"""Scatter from contact to contact, over the floor. It keeps a mean of very many readings from
+counting for more than the beam itself repeats."""
+WRONG = 9.0
+"""A contact is placed without a channel if that lowers the misfit by more than this."""
 
 INFLUENCE = 20.0
 """Largest likelihood ratio (twice its logarithm) that a contact can give, so that no single contact shows a change."""
@@ -21,6 +28,22 @@ POSSIBLE = 8.0
 """From this ratio on, the intervals of the other channels allow for a change of a channel that is not certain."""
 CHUNK = 16
 """Contacts that are weighed by the same estimate."""
+
+
+@dataclass(frozen=True)
+class BestSample:
+    """The mean of one rested stretch of a contact, and the rest before it. Lists are in the order of the layout."""
+
+    at_us: int
+    """Time [us since 1970]."""
+    deflection_mm: Sequence[float]
+    deviation_mm: Sequence[float]
+    """Standard deviations of the deflections."""
+    rest_mm: Sequence[float] | None = None
+    """Mean deflections at rest before the contact; None if it was not seen."""
+    rest_deviation_mm: Sequence[float] | None = None
+    is_contact: bool = True
+    """Whether a single contact explains it within what the model allows."""
 
 
 @dataclass(frozen=True)
@@ -79,16 +102,45 @@ class Health:
             self._add(samples[begin : begin + CHUNK])
 
     def _add(self, samples: Sequence[BestSample]) -> None:
-        known = Gains(self._history, self._floor, self._changes).now()
-        found = residuals(self._metadata, self._curve, samples, known[0])
-        weight = self._weights(found, np.array([sample.is_contact for sample in samples]), *known)
+        gains, covariance = Gains(self._history, self._floor, self._changes).now()
+        shape, left = self._equations(samples, gains)
+        weight = self._weights(shape, left, np.array([sample.is_contact for sample in samples]), gains, covariance)
         boundaries = {at_us for at_us, _ in self._known}
-        for sample, shape, left, part in zip(samples, found.shape, found.left, weight, strict=True):
-            if part == 0:
-                continue
-            rest = rest_block(sample, np.array(self._curve.departures.offset_mm), self._zero_mm)
-            self._history.add(Block(sample.at_us, 1, part * shape.T @ shape, part * shape.T @ left, *rest), boundaries)
+        for row in np.flatnonzero(weight):
+            own = weight[row] * shape[row].T
+            block = Block(samples[row].at_us, 1, own @ shape[row], own @ left[row], *self._rest(samples[row]))
+            self._history.add(block, boundaries)
         self._search()
+
+    def _equations(self, samples: Sequence[BestSample], gains: Floats) -> tuple[Floats, Floats]:
+        """Return contacts as equations of the gain errors g, `shape` g = `left` + noise of deviation 1.
+
+        `shape` (contacts, channels, channels) and `left` (contacts, channels) are 0 along what place and force explain.
+        `gains` (channels,) are the errors as far as they are known.
+        """
+        offset_mm = self._curve.departures.offset_mm
+        measured = np.array([one.deflection_mm for one in samples])
+        deviation = np.array([one.deviation_mm for one in samples])
+        rest = np.array([offset_mm if one.rest_mm is None else one.rest_mm for one in samples])
+        # A zero that was not seen is as uncertain as the floor says.
+        unseen = np.array([self._zero_mm if one.rest_mm is None else one.rest_deviation_mm for one in samples])
+        linear = self._curve.departures.straighten(measured - rest)
+        floor = floor_mm2(linear, self._floor, self._zero_mm)
+        variance = deviation**2 + unseen**2 + SCATTER**2 * floor
+        position, force = _place(self._curve, linear / (1 + gains), 1 / (variance + floor))
+        from_rest = measured - rest + offset_mm
+        residuals = Residuals.of(self._curve, position, force, from_rest, np.sqrt(variance))
+        whitening = residuals.whitening(UNKNOWN)
+        # A gain moves its channel as the force moves all.
+        shape = whitening * residuals.moved_mm[1][:, None]
+        return shape, (whitening @ residuals.left_mm[..., None])[..., 0]
+
+    def _rest(self, sample: BestSample) -> tuple[Floats, Floats]:
+        """Return weight and weighted sum of the rest before a contact, (channels,) each; 0 if it was not seen."""
+        if sample.rest_mm is None or sample.rest_deviation_mm is None:
+            return np.zeros(len(self._zero_mm)), np.zeros(len(self._zero_mm))
+        weight: Floats = 1 / (np.square(sample.rest_deviation_mm) + (SCATTER * self._zero_mm) ** 2)
+        return weight, weight * (np.array(sample.rest_mm) - self._curve.departures.offset_mm)
 
     def _search(self) -> None:
         """Find the changes again, beginning with the known ones."""
@@ -97,19 +149,19 @@ class Health:
         self._changes = found_changes(self._history, self._floor, known)
         self._known = [(begins[one.block], one.channel) for one in self._changes]
 
-    def _weights(self, found: Residuals, is_contact: Bools, gains: Floats, covariance: Floats) -> Floats:
+    def _weights(self, shape: Floats, left: Floats, is_contact: Bools, gains: Floats, covariance: Floats) -> Floats:
         """Return the weights of contacts: bounded, and 0 for one that no change of a single channel explains.
 
         `gains` (channels,) are the errors as far as they are known, with their covariance.
         """
-        wide = np.eye(len(gains)) + found.shape @ covariance @ found.shape.transpose(0, 2, 1)
-        off = found.left - np.einsum("nij,j->ni", found.shape, gains)
+        wide = np.eye(len(gains)) + shape @ covariance @ shape.transpose(0, 2, 1)
+        off = left - shape @ gains
         inverse = np.linalg.inv(wide)
         misfit = np.einsum("ni,nij,nj->n", off, inverse, off)
         weight = INFLUENCE / np.maximum(misfit, INFLUENCE)
         limit = [None, *self._metadata.thresholds.misfit][len(gains) - 1]
-        along = np.einsum("nij,nik,nk->nj", found.shape, inverse, off)
-        square = np.einsum("nij,nik,nkj->nj", found.shape, inverse, found.shape)
+        along = np.einsum("nij,nik,nk->nj", shape, inverse, off)
+        square = np.einsum("nij,nik,nkj->nj", shape, inverse, shape)
         explained = (along**2 / np.maximum(square, np.finfo(np.float64).tiny)).max(axis=1)
         kept = is_contact if limit is None else is_contact | (misfit - explained <= limit)
         return np.where(kept, weight, 0.0)
@@ -149,3 +201,20 @@ class Health:
             block = int(np.searchsorted(-after, -max(1.0, after[0] / 2)))
         deviation = float(found.information[block, channel]) ** -0.5
         return interval(float(found.gain[block, channel]), deviation, changed=False)
+
+
+def _place(curve: InfluenceCurve, linear_mm: Floats, weight: Floats) -> tuple[Floats, Floats]:
+    """Return position and force of contacts (contacts,), by weights (contacts, channels).
+
+    The equations are linear about them. A channel whose gain is far off would move them too far for that, so they are
+    found without it.
+    """
+    channels = weight.shape[1]
+    # Without one of three channels every contact fits.
+    without = [weight * (np.arange(channels) != channel) for channel in range(channels if channels > 3 else 0)]
+    each = [(*curve.best_contacts(linear_mm, one), one) for one in (weight, *without)]
+    left = [(linear_mm - force[:, None] * curve.at(position)[0], one) for position, force, one in each]
+    misfit = np.array([(one * left_mm**2).sum(axis=1) for left_mm, one in left])
+    misfit[0] -= WRONG
+    best = misfit.argmin(axis=0), np.arange(len(linear_mm))
+    return np.array([position for position, _, _ in each])[best], np.array([force for _, force, _ in each])[best]

@@ -6,7 +6,6 @@ import numpy as np
 
 from beamtouch_models.arrays import Bools, Floats
 from beamtouch_models.error_model import NORMAL_975
-from beamtouch_models.health.contacts import SCATTER, BestSample
 from beamtouch_models.health.history import History
 
 NEWEST = 8
@@ -35,14 +34,6 @@ class Estimate:
 def interval(value: float, deviation: float, *, changed: bool) -> Estimate:
     """Return a change with its interval."""
     return Estimate(value, value - NORMAL_975 * deviation, value + NORMAL_975 * deviation, changed)
-
-
-def rest_block(sample: BestSample, offset_mm: Floats, zero_mm: Floats) -> tuple[Floats, Floats]:
-    """Return weight and weighted sum of the rest before a contact, (channels,) each; 0 if it was not seen."""
-    if sample.rest_mm is None or sample.rest_deviation_mm is None:
-        return np.zeros(len(zero_mm)), np.zeros(len(zero_mm))
-    weight: Floats = 1 / (np.square(sample.rest_deviation_mm) + (SCATTER * zero_mm) ** 2)
-    return weight, weight * (np.array(sample.rest_mm) - offset_mm)
 
 
 def zero_of(history: History, channel: int, zero_mm: float) -> tuple[Estimate, int] | None:

@@ -43,6 +43,11 @@ class Departures(MetadataPart):
         measured: Floats = 2 * linear_mm / (1 + np.sqrt(square)) + np.array(self.offset_mm)
         return measured
 
+    def slope(self, linear_mm: Floats) -> Floats:
+        """Return the change of `measure` with the deflection that it is given."""
+        slope: Floats = 1 / np.sqrt(np.maximum(1 + 4 * self.curve_per_mm * linear_mm, np.finfo(np.float64).tiny))
+        return slope
+
     def linear_mm(self, measured_mm: Floats) -> Floats:
         """Return the deflections that hold the gains (..., channels) of measured ones: the inverse of `measure`."""
         return self.straighten(measured_mm - np.array(self.offset_mm))

@@ -201,7 +201,7 @@ class Boot:
 
     def _capture(self, decision: Decision) -> Contradiction:
         estimate, evidence = decision.estimate, decision.evidence
-        (without,) = self._suspects.leave_out([estimate.weighed])
+        (without,) = self._suspects.leave_out(estimate.weighed)
         channels = []
         for name, deflection_mm in zip(self.model.channels, estimate.together.deflection_mm[estimate.row], strict=True):
             left = without.get(name)

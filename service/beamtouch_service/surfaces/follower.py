@@ -202,7 +202,7 @@ class Follower:
             self._stretch_of, self._length = set(estimate.bad), 0
             self._suspects.clear()
         if self._length < _ALL or self._length % _EVERY == 0:
-            (without,) = self._suspects.leave_out([estimate.weighed])
+            (without,) = self._suspects.leave_out(estimate.weighed)
             self._suspects.add(without)
         self._length += 1
 
