@@ -17,6 +17,8 @@ APPLICATION_ID = 0x62746C31
 """Marks the file, and the version of its schema."""
 JOURNAL_BYTES = 65_536
 """Initial length of the journal: several times what the deletion of a chunk needs, also while the disk is full."""
+FEW_ROWS = 8
+"""Rows whose deletion fits into that journal, however many samples each has."""
 _SCHEMA = """CREATE TABLE chunk (
     id INTEGER PRIMARY KEY AUTOINCREMENT, surface TEXT NOT NULL, boot TEXT NOT NULL,
     first INTEGER NOT NULL, last INTEGER NOT NULL, bytes INTEGER NOT NULL, checksum INTEGER NOT NULL,
@@ -85,8 +87,9 @@ class LogFile:
         Beyond the limit, the oldest rows are deleted too, perhaps new ones. Returns the rows that were added.
         """
         added: list[int] = []
+        self._delete([row for row in self.rows if row not in keep])
         with self._use("written") as database:
-            left = {row: length for row, length in self.rows.items() if row in keep}
+            left = dict(self.rows)
             for surface, batch in add:
                 columns = _columns(surface, batch)
                 row = database.execute("INSERT INTO chunk VALUES (NULL, ?, ?, ?, ?, ?, ?, ?)", columns).lastrowid or 0
@@ -99,6 +102,22 @@ class LogFile:
             database.executemany("DELETE FROM chunk WHERE id = ?", [(row,) for row in gone])
         self.rows = left
         return added
+
+    def _delete(self, rows: Sequence[int]) -> None:
+        """Delete rows at once; on a full disk, where the journal has no room for so many, a few at a time."""
+        most = len(rows)
+        while rows:
+            try:
+                with self._use("written") as database:
+                    database.executemany("DELETE FROM chunk WHERE id = ?", [(row,) for row in rows[:most]])
+            except LogFileError as error:
+                is_full = getattr(error.__cause__, "sqlite_errorcode", 0) == sqlite3.SQLITE_FULL
+                if not is_full or most <= FEW_ROWS:
+                    raise
+                most = FEW_ROWS
+            else:
+                self.rows = {row: length for row, length in self.rows.items() if row not in rows[:most]}
+                rows = rows[most:]
 
     def read(self, row: int) -> Batch | None:
         """Return a chunk as it was written; None if it was deleted meanwhile, beyond the limit."""
