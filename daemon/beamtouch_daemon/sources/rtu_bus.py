@@ -152,6 +152,7 @@ class RtuLink:
             received = unexpected
             while (left_s := until_s - uptime_s()) > 0:
                 received += _joined(await self._port.receive(left_s))
+            received += _joined(self._port.take())  # a busy machine reads late
         codes = [code for function in READ_FUNCTIONS for code in (function, function | 0x80)]
         return not any(bytes([self._unit.address, code]) in received for code in codes)
 
