@@ -24,8 +24,8 @@ $(INSTALLED): pyproject.toml constraints.txt
 demo: $(INSTALLED)  ## build a model, run rig, service and daemon, show live contacts for about 20 s
 	@$(BIN)/python demo/demo.py $(DEMO)
 
-test: $(INSTALLED)  ## all tests but those of `make soak`
-	PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest --numprocesses $(WORKERS) -m "not soak"
+test: $(INSTALLED)  ## all tests but those of `make soak`; NAMES="models daemon ..." for some folders of tests/ only
+	PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest --numprocesses $(WORKERS) -m "not soak" $(addprefix tests/,$(NAMES))
 
 soak: $(INSTALLED)  ## more rounds, longer outages, more scenes and all guides, in about four minutes on two cores
 	PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest --numprocesses $(WORKERS) -m soak
