@@ -19,8 +19,6 @@ from playwright.sync_api import Browser
 from xdist.remote import Producer
 
 from beamtouch_models import cli, modelfile
-from beamtouch_models.building.build import Choices, build_model
-from beamtouch_models.placement.placing import Aim
 from beamtouch_models.progress import silent
 from beamtouch_models.scene import load_scene
 from browser import OpenPage, chromium, pages
@@ -79,17 +77,20 @@ def anyio_backend() -> str:
     return "asyncio"
 
 
-BY_PRODUCT = Choices(aim=Aim("eigenvalue-product"))
-"""The paper's layouts, which are known numbers and take less time to find."""
 ROUGHLY = {"conveyor", "two-spans"}
 """Scenes whose models are asked for the physics and the noise alone, not for thresholds and accuracy."""
 
 
 def _build(path: Path, name: str, folder: Path) -> None:
-    """Write the model of a scene into a folder."""
+    """Write the model of a scene into a folder, with the paper's layout: known numbers that take less time to find."""
+    # Here, as most folders of tests build no model, and each of their processes would take a second to import this.
+    from beamtouch_models.building.build import Choices, build_model  # noqa: PLC0415
+    from beamtouch_models.placement.placing import Aim  # noqa: PLC0415
+
+    choices = Choices(aim=Aim("eigenvalue-product"))
     scene, text = load_scene(path)
     with few_draws() if name in ROUGHLY else nullcontext():
-        built = build_model(scene, text, name, count=None, seed=0, progress=silent, choices=BY_PRODUCT)
+        built = build_model(scene, text, name, count=None, seed=0, progress=silent, choices=choices)
     (folder / f"{name}.onnx").write_bytes(built.content)
 
 
