@@ -1,7 +1,6 @@
 """A poll over Modbus TCP beside GET /contact, both without samples; and polls under a 1 kHz stream of samples."""
 
 import json
-import socket
 import subprocess
 import sys
 import tempfile
@@ -16,6 +15,7 @@ from beamtouch_models import modelfile
 from beamtouch_models.building.build import build_model
 from beamtouch_models.scene import load_scene
 from example_scenes import SCENES
+from free_ports import free_port
 from processes import processor_s
 
 LOAD = Path(__file__).parent / "modbus_load.py"
@@ -69,11 +69,3 @@ def polled(pid: int, modbus: int, clients: int, seconds: float, period_ms: float
     arguments = [sys.executable, str(LOAD), *map(str, (modbus, clients, seconds, period_ms))]
     found: dict[str, float] = json.loads(subprocess.check_output(arguments, text=True))
     return found | {"processor_us": (processor_s(pid) - begin_s) / found["count"] * 1e6}
-
-
-def free_port() -> int:
-    """Return a port that is free now."""
-    with socket.socket() as listener:
-        listener.bind(("127.0.0.1", 0))
-        port: int = listener.getsockname()[1]
-        return port

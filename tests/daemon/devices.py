@@ -81,6 +81,20 @@ class NumberingUnit(StampingUnit):
         return self.requests - 1
 
 
+class RegisterUnit(StampingUnit):
+    """A unit with so many input registers and holding registers from 0, all 0. It refuses others, as real ones do."""
+
+    def __init__(self, inputs: int, holdings: int) -> None:
+        super().__init__()
+        self._has = {4: inputs, 3: holdings}
+
+    def answer(self, request: bytes, wrap: Callable[[bytes], bytes]) -> Pieces:
+        unit, function, first, count = struct.unpack(">BBHH", request)
+        if first + count > self._has.get(function, 0):
+            return [(0.0, wrap(bytes([unit, function | 0x80, 2])))]
+        return [(0.0, wrap(bytes([unit, function, 2 * count]) + bytes(2 * count)))]
+
+
 def with_crc(frame: bytes) -> bytes:
     return frame + FramerRTU.compute_CRC(frame).to_bytes(2, "big")
 

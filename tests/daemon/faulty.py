@@ -1,7 +1,6 @@
-"""What tests of faults share: a cable that can be pulled, a line that mangles, samples that are the counts."""
+"""What tests of faults share: a cable that can be pulled, samples that are the counts, a log file."""
 
 import asyncio
-import random
 import sqlite3
 from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import asynccontextmanager, closing, contextmanager
@@ -97,33 +96,6 @@ async def running(
     code = "; ".join(filter(None, [code, PATIENT_STOP]))
     async with started("run", config, "--summary", folder / "summary.json", code=code, prefix=prefix) as daemon:
         yield daemon
-
-
-class Mangler:
-    """Does to frames on their way what bad lines do; counts what it leaves whole."""
-
-    def __init__(self, line: Terminal) -> None:
-        self._line = line
-        self._chance = random.Random(5)  # noqa: S311 - noise, not secrets
-        self.whole = 0
-
-    def write(self, frame: bytes) -> None:
-        kind = self._chance.randrange(50)
-        flipped = bytearray(frame)
-        flipped[self._chance.randrange(len(frame))] ^= 1 << self._chance.randrange(8)
-        match kind:
-            case 0 | 1 | 2 | 3 | 4:
-                self._line.write(bytes(flipped))  # one frame in ten
-            case 5:
-                self._line.write(frame[: len(frame) // 2])
-            case 6:
-                pass
-            case 7:
-                self._line.write(self._chance.randbytes(30) + frame)
-            case 8:
-                self.whole += self._line.write(frame + frame)
-            case _:
-                self.whole += self._line.write(frame)
 
 
 def names(batches: list[Batch]) -> list[tuple[str, int]]:

@@ -102,7 +102,3 @@ async def until(holds: Callable[[], bool]) -> None:
     async with asyncio.timeout(60):
         while not holds():  # noqa: ASYNC110 - what it asks for is elsewhere
             await asyncio.sleep(0.01)
-
-
-def sequences(service: Service) -> list[int]:
-    return [sample.sequence for sample in service.samples()]

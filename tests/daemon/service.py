@@ -2,10 +2,10 @@
 
 import asyncio
 import socket
-import sys
-from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager
+from collections.abc import AsyncIterator, Callable, Iterator
+from contextlib import asynccontextmanager, contextmanager
 from pathlib import Path
+from signal import SIGTERM
 from time import monotonic
 
 import uvicorn
@@ -15,6 +15,7 @@ from starlette.responses import JSONResponse, Response
 from starlette.routing import Route
 
 from beamtouch_service.samples import Batch, Receipt, Sample
+from forked import Forked
 
 from .record import Record, Recorder
 
@@ -113,18 +114,25 @@ async def serving(service: Service) -> AsyncIterator[Service]:
         service.listener.close()
 
 
-@asynccontextmanager
-async def real_service(folder: Path, model: Path, *options: str | Path, port: int = 0) -> AsyncIterator[str]:
+@contextmanager
+def serving_model(folder: Path, model: Path, *options: str | Path, port: int = 0) -> Iterator[str]:
     """Run the real service with the surface that a model is named after; gives its address."""
     (folder / "token").write_text(TOKEN)
-    program = ["-m", "beamtouch_service.cli", "run", "--model", model, "--write-token-file", folder / "token"]
-    pipe = asyncio.subprocess.PIPE
-    words = [sys.executable, *map(str, [*program, "--port", port, *options])]
-    process = await asyncio.create_subprocess_exec(*words, stdout=pipe, stderr=asyncio.subprocess.DEVNULL)
+    words = ["run", "--model", model, "--write-token-file", folder / "token", "--port", port, *options]
+    process = Forked("beamtouch_service.cli", list(map(str, words)), Path.cwd())
     try:
-        assert process.stdout is not None
-        line = await asyncio.wait_for(process.stdout.readline(), 120)
-        yield line.decode().removeprefix("listening on ").strip()
+        yield process.stdout.readline().removeprefix("listening on ").strip()
     finally:
-        process.terminate()
-        await process.wait()
+        process.send_signal(SIGTERM)
+        process.communicate(timeout=60)
+
+
+@asynccontextmanager
+async def real_service(folder: Path, model: Path, *options: str | Path, port: int = 0) -> AsyncIterator[str]:
+    """Do the same without holding up the event loop."""
+    service = serving_model(folder, model, *options, port=port)
+    url = await asyncio.to_thread(service.__enter__)
+    try:
+        yield url
+    finally:
+        await asyncio.to_thread(service.__exit__, None, None, None)

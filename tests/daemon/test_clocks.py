@@ -5,14 +5,13 @@ import random
 
 import pytest
 
-from beamtouch_daemon.sources.clock import HostClock, RoundTrips
+from beamtouch_daemon.sources.clock import HostClock
 from beamtouch_daemon.sources.reading import Schedule
 
 
 def test_slots_do_not_drift_however_late_each_poll_was() -> None:
-    schedule = Schedule(rate_hz=3.0, start_s=10.0)
-    now_s = 10.0
-    for slot in range(100_000):
+    schedule, now_s = Schedule(rate_hz=3.0, start_s=10.0), 10.0
+    for slot in range(20_000):
         delay_s, missed = schedule.advance(now_s)
         assert missed == 0
         begins_s = now_s + delay_s
@@ -24,24 +23,20 @@ def test_slots_that_have_passed_are_skipped_and_counted_and_not_caught_up() -> N
     schedule = Schedule(rate_hz=10.0, start_s=0.0)
     assert schedule.advance(0.0) == (0.0, 0)
     assert schedule.advance(0.55) == (0.0, 4)  # slots 1 to 4 are gone, 5 has begun
-    delay_s, missed = schedule.advance(0.56)
-    assert delay_s == pytest.approx(0.04)
-    assert missed == 0
+    assert schedule.advance(0.56) == (pytest.approx(0.04), 0)
 
 
-@pytest.mark.parametrize("rate", [0.995, 1.0, 1.005])
+@pytest.mark.parametrize("rate", [0.995, 1.005])
 def test_device_times_follow_the_host_whether_the_device_runs_slow_or_fast(rate: float) -> None:
     chance = random.Random(3)  # noqa: S311
     clock = HostClock()
-    worst_s = 0.0
-    last_s = -math.inf
-    for number in range(60_000):  # five minutes at 200 Hz
+    worst_s, last_s = 0.0, -math.inf
+    for number in range(12_000):  # a minute at 200 Hz
         true_s = 1000.0 + number / 200.0
         arrival_s = true_s + 0.001 + 0.010 * chance.random() ** 4
         mapped_s = clock.to_host(7.0 + rate * number / 200.0, arrival_s)
         assert last_s <= mapped_s <= arrival_s
-        last_s = mapped_s
-        worst_s = max(worst_s, abs(mapped_s - true_s))
+        last_s, worst_s = mapped_s, max(worst_s, abs(mapped_s - true_s))
     assert worst_s < 0.011
 
 
@@ -49,7 +44,7 @@ def test_round_trips_find_offset_and_drift_though_one_way_is_slow_now_and_then()
     chance = random.Random(4)  # noqa: S311
     clock = HostClock()
     rate, worst_s, start = 1.004, 0.0, 5000.0
-    for number in range(20_000):  # 100 s at 200 Hz
+    for number in range(12_000):  # a minute at 200 Hz
         true_s = number / 200.0
         device_s = 77.0 + rate * true_s
         if number % 100 == 0:
@@ -62,20 +57,7 @@ def test_round_trips_find_offset_and_drift_though_one_way_is_slow_now_and_then()
     assert worst_s < 0.0003  # where arrivals alone are 20 ms off
 
 
-@pytest.mark.parametrize("rate", [0.99, 1.0, 1.01])
-def test_the_line_through_round_trips_follows_the_drift_of_the_clocks(rate: float) -> None:
-    trips = RoundTrips()
-    assert trips.to_host(3.0) is None
-    for number in range(200):
-        host_s = 1e6 + number / 2
-        trips.add(host_s - 0.001, 3.0 + number / 2 / rate, host_s + 0.001)
-    mapped_s = trips.to_host(3.0 + 100 / rate)
-    assert mapped_s is not None
-    assert 1e6 + 100 - 0.0012 <= mapped_s <= 1e6 + 100  # earlier by what the ping took, and a little doubt
-
-
-@pytest.mark.parametrize("drift", [-0.005, 0.0, 0.005])
-@pytest.mark.parametrize("held_s", [0.1, 0.4, 0.7])
+@pytest.mark.parametrize(("held_s", "drift"), [(0.1, 0.0), (0.4, -0.005), (0.7, 0.005)])
 def test_no_stamp_is_later_than_the_truth_behind_an_adapter_that_holds_everything_back(
     held_s: float, drift: float
 ) -> None:
@@ -101,7 +83,7 @@ def test_no_stamp_is_later_than_the_truth_behind_an_adapter_that_holds_everythin
     assert earlier_s < 0.03
 
 
-def test_round_trips_never_make_a_reading_later_than_it_arrived_or_than_a_ping_that_was_sent_says() -> None:
+def test_round_trips_never_make_a_reading_later_than_a_ping_that_was_sent_says() -> None:
     clock = HostClock()
     for number in range(10):
         clock.round_trip(50.0 + number, float(number), 50.2 + number)  # handled at once: the middle is 0.1 s late

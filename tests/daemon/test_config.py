@@ -1,7 +1,13 @@
-"""The configuration: what it is, and one clear line for everything that is wrong with it."""
+"""The configuration and the files that it includes: what is valid, and one line for what is not.
 
+`docs/mistakes.md` has further errors, word for word.
+"""
+
+import asyncio
+import json
 import tomllib
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import pytest
 from pydantic import ValidationError
@@ -9,13 +15,25 @@ from pydantic import ValidationError
 from beamtouch_common.errors import FailedError, InputError
 from beamtouch_daemon.config.file import load_config
 from beamtouch_daemon.config.settings import Config
-from beamtouch_daemon.config.signal import GrowingMean, MovingAverage, NoFilter, ZeroTracking
-from beamtouch_daemon.config.sources import ModbusRtu, ModbusTcp, SerialLine
+from beamtouch_daemon.config.signal import GrowingMean, NoFilter, ZeroTracking
+from beamtouch_daemon.config.sources import ModbusTcp
+from unprivileged import without_root
 from wrong_numbers import with_wrong_numbers
 
 from . import configs
+from .devices import pymodbus_server
+from .process import command
 
 EXAMPLE = Path(__file__).parents[2] / "daemon" / "daemon.example.toml"
+KINDS = [
+    ("source", "modbus-tcp"),
+    ("source", "modbus-rtu"),
+    ("source", "serial"),
+    ("filter", "moving-average"),
+    ("filter", "growing-mean"),
+    ("filter", "none"),
+]
+TRACKING = "# [surfaces.bench.zero_tracking]"
 
 
 def complaint(path: Path) -> str:
@@ -26,207 +44,139 @@ def complaint(path: Path) -> str:
     return text.removeprefix(f"{path}: ")
 
 
-def changed(folder: Path, old: str, new: str) -> str:
-    """Return the complaint about a good configuration in which one thing was changed."""
-    path = configs.write(folder, configs.surface())
-    text = path.read_text()
-    assert old in text
-    path.write_text(text.replace(old, new, 1))
-    return complaint(path)
+def uncommented(block: str) -> str:
+    return "\n".join(line.removeprefix("# ") for line in block.splitlines())
 
 
-def test_the_example_is_valid() -> None:
-    config = load_config(EXAMPLE)
-    surface = config.surfaces["bench"]
-    assert isinstance(surface.source, ModbusTcp)
-    assert surface.filter == GrowingMean(kind="growing-mean", max_mean_ms=1000, window=4, spike_mm=0.02)
-    assert surface.channel_names == ["s1", "s2"]
-
-
-@pytest.mark.parametrize(
-    ("kind", "expected"), [("modbus-tcp", ModbusTcp), ("modbus-rtu", ModbusRtu), ("serial", SerialLine)]
-)
-def test_every_kind_of_source_in_the_example_is_valid(tmp_path: Path, kind: str, expected: type) -> None:
-    config = load_config(choose(tmp_path, "source", kind))
-    assert isinstance(config.surfaces["bench"].source, expected)
-
-
-@pytest.mark.parametrize(
-    ("kind", "expected"),
-    [
-        ("moving-average", MovingAverage),
-        ("growing-mean", GrowingMean),
-        ("none", NoFilter),
-    ],
-)
-def test_every_kind_of_filter_in_the_example_is_valid(tmp_path: Path, kind: str, expected: type) -> None:
-    path = choose(tmp_path, "filter", kind)
-    assert isinstance(load_config(path).surfaces["bench"].filter, expected)
-
-
-def test_the_zero_tracking_in_the_example_is_valid(tmp_path: Path) -> None:
-    before, after = EXAMPLE.read_text().split("# [surfaces.bench.zero_tracking]")
-    block, rest = after.split("\n\n", 1)
-    lines = "\n".join(line.removeprefix("# ") for line in block.splitlines())
-    path = tmp_path / "daemon.toml"
-    path.write_text(f"{before}[surfaces.bench.zero_tracking]{lines}\n\n{rest}".replace("# stuck_after", "stuck_after"))
-    surface = load_config(path).surfaces["bench"]
-    assert surface.zero_tracking == ZeroTracking(band_mm=0.006, rate_mm_per_min=0.01, max_mm=0.05)
-    assert [channel.stuck_after_ms for channel in surface.channels] == [500, None]
-    assert load_config(EXAMPLE).surfaces["bench"].zero_tracking is None
-
-
-def test_the_table_in_the_example_is_valid_instead_of_gain_and_offset(tmp_path: Path) -> None:
-    text = EXAMPLE.read_text()
-    line = "gain_mm_per_count = -0.0001            # gap = offset + gain x counts\noffset_mm = 4.5\n"
-    assert line in text
-    path = tmp_path / "daemon.toml"
-    path.write_text(text.replace(line, "").replace("# table =", "table =").replace("# counts_range", "counts_range"))
-    first, second = load_config(path).surfaces["bench"].channels
-    assert first.table == ((5000, 4.0), (20000, 2.4), (35000, 1.0))
-    assert first.counts_range == (-8388608, 8388607)
-    assert second.table is None
-
-
-def choose(folder: Path, table: str, kind: str) -> Path:
-    """Write the example with another of the kinds that it shows in comments."""
+def choose(table: str, kind: str) -> str:
+    """Return the example with another of the kinds that it shows in comments."""
     before, after = EXAMPLE.read_text().split(f"[surfaces.bench.{table}]\n")
     block, rest = after.split("\n# --- ", 1)
-    paragraphs = [
-        "\n".join(line.removeprefix("# ") for line in paragraph.splitlines()) for paragraph in block.split("\n\n")
-    ]
-    (chosen,) = [paragraph for paragraph in paragraphs if paragraph.startswith(f'kind = "{kind}"')]
-    path = folder / "daemon.toml"
-    path.write_text(f"{before}[surfaces.bench.{table}]\n{chosen}\n# --- {rest}")
-    return path
+    (chosen,) = [part for part in map(uncommented, block.split("\n\n")) if part.startswith(f'kind = "{kind}"')]
+    return f"{before}[surfaces.bench.{table}]\n{chosen}\n# --- {rest}"
+
+
+def test_the_example_is_valid_with_its_zero_tracking_and_its_table_too(tmp_path: Path) -> None:
+    surface = load_config(EXAMPLE).surfaces["bench"]
+    assert isinstance(surface.source, ModbusTcp)
+    assert surface.filter == GrowingMean(kind="growing-mean", max_mean_ms=1000, window=4, spike_mm=0.02)
+    assert (surface.channel_names, surface.zero_tracking) == (["s1", "s2"], None)
+    before, after = EXAMPLE.read_text().split(TRACKING)
+    block, rest = after.split("\n\n", 1)
+    line = "gain_mm_per_count = -0.0001            # gap = offset + gain x counts\noffset_mm = 4.5\n"
+    for key in ("table =", "counts_range", "stuck_after"):
+        rest = rest.replace(f"# {key}", key)
+    path = tmp_path / "daemon.toml"
+    path.write_text(f"{before}{TRACKING[2:]}{uncommented(block)}\n\n{rest.replace(line, '')}")
+    surface = load_config(path).surfaces["bench"]
+    assert surface.zero_tracking == ZeroTracking(band_mm=0.006, rate_mm_per_min=0.01, max_mm=0.05)
+    first, second = surface.channels
+    assert (first.table, second.table) == (((5000, 4.0), (20000, 2.4), (35000, 1.0)), None)
+    assert (first.counts_range, first.stuck_after_ms) == ((-8388608, 8388607), 500)
+
+
+@pytest.mark.parametrize(("table", "kind"), KINDS)
+def test_every_kind_in_the_example_is_valid_and_only_a_number_is_a_number(table: str, kind: str) -> None:
+    content, context = tomllib.loads(choose(table, kind)), {"directory": Path()}
+    surface = Config.model_validate(content, context=context).surfaces["bench"]
+    assert getattr(surface, table).kind == kind
+    taken = []
+    for what, wrong in with_wrong_numbers(content):
+        try:
+            Config.model_validate(wrong, context=context)
+        except ValidationError:
+            continue
+        taken.append(what)
+    assert not taken
 
 
 def test_without_a_filter_table_every_reading_is_a_sample(tmp_path: Path) -> None:
-    path = configs.write(tmp_path, configs.surface())
-    path.write_text(path.read_text().replace('[surfaces.bench.filter]\nkind = "moving-average"\nwindow = 1\n', ""))
-    assert load_config(path).surfaces["bench"].filter == NoFilter()
+    text = configs.surface().replace('[surfaces.bench.filter]\nkind = "moving-average"\nwindow = 1\n', "")
+    assert load_config(configs.write(tmp_path, text)).surfaces["bench"].filter == NoFilter()
 
 
-def test_paths_are_relative_to_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = configs.write(
-        tmp_path, configs.surface(), configs.surface("press-7").replace("rate_hz", 'tare_file = "/t"\nrate_hz')
-    )
-    monkeypatch.chdir("/")
-    config = load_config(path)
-    assert config.tare_file("bench") == tmp_path / "bench.tare.json"
-    assert config.tare_file("press-7") == Path("/t")
-    assert config.read_token() == "swordfish-of-the-tests-and-longer"
+def test_paths_start_from_the_file_that_states_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    tared = configs.surface("one").replace("rate_hz", 'tare_file = "one.json"\nrate_hz', 1)
+    path = including(tmp_path, configs.surface(), a=tared, b=configs.surface("two"))
+    monkeypatch.chdir(tmp_path)
+    for config in (load_config(path), load_config(Path("daemon.toml"))):
+        assert config.tare_file("bench") == tmp_path / "bench.tare.json"
+        assert config.tare_file("one") == tmp_path / "surfaces" / "one.json"
+        assert config.tare_file("two") == tmp_path / "two.tare.json"  # as before the surface had a file of its own
+        assert config.read_token() == "swordfish-of-the-tests-and-longer"
+
+
+GROWING = '"growing-mean"\nmax_mean_ms = '
+WINDOW = '"moving-average"\nwindow = 1'
+SERIAL = configs.serial("/dev/x")
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "expected"),
+    ("source", "old", "new", "expected"),
     [
-        ("window = 1", "windw = 1", "unknown key surfaces.bench.filter.windw; did you mean window?"),
-        ("port = 502", "prt = 502", "unknown key surfaces.bench.source.prt; did you mean port?"),
-        ("[publish]", "x = 1\n[publish]", "unknown key x; remove it or correct its spelling"),
-        ("rest_gap_mm = 2.5\n", "", "surfaces.bench.channels[0].rest_gap_mm is missing; add it"),
+        ("", "rate_hz = 200.0", "rate_hz = nan", "surfaces.bench.rate_hz: must be a finite number"),
+        ("", "register = 0", "register = 65536", "channels[0].register: must be at most 65535"),
+        ("", "register = 0\n", "", "surfaces.bench: channel s1: state its register"),
+        ("", "register = 0", "input = 0", "channel s1: input needs the source's module; state the register"),
         (
-            "offset_mm = 4.5\n",
             "",
-            "surfaces.bench.channels[0]: offset_mm missing; give gain_mm_per_count with offset_mm",
-        ),
-        ("rate_hz = 200.0", "rate_hz = -1.0", "surfaces.bench.rate_hz: must be more than 0"),
-        ("rate_hz = 200.0", "rate_hz = nan", "surfaces.bench.rate_hz: must be a finite number"),
-        ("rate_hz = 200.0", 'rate_hz = "fast"', "surfaces.bench.rate_hz: must be a number"),
-        ("register = 0", "register = 65536", "channels[0].register: must be at most 65535"),
-        ("register = 1", "register = 0", "surfaces.bench: two channels have the same register 0"),
-        ("register = 0\n", "", "surfaces.bench: channel s1: state its register"),
-        (
-            "register = 0",
-            "input = 0",
-            "surfaces.bench: channel s1: input needs the source's module; state the register",
-        ),
-        ("port = 502", 'port = 502\nmodule = "x"', "surfaces.bench.source.module: there is no module x; choose one of"),
-        ("port = 502", 'port = 502\nmodule = "waveshare-8ch"', "module waveshare-8ch speaks modbus-rtu"),
-        (
             "port = 502",
-            'port = 502\nmodule = "adam-6017"',
-            "rate_hz: adam-6017 converts 12.5 times a second; a higher",
+            'port = 502\nmodule = "x"',
+            "source.module: there is no module x; choose one of adam-6017, ",
         ),
-        ("port = 502", "port = 502\nfunction = 5", "surfaces.bench.source.function: must be 3 or 4"),
-        ("register = 0", 'register = 0\ntype = "u8"', 'channels[0].type: must be "u16", "i16", "u32", "i32"'),
-        ('name = "s2"', 'name = "s1"', "surfaces.bench: two channels have the same name s1"),
-        ("[1.0, 4.0]", "[4.0, 1.0]", "channels[0]: range_mm must be [smaller, larger], not [4.0, 1.0]"),
-        ("= -0.0001", "= 0", "channels[0].gain_mm_per_count: must not be 0"),
-        ("http://127.0.0.1:8420", "127.0.0.1:8420", "publish.url: must look like http://127.0.0.1:8420"),
-        ("http://127.0.0.1:8420", "http://127.0.0.1:84200", "publish.url: must look like http://127.0.0.1:8420"),
-        ('"modbus-tcp"', '"modbus"', 'bench.source.kind: must be "modbus-tcp", "modbus-rtu" or'),
+        ("", "port = 502", 'port = 502\nmodule = "waveshare-8ch"', "module waveshare-8ch speaks modbus-rtu"),
+        ("", "port = 502", 'port = 502\nmodule = "adam-6017"', "rate_hz: adam-6017 converts 12.5 times a second"),
+        ("", "port = 502", "port = 502\nfunction = 5", "surfaces.bench.source.function: must be 3 or 4"),
+        ("", "register = 0", 'register = 0\ntype = "u8"', 'channels[0].type: must be "u16", "i16", "u32", "i32"'),
+        ("", 'name = "s2"', 'name = "s1"', "surfaces.bench: two channels have the same name s1"),
+        ("", "[1.0, 4.0]", "[4.0, 1.0]", "range_mm must be [smaller, larger], not [4.0, 1.0]"),
+        ("", WINDOW, f"{GROWING}0", "filter.max_mean_ms: must be more than 0"),
         (
-            '"moving-average"',
-            '"growing"',
-            'surfaces.bench.filter.kind: must be "none", "moving-average" or "growing-mean"; '
-            'did you mean "growing-mean"? (given: "growing")',
+            "",
+            f"rate_hz = 200.0\n[surfaces.bench.source]\n{configs.tcp(502)}\n[surfaces.bench.filter]\nkind = {WINDOW}",
+            f"rate_hz = 200.0\nnoise_mm = 0.003\n[surfaces.bench.source]\n{configs.tcp(502)}\n"
+            f"[surfaces.bench.filter]\nkind = {GROWING}60000",
+            "surfaces.bench: filter.max_mean_ms: at most 50000, the time of 10000 readings",
         ),
-        ('kind = "moving-average"\n', "", "surfaces.bench.filter.kind is missing; add it"),
-        ('"moving-average"', '"adaptive"', 'filter.kind: must be "none", "moving-average" or "growing-mean"'),
-        ('"moving-average"\nwindow = 1', '"growing-mean"', 'filter.kind = "growing-mean" needs noise_mm'),
+        ("", "rate_hz", "slowest_period_ms = 20001\nrate_hz", "slowest_period_ms: at most 4000 readings, 20 s"),
         (
-            '"moving-average"\nwindow = 1',
-            '"growing-mean"\nmax_mean_ms = 0',
-            "filter.max_mean_ms: must be more than 0",
+            "",
+            "token_file",
+            'certificate_file = "a\\u0000b"\ntoken_file',
+            "certificate_file: must be the path of a file",
         ),
-        (
-            "[surfaces.bench.filter]",
-            "[surfaces.bench.zero_tracking]\nband_mm = 1\nrate_mm_per_min = 1\nmax_mm = 0\n[surfaces.bench.filter]",
-            "surfaces.bench.zero_tracking.max_mm: must be more than 0",
-        ),
-        ("[publish]", "[publish", "not valid TOML: "),
+        ("", "http://", "http://daemon:secret@", "publish.url: must name no user"),
+        (SERIAL, "register = 0", "register = 0\nunit = 2", "unit, host and type are for Modbus"),
+        (SERIAL, "rate_hz = 200.0", "rate_hz = 12.5", "rate_hz must be a whole number for a serial source"),
+        (configs.rtu("/dev/x"), "register = 0", 'register = 0\nhost = "x"', "channel s1: host is for modbus-tcp"),
     ],
 )
-def test_an_error_is_one_line_with_the_key(tmp_path: Path, old: str, new: str, expected: str) -> None:
-    assert expected in changed(tmp_path, old, new)
+def test_an_error_is_one_line_with_the_key(tmp_path: Path, source: str, old: str, new: str, expected: str) -> None:
+    path = configs.write(tmp_path, configs.surface(source=source or configs.tcp(502)))
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new, 1))
+    assert expected in complaint(path)
 
 
-def test_a_growing_mean_has_a_largest_number_of_readings(tmp_path: Path) -> None:
-    text = configs.surface().replace("rate_hz = 200.0", "rate_hz = 200.0\nnoise_mm = 0.003")
-    text = text.replace('"moving-average"\nwindow = 1', '"growing-mean"\nmax_mean_ms = 60000')
-    said = complaint(configs.write(tmp_path, text))
-    assert said == "surfaces.bench: filter.max_mean_ms: at most 50000, the time of 10000 readings"
-
-
-def test_the_number_of_further_errors_is_stated(tmp_path: Path) -> None:
-    assert complaint(configs.write(tmp_path, configs.surface().replace("_mm", "_um"))).endswith(" more)")
-
-
-def test_a_file_that_cannot_be_read_is_an_error(tmp_path: Path) -> None:
-    assert complaint(tmp_path / "absent.toml") == "No such file or directory"
-    assert complaint(tmp_path) == "Is a directory"
-    binary = tmp_path / "binary.toml"
-    binary.write_bytes(b"\xff\xfe")
-    assert complaint(binary) == "not a text file in UTF-8"
-
-
-def test_a_configuration_without_a_surface_is_refused(tmp_path: Path) -> None:
-    assert complaint(configs.write(tmp_path, "[surfaces]")).startswith("surfaces: must have at least 1 item, not 0")
-
-
-def test_a_serial_port_serves_one_surface(tmp_path: Path) -> None:
-    path = configs.write(
-        tmp_path, configs.surface("a", configs.rtu("/dev/x")), configs.surface("b", configs.serial("/dev/x"))
-    )
-    assert complaint(path) == "2 surfaces use /dev/x (a, b); a serial port serves one surface"
-
-
-def test_surfaces_on_one_bus_agree_on_its_line(tmp_path: Path) -> None:
-    rtu = configs.rtu("/dev/x")
-    both = load_config(configs.write(tmp_path, configs.surface("a", rtu), configs.surface("b", rtu)))
-    assert both.surfaces.keys() == {"a", "b"}
-    path = configs.write(tmp_path, configs.surface("a", rtu), configs.surface("b", f"{rtu}\nbaud = 9600"))
-    assert complaint(path) == (
-        "surfaces on /dev/x (a, b) state different baud, parity, stop_bits or silence_ms; make them equal"
-    )
-
-
-def test_keys_of_modbus_are_refused_for_a_serial_device(tmp_path: Path) -> None:
-    text = configs.surface(source=configs.serial("/dev/x")).replace("register = 0", "register = 0\nunit = 2", 1)
-    assert "unit, host and type are for Modbus" in complaint(configs.write(tmp_path, text))
-    text = configs.surface(source=configs.rtu("/dev/x")).replace("register = 0", 'register = 0\nhost = "x"', 1)
-    assert complaint(configs.write(tmp_path, text)) == "surfaces.bench: channel s1: host is for modbus-tcp"
+@pytest.mark.parametrize(
+    ("surfaces", "expected"),
+    [
+        ({"a": configs.rtu("/dev/x"), "b": configs.rtu("/dev/x")}, ""),
+        ({"a": configs.rtu("/dev/x"), "b": SERIAL}, "2 surfaces use /dev/x (a, b); a serial port serves one surface"),
+        (
+            {"a": configs.rtu("/dev/x"), "b": f"{configs.rtu('/dev/x')}\nbaud = 9600"},
+            "surfaces on /dev/x (a, b) state different baud, parity, stop_bits or silence_ms; make them equal",
+        ),
+        ({}, "surfaces is missing; add it"),
+    ],
+)
+def test_surfaces_share_a_bus_only_if_they_agree_on_its_line(
+    tmp_path: Path, surfaces: dict[str, str], expected: str
+) -> None:
+    path = configs.write(tmp_path, *(configs.surface(name, source) for name, source in surfaces.items()))
+    assert expected == (complaint(path) if expected else "")
+    assert expected or load_config(path).surfaces.keys() == surfaces.keys()
 
 
 def test_an_input_of_a_module_has_its_register_and_its_limits(tmp_path: Path) -> None:
@@ -240,16 +190,9 @@ def test_an_input_of_a_module_has_its_register_and_its_limits(tmp_path: Path) ->
     assert complaint(beyond) == "surfaces.bench: channel s2: the module has inputs 0 to 7"
 
 
-def test_a_device_of_ours_takes_whole_rates_only(tmp_path: Path) -> None:
-    path = configs.write(tmp_path, configs.surface(source=configs.serial("/dev/x"), rate_hz=12.5))
-    assert complaint(path) == "surfaces.bench: rate_hz must be a whole number for a serial source"
-
-
-@pytest.mark.parametrize(
-    "content", [None, b"", b"two words\n", b"\xff"], ids=["absent", "empty", "two words", "binary"]
-)
+@pytest.mark.parametrize("content", [None, b"two words\n"], ids=["absent", "two words"])
 def test_an_invalid_token_is_refused_with_a_remedy(tmp_path: Path, content: bytes | None) -> None:
-    config: Config = load_config(configs.write(tmp_path, configs.surface()))
+    config = load_config(configs.write(tmp_path, configs.surface()))
     token = tmp_path / "beamtouch.token"
     token.unlink()
     if content is not None:
@@ -258,99 +201,126 @@ def test_an_invalid_token_is_refused_with_a_remedy(tmp_path: Path, content: byte
         config.read_token()
 
 
-NUMBERS = """
-[publish]
-url = "http://127.0.0.1:8420"
-token_file = "beamtouch.token"
-batch_ms = 4
-log_samples = 1000
-log_mb = 10
-[surfaces.a]
-rate_hz = 200
-noise_mm = 0.005
-slowest_period_ms = 30
-[surfaces.a.source]
-kind = "modbus-tcp"
-host = "127.0.0.1"
-port = 502
-unit = 1
-timeout_ms = 200
-max_registers = 20
-bridge_registers = 2
-function = 3
-[surfaces.a.filter]
-kind = "moving-average"
-window = 4
-spike_mm = 0.1
-[surfaces.a.zero_tracking]
-band_mm = 0.02
-rate_mm_per_min = 0.01
-max_mm = 0.1
-[[surfaces.a.channels]]
-name = "s1"
-register = 0
-unit = 2
-gain_mm_per_count = -0.0001
-offset_mm = 4.5
-rest_gap_mm = 2.5
-range_mm = [1, 4]
-adc_bits = 16
-counts_range = [0, 65535]
-stuck_after_ms = 100
-[surfaces.b]
-rate_hz = 100
-[surfaces.b.source]
-kind = "modbus-rtu"
-port = "/dev/ttyS0"
-baud = 9600
-stop_bits = 2
-unit = 1
-timeout_ms = 100
-silence_ms = 2
-[surfaces.b.filter]
-kind = "none"
-[[surfaces.b.channels]]
-name = "s1"
-register = 0
-table = [[0, 1], [65535, 4]]
-rest_gap_mm = 2.5
-range_mm = [1, 4]
-[surfaces.c]
-rate_hz = 100
-[surfaces.c.source]
-kind = "serial"
-port = "/dev/ttyS1"
-baud = 1000000
-oversampling = 2
-[surfaces.c.filter]
-kind = "moving-average"
-window = 4
-[[surfaces.c.channels]]
-name = "s1"
-register = 0
-gain_mm_per_count = -0.0001
-offset_mm = 4.5
-rest_gap_mm = 2.5
-range_mm = [1, 4]
-"""
+@pytest.mark.parametrize(
+    "host",
+    [
+        "plc..plant",
+        "plc" * 30,
+        "a b",
+        "plc\\u0000",
+        "plc,other",
+        "192.168.0.20:502",
+        "[::1]",
+        "tcp://plc",
+        "daemon@plc",
+    ],
+)
+def test_a_host_that_cannot_be_is_refused_wherever_one_is_stated(tmp_path: Path, host: str) -> None:
+    path = configs.write(tmp_path, configs.surface(source=configs.tcp(502, host)))
+    assert complaint(path).startswith("surfaces.bench.source.host: must be the name or address of a host")
+    channel = configs.surface().replace("register = 1", f'register = 1\nhost = "{host}"')
+    assert complaint(configs.write(tmp_path, channel)).startswith("surfaces.bench.channels[1].host: must be the name")
+    if ":" not in host:
+        assert "publish.url: must " in complaint(configs.write(tmp_path, configs.surface(), url=f"http://{host}:8420"))
 
 
-def test_only_a_number_is_a_number() -> None:
-    content, context = tomllib.loads(NUMBERS), {"directory": Path()}
-    Config.model_validate(content, context=context)
-    taken = []
-    for what, wrong in with_wrong_numbers(content):
-        try:
-            Config.model_validate(wrong, context=context)
-        except ValidationError:
-            continue
-        taken.append(what)
-    assert not taken
+@pytest.mark.parametrize("host", ["192.168.0.20", "::1", "fe80::1%eth0", "plc", "plc.plant.", "prüfstand.example"])
+def test_a_host_that_can_be_is_taken(tmp_path: Path, host: str) -> None:
+    config = load_config(configs.write(tmp_path, configs.surface(source=configs.tcp(502, host))))
+    assert getattr(config.surfaces["bench"].source, "host", None) == host
 
 
-@pytest.mark.parametrize("key", ["token_file", "certificate_file", "log_file"])
-def test_a_path_that_no_file_can_have_is_refused(tmp_path: Path, key: str) -> None:
-    path = configs.write(tmp_path, configs.surface())
-    lines = [line for line in path.read_text().splitlines() if not line.startswith(key)]
-    path.write_text("\n".join(lines).replace("[publish]", f'[publish]\n{key} = "a\\u0000b"'))
-    assert complaint(path) == f'publish.{key}: must be the path of a file (given: "a\\u0000b")'
+def including(folder: Path, *own: str, **files: str) -> Path:
+    """Write a configuration that includes `surfaces/*.toml`, with these files in the folder."""
+    path = configs.write(folder, *own)
+    path.write_text(f'include = ["surfaces/*.toml"]\n{path.read_text()}')
+    (folder / "surfaces").mkdir(exist_ok=True)
+    for name, text in files.items():
+        (folder / "surfaces" / f"{name}.toml").write_text(text)
+    return path
+
+
+def test_the_surfaces_of_all_files_are_read_once_and_each_knows_its_file(tmp_path: Path) -> None:
+    path = including(tmp_path, configs.surface("bench"), b=configs.surface("two"), a=configs.surface("one"))
+    surfaces = tmp_path / "surfaces"
+    (surfaces / ".c.toml.swp.toml").write_text("unfinished [")  # an editor's
+    (surfaces / "notes.txt").write_text("not a surface")
+    (surfaces / "old.toml").mkdir()
+    patterns = f'"surfaces/*.toml", "*/a.toml", "{tmp_path}/surf*/**/*.toml"'
+    path.write_text(path.read_text().replace('"surfaces/*.toml"', patterns))
+    config = load_config(path)
+    assert [(name, config.file_of(name)) for name in config.surfaces] == [
+        ("bench", path),
+        ("one", surfaces / "a.toml"),
+        ("two", surfaces / "b.toml"),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("[surfaces", "{file}: not valid TOML: "),
+        (configs.PUBLISH, "{file}: publish belongs in {path}; a file that is included has only [surfaces.NAME] tables"),
+        ("", "{file}: surfaces is missing; add it"),
+        ("surfaces = 3", "{file}: surfaces: must be"),
+        (configs.surface("bench"), "{file}: surfaces.bench is also in {path}; remove one of the two"),
+        (configs.surface("other"), "{file}: surfaces.other is also in {other}; remove one of the two"),
+        (
+            configs.surface("late", SERIAL),
+            "{path}: 2 surfaces use /dev/x (other in {other}, late in {file}); a serial port serves one surface",
+        ),
+    ],
+)
+def test_what_is_wrong_is_said_with_the_file_and_the_key(tmp_path: Path, text: str, said: str) -> None:
+    path = including(tmp_path, configs.surface("bench"), a=configs.surface("other", SERIAL), z=text)
+    expected = said.format(file=tmp_path / "surfaces" / "z.toml", path=path, other=tmp_path / "surfaces" / "a.toml")
+    assert complaint(path).startswith(expected.removeprefix(f"{path}: "))
+
+
+@pytest.mark.parametrize(
+    ("include", "said"),
+    [
+        ('["surfacs/*.toml"]', "include: no file matches 'surfacs/*.toml'; correct it, for example to surfaces/*.toml"),
+        ('[""]', "include[0]: must be the path of a file"),
+        (f'["{"x" * 300}"]', f"include: no file matches '{'x' * 300}'; correct it"),
+        ('["surfaces/"]', "include: no file matches 'surfaces/'; correct it, for example to surfaces/*.toml"),
+        ('["a\\u0000b"]', "include[0]: must be the path of a file"),
+        ('"surfaces/*.toml"', "include: must be "),
+        ("[3]", "include[0]: must be "),
+    ],
+)
+def test_a_wrong_pattern_is_said(tmp_path: Path, include: str, said: str) -> None:
+    path = including(tmp_path, configs.surface("bench"), a=configs.surface("other"))
+    path.write_text(path.read_text().replace('["surfaces/*.toml"]', include))
+    assert complaint(path).startswith(said)
+
+
+def test_a_file_that_cannot_be_reached_is_said() -> None:
+    with TemporaryDirectory() as name, without_root(Path(name)):
+        path = including(Path(name), a=configs.surface("one"))
+        surfaces = path.parent / "surfaces"
+        (path.parent / "closed").mkdir(mode=0)
+        link = surfaces / "b.toml"
+        for target in ("b.toml", "absent", "../closed/b.toml"):
+            link.symlink_to(target)
+            assert complaint(path).startswith(f"{link}: ")
+            link.unlink()
+        surfaces.chmod(0o400)  # its names may be read, and nothing in it
+        assert complaint(path) == f"{surfaces / 'a.toml'}: Permission denied"
+        surfaces.chmod(0)
+        assert complaint(path).startswith("include: no file matches 'surfaces/*.toml'; ")
+        assert complaint(path).endswith("let this user read the folder")
+        surfaces.chmod(0o700)
+
+
+@pytest.mark.anyio
+async def test_check_shows_the_file_of_each_surface(tmp_path: Path) -> None:
+    async with pymodbus_server([20_000, 21_000]) as port:
+        bench, one = (configs.surface(name, configs.tcp(port)) for name in ("bench", "one"))
+        path = including(tmp_path, bench, a=one)
+        table, report = await asyncio.gather(command("check", path), command("check", path, "--json"))
+    assert (table.code, report.code) == (0, 0)
+    included = str(tmp_path / "surfaces" / "a.toml")
+    assert [line.split()[-1] for line in table.out.splitlines()[1:-1]] == [*[str(path)] * 2, *[included] * 2]
+    files = {name: found["file"] for name, found in json.loads(report.out)["surfaces"].items()}
+    assert files == {"bench": str(path), "one": included}

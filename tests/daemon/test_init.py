@@ -3,6 +3,7 @@
 import json
 import stat
 import tomllib
+from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -10,14 +11,14 @@ from typing import Any
 import pytest
 
 from beamtouch_daemon.cli import main
+from in_process import Outcome, command_of
 from unprivileged import without_root
 
 from . import configs
+from .conftest import Refused
 from .devices import SerialDevice, StampingUnit, pymodbus_server, rtu_units
 from .lines import terminal
-from .process import Outcome, command
-
-pytestmark = pytest.mark.anyio
+from .process import command
 
 TEMPLATE = (
     """\
@@ -26,44 +27,44 @@ TEMPLATE = (
     + configs.PUBLISH.replace("batch_ms", "# kept\nbatch_ms")
     + configs.surface('"bench"').replace('name = "s1"', 'name = "s1"     # mounted 35 mm from the left end')
 )
+TCP = ("--source", "tcp://127.0.0.1")
+Init = Callable[..., Outcome]
 
 
-def template(folder: Path) -> Path:
-    """Write what `design-sensors build --daemon-config` writes, in a folder of its own, and a token for the result."""
-    (folder / "built").mkdir()
-    path = folder / "built" / "bench.daemon.toml"
+@pytest.fixture
+def model(tmp_path: Path) -> Path:
+    """What `design-sensors build --daemon-config` writes, in a folder of its own, and a token for the result."""
+    (tmp_path / "built").mkdir()
+    path = tmp_path / "built" / "bench.daemon.toml"
     path.write_text(TEMPLATE)
-    (folder / "beamtouch.token").write_text("swordfish-of-the-tests")
+    (tmp_path / "beamtouch.token").write_text("swordfish-of-the-tests")
     return path
 
 
-def content(path: Path) -> dict[str, Any]:
-    return tomllib.loads(path.read_text())
+@pytest.fixture
+def init(tmp_path: Path, model: Path, capsys: pytest.CaptureFixture[str]) -> Init:
+    """A function from options to the outcome of the command, which writes `daemon.toml`."""
+    run = command_of(main, capsys)
+    return lambda *options: run("init", tmp_path / "daemon.toml", "--model-config", model, *options)
 
 
-async def init(folder: Path, *options: str | Path) -> Outcome:
-    return await command("init", folder / "daemon.toml", "--model-config", template(folder), *options)
+def content(folder: Path) -> dict[str, Any]:
+    return tomllib.loads((folder / "daemon.toml").read_text())
 
 
-async def test_a_configuration_for_modbus_tcp_passes_check_and_keeps_what_belongs_to_the_model(tmp_path: Path) -> None:
-    async with pymodbus_server([20_000, 21_000]) as port:
-        source = f"tcp://127.0.0.1:{port}"
-        options = ("--unit", "1", "--timeout-ms", "30000", "--url", "https://beams.example:8420/")
-        written = await init(tmp_path, "--source", source, *options)
-        checked = await command("check", tmp_path / "daemon.toml")
-    assert (written.code, written.err) == (0, "")
+def test_a_configuration_has_the_source_and_the_service_and_keeps_what_belongs_to_the_model(
+    tmp_path: Path, init: Init
+) -> None:
+    source = "tcp://192.168.0.20:5020"
+    options = ("--unit", "1", "--timeout-ms", "30000", "--url", "https://beams.example:8420/")
+    written = init("--source", source, *options)
     path = tmp_path / "daemon.toml"
-    assert written.out.startswith(f"{path}: bench, channels s1, s2, 200 readings per second from {source}\n")
-    assert f"next: beamtouch-daemon check {path} --wait 30\n" in written.out
-    assert checked.code == 0, checked.err
-    told, known = content(path), tomllib.loads(TEMPLATE)
-    assert told["surfaces"]["bench"].pop("source") == {
-        "kind": "modbus-tcp",
-        "host": "127.0.0.1",
-        "port": port,
-        "unit": 1,
-        "timeout_ms": 30_000,
-    }
+    assert (written.returncode, written.stderr) == (0, "")
+    assert written.stdout.startswith(f"{path}: bench, channels s1, s2, 200 readings per second from {source}\n")
+    assert f"next: beamtouch-daemon check {path} --wait 30\n" in written.stdout
+    told, known = content(tmp_path), tomllib.loads(TEMPLATE)
+    keys = {"kind": "modbus-tcp", "host": "192.168.0.20", "port": 5020, "unit": 1, "timeout_ms": 30_000}
+    assert told["surfaces"]["bench"].pop("source") == keys
     known["surfaces"]["bench"].pop("source")
     assert told["surfaces"] == known["surfaces"]
     assert told["publish"] == {"url": "https://beams.example:8420", "token_file": "beamtouch.token", "batch_ms": 20}
@@ -71,104 +72,74 @@ async def test_a_configuration_for_modbus_tcp_passes_check_and_keeps_what_belong
     assert stat.S_IMODE(path.stat().st_mode) == 0o644
 
 
-async def test_configurations_for_a_bus_and_for_a_board_pass_check(tmp_path: Path) -> None:
+@pytest.mark.anyio
+async def test_configurations_for_tcp_for_a_bus_and_for_a_board_pass_check(tmp_path: Path, model: Path) -> None:
+    reads = []
     with terminal() as bus, terminal() as line:
         SerialDevice(line)
-        async with rtu_units(bus, {7: StampingUnit()}):
-            options = ("--baud", "19200", "--parity", "none", "--unit", "7", "--function", "3", "--timeout-ms", "30000")
-            rtu = await init(tmp_path, "--source", f"rtu:{bus.path}", *options)
-            source = content(tmp_path / "daemon.toml")["surfaces"]["bench"]["source"]
-            reads = await command("check", tmp_path / "daemon.toml", "--json")
-        model = ("--model-config", tmp_path / "built" / "bench.daemon.toml")
-        serial = await command(
-            "init", tmp_path / "daemon.toml", *model, "--source", f"serial:{line.path}", "--baud", "115200", "--force"
-        )
-        board = await command("check", tmp_path / "daemon.toml")
-    assert (rtu.code, serial.code, board.code) == (0, 0, 0)
-    assert source == {
-        "kind": "modbus-rtu",
-        "port": bus.path,
-        "baud": 19_200,
-        "parity": "none",
-        "unit": 7,
-        "function": 3,
-        "timeout_ms": 30_000,
-    }
-    assert json.loads(reads.out)["surfaces"]["bench"]["error"] is None
+        async with rtu_units(bus, {7: StampingUnit()}), pymodbus_server([20_000, 21_000]) as port:
+            for source, *options in (
+                (f"tcp://127.0.0.1:{port}", "--timeout-ms", "30000"),
+                (f"rtu:{bus.path}", "--baud", "19200", "--unit", "7", "--function", "3", "--timeout-ms", "30000"),
+                (f"serial:{line.path}", "--baud", "115200"),
+            ):
+                config = tmp_path / "daemon.toml"
+                words = ("--model-config", model, "--source", source, *options, "--force")
+                assert (await command("init", config, *words)).code == 0
+                reads.append(json.loads((await command("check", config, "--json")).out)["surfaces"]["bench"]["error"])
+    assert reads == [None] * 3
 
 
-async def test_a_file_is_replaced_only_if_asked(tmp_path: Path) -> None:
+def test_a_file_is_replaced_only_if_asked(tmp_path: Path, init: Init) -> None:
     path = tmp_path / "daemon.toml"
     path.write_text("mine")
-    refused = await init(tmp_path, "--source", "tcp://127.0.0.1")
-    assert (refused.code, refused.complaint()) == (
-        2,
-        f"{path}: already exists; add --force to replace it, or name another file",
-    )
+    refused = init(*TCP)
+    said = f"beamtouch-daemon: {path}: already exists; add --force to replace it, or name another file\n"
+    assert (refused.returncode, refused.stderr) == (2, said)
     assert path.read_text() == "mine"
-    model = ("--model-config", tmp_path / "built" / "bench.daemon.toml")
-    forced = await command("init", path, *model, "--source", "tcp://127.0.0.1", "--force")
-    assert forced.code == 0
-    assert content(path)["surfaces"]["bench"]["source"]["port"] == 502
+    assert init(*TCP, "--force").returncode == 0
+    assert content(tmp_path)["surfaces"]["bench"]["source"]["port"] == 502
 
 
-async def test_a_token_is_named_from_where_the_configuration_is_and_a_missing_one_is_said(tmp_path: Path) -> None:
+def test_token_and_certificate_are_named_from_where_the_configuration_is(tmp_path: Path, init: Init) -> None:
     token = tmp_path / "secret" / "token"
-    written = await init(tmp_path, "--source", "tcp://127.0.0.1", "--token-file", token)
-    assert f"next: copy the service's token to {token}, so that this user can read it\n" in written.out
-    assert Path(content(tmp_path / "daemon.toml")["publish"]["token_file"]) == Path("secret/token")
-
-
-async def test_a_certificate_is_named_from_where_the_configuration_is(tmp_path: Path) -> None:
-    options = ("--url", "https://beams.example:8420", "--certificate-file", tmp_path / "tls" / "plant.pem")
-    written = await init(tmp_path, "--source", "tcp://127.0.0.1", *options)
-    assert written.code == 0
-    assert content(tmp_path / "daemon.toml")["publish"]["certificate_file"] == "tls/plant.pem"
+    written = init(*TCP, "--token-file", token, "--certificate-file", tmp_path / "tls" / "plant.pem")
+    assert f"next: copy the service's token to {token}, so that this user can read it\n" in written.stdout
+    publish = content(tmp_path)["publish"]
+    assert (publish["token_file"], publish["certificate_file"]) == ("secret/token", "tls/plant.pem")
 
 
 @pytest.mark.parametrize("line_end", ["\n", "\r\n"])
-async def test_comments_and_keys_in_any_spelling_stay_toml(tmp_path: Path, line_end: str) -> None:
-    model = template(tmp_path)
+def test_comments_and_keys_in_any_spelling_stay_toml(tmp_path: Path, model: Path, init: Init, line_end: str) -> None:
     text = TEMPLATE.replace("# kept", "# kept\u2028and = this").replace("token_file =", '"token_file" =')
     model.write_bytes(text.replace("\n", line_end).encode())
-    path = tmp_path / "daemon.toml"
-    written = await command("init", path, "--model-config", model, "--source", "tcp://127.0.0.1", "--url", "http://b")
-    assert written.code == 0, written.err
-    assert content(path)["publish"] == {"url": "http://b", "token_file": "beamtouch.token", "batch_ms": 20}
+    assert init(*TCP, "--url", "http://b").returncode == 0
+    assert content(tmp_path)["publish"] == {"url": "http://b", "token_file": "beamtouch.token", "batch_ms": 20}
 
 
-def test_a_folder_that_is_closed_to_this_user_is_said(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_folder_that_is_closed_to_this_user_is_said(refused: Refused) -> None:
     with TemporaryDirectory() as name, without_root(Path(name)):
         path = Path(name) / "closed" / "deep" / "daemon.toml"
         path.parent.parent.mkdir(mode=0)
-        code = main(["init", str(path)])
-    assert (code, capsys.readouterr().err) == (2, f"beamtouch-daemon: {path}: Permission denied\n")
+        assert refused("init", path) == f"{path}: Permission denied"
 
 
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (
-            (),
-            "--source: give rtu:/dev/ttyUSB0, serial:/dev/ttyACM0 or tcp://HOST[:PORT]; beamtouch-daemon scan finds it",
-        ),
+        ((), "--source: give rtu:/dev/ttyUSB0, serial:/dev/ttyACM0 or tcp://HOST[:PORT]; beamtouch-daemon scan finds"),
         (("--source", "/dev/ttyUSB0"), "'/dev/ttyUSB0' is not a source; give rtu:/dev/ttyUSB0, "),
         (("--source", "tcp://"), "'tcp://' is not an address"),
         (("--source", "tcp://h", "--baud", "9600"), "--baud: a source such as tcp://h has none; leave it out"),
-        (("--source", "serial:/dev/x", "--unit", "3"), "--unit: a source such as serial:/dev/x has none"),
         (("--source", "rtu:/dev/x", "--unit", "0"), "surfaces.bench.source.unit: must be at least 1"),
-        (
-            ("--source", "tcp://h", "--url", "beams"),
-            'daemon.toml: publish.url: must look like http://127.0.0.1:8420 (given: "beams")',
-        ),
+        (("--source", "rtu:/dev/tty\udcff"), "the source and the files must have names in UTF-8"),
+        (("--source", "tcp://h", "--url", "beams"), "daemon.toml: publish.url: must look like http://127.0.0.1:8420"),
     ],
 )
-async def test_what_is_wrong_is_one_line_and_nothing_is_written(
-    tmp_path: Path, options: tuple[str, ...], said: str
+def test_what_is_wrong_is_one_line_and_nothing_is_written(
+    tmp_path: Path, model: Path, refused: Refused, options: tuple[str, ...], said: str
 ) -> None:
-    refused = await init(tmp_path, *options)
-    assert refused.code == 2
-    assert said in refused.complaint()
+    assert said in refused("init", tmp_path / "daemon.toml", "--model-config", model, *options)
     assert not (tmp_path / "daemon.toml").exists()
 
 
@@ -187,13 +158,9 @@ async def test_what_is_wrong_is_one_line_and_nothing_is_written(
         ),
     ],
 )
-async def test_a_file_that_is_no_configuration_of_a_model_is_refused(
-    tmp_path: Path, name: str, text: str, said: str
+def test_a_file_that_is_no_configuration_of_a_model_is_refused(
+    tmp_path: Path, refused: Refused, name: str, text: str, said: str
 ) -> None:
     (tmp_path / name).write_text(text)
-    refused = await command(
-        "init", tmp_path / "daemon.toml", "--model-config", tmp_path / name, "--source", "tcp://127.0.0.1"
-    )
-    assert refused.code == 2
-    assert refused.complaint().startswith(f"{tmp_path / name}: ")
-    assert said in refused.complaint()
+    told = refused("init", tmp_path / "daemon.toml", "--model-config", tmp_path / name, *TCP)
+    assert told.startswith(f"{tmp_path / name}: {said}")

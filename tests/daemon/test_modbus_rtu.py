@@ -1,58 +1,56 @@
-"""Modbus RTU over pseudo-terminals: against pymodbus's own server, and against a unit with every fault of a bus."""
+"""Modbus RTU over pseudo-terminals: no fault of a bus makes an old value of a new one, and none stops the others."""
 
 import asyncio
 import itertools
-from collections.abc import Callable
+import json
+from collections.abc import AsyncIterator, Callable
+from functools import partial
+from pathlib import Path
 from time import monotonic
 
 import pytest
 from pymodbus.server import ModbusSerialServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
+from beamtouch_daemon.sources import rtu_unit
 from beamtouch_daemon.sources.configured import Buses
-from beamtouch_daemon.sources.polled import PolledSource
 from beamtouch_daemon.sources.reading import Reading, SourceError, first_readings
 from beamtouch_daemon.sources.registers import Block
 from beamtouch_daemon.sources.rtu_unit import probes_for
 from beamtouch_daemon.tasks import cancel
 
-from .devices import Fault, NumberingUnit, Pieces, StampingUnit, rtu_units, with_crc
+from . import configs
+from .devices import NumberingUnit, Pieces, StampingUnit, rtu_units, with_crc
+from .faulty import plain
+from .faulty_bus import patterns, run, values_only
 from .lines import joined_terminals, terminal
-from .sessions import polled, source_in, take_across_sessions
+from .process import command
+from .publishing import until
+from .sessions import source_in, take_across_sessions
 
 pytestmark = pytest.mark.anyio
 
-TIMEOUT_MS = 60.0
+PATTERNS = patterns(seed=3)
+SLOW = ("late, 0.2 %, answers only values", "late, 3 %, one register")
+QUICK = [name for name, one in PATTERNS.items() if one.is_provable and one.sessions == 1 and name not in SLOW]
+READ = 4
+PLACES = [f"register = {index}" for index in range(3)]
+VALUES = bytes([READ, 2 * len(PLACES)])
+"""Function and length of an answer with the values of these places."""
 
 
-def table(path: str, unit: int = 1, timeout_ms: float = TIMEOUT_MS) -> str:
+def table(path: str, unit: int = 1, timeout_ms: float = 2000.0) -> str:
     return f'kind = "modbus-rtu"\nport = "{path}"\ntimeout_ms = {timeout_ms}\nunit = {unit}'
 
 
-def make_source(path: str, registers: list[int], timeout_ms: float = 2000.0) -> PolledSource:
-    return polled(table(path, timeout_ms=timeout_ms), registers, 100.0)
+def of(*units: NumberingUnit) -> Callable[[Reading], None]:
+    """A check that the values of a reading that has just come are those that its units gave last; one per channel."""
 
+    def check(reading: Reading) -> None:
+        for count, unit in zip(reading.counts, units, strict=True):
+            assert count is None or count == unit.newest
 
-async def run_with(
-    fault: Fault, number: int, registers: list[int] | None = None, rate_hz: float = 100.0, timeout_ms: float = 2000.0
-) -> tuple[list[Reading], list[str]]:
-    """Return readings and errors, having seen that every value is that of the newest request, however late it comes."""
-
-    with terminal() as line:
-        unit = NumberingUnit(fault)
-        source = polled(table(line.path, timeout_ms=timeout_ms), registers or [0, 1, 2], rate_hz)
-        async with rtu_units(line, {1: unit}):
-            return await take_across_sessions(source, number, lambda reading: check_newest(reading, [unit] * 3))
-
-
-def check_newest(reading: Reading, units: list[NumberingUnit]) -> None:
-    """See that the values of a reading that just came are those that its units gave last; a unit per channel."""
-    for count, unit in zip(reading.counts, units, strict=False):
-        assert count is None or count == unit.newest
-
-
-def gaps_s(readings: list[Reading]) -> list[float]:
-    return [later.monotonic_s - earlier.monotonic_s for earlier, later in itertools.pairwise(readings)]
+    return check
 
 
 async def test_registers_are_read_from_pymodbus_own_server() -> None:
@@ -61,10 +59,22 @@ async def test_registers_are_read_from_pymodbus_own_server() -> None:
         server = ModbusSerialServer(SimDevice(1, simdata=[data]), port=theirs, baudrate=115_200)
         await server.serve_forever(background=True)
         try:
-            readings = await first_readings(make_source(ours, [2, 0, 1]), 20)
+            places = [f"register = {index}" for index in (2, 0, 1)]
+            readings = await first_readings(source_in({}, table(ours), places, 100.0), 20)
         finally:
             await server.shutdown()  # type: ignore[no-untyped-call]  # pymodbus leaves it without annotations
     assert {reading.counts for reading in readings} == {(102, 100, 101)}
+
+
+async def test_a_request_is_the_example_of_a_modules_manual() -> None:
+    sent = bytearray()
+    with terminal() as line:
+        line.on_data(sent.extend)
+        places = [f"register = {index}" for index in range(8)]
+        with pytest.raises(SourceError, match="unit 1 does not answer within 60 ms"):
+            await first_readings(source_in({}, table(line.path, timeout_ms=60), places, 100.0), 1)
+    # Modbus over serial line has no full example; this frame is that of the Waveshare manual for its eight inputs.
+    assert sent[:8] == bytes.fromhex("01 04 00 00 00 08 F1 CC")
 
 
 @pytest.mark.parametrize("blocks", [[Block(4, 3)], [Block(0, 1), Block(4, 3)], [Block(4, 1)], [Block(0, 125)]])
@@ -72,114 +82,270 @@ def test_no_probe_is_answered_as_a_value_is_and_there_are_several(blocks: list[B
     probes = probes_for(blocks)
     lengths = {block.count for block in blocks}
     assert len(probes) >= 3
-    assert not [probe for probe in probes if probe.function == 4 and probe.count in lengths]
+    assert not [probe for probe in probes if probe.function == READ and probe.count in lengths]
 
 
-async def test_a_request_is_the_example_of_a_modules_manual() -> None:
-    sent = bytearray()
+@pytest.mark.parametrize("name", QUICK)
+async def test_no_value_is_stale_or_foreign(name: str) -> None:
+    outcome = await asyncio.wait_for(run(PATTERNS[name], 40, seed=3, answers=25), 120)
+    assert (outcome.stale, outcome.foreign) == (0, 0)
+
+
+@pytest.mark.parametrize("registers", [1, 3])
+@pytest.mark.parametrize("echoes", [False, True])
+async def test_damage_costs_its_readings_and_not_the_session(registers: int, *, echoes: bool) -> None:
+    damages: dict[int, Callable[[bytes], bytes]] = {
+        10: lambda _: b"",
+        14: lambda frame: frame[:-3],
+        18: lambda frame: frame[:4] + bytes([frame[4] ^ 0x55]) + frame[5:],
+        22: lambda frame: b"\0\xff" + frame + b"\0",
+        26: lambda frame: frame[:-1] + bytes([frame[-1] ^ 1]),
+    }
+
+    def damage(number: int, frame: bytes) -> Pieces:
+        return [(0.0, damages.get(number, bytes)(frame))]
+
     with terminal() as line:
-        line.on_data(sent.extend)
-        with pytest.raises(SourceError, match="unit 1 does not answer within 60 ms"):
-            await first_readings(make_source(line.path, list(range(8)), TIMEOUT_MS), 1)
-    # Modbus over serial line has no full example; this frame is that of the Waveshare manual for its eight inputs.
-    assert sent[:8] == bytes.fromhex("01 04 00 00 00 08 F1 CC")
-
-
-async def test_an_answer_is_found_among_others_and_never_made_of_another() -> None:
-    def among_others(_number: int, frame: bytes) -> Pieces:
-        other_unit = with_crc(bytes([6]) + b"\x63" * (len(frame) - 3))
-        other_length = with_crc(bytes([1, 4, 2, 9, 9]))
-        damaged = frame[:4] + bytes([frame[4] ^ 0x55]) + frame[5:]
-        return [(0.0, b"\x01\x04" + other_unit + damaged + other_length + frame + frame[:-1])]
-
-    readings, errors = await run_with(among_others, 20)
+        unit = NumberingUnit(damage)
+        async with rtu_units(line, {1: unit}, echo=lambda request: [(0.0, request)] if echoes else []):
+            source = source_in({}, table(line.path, timeout_ms=500.0), PLACES[:registers], 50.0)
+            _, errors = await take_across_sessions(source, 30, of(*[unit] * registers))
     assert errors == []
-    assert len(readings) == 20
-
-
-@pytest.mark.parametrize("registers", [[0, 1, 2], [7]], ids=["a block", "one register"])
-@pytest.mark.parametrize("late_s", [0.08, 0.2, 0.5], ids=["just", "after several slots", "long"])
-async def test_a_late_answer_is_never_taken_for_a_later_one(late_s: float, registers: list[int]) -> None:
-    readings, _ = await run_with(
-        lambda number, frame: [(late_s if number % 20 == 10 else 0.0, frame)], 40, registers, timeout_ms=TIMEOUT_MS
-    )
-    assert sum(gap_s > TIMEOUT_MS / 1e3 for gap_s in gaps_s(readings)) >= 2
-
-
-@pytest.mark.parametrize(
-    "damage",
-    [
-        lambda _: b"",
-        lambda frame: frame[:-3],
-        lambda frame: frame[:4] + b"\xff" + frame[5:],
-        lambda frame: frame + b"\0",
-        lambda frame: b"\0\xff" + frame,
-    ],
-    ids=["lost", "truncated", "flipped", "with noise behind it", "with noise before it"],
-)
-async def test_a_damaged_answer_costs_its_reading_and_not_the_session(damage: Callable[[bytes], bytes]) -> None:
-    readings, errors = await run_with(
-        lambda number, frame: [(0.0, damage(frame) if number == 10 else frame)], 20, timeout_ms=500.0
-    )
-    assert errors == []
-    assert len(readings) == 20
-
-
-async def test_flipped_bits_in_one_of_ten_frames_give_no_wrong_value() -> None:
-    def flip(number: int, frame: bytes) -> list[tuple[float, bytes]]:
-        if number % 10 == 3:
-            bit = number * 7919 % (8 * len(frame))
-            flipped = bytearray(frame)
-            flipped[bit // 8] ^= 1 << bit % 8
-            frame = bytes(flipped)
-        return [(0.0, frame)]
-
-    readings, errors = await run_with(flip, 150, timeout_ms=200.0)
-    assert errors == []
-    assert all(len(set(reading.counts)) == 1 for reading in readings)  # the unit gives all registers the same value
-
-
-async def test_a_doubled_answer_is_thrown_away() -> None:
-    def double(number: int, frame: bytes) -> list[tuple[float, bytes]]:
-        return [(0.0, frame), (0.003, frame if number % 5 == 0 else b"")]
-
-    # The copy comes 3 ms later, the next request after a tenth of a second: in this order on a busy machine too.
-    readings, errors = await run_with(double, 30, rate_hz=10.0)
-    assert errors == []
-    assert len(readings) == 30
 
 
 async def test_a_refusal_is_an_error_that_says_so() -> None:
     def refuse(number: int, frame: bytes) -> Pieces:
         return [(0.0, with_crc(bytes([1, 0x84, 2])) if 5 < number < 12 else frame)]
 
-    _, errors = await run_with(refuse, 20, timeout_ms=TIMEOUT_MS)
+    with terminal() as line:
+        async with rtu_units(line, {1: NumberingUnit(refuse)}):
+            source = source_in({}, table(line.path, timeout_ms=100.0), PLACES, 100.0)
+            _, errors = await take_across_sessions(source, 20)
     # On a busy machine, an answer may also be late.
     (error,) = {error for error in errors if "exception" in error}
     assert error.startswith("unit 1 answers with exception 2: it has no such register: asked for 0 to 2; addresses")
 
 
-async def test_several_surfaces_and_several_units_share_a_bus() -> None:
-    def check_odd(reading: Reading, units: dict[int, NumberingUnit]) -> None:
-        # Unit 1 gives its two registers with two requests.
-        assert (reading.counts[2], reading.counts[1]) == (units[1].newest, units[2].newest)
-        assert reading.counts[0] == units[1].newest - 1
+@pytest.mark.parametrize("is_killed", [False, True], ids=["goes on", "killed"])
+async def test_a_session_that_begins_while_an_answer_is_owed_gives_no_old_value(*, is_killed: bool) -> None:
+    with terminal() as line:
+        requests = asyncio.Event()
+
+        def slow(_number: int, frame: bytes) -> Pieces:
+            requests.set()
+            return [(0.03, frame)]
+
+        unit = NumberingUnit(slow)
+        async with rtu_units(line, {1: unit}):
+            buses: Buses = {}
+            for _ in range(4):
+                stream = source_in(buses, table(line.path), PLACES[:2], 50.0).readings()
+                for _ in range(3):
+                    of(unit, unit)((await anext(stream))[0])
+                owing = asyncio.ensure_future(anext(stream))
+                requests.clear()
+                await requests.wait()
+                owing.cancel()
+                await asyncio.gather(owing, return_exceptions=True)
+                await stream.aclose()
+                buses = {} if is_killed else buses
+
+
+@pytest.mark.parametrize("kind", ["answers other requests", "answers only values"])
+async def test_a_single_register_that_comes_1500_ms_late_is_not_believed(kind: str) -> None:
+    def late(number: int, frame: bytes) -> Pieces:
+        return [(1.5 if number == 20 else 0.0, frame)]
 
     with terminal() as line:
-        units = {address: NumberingUnit() for address in (1, 2, 3)}
+        unit = NumberingUnit(values_only(late) if kind == "answers only values" else late)
+        async with rtu_units(line, {1: unit}):
+            source = source_in({}, table(line.path, timeout_ms=100.0), ["register = 7"], 50.0)
+            await take_across_sessions(source, 60, of(unit))
+        number = sum("left alone for 5 s" in limit for limit in source.limits)
+    assert number == (kind == "answers only values")
+
+
+async def test_a_unit_with_one_probe_that_was_off_at_the_start_is_read_once_it_is_on() -> None:
+    is_on = False
+    requests = asyncio.Semaphore(0)
+
+    def one_probe(_number: int, frame: bytes) -> Pieces:
+        requests.release()
+        return [(0.0, frame)] if is_on and frame[1:3] in {b"\4\2", b"\4\4"} else []
+
+    with terminal() as line:
+        unit = NumberingUnit(one_probe)
+        async with rtu_units(line, {1: unit}):
+            source = source_in({}, table(line.path, timeout_ms=100.0), PLACES[:2], 50.0)
+            reading = asyncio.create_task(take_across_sessions(source, 40, of(unit, unit)))
+            for _ in range(4):
+                await requests.acquire()
+            is_on = True
+            await reading
+
+
+async def test_the_late_answer_to_a_repeated_probe_proves_nothing_of_what_was_asked_since() -> None:
+    asked: list[bytes] = []
+    timeout_s, repeated = 0.2, 0
+
+    def late(_number: int, frame: bytes) -> Pieces:
+        nonlocal repeated
+        kind = frame[1:3]
+        is_repeated = kind != VALUES and asked[-1:] == [kind]
+        asked.append(kind)
+        repeated += is_repeated
+        # The answer to each 20th value comes during the second try of a probe; that try is then answered late as well.
+        if kind == VALUES and asked.count(VALUES) % 20 == 0:
+            return [(2.5 * timeout_s, frame)]
+        return [(1.5 * timeout_s if is_repeated else 0.0, frame)]
+
+    with terminal() as line:
+        unit = NumberingUnit(late)
+        async with rtu_units(line, {1: unit}):
+            source = source_in({}, table(line.path, timeout_ms=timeout_s * 1e3), PLACES, 200.0)
+            await take_across_sessions(source, 50, of(unit, unit, unit))
+    assert repeated >= 2
+
+
+async def test_copies_of_answers_are_not_believed_once_one_was_noticed() -> None:
+    held: list[bytes] = []
+    values = late_copies = 0
+
+    def copying(_number: int, frame: bytes) -> Pieces:
+        nonlocal values, late_copies
+        pieces = [(0.0, held.pop()), (0.003, frame)] if held else [(0.0, frame)]
+        late_copies += len(pieces) - 1
+        values += frame[1:3] == VALUES
+        if frame[1:3] == VALUES and values % 10 == 0:
+            held.append(frame)  # this copy comes with the answer to the next request
+        elif frame[1:3] == VALUES:
+            # The first copies come right behind their answers, so that they are noticed on a busy machine, too.
+            pieces.append((0.0 if values < 5 else 0.002, frame))
+        return pieces
+
+    with terminal() as line:
+        unit = NumberingUnit(copying)
+        async with rtu_units(line, {1: unit}):
+            source = source_in({}, table(line.path, timeout_ms=300.0), PLACES, 200.0)
+            await take_across_sessions(source, 60, of(unit, unit, unit))
+    assert late_copies >= 3
+
+
+async def test_each_start_asks_its_probes_in_another_order() -> None:
+    orders = set[tuple[bytes, ...]]()
+    for _ in range(5):
+        asked: list[bytes] = []
+
+        def note(_number: int, frame: bytes, asked: list[bytes] = asked) -> Pieces:
+            asked.append(frame[1:3])
+            return [(0.0, frame)]
+
+        with terminal() as line:
+            async with rtu_units(line, {1: NumberingUnit(note)}):
+                await first_readings(source_in({}, table(line.path, timeout_ms=100.0), PLACES, 50.0), 1)
+        orders.add(tuple(kind for kind in asked if kind != VALUES)[:2])
+    assert len(orders) > 1  # among twenty orders of two probes
+
+
+async def test_a_unit_that_was_replaced_by_one_without_these_probes_is_read_again(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(rtu_unit, "LEARN_AGAIN_S", 0.5)
+    monkeypatch.setattr(rtu_unit, "FORGOTTEN_S", 0.5)
+    values = 0
+
+    def replaced(_number: int, frame: bytes) -> Pieces:
+        nonlocal values
+        values += frame[1:3] == VALUES
+        return [(0.0, frame)] if values < 10 or (frame[1:3] == VALUES and values > 10) else []
+
+    with terminal() as line:
+        unit = NumberingUnit(replaced)
+        async with rtu_units(line, {1: unit}):
+            source = source_in({}, table(line.path, timeout_ms=50.0), PLACES, 50.0)
+            await take_across_sessions(source, 30, of(unit, unit, unit))
+
+
+async def test_check_states_what_cannot_be_proven_of_a_unit(tmp_path: Path) -> None:
+    with terminal() as line:
+        async with rtu_units(line, {1: StampingUnit(values_only(lambda _number, frame: [(0.0, frame)]))}):
+            config = configs.write(tmp_path, plain(configs.rtu(line.path)).replace("register = 1", "register = 9"))
+            outcome = await command("check", config, "--json")
+    limits = json.loads(outcome.out)["surfaces"]["bench"]["limits"]
+    for words in ("unit 1 answers only requests for its values", "left alone for 5 s", "another master"):
+        assert any(words in limit for limit in limits)
+
+
+async def test_an_answer_to_an_earlier_program_in_the_silence_of_a_start_is_followed_by_probes() -> None:
+    sent: list[str] = []
+    foreign = with_crc(bytes([1, READ, 2 * len(PLACES)]) + b"\xee" * 2 * len(PLACES))
+
+    def late(_number: int, frame: bytes) -> Pieces:
+        sent.append("value" if frame[1:3] == VALUES else "probe")
+        if sent.count("probe") > 4 or sent[-1] == "value":
+            return [(0.0, frame)]
+        sent.append("foreign")
+        return [(0.0, frame), (0.02, foreign)]
+
+    with terminal() as line:
+        async with rtu_units(line, {1: NumberingUnit(late)}):
+            readings, errors = await take_across_sessions(source_in({}, table(line.path), PLACES, 20.0), 5)
+    assert errors == []
+    first = sent.index("value", 1)
+    # Both probes are found, both prove, and both prove again after what came in the silence.
+    assert sent[:first] == ["value", *["probe", "foreign"] * 4, "probe", "probe"]
+    begin = first - sent[:first].count("foreign")
+    assert [reading.counts for reading in readings] == [(begin + number,) * len(PLACES) for number in range(5)]
+
+
+async def test_a_unit_of_which_other_registers_are_read_proves_again_that_it_owes_nothing() -> None:
+    asked: list[bytes] = []
+
+    def note(_number: int, frame: bytes) -> Pieces:
+        asked.append(frame[1:3])
+        return [(0.01, frame)]
+
+    with terminal() as line:
+        async with rtu_units(line, {1: NumberingUnit(note)}):
+            buses: Buses = {}
+            stream = source_in(buses, table(line.path), PLACES, 20.0).readings()
+            await anext(stream)
+            first = [kind for kind in asked if kind != VALUES]
+            del asked[:]
+            # Whatever was a probe so far may be as long as these values are, and its late answer looks like them.
+            lengths = [kind[1] // 2 for kind in first if kind[0] == READ] or [len(PLACES) + 2]
+            places = [f"register = {register}" for register in range(lengths[0])]
+            other = asyncio.create_task(take_across_sessions(source_in(buses, table(line.path), places, 20.0), 3))
+            while not other.done():
+                await anext(stream)
+            _, errors = await other
+            await stream.aclose()
+    other_values = bytes([READ, 2 * lengths[0]])
+    begin = next(place for place, kind in enumerate(asked) if kind not in {VALUES, other_values})
+    assert asked[:begin].count(other_values) <= 1  # a unit that answers anything answers this
+    probes = asked[begin : begin + 4]
+    assert not {VALUES, other_values} & set(probes)
+    assert probes[:2] == probes[2:]  # two are found, and both prove
+    assert errors == []
+
+
+async def test_several_surfaces_and_several_units_that_owe_answers_share_a_bus() -> None:
+    def late(number: int, frame: bytes) -> Pieces:
+        return [(0.3 if number % 20 == 19 else 0.0, frame)]
+
+    with terminal() as line:
+        units = {1: NumberingUnit(late), 2: NumberingUnit(late), 3: NumberingUnit()}
         async with rtu_units(line, units):
             buses: Buses = {}
-            places = ["register = 0", "register = 1\nunit = 2", "register = 2"]
-            one = source_in(buses, table(line.path, timeout_ms=2000.0), places, 50.0)
-            other = source_in(buses, table(line.path, 3, 2000.0), ["register = 0", "register = 1"], 50.0)
-            both = await asyncio.gather(
-                take_across_sessions(one, 100, lambda reading: check_odd(reading, units)),
-                take_across_sessions(other, 100, lambda reading: check_newest(reading, [units[3]] * 2)),
+            places = ["register = 1", "register = 1\nunit = 2", "register = 2\nunit = 2"]
+            one = source_in(buses, table(line.path, timeout_ms=200.0), places, 50.0)
+            other = source_in(buses, table(line.path, 3, 200.0), PLACES[:2], 50.0)
+            _, (readings, _) = await asyncio.gather(
+                take_across_sessions(one, 60, of(units[1], units[2], units[2])),
+                take_across_sessions(other, 60, of(units[3], units[3])),
             )
         assert len(buses) == 1
-        for readings, errors in both:
-            assert errors == []
-            assert all(None not in reading.counts for reading in readings)
+        assert all(None not in reading.counts for reading in readings)
 
 
 class BackError(Exception):
@@ -187,8 +353,7 @@ class BackError(Exception):
 
 
 async def test_a_dead_unit_costs_other_units_under_a_tenth_and_returns_within_2_s() -> None:
-    timeout_ms, rate_hz = 100.0, 50.0
-    seen = 0
+    timeout_ms, rate_hz, seen = 100.0, 50.0, 0
 
     def see(reading: Reading) -> None:
         nonlocal seen
@@ -199,7 +364,7 @@ async def test_a_dead_unit_costs_other_units_under_a_tenth_and_returns_within_2_
     with terminal() as line:
         units, unanswered = {1: StampingUnit()}, list[int]()
         async with rtu_units(line, units, unanswered):
-            places = ["register = 0", "register = 1", "register = 0\nunit = 2"]
+            places = [*PLACES[:2], "register = 0\nunit = 2"]
             source = source_in({}, table(line.path, timeout_ms=timeout_ms), places, rate_hz)
             await take_across_sessions(source, 1)
             unanswered.clear()
@@ -207,8 +372,7 @@ async def test_a_dead_unit_costs_other_units_under_a_tenth_and_returns_within_2_
             readings, _ = await take_across_sessions(source, 200)
             took_s = monotonic() - begin_s
             assert {reading.counts[2] for reading in readings} == {None}
-            assert len(unanswered) >= 1
-            assert len(unanswered) * timeout_ms / 1e3 < 0.1 * took_s  # of the bus' time
+            assert 1 <= len(unanswered) < 0.1 * took_s / (timeout_ms / 1e3)  # of the bus' time
         units[2] = StampingUnit()
         async with rtu_units(line, units):
             seen = 0
@@ -221,56 +385,39 @@ async def test_a_dead_unit_costs_other_units_under_a_tenth_and_returns_within_2_
 async def test_other_units_are_read_after_each_timeout_of_a_unit_whose_probes_are_tried(answers: str) -> None:
     asked: list[int] = []
 
-    def live(_number: int, frame: bytes) -> Pieces:
-        asked.append(1)
-        return [(0.0, frame)]
-
-    def odd(_number: int, frame: bytes) -> Pieces:
-        asked.append(2)
-        return [(0.0, frame)] if answers == "values only" and frame[2] == 8 else []
+    def answer(unit: int, _number: int, frame: bytes) -> Pieces:
+        asked.append(unit)
+        return [(0.0, frame)] if unit == 1 or (answers == "values only" and frame[2] == 8) else []
 
     with terminal() as line:
-        async with rtu_units(line, {1: StampingUnit(live), 2: StampingUnit(odd)}):
+        async with rtu_units(line, {unit: StampingUnit(partial(answer, unit)) for unit in (1, 2)}):
             buses: Buses = {}
-            fine = source_in(buses, table(line.path), [f"register = {index}" for index in range(4)], 50.0)
-            places = [f"register = {index}\nunit = 2" for index in range(4)]
-            other = asyncio.create_task(take_across_sessions(source_in(buses, table(line.path), places, 50.0), 1))
-            await take_across_sessions(fine, 100)
-            await cancel([other])
+            # So long that the first unit answers in time on a busy machine, too, and is never given up.
+            one, two = (table(line.path, unit, 300.0) for unit in (1, 2))
+            places = [f"register = {index}" for index in range(4)]
+            tasks = [
+                asyncio.create_task(take_across_sessions(source_in(buses, source, places, 50.0), 10_000))
+                for source in (one, two)
+            ]
+            await until(lambda: asked.count(2) > (1 if answers == "nothing" else 4))
+            await cancel(tasks)
     in_a_row = [len(list(group)) for unit, group in itertools.groupby(asked) if unit == 2]
-    assert in_a_row
     assert max(in_a_row) <= 2
 
 
-async def test_units_that_owe_answers_never_confuse_each_other() -> None:
+async def until_it_ends(stream: AsyncIterator[list[Reading]]) -> None:
+    async for _ in stream:
+        pass
+
+
+async def test_a_port_that_is_unplugged_while_a_dead_unit_is_tried_again_ends_the_session() -> None:
+    unanswered: list[int] = []
     with terminal() as line:
-        units = {
-            address: NumberingUnit(lambda number, frame: [(0.09 if number % 7 == 3 else 0.0, frame)])
-            for address in (1, 2)
-        }
-        async with rtu_units(line, units):
-            places = [f"register = {register}\nunit = {unit}" for unit in (1, 2) for register in (0, 1)]
-            owners = [units[1], units[1], units[2], units[2]]
-            await take_across_sessions(
-                source_in({}, table(line.path), places, 50.0), 60, lambda reading: check_newest(reading, owners)
-            )
-
-
-async def test_a_port_in_use_is_an_error_that_says_so() -> None:
-    with terminal() as line:
-        async with rtu_units(line, {1: StampingUnit()}):
-            stream = make_source(line.path, [0, 1]).readings()
-            await anext(stream)
-            with pytest.raises(SourceError, match="another program uses it: stop that one"):
-                await first_readings(make_source(line.path, [0, 1]), 1)
-            await stream.aclose()
-
-
-async def test_an_unplugged_port_is_an_error() -> None:
-    with terminal() as line:
-        async with rtu_units(line, {1: StampingUnit()}):
-            stream = make_source(line.path, [0, 1]).readings()
-            await anext(stream)
+        async with rtu_units(line, {1: StampingUnit()}, unanswered):
+            places = [*PLACES, "register = 0\nunit = 2"]
+            stream = source_in({}, table(line.path, timeout_ms=300.0), places, 20.0).readings()
+            reads = asyncio.create_task(until_it_ends(stream))
+            await until(lambda: len(unanswered) > 1)  # the first request gives the unit up, the second tries it again
             line.unplug()
-            with pytest.raises(SourceError):
-                await asyncio.wait_for(anext(stream), 60)
+            with pytest.raises(SourceError, match="is gone"):
+                await reads

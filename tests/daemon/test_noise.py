@@ -1,55 +1,28 @@
-"""The noise of recordings with known noise, against theory: white and coloured, drifting, and coarser than its ADC."""
+"""`noise`: recordings with known noise against theory, and the command on real lines."""
 
+import json
 import math
+import random
+import re
+import tomllib
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from beamtouch_daemon.commands.noise import Measurement, Recording, filter_name, report
+from beamtouch_daemon.commands.noise import Measurement, Recording, report
 from beamtouch_daemon.config.settings import Surface
 from beamtouch_daemon.processing import noise as daemon_noise
 from beamtouch_daemon.processing.noise import ChannelNoise, keys_of, measure_noise, readings_needed, round_up
 from beamtouch_models.challenge import sensor_cases
-from beamtouch_models.filters import FloatArray
 from beamtouch_models.pricing import noise as priced_noise
 
-NOISE_MM, STEP_MM, RATE_HZ = 0.002, 0.0001, 200.0
-CHANNELS, MINUTE = 4, 12_000
-
-
-def surface_of(chosen: dict[str, object] | None = None, source: dict[str, object] | None = None) -> Surface:
-    channels = [
-        {
-            "name": f"s{index + 1}",
-            "register": index,
-            "gain_mm_per_count": -STEP_MM,
-            "offset_mm": 4.5,
-            "rest_gap_mm": 2.5,
-            "range_mm": [1.0, 4.0],
-        }
-        for index in range(CHANNELS)
-    ]
-    tcp = {"kind": "modbus-tcp", "host": "127.0.0.1"}
-    return Surface.model_validate(
-        {"rate_hz": RATE_HZ, "source": source or tcp, "filter": chosen or mean_of(20), "channels": channels}
-    )
-
-
-def mean_of(window: int) -> dict[str, object]:
-    return {"kind": "moving-average", "window": window}
-
-
-def autoregressive(alike: float, readings: int = MINUTE, seed: int = 3) -> FloatArray:
-    """Noise of standard deviation 1 whose successive values have the correlation `alike`, (readings, channels)."""
-    fresh = np.random.default_rng(seed).standard_normal((readings, CHANNELS))
-    noise = fresh.copy()
-    for index in range(1, readings):
-        noise[index] = alike * noise[index - 1] + math.sqrt(1 - alike**2) * fresh[index]
-    return noise
-
-
-def counts_of(deviation_mm: FloatArray) -> FloatArray:
-    return np.rint((2.0 + deviation_mm) / STEP_MM)
+from . import configs
+from .devices import SerialDevice, pymodbus_server
+from .lines import Terminal, terminal
+from .noises import CHANNELS, MINUTE, NOISE_MM, RATE_HZ, STEP_MM, autoregressive, counts_of, four_channels
+from .process import command
+from .surfaces import mean_of
 
 
 def of_white(window: int, alike: float) -> float:
@@ -58,10 +31,9 @@ def of_white(window: int, alike: float) -> float:
     return math.sqrt(1 + 2 * float(np.sum((1 - lags / window) * alike**lags)))
 
 
-@pytest.mark.parametrize("window", [1, 4, 20])
-@pytest.mark.parametrize("alike", [0.0, 0.5, 0.9])
+@pytest.mark.parametrize(("window", "alike"), [(1, 0.9), (4, 0.5), (20, 0.0), (20, 0.9)])
 def test_the_effective_noise_is_that_of_white_readings_with_the_same_mean(window: int, alike: float) -> None:
-    found = measure_noise(counts_of(NOISE_MM * autoregressive(alike)), surface_of(mean_of(window)))
+    found = measure_noise(counts_of(NOISE_MM * autoregressive(alike)), four_channels(mean_of(window)))
     for one in found:
         assert one.noise_mm == pytest.approx(NOISE_MM, rel=0.05)
         assert one.effective_noise_mm == pytest.approx(NOISE_MM * of_white(window, alike), rel=0.08)
@@ -74,14 +46,14 @@ def test_the_effective_noise_is_that_of_white_readings_with_the_same_mean(window
 
 
 def test_noise_that_stays_alike_for_a_second_is_found_in_a_minute() -> None:
-    found = measure_noise(counts_of(NOISE_MM * autoregressive(0.99)), surface_of())
+    found = measure_noise(counts_of(NOISE_MM * autoregressive(0.99)), four_channels())
     assert np.mean([one.effective_noise_mm for one in found]) == pytest.approx(NOISE_MM * of_white(20, 0.99), rel=0.12)
 
 
 def test_drift_is_not_taken_for_noise() -> None:
     drift_mm = 10 * NOISE_MM
     moved = NOISE_MM * autoregressive(0.0) + np.linspace(0, drift_mm, MINUTE)[:, np.newaxis]
-    for one in measure_noise(counts_of(moved), surface_of()):
+    for one in measure_noise(counts_of(moved), four_channels()):
         assert one.noise_mm == pytest.approx(NOISE_MM, rel=0.03)
         assert one.effective_noise_mm == pytest.approx(NOISE_MM, rel=0.06)
         # A zero that moves evenly is on average this far from where it was at the last tare.
@@ -89,7 +61,7 @@ def test_drift_is_not_taken_for_noise() -> None:
 
 
 def test_the_shortest_recording_gives_the_noise_within_some_percent() -> None:
-    surface = surface_of(mean_of(4))
+    surface = four_channels(mean_of(4))
     assert readings_needed(surface) == 500
     ratios = [
         one.effective_noise_mm / NOISE_MM
@@ -98,21 +70,21 @@ def test_the_shortest_recording_gives_the_noise_within_some_percent() -> None:
     ]
     assert 0.98 < np.mean(ratios) < 1.06
     assert np.std(ratios) < 0.07
-    assert readings_needed(surface_of(mean_of(400))) == 40_000
+    assert readings_needed(four_channels(mean_of(400))) == 40_000
 
 
 @pytest.mark.parametrize(("noise", "hides"), [(0.0, True), (0.1, True), (0.3, True), (0.5, False), (2.0, False)])
 def test_steps_hide_a_noise_of_less_than_half_a_step(noise: float, hides: bool) -> None:
     between = np.random.default_rng(4).uniform(size=CHANNELS)
     counts = np.rint(20_000 + between + noise * autoregressive(0.0))
-    for one in measure_noise(counts, surface_of()):
+    for one in measure_noise(counts, four_channels()):
         assert one.is_rounded == hides
         if not hides:  # with the rounding, which is as good as independent noise here
             assert one.noise_mm == pytest.approx(math.hypot(noise, 1 / math.sqrt(12)) * STEP_MM, rel=0.03)
 
 
 def test_means_of_conversions_are_judged_by_the_steps_of_a_conversion() -> None:
-    surface = surface_of(source={"kind": "serial", "port": "/dev/null", "oversampling": 16})
+    surface = four_channels(source={"kind": "serial", "port": "/dev/null", "oversampling": 16})
     fresh = np.random.default_rng(5).standard_normal((2000, 16, CHANNELS))
     for noise, hides in ((0.1, True), (0.7, False)):
         counts = np.rint(20_000.5 + noise * fresh).mean(axis=1)
@@ -122,7 +94,7 @@ def test_means_of_conversions_are_judged_by_the_steps_of_a_conversion() -> None:
 def keys_for(noise: float, alike: float, channels: slice = slice(None)) -> tuple[list[ChannelNoise], Surface]:
     counts = np.full((MINUTE, CHANNELS), 20_000.0)
     counts[:, channels] = np.rint(20_000 + noise * autoregressive(alike))[:, channels]
-    surface = surface_of()
+    surface = four_channels()
     return measure_noise(counts, surface), surface
 
 
@@ -164,33 +136,19 @@ def test_a_channel_that_changes_slowly_is_not_stuck_by_its_own_noise() -> None:
 
 
 @pytest.mark.parametrize(
-    ("chosen", "named"),
+    ("noise", "alike", "said"),
     [
-        ({"kind": "none"}, "single readings"),
-        (mean_of(20), "the mean of 20 readings"),
+        (0.1, 0.0, ["the ADC's steps hide the noise"]),
+        (20.0, 0.9, ["so the mean of 20 readings is up to 3."]),  # of_white(20, 0.9) is 3.3
+        (20.0, 0.0, []),
     ],
 )
-def test_the_filter_is_named_for_people(chosen: dict[str, object], named: str) -> None:
-    surface = surface_of(chosen)
-    counts = counts_of(NOISE_MM * autoregressive(0.0))
-    channels = measure_noise(counts, surface)
-    assert filter_name(surface) == named
-    measurement = Measurement("bench", surface, Recording(counts, 3, 60.0), channels, keys_of(channels, surface))
-    assert f"bench: {MINUTE} readings in 60 s, 3 lost; effective noise for {named}" in report([measurement])
-
-
-def test_noise_that_steps_hide_and_noise_that_stays_alike_are_remarked_on() -> None:
-    def remarks(noise: float, alike: float) -> list[str]:
-        channels, surface = keys_for(noise, alike)
-        recording = Recording(np.zeros((MINUTE, CHANNELS)), 0, 60.0)
-        lines = report([Measurement("bench", surface, recording, channels, keys_of(channels, surface))])
-        return [line for line in lines if line.startswith("  s1, s2, s3, s4: ")]
-
-    (hidden,) = remarks(0.1, 0.0)
-    assert "the ADC's steps hide the noise" in hidden
-    (alike,) = remarks(20.0, 0.9)
-    assert "so the mean of 20 readings is up to 3." in alike  # of_white(20, 0.9) is 3.3
-    assert remarks(20.0, 0.0) == []
+def test_noise_that_a_mean_does_not_take_away_is_remarked_on(noise: float, alike: float, said: list[str]) -> None:
+    channels, surface = keys_for(noise, alike)
+    recording = Recording(np.zeros((MINUTE, CHANNELS)), 0, 60.0)
+    lines = report([Measurement("bench", surface, recording, channels, keys_of(channels, surface))])
+    remarks = [line for line in lines if line.startswith("  s1, s2, s3, s4: ")]
+    assert [words in line for words, line in zip(said, remarks, strict=True)] == [True] * len(said)
 
 
 def test_values_are_rounded_up_to_three_digits() -> None:
@@ -206,3 +164,100 @@ def test_values_are_rounded_up_to_three_digits() -> None:
 def test_daemon_and_models_take_the_same_for_hidden_noise_and_for_zeros() -> None:
     assert daemon_noise.HIDDEN == sensor_cases.HIDDEN
     assert daemon_noise.ZERO_SHARE == priced_noise.ZERO_SHARE
+
+
+NOISE_COUNTS = NOISE_MM / STEP_MM
+CHANCE = random.Random(3)  # noqa: S311 - noise, not secrets
+
+
+class NoisyDevice(SerialDevice):
+    """A serial device whose first channel has white noise, and its second noise that stays alike."""
+
+    def __init__(self, line: Terminal, alike: float) -> None:
+        super().__init__(line)
+        self._alike, self._last = alike, 0.0
+
+    def counts(self, _sequence: int) -> tuple[int, ...]:
+        self._last = self._alike * self._last + math.sqrt(1 - self._alike**2) * CHANCE.gauss()
+        return round(20_000 + NOISE_COUNTS * CHANCE.gauss()), round(20_000 + NOISE_COUNTS * self._last)
+
+
+async def noise(_function: int, _start: int, _address: int, _count: int, now: list[int], _set: object) -> None:
+    now[:2] = [round(20_000 + CHANCE.gauss(sigma=NOISE_COUNTS)) for _ in range(2)]
+
+
+async def step(_function: int, _start: int, _address: int, _count: int, now: list[int], _set: object) -> None:
+    now[2] += 1
+    touched = 1000 if now[2] > 300 else 0
+    now[:2] = [round(20_000 + touched + CHANCE.gauss(sigma=NOISE_COUNTS)) for _ in range(2)]
+
+
+def surface(name: str, source: str) -> str:
+    return configs.surface(name, source).replace("window = 1", "window = 4")
+
+
+@pytest.mark.anyio
+async def test_noise_is_measured_on_all_surfaces_at_once_and_a_touched_one_fails_alone(tmp_path: Path) -> None:
+    with terminal() as line:
+        NoisyDevice(line, 0.8)
+        async with (
+            pymodbus_server([20_000, 20_000], noise) as port,
+            pymodbus_server([20_000, 20_000, 0], step) as other,
+        ):
+            sources = {"line": configs.serial(line.path), "bus": configs.tcp(port), "touched": configs.tcp(other)}
+            config = configs.write(tmp_path, *(surface(*item) for item in sources.items()))
+            outcome = await command("noise", config, "--seconds", "3", "--json")
+    assert outcome.code == 1
+    found = json.loads(outcome.out)["surfaces"]
+    assert (found["line"]["filter"], found["bus"]["error"]) == ("the mean of 4 readings", None)
+    white, alike = found["line"]["channels"]
+    for one in (white, *found["bus"]["channels"]):
+        assert one["effective_noise_mm"] == pytest.approx(NOISE_MM, rel=0.35)
+    assert alike["effective_noise_mm"] == pytest.approx(NOISE_MM * of_white(4, 0.8), rel=0.4)
+    assert alike["correlation_ms"] > 2 * white["correlation_ms"]
+    assert found["line"]["daemon"]["noise_mm"] >= alike["effective_noise_mm"]
+    assert found["line"]["scene"]["zero_drift_mm"] >= alike["effective_noise_mm"] / 5
+    assert re.search("s1 moved by 0.[01][0-9]* mm after .* s; take everything off", found["touched"]["error"])
+    assert outcome.err.splitlines()[-1].startswith("beamtouch-daemon: touched: not measured: s1 moved by ")
+
+
+@pytest.mark.anyio
+async def test_the_printed_lines_are_keys_of_the_configuration(tmp_path: Path) -> None:
+    async with pymodbus_server([20_000, 20_000], noise) as port:
+        path = configs.write(tmp_path, surface("bench", configs.tcp(port)))
+        outcome = await command("noise", path, "--seconds", "2.5")
+        assert outcome.code == 0, outcome.err
+        _, daemon, scene = re.split(r"^(?=\[)", outcome.out, flags=re.MULTILINE)
+        stated = tomllib.loads(daemon)["surfaces"]["bench"]
+        assert sorted(tomllib.loads(scene)["sensors"]) == ["noise_mm", "zero_drift_mm"]
+        assert stated == {"noise_mm": pytest.approx(NOISE_MM, rel=0.3)}
+        path.write_text(path.read_text().replace("rate_hz", f"noise_mm = {stated['noise_mm']}\nrate_hz", 1))
+        assert (await command("tare", path)).code == 0
+
+
+@pytest.mark.anyio
+async def test_a_device_that_cannot_be_read_fails_in_one_line(tmp_path: Path) -> None:
+    async with pymodbus_server([65_535, 20_000], None) as port:
+        config = configs.write(tmp_path, surface("full", configs.tcp(port)), surface("absent", configs.tcp(1)))
+        outcome = await command("noise", config, "--seconds", "2.5")
+    assert (outcome.code, outcome.out) == (1, "")
+    full, absent = [line for line in outcome.err.splitlines() if line.startswith("beamtouch-daemon: ")]
+    assert re.search("full: not measured: s1 is saturated in .* readings; check the sensor", full)
+    assert "absent: not measured: no connection to 127.0.0.1:1" in absent
+
+
+@pytest.mark.anyio
+@pytest.mark.parametrize(
+    ("rate_hz", "seconds", "said"),
+    [
+        (200.0, "2.4", "--seconds: give 2.5 to 3600, as its rate and its filter require"),
+        (200.0, "nan", "--seconds: give 2.5 to 3600, as its rate and its filter require"),
+        (0.1, "60", "its filter needs 5000 s of readings, and at most 3600 s are recorded"),
+    ],
+)
+async def test_a_time_that_cannot_be_is_refused_at_once(
+    tmp_path: Path, rate_hz: float, seconds: str, said: str
+) -> None:
+    outcome = await command("noise", configs.write(tmp_path, configs.surface(rate_hz=rate_hz)), "--seconds", seconds)
+    assert (outcome.code, outcome.out) == (2, "")
+    assert outcome.complaint() == said

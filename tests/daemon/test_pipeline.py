@@ -1,80 +1,63 @@
-"""Readings to samples: what the service is told, and what never reaches the filter."""
+"""Readings to samples: what the service is told, how uncertain it is, and what never reaches the filter."""
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from beamtouch_daemon.config.settings import Surface
+from beamtouch_daemon.processing.filters import steps_mm
 from beamtouch_daemon.processing.pipeline import Pipeline, Taken
 from beamtouch_daemon.sources.reading import Reading
-from beamtouch_service.samples import Quality
+from beamtouch_models.filters import FloatArray
+from beamtouch_service.samples import Quality, Sample, triangle_rows
 
-RATE_HZ = 100.0
+from .surfaces import RATE_HZ, STEP_MM, mean_of, surface_of
+
+GOOD, MISSING, SATURATED, STUCK = Quality.GOOD, Quality.MISSING, Quality.SATURATED, Quality.STUCK
+NOISE_MM = 0.003
+REST, DOWN = 20_000.0, 30_000.0
+"""Counts at rest, and of a deflection of 1 mm."""
+Counts = float | None
 
 
-def make_pipeline(window: int = 4, **changes: object) -> Pipeline:
-    channels = [
-        {
-            "name": name,
-            "register": index,
-            "gain_mm_per_count": -0.001,
-            "offset_mm": 4.0,
-            "rest_gap_mm": 3.0,
-            "range_mm": [1.0, 3.5],
-            "adc_bits": 12,
-        }
-        for index, name in enumerate(("s1", "s2"))
-    ]
-    values: dict[str, object] = {
-        "rate_hz": RATE_HZ,
-        "source": {"kind": "modbus-tcp", "host": "127.0.0.1"},
-        "filter": {"kind": "moving-average", "window": window},
-        "channels": channels,
-    }
-    return Pipeline(Surface.model_validate(values | changes))
+def readings_of(*counts: Sequence[Counts], start_s: float = 5.0, lost: int = 0) -> list[Reading]:
+    """Return readings on schedule; `lost` is the number before the first."""
+    return [Reading(start_s + index / RATE_HZ, tuple(row), 0 if index else lost) for index, row in enumerate(counts)]
 
 
 def deflections(taken: list[Taken]) -> list[float | None]:
-    return [sample.sample.deflection_mm[0] for sample in taken]
+    return [one.sample.deflection_mm[0] for one in taken]
 
 
-def test_every_reading_becomes_one_sample_numbered_from_zero() -> None:
-    pipeline = make_pipeline(window=1)
-    first = pipeline.process([Reading(5.00, (1000, 1500)), Reading(5.01, (1100, 1500))], 100.0)
-    second = pipeline.process([Reading(5.02, (1200, 1500))], 100.0)
-    assert [taken.sample.sequence for taken in first + second] == [1, 2, 3]
+def qualities(taken: list[Taken]) -> list[Quality]:
+    return [one.sample.quality[0] for one in taken]
+
+
+def test_every_reading_becomes_one_sample_numbered_from_one_with_its_own_time() -> None:
+    pipeline = Pipeline(surface_of(filter=mean_of(1)))
+    first = pipeline.process([Reading(5.00, (20_000, 21_000)), Reading(5.01, (21_000, 21_000))], 100.0)
+    second = pipeline.process([Reading(5.02, (22_000, 21_000))], 100.0)
+    assert [one.sample.sequence for one in first + second] == [1, 2, 3]
     assert deflections(first + second) == pytest.approx([0.0, 0.1, 0.2])
-    assert first[1].monotonic_s == 5.01
-    assert first[1].sample.acquired_unix_us == 105_010_000
-
-
-def test_a_missing_channel_is_null_and_the_other_one_good() -> None:
-    (taken,) = make_pipeline(window=1).process([Reading(5.0, (None, 1500))], 0.0)
-    assert taken.sample.deflection_mm == [None, pytest.approx(0.5)]
-    assert taken.sample.quality == [Quality.MISSING, Quality.GOOD]
+    assert (first[1].monotonic_s, first[1].sample.acquired_unix_us) == (5.01, 105_010_000)
 
 
 def test_a_bad_channel_passes_unfiltered_with_its_quality_and_never_enters_the_average() -> None:
-    counts = [1000, 1000, 0, 1000, 1000, 4095, 400, 1000, 1000, 1000]
-    readings = [Reading(5.0 + i / RATE_HZ, (count, 1500)) for i, count in enumerate(counts)]  # the other is good
-    pipeline = make_pipeline()
-    pipeline.process([Reading(4.97 + i / RATE_HZ, (1000, 1500)) for i in range(3)], 0.0)
-    taken = pipeline.process(readings, 0.0)
-    assert [sample.sample.quality[0] for sample in taken] == [
-        Quality.GOOD,
-        Quality.GOOD,
-        Quality.SATURATED,
-        Quality.GOOD,  # three of the last four are good
-        Quality.GOOD,
-        Quality.SATURATED,
-        Quality.OUT_OF_RANGE,
-        Quality.GOOD,  # two of the last four are
-        Quality.GOOD,
-        Quality.GOOD,
+    counts = [REST, REST, 0, REST, None, 65_535, 4000, math.inf, REST, REST, REST]
+    pipeline = Pipeline(surface_of(filter=mean_of(4)))
+    pipeline.process(readings_of(*[(REST, REST)] * 3), 0.0)
+    taken = pipeline.process(readings_of(*[(count, REST) for count in counts]), 0.0)
+    assert qualities(taken) == [
+        *(GOOD, GOOD, SATURATED, GOOD, MISSING, SATURATED, Quality.OUT_OF_RANGE),
+        *(MISSING, MISSING, GOOD, GOOD),  # one of the last four is good, then two
     ]
-    expected = [0.0, 0.0, -1.0, 0.0, 0.0, 3.095, -0.6, 0.0, 0.0, 0.0]
+    expected = [0.0, 0.0, -2.0, 0.0, None, 4.5535, -1.6, None, None, 0.0, 0.0]
     assert [value and round(value, 9) for value in deflections(taken)] == expected
+    assert {one.sample.quality[1] for one in taken} == {GOOD}
 
 
 @pytest.mark.parametrize(
@@ -87,86 +70,188 @@ def test_a_bad_channel_passes_unfiltered_with_its_quality_and_never_enters_the_a
     ],
 )
 def test_a_mean_continues_over_a_gap_with_what_it_knew(gap: int, expected: list[float]) -> None:
-    before = readings_of(*[(1000, 1500)] * 4)
-    first, *others = readings_of(*[(2000, 1500)] * 4, start_s=5.04 + gap / RATE_HZ)
-    after = [first._replace(lost=gap), *others]
-    in_one = make_pipeline().process(before + after, 0.0)
-    pipeline = make_pipeline()
-    in_two = pipeline.process(before, 0.0) + pipeline.process(after, 0.0)
-    assert deflections(in_one) == deflections(in_two) == pytest.approx([0.0] * 3 + expected)
-    assert [one.sample.sequence for one in in_one] == list(range(1, len(in_one) + 1))
+    pipeline = Pipeline(surface_of(filter=mean_of(4)))
+    before = pipeline.process(readings_of(*[(REST, REST)] * 4), 0.0)
+    after = pipeline.process(readings_of(*[(DOWN, REST)] * 4, start_s=6.0, lost=gap), 0.0)
+    assert deflections(before + after) == pytest.approx([0.0] * 3 + expected)
+
+
+@pytest.mark.parametrize("kind", [{"kind": "none"}, mean_of(1), {"kind": "growing-mean", "window": 1}])
+def test_a_single_spike_never_passes(kind: dict[str, object]) -> None:
+    pipeline = Pipeline(surface_of(filter=kind | {"spike_mm": 0.02}, noise_mm=NOISE_MM))
+    taken = pipeline.process(readings_of(*[(REST, REST)] * 5, (DOWN, REST), *[(REST, REST)] * 5), 0.0)
+    assert deflections(taken) == pytest.approx([0.0] * len(taken))
 
 
 def test_times_that_jitter_are_no_gap_and_lost_readings_do_not_count() -> None:
     """On a busy machine, times of a serial line jump although no reading is lost."""
-    noise = np.random.default_rng(1).normal(scale=3.0, size=(300, 2))
-    times = np.sort(5.0 + np.arange(300) / RATE_HZ + np.random.default_rng(2).exponential(0.04, 300))
-    counts = [(first, second) for first, second in (1000 + noise).tolist()]
-    jittering = [Reading(at_s, pair) for at_s, pair in zip(times.tolist(), counts, strict=True)]
-    assert growing().process(jittering, 0.0)[-1].sample.readings == 100
-    pausing = [Reading(5.0, pair, lost=6 if index % 40 == 0 else 0) for index, pair in enumerate(counts)]
+    surface = surface_of(noise_mm=NOISE_MM, filter={"kind": "growing-mean", "max_mean_ms": 500.0})
+    counts = (REST + np.random.default_rng(1).normal(scale=30.0, size=(300, 2))).tolist()
+    times = np.sort(5.0 + np.arange(300) / RATE_HZ + np.random.default_rng(2).exponential(0.02, 300)).tolist()
+    jittering = [Reading(at_s, tuple(row)) for at_s, row in zip(times, counts, strict=True)]
+    assert Pipeline(surface).process(jittering, 0.0)[-1].sample.readings == 100
+    pausing = [Reading(5.0, tuple(row), lost=6 if index % 40 == 0 else 0) for index, row in enumerate(counts)]
     # Of the last hundred readings, two gaps of six are lost.
-    assert growing().process(pausing, 0.0)[-1].sample.readings == 88
-
-
-def growing() -> Pipeline:
-    return make_pipeline(noise_mm=0.003, filter={"kind": "growing-mean", "max_mean_ms": 1000.0})
-
-
-def readings_of(*counts: tuple[float | None, float | None], start_s: float = 5.0) -> list[Reading]:
-    return [Reading(start_s + index / RATE_HZ, pair) for index, pair in enumerate(counts)]
+    assert Pipeline(surface).process(pausing, 0.0)[-1].sample.readings == 88
 
 
 def test_a_frozen_channel_is_stuck_until_its_first_other_count_and_never_enters_the_average() -> None:
-    pipeline = make_pipeline(window=1, noise_mm=0.003)  # three counts: 14 equal ones in a row are noise, 15 are not
-    moving = [1000.0 + index % 2 for index in range(30)]
-    frozen = [*[1500.0] * 20, *(1500.0 + index for index in range(1, 11))]
+    surface = surface_of(filter=mean_of(1), noise_mm=3 * STEP_MM)  # 14 equal counts in a row are noise, 15 are not
+    moving = [REST + index % 2 for index in range(20)]
+    frozen = [*[DOWN] * 20]
+    pipeline = Pipeline(surface)
     taken = pipeline.process(readings_of(*zip(frozen, moving, strict=True)), 0.0)
-    first = [sample.sample.quality[0] for sample in taken]
-    assert first == [Quality.GOOD] * 14 + [Quality.STUCK] * 6 + [Quality.GOOD] * 10
-    assert {sample.sample.quality[1] for sample in taken} == {Quality.GOOD}
-    assert taken[19].sample.deflection_mm[0] == pytest.approx(0.5)  # its own, for the record
-    assert taken[20].sample.deflection_mm[0] == pytest.approx(0.501)
+    assert qualities(taken) == [GOOD] * 14 + [STUCK] * 6
+    assert {one.sample.quality[1] for one in taken} == {GOOD}
+    assert deflections(taken)[-1] == pytest.approx(1.0)  # its own, for the record
+    held, free = pipeline.process(readings_of((DOWN, REST), (DOWN + 1, REST), start_s=9.0, lost=380), 0.0)
+    assert (held.sample.quality[0], free.sample.quality[0]) == (STUCK, GOOD)  # a gap frees none
+    ended = Pipeline(surface).process(readings_of(*[(65_535, 4000)] * 20), 0.0)
+    assert ended[-1].sample.quality == [SATURATED, Quality.OUT_OF_RANGE]
+    unknown = Pipeline(surface_of()).process(readings_of(*[(REST, REST)] * 5000), 0.0)
+    assert qualities(unknown)[-1] is GOOD  # without a stated noise
 
 
-def test_a_gap_does_not_free_a_stuck_channel() -> None:
-    pipeline = make_pipeline(window=1, noise_mm=0.003)
-    pipeline.process(readings_of(*[(1500, index) for index in range(100, 120)]), 0.0)
-    (taken,) = pipeline.process([Reading(9.0, (1500, 1000), lost=380)], 0.0)
-    assert taken.sample.quality == [Quality.STUCK, Quality.GOOD]
-
-
-def test_saturated_and_out_of_range_channels_are_not_called_stuck() -> None:
-    taken = make_pipeline(noise_mm=0.003).process(readings_of(*[(4095, 400)] * 20), 0.0)
-    assert taken[-1].sample.quality == [Quality.SATURATED, Quality.OUT_OF_RANGE]
-
-
-def test_without_a_stated_noise_no_channel_is_stuck() -> None:
-    taken = make_pipeline().process(readings_of(*[(1500, 1500)] * 5000), 0.0)
-    assert taken[-1].sample.quality == [Quality.GOOD, Quality.GOOD]
+TRACKING = {"band_mm": 0.01, "rate_mm_per_min": 12.0, "max_mm": 1.0}
+"""0.001 mm a reading."""
 
 
 def test_a_tracked_zero_is_subtracted_before_the_filter_and_from_bad_channels_too() -> None:
-    tracking = {"band_mm": 0.01, "rate_mm_per_min": 6.0, "max_mm": 1.0}  # 0.001 mm a reading
-    pipeline = make_pipeline(window=1, zero_tracking=tracking)
-    taken = pipeline.process(readings_of(*[(1005, 998)] * 110, (None, 1500), (400, 1500)), 0.0)
-    assert taken[98].sample.deflection_mm == pytest.approx([0.005, -0.002])  # after a second the zeros begin to move
-    assert taken[102].sample.deflection_mm == pytest.approx([0.002, 0.0])
-    assert taken[109].sample.deflection_mm == pytest.approx([0.0, 0.0])
-    assert taken[110].sample.deflection_mm == [None, pytest.approx(0.502)]
-    assert taken[111].sample.deflection_mm == pytest.approx([-0.605, 0.502])
+    pipeline = Pipeline(surface_of(filter=mean_of(1), zero_tracking=TRACKING))
+    taken = pipeline.process(readings_of(*[(20_050, 19_980)] * 210, (None, 25_000), (4000, 25_000)), 0.0)
+    assert taken[198].sample.deflection_mm == pytest.approx([0.005, -0.002])  # after a second the zeros begin to move
+    assert taken[202].sample.deflection_mm == pytest.approx([0.002, 0.0])
+    assert taken[209].sample.deflection_mm == pytest.approx([0.0, 0.0])
+    assert taken[210].sample.deflection_mm == [None, pytest.approx(0.502)]
+    assert taken[211].sample.deflection_mm == pytest.approx([-1.605, 0.502])
 
 
-def test_a_long_gap_keeps_the_zeros_and_holds_them_for_a_second() -> None:
-    pipeline = make_pipeline(window=1, zero_tracking={"band_mm": 0.01, "rate_mm_per_min": 6.0, "max_mm": 1.0})
-    pipeline.process(readings_of(*[(1003, 1000)] * 110), 0.0)
-    first, *others = readings_of(*[(1006, 1000)] * 110, start_s=20.0)
-    after_a_gap = pipeline.process([first._replace(lost=1390), *others], 0.0)
-    assert deflections(after_a_gap[:100]) == pytest.approx([0.003] * 100)
-    assert deflections(after_a_gap)[-1] == pytest.approx(0.0)
+KINDS: list[dict[str, object]] = [
+    {"kind": "none", "spike_mm": 0.02},
+    {**mean_of(5), "spike_mm": 0.02},
+    {"kind": "growing-mean", "max_mean_ms": 1.0},
+    {"kind": "growing-mean", "max_mean_ms": 130.0, "spike_mm": 0.018},
+]
+pairs = st.tuples(*[st.sampled_from([REST, REST + 1, REST + 40, REST + 300, DOWN, 65_535, None])] * 2)
 
 
-def test_a_count_that_is_no_number_is_missing() -> None:
-    (taken,) = make_pipeline().process(readings_of((math.inf, math.nan)), 0.0)
-    assert taken.sample.quality == [Quality.MISSING, Quality.MISSING]
-    assert taken.sample.deflection_mm == [None, None]
+@given(rows=st.lists(pairs, min_size=1, max_size=40), kind=st.sampled_from(KINDS), data=st.data())
+def test_any_split_of_the_readings_gives_the_same_samples_to_the_bit(
+    rows: list[tuple[Counts, Counts]], kind: dict[str, object], data: st.DataObject
+) -> None:
+    cuts = sorted(data.draw(st.lists(st.integers(0, len(rows)), max_size=6), label="cuts"))
+    period_ms = data.draw(st.sampled_from([None, 37.5, 200.0]), label="period")
+    tracking = TRACKING | {"rate_mm_per_min": 60.0}
+    # A slow surface waits for ten readings before it follows its zeros.
+    keys = {"filter": kind, "noise_mm": NOISE_MM, "slowest_period_ms": period_ms, "rate_hz": 10.0}
+    surface = surface_of(**keys, zero_tracking=tracking, channel={"stuck_after_ms": 500.0})
+    readings = readings_of(*rows, *[(REST + 30, REST)] * 15)
+    ends = zip([0, *cuts], [*cuts, len(readings)], strict=True)
+    pieces = [readings[begin:end] for begin, end in ends if begin < end]
+    split = Pipeline(surface)
+    assert [one for piece in pieces for one in split.process(piece, 0.0)] == Pipeline(surface).process(readings, 0.0)
+
+
+def stated(channels: int = 4, **changes: object) -> Surface:
+    """Return a surface that states its noise."""
+    keys: dict[str, object] = {
+        "noise_mm": NOISE_MM,
+        "slowest_period_ms": 98.0,
+        "filter": {**mean_of(4), "spike_mm": 6 * NOISE_MM},
+    }
+    return surface_of(channels, **(keys | changes))
+
+
+def samples(surface: Surface, deflection_mm: FloatArray) -> list[Sample]:
+    """The samples of deflections with noise, shape (readings, channels)."""
+    noise = NOISE_MM * np.random.default_rng(2).standard_normal(deflection_mm.shape)
+    rows = np.round((2.0 + deflection_mm + noise) / STEP_MM).tolist()
+    counts = [[None if math.isnan(count) else count for count in row] for row in rows]
+    return [one.sample for one in Pipeline(surface).process(readings_of(*counts), 0.0)]
+
+
+def matrix_of(sample: Sample) -> FloatArray:
+    assert sample.covariance_mm2 is not None
+    channels = len(sample.deflection_mm)
+    lower = np.zeros((channels, channels))
+    for index, row in enumerate(triangle_rows(sample.covariance_mm2)):
+        lower[index, : index + 1] = row
+    return lower + np.tril(lower, -1).T
+
+
+def ringing(readings: int, channels: int = 4) -> FloatArray:
+    swing: FloatArray = np.sin(2 * math.pi * 44 / RATE_HZ * np.arange(readings))[:, np.newaxis]
+    return 0.3 * swing * np.linspace(0.4, 1.0, channels)
+
+
+def test_a_sample_at_rest_states_its_readings_and_one_of_a_ringing_beam_the_pattern_of_its_mode() -> None:
+    at_rest = samples(stated(), np.full((1000, 4), 0.2))[20:]
+    assert {sample.readings for sample in at_rest} == {4}
+    assert sum(sample.covariance_mm2 is not None for sample in at_rest) <= 0.01 * len(at_rest)
+    values, vectors = np.linalg.eigh(matrix_of(samples(stated(), ringing(100))[-1]))
+    pattern = np.linspace(0.4, 1.0, 4)
+    assert abs(vectors[:, -1] @ pattern) / np.linalg.norm(pattern) > 0.999
+    assert values[-1] > 100 * values[-2]
+    assert values[0] >= 0.99 * NOISE_MM**2 / 4  # rounding keeps the noise
+
+
+def test_the_largest_covariance_takes_few_bytes() -> None:
+    at_rest, moving = samples(stated(8), np.zeros((50, 8))), samples(stated(8), ringing(50, 8))
+    size = [len(sample.model_dump_json(exclude_defaults=True)) for sample in (at_rest[-1], moving[-1])]
+    assert size[1] - size[0] < 36 * 15
+
+
+@pytest.mark.parametrize("kind", [*KINDS, {"kind": "growing-mean"}])
+def test_every_filter_states_it_and_the_service_takes_it(kind: dict[str, object]) -> None:
+    touched = np.zeros((800, 4))
+    touched[400:] = [0.1, 0.3, 0.2, 0.05]
+    touched[:, 2] = math.nan  # its unit is off
+    found = [samples(stated(filter=kind), values) for values in (ringing(300), np.zeros((300, 4)), touched)]
+    assert np.trace(matrix_of(found[0][-1])) > 100 * NOISE_MM**2
+    for sample in (one for part in found for one in part):
+        assert sample.readings
+        assert Sample.model_validate_json(sample.model_dump_json()) == sample
+
+
+def test_what_a_channel_lacks_shows_in_the_covariance() -> None:
+    deflection = ringing(60)
+    deflection[40:, 1] = math.nan
+    deflection[40:, 2] = 1.9  # beyond the linear range
+    covariance = matrix_of(samples(stated(), deflection)[-1])
+    assert not covariance[[1, 2]].any()
+    assert covariance[3, 0] > 0
+    fewer = np.zeros((40, 4))
+    fewer[-2, 1] = math.nan
+    sample = samples(stated(), fewer)[-1]
+    assert sample.readings == 4
+    np.testing.assert_allclose(matrix_of(sample), NOISE_MM**2 * np.diag([1 / 4, 1 / 3, 1 / 4, 1 / 4]), rtol=1e-3)
+    unknown = samples(surface_of(4), ringing(50))[-1]
+    assert (unknown.readings, unknown.covariance_mm2) == (None, None)
+
+
+def test_after_a_long_gap_a_deflected_beam_is_doubtful_until_it_was_seen_to_rest() -> None:
+    pipeline = Pipeline(stated())
+    *_, last = pipeline.process(readings_of(*[(REST,) * 4] * 50), 0.0)
+    after = pipeline.process(readings_of(*[(25_000.0,) * 4] * 50, start_s=9.0, lost=750), 0.0)
+    assert last.sample.covariance_mm2 is None
+    assert after[0].sample.readings == 2
+    assert matrix_of(after[0].sample).min(where=np.eye(4, dtype=bool), initial=np.inf) > 100 * NOISE_MM**2
+    assert all(one.sample.covariance_mm2 is None for one in after[8:])
+
+
+@pytest.mark.parametrize("noise", [0.02, 0.2])
+def test_counts_that_flicker_between_two_values_are_not_motion(noise: float) -> None:
+    rng, moving, number = np.random.default_rng(7), 0, 0
+    surface = stated(noise_mm=math.hypot(noise, 1 / math.sqrt(12)) * STEP_MM, filter=mean_of(20))
+    for gap in rng.uniform(size=(10, 4)):
+        counts = np.rint(REST + gap + noise * rng.standard_normal((400, 4))).tolist()
+        settled = [one.sample for one in Pipeline(surface).process(readings_of(*counts), 0.0)][50:]
+        moving, number = moving + sum(one.covariance_mm2 is not None for one in settled), number + len(settled)
+    assert moving <= 0.01 * number
+
+
+def test_only_whole_numbers_have_steps() -> None:
+    assert steps_mm(surface_of(1)).tolist() == pytest.approx([STEP_MM])
+    assert steps_mm(surface_of(1, {"type": "f32"})).tolist() == [0.0]
+    line = surface_of(source={"kind": "serial", "port": "/dev/null", "oversampling": 16})
+    assert steps_mm(line).tolist() == pytest.approx([STEP_MM / 4] * 2)

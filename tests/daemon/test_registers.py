@@ -22,17 +22,13 @@ def test_registers_in_a_row_are_one_request() -> None:
     assert blocks_of(words(0, 1, 7)) == (Block(0, 2), Block(7, 1))
     assert blocks_of(words(*range(126))) == (Block(0, 125), Block(125, 1))
     assert blocks_of(words(*range(8)), max_registers=3) == (Block(0, 3), Block(3, 3), Block(6, 2))
+    assert blocks_of([Value(register, "u32") for register in (0, 2, 4)], max_registers=5) == (Block(0, 4), Block(4, 2))
 
 
 def test_a_gap_is_read_along_only_where_that_is_allowed() -> None:
     assert blocks_of(words(0, 3, 9), bridge=2) == (Block(0, 4), Block(9, 1))
     assert blocks_of(words(0, 3, 9), bridge=5) == (Block(0, 10),)
     assert blocks_of(words(0, 3, 9), max_registers=9, bridge=5) == (Block(0, 4), Block(9, 1))
-
-
-def test_the_halves_of_a_value_are_read_with_one_request() -> None:
-    values = [Value(register, "u32") for register in (0, 2, 4)]
-    assert blocks_of(values, max_registers=5) == (Block(0, 4), Block(4, 2))
 
 
 @given(st.sets(st.integers(0, 300), min_size=1), st.integers(1, 125), st.integers(0, 10))

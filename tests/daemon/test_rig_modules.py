@@ -50,7 +50,6 @@ range_mm = [1.0, 4.0]
 @pytest.mark.parametrize(
     ("played", "source", "channel"),
     [
-        (("--function", "3"), 'module = "adam-6017"', "input = {index}"),
         (("--unit", "255"), 'module = "iologik-e1240"\nunit = 255', "input = {index}"),
         (FLOATS, 'function = 3\nunit = 5\nbyte_order = "CDAB"', 'register = {two}\ntype = "f32"'),
     ],
@@ -77,27 +76,3 @@ async def test_a_configuration_for_an_rtu_module_reads_the_rig_and_another_unit_
     assert silent.code == 1
     assert "unit 18" in silent.err
     assert "does not answer" in silent.err
-
-
-async def test_a_wrong_function_unit_or_register_is_refused_as_a_module_does(bench_model: Path, tmp_path: Path) -> None:
-    with rig(bench_model, "--modbus-tcp", "127.0.0.1:0", "--by-hand") as port:
-        said = []
-        for keys, channel in (("function = 3", "index"), ("unit = 2", "index"), ("", "two")):
-            config = configuration(tmp_path, TCP.format(port=port) + keys, f"register = {{{channel}}}")
-            said.append((await command("check", config)).err)
-    assert "exception 1: it does not know this function" in said[0]
-    assert "exception 11: gateway: the device does not answer" in said[1]
-    assert "exception 2: it has no such register: asked for 106; addresses count from 0" in said[2]
-
-
-async def test_a_register_that_is_not_there_is_named_while_the_others_are_read(
-    bench_model: Path, tmp_path: Path
-) -> None:
-    with rig(bench_model, "--modbus-tcp", "127.0.0.1:0", "--by-hand") as port:
-        config = configuration(tmp_path, TCP.format(port=port), "register = {index}")
-        config.write_text(config.read_text().replace("register = 3\n", "register = 103\n"))
-        done = await command("check", config)
-    assert done.code == 1
-    assert done.out.count("good") == 3
-    assert "s4 missing" in done.err
-    assert "unit 1 answers with exception 2: it has no such register: asked for 103; addresses count from 0" in done.err

@@ -1,34 +1,64 @@
-"""`run` as a process between real devices and a real service."""
+"""`run` as a process between real devices and a real service: start, what comes late, supervision, stop."""
 
 import asyncio
+import json
+import re
 import signal
+import socket
 import sqlite3
-from collections import Counter
+import subprocess
+from collections.abc import Callable
 from contextlib import closing, suppress
 from pathlib import Path
+from random import Random
 from time import monotonic, time
+from types import SimpleNamespace
+from typing import Any, cast
 
+import httpx2
 import pytest
+from prometheus_client.parser import text_string_to_metric_families
 
-from beamtouch_daemon.tasks import cancel
+from beamtouch_daemon.config.sources import ModbusRtu
+from beamtouch_daemon.running.acquisition import PATIENCE_S, Acquisition
+from beamtouch_daemon.sources.rtu_bus import REST_TIMEOUTS
+from beamtouch_daemon.tasks import RESTART_S, cancel, keep_going
 from beamtouch_service.samples import Quality
 from free_ports import free_port
+from own_names import own_names_in
+from parts import require
 
 from . import configs
+from .conftest import Refused
 from .devices import SerialDevice, pymodbus_server
 from .faulty import LOG_FILE, batches_in, everything, soon
 from .lines import terminal
-from .process import PATIENT_STOP, started, summary_of
-from .service import Service, serving
+from .process import PATIENT_STOP, Outcome, started, summary_of
+from .publishing import keep, until
+from .service import TOKEN, Service, serving
 
 pytestmark = pytest.mark.anyio
+
+UNIT = Path(__file__).parents[2] / "daemon" / "beamtouch-daemon.service"
+
+
+def whole_log(outcome: Outcome) -> list[dict[str, Any]]:
+    """Return the events of a log in JSON, all but the summary."""
+    return [json.loads(line) for line in outcome.err.splitlines() if line.startswith("{")]
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP], ids=["a stop", "a terminal that closes"])
 async def test_readings_become_samples_and_a_stop_delivers_all_of_them(tmp_path: Path, number: signal.Signals) -> None:
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    token, log = elsewhere / "token", elsewhere / "samples"
+    token.write_text(f"{TOKEN}\n")
     async with serving(Service()) as service, pymodbus_server([21_000, 65_535]) as port:
         config = configs.write(tmp_path, configs.surface(source=configs.tcp(port)), url=service.url)
-        async with started("run", config, "--summary", tmp_path / "summary.json", code=PATIENT_STOP) as daemon:
+        (tmp_path / "beamtouch.token").unlink()
+        # The unit file names both files on the command line.
+        options = ("--token-file", token, "--sample-log-file", log, "--summary", tmp_path / "summary.json")
+        async with started("run", config, *options, code=PATIENT_STOP) as daemon:
             await service.until(100)
             outcome = await daemon.stop(number)
     samples = service.samples()
@@ -44,12 +74,14 @@ async def test_readings_become_samples_and_a_stop_delivers_all_of_them(tmp_path:
     summary = summary_of(tmp_path)["bench"]
     assert summary["readings"] == summary["samples_published"] == len(samples)
     assert summary["samples_dropped"] == 0
-    lines = outcome.err.splitlines()
-    assert lines[-1] == (
+    *lines, last = outcome.err.splitlines()
+    assert last == (
         f"bench: {len(samples)} readings taken, {summary['readings_lost']} lost; "
         f"{len(samples)} samples published, 0 dropped"
     )
-    assert "Traceback" not in outcome.err
+    assert all(re.match(r"\d{4}-\d\d-\d\d \d\d:\d\d:\d\d,\d{3} [A-Z]+ ", line) for line in lines)
+    assert log.exists()
+    assert not (tmp_path / LOG_FILE).exists()
 
 
 async def test_a_failing_surface_costs_others_nothing_and_does_not_fill_the_log(tmp_path: Path) -> None:
@@ -62,7 +94,8 @@ async def test_a_failing_surface_costs_others_nothing_and_does_not_fill_the_log(
                 configs.surface("alive", configs.serial(line.path)),
                 url=service.url,
             )
-            async with started("run", config, "--summary", tmp_path / "summary.json") as daemon:
+            options = ("--summary", tmp_path / "summary.json", "--log-format", "json")
+            async with started("run", config, *options) as daemon:
                 await service.until(150, "alive")
                 outcome = await daemon.stop(signal.SIGINT)
     assert outcome.code == 130
@@ -70,38 +103,33 @@ async def test_a_failing_surface_costs_others_nothing_and_does_not_fill_the_log(
     assert set(summary["dead"].values()) == {0}
     assert summary["alive"]["samples_published"] >= 150
     assert summary["alive"]["readings_lost"] <= 2 + device.unsent
-    log = Counter(line.partition(" WARNING dead: ")[2] for line in outcome.err.splitlines())
-    del log[""]
-    assert list(log.values()) == [1]
+    events = whole_log(outcome)
+    assert all(set(event) == {"time", "level", "source", "message"} for event in events)
+    assert len([event for event in events if event["message"].startswith("dead: ")]) == 1
 
 
-async def test_answers_that_cannot_be_decoded_are_no_tracebacks(tmp_path: Path) -> None:
-    """The first answers come with a function that Modbus does not know, the others as asked for."""
-    asked = 0
+async def test_a_beam_at_rest_sends_few_samples_and_a_touch_each_of_its_readings(tmp_path: Path) -> None:
+    chance, polls, is_touched = Random(5), 0, False  # noqa: S311 - noise, not secrets
 
-    async def answer(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        nonlocal asked
-        with suppress(asyncio.IncompleteReadError, ConnectionError):
-            while True:
-                query = await reader.readexactly(12)
-                asked += 1
-                words = b"\x55\x01" if asked <= 3 else bytes([query[7], 4]) + b"\x52\x08" * 2
-                writer.write(query[:4] + (len(words) + 1).to_bytes(2, "big") + query[6:7] + words)
-                await writer.drain()
-        writer.close()
+    async def noise(_function: int, _start: int, _address: int, _count: int, now: list[int], _set: object) -> None:
+        nonlocal polls
+        polls += 1
+        now[:2] = [round(20_000 + 1000 * is_touched + chance.gauss(sigma=20)) for _ in range(2)]
 
-    device = await asyncio.start_server(answer, "127.0.0.1", 0)
-    async with serving(Service()) as service, device:
-        source = configs.tcp(device.sockets[0].getsockname()[1], timeout_ms=300)
-        config = configs.write(tmp_path, configs.surface(source=source), url=service.url)
-        async with started("run", config) as daemon:
-            await service.until(50)
-            outcome = await daemon.stop()
-    assert outcome.code == 0
-    assert asked > 50
-    assert service.samples()[-1].deflection_mm[0] == pytest.approx(0.1)
-    assert "Traceback" not in outcome.err
-    assert "data_received" not in outcome.err
+    async with serving(Service()) as service, pymodbus_server([20_000, 20_000], noise) as port:
+        surface = configs.surface(source=configs.tcp(port)).replace("rate_hz", "noise_mm = 0.002\nrate_hz", 1)
+        surface = surface.replace('"moving-average"\nwindow = 1', '"growing-mean"')
+        async with started("run", configs.write(tmp_path, surface, url=service.url)) as daemon:
+            await service.until(20)
+            few = False
+            while not few:
+                begun = polls, len(service.samples())
+                await until(lambda begun=begun: polls >= begun[0] + 200)  # type: ignore[misc]
+                few = len(service.samples()) - begun[1] < 50
+            is_touched, begun_polls = True, polls
+            await until(lambda: sum((one.deflection_mm[0] or 0.0) > 0.05 for one in service.samples()) >= 8)
+            assert polls - begun_polls < 100  # at rest, one in twenty readings becomes a sample
+            assert (await daemon.stop()).code == 0
 
 
 async def test_a_device_that_comes_back_is_read_again_and_the_outage_is_counted(tmp_path: Path) -> None:
@@ -125,71 +153,231 @@ async def test_a_device_that_comes_back_is_read_again_and_the_outage_is_counted(
 
 
 @pytest.mark.parametrize("log_mb", [0, 200])
-async def test_without_a_service_a_stop_ends_soon_and_reports_the_fate_of_the_samples(
+async def test_without_a_service_a_stop_ends_soon_and_what_it_leaves_is_delivered_after_the_next_start(
     tmp_path: Path, log_mb: int
 ) -> None:
-    with terminal() as line:
-        device = SerialDevice(line)
-        url = f"http://127.0.0.1:{free_port()}"
-        config = configs.write(tmp_path, configs.surface(source=configs.serial(line.path)), url=url)
-        config.write_text(config.read_text().replace("batch_ms", f"log_mb = {log_mb}\nbatch_ms"))
-        async with started("run", config, "--summary", tmp_path / "summary.json") as daemon:
-            async with asyncio.timeout(60):
-                while device.sequence < 200:  # noqa: ASYNC110 - the device is outside
-                    await asyncio.sleep(0.05)
-            outcome = await daemon.stop()  # fails if it takes a minute
-    assert outcome.code == 0
-    summary = summary_of(tmp_path)["bench"]
-    kept = "samples_in_log" if log_mb else "samples_dropped"
-    assert summary[kept] == summary["readings"] > 0
-    assert sum(value for name, value in summary.items() if name.startswith("samples_")) == summary[kept]
-
-
-async def test_what_a_stop_leaves_is_delivered_after_the_next_start_alongside_new_samples(tmp_path: Path) -> None:
     with terminal() as line:
         device, port = SerialDevice(line), free_port()
         url = f"http://127.0.0.1:{port}"
         config = configs.write(tmp_path, configs.surface(source=configs.serial(line.path)), url=url)
-        async with started("run", config, "--summary", tmp_path / "summary.json") as daemon:
-            async with asyncio.timeout(60):
-                while device.sequence < 300:  # noqa: ASYNC110 - the device is outside
-                    await asyncio.sleep(0.05)
-            assert (await daemon.stop()).code == 0
+        config.write_text(config.read_text().replace("batch_ms", f"log_mb = {log_mb}\nbatch_ms"))
+        options = ("--summary", tmp_path / "summary.json")
+        async with started("run", config, *options) as daemon:
+            await until(lambda: device.sequence >= 300)
+            outcome = await daemon.stop()  # fails if it takes a minute
+        assert outcome.code == 0
         before = summary_of(tmp_path)["bench"]
+        # A starved daemon has not read all that waits in the line, which holds some 200 readings.
+        fate = "samples_in_log" if log_mb else "samples_dropped"
+        assert before[fate] == before["readings"] >= 50
+        assert sum(value for name, value in before.items() if name.startswith("samples_")) == before[fate]
+        if not log_mb:
+            return
         old = batches_in(tmp_path / LOG_FILE)[0].boot_id
         async with (
             serving(Service(("127.0.0.1", port))) as service,
-            started("run", config, "--summary", tmp_path / "summary.json", code=PATIENT_STOP) as daemon,
+            started("run", config, *options, code=PATIENT_STOP) as daemon,
         ):
             await service.until(before["readings"] + 100)
             await everything(service)
             assert (await daemon.stop()).code == 0
-        after = summary_of(tmp_path)["bench"]
-        # A starved daemon has not read all that waits in the line, which holds some 200 readings.
-        assert before["samples_in_log"] == before["readings"] >= 50
-        assert after["samples_in_log"] == 0
-        assert after["samples_published"] == after["readings"] + before["readings"]
-        assert all(batch.backlog for _, batch, _ in service.batches if batch.boot_id == old)
-        numbers = service.record.numbers()
-        assert numbers.pop(old) == list(range(1, before["readings"] + 1))
-        assert list(numbers.values()) == [list(range(1, after["readings"] + 1))]
+    after = summary_of(tmp_path)["bench"]
+    assert after["samples_in_log"] == 0
+    assert after["samples_published"] == after["readings"] + before["readings"]
+    assert all(batch.backlog for _, batch, _ in service.batches if batch.boot_id == old)
+    numbers = service.record.numbers()
+    assert numbers.pop(old) == list(range(1, before["readings"] + 1))
+    assert list(numbers.values()) == [list(range(1, after["readings"] + 1))]
 
 
-async def test_a_log_file_of_another_program_is_an_error_in_one_line(tmp_path: Path) -> None:
+def test_a_log_file_of_another_program_is_an_error_in_one_line(tmp_path: Path, refused: Refused) -> None:
     config = configs.write(tmp_path, configs.surface())
     config.write_text(config.read_text().replace("batch_ms", 'log_file = "orders.db"\nbatch_ms'))
     with closing(sqlite3.connect(tmp_path / "orders.db")) as other:
         other.execute("CREATE TABLE orders (name)")
-    async with started("run", config) as daemon:
-        outcome = await daemon.end()
-    assert (outcome.code, outcome.out) == (2, "")
-    assert outcome.complaint() == (
+    assert refused("run", config) == (
         f"publish.log_file: {tmp_path}/orders.db is the database of another program or of another version; "
         "choose another file"
     )
 
 
-async def test_a_cancellation_that_a_task_swallows_is_repeated() -> None:
+async def metrics(port: int, surface: str, is_missing: int) -> str:
+    """Wait until the metrics say whether the device of a surface is missing; return what they say of the surface."""
+    async with asyncio.timeout(60), httpx2.AsyncClient(trust_env=False) as client:
+        while True:
+            with suppress(httpx2.ConnectError):
+                text = (await client.get(f"http://127.0.0.1:{port}/metrics")).text
+                if f'beamtouch_source_missing{{surface="{surface}"}} {is_missing}.0' in text:
+                    return "\n".join(line for line in text.splitlines() if f'surface="{surface}"' in line)
+            await asyncio.sleep(0.05)
+
+
+async def test_what_is_missing_is_named_and_used_when_it_comes(tmp_path: Path) -> None:
+    adapter = tmp_path / "tty"
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        async with serving(Service()) as service, pymodbus_server([21_000, 65_535]) as device:
+            bench = configs.surface(source=configs.tcp(device))
+            late = configs.surface("late", source=configs.serial(str(adapter)))
+            config = configs.write(tmp_path, bench, late, url=service.url)
+            log = tmp_path / "mount" / "samples"
+            text = config.read_text().replace("batch_ms", f'log_file = "{log}"\nbatch_ms')
+            config.write_text(f"{text}\n[metrics]\nport = {port}\n")
+            async with started("run", config) as daemon:
+                await service.until(100)  # the other surface
+                assert not service.samples("late")
+                taken.close()
+                await metrics(port, "late", 1)
+                await metrics(port, "bench", 0)
+                with terminal() as line:
+                    SerialDevice(line)
+                    adapter.symlink_to(line.path)
+                    await service.until(100, "late")
+                    log.parent.mkdir()
+                    service.problem_of = lambda _batch, _length: (503, "")
+                    await until(log.exists)
+                    while "readings_per_second" not in (text := await metrics(port, "late", 0)):  # noqa: ASYNC110
+                        await asyncio.sleep(0.05)  # the daemon is outside
+                    assert 'quality="good"' in text
+                text = await metrics(port, "late", 1)
+                # Nothing is known of a device that is away.
+                assert "channel_quality" not in text
+                assert "readings_per_second" not in text
+                outcome = await daemon.stop()
+    assert outcome.code == 0
+    for words in (
+        f"late: {adapter} cannot be opened (No such file or directory); plug the device in or correct the path",
+        f"metrics: port {port} on 127.0.0.1: in use",
+        f"{log} cannot be opened",
+    ):
+        assert words in outcome.err
+
+
+async def test_names_that_do_not_resolve_are_waited_for(tmp_path: Path) -> None:
+    names, port = own_names_in(tmp_path), free_port()
+    async with serving(Service()) as service, pymodbus_server([21_000, 65_535]) as device:
+        url = service.url.replace("127.0.0.1", "service.plant")
+        config = configs.write(tmp_path, configs.surface(source=configs.tcp(device, "module.plant")), url=url)
+        config.write_text(f"{config.read_text()}\n[metrics]\nport = {port}\n")
+        async with started("run", config, prefix=names.prefix) as daemon:
+            await metrics(port, "bench", 1)
+            names.add("module.plant", "127.0.0.1")
+            await metrics(port, "bench", 0)
+            names.add("service.plant", "127.0.0.1")
+            await service.until(20)
+            outcome = await daemon.stop()
+    assert outcome.code == 0
+    assert outcome.err.count("module.plant does not resolve") == 1
+    assert "no such host is known" in outcome.err
+
+
+async def test_metrics_are_those_of_the_summary_and_only_on_this_machine(tmp_path: Path) -> None:
+    port = free_port()
+    async with serving(Service()) as service, pymodbus_server([21_000, 65_535]) as device:
+        config = configs.write(tmp_path, configs.surface(source=configs.tcp(device)), url=service.url)
+        config.write_text(config.read_text() + f"\n[metrics]\nport = {port}\n")
+        await keep(tmp_path / LOG_FILE, 7)
+        service.problem_of = lambda batch, _: (422, "missing-channels") if batch.boot_id == "boot-0000" else None
+        async with started("run", config) as daemon, httpx2.AsyncClient(trust_env=False) as client:
+            await service.until(400)
+            async with asyncio.timeout(60):
+                while 'boots_refused{surface="bench"} 1.0' not in (text := await metrics(port, "bench", 0)):  # noqa: ASYNC110
+                    await asyncio.sleep(0.05)
+            with pytest.raises(httpx2.ConnectError):
+                await client.get(f"http://127.0.0.2:{port}/metrics")
+            assert (await daemon.stop()).code == 0
+    found = {
+        (sample.name, sample.labels.get("where", "")): sample.value
+        for family in text_string_to_metric_families(f"{text}\n")
+        for sample in family.samples
+    }
+    assert found["beamtouch_readings_total", ""] >= 100
+    assert 0 < found["beamtouch_samples_published_total", ""] <= found["beamtouch_readings_total", ""]
+    assert found["beamtouch_samples_dropped_total", ""] == 0
+    assert found["beamtouch_samples_in_log", "disk"] == 7
+    assert found["beamtouch_reading_age_seconds", ""] >= 0
+    assert ("beamtouch_samples_in_log", "memory") in found
+    assert 0 < found["beamtouch_readings_per_second", ""] < 210
+    assert found["beamtouch_rate_wrong", ""] in {0, 1}
+
+
+class Manager:
+    """Hears what a service manager would."""
+
+    def __init__(self, folder: Path) -> None:
+        self.path = folder / "notify"
+        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        self._socket.bind(str(self.path))
+        self._socket.setblocking(False)
+        self.heard: list[str] = []
+
+    async def until(self, word: str, more: int = 1) -> None:
+        """Wait for a word to be heard so many more times."""
+        wanted = self._count(word) + more
+        async with asyncio.timeout(60):
+            while self._count(word) < wanted:
+                try:
+                    self.heard += self._socket.recv(4096).decode().splitlines()
+                except BlockingIOError:
+                    await asyncio.sleep(0.02)
+
+    def close(self) -> None:
+        self._socket.close()
+
+    def _count(self, word: str) -> int:
+        return sum(line.startswith(word) for line in self.heard)
+
+
+async def test_the_service_manager_is_told_of_start_progress_missing_devices_and_stop(tmp_path: Path) -> None:
+    with closing(Manager(tmp_path)) as manager:
+        environment = {"NOTIFY_SOCKET": str(manager.path), "WATCHDOG_USEC": "400000"}
+        async with serving(Service()) as service, pymodbus_server([21_000, 65_535]) as port:
+            late = configs.surface("late", source=configs.serial("/dev/none"))
+            config = configs.write(tmp_path, configs.surface(source=configs.tcp(port)), late, url=service.url)
+            async with started("run", config, environment=environment) as daemon:
+                await manager.until("READY=1")
+                await manager.until("WATCHDOG=1", more=5)
+                await manager.until("STATUS=reading bench; waiting for the device of late")
+                outcome = await daemon.stop()
+                await manager.until("STOPPING=1")
+    assert outcome.code == 0
+    assert manager.heard[0] == "READY=1"
+
+
+def test_a_line_without_progress_hangs_and_one_without_a_device_does_not() -> None:
+    def line(turned_s: float, rate_hz: float = 100.0, timeout_ms: float = 1.0) -> Acquisition:
+        source = ModbusRtu(kind="modbus-rtu", port="/dev/ttyUSB0", timeout_ms=timeout_ms)
+        found = SimpleNamespace(surface=SimpleNamespace(rate_hz=rate_hz, source=source), turned_s=turned_s)
+        return cast("Acquisition", found)
+
+    now_s, long_ago_s = 1000.0, 1000.0 - PATIENCE_S - 1
+    hangs: Callable[[Acquisition, float], bool] = Acquisition.hangs
+    assert not hangs(line(now_s), now_s)
+    assert hangs(line(long_ago_s), now_s)  # reading stands still
+    assert not hangs(line(long_ago_s, rate_hz=0.1), now_s)  # it reads that seldom
+    rested_s = now_s - (REST_TIMEOUTS + 1) * 4.0
+    assert not hangs(line(rested_s, timeout_ms=4000.0), now_s)  # a unit that is off is asked that seldom
+
+
+def test_the_unit_file_is_hardened() -> None:
+    analyze = require("systemd-analyze", "systemd")
+    done = subprocess.run(
+        [analyze, "security", "--offline=yes", str(UNIT)], capture_output=True, text=True, check=False, timeout=60
+    )
+    exposure = re.search(r"Overall exposure level for beamtouch-daemon.service: ([0-9.]+) ", done.stdout)
+    assert exposure is not None
+    assert float(exposure[1]) <= 1.5
+    text = UNIT.read_text()
+    assert "WatchdogSec=30" in text
+    assert {"Restart=always", "RestartPreventExitStatus=2", "StartLimitIntervalSec=0"} <= set(text.splitlines())
+    # systemd finds the number of a name only if its driver is loaded when the unit starts.
+    assert all(line.split("-")[1].split()[0].isdecimal() for line in text.splitlines() if "DeviceAllow=char-" in line)
+    assert PATIENCE_S * 2 <= 30
+
+
+async def test_a_task_is_cancelled_though_it_swallows_a_cancellation_and_restarted_after_an_unexpected_error(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
     async def swallow_one() -> None:
         with suppress(asyncio.CancelledError):
             await asyncio.sleep(60)
@@ -199,3 +387,17 @@ async def test_a_cancellation_that_a_task_swallows_is_repeated() -> None:
     await asyncio.sleep(0)
     await asyncio.wait_for(cancel({task}), 30)
     assert task.cancelled()
+    turns = 0
+
+    async def work() -> None:
+        nonlocal turns
+        turns += 1
+        if turns == 1:
+            message = "unexpected"
+            raise ValueError(message)
+
+    assert RESTART_S > 1
+    monkeypatch.setattr("beamtouch_daemon.tasks.RESTART_S", 0.0)
+    await keep_going("bench", work)
+    assert turns == 2
+    assert "bench: unexpected error; restarting" in caplog.text
