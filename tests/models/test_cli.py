@@ -119,11 +119,14 @@ def test_an_old_model_is_refused_with_the_command_that_rebuilds_it_for_its_mount
 def test_what_one_failed_sensor_costs_is_said(
     bench: ModelFile, sensors: int, fewest: int, spare: int, said: str
 ) -> None:
-    placed = bench.metadata.placed.model_copy(
-        update={"spare": spare, "limit_percent": 1.0, "limit_without_percent": [3.0, 1.1, 1.1, 1.1][:sensors]}
-    )
-    some = {"layout": bench.metadata.layout[:sensors], "min_channels": fewest, "placed": placed}
-    weak = weak_spot(bench.metadata.model_copy(update=some))
+    metadata, without = bench.metadata, [3.0, 1.1, 1.1, 1.1][:sensors]
+    some = {
+        "layout": metadata.layout[:sensors],
+        "min_channels": fewest,
+        "placed": metadata.placed.model_copy(update={"spare": spare, "limit_without_percent": without}),
+        "accuracy": metadata.accuracy.model_copy(update={"limit_percent": 1.0}),
+    }
+    weak = weak_spot(metadata.model_copy(update=some))
     assert weak.startswith(said)
     assert ("--spare" in weak) is ("--" in said or said.endswith("th"))
 
