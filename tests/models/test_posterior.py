@@ -14,7 +14,7 @@ from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.arrays import Floats
 from beamtouch_models.error_model import whitening
 from beamtouch_models.estimators.estimator import estimator_of, fewest_channels
-from beamtouch_models.estimators.onnx_graph import IR_VERSION, OPSET, to_bytes
+from beamtouch_models.estimators.onnx_graph import to_bytes
 from beamtouch_models.estimators.posterior.cells import resolving_cells
 from beamtouch_models.estimators.posterior.graph import posterior_graph
 from beamtouch_models.progress import silent
@@ -54,7 +54,7 @@ def quantiles_of(prior: Prior, mass: Floats, *levels: float) -> Floats:
 @pytest.mark.parametrize("noise_percent", [10.0, 2.0])
 def test_answers_are_those_of_a_plain_integral_over_position_and_force(noise_percent: float, known: bool) -> None:
     prior = prior_of("bench", 3, noise_percent, known=known)
-    drawn = limit.draw(prior, 40, 5)
+    drawn = limit.draw(prior, 12, 5)
     answers = answers_of(graph_of(prior), prior, drawn.deflection_mm)
     grid = np.linspace(*prior.position_mm, GRID)
     unit = prior.influence_at(grid)
@@ -78,8 +78,9 @@ def test_answers_are_those_of_a_plain_integral_over_position_and_force(noise_per
         assert answers["misfit"][row] == pytest.approx(left, abs=0.2)
 
 
-@pytest.mark.parametrize(("name", "sensors"), [("bench", 4), ("two-spans", 5), ("foundation", 3)])
-@pytest.mark.parametrize("noise_percent", [3.0, 0.3, 0.03])
+@pytest.mark.parametrize(
+    ("name", "sensors", "noise_percent"), [("bench", 4, 3.0), ("two-spans", 5, 0.3), ("foundation", 3, 0.03)]
+)
 def test_the_misfit_of_a_contact_is_chi_square_and_that_of_a_fault_is_not(
     name: str, sensors: int, noise_percent: float
 ) -> None:
@@ -97,13 +98,15 @@ def test_the_misfit_of_a_contact_is_chi_square_and_that_of_a_fault_is_not(
     assert (answers_of(graph, prior, wedged)["misfit"] > chdtri(sensors - 2, 1e-6)).mean() > 0.5
 
 
-@pytest.mark.parametrize("known", [True, False])
-@pytest.mark.parametrize(("name", "sensors", "kept"), [("paper", 2, (0, 1)), ("bench", 4, (0, 2)), ("bench", 4, (1,))])
+@pytest.mark.parametrize(
+    ("name", "sensors", "kept", "known"),
+    [("paper", 2, (0, 1), True), ("bench", 4, (0, 2), False), ("bench", 4, (1,), True)],
+)
 def test_two_channels_or_one_have_a_misfit_beyond_the_cone_of_contacts(
     name: str, sensors: int, kept: tuple[int, ...], known: bool
 ) -> None:
     prior = with_floor(prior_of(name, sensors, 2.0, known=known))
-    graph, draws = graph_of(prior), 20_000
+    graph, draws = graph_of(prior), 6000
     valid = np.zeros((draws, sensors), np.bool_)
     valid[:, kept] = True
     drawn = limit.draw(prior, draws, 8)
@@ -123,7 +126,7 @@ def test_two_channels_or_one_have_a_misfit_beyond_the_cone_of_contacts(
         for least in (1.0, 4.0, 9.0):
             expected = chdtrc(1, least)
             assert (found > least).mean() < expected + 4 * np.sqrt(expected / draws)
-    for row in range(20):
+    for row in range(8):
         # The nearest contact to a pull is none, so that its misfit is that of rest; others lie beside the cone.
         pull, beside = -clean[row : row + 1], clean[row : row + 1] * np.where(np.arange(sensors) == kept[0], 1.0, -0.5)
         for reading in (pull, beside):
@@ -133,29 +136,13 @@ def test_two_channels_or_one_have_a_misfit_beyond_the_cone_of_contacts(
         assert misfit(pull)[0][0] == pytest.approx(weighed @ weighed, rel=1e-4)
 
 
-@pytest.mark.parametrize("force_n", [22.0, 28.0, 40.0, 150.0])
-def test_a_load_beyond_the_range_is_placed_where_it_is(force_n: float) -> None:
-    scene, _ = load_scene(SCENES / "bench.toml")
-    prior = real_prior(scene, np.array([68.0, 156.0, 244.0, 332.0]), 0.00226)
-    position = np.linspace(30, 370, 2000)
-    clean, deviation = prior.sampled(position, np.full(len(position), force_n))
-    reading = clean + np.random.default_rng(1).normal(size=clean.shape) * deviation
-    answers = answers_of(graph_of(prior), prior, reading)
-    held = (answers["position_low_mm"] <= position) & (position <= answers["position_high_mm"])
-    assert held.mean() > 0.93
-    assert ((answers["force_low_n"] <= force_n) & (force_n <= answers["force_high_n"])).mean() > 0.93
-    side = np.where(position > answers["position_mm"], answers["position_high_mm"], answers["position_low_mm"])
-    misleading = np.abs(position - answers["position_mm"]) > 2 * np.abs(side - answers["position_mm"])
-    assert misleading.mean() < 0.01
-
-
-@pytest.mark.parametrize("name", ["bench", "cantilever", "wide-contact"])
+@pytest.mark.parametrize("name", ["bench", "cantilever"])
 def test_intervals_lean_on_neither_end_of_the_range_of_the_force(name: str) -> None:
     on = surface(name)
     prior, rng = on.prior, np.random.default_rng(4)
     low, high = prior.force_n
-    for force_n in (0.3 * low, 0.9 * low, 1.01 * high, 1.1 * high, 2 * high, 5 * high):
-        position = rng.uniform(*prior.position_mm, 2000)
+    for force_n in (0.3 * low, 0.9 * low, 1.1 * high, 5 * high):
+        position = rng.uniform(*prior.position_mm, 1000)
         clean, deviation = prior.sampled(position, np.full(len(position), force_n))
         reading = clean + rng.normal(size=clean.shape) * deviation
         answers = on.answers(tuple(range(prior.channels)), reading)
@@ -166,14 +153,16 @@ def test_intervals_lean_on_neither_end_of_the_range_of_the_force(name: str) -> N
         # Three deviations of as many draws as are seen.
         missed = ((truth < least) | (most < truth)).sum()
         assert missed <= 0.07 * len(truth) + 3 * (0.07 * len(truth)) ** 0.5
+        held = (answers["force_low_n"] <= force_n) & (force_n <= answers["force_high_n"])
+        assert name != "bench" or force_n < high or held[seen].mean() > 0.93
         half = np.where(truth > middle, most - middle, middle - least)
         assert (np.abs(truth - middle) > 2 * half).sum() <= 0.005 * len(truth) + 3 * (0.005 * len(truth)) ** 0.5
 
 
 def test_a_graph_has_few_operations() -> None:
     # Each takes about 0.4 us, whatever it does.
-    assert len(graph_of(surface("bench").prior).graph.node) <= 66
-    assert len(graph_of(surface("paper").prior).graph.node) <= 54
+    assert len(graph_of(prior_of("bench", 4, 0.1, known=False)).graph.node) <= 66
+    assert len(graph_of(prior_of("paper", 2, 2.0, known=True)).graph.node) <= 54
 
 
 OTHER_FORCES = ((100.0, 0.2), (100.0, 0.5), (140.0, 0.8), (300.0, 0.9), (250.0, 1.0), (60.0, 1.3), (200.0, 3.0))
@@ -222,12 +211,11 @@ def test_a_large_covariance_along_the_load_leaves_the_position_and_hides_the_for
     assert alone["force_high_n"][0] - alone["force_low_n"][0] < 1
 
 
-@pytest.mark.parametrize(("tolerance_mm", "unaware"), [(0.3, 0.96), (1.0, 0.8)])
-def test_intervals_hold_the_truth_under_a_mounting_tolerance(tolerance_mm: float, unaware: float) -> None:
+def test_intervals_hold_the_truth_under_a_mounting_tolerance() -> None:
     scene, _ = load_scene(SCENES / "bench.toml")
-    scene = change_scene(scene, sensors={"mounting_tolerance_mm": tolerance_mm})
+    scene = change_scene(scene, sensors={"mounting_tolerance_mm": 1.0})
     prior = real_prior(scene, np.array([68.0, 156.0, 244.0, 332.0]), 0.00226)
-    drawn = limit.draw(prior, 3000, 8)
+    drawn = limit.draw(prior, 1500, 8)
     without = dataclasses.replace(prior, uncertain_at=None)
     shares = []
     for one in (prior, without):
@@ -235,19 +223,18 @@ def test_intervals_hold_the_truth_under_a_mounting_tolerance(tolerance_mm: float
         held = (answers["position_low_mm"] <= drawn.position_mm) & (drawn.position_mm <= answers["position_high_mm"])
         shares.append(held.mean())
     assert shares[0] == pytest.approx(0.95, abs=0.02)
-    assert shares[1] < unaware
+    assert shares[1] < 0.8
     error = np.abs(answers_of(graph_of(prior), prior, drawn.deflection_mm)["position_mm"] - drawn.position_mm)
     best = np.abs(limit.posterior_median_mm(prior, drawn.deflection_mm) - drawn.position_mm)
     assert error.mean() < 1.02 * best.mean()
 
 
 CASES = [
-    (name, sensors, noise, known, (row + column + known) % 2 == 0 or noise == 10.0)
+    (name, sensors, noise, (row + column) % 2 == 0, column % 2 == 0)
     for row, (name, sensors) in enumerate((("bench", 4), ("two-spans", 5), ("cantilever", 2)))
     for column, noise in enumerate((10.0, 1.0, 0.1, 0.01))
-    for known in (True, False)
 ]
-"""All scenes, noises and kinds of force together; with and without a floor at each scene, noise and kind of force."""
+"""All scenes and noises, with a known and an open force, with a floor and without."""
 
 
 @pytest.mark.parametrize(("name", "sensors", "noise_percent", "known", "floor"), CASES)
@@ -256,7 +243,7 @@ def test_the_error_is_at_the_limit_and_intervals_hold_the_truth(
 ) -> None:
     prior = prior_of(name, sensors, noise_percent, known=known)
     prior = with_floor(prior) if floor else prior
-    drawn = limit.draw(prior, 2500, 11)
+    drawn = limit.draw(prior, 1200, 11)
     answers = answers_of(graph_of(prior), prior, drawn.deflection_mm)
     error = np.abs(answers["position_mm"] - drawn.position_mm)
     best = np.abs(limit.posterior_median_mm(prior, drawn.deflection_mm) - drawn.position_mm)
@@ -274,14 +261,12 @@ def test_the_error_is_at_the_limit_and_intervals_hold_the_truth(
         assert not known or inside < 0.97
 
 
-@pytest.mark.parametrize(
-    ("name", "sensors", "known"), [("bench", 4, False), ("bench", 3, True), ("foundation", 4, False)]
-)
+@pytest.mark.parametrize(("name", "sensors", "known"), [("bench", 3, True), ("foundation", 4, False)])
 def test_any_channels_that_determine_a_position_do_so_as_well_as_they_can(name: str, sensors: int, known: bool) -> None:
     prior = prior_of(name, sensors, 1.0, known=known)
     fewest = fewest_channels(prior, 0)
     assert fewest < sensors
-    drawn = limit.draw(prior, 1500, 12)
+    drawn = limit.draw(prior, 800, 12)
     graph = graph_of(prior)
     for size in range(fewest, sensors):
         for kept in combinations(range(sensors), size):
@@ -295,7 +280,7 @@ def test_any_channels_that_determine_a_position_do_so_as_well_as_they_can(name: 
             held = (answers["position_low_mm"] <= drawn.position_mm) & (
                 drawn.position_mm <= answers["position_high_mm"]
             )
-            assert abs(held.mean() - 0.95) < 0.035, kept
+            assert abs(held.mean() - 0.95) < 0.04, kept
 
 
 def test_a_single_sensor_that_sees_both_halves_alike_determines_nothing() -> None:
@@ -312,16 +297,13 @@ def test_a_single_sensor_that_sees_both_halves_alike_determines_nothing() -> Non
     assert fewest_channels(prior_of("cantilever", 3, 1.0, known=True), 0) == 1
 
 
-def test_the_same_prior_gives_the_same_bytes_for_the_oldest_runtime() -> None:
+def test_the_same_prior_gives_the_same_bytes() -> None:
     prior = prior_of("bench", 4, 1.0, known=False)
-    first, second = graph_of(prior), graph_of(prior)
-    assert to_bytes(first) == to_bytes(second)
-    assert (first.opset_import[0].version, first.ir_version) == (OPSET, IR_VERSION) == (17, 8)
+    assert to_bytes(graph_of(prior)) == to_bytes(graph_of(prior))
 
 
-@pytest.mark.parametrize(("name", "sensors"), [("two-spans", 5), ("foundation", 4)])
-def test_an_estimator_resolves_the_posterior_of_samples_of_the_most_readings(name: str, sensors: int) -> None:
-    prior = with_floor(prior_of(name, sensors, 0.25, known=False))
+def test_an_estimator_resolves_the_posterior_of_samples_of_the_most_readings() -> None:
+    prior = with_floor(prior_of("two-spans", 5, 0.25, known=False))
     settled = dataclasses.replace(prior, noise_mm=prior.noise_mm / 20**0.5)
     made = estimator_of("posterior", prior, min_noise_mm=settled.noise_mm, with_force=True, seed=0, progress=silent)
     drawn = limit.draw(settled, 1000, 9)
