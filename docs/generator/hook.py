@@ -15,10 +15,8 @@ SHOWN = {
     "docs/changelog.md": "CHANGELOG.md",
     "docs/contributing.md": "CONTRIBUTING.md",
     "docs/how-to/several-services.md": "deploy/README.md",
-    "docs/reference/daemon.md": "daemon/README.md",
     "docs/reference/device.md": "firmware_protocol/README.md",
     "docs/reference/protocol.md": "firmware_protocol/PROTOCOL.md",
-    "docs/reference/service.md": "service/README.md",
 }
 """Pages that show a file from outside `docs/`, by their path."""
 PAGES = {file: page for page, file in SHOWN.items()}

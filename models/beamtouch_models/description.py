@@ -19,7 +19,7 @@ def summary(metadata: Metadata, identity: str, outputs: Sequence[str]) -> str:
     layout = ", ".join(f"{channel.name} {channel.position_mm:g}" for channel in metadata.layout)
     low, high = metadata.ranges.position_mm
     weak, strong = metadata.ranges.force_n
-    force = f"{weak:g} N, known" if weak == strong else f"{weak:g}..{strong:g} N, unknown"
+    force = f"{weak:g} N, known" if weak == strong else f"{weak:g}..{strong:g} N, not known in advance"
     gap = f"gap {sensor.range_mm[0]:g}..{sensor.range_mm[1]:g} mm, {digits(sensor.standoff_mm, 4)} mm at rest"
     most = "" if chosen.max_readings == chosen.window else f" to {chosen.max_readings}"
     smoothing = f"{chosen.kind} of {chosen.window}{most} readings"

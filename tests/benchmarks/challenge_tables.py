@@ -85,7 +85,7 @@ TABLES: tuple[tuple[str, Callable[[Row], bool], Cell], ...] = (
     ("After a lift", _is_lifted, lambda row: _shares(row, "clear", "noted", "ghosts")),
     ("Faults and other worlds", _is_fault, lambda row: _shares(row, "noticed", "power")),
     ("The channel that is wrong", lambda row: row["naming"] is not None, _naming),
-    ("Length of the intervals", _is_honest, _interval),
+    ("Width of the intervals", _is_honest, _interval),
 )
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Paths in documents: CONTRIBUTING.md lists every folder and no others, and links lead to files."""
+"""Paths in documents: docs/reference/house.md lists every folder and no others, and links lead to files."""
 
 import re
 
@@ -14,12 +14,12 @@ PACKAGES = {
 MADE = {"build", "dist"}
 """Folders that builds make."""
 FOLDERS = [path for path in ROOT.glob("[!.]*/") if path.is_dir() and path.name not in MADE]
-CONTRIBUTING = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+HOUSE = (ROOT / "docs" / "reference" / "house.md").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("name", PACKAGES)
 def test_every_folder_of_a_package_has_a_line_and_every_line_a_folder(name: str) -> None:
-    section = CONTRIBUTING.split(f"### `{name}/`")[1].split("\n### ")[0]
+    section = HOUSE.split(f"## `{name}/`")[1].split("\n## ")[0]
     package = ROOT / PACKAGES[name]
     folders = {str(path.parent.relative_to(package)) for path in package.rglob("*.py")}
     listed = {folder.rstrip("/") for folder in re.findall(r"^\| `([^`]+)` \|", section, re.MULTILINE)}
@@ -28,7 +28,7 @@ def test_every_folder_of_a_package_has_a_line_and_every_line_a_folder(name: str)
 
 
 def test_every_folder_at_the_top_has_a_heading() -> None:
-    headings = "".join(re.findall(r"^### .*", CONTRIBUTING, re.MULTILINE))
+    headings = "".join(re.findall(r"^## .*", HOUSE, re.MULTILINE))
     assert len(FOLDERS) > 5
     assert [folder.name for folder in FOLDERS if f"`{folder.name}/`" not in headings] == []
 

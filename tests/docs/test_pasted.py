@@ -38,10 +38,12 @@ PROGRAMS = "curl|sudo|systemctl|journalctl|beamtouch-|design-"
 RUN_ELSEWHERE = {"docs/how-to/calibrate-without-loads.md": "tests/system/test_self_calibration.py"}
 CONSOLE = {
     "README.md": 3,  # installation, and the commands of make
+    "docs/how-to/adc-module.md": 3,  # a device
     "docs/how-to/calibrate.md": 1,  # a person puts weights on the beam
-    "docs/how-to/debian.md": 8,  # packages, systemd and root
-    "docs/how-to/design.md": 3,  # minutes on all cores, and a cluster
+    "docs/how-to/debian.md": 9,  # packages, systemd and root
+    "docs/how-to/design.md": 1,  # minutes on all cores
     "docs/how-to/mqtt.md": 2,  # a broker
+    "docs/how-to/sweeps.md": 2,  # hours, and a cluster
     "docs/how-to/troubleshooting.md": 1,  # systemd
     "docs/how-to/two-hosts.md": 5,  # systemd and root
     "docs/how-to/upgrade.md": 1,  # systemd and root

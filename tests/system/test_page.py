@@ -37,7 +37,7 @@ force_n = 15
 STEADY_S = 2.0
 """How long a load must have been there before what the page says is compared: it may draw late on a busy machine."""
 COMPARE_S = 200.0
-UNSTEADY = "The readings move, or do not show the state by themselves"
+UNSTEADY = "The beam moves, or one sample does not settle the state"
 # The height of the digits once there is a contact: a page without a figure has words in their place.
 _DIGITS_PX = """() => document.body.dataset.state === "contact"
   && parseFloat(getComputedStyle(document.getElementById("position")).fontSize)"""

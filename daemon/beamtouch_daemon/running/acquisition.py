@@ -124,7 +124,7 @@ class Acquisition:
         self.readings += len(readings)
         lost = sum(reading.lost for reading in readings)
         self.lost += lost
-        self._repeated.count(lost, "readings lost")
+        self._repeated.count(lost, "readings lost since the last such line, by the device, the line or a busy machine")
         self.last_s = readings[-1].monotonic_s
         self.turned_s = time.monotonic()
         if self.meter.add(readings):

@@ -131,7 +131,7 @@ def _dynamics(pricing: Pricing) -> Effect:
     told = f"rings at {digits(frequency, 3)} Hz, damped by {digits(100 * damping_ratio, 2)} %{assumed}"
     if price < NEGLIGIBLE:
         return Effect("dynamics", price, "out", f"{told}; decayed once the filter has settled")
-    return Effect("dynamics", price, "not modelled", f"{told}; intervals are as long as the readings scatter meanwhile")
+    return Effect("dynamics", price, "not modelled", f"{told}; intervals are wide while the readings scatter")
 
 
 def _gain_error(pricing: Pricing) -> Effect:

@@ -127,7 +127,7 @@ def _of_states(summaries: Summaries, now_s: float) -> Iterator[Metric]:
     words = "1 while the state has been unexplained for longer than unexplained_after_s."
     overdue = GaugeMetricFamily("beamtouch_unexplained", words, labels=["surface"])
     stretches = CounterMetricFamily("beamtouch_unexplained_stretches", "Unexplained stretches.", labels=["surface"])
-    seconds = CounterMetricFamily("beamtouch_unexplained_seconds", "Time of these stretches.", labels=["surface"])
+    seconds = CounterMetricFamily("beamtouch_unexplained_seconds", "Total unexplained time.", labels=["surface"])
     for surface, summary in summaries:
         label = [surface.name]
         for state in State:

@@ -12,7 +12,7 @@ const LASTING = {
 };
 const PASSING = {
   overload: "The force is beyond the range of the scene",
-  unsteady: "The readings move, or do not show the state by themselves",
+  unsteady: "The beam moves, or one sample does not settle the state",
 };
 const CHECK = "check-";
 
