@@ -1,5 +1,7 @@
 """Surfaces as the configuration states them, with a line for a characteristic."""
 
+from collections.abc import Mapping
+
 from beamtouch_daemon.config.settings import Surface
 
 STEP_MM = 0.0001
@@ -9,9 +11,11 @@ CHANNEL = {"gain_mm_per_count": -STEP_MM, "offset_mm": 4.5, "rest_gap_mm": 2.5, 
 """A count of 20000 is the gap at rest."""
 
 
-def surface_of(channels: int = 2, channel: dict[str, object] | None = None, **changes: object) -> Surface:
+def surface_of(channels: int = 2, channel: Mapping[str, object] | None = None, /, **changes: object) -> Surface:
     """Return a surface; `changes` are further keys of it, and `channel` has those of each channel."""
-    numbered = [{"name": f"s{index + 1}", "register": index} | CHANNEL | (channel or {}) for index in range(channels)]
+    numbered = [
+        {"name": f"s{index + 1}", "register": index} | CHANNEL | dict(channel or {}) for index in range(channels)
+    ]
     source = {"kind": "modbus-tcp", "host": "127.0.0.1"}
     return Surface.model_validate({"rate_hz": RATE_HZ, "source": source, "channels": numbered} | changes)
 

@@ -78,13 +78,14 @@ async def test_configurations_for_tcp_for_a_bus_and_for_a_board_pass_check(tmp_p
     with terminal() as bus, terminal() as line:
         SerialDevice(line)
         async with rtu_units(bus, {7: StampingUnit()}), pymodbus_server([20_000, 21_000]) as port:
-            for source, *options in (
-                (f"tcp://127.0.0.1:{port}", "--timeout-ms", "30000"),
-                (f"rtu:{bus.path}", "--baud", "19200", "--unit", "7", "--function", "3", "--timeout-ms", "30000"),
-                (f"serial:{line.path}", "--baud", "115200"),
-            ):
+            sources: list[list[str]] = [
+                [f"tcp://127.0.0.1:{port}", "--timeout-ms", "30000"],
+                [f"rtu:{bus.path}", "--baud", "19200", "--unit", "7", "--function", "3", "--timeout-ms", "30000"],
+                [f"serial:{line.path}", "--baud", "115200"],
+            ]
+            for source, *options in sources:
                 config = tmp_path / "daemon.toml"
-                words = ("--model-config", model, "--source", source, *options, "--force")
+                words: list[str | Path] = ["--model-config", model, "--source", source, *options, "--force"]
                 assert (await command("init", config, *words)).code == 0
                 reads.append(json.loads((await command("check", config, "--json")).out)["surfaces"]["bench"]["error"])
     assert reads == [None] * 3

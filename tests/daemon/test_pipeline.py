@@ -144,7 +144,7 @@ def test_any_split_of_the_readings_gives_the_same_samples_to_the_bit(
     tracking = TRACKING | {"rate_mm_per_min": 60.0}
     # A slow surface waits for ten readings before it follows its zeros.
     keys = {"filter": kind, "noise_mm": NOISE_MM, "slowest_period_ms": period_ms, "rate_hz": 10.0}
-    surface = surface_of(**keys, zero_tracking=tracking, channel={"stuck_after_ms": 500.0})
+    surface = surface_of(2, {"stuck_after_ms": 500.0}, **keys, zero_tracking=tracking)
     readings = readings_of(*rows, *[(REST + 30, REST)] * 15)
     ends = zip([0, *cuts], [*cuts, len(readings)], strict=True)
     pieces = [readings[begin:end] for begin, end in ends if begin < end]

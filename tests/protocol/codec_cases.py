@@ -4,7 +4,7 @@ import json
 import random
 from typing import Any
 
-from beamtouch_protocol import messages
+from beamtouch_protocol import messages as kinds
 from beamtouch_protocol.messages import Hello, Identify, Message, Ping, Pong, Reading, Start, Stop
 from toolchain import FIRMWARE_PROTOCOL
 
@@ -14,7 +14,7 @@ GOLDEN: dict[str, Any] = json.loads((FIRMWARE_PROTOCOL / "golden_vectors.json").
 def golden_message(vector: dict[str, Any]) -> Message:
     """Return the message of a golden vector."""
     fields = {name: tuple(value) if isinstance(value, list) else value for name, value in vector["fields"].items()}
-    message: Message = getattr(messages, vector["message"])(**fields)
+    message: Message = getattr(kinds, vector["message"])(**fields)
     return message
 
 
@@ -25,17 +25,16 @@ def random_message(chance: random.Random) -> Message:
         return chance.choice([0, 1, 255, 256, chance.getrandbits(bits)]) % (1 << bits)
 
     counts = tuple(number(16) for _ in range(chance.randint(1, 32)))
-    return chance.choice(
-        [
-            Reading(number(16), number(32), number(8), counts),
-            Hello(number(8), number(32), number(32), number(8), number(8), number(16)),
-            Pong(number(16), number(32)),
-            Ping(number(16)),
-            Identify(number(8)),
-            Start(number(16), number(8)),
-            Stop(),
-        ]
-    )
+    messages: list[Message] = [
+        Reading(number(16), number(32), number(8), counts),
+        Hello(number(8), number(32), number(32), number(8), number(8), number(16)),
+        Pong(number(16), number(32)),
+        Ping(number(16)),
+        Identify(number(8)),
+        Start(number(16), number(8)),
+        Stop(),
+    ]
+    return chance.choice(messages)
 
 
 def damage(chance: random.Random, stream: bytearray, times: int) -> None:

@@ -159,7 +159,7 @@ def test_a_damaged_stream_loses_messages_but_never_changes_or_invents_one(rounds
         stream, times = bytearray(b"".join(map(encode, sent))), chance.randint(1, 4)
         damage(chance, stream, times)
         decoder = Decoder()
-        received = decoder.feed(stream)
+        received = decoder.feed(bytes(stream))
         assert received == [message for message in sent if message in received]
         assert len(received) == decoder.counts.frames >= len(sent) - 3 * times  # damage touches three frames at most
         received_in_all += len(received)
