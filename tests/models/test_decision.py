@@ -115,7 +115,7 @@ COURSES = {
     ),
     "a single odd sample changes no state": "wedge: clear*; rest: clear; wedge: clear*",
     "a stretch ends when the odd channel drops out": (
-        "wedge: clear* x2; wedge: unexplained; rest without s3: unexplained x2; rest without s3: clear;"
+        "wedge: clear* x2; wedge: unexplained x3; rest without s3: unexplained x2; rest without s3: clear;"
         "load without s3: contact; wedge: contact* x2; wedge: unexplained;"
         "load ~ 0.02 load without s3: unexplained* x2; load ~ 0.02 load without s3: contact*"
     ),

@@ -136,12 +136,10 @@ def test_a_touch_of_a_calm_beam_is_as_sure_as_a_reading_until_a_quarter_of_the_p
 @pytest.mark.parametrize("period", [6.3, 9.1, 20.0])
 def test_turning_points_of_a_swing_of_few_readings_are_no_touch(period: float, dead: int | None) -> None:
     time = np.arange(400)
-    for seed, swing, beyond in ((0, 4.0, np.inf), (1, 8.0, np.inf), (2, 16.0, np.inf), (3, 16.0, 8.0), (4, 50.0, 30.0)):
+    for seed, swing in enumerate((4.0, 8.0, 16.0, 50.0)):
         phase = np.random.default_rng(seed).uniform(0, 2 * np.pi)
         swings = swing * np.sin(2 * np.pi * time / period + phase)[:, np.newaxis] * ALONG / ALONG.max()
-        values = swings + noise(400, seed)
-        values[values < -beyond] = np.nan  # what swings beyond its range comes and goes
-        found = grown(without(dead, values), 100, period, spike=None, fewest=5)
+        found = grown(without(dead, swings + noise(400, seed)), 100, period, spike=None, fewest=5)
         # Only since a touch is a mean of fewer.
         assert (found.readings[50:] >= 5).all()
 

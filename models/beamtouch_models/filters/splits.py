@@ -84,7 +84,7 @@ def is_calm(sums: Sums, sizes: NDArray[np.intp], still: int, limits: FloatArray)
     values, number = sums.each(sizes[:, np.newaxis] + np.arange(still, -1, -1))
     away = values - values.mean(axis=1, keepdims=True)
     there, some = number.all(axis=1), number.any(axis=1)
-    calm: NDArray[np.bool_] = (there == some).all(axis=1) & there.any(axis=1)
+    calm: NDArray[np.bool_] = np.all(there == some, axis=1) & np.any(there, axis=1)
     calm &= (away * away).sum(axis=(1, 2)) < limits[there.sum(axis=1)]
     return calm
 
