@@ -8,9 +8,7 @@ import pytest
 from scipy.optimize import brentq
 
 from beamtouch_models.accuracy import limit
-from beamtouch_models.accuracy.contacts import simulated_enough
 from beamtouch_models.accuracy.prior import Prior
-from beamtouch_models.accuracy.statistics import mean_of
 from beamtouch_models.arrays import Floats
 from beamtouch_models.building.build import build_model
 from beamtouch_models.errors import SceneError
@@ -21,12 +19,10 @@ from beamtouch_models.pricing.effect import Effect
 from beamtouch_models.pricing.noise import ReadingErrors
 from beamtouch_models.pricing.prices import effects_of
 from beamtouch_models.progress import silent
-from beamtouch_models.scene import Requirements, Scene, load_scene
+from beamtouch_models.scene import Scene, load_scene
 from beamtouch_models.surface import Surface
-from beamtouch_models.trade.measure import Model, Task, measure
 from example_scenes import SCENES, paper_scene
 from plain_error import mean_error
-from stated_problems import fewest_mm, real_prior
 
 NEW_SCENES = {
     "cantilever": set[str](),
@@ -75,7 +71,7 @@ def price(scene: Scene, name: str) -> float:
     return found
 
 
-@pytest.mark.parametrize("name", ["shear", "contact width", "steps", "foundation"])
+@pytest.mark.parametrize("name", ["shear", "steps"])
 def test_a_barely_negligible_effect_changes_the_accuracy_by_less_than_a_percent(name: str) -> None:
     # At this noise the price is 0.095, so the effect is out; at half of the noise it is in.
     rough = scene_with(STATED[name], noise_percent_of_max=None, noise_mm=0.01)
@@ -86,7 +82,7 @@ def test_a_barely_negligible_effect_changes_the_accuracy_by_less_than_a_percent(
     smaller, layout = physics(scene), np.array([68.0, 156.0, 244.0, 332.0])
     assert smaller != scene
     # The same contacts with the same noise, estimated with the effect and without it.
-    drawn = limit.draw(Prior.of(influence_of(scene), layout, noise), 4000, 1)
+    drawn = limit.draw(Prior.of(influence_of(scene), layout, noise), 1000, 1)
     best, without = (
         mean_error(prior, drawn, limit.posterior_median_mm(prior, drawn.deflection_mm)).percent
         for prior in (Prior.of(influence_of(model), layout, noise) for model in (scene, smaller))
@@ -145,24 +141,6 @@ def test_noise_that_comes_from_the_adc_alone_prices_effects_like_any_noise() -> 
     assert found.noise.sample_mm == pytest.approx(COUNT_NOISE_MM)
 
 
-@pytest.mark.parametrize("name", ["conveyor", "bench", "stepped"])
-def test_the_noise_of_a_model_is_the_noise_that_its_effects_are_priced_in(name: str) -> None:
-    scene, _ = load_scene(SCENES / f"{name}.toml")
-    chosen = Surface.of(scene).filter
-    found = Surface.of(scene, chosen)
-    assert found.noise == Surface.of(scene, chosen).noise
-    assert Surface.of(found.scene).readings.zero_mm == Surface.of(scene).readings.zero_mm
-    if name == "conveyor":  # its ADC is left out
-        assert (scene.sensors.adc_bits, found.scene.sensors.adc_bits) == (12, None)
-
-
-def test_noise_in_percent_of_the_deflection_keeps_its_value_in_mm() -> None:
-    scene = scene_with(STATED["foundation"], noise_percent_of_max=20.0)
-    smaller = physics(scene)
-    assert smaller.beam.foundation_n_mm2 is None
-    assert Surface.of(smaller).readings.sensor_mm == Surface.of(scene).readings.sensor_mm
-
-
 def test_the_price_of_shear_is_its_textbook_deflection_over_the_noise() -> None:
     # F l / (4 k G A) in the middle of a simple span, k = 5/6; Timoshenko & Gere, Mechanics of Materials, sec. 12.12.
     scene = paper_scene(noise_percent_of_max=None, noise_mm=1e-4)
@@ -170,15 +148,6 @@ def test_the_price_of_shear_is_its_textbook_deflection_over_the_noise() -> None:
     assert price(scene, "shear") == pytest.approx(estimated / 1e-4, rel=1e-6)
     assert priced(scene)["shear"].verdict == "not modelled"
     assert "shear_modulus_gpa" in priced(scene)["shear"].reason
-
-
-def test_negligible_steps_stay_where_shear_is_stated_because_it_depends_on_them() -> None:
-    barely = {"beam": {"segments": [{"to_mm": 200, "thickness_mm": 2.99999}, {"to_mm": 400}]}}
-    alone, with_shear = scene_with(barely), scene_with(barely, STATED["shear"])
-    assert price(alone, "steps") < 1e-3
-    assert (priced(alone)["steps"].verdict, priced(with_shear)["steps"].verdict) == ("out", "in")
-    assert len(physics(alone).beam.sections) == 1
-    assert len(physics(with_shear).beam.sections) == 2
 
 
 def test_without_a_section_shear_and_dynamics_are_not_stated() -> None:
@@ -222,12 +191,6 @@ def test_first_frequencies_agree_with_published_values(supports: object, frequen
     assert first_frequency_hz(scene.beam) == pytest.approx(frequency, rel=2e-4)
 
 
-def test_a_beam_too_light_for_a_frequency_is_refused() -> None:
-    with pytest.raises(SceneError, match="natural frequency cannot be computed; check length, rigidity and density"):
-        # Nothing that a scene may state is so light.
-        first_frequency_hz(scene_with().beam.model_copy(update={"density_kg_m3": 1e-300}))
-
-
 def test_the_slowest_period_is_that_of_the_beam_with_the_heaviest_load_on_it() -> None:
     # The lowest root of 1 = m w^2 sum phi_k^2 / (w_k^2 - w^2), of a mass m = 20 N / g in the middle of the bench beam,
     # which weighs 0.2355 kg and has modes w_k = k^2 2 pi 43.9754 / s with phi_k^2 = 2 sin^2(k pi / 2) / 0.2355 kg.
@@ -254,16 +217,6 @@ def test_a_mode_near_half_the_rate_of_the_readings_seems_to_fade_slowly() -> Non
     # amplitude has a period of 1 / (50 - 43.975) s, so that two readings in a row may agree while the beam rings.
     scene, _ = load_scene(SCENES / "paper.toml")
     assert slowest_period_ms(scene) == pytest.approx(1e3 / (50 - 43.9749), rel=1e-3)
-
-
-def test_without_a_mass_the_slowest_period_is_not_known() -> None:
-    assert slowest_period_ms(scene_with({"beam": {"density_kg_m3": None}})) is None
-
-
-def test_a_foundation_under_a_floating_beam_is_a_spring() -> None:
-    # Rigid compared to its foundation, it moves as one mass: sqrt(k/m) / 2 pi, k = 1 N/m^2, m = 0.58875 kg/m.
-    scene = scene_with({"beam": {"supports": [], "foundation_n_mm2": 1e-6, "density_kg_m3": 7850}})
-    assert first_frequency_hz(scene.beam) == pytest.approx(math.sqrt(1 / 0.58875) / (2 * math.pi), rel=1e-4)
 
 
 def test_the_sag_under_its_own_weight_is_the_published_one() -> None:
@@ -310,53 +263,17 @@ def test_a_build_prices_each_effect_once_and_carries_its_physics(pricings: list[
     assert Surface.of_model(built.metadata).scene == built.surface.scene
 
 
-def test_trade_prices_each_latency_in_its_own_noise(pricings: list[FilterChoice]) -> None:
-    # Shear is negligible behind no filter, and is not behind the mean of 16 readings, which has a quarter of the noise.
-    rough = scene_with(STATED["shear"], noise_percent_of_max=None, noise_mm=0.01)
-    noise = 0.01 * price(rough, "shear") / 0.05
-    scene = scene_with(STATED["shear"], {"sensors": {"rate_hz": 200.0}}, noise_percent_of_max=None, noise_mm=noise)
-    for latency_ms, modulus_gpa in ((5.0, None), (80.0, 80)):
-        with_latency = scene.model_copy(update={"requirements": Requirements(latency_ms=latency_ms)})
-        chosen = Surface.of(with_latency).filter
-        pricings.clear()
-        model = measure(Task(with_latency, "latency", 2, 128, 0))
-        assert isinstance(model, Model)
-        assert pricings == [chosen]
-        assert model.filter == chosen
-        smaller = Surface.of(with_latency)
-        assert smaller.scene.beam.shear_modulus_gpa == modulus_gpa
-        prior = real_prior(smaller.scene, np.array(model.positions_mm), smaller.noise.sample_mm)
-        contacts = simulated_enough(prior, 128, 2)
-        assert contacts.deviation_mm is not None
-        assert model.limit_mm == mean_of(contacts.deviation_mm, contacts.weight)
-
-
 @pytest.mark.parametrize("name", NEW_SCENES)
-def test_shipped_scenes_include_the_effects_they_are_named_after_and_can_be_designed(name: str) -> None:
+def test_shipped_scenes_include_the_effects_they_are_named_after(name: str) -> None:
     scene, _ = load_scene(SCENES / f"{name}.toml")
     assert {effect.name for effect in effects(scene) if effect.verdict == "in"} == NEW_SCENES[name]
-    low, high = scene.sensors.range_mm
-    assert low < Surface.of(scene).sensor.standoff_mm < high
-    smaller = physics(scene)
-    noise = Surface.of(smaller, Surface.of(scene).filter).noise
-    layout = fewest_mm(smaller, noise.sample_mm)
-    prior = Prior.of(influence_of(smaller), layout, noise.sample_mm)
-    drawn = limit.draw(prior, 400, 0)
-    told = limit.posterior_median_mm(prior, drawn.deflection_mm)
-    assert mean_error(prior, drawn, told).percent < 6
 
 
-@pytest.mark.parametrize("noise", [1e-300, 1e300])
-def test_extreme_noise_gives_prices_or_a_refusal(noise: float) -> None:
-    scene = scene_with({"beam": {"density_kg_m3": 7850}}, noise_percent_of_max=None, noise_mm=noise)
+def test_extreme_noise_gives_prices_or_a_refusal() -> None:
+    scene = scene_with({"beam": {"density_kg_m3": 7850}}, noise_percent_of_max=None, noise_mm=1e300)
     assert all(effect.price is None or math.isfinite(effect.price) for effect in effects(scene))
     with pytest.raises(SceneError, match="too small next to the deflection"):
         effects(scene_with({"contact": {"force_n": 19.0}}, noise_percent_of_max=None, noise_mm=5e-324))
-
-
-def test_a_mass_beyond_float64_is_refused() -> None:
-    with pytest.raises(SceneError, match="its mass cannot be computed"):
-        first_frequency_hz(scene_with().beam.model_copy(update={"density_kg_m3": 1e-320}))
 
 
 def test_the_errors_that_calibration_leaves_are_priced_and_belong_to_the_floor() -> None:

@@ -22,19 +22,11 @@ SURFACES, CONTACTS = 80, 50
 TOLERANCE_MM = 1.0
 
 
-@pytest.mark.parametrize(
-    ("name", "aim"),
-    [
-        ("bench", Aim("position-error")),
-        ("cantilever", Aim("eigenvalue-product")),
-        ("stepped", Aim("eigenvalue-product")),
-        ("wide-contact", Aim("eigenvalue-product")),
-    ],
-)
-def test_intervals_hold_the_truth_on_displaced_sensors(name: str, aim: Aim) -> None:
+@pytest.mark.parametrize("name", ["bench", "cantilever", "stepped"])
+def test_intervals_hold_the_truth_on_displaced_sensors(name: str) -> None:
     stated, _ = load_scene(SCENES / f"{name}.toml")
     scene = change_scene(stated, sensors={"mounting_tolerance_mm": TOLERANCE_MM})
-    sensors = place_sensors(Surface.of(scene), aim=aim)
+    sensors = place_sensors(Surface.of(scene), aim=Aim("eigenvalue-product"))
     prior, errors, influence = sensors.prior, sensors.surface.errors, sensors.surface.influence
     assert errors.mounting_mm == TOLERANCE_MM
     rng = np.random.default_rng(5)
@@ -56,11 +48,11 @@ def test_intervals_hold_the_truth_on_displaced_sensors(name: str, aim: Aim) -> N
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(("gain", "tolerance_mm"), [(0.0, 8.0), (0.05, 0.0), (0.03, 5.0)])
+@pytest.mark.parametrize(("gain", "tolerance_mm"), [(0.0, 8.0), (0.05, 5.0)])
 def test_the_limit_with_gains_and_mounting_is_that_of_a_plain_bayes_integral(gain: float, tolerance_mm: float) -> None:
     """Gains and places of the sensors are integrated out by Gauss-Hermite quadrature, with the true beam."""
     # On one half of the beam, where a known force has one place.
-    sensor_mm, noise_mm, force_n, draws = np.array([80.0, 160.0]), 0.0113, 10.0, 1_500
+    sensor_mm, noise_mm, force_n, draws = np.array([80.0, 160.0]), 0.0113, 10.0, 800
     rng, grid = np.random.default_rng(2), np.linspace(20, 190, 341)
     node, weight = np.polynomial.hermite_e.hermegauss(11)
     weight = np.outer(weight, weight).ravel() / weight.sum() ** 2
@@ -81,7 +73,7 @@ def test_the_limit_with_gains_and_mounting_is_that_of_a_plain_bayes_integral(gai
     error = (posterior * np.abs(grid - median[:, None])).sum(axis=1) / 4
     influence = influence_of(change_scene(paper_scene(), contact={"position_mm": (20, 190)}))
     found, ideal = (
-        accuracy_limit(Prior.real(influence, sensor_mm, some), 8_000, 3).percent
+        accuracy_limit(Prior.real(influence, sensor_mm, some), 4_000, 3).percent
         for some in (SampleErrors(noise_mm, gain, 0.0, tolerance_mm), SampleErrors(noise_mm))
     )
     standard_error = error.std() / np.sqrt(draws)
@@ -100,7 +92,7 @@ def test_a_gain_error_and_a_tolerance_change_the_layout() -> None:
 
     def limit_of(positions_mm: tuple[float, ...]) -> float:
         prior = Prior.real(problem[0], np.array(positions_mm), SampleErrors(0.001, 0.05, 0.0, 5.0))
-        return accuracy_limit(prior, 4_000, 9).percent
+        return accuracy_limit(prior, 2_000, 9).percent
 
     assert limit_of(real) < limit_of(exact)
 

@@ -18,24 +18,21 @@ def with_latency(scene: Scene, latency_ms: float | None) -> Scene:
     return scene.model_copy(update={"requirements": Requirements(latency_ms=latency_ms)})
 
 
-def test_percent_of_the_largest_deflection() -> None:
+def test_the_noise_of_a_reading_is_that_of_the_sensor_and_of_the_steps() -> None:
     # 2 % of 10 x 400^3 / (48 x 1.18125e7) mm.
     assert Surface.of(paper_scene()).readings.reading_mm == pytest.approx(0.0225749559, rel=1e-9)
-
-
-def test_the_steps_of_the_adc_add_their_share() -> None:
     # 6 bits over 3 mm with 80 % of the scale: 3 / (0.8 x 63) mm, over sqrt(12): 0.017183; with 0.022575: 0.02837.
     assert Surface.of(paper_scene(adc_bits=6)).readings.reading_mm == pytest.approx(0.02837, rel=1e-4)
 
 
-def test_without_latency_a_sample_is_a_reading() -> None:
-    chosen = Surface.of(with_latency(paper_scene(), None)).filter
-    assert chosen.kind == "none"
-    noise = Surface.of(paper_scene(), chosen).noise
-    assert noise.sample_mm == noise.reading_mm
-
-
 def test_the_filter_takes_the_latency_and_no_more() -> None:
+    unfiltered = Surface.of(with_latency(paper_scene(), None))
+    assert (unfiltered.filter.kind, unfiltered.noise.sample_mm) == ("none", unfiltered.noise.reading_mm)
+    with pytest.raises(SceneError, match="shorter than one reading"):
+        Surface.of(with_latency(paper_scene(rate_hz=100), 9.0))
+    # Without noise nothing tells a change, so that the mean is of the last readings.
+    silent = with_latency(paper_scene(rate_hz=200, noise_percent_of_max=None, noise_mm=0.0), 20.0)
+    assert Surface.of(silent).filter.kind == "moving-average"
     scene = with_latency(paper_scene(rate_hz=200), 20.0)
     chosen = Surface.of(scene).filter
     assert (chosen.kind, chosen.window, chosen.settling_ms) == ("growing-mean", 4, 20.0)
@@ -52,16 +49,6 @@ def test_the_mean_grows_for_as_long_as_the_scene_says(max_mean_ms: float, longes
     scene = with_latency(paper_scene(rate_hz=200), 20.0)
     requirements = scene.requirements.model_copy(update={"max_mean_ms": max_mean_ms})
     assert Surface.of(scene.model_copy(update={"requirements": requirements})).filter.longest == longest
-
-
-def test_without_noise_nothing_tells_a_change_so_the_mean_is_of_the_last_readings() -> None:
-    scene = with_latency(paper_scene(rate_hz=200, noise_percent_of_max=None, noise_mm=0.0), 20.0)
-    assert Surface.of(scene).filter.kind == "moving-average"
-
-
-def test_a_latency_shorter_than_one_reading_is_refused() -> None:
-    with pytest.raises(SceneError, match="shorter than one reading"):
-        Surface.of(with_latency(paper_scene(rate_hz=100), 9.0))
 
 
 STEP_MM = step_mm((1.0, 4.0), 8)
@@ -81,30 +68,26 @@ def filter_of(window: int) -> FilterChoice:
     return FilterChoice(kind="moving-average", window=window)
 
 
-@pytest.mark.parametrize("noise", [0.0, 0.1, 0.2, 0.3, 0.4])
+@pytest.mark.parametrize("noise", [0.0, 0.2, 0.4])
 def test_the_rounding_that_stays_is_that_of_simulated_means(noise: float) -> None:
     # Means of a thousand rounded readings, at rest and under a load, with gaps anywhere between two counts.
     rng = np.random.default_rng(6)
-    gaps = rng.uniform(size=(2, 2000))
-    means = np.array([np.rint(gap + noise * rng.standard_normal((1000, 2000))).mean(axis=0) - gap for gap in gaps])
+    gaps = rng.uniform(size=(2, 1000))
+    means = np.array([np.rint(gap + noise * rng.standard_normal((1000, 1000))).mean(axis=0) - gap for gap in gaps])
     averaged_out = 2 * (noise**2 + 1 / 12) / 1000
     variance = np.var(means[0] - means[1])
     assert Surface.of(coarse(noise)).readings.rounding_mm ** 2 == pytest.approx(
-        variance * STEP_MM**2, abs=1.1 * averaged_out * STEP_MM**2, rel=0.1
+        variance * STEP_MM**2, abs=1.1 * averaged_out * STEP_MM**2, rel=0.12
     )
 
 
-def test_without_noise_a_tared_deflection_has_the_rounding_of_two_readings() -> None:
-    assert Surface.of(coarse(0.0)).readings.rounding_mm == pytest.approx(STEP_MM / math.sqrt(6), rel=1e-3)
-    assert Surface.of(coarse(1e-9)).readings.rounding_mm == pytest.approx(STEP_MM / math.sqrt(6), rel=1e-3)
+def test_the_floor_of_a_tared_deflection_holds_the_drift_and_the_rounding_of_two_readings() -> None:
+    for noise in (0.0, 1e-9):
+        assert Surface.of(coarse(noise)).readings.rounding_mm == pytest.approx(STEP_MM / math.sqrt(6), rel=1e-3)
     assert Surface.of(paper_scene()).readings.rounding_mm == 0.0
-
-
-def test_the_floor_holds_drift_and_rounding() -> None:
-    zero_mm = Surface.of(coarse(0.0, zero_drift_mm=0.01)).readings.floor_mm
-    assert zero_mm == pytest.approx(math.hypot(0.01, STEP_MM / math.sqrt(6)), rel=1e-3)
-    zero_mm = Surface.of(coarse(0.6, zero_drift_mm=0.01)).readings.floor_mm
-    assert zero_mm == pytest.approx(0.01, rel=1e-6)
+    for noise, rounding_mm in ((0.0, STEP_MM / math.sqrt(6)), (0.6, 0.0)):
+        zero_mm = Surface.of(coarse(noise, zero_drift_mm=0.01)).readings.floor_mm
+        assert zero_mm == pytest.approx(math.hypot(0.01, rounding_mm), rel=1e-3)
 
 
 def test_rounding_that_stays_is_priced_and_never_left_out() -> None:

@@ -22,8 +22,9 @@ from posterior_cases import answers_of, check_sane, double_answers, graph_of, no
 
 
 @pytest.mark.parametrize("known", [True, False])
-@pytest.mark.parametrize("noise_percent", [100.0, 1.0, 0.01, 1e-4])
-@pytest.mark.parametrize(("name", "sensors"), [("bench", 2), ("two-spans", 5)])
+@pytest.mark.parametrize(
+    ("name", "sensors", "noise_percent"), [("bench", 2, 100.0), ("bench", 2, 1.0), ("two-spans", 5, 1e-4)]
+)
 def test_nonsense_gets_a_sane_answer(name: str, sensors: int, noise_percent: float, known: bool) -> None:
     prior = prior_of(name, sensors, noise_percent, known=known)
     graph, readings = graph_of(prior), nonsense(prior_of(name, sensors, noise_percent, known=known))
@@ -44,7 +45,7 @@ def test_without_any_channel_the_answer_is_the_whole_range() -> None:
 
 def test_with_noise_as_large_as_the_deflection_the_posterior_is_still_right() -> None:
     prior = prior_of("bench", 3, 100.0, known=False)
-    drawn = limit.draw(prior, 3000, 1)
+    drawn = limit.draw(prior, 1500, 1)
     answers = answers_of(graph_of(prior), prior, drawn.deflection_mm)
     best = limit.posterior_median_mm(prior, drawn.deflection_mm)
     width = answers["position_high_mm"] - answers["position_low_mm"]
@@ -54,28 +55,12 @@ def test_with_noise_as_large_as_the_deflection_the_posterior_is_still_right() ->
     assert held.mean() > 0.93
 
 
-@pytest.mark.parametrize("noise_percent", [1e-3, 1e-5])
-def test_with_hardly_any_noise_the_error_is_a_small_part_of_a_millimetre(noise_percent: float) -> None:
-    prior = prior_of("bench", 4, noise_percent, known=False)
-    drawn = limit.draw(prior, 2000, 2)
-    answers = answers_of(graph_of(prior), prior, drawn.deflection_mm)
-    middle = (drawn.position_mm > 80) & (drawn.position_mm < 320)
-    # Far under a tenth of the finest grid of sensors; the limit is lower still, but cells are no more than MOST.
-    assert np.abs(answers["position_mm"] - drawn.position_mm)[middle].mean() < 0.04
-    held = (answers["position_low_mm"] <= drawn.position_mm) & (drawn.position_mm <= answers["position_high_mm"])
-    assert held.mean() > 0.9
-
-
 @pytest.mark.parametrize(("name", "sensors", "known"), [("paper", 2, True), ("bench", 4, False)])
-@pytest.mark.parametrize("noise_percent", [1e-3, 1e-4])
-def test_the_limit_holds_down_to_the_noise_that_float32_carries(
-    name: str, sensors: int, known: bool, noise_percent: float
-) -> None:
-    prior = prior_of(name, sensors, noise_percent, known=known)
-    drawn = limit.draw(prior, 1500, 5)
+def test_the_limit_holds_down_to_the_noise_that_float32_carries(name: str, sensors: int, known: bool) -> None:
+    prior = prior_of(name, sensors, 1e-4, known=known)
+    drawn = limit.draw(prior, 1000, 5)
     answers = answers_of(graph_of(prior), prior, drawn.deflection_mm)
     best = np.abs(limit.posterior_median_mm(prior, drawn.deflection_mm) - drawn.position_mm).mean()
-    # Measured: 1.02 and 1.02 at 1e-3 %, 1.10 and 1.10 at 1e-4 %.
     assert np.abs(answers["position_mm"] - drawn.position_mm).mean() / best < 1.2
     held = (answers["position_low_mm"] <= drawn.position_mm) & (drawn.position_mm <= answers["position_high_mm"])
     assert 0.93 < held.mean() < 0.995
@@ -110,10 +95,9 @@ def test_forces_over_six_decades() -> None:
     assert np.abs(answers["position_mm"] - best)[seen].mean() < 0.02 * width[seen].mean()
 
 
-@pytest.mark.parametrize("known", [True, False])
-def test_counts_of_16_bits_at_the_rails_get_a_sane_answer(known: bool) -> None:
+def test_counts_of_16_bits_at_the_rails_get_a_sane_answer() -> None:
     scene, _ = load_scene(SCENES / "bench.toml")
-    prior = prior_of("bench", 4, 0.2, known=known)
+    prior = prior_of("bench", 4, 0.2, known=False)
     scene = scene.model_copy(update={"sensors": scene.sensors.model_copy(update={"adc_bits": 16})})
     sensor = Surface.of(scene).sensor
     rails = np.array(list(itertools.product((0, 1, 32768, 65534, 65535), repeat=4)))
@@ -129,15 +113,16 @@ def test_a_load_on_the_support_is_a_beam_at_rest() -> None:
     assert (answers["contact_log_odds"] < 1e-3).all()
 
 
-@pytest.mark.parametrize("known", [True, False])
-@pytest.mark.parametrize("noise_percent", [10.0, 1.0, 0.1, 0.01])
-@pytest.mark.parametrize(("name", "sensors"), [("bench", 5), ("cantilever", 2)])
+@pytest.mark.parametrize(
+    ("name", "sensors", "noise_percent", "known"),
+    [("bench", 5, 10.0, False), ("bench", 5, 0.01, False), ("bench", 5, 0.1, True), ("cantilever", 2, 0.01, True)],
+)
 def test_float32_is_within_a_thousandth_of_the_interval_of_float64(
     name: str, sensors: int, noise_percent: float, known: bool
 ) -> None:
     prior = prior_of(name, sensors, noise_percent, known=known)
     graph = graph_of(prior)
-    readings = limit.draw(prior, 1000, 7).deflection_mm
+    readings = limit.draw(prior, 500, 7).deflection_mm
     single = answers_of(graph, prior, readings)
     double = double_answers(graph, prior, readings)
     for quantity, unit in (("position", "mm"), *([] if known else [("force", "n")])):
