@@ -52,8 +52,8 @@ def hold_out(fit: ContactFit, contacts: UnlabelledContacts, zero_mm: Floats) -> 
     noise_mm = contacts.noise_mm(zero_mm, 0.0)
     without = replace(at.residuals, left_mm=at.residuals.left_mm + moved, noise_mm=noise_mm)
     before = locate(theory, fit.start, contacts, zero_mm).residuals
-    medians = (float(np.median(residuals.misfit(errors))) for residuals in (before, without))
-    return HeldOut(*medians, float(chi2.median(theory.degrees)))
+    given, fitted = (float(np.median(residuals.misfit(errors))) for residuals in (before, without))
+    return HeldOut(given, fitted, float(chi2.median(theory.degrees)))
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,8 @@ class LeftOpen:
 
 
 def _stated_mm(per_gain_mm: Floats, gain: Floats) -> Floats:
-    return np.linalg.norm(per_gain_mm * gain, axis=1)
+    stated_mm: Floats = np.linalg.norm(per_gain_mm * gain, axis=1)
+    return stated_mm
 
 
 def measure_left_open(fit: ContactFit, covariance: Floats, noise_mm: Floats) -> LeftOpen:

@@ -127,7 +127,7 @@ def evidence(metadata: Metadata, run: Run, samples: Weighed) -> list[Evidence]:
     variance = samples.of_valid(np.einsum("nii->ni", samples.covariance_mm2))
     usual_mm2 = samples.of_valid(np.maximum(noise, metadata.noise.sample_mm**2))
     moves = variance.sum(axis=1) > MOVING * usual_mm2.sum(axis=1)
-    settled = (noise <= SETTLED * metadata.noise.sample_mm**2).all(axis=1).tolist()
+    settled: list[bool] = np.all(noise <= SETTLED * metadata.noise.sample_mm**2, axis=1).tolist()
     # The graph runs once: for the samples as they are, and for those that move as if they were still.
     still, moving = np.arange(len(moves)), np.flatnonzero(moves)
     every = samples

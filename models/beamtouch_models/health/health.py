@@ -106,7 +106,7 @@ class Health:
         shape, left = self._equations(samples, gains)
         weight = self._weights(shape, left, np.array([sample.is_contact for sample in samples]), gains, covariance)
         boundaries = {at_us for at_us, _ in self._known}
-        for row in np.flatnonzero(weight):
+        for row in np.flatnonzero(weight).tolist():
             own = weight[row] * shape[row].T
             block = Block(samples[row].at_us, 1, own @ shape[row], own @ left[row], *self._rest(samples[row]))
             self._history.add(block, boundaries)

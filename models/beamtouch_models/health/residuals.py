@@ -95,10 +95,12 @@ class Residuals:
         whitening = self.whitening(errors)
         left = (whitening @ self.left_mm[..., None])[..., 0]
         if slopes is None or covariance is None:
-            return (left**2).sum(axis=1)
+            squares: Floats = (left**2).sum(axis=1)
+            return squares
         slopes = whitening @ slopes
         wide = np.eye(left.shape[1]) + slopes @ covariance @ slopes.transpose(0, 2, 1)
-        return np.einsum("lc,lc->l", left, np.linalg.solve(wide, left[..., None])[..., 0])
+        misfits: Floats = np.einsum("lc,lc->l", left, np.linalg.solve(wide, left[..., None])[..., 0])
+        return misfits
 
 
 def leave_out(left: Floats, slopes: Floats, covariance: Floats) -> Floats:
@@ -113,4 +115,5 @@ def leave_out(left: Floats, slopes: Floats, covariance: Floats) -> Floats:
     covariance : (departures, departures), of the departures by that fit
     """
     leverage = slopes @ covariance @ slopes.transpose(0, 2, 1)
-    return np.linalg.solve(np.eye(left.shape[1]) - leverage, left[..., None])[..., 0]
+    without: Floats = np.asarray(np.linalg.solve(np.eye(left.shape[1]) - leverage, left[..., None])[..., 0], np.float64)
+    return without

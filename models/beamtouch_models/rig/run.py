@@ -112,7 +112,7 @@ async def _open(
         try:
             front = await relay.listen(host, port, _port_of(tcp.transport))
         except OSError as error:
-            await tcp.shutdown()
+            await tcp.shutdown()  # type: ignore[no-untyped-call]  # pymodbus leaves it without annotations
             message = f"cannot listen on {host}:{port}: {remedy(error, '--modbus-tcp')}"
             raise SceneError(message) from None
         resources.callback(front.close)
