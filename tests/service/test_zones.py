@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any, Literal
 import pytest
 
 from beamtouch_common.zones import BEGIN, Span, Zone, ZoneState
-from beamtouch_models import modelfile
 from beamtouch_models.metadata import POSITION_OUTPUTS
 from beamtouch_service import cli
 from beamtouch_service.events.recorder import Recorder
@@ -17,12 +16,12 @@ from beamtouch_service.host.models import ModelKeeper
 from beamtouch_service.sections import EventsSection, SurfaceSection
 from beamtouch_service.surfaces.surface import Surface
 from beamtouch_service.zones.follow import Seen, ZoneFollower
+from service.conftest import Bench, Row, batch_of, surface_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
     from pathlib import Path
 
-    from service.conftest import Bench, BuildModel, MakeBatch
+    from service.conftest import BuildModel
 
 GATE = Zone(from_mm=120, to_mm=200)
 SLOW = Zone(from_mm=120, to_mm=200, dwell_ms=20)
@@ -31,7 +30,7 @@ LENGTH_MM, HOLD_US, STEP_US = 400.0, 100_000, 5000
 
 I, O, U = ZoneState.INSIDE, ZoneState.OUTSIDE, ZoneState.UNSURE  # noqa: E741  # as short as the rows need
 What = float | Literal["clear"] | None
-ODD: list[float | None] = [0.5, 0.25, 0.75]
+ODD: Row = [0.5, 0.25, 0.75]
 Step = tuple[What, int, int]
 
 
@@ -178,28 +177,25 @@ def test_a_zone_that_is_defined_anew_begins_anew() -> None:
     assert other.answers == {"gate": None}
 
 
-def row(position_mm: float, force_n: float = 10.0) -> list[float | None]:
+def row(position_mm: float, force_n: float = 10.0) -> Row:
     """Deflections of a contact under the small model."""
     second = (position_mm - 100) / 100
     return [force_n / 10 - second, second, 0.0]
 
 
-@pytest.fixture
-def surface(build_model: BuildModel) -> Surface:
-    return Surface("press-7", modelfile.load(build_model()), SurfaceSection(zones={"gate": GATE, "slow": SLOW}))
+def zoned() -> Surface:
+    return surface_of(section=SurfaceSection(zones={"gate": GATE, "slow": SLOW}))
 
 
 def zones_of(bench: Bench) -> dict[str, str | None]:
-    found: dict[str, str | None] = bench.get("/contact").json()["zones"]
+    found: dict[str, str | None] = bench.contact()["zones"]
     return found
 
 
-def test_a_contact_that_is_doubted_is_in_no_zone(
-    make_bench: Callable[..., Bench], surface: Surface, make_batch: MakeBatch
-) -> None:
-    bench = make_bench(surface)
+def test_a_contact_that_is_doubted_is_in_no_zone() -> None:
+    bench = Bench(zoned())
     missing = {"quality": ["good", "missing", "good"]}
-    rows: list[tuple[list[float | None], int, dict[str, Any], str | None]] = [
+    rows: list[tuple[Row, int, dict[str, Any], str | None]] = [
         (row(150), 4, {}, "inside"),
         (row(150, 60), 4, {}, None),  # overload
         ([0.5, None, 0.0], 4, missing, None),  # unchecked
@@ -210,48 +206,43 @@ def test_a_contact_that_is_doubted_is_in_no_zone(
     ]
     sequence = 1
     for deflection, count, quality, answer in rows:
-        bench.post(make_batch(*[deflection] * count, sequence=sequence, **quality))
+        bench.post(batch_of(*[deflection] * count, sequence=sequence, **quality))
         sequence += count
         assert zones_of(bench)["gate"] == answer, deflection
     assert bench.get("/metrics").text.count('beamtouch_zone_entries_total{surface="press-7",zone="gate"} 2.0') == 1
 
 
-def test_a_stale_contact_is_in_no_zone_and_counts_anew_when_samples_return(
-    make_bench: Callable[..., Bench], surface: Surface, make_batch: MakeBatch
-) -> None:
-    bench = make_bench(surface)
-    bench.post(make_batch(*[row(150)] * 5))
+def test_a_stale_contact_is_in_no_zone_and_counts_anew_when_samples_return() -> None:
+    bench = Bench(zoned())
+    bench.post(batch_of(*[row(150)] * 5))
     assert zones_of(bench) == {"gate": "inside", "slow": "inside"}
     assert 'beamtouch_zone{answer="inside",surface="press-7",zone="gate"} 1.0' in bench.get("/metrics").text
     bench.now_s += 1.0
     assert bench.get("/contact").status_code == 503
     assert 'beamtouch_zone{answer="inside"' not in bench.get("/metrics").text
-    later = make_batch(row(150), sequence=6)
+    later = batch_of(row(150), sequence=6)
     later["samples"][0]["acquired_unix_us"] += 1_000_000
     bench.post(later)
     assert zones_of(bench)["slow"] == "unsure"
 
 
 @pytest.mark.parametrize("shared", [False, True])
-def test_events_say_which_zones_and_for_how_long(
-    make_bench: Callable[..., Bench], surface: Surface, make_batch: MakeBatch, tmp_path: Path, *, shared: bool
-) -> None:
+def test_events_say_which_zones_and_for_how_long(tmp_path: Path, *, shared: bool) -> None:
     """Also if another service takes over in the middle of the dwell."""
-    rest: list[float | None] = [0.0, 0.0, 0.0]
+    rest: Row = [0.0, 0.0, 0.0]
     rows = [rest, *[row(150)] * 7, *[row(250)] * 3, rest]
 
     def served() -> tuple[Bench, Recorder]:
         recorder = Recorder(EventsSection(file=tmp_path / "events.db"))
-        other = Surface("press-7", surface.model, SurfaceSection(zones=surface.zones.defined))
-        return make_bench(other, recorder=recorder), recorder
+        return Bench(zoned(), recorder=recorder), recorder
 
     bench, recorder = served()
-    bench.post(make_batch(*rows[:4]) | {"oldest": 1})
+    bench.post(batch_of(*rows[:4]) | {"oldest": 1})
     assert [one["zones"] for one in bench.get("/events").json()["events"]] == [{"gate": 10.0}]
     if shared:
         recorder.close()
         bench, recorder = served()
-    rest_of_it = make_batch(*rows[4:], sequence=5) | {"oldest": 1}
+    rest_of_it = batch_of(*rows[4:], sequence=5) | {"oldest": 1}
     for sample in rest_of_it["samples"]:
         sample["acquired_unix_us"] += 4 * STEP_US
     bench.post(rest_of_it)
@@ -261,8 +252,8 @@ def test_events_say_which_zones_and_for_how_long(
     recorder.close()
 
 
-def test_the_beam_is_drawn_with_its_zones(make_bench: Callable[..., Bench], surface: Surface) -> None:
-    zones = make_bench(surface).get("/surfaces/press-7/beam").json()["zones"]
+def test_the_beam_is_drawn_with_its_zones() -> None:
+    zones = Bench(zoned()).get("/surfaces/press-7/beam").json()["zones"]
     assert (zones["gate"]["from_mm"], zones["slow"]["dwell_ms"]) == (120.0, 20.0)
 
 

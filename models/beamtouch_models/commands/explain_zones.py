@@ -71,9 +71,9 @@ def bands_of(surface: Surface, zones: dict[str, Zone]) -> list[Edge]:
     return edges
 
 
-def zone_rows(edges: list[Edge], latency_ms: float) -> list[Block]:
+def zone_rows(edges: list[Edge], latency_ms: float | None) -> list[Block]:
     """Return the table of the forecasts, and what it says."""
-    soon = f"within {latency_ms:g} ms"
+    soon = f"within {latency_ms:g} ms" if latency_ms else "one reading"
     head = ("zone", "edge mm", f"unsure mm, {soon}", "wrong %", "unsure mm, at rest", "wrong %")
     rows = [
         (

@@ -11,9 +11,10 @@ import pytest
 
 from beamtouch_service.outputs.modbus.registers import ZONE_CODES
 from plain_http import TIMEOUT_S
-from service.conftest import batch_of
+from service.conftest import Row, batch_of
+from service.event_story import RESTING
 from service.process.modbus_service import ADDRESS, ModbusService
-from service.process.mqtt_line import CONTACT, RESTING, wait_connected, wait_for
+from service.process.mqtt_line import CONTACT, wait_connected, wait_for
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -34,7 +35,6 @@ from_mm = 200
 to_mm = 400
 """
 SIZES = {"desk": (1280, 900), "phone": (390, 844)}
-Row = list[float | None]
 
 
 def row(position_mm: float, force_n: float = 10.0) -> Row:
