@@ -14,14 +14,11 @@ from plain_http import TIMEOUT_S
 from service.conftest import Row, batch_of
 from service.event_story import RESTING
 from service.process.modbus_service import ADDRESS, ModbusService
-from service.process.mqtt_line import CONTACT, wait_connected, wait_for
+from service.process.mqtt_line import CONTACT, events, wait_connected, wait_for
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from browser import OpenPage
     from service.process.beam_page import StartBench
-    from service.process.conftest import Service
     from service.process.mqtt_line import Line
 
 ZONES = """
@@ -63,33 +60,12 @@ ANSWERS: list[tuple[Row, str, str, int]] = [
 """Deflections, the answers for `gate` and `end`, and entries into `gate`."""
 
 
-def with_zones(folder: Path) -> None:
-    path = folder / "service.toml"
-    path.write_text(path.read_text() + ZONES)
-
-
-@pytest.fixture
-def served(line: Line) -> ModbusService:
-    """A service with zones, a broker, registers and a record."""
-    started: list[Service] = []
-    original = line.start_service
-
-    def start(*arguments: str | Path) -> Service:
-        with_zones(line.folder)
-        path = line.folder / "service.toml"
-        path.write_text(path.read_text() + "\n[modbus_server]\nport = 0\n")
-        started.append(original(*arguments))
-        return started[-1]
-
-    line.start_service = start
-    service = line.start()
+def test_every_door_says_the_same_of_the_same_sample(line: Line) -> None:
+    subscriber = line.broker.subscribe("-t", CONTACT)
+    service = line.start(sections=ZONES + "[modbus_server]\nport = 0\n")
     assert service.process.stderr is not None
     port = next(int(found[1]) for text in service.process.stderr if (found := ADDRESS.search(text)))
-    return ModbusService(service, port)
-
-
-def test_every_door_says_the_same_of_the_same_sample(line: Line, served: ModbusService) -> None:
-    service, subscriber = served.http, line.broker.subscribe("-t", CONTACT)
+    registers = ModbusService(service, port).registers
     wait_connected(service)
     service.post(batch(RESTING, sequence=1))
     for number, (deflection, gate, end, entries) in enumerate(ANSWERS):
@@ -105,7 +81,7 @@ def test_every_door_says_the_same_of_the_same_sample(line: Line, served: ModbusS
 
         wait_for(told)
         codes = {str(state): code for state, code in ZONE_CODES.items()}
-        assert served.registers(42, 7) == [codes[gate] | codes[end] << 2, entries, 0, 0, 0, 0, 0]
+        assert registers(42, 7) == [codes[gate] | codes[end] << 2, entries, 0, 0, 0, 0, 0]
     with httpx2.stream("GET", f"{service.url}/stream", trust_env=False, timeout=TIMEOUT_S) as answer:
         data = next(text for text in answer.iter_lines() if text.startswith("data: "))
     assert json.loads(data.removeprefix("data: "))["contact"]["zones"] == expected
@@ -114,23 +90,12 @@ def test_every_door_says_the_same_of_the_same_sample(line: Line, served: ModbusS
 
 
 def test_the_time_in_a_zone_survives_a_kill(line: Line) -> None:
-    original = line.start_service
-
-    def start(*arguments: str | Path) -> Service:
-        with_zones(line.folder)
-        return original(*arguments)
-
-    def events(service: Service) -> list[dict[str, Any]]:
-        found: list[dict[str, Any]] = service.get("/events").json()["events"]
-        return found
-
-    line.start_service = start
-    service = line.start()
+    service = line.start(sections=ZONES)
     service.post(batch(RESTING, *[row(150)] * 4, sequence=1))
     assert events(service)[0]["zones"] == {"gate": 15.0}  # makes it durable
     service.stop(signal.SIGKILL)
 
-    service = line.start()
+    service = line.start(sections=ZONES)
     rest = batch(*[row(150)] * 2, RESTING, sequence=6)
     # Nothing is known to the answer of a service that was started anew, but the record goes on.
     wait_for(lambda: service.post(rest).json()["expected"] == 9)
