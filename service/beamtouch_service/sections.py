@@ -10,6 +10,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat, 
 from beamtouch_common.errors import InputError
 from beamtouch_common.files import file_path
 from beamtouch_common.hosts import host_name
+from beamtouch_common.zones import MAX_ZONES, Zone, ZoneName
 
 
 class Section(BaseModel):
@@ -113,3 +114,5 @@ class SurfaceSection(Section):
     degraded_after_s: Annotated[FiniteFloat, Field(gt=0, le=86_400)] = 10.0
     """A channel that is missing, stuck, saturated or out of range for longer is out: the contact gets the note
     `degraded`, and log, metrics, MQTT status and `/health/ready?health=true` say so."""
+    zones: Annotated[dict[ZoneName, Zone], Field(max_length=MAX_ZONES)] = Field(default_factory=dict)
+    """Parts of the beam for which each contact is said to be inside or outside, in the order of their registers."""

@@ -1,4 +1,7 @@
-"""`design-sensors explain`: the price of each physical effect in a scene, and the time that modelling it costs."""
+"""`design-sensors explain`: the price of each physical effect in a scene, and the time that modelling it costs.
+
+With `--zones`, also what zones of the service would be worth: the width of the band at each edge that is `unsure`.
+"""
 
 from __future__ import annotations
 
@@ -24,12 +27,15 @@ SENSORS = 101
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the command."""
     parser.add_argument("scene", type=Path, metavar="SCENE", help="scene file (TOML)")
+    words = "also forecast the answers for zones: a TOML file with tables [zones.NAME], with the keys of the service"
+    parser.add_argument("--zones", type=Path, metavar="FILE", help=words)
     add_json(parser)
 
 
 def run(options: argparse.Namespace) -> None:
     """Price the effects, measure the time that each costs, and print both."""
     from beamtouch_models.building.remarks import remarks
+    from beamtouch_models.commands.explain_zones import bands_of, load_zones, zone_rows
     from beamtouch_models.pricing.effect import NEGLIGIBLE
     from beamtouch_models.pricing.ringing import told
     from beamtouch_models.scene import load_scene
@@ -37,6 +43,7 @@ def run(options: argparse.Namespace) -> None:
 
     scene, _ = load_scene(options.scene)
     note(*remarks(scene))
+    zones = load_zones(options.zones, scene) if options.zones else {}
     surface = Surface.of(scene)
     surface.check()
     effects = [(effect, _cost_us(effect)) for effect in surface.effects]
@@ -49,11 +56,15 @@ def run(options: argparse.Namespace) -> None:
         "max_deflection_mm": surface.travel.largest_mm,
         "negligible": NEGLIGIBLE,
     }
+    edges = bands_of(surface, zones) if zones else []
+    if options.zones:
+        fields["zones"] = [edge._asdict() for edge in edges]
     rows: list[Block] = [
         _table(effects),
         f"price: in units of a sample's noise, {digits(noise.sample_mm, 3)} mm; effects below {NEGLIGIBLE:g} are left "
         f"out\nwith/without: measured time to compute an influence matrix of {SENSORS} sensors",
         *(told(ringing) if ringing else []),
+        *(zone_rows(edges, scene.requirements.latency_ms) if edges else []),
     ]
     show(Result(fields, rows), as_json=options.json)
 

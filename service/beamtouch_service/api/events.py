@@ -5,6 +5,8 @@ A thread reads and encodes the answers; the event loop sends them.
 
 import csv
 import io
+import json
+import operator
 from collections.abc import Sequence
 from datetime import datetime
 from typing import Annotated, Literal
@@ -124,6 +126,8 @@ class Event(BaseModel):
     model: str
     boot_id: str
     """Boot id of the sender."""
+    zones: dict[str, float] = Field(default_factory=dict, exclude_if=operator.not_)
+    """Zone that the contact was inside -> for how long [ms]. Zones that it was never inside are left out."""
 
 
 class EventWithPath(Event):
@@ -163,6 +167,7 @@ def _members(number: int, recorded: RecordedEvent) -> dict[str, object]:
         "samples": recorded.samples,
         "unsteady": recorded.unsteady,
         "quality": ContactQuality.DEGRADED if recorded.degraded else ContactQuality.GOOD,
+        "zones": {zone: round(us / 1e3, 3) for zone, us in recorded.zones.items()},
         "model": recorded.model,
         "boot_id": recorded.boot_id,
     }
@@ -242,7 +247,8 @@ def _as_csv(page: Sequence[Numbered]) -> str:
     for numbered in page:
         members = event(*numbered).model_dump(mode="json")
         # As in JSON: `true`, not `True`.
-        writer.writerow({name: str(one).lower() if isinstance(one, bool) else one for name, one in members.items()})
+        is_json = (bool, dict)
+        writer.writerow({name: json.dumps(one) if isinstance(one, is_json) else one for name, one in members.items()})
     return text.getvalue()
 
 

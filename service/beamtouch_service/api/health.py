@@ -11,6 +11,7 @@ from prometheus_client.metrics_core import Metric
 from prometheus_client.registry import Collector
 from pydantic import BaseModel
 
+from beamtouch_common.zones import ZoneState
 from beamtouch_models.modelfile import State
 from beamtouch_service.access import Role
 from beamtouch_service.api import gate
@@ -76,6 +77,7 @@ class SurfaceCollector(Collector):
         summaries = [(surface, summary_of(surface, now_s)) for surface in registry]
         yield from _of_samples(summaries)
         yield from _of_states(summaries, now_s)
+        yield from _of_zones(summaries, now_s)
         yield from _of_channels(summaries, now_s)
         yield from _of_health(summaries)
 
@@ -142,6 +144,20 @@ def _of_states(summaries: Summaries, now_s: float) -> Iterator[Metric]:
         stretches.add_metric(label, surface.stretches.count)
         seconds.add_metric(label, surface.stretches.total_s)
     yield from (states, problems, notes, overdue, stretches, seconds)
+
+
+def _of_zones(summaries: Summaries, now_s: float) -> Iterator[Metric]:
+    words = "1 for what GET /contact says of the zone; none where it says nothing."
+    zones = GaugeMetricFamily("beamtouch_zone", words, labels=["surface", "zone", "answer"])
+    words = "Times that a contact came to be inside the zone."
+    entries = CounterMetricFamily("beamtouch_zone_entries", words, labels=["surface", "zone"])
+    for surface, _ in summaries:
+        states = surface.zone_states(now_s)
+        for zone, count in surface.zones.entries.items():
+            entries.add_metric([surface.name, zone], count)
+            for state in ZoneState if states[zone] else ():
+                zones.add_metric([surface.name, zone, state.value], states[zone] is state)
+    yield from (zones, entries)
 
 
 def _of_channels(summaries: Summaries, now_s: float) -> Iterator[Metric]:

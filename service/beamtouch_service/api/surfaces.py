@@ -4,6 +4,7 @@ from fastapi import Response
 from pydantic import BaseModel
 from starlette.requests import Request
 
+from beamtouch_common.zones import Zone
 from beamtouch_models.modelfile import Accuracy, Calibration, Drawn, ModelFile, Noise, Ranges
 from beamtouch_service.access import Role
 from beamtouch_service.api import gate
@@ -53,6 +54,8 @@ class Beam(BaseModel):
     """Name and fingerprint of the model; a contact that states the same one belongs to this beam."""
     length_mm: float
     drawn: Drawn
+    zones: dict[str, Zone]
+    """The zones of the configuration by name."""
 
 
 @contact_router.get("/contact", response_model=Contact)
@@ -97,12 +100,13 @@ async def get_model(context: ContextParameter, name: SurfaceInPath) -> ModelDesc
 
 @model_router.get("/surfaces/{name}/beam")
 async def get_beam(context: ContextParameter, name: SurfaceInPath) -> Beam:
-    """Return the supports of the beam, and its deflection per newton for positions of the contact along it.
+    """Return the supports of the beam, its deflection per newton for positions of the contact along it, and its zones.
 
     It changes only with the model, so it is not part of the stream.
     """
     model = _model(context, name)
-    return Beam(model=model.identity, length_mm=model.metadata.length_mm, drawn=model.metadata.drawn)
+    length_mm, zones = model.metadata.length_mm, context.registry.named(name).zones.defined
+    return Beam(model=model.identity, length_mm=length_mm, drawn=model.metadata.drawn, zones=zones)
 
 
 def _model(context: Context, name: str) -> ModelFile:

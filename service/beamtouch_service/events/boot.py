@@ -5,16 +5,19 @@ another process, makes the same events.
 """
 
 import logging
+from collections.abc import Mapping
 from math import isfinite
 from typing import Any
 
+from beamtouch_common.zones import Zone
 from beamtouch_models.modelfile import Memory, ModelFile, State, Suspects
 from beamtouch_service.events.best import Best, BestSamples, DisjointMean
 from beamtouch_service.events.event import Begin, ChannelDoubt, Contradiction, End, Event, EventKind, OpenEvent
 from beamtouch_service.events.store import BootChange, Cursor
 from beamtouch_service.surfaces.contact import rfc3339
 from beamtouch_service.surfaces.estimate import Estimate
-from beamtouch_service.surfaces.follower import NEUTRAL, Decision, Judge, Past
+from beamtouch_service.surfaces.follower import NEUTRAL, Decision, Judge, Past, hold_us
+from beamtouch_service.zones.follow import ZoneFollower
 
 MAX_WAITING = 20_000
 """Samples of a boot that may wait to become durable. The sender keeps the others."""
@@ -29,7 +32,15 @@ _log = logging.getLogger("beamtouch.service.events")
 class Boot:
     """One boot, up to the next sample that the record expects."""
 
-    def __init__(self, surface: str, boot_id: str, model: ModelFile, hold_ms: float, durable: int) -> None:
+    def __init__(
+        self,
+        surface: str,
+        boot_id: str,
+        model: ModelFile,
+        hold_ms: float,
+        durable: int,
+        zones: Mapping[str, Zone],
+    ) -> None:
         """Begin after the sample with the number `durable`, with nothing known of the samples before."""
         self.durable = durable
         """Number of the last sample that is durable."""
@@ -44,12 +55,14 @@ class Boot:
         self._ended: list[OpenEvent] = []
         """Events that ended since the last call of `take_best`."""
         self._surface, self._boot_id, self._hold_ms = surface, boot_id, hold_ms
+        self._zones = ZoneFollower(zones)
         self._begin(model)
 
     def _begin(self, model: ModelFile, past: Past = NEUTRAL, rest: DisjointMean | None = None) -> None:
         self.model = model
         self._suspects = Suspects(model.metadata, model.run)
         self._judge = Judge(model, self._surface, self._hold_ms, past)
+        self._zones.begin(model.metadata.length_mm, hold_us(model, self._hold_ms))
         self._best = BestSamples(model, rest or DisjointMean())
         self._was_clear = False
 
@@ -73,6 +86,7 @@ class Boot:
         past = Past(memories, memory["is_known"], memory["decided_us"], memory["is_held"])
         self._begin(self.model, past, DisjointMean.read(memory["rest"]))
         self._was_clear = memory["was_clear"]
+        self._zones.remember(memory["zones"])
 
     def _memory(self) -> dict[str, Any]:
         """Return what it needs beside the open event to go on, as JSON."""
@@ -80,6 +94,7 @@ class Boot:
             "was_clear": self._was_clear,
             "rest": self._best.rest.to_json(),
             "means": self.event.means if self.event else None,
+            "zones": self._zones.memory,
         }
 
     @property
@@ -146,12 +161,20 @@ class Boot:
         if self._judge.is_over(estimate.sample.acquired_unix_us):
             self.lose()
         decision = self._judge.judge(estimate)
+        stays_us = self._follow_zones(decision)
         if decision.state is State.CLEAR and decision.is_certain:
             self._lift(decision)
         elif decision.held is not State.CLEAR and (self.event or (decision.state and decision.is_certain)):
-            self._extend(decision)
+            self._extend(decision, stays_us)
         else:
             self._interrupt()
+
+    def _follow_zones(self, decision: Decision) -> dict[str, int]:
+        """Take the next sample; return the zones that its contact is inside, with how much longer [us]."""
+        if not self._zones.defined:
+            return {}
+        notes = decision.notes(self.model) if decision.state else []
+        return self._zones.step(decision.seen(self._boot_id, notes))
 
     def _lift(self, decision: Decision) -> None:
         if self.event:
@@ -175,8 +198,11 @@ class Boot:
                 self._changed.append(event)
         self._best.rest = DisjointMean()
 
-    def _extend(self, decision: Decision) -> None:
-        """Add a sample that is not clear. A contact outlasts an unexplained stretch, but not the other way round."""
+    def _extend(self, decision: Decision, stays_us: Mapping[str, int]) -> None:
+        """Add a sample that is not clear, with how much longer its contact has been inside zones [us].
+
+        A contact outlasts an unexplained stretch, but not the other way round.
+        """
         is_stretch, begin = decision.held is State.UNEXPLAINED, Begin.UNSEEN
         if self.event and self.event.event.kind is EventKind.UNEXPLAINED and not is_stretch:
             self.event.finish(End.CONTACT)
@@ -185,6 +211,7 @@ class Boot:
             self._best.rest, begin = rest, Begin.UNEXPLAINED
         event = self.event = self.event or OpenEvent(self._first(decision, begin, is_stretch=is_stretch))
         event.add(decision, self._best.reading_us)
+        event.stay(stays_us)
         event.best = self._best.choose(event.best, decision)
         if decision.state is State.UNEXPLAINED and len(event.event.capture) < MAX_CAPTURED:
             event.event.capture.append(self._capture(decision).model_dump())

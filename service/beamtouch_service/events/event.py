@@ -4,6 +4,7 @@ Consecutive samples that are not clear make at most two events: an unexplained s
 contact from there on, with all unexplained stretches that follow it.
 """
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from enum import StrEnum
 from typing import Any
@@ -122,6 +123,8 @@ class Event:
     path: list[Point] = field(default_factory=list)
     best: dict[str, Any] | None = None
     """Its best sample, as `Best`; None if no sample was steady with all channels."""
+    zones: dict[str, int] = field(default_factory=dict)
+    """Zone that the contact was inside -> for how long [us]."""
     capture: list[dict[str, Any]] = field(default_factory=list)
     """Its first unexplained samples, each as a `Contradiction`."""
 
@@ -165,6 +168,11 @@ class OpenEvent:
         if event.unsteady == decision.is_unsteady and (whole := mean.of_all()):
             event.mean_position_mm = whole.mm[0]
 
+    def stay(self, longer_us: Mapping[str, int]) -> None:
+        """Note that the contact has been inside zones for that much longer."""
+        for zone, us in longer_us.items():
+            self.event.zones[zone] = self.event.zones.get(zone, 0) + us
+
     def _count(self, decision: Decision, position_mm: float) -> None:
         """Count the figures of a sample. Those of unsteady samples count only where there are no others."""
         event, force_n = self.event, decision.figures.force_n
@@ -192,7 +200,12 @@ class OpenEvent:
         """Return the event so far, as it is recorded."""
         event = self.event
         best = asdict(self.best) if self.best else None
-        return vars(event) | {"path": list(event.path), "capture": list(event.capture), "best": best}
+        return vars(event) | {
+            "path": list(event.path),
+            "zones": dict(event.zones),
+            "capture": list(event.capture),
+            "best": best,
+        }
 
 
 def thin(path: list[Point]) -> list[Point]:

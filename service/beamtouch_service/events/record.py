@@ -41,7 +41,8 @@ class SurfaceRecord:
             self._boots[batch.boot_id] = self._new(batch.boot_id, first - 1)
 
     def _new(self, boot_id: str, durable: int) -> Boot:
-        return Boot(self.surface.name, boot_id, self.model, self.surface.stale_ms, durable)
+        surface = self.surface
+        return Boot(surface.name, boot_id, self.model, surface.stale_ms, durable, surface.zones.defined)
 
     def adopt(self, model: ModelFile) -> None:
         """Decide with this model from now on."""

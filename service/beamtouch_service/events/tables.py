@@ -24,7 +24,7 @@ from sqlalchemy import (
 
 from beamtouch_service.events.event import Begin, End, Event, EventKind
 
-FORMAT = 8
+FORMAT = 9
 """The format of the record. A record of another one is refused: count it up with every change of a table."""
 _NUMBER = BigInteger().with_variant(Integer, "sqlite")
 _ALL = MetaData()
@@ -59,6 +59,7 @@ EVENTS = Table(
     Column("unsteady", Boolean, nullable=False),
     Column("path", JSON, nullable=False),
     Column("best", JSON(none_as_null=True)),
+    Column("zones", JSON, nullable=False),
     Column("capture", JSON, nullable=False),
     Column("recorded_s", Double, nullable=False),
     sqlite_autoincrement=True,

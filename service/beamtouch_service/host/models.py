@@ -2,12 +2,13 @@
 
 import asyncio
 import logging
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from beamtouch_common.errors import InputError
+from beamtouch_common.zones import Zone
 from beamtouch_models import modelfile
 from beamtouch_models.modelfile import GraphError, ModelFile, ModelFileError, graph_errors
 from beamtouch_service.api.surfaces import describe
@@ -107,7 +108,7 @@ class ModelKeeper:
         _log.error("surface %s: the new model cannot be used, the old one stays in use: %s", self.surface.name, error)
 
     def _mismatch(self, model: ModelFile) -> str:
-        """Return why a model does not fit the samples that arrive; empty if it does.
+        """Return why a model does not fit the samples that arrive, or the zones; empty if it does.
 
         If they state no beam, it must be of the same beam as the model in use.
         """
@@ -121,7 +122,16 @@ class ModelKeeper:
             )
         offered = self.surface.offered
         missing = [name for name in model.channels if offered is not None and name not in offered]
-        return f"it needs {', '.join(missing)}, but the samples of this surface lack them" if missing else ""
+        if missing:
+            return f"it needs {', '.join(missing)}, but the samples of this surface lack them"
+        return zone_misfit(self.surface.zones.defined, model)
+
+
+def zone_misfit(zones: Mapping[str, Zone], model: ModelFile) -> str:
+    """Return the first zone that cannot be of a model, and why; empty if all can."""
+    length_mm, estimates_force = model.metadata.length_mm, "force_n" in model.outputs
+    misfits = {name: zone.misfit(length_mm, estimates_force=estimates_force) for name, zone in zones.items()}
+    return next((f"{name}: {misfit}" for name, misfit in misfits.items() if misfit), "")
 
 
 async def watch(keepers: Sequence[ModelKeeper]) -> None:

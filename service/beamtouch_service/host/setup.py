@@ -142,6 +142,9 @@ def _load_surface(name: str, section: SurfaceSection) -> tuple[Surface, ModelKee
         surface = Surface(name, None, section)
         surface.model_error = str(error)
     else:
+        if misfit := models.zone_misfit(section.zones, model):
+            message = f"surfaces.{name}.zones.{misfit}"
+            raise InputError(message)
         surface = Surface(name or model.metadata.name, model, section)
     return surface, ModelKeeper(surface, section.model, stamp)
 

@@ -3,6 +3,7 @@
 import { axis, hatch, sensors, supports } from "./beam_parts.js";
 import { shapeUnder, spline } from "./curves.js";
 import { svg } from "./dom.js";
+import { bands } from "./zones.js";
 
 const MARGIN = 36;
 const LEAST_DEFLECTION_MM = 0.1;
@@ -36,6 +37,7 @@ export class BeamView {
     this.element.setAttribute("viewBox", `0 0 ${width} ${height}`);
     this.element.replaceChildren(
       hatch(),
+      ...bands(drawn?.zones ?? {}, shown.contact?.zones, scale, height),
       ...axis(scale),
       ...supports(drawn?.supports ?? [], scale),
       ...sensors(shown, drawn, scale),

@@ -30,8 +30,9 @@ export class Drawing {
     }
   }
 
-  /** Return supports and table by this model for a beam of this length, or null while they are not known. */
+  /** Return supports, table and zones by this model for a beam of this length, or null while they are not known. */
   of(model, length) {
-    return this.beam && this.beam.model === model && this.beam.length_mm === length ? this.beam.drawn : null;
+    const { beam } = this;
+    return beam && beam.model === model && beam.length_mm === length ? { ...beam.drawn, zones: beam.zones } : null;
   }
 }

@@ -11,6 +11,7 @@ import { drawStrip, forceRange, History } from "./strip.js";
 import { drawChannels } from "./tables.js";
 import { Token } from "./token.js";
 import { TokenForm } from "./token_form.js";
+import { listZones } from "./zones.js";
 
 const SIGNS = { problem: "warning", silent: "warning", lost: "warning" }; // others are called as their state
 const STEPS_PER_STRIP = 4;
@@ -50,6 +51,7 @@ function surfacesKnown() {
   chooser.hidden = !several || names.length === 0;
   setText(byId("surface"), chooser.hidden ? (feed.chosen ?? "") : "");
   nameModel(feed.surface?.model ?? null);
+  drawing.forget(); // a service that was started anew may have other zones
   setText(byId("limit"), feed.surface ? `at most ${feed.surface.stale_ms} ms` : "");
   byId("contact-link").href = feed.chosen ? `/contact?surface=${encodeURIComponent(feed.chosen)}` : "/contact";
   events.follow(feed.surface?.name);
@@ -97,7 +99,7 @@ function fail() {
   speak(shown);
   said = ""; // so that all of the next state is shown anew
   document.body.dataset.state = shown.kind;
-  byId("beam").textContent = byId("sign").textContent = "";
+  for (const id of ["beam", "sign", "zones"]) byId(id).textContent = "";
 }
 
 function show() {
@@ -111,7 +113,9 @@ function show() {
   drawChannels(shown.channels, shown.suspect);
   nameModel(shown.contact?.model ?? model);
   if (feed.link === "open") drawing.want(feed.chosen, model);
-  beam.draw(shown, drawing.of(model, shown.length));
+  const drawn = drawing.of(model, shown.length);
+  beam.draw(shown, drawn);
+  listZones(byId("zones"), drawn?.zones ?? {}, shown.contact?.zones);
   if (steps++ % (calm.matches ? 1 : STEPS_PER_STRIP) === 0) drawStrips(shown);
 }
 

@@ -1,5 +1,6 @@
 """The contact: the fields of its answer, and the figures that may be served. Pure: no clock, no state, no I/O."""
 
+import operator
 from collections.abc import Mapping
 from datetime import UTC, datetime, timedelta
 from enum import StrEnum
@@ -8,6 +9,7 @@ from typing import NamedTuple
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from beamtouch_common.zones import Span, ZoneState
 from beamtouch_models.modelfile import LOG_ODDS, MISFIT, Evidence, State
 from beamtouch_service.samples import Note
 
@@ -39,6 +41,20 @@ class Figures(NamedTuple):
     force_n: float | None = None
     force_low_n: float | None = None
     force_high_n: float | None = None
+
+    @property
+    def position(self) -> Span | None:
+        """The position with its interval; None without a contact."""
+        return _span(self.position_mm, self.position_low_mm, self.position_high_mm)
+
+    @property
+    def force(self) -> Span | None:
+        """The force with its interval; None without a contact, or an output for it."""
+        return _span(self.force_n, self.force_low_n, self.force_high_n)
+
+
+def _span(middle: float | None, low: float | None, high: float | None) -> Span | None:
+    return None if middle is None or low is None or high is None else Span(middle, low, high)
 
 
 NO_FIGURES = Figures()
@@ -84,6 +100,10 @@ class Contact(BaseModel):
     notes: list[str] = Field(description=_NOTES)
     model: str
     """Name and fingerprint of the model that gave the answer."""
+    zones: dict[str, ZoneState | None] = Field(default_factory=dict, exclude_if=operator.not_)
+    """Zone of the configuration -> `inside`: all of the interval has been in it for as long as its dwell. `outside`:
+    none of it is, or the beam is clear. `unsure`: neither. Null where no contact can be judged. Left out if no zones
+    are configured."""
 
 
 class UnusableEstimateError(ValueError):

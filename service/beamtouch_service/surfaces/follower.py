@@ -1,6 +1,6 @@
 """The states that samples show, and what is doubtful about them. Pure but for the run of the model."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from typing import NamedTuple
 
 from beamtouch_models.modelfile import (
@@ -27,6 +27,7 @@ from beamtouch_service.surfaces.contact import (
 )
 from beamtouch_service.surfaces.estimate import Estimate, Estimator
 from beamtouch_service.surfaces.problems import unusable_estimate
+from beamtouch_service.zones.follow import Seen
 
 _ALL = 40
 """Number of samples at the beginning of a stretch, all of which are examined without each channel: as many as name a
@@ -37,6 +38,8 @@ _PAUSE = 4.0
 """A device may give no sample for this many times `hold_ms` within one contact: a busy machine pauses, too."""
 _HOLD_READINGS = 3
 """Readings for which a state is held at least: those of a slow surface may be far apart."""
+_DOUBTS = frozenset({Note.OVERLOAD, Note.UNCHECKED, Note.SENDERS})
+"""Notes with which a contact is judged by no zone: it may be another load than one contact, or on another beam."""
 
 
 class Past(NamedTuple):
@@ -94,11 +97,26 @@ class Decision(NamedTuple):
         }
         return [str(note) for note, applies in each.items() if applies]
 
+    def seen(self, boot_id: str, notes: Collection[str]) -> Seen:
+        """Return what zones are told of a sample of this sender with these notes."""
+        sample = self.estimate.sample
+        at = boot_id, sample.sequence, sample.acquired_unix_us
+        if self.state is State.CLEAR and not self.is_unsteady:
+            return Seen(*at, is_clear=True)
+        if self.state is not State.CONTACT or self.is_odd or not _DOUBTS.isdisjoint(notes):
+            return Seen(*at)
+        return Seen(*at, False, self.figures.position, self.figures.force)
+
     def misfit(self, model: ModelFile) -> tuple[float, float]:
         """Return the misfit of a decided sample, the smaller of rest and of a contact, with its limit."""
         evidence, limits = self.evidence, model.metadata.thresholds
         place = evidence.channels - 1
         return min((evidence.rest_misfit, limits.rest[place]), (evidence.misfit, limits.misfit[place]))
+
+
+def hold_us(model: ModelFile, hold_ms: float) -> float:
+    """Return how long a state is held over undecided samples [us]."""
+    return max(hold_ms * 1e3, _HOLD_READINGS * 1e6 / model.metadata.sensor.rate_hz)
 
 
 class Judge:
@@ -111,7 +129,7 @@ class Judge:
     def __init__(self, model: ModelFile, surface: str, hold_ms: float, past: Past = NEUTRAL) -> None:
         """Begin after samples with that past."""
         self._metadata, self._surface = model.metadata, surface
-        self._hold_us = max(hold_ms * 1e3, _HOLD_READINGS * 1e6 / model.metadata.sensor.rate_hz)
+        self._hold_us = hold_us(model, hold_ms)
         self._hypotheses = Hypotheses(model.metadata.thresholds, past.memories, is_known=past.is_known)
         self._decided_us, self._is_held = past.decided_us, past.is_held
 

@@ -5,7 +5,7 @@ No I/O and no clock: the caller gives the time, in seconds of the service's mono
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from beamtouch_models.modelfile import ModelFile, State
@@ -16,10 +16,11 @@ from beamtouch_service.surfaces import problems
 from beamtouch_service.surfaces.channels import ChannelHealth, ChannelsOut, SurfaceHealth
 from beamtouch_service.surfaces.contact import Contact, ContactQuality, rfc3339
 from beamtouch_service.surfaces.estimate import Estimate
-from beamtouch_service.surfaces.follower import Decision, Follower
+from beamtouch_service.surfaces.follower import Decision, Follower, hold_us
 from beamtouch_service.surfaces.freshness import Transit
 from beamtouch_service.surfaces.order import Order, Rivals, SampleCounts
 from beamtouch_service.surfaces.unexplained import Stretches
+from beamtouch_service.zones.follow import ZoneFollower, ZoneStates
 
 _DEFAULTS = SurfaceSection()
 SENDER_GONE_S = 10.0
@@ -49,6 +50,7 @@ class Newest:
     """Notes on the sender: its own, and what the service says of it."""
     decided: tuple[ModelFile, Decision] | None = None
     """None without a model."""
+    zones: ZoneStates = field(default_factory=dict)
 
     def age_ms(self, now_s: float) -> float:
         """Return the age at `now_s` [s, monotonic], rounded."""
@@ -109,6 +111,8 @@ class Surface:
         """The unexplained stretches in the samples that moved the answer."""
         self.channels_out = ChannelsOut(section.degraded_after_s, self.stale_ms / 1e3)
         """The channels that were not good for too long in these samples."""
+        self.zones = ZoneFollower(section.zones)
+        """The zones, as the samples that moved the answer show them."""
         self.health: SurfaceHealth | None = None
         """Health of the sensors, as the recorder finds it in the events so far."""
         self.on_fresh: Callable[[Surface], None] = lambda _surface: None
@@ -120,6 +124,7 @@ class Surface:
         self._follower = self._follow(model) if model else None
 
     def _follow(self, model: ModelFile) -> Follower:
+        self.zones.begin(model.metadata.length_mm, hold_us(model, self.stale_ms))
         return Follower(model, self.name, self.stale_ms, self._note_run)
 
     def _note_run(self, took_s: float) -> None:
@@ -201,7 +206,10 @@ class Surface:
             notes += [Note.NOISE] if follower.estimator.contradicts else []
             notes += [Note.DEGRADED] if self.channels_out.any else []
             notes += [Note.SENDERS] if self.rivals.at(acquired_s) else []
-        self.newest = Newest(batch.boot_id, batch.channels, fresh[-1], acquired_s, notes, decided)
+            for decision in decisions if self.zones.defined else ():
+                own = decision.notes(follower.model) if decision.state else []
+                self.zones.step(decision.seen(batch.boot_id, [*notes, *own]))
+        self.newest = Newest(batch.boot_id, batch.channels, fresh[-1], acquired_s, notes, decided, self.zones.answers)
         return estimates
 
     def answer(self, now_s: float) -> Answer | Problem:
@@ -248,12 +256,18 @@ class Surface:
             degraded_channels=degraded,
             notes=answer.notes,
             model=answer.model.identity,
+            zones=newest.zones,
         )
 
     def standing(self, now_s: float) -> State | Kind:
         """Return the state at `now_s` [s, monotonic], or the kind of the problem that prevents a contact."""
         answer = self.answer(now_s)
         return answer.kind if isinstance(answer, Problem) else answer.state
+
+    def zone_states(self, now_s: float) -> ZoneStates:
+        """Return the answer for each zone at `now_s` [s, monotonic]."""
+        answer = self.answer(now_s)
+        return dict.fromkeys(self.zones.defined) if isinstance(answer, Problem) else answer.newest.zones
 
     def is_stale(self, now_s: float) -> bool:
         """Return whether the newest sample is too old at `now_s` [s, monotonic]; False before the first."""

@@ -152,8 +152,9 @@ def start_bench(
 ) -> Callable[..., Bench]:
     """A function that starts a service of press-7 with the bench model; its samples stay fresh for a minute."""
 
-    def start(*options: str | Path, path: Path = bench_model) -> Bench:
-        (tmp_path / "service.toml").write_text(f'[surfaces.press-7]\nmodel = "{path}"\nstale_ms = 60000\n')
+    def start(*options: str | Path, path: Path = bench_model, sections: str = "") -> Bench:
+        surface = f'[surfaces.press-7]\nmodel = "{path}"\nstale_ms = 60000\n'
+        (tmp_path / "service.toml").write_text(surface + sections)
         service = start_service("--config", "service.toml", "--write-token-file", token_file, *options)
         return Bench(service, modelfile.load(path))
 

@@ -74,13 +74,15 @@ class Line:
         port: int | None = None,
         surfaces: Sequence[str] = ("press-7",),
         code: str = PATIENT,
+        sections: str = "",
     ) -> Service:
-        """Start a service with these lines in `[mqtt]`, and `code` run before it."""
+        """Start a service with these lines in `[mqtt]` and further sections, and `code` run before it."""
         lines = ['host = "127.0.0.1"', f"port = {port or self.broker.port}", *mqtt]
         (self.folder / "service.toml").write_text(
             f"[server]\nwrite_token_file = '{self.token_file}'\n[events]\nfile = 'events.db'\n[mqtt]\n"
             + "\n".join(lines)
             + "".join(f"\n[surfaces.{name}]\nmodel = '{self.model}'\nstale_ms = {stale_ms}\n" for name in surfaces)
+            + sections
         )
         return self.start_service("--config", self.folder / "service.toml", code=code)
 

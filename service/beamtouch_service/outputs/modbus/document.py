@@ -1,7 +1,7 @@
 """The register map as text and JSON, as `beamtouch-service registers` prints it; a page of the site repeats it."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping
 from typing import Any
 
 from beamtouch_common.table import aligned_markdown
@@ -10,12 +10,12 @@ from beamtouch_service.problems import Kind
 from beamtouch_service.samples import Note
 
 
-def as_json(surfaces: Sequence[str], word_order: str) -> str:
-    """Return the map as one JSON object, with the blocks of these surfaces in their order."""
+def as_json(surfaces: Mapping[str, Collection[str]], word_order: str) -> str:
+    """Return the map as one JSON object, with the blocks of these surfaces, each with its zones, in their order."""
     return json.dumps(describe(surfaces, word_order))
 
 
-def describe(surfaces: Sequence[str], word_order: str) -> dict[str, Any]:
+def describe(surfaces: Mapping[str, Collection[str]], word_order: str) -> dict[str, Any]:
     """Return the map as JSON values."""
     registers = [
         {"offset": one.offset, "name": one.name, "type": one.type.text, "registers": one.type.count}
@@ -31,12 +31,13 @@ def describe(surfaces: Sequence[str], word_order: str) -> dict[str, Any]:
         "notes": {note.value: note.bit for note in Note},
         "surfaces": [
             {"surface": name, "address": place * BLOCK, "identity": identity(name)}
-            for place, name in enumerate(surfaces)
+            | ({"zones": list(zones)} if zones else {})
+            for place, (name, zones) in enumerate(surfaces.items())
         ],
     }
 
 
-def as_text(surfaces: Sequence[str], word_order: str) -> str:
+def as_text(surfaces: Mapping[str, Collection[str]], word_order: str) -> str:
     """Return the map as Markdown tables, with the blocks of these surfaces in their order."""
     registers = [(_range(one.offset, one.type.count), f"`{one.name}`", one.type.text, one.meaning) for one in REGISTERS]
     states = [(str(code), f"`{_state_name(state)}`", words) for state, (code, words) in STATES.items()]
@@ -53,6 +54,13 @@ def as_text(surfaces: Sequence[str], word_order: str) -> str:
             (f"`{name}`", _range(place * BLOCK, BLOCK), str(identity(name))) for place, name in enumerate(surfaces)
         ]
         parts += [aligned_markdown(("surface", "addresses", "identity"), blocks), f"Word order: {word_order}."]
+    rows = [
+        (f"`{name}`", str(number), f"`{zone}`")
+        for name, zones in surfaces.items()
+        for number, zone in enumerate(zones, start=1)
+    ]
+    if rows:
+        parts.append(aligned_markdown(("surface", "zone", "name"), rows))
     return "\n\n".join(parts)
 
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from enum import Enum
 from math import ceil, nan
 
+from beamtouch_common.zones import MAX_ZONES, ZoneState
 from beamtouch_models.modelfile import State
 from beamtouch_service.outputs.modbus.snapshot import Snapshot
 from beamtouch_service.problems import Kind
@@ -39,6 +40,10 @@ STATES: dict[State | Kind, tuple[int, str]] = {
 """Codes of the register `state`. 0 is no code, because memory that was never written holds it."""
 
 
+ZONE_CODES = {None: 0, ZoneState.OUTSIDE: 1, ZoneState.UNSURE: 2, ZoneState.INSIDE: 3}
+"""Codes of the two bits of a zone. 0 is also that of a zone that is not configured."""
+
+
 class Type(Enum):
     """Types of registers: name, and how many registers of 16 bits one takes."""
 
@@ -47,6 +52,7 @@ class Type(Enum):
     FLOAT32 = ("float32", 2)
     NOTES = ("bits", 1)
     CHANNELS = ("channel bits", 4)
+    ZONES = ("zone bits", 1)
 
     def __init__(self, text: str, count: int) -> None:
         self.text = text
@@ -95,6 +101,21 @@ def _notes(one: Snapshot) -> int:
 def _age_ms(one: Snapshot) -> int:
     """Return the age [ms], rounded up so that no sample seems younger than it is."""
     return MAX_UINT16 if one.age_ms is None else min(max(ceil(one.age_ms), 0), MAX_UINT16)
+
+
+def _zones(one: Snapshot) -> int:
+    return sum(ZONE_CODES[state] << 2 * place for place, state in enumerate(one.zones))
+
+
+def _entries(place: int) -> Register:
+    meaning = f"entries into zone {place + 1} since the service started; wraps to 0 after 65535"
+    return Register(
+        43 + place,
+        f"zone_{place + 1}_entries",
+        Type.UINT16,
+        meaning,
+        lambda one: one.entries[place] & MAX_UINT16 if place < len(one.entries) else 0,
+    )
 
 
 def _readings(one: Snapshot) -> int:
@@ -151,5 +172,13 @@ REGISTERS = (
     _quality(30, Quality.SATURATED, "channels whose counts stand at the end of the ADC"),
     _quality(34, Quality.STUCK, "channels whose counts have not changed for too long"),
     _quality(38, Quality.MISSING, "channels without readings"),
+    Register(
+        42,
+        "zones",
+        Type.ZONES,
+        "2 bits a zone, zone 1 lowest: 1 outside, 2 unsure, 3 inside, 0 no answer",
+        _zones,
+    ),
+    *(_entries(place) for place in range(MAX_ZONES)),
 )
 """The block of a surface."""

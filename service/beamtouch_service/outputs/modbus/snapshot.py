@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from beamtouch_common.zones import ZoneState
 from beamtouch_service.problems import Kind, ProblemError
 from beamtouch_service.samples import Quality
 from beamtouch_service.surfaces.contact import Contact
@@ -26,6 +27,10 @@ class Snapshot:
     """Age of the newest sample; None before the first."""
     sequence: int
     """Number of the newest sample; 0 before the first."""
+    zones: list[ZoneState | None]
+    """The answer for each zone, in the order of the configuration."""
+    entries: list[int]
+    """Entries into each zone since the start of the service."""
 
     def channel_bits(self, quality: Quality) -> int:
         """Return a bit for each channel of this quality, the first channel in the lowest bit."""
@@ -63,6 +68,8 @@ def snapshot(surface: Surface, now_s: float) -> Snapshot:
         bad=newest.bad if is_current and newest else {},
         age_ms=newest.age_ms(now_s) if newest else None,
         sequence=newest.sample.sequence if newest else 0,
+        zones=list(surface.zone_states(now_s).values()),
+        entries=list(surface.zones.entries.values()),
     )
 
 

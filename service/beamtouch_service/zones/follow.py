@@ -1,0 +1,126 @@
+"""The answer for each zone of a surface from consecutive samples, with hysteresis and dwell. Pure: no clock.
+
+Time is that of the samples, by the sender's clock. Between two samples that follow each other, it counts as a whole.
+Where samples are missing in between, it counts for nothing; after a pause longer than a contact is held, and with
+another sender, nothing is known of what was before.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+from beamtouch_common.zones import BEGIN, HOLD, Span, Zone, ZoneState
+
+ZoneStates = dict[str, ZoneState | None]
+"""Name of a zone -> its answer; None where there is no contact to judge."""
+
+
+class Seen(NamedTuple):
+    """What a sample says of contacts."""
+
+    boot_id: str
+    sequence: int
+    at_us: int
+    """Its time by the sender's clock [us since 1970]."""
+    is_clear: bool = False
+    """Whether it shows that nothing touches the beam."""
+    position: Span | None = None
+    """Of a contact that can be judged; None without one."""
+    force: Span | None = None
+    """None if the model does not estimate it."""
+
+
+@dataclass(slots=True)
+class _Course:
+    """One zone, as the samples so far show it."""
+
+    zone: Zone
+    lies: ZoneState | None = None
+    """How the contact lies to it; None without a contact that can be judged."""
+    inside_us: int = 0
+    """How long it has been in it without a break."""
+    answer: ZoneState | None = None
+    has_entered: bool = False
+    """Whether it was inside since it was outside last, or not known."""
+
+    def step(self, seen: Seen, length_mm: float, passed_us: int) -> int | None:
+        """Take the next sample; return the time that the contact has been inside more [us], None if it is not."""
+        before, was_inside = self.lies, self.answer is ZoneState.INSIDE
+        self.lies = self._lie(seen, length_mm)
+        self.inside_us = self.inside_us + passed_us if self.lies is before is ZoneState.INSIDE else 0
+        self.answer = ZoneState.OUTSIDE if seen.is_clear else self.lies
+        if self.lies is ZoneState.INSIDE and self.inside_us < self.zone.dwell_ms * 1e3:
+            self.answer = ZoneState.UNSURE
+        if self.answer is not ZoneState.INSIDE:
+            self.has_entered &= self.answer is ZoneState.UNSURE
+            return None
+        return passed_us if was_inside else self.inside_us
+
+    def _lie(self, seen: Seen, length_mm: float) -> ZoneState | None:
+        if seen.position is None:
+            return None
+        now = self.zone.lies(seen.position, seen.force, length_mm, HOLD)
+        return now if now is self.lies else self.zone.lies(seen.position, seen.force, length_mm, BEGIN)
+
+
+class ZoneFollower:
+    """Follows the samples of a surface, and counts how often a contact entered each zone."""
+
+    def __init__(self, zones: Mapping[str, Zone]) -> None:
+        self.defined = dict(zones)
+        self.entries = dict.fromkeys(self.defined, 0)
+        """Zone -> times that a contact came to be inside, from outside or from where nothing was known."""
+        self.begin(0.0, 0.0)
+
+    def begin(self, length_mm: float, hold_us: float) -> None:
+        """Forget the samples so far. Those to come are of a beam of this length, and hold a contact for `hold_us`."""
+        self._length_mm, self._hold_us = length_mm, hold_us
+        self._last: tuple[str, int, int] | None = None
+        self._forget()
+
+    def _forget(self) -> None:
+        self._courses = {name: _Course(zone) for name, zone in self.defined.items()}
+
+    @property
+    def answers(self) -> ZoneStates:
+        """The answers after the last sample."""
+        return {name: course.answer for name, course in self._courses.items()}
+
+    def step(self, seen: Seen) -> dict[str, int]:
+        """Take the next sample; return the zones that the contact is in, each with how much longer it is so [us]."""
+        if not self.defined:
+            return {}
+        boot_id, sequence, at_us = self._last or (None, 0, 0)
+        self._last = seen.boot_id, seen.sequence, seen.at_us
+        passed_us = seen.at_us - at_us
+        if seen.boot_id != boot_id or not 0 <= passed_us <= self._hold_us:
+            self._forget()
+            passed_us = 0
+        elif seen.sequence != sequence + 1:
+            passed_us = 0
+        more_us: dict[str, int] = {}
+        for name, course in self._courses.items():
+            gained_us = course.step(seen, self._length_mm, passed_us)
+            if gained_us is None:
+                continue
+            more_us[name] = gained_us
+            self.entries[name] += not course.has_entered
+            course.has_entered = True
+        return more_us
+
+    @property
+    def memory(self) -> dict[str, Any]:
+        """What it needs to go on in another process, as JSON: a zone that is defined anew begins anew."""
+        kept = {
+            name: [course.zone.model_dump(), course.lies, course.inside_us, course.answer, course.has_entered]
+            for name, course in self._courses.items()
+        }
+        return {"last": self._last, "zones": kept}
+
+    def remember(self, memory: dict[str, Any]) -> None:
+        """Go on from what `memory` gave; KeyError, TypeError or ValueError for anything else."""
+        self._last = tuple(memory["last"]) if memory["last"] else None
+        for name, (zone, lies, inside_us, answer, has_entered) in memory["zones"].items():
+            if name in self.defined and self.defined[name].model_dump() == zone:
+                then, said = (one and ZoneState(one) for one in (lies, answer))
+                self._courses[name] = _Course(self.defined[name], then, inside_us, said, has_entered)
