@@ -75,7 +75,8 @@ def test_a_read_gives_the_contact_of_its_moment(start_service: StartService, tmp
             before = await read(client)
             assert {one.StatusCode.name for one in before.values()} == {"BadWaitingForInitialData"}
             assert {one.Value.Value for one in before.values()} == {None}
-            for number, row in enumerate([[0.2, 0.3, 0.3], [0.0, 0.1, 0.4], [0.0, 0.0, 0.0]], 1):
+            rows: list[list[float | None]] = [[0.2, 0.3, 0.3], [0.0, 0.1, 0.4], [0.0, 0.0, 0.0]]
+            for number, row in enumerate(rows, 1):
                 assert service.post(batch_of(row, sequence=number)).status_code == 200
                 contact = service.get("/surfaces/press-7/contact").json()
                 found = await read(client)
@@ -118,9 +119,10 @@ def test_a_subscription_turns_bad_when_samples_stop_and_gives_each_event_once(
             subscription = await client.create_subscription(50, changes)
             await subscription.subscribe_data_change(await surface.get_variables())
             await subscription.subscribe_events(surface, await event_type(client, index))
-            rows = [[0.0, 0.0, 0.0]] * 10 + [[0.2, 0.3, 0.3]] * 10 + [[0.0, 0.0, 0.0]] * 10
+            rest, touched = list[float | None]([0.0, 0.0, 0.0]), list[float | None]([0.2, 0.3, 0.3])
+            rows = [rest] * 10 + [touched] * 10 + [rest] * 10
             await asyncio.to_thread(service.post, batch_of(*rows))
-            await asyncio.to_thread(wait_until, lambda: changes.events and is_bad(changes, "BadNoCommunication"))
+            await asyncio.to_thread(wait_until, lambda: bool(changes.events) and is_bad(changes, "BadNoCommunication"))
         return changes
 
     changes = asyncio.run(subscribe())

@@ -23,7 +23,6 @@ from asyncua.crypto import uacrypto
 from asyncua.crypto.permission_rules import User, UserRole
 from asyncua.crypto.truststore import TrustStore
 from asyncua.crypto.validator import CertificateValidator, CertificateValidatorOptions
-from asyncua.server.user_managers import UserManager
 
 from beamtouch_common.errors import FailedError, InputError
 from beamtouch_common.secrets import read_password
@@ -93,7 +92,7 @@ async def _require_usable(files: Iterable[Path], key: Path | None) -> None:
             raise InputError(message) from None
 
 
-class _OneUser(UserManager):
+class _OneUser:
     """Lets everybody read, or one user with a password."""
 
     def __init__(self, name: str | None, password: str | None) -> None:
@@ -112,20 +111,20 @@ class _OneUser(UserManager):
 
 async def _run(section: OpcUaSection, password: str | None, address: Address, context: Context) -> None:
     """Serve in a thread, until cancelled."""
-    main, runner = asyncio.get_running_loop(), asyncio.Runner()
-    tasks: list[asyncio.Task[None]] = []
+    main, running = asyncio.get_running_loop(), list[tuple[asyncio.AbstractEventLoop, asyncio.Task[None] | None]]()
 
     async def serve() -> None:
-        tasks.extend([task for task in [asyncio.current_task()] if task])
+        running.append((asyncio.get_running_loop(), asyncio.current_task()))
         with suppress(asyncio.CancelledError):
             await _serve(section, password, address, context, main)
 
-    done = in_thread(lambda: runner.run(serve()))
+    done = in_thread(lambda: asyncio.run(serve()))
     try:
         await asyncio.shield(done)
     finally:
-        for task in tasks:
-            runner.get_loop().call_soon_threadsafe(task.cancel)
+        for loop, task in running:
+            if task and not done.done():
+                loop.call_soon_threadsafe(task.cancel)
         await asyncio.wait([done], timeout=2 * STOP_S)
 
 
