@@ -46,7 +46,7 @@ _PLAIN = {
 _FILES = {
     "a scene": {"beam", "contact", "sensors", "requirements", "environment"},
     "a configuration of the daemon": {"publish", "metrics"},
-    "a configuration of the service": {"server", "events", "modbus_server", "mqtt"},
+    "a configuration of the service": {"server", "events", "modbus_server", "mqtt", "opcua"},
     "a script of the rig": {"step"},
 }
 """Tables that only one kind of file has."""

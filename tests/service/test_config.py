@@ -98,6 +98,11 @@ URL = "postgresql://beamtouch:not-for-the-log@db/beamtouch"
         ("[events]\nurl = 'postgresql://beamtouch:not-for-the-log@db'\n", "must look like postgresql://"),
         (f"[events]\nurl = '{URL}'\nurls = 1\n", "unknown key events.urls"),
         (f"[events]\nurl = '{URL}'\n[mqtt]\nhost = 'broker'\n", "as each service would send the events of all"),
+        (f"[events]\nurl = '{URL}'\n[opcua]\n", "as each service would send the events of all"),
+        ('[opcua]\ncertificate_file = "a.pem"\n', "key_file is missing"),
+        ('[opcua]\ntrusted_folder = "clients"\n', "trusted_folder has no effect"),
+        ('[opcua]\nusername = "scada"\n', "password_file is missing"),
+        ("[opcua]\ninterval_ms = 1\n", "opcua.interval_ms"),
     ],
 )
 def test_a_wrong_config_is_refused_with_the_place_that_is_wrong(tmp_path: Path, text: str, complaint: str) -> None:

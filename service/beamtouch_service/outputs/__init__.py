@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING
 from beamtouch_common.errors import InputError
 from beamtouch_service.outputs.modbus.section import ModbusServerSection
 from beamtouch_service.outputs.mqtt.section import MqttSection
+from beamtouch_service.outputs.opcua.section import OpcUaSection
 
 if TYPE_CHECKING:
     from beamtouch_service.access import Access
     from beamtouch_service.outputs.section import Output, OutputSection
 
-OUTPUTS: tuple[type[OutputSection], ...] = (ModbusServerSection, MqttSection)
+OUTPUTS: tuple[type[OutputSection], ...] = (ModbusServerSection, MqttSection, OpcUaSection)
 """The only list of outputs: configuration, process and help take them from here.
 
 Not from here: the hint of `beamtouch_common.complaints` that a section belongs in another file."""

@@ -1,0 +1,85 @@
+"""Finished events of the record as OPC UA events. They reach the clients that are there; `GET /events` has all."""
+
+import asyncio
+from collections.abc import Mapping
+from datetime import datetime
+
+from asyncua import Server, ua
+from asyncua.server.event_generator import EventGenerator
+
+from beamtouch_service.api import events as event_answers
+from beamtouch_service.events.database import EventsAwayError
+from beamtouch_service.events.recorder import Recorder
+from beamtouch_service.events.store import Due
+
+LOOK_S = 0.5
+"""Time between two looks at the record, which is written once a second."""
+AT_ONCE = 100
+"""Events that are read together."""
+DESTINATION = "opcua"
+FIELDS = {
+    "id": ua.VariantType.UInt64,
+    "surface": ua.VariantType.String,
+    "kind": ua.VariantType.String,
+    "touched_at": ua.VariantType.String,
+    "lifted_at": ua.VariantType.String,
+    "begin": ua.VariantType.String,
+    "end": ua.VariantType.String,
+    "dwell_ms": ua.VariantType.Double,
+    "peak_force_n": ua.VariantType.Double,
+    "peak_position_mm": ua.VariantType.Double,
+    "mean_position_mm": ua.VariantType.Double,
+    "unsteady": ua.VariantType.Boolean,
+    "quality": ua.VariantType.String,
+    "model": ua.VariantType.String,
+}
+"""The fields of an event beside those that each OPC UA event has, with the names and meanings of `GET /events`."""
+
+
+class EventSender:
+    """Sends the finished events of all surfaces."""
+
+    def __init__(
+        self, server: Server, recorder: Recorder, main: asyncio.AbstractEventLoop, objects: Mapping[str, ua.NodeId]
+    ) -> None:
+        """`main`: the event loop of the record; `objects`: surface -> its object, which emits the events."""
+        self._server, self._recorder, self._main, self._objects = server, recorder, main, objects
+        self._generators: dict[str, EventGenerator] = {}
+
+    async def run(self) -> None:
+        """Send events until cancelled."""
+        index = next(iter(self._objects.values())).NamespaceIndex if self._objects else 0
+        kind = await self._server.create_custom_event_type(index, "ContactEventType", properties=list(FIELDS.items()))
+        for name, node in self._objects.items():
+            self._generators[name] = await self._server.get_event_generator(kind, node)
+        while True:
+            for due in await self._due():
+                await self._send(due)
+            await asyncio.sleep(LOOK_S)
+
+    async def _due(self) -> list[Due]:
+        """Return events that finished since the last look, at most `AT_ONCE`."""
+        return await asyncio.wrap_future(asyncio.run_coroutine_threadsafe(self._take(), self._main))
+
+    async def _take(self) -> list[Due]:
+        """Take events from the record. Nobody acknowledges them, so they count as sent."""
+        try:
+            due, _ = await self._recorder.look(lambda store: store.due(DESTINATION, AT_ONCE, from_start=False))
+            if due:
+                await self._recorder.look(lambda store: store.acknowledge(due))
+        except EventsAwayError:  # the log has it
+            return []
+        return due
+
+    async def _send(self, due: Due) -> None:
+        said = event_answers.event(due.number, due.event)
+        generator = self._generators.get(said.surface)
+        if generator is None:  # no longer configured
+            return
+        for name, kind in FIELDS.items():
+            value = getattr(said, name)
+            setattr(generator.event, name, str(value) if kind is ua.VariantType.String and value else value)
+        await generator.trigger(
+            time_attr=datetime.fromisoformat(said.lifted_at or said.touched_at),
+            message=f"{said.kind} on {said.surface}, {said.dwell_ms:.0f} ms",
+        )

@@ -1,0 +1,246 @@
+"""The OPC UA server: its address and its security, and when its variables and events are filled.
+
+A variable is filled when it is read, and at the interval of the section if a client has subscribed to its surface. So
+nothing stands there that is older than that, whether samples come or not.
+
+The server has a thread and an event loop of its own: it takes seconds to make its standard nodes, and its answers are
+slow beside those over HTTP, which must not wait for them. The thread only reads what is replaced as a whole: the newest
+sample of a surface with its decision, and its model.
+"""
+
+import asyncio
+import hmac
+import logging
+from collections.abc import Iterable
+from contextlib import suppress
+from datetime import UTC, datetime
+from functools import partial
+from pathlib import Path
+
+from asyncua import Server, ua
+from asyncua.common.callback import Callback, CallbackType
+from asyncua.crypto import uacrypto
+from asyncua.crypto.permission_rules import User, UserRole
+from asyncua.crypto.truststore import TrustStore
+from asyncua.crypto.validator import CertificateValidator, CertificateValidatorOptions
+
+from beamtouch_common.errors import FailedError, InputError
+from beamtouch_common.secrets import read_password
+from beamtouch_service.access import Access
+from beamtouch_service.address import Address
+from beamtouch_service.api.context import Context
+from beamtouch_service.events.recorder import in_thread
+from beamtouch_service.outputs.opcua.events import EventSender
+from beamtouch_service.outputs.opcua.section import OpcUaSection
+from beamtouch_service.outputs.opcua.values import VARIABLES, values
+from beamtouch_service.outputs.section import Output
+from beamtouch_service.surfaces.surface import Surface
+
+NAMESPACE = "urn:beamtouch"
+"""The namespace of all nodes; a node is `NAME` or `NAME.variable`."""
+APPLICATION = "urn:beamtouch:service"
+"""What the certificate of the server names."""
+STOP_S = 1.0
+"""Time for the clients to take their leave."""
+ENCRYPTED = [
+    ua.SecurityPolicyType.Basic256Sha256_SignAndEncrypt,
+    ua.SecurityPolicyType.Aes128Sha256RsaOaep_SignAndEncrypt,
+    ua.SecurityPolicyType.Aes256Sha256RsaPss_SignAndEncrypt,
+]
+
+_log = logging.getLogger("beamtouch.service.opcua")
+
+
+def make(section: OpcUaSection, _surfaces: int, access: Access) -> Output:
+    """Return the server; raises InputError and FailedError if its address, password or certificate cannot be used."""
+    # Clients can provoke any number of its messages, and tracebacks.
+    logging.getLogger("asyncua").setLevel(logging.CRITICAL)
+    password = read_password(section.password_file) if section.password_file else None
+    files = [section.certificate_file, section.key_file, *(_certificates(section.trusted_folder))]
+    asyncio.run(_require_usable([path for path in files if path], section.key_file))
+    address = Address(section.name, section.host, section.port, option="opcua.port")
+    is_protected = password is not None or section.trusted_folder or (access.read is None and address.is_loopback)
+    words = "neither a user nor trusted certificates protect the OPC UA server: everyone who reaches it can read"
+    return Output(partial(_run, section, password, address), [] if is_protected else [words])
+
+
+def _certificates(folder: Path | None) -> list[Path]:
+    """Return the files of a folder of certificates; raises InputError if there are none."""
+    if folder is None:
+        return []
+    found = sorted(folder.glob("*")) if folder.is_dir() else []
+    if not found:
+        message = (
+            f"{folder}: no certificates of clients in it; set opcua.trusted_folder to a folder of PEM or DER files"
+        )
+        raise InputError(message)
+    return found
+
+
+async def _require_usable(files: Iterable[Path], key: Path | None) -> None:
+    """Raise InputError if a file is no certificate or key, FailedError if it cannot be read."""
+    for path in files:
+        load = uacrypto.load_private_key if path == key else uacrypto.load_certificate
+        try:
+            await load(path)
+        except OSError as error:
+            message = f"{path}: {error.strerror}"
+            raise FailedError(message) from None
+        except (ValueError, TypeError) as error:
+            kind = "private key without a passphrase" if path == key else "certificate"
+            message = f"{path}: not a PEM or DER {kind} ({error}); correct [opcua]"
+            raise InputError(message) from None
+
+
+class _OneUser:
+    """Lets everybody read, or one user with a password."""
+
+    def __init__(self, name: str | None, password: str | None) -> None:
+        self._name, self._password = name or "", password
+
+    def get_user(
+        self, iserver: object, username: str | None = None, password: str | None = None, certificate: object = None
+    ) -> User | None:
+        """Return the user; None refuses the session."""
+        del iserver, certificate
+        given, held = f"{username or ''}\n{password or ''}", f"{self._name}\n{self._password}"
+        if self._password is not None and not hmac.compare_digest(given.encode(), held.encode()):
+            return None
+        return User(role=UserRole.User)
+
+
+async def _run(section: OpcUaSection, password: str | None, address: Address, context: Context) -> None:
+    """Serve in a thread, until cancelled."""
+    main, running = asyncio.get_running_loop(), list[tuple[asyncio.AbstractEventLoop, asyncio.Task[None] | None]]()
+
+    async def serve() -> None:
+        running.append((asyncio.get_running_loop(), asyncio.current_task()))
+        with suppress(asyncio.CancelledError):
+            await _serve(section, password, address, context, main)
+
+    done = in_thread(lambda: asyncio.run(serve()))
+    try:
+        await asyncio.shield(done)
+    finally:
+        for loop, task in running:
+            if task and not done.done():
+                loop.call_soon_threadsafe(task.cancel)
+        await asyncio.wait([done], timeout=2 * STOP_S)
+
+
+async def _serve(
+    section: OpcUaSection,
+    password: str | None,
+    address: Address,
+    context: Context,
+    main: asyncio.AbstractEventLoop,
+) -> None:
+    """Serve, as soon as the address is there, until cancelled; `main` is the loop of the record."""
+    while True:
+        server = await _prepare(section, password, address.shown)
+        space = Space(server, context)
+        await space.build()
+        (await address.listen(partial(context.missing.__setitem__, section.name))).close()
+        server.set_endpoint(_url(address.shown, section.port))
+        try:
+            await server.start()
+        except OSError:  # somebody else was quicker
+            continue
+        break
+    security = "encrypted" if section.certificate_file else "not encrypted"
+    _log.info("OPC UA server: listening on %s, %s", _url(address.shown, section.port), security)
+    try:
+        async with asyncio.TaskGroup() as tasks:
+            tasks.create_task(space.follow(section.interval_ms / 1e3))
+            tasks.create_task(EventSender(server, context.recorder, main, space.objects).run())
+    finally:
+        with suppress(TimeoutError):
+            async with asyncio.timeout(STOP_S):
+                await server.stop()
+
+
+def _url(host: str, port: int) -> str:
+    return f"opc.tcp://{f'[{host}]' if ':' in host else host}:{port}/"
+
+
+async def _prepare(section: OpcUaSection, password: str | None, host: str) -> Server:
+    """Return a server with its security, which does not listen yet."""
+    server = Server(user_manager=_OneUser(section.username, password))
+    await server.init()
+    server.set_endpoint(_url(host, section.port))
+    server.set_server_name("Beamtouch")
+    await server.set_application_uri(APPLICATION)
+    server.set_identity_tokens([ua.UserNameIdentityToken if password is not None else ua.AnonymousIdentityToken])
+    if section.certificate_file and section.key_file:
+        await server.load_certificate(section.certificate_file)
+        await server.load_private_key(section.key_file)
+        server.set_security_policy(ENCRYPTED)
+    else:
+        server.set_security_policy([ua.SecurityPolicyType.NoSecurity])
+    if section.trusted_folder:
+        trusted = TrustStore([section.trusted_folder], [])
+        await trusted.load()
+        options = CertificateValidatorOptions.TIME_RANGE | CertificateValidatorOptions.TRUSTED
+        server.set_certificate_validator(CertificateValidator(options, trusted))
+    return server
+
+
+class Space:
+    """The nodes of all surfaces."""
+
+    def __init__(self, server: Server, context: Context) -> None:
+        self._server = server
+        self._context = context
+        self.objects: dict[str, ua.NodeId] = {}
+        """Surface -> its object."""
+        self._surfaces: dict[ua.NodeId, Surface] = {}
+        """Variable -> its surface."""
+        self._nodes: dict[str, dict[str, ua.NodeId]] = {}
+        """Surface -> name -> variable."""
+        self._subscribed: dict[str, Surface] = {}
+
+    async def build(self) -> None:
+        """Make an object for each surface, with its variables."""
+        index = await self._server.register_namespace(NAMESPACE)
+        top = self._server.get_objects_node()
+        for surface in self._context.registry:
+            node = await top.add_object(ua.NodeId(surface.name, index), ua.QualifiedName(surface.name, index))
+            self.objects[surface.name], nodes = node.nodeid, dict[str, ua.NodeId]()
+            for name, variable in VARIABLES.items():
+                nodeid, none = ua.NodeId(f"{surface.name}.{name}", index), ua.Variant(None, ua.VariantType.Null)
+                kind = ua.NodeId(getattr(ua.ObjectIds, variable.kind.name))
+                added = await node.add_variable(nodeid, ua.QualifiedName(name, index), none, datatype=kind)
+                text = ua.LocalizedText(variable.meaning)
+                await added.write_attribute(ua.AttributeIds.Description, ua.DataValue(ua.Variant(text)))
+                nodes[name] = added.nodeid
+                self._surfaces[added.nodeid] = surface
+            self._nodes[surface.name] = nodes
+            await self._fill([surface])
+        self._server.subscribe_server_callback(CallbackType.PreRead, self._before_read)
+        self._server.subscribe_server_callback(CallbackType.ItemSubscriptionCreated, self._note_subscription)
+
+    async def follow(self, interval_s: float) -> None:
+        """Fill the variables of surfaces that clients have subscribed to, until cancelled."""
+        while True:
+            await asyncio.sleep(interval_s)
+            for surface in list(self._subscribed.values()):
+                await self._fill([surface])
+                # Reads have a turn between two surfaces.
+                await asyncio.sleep(0)
+
+    async def _fill(self, surfaces: Iterable[Surface]) -> None:
+        for surface in surfaces:
+            nodes = self._nodes[surface.name]
+            for name, value in values(surface, self._context.clock(), datetime.now(UTC)).items():
+                await self._server.write_attribute_value(nodes[name], value)
+
+    async def _before_read(self, event: Callback, _service: object) -> None:
+        """Fill what is about to be read."""
+        asked = [self._surfaces.get(item.NodeId) for item in event.request_params.NodesToRead]
+        await self._fill({one.name: one for one in asked if one is not None}.values())
+
+    def _note_subscription(self, event: Callback, _service: object) -> None:
+        for item in event.request_params.ItemsToCreate:
+            surface = self._surfaces.get(item.ItemToMonitor.NodeId)
+            if surface is not None:
+                self._subscribed[surface.name] = surface

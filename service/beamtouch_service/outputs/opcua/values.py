@@ -1,0 +1,93 @@
+"""A surface as its variables show it at one time: values, status codes and times. Pure: no clock, no network.
+
+Only what can be relied on is Good. A contact with a note is Uncertain; where there is no contact to judge, everything
+is Bad, with a code that says why.
+"""
+
+from collections.abc import Callable, Mapping
+from datetime import UTC, datetime
+from typing import NamedTuple
+
+from asyncua import ua
+
+from beamtouch_models.modelfile import State
+from beamtouch_service.problems import Kind, ProblemError
+from beamtouch_service.surfaces.contact import Contact, Figures
+from beamtouch_service.surfaces.surface import Surface
+
+_BAD = {
+    Kind.STALE: ua.StatusCodes.BadNoCommunication,
+    Kind.NO_SAMPLES: ua.StatusCodes.BadWaitingForInitialData,
+    Kind.NO_MODEL: ua.StatusCodes.BadConfigurationError,
+    Kind.OTHER_BEAM: ua.StatusCodes.BadConfigurationError,
+    Kind.TOO_FEW_CHANNELS: ua.StatusCodes.BadSensorFailure,
+    Kind.UNUSABLE_ESTIMATE: ua.StatusCodes.BadSensorFailure,
+}
+"""Why there is no contact."""
+GOOD, DOUBTFUL = ua.StatusCodes.Good, ua.StatusCodes.UncertainSubNormal
+NO_FIGURE = ua.StatusCodes.BadNoData
+"""Of position and force while nothing touches, or nothing explains the readings."""
+
+
+class Variable(NamedTuple):
+    """A variable of a surface."""
+
+    kind: ua.VariantType
+    of: Callable[[Contact], object]
+    """Its value; None if the contact has none."""
+    meaning: str
+
+
+def _figure(name: str) -> Callable[[Contact], object]:
+    return lambda contact: getattr(contact, name)
+
+
+VARIABLES: Mapping[str, Variable] = {
+    "state": Variable(ua.VariantType.String, lambda one: one.state.value, "contact, clear or unexplained"),
+    **{
+        name: Variable(ua.VariantType.Double, _figure(name), f"{words}, while there is a contact")
+        for name, words in zip(
+            Figures._fields,
+            [
+                f"{part}{figure}"
+                for figure in ("position from the left end [mm]", "force [N]")
+                for part in ("", "lower end of the 95 % interval of the ", "upper end of the 95 % interval of the ")
+            ],
+            strict=True,
+        )
+    },
+    "age_ms": Variable(ua.VariantType.Double, lambda one: one.age_ms, "age of the sample [ms]"),
+    "sequence": Variable(ua.VariantType.UInt64, lambda one: one.sequence, "number of the sample"),
+    "misfit": Variable(ua.VariantType.Double, lambda one: one.misfit, "misfit of rest or of the best contact"),
+    "notes": Variable(ua.VariantType.String, lambda one: " ".join(one.notes), "limits of the answer, as words"),
+    "degraded_channels": Variable(
+        ua.VariantType.String, lambda one: " ".join(one.degraded_channels), "channels that took no part"
+    ),
+    "model": Variable(ua.VariantType.String, lambda one: one.model, "the model that gave the answer"),
+}
+"""Name -> variable. All belong to one sample."""
+
+
+def values(surface: Surface, now_s: float, now: datetime) -> dict[str, ua.DataValue]:
+    """Return the variables of a surface as of `now_s` [s, monotonic], which is `now` on the clock of the service.
+
+    The source time is the sample's, by the sender's clock; without a sample that counts it is `now`.
+    """
+    try:
+        contact = surface.contact(now_s)
+    except ProblemError as error:
+        status = ua.StatusCode(_BAD.get(error.problem.kind, ua.StatusCodes.BadInternalError))
+        return {name: _value(None, one.kind, status, now, now) for name, one in VARIABLES.items()}
+    is_doubtful = contact.notes or contact.degraded_channels or contact.state is State.UNEXPLAINED
+    status = ua.StatusCode(DOUBTFUL if is_doubtful else GOOD)
+    sampled = datetime.fromisoformat(contact.sampled_at).astimezone(UTC)
+    return {name: _value(one.of(contact), one.kind, status, sampled, now) for name, one in VARIABLES.items()}
+
+
+def _value(
+    value: object, kind: ua.VariantType, status: ua.StatusCode, sampled: datetime, now: datetime
+) -> ua.DataValue:
+    if value is None and not status.is_bad():
+        status = ua.StatusCode(NO_FIGURE)
+    variant = ua.Variant(None, ua.VariantType.Null) if value is None else ua.Variant(value, kind)
+    return ua.DataValue(variant, status, SourceTimestamp=sampled, ServerTimestamp=now)

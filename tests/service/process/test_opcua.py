@@ -1,0 +1,209 @@
+"""Contacts and events over OPC UA, as a client reads and subscribes to them."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+import struct
+import subprocess
+from contextlib import asynccontextmanager
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from asyncua import Client, ua
+from asyncua.crypto.security_policies import SecurityPolicyBasic256Sha256
+
+from free_ports import free_port
+from parts import require
+from service.conftest import batch_of
+from service.small_model import write_model
+from waiting import wait_until
+
+if TYPE_CHECKING:
+    from collections.abc import AsyncIterator
+    from pathlib import Path
+
+    from .conftest import Service, StartService
+
+pytestmark = pytest.mark.usefixtures("token_file")
+TIMEOUT_S = 30
+FIGURES = ("position_mm", "position_low_mm", "position_high_mm", "force_n", "force_low_n", "force_high_n")
+
+
+def start(start_service: StartService, folder: Path, stale_ms: float, options: str = "") -> tuple[Service, str]:
+    """Start a service of press-7 with an OPC UA server; return it with the address of that."""
+    port = free_port()
+    (folder / "service.toml").write_text(
+        f'[server]\nwrite_token_file = "token"\n[opcua]\nport = {port}\n{options}\n'
+        f'[surfaces.press-7]\nmodel = "{write_model(folder)}"\nstale_ms = {stale_ms}\n'
+    )
+    return start_service("--config", "service.toml"), f"opc.tcp://127.0.0.1:{port}/"
+
+
+@asynccontextmanager
+async def connected(url: str, user: str | None = None, password: str = "") -> AsyncIterator[Client]:
+    """Give a client, as soon as the server is there."""
+    client = Client(url, timeout=TIMEOUT_S)
+    if user is not None:
+        client.set_user(user)
+        client.set_password(password)
+    await asyncio.to_thread(wait_until, lambda: is_open(url))
+    async with client:
+        yield client
+
+
+def is_open(url: str) -> bool:
+    """Return whether an OPC UA server acknowledges a hello at an address."""
+    host, port = url.removeprefix("opc.tcp://").rstrip("/").split(":")
+    hello = struct.pack("<4s6Ii", b"HELF", 32, 0, 65535, 65535, 0, 0, -1)
+    try:
+        with socket.create_connection((host, int(port)), timeout=TIMEOUT_S) as line:
+            line.sendall(hello)
+            return line.recv(4) == b"ACKF"
+    except OSError:
+        return False
+
+
+async def read(client: Client) -> dict[str, ua.DataValue]:
+    """Return all variables of press-7, read at once."""
+    index = await client.get_namespace_index("urn:beamtouch")
+    surface = client.get_node(ua.NodeId("press-7", index))
+    nodes = await surface.get_variables()
+    names = [(await node.read_browse_name()).Name for node in nodes]
+    return dict(zip(names, await client.read_attributes(nodes), strict=True))
+
+
+class Changes:
+    """What a subscription gave, by variable."""
+
+    def __init__(self) -> None:
+        self.found: dict[str, list[Any]] = {}
+        self.events: list[Any] = []
+
+    def datachange_notification(self, node: Any, _value: object, data: Any) -> None:  # noqa: ANN401  # the library's
+        self.found.setdefault(str(node.nodeid.Identifier), []).append(data.monitored_item.Value)
+
+    def event_notification(self, event: Any) -> None:  # noqa: ANN401  # the library's
+        self.events.append(event)
+
+
+def test_a_read_gives_the_contact_of_its_moment_and_a_subscription_turns_bad_when_samples_stop(
+    start_service: StartService, tmp_path: Path
+) -> None:
+    service, url = start(start_service, tmp_path, 5000, "interval_ms = 20")
+    rest, touched = list[float | None]([0.0, 0.0, 0.0]), list[float | None]([0.2, 0.3, 0.3])
+
+    async def compare() -> Changes:
+        changes = Changes()
+        async with connected(url) as client:
+            before = await read(client)
+            assert {one.StatusCode.name for one in before.values()} == {"BadWaitingForInitialData"}
+            assert {one.Value.Value for one in before.values()} == {None}
+            index = await client.get_namespace_index("urn:beamtouch")
+            surface = client.get_node(ua.NodeId("press-7", index))
+            with pytest.raises(ua.UaStatusCodeError, match=r"NotWritable|AccessDenied"):
+                await client.get_node(ua.NodeId("press-7.force_n", index)).write_value(3.0)
+            subscription = await client.create_subscription(50, changes)
+            await subscription.subscribe_data_change(await surface.get_variables())
+            await subscription.subscribe_events(surface, await event_type(client, index))
+            for number, row in enumerate([rest] * 10 + [touched] * 10 + [rest] * 10, 1):
+                assert (await asyncio.to_thread(service.post, batch_of(row, sequence=number))).status_code == 200
+                if number % 5 == 0:
+                    contact = (await asyncio.to_thread(service.get, "/surfaces/press-7/contact")).json()
+                    require_same(await read(client), contact)
+            await asyncio.to_thread(wait_until, lambda: bool(changes.events) and is_bad(changes, "BadNoCommunication"))
+        return changes
+
+    changes = asyncio.run(compare())
+    states = [one.Value.Value for one in changes.found["press-7.state"]]
+    assert states[0] is states[-1] is None
+    assert "clear" in states
+    (event,) = service.get("/events").json()["events"]
+    (found,) = changes.events
+    for name in ("surface", "kind", "touched_at", "lifted_at", "dwell_ms", "peak_force_n", "mean_position_mm", "end"):
+        assert getattr(found, name) == event[name], name
+
+
+def require_same(found: dict[str, ua.DataValue], contact: dict[str, Any]) -> None:
+    """Require that variables say what the contact of their sample says, and how good it is."""
+    said = {name: one.Value.Value for name, one in found.items()}
+    assert {name: said[name] for name in (*FIGURES, "state", "sequence")} == {
+        name: contact[name] for name in (*FIGURES, "state", "sequence")
+    }
+    assert said["notes"] == " ".join(contact["notes"])
+    assert said["age_ms"] >= contact["age_ms"]
+    assert f"{found['state'].SourceTimestamp:%FT%T}" == contact["sampled_at"][:19]
+    assert found["state"].StatusCode.is_good() == (not contact["notes"])
+    for name in FIGURES:
+        assert found[name].StatusCode.is_good() == (contact["state"] == "contact" and not contact["notes"])
+
+
+def is_bad(changes: Changes, code: str) -> bool:
+    """Return whether the newest value of every variable has this status code."""
+    newest = [values[-1].StatusCode.name for values in changes.found.values()]
+    return bool(newest) and set(newest) == {code}
+
+
+async def event_type(client: Client, index: int) -> Any:  # noqa: ANN401  # the library's
+    """Return the type of events."""
+    base = client.get_node(ua.ObjectIds.BaseEventType)
+    return await base.get_child(ua.QualifiedName("ContactEventType", index))
+
+
+def test_only_the_user_reads(start_service: StartService, tmp_path: Path) -> None:
+    (tmp_path / "password").write_text("a long password\n")
+    _, url = start(start_service, tmp_path, 2000, 'username = "scada"\npassword_file = "password"')
+
+    async def connect() -> None:
+        for user, password in ((None, ""), ("scada", "wrong"), ("admin", "a long password")):
+            with pytest.raises(ua.UaStatusCodeError, match=r"IdentityToken|UserAccess"):
+                async with connected(url, user, password):
+                    pass
+        async with connected(url, "scada", "a long password") as client:
+            assert await read(client)
+
+    asyncio.run(connect())
+
+
+def make_certificate(folder: Path, name: str) -> tuple[Path, Path]:
+    """Write an application's certificate that signs itself, and its key; returns both."""
+    folder.mkdir(exist_ok=True)
+    certificate, key = folder / f"{name}.pem", folder.parent / f"{name}-key.pem"
+    openssl = require("openssl", "openssl")
+    subject = ("-subj", f"/CN={name}", "-addext", f"subjectAltName=URI:urn:{name},DNS:localhost")
+    use = ("-addext", "keyUsage=digitalSignature,nonRepudiation,keyEncipherment,dataEncipherment,keyCertSign")
+    files = ("-keyout", str(key), "-out", str(certificate))
+    subprocess.run(
+        [openssl, "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "2", *subject, *use, *files],
+        check=True,
+        capture_output=True,
+    )
+    return certificate, key
+
+
+def test_with_a_certificate_only_trusted_clients_connect_and_only_encrypted(
+    start_service: StartService, tmp_path: Path
+) -> None:
+    make_certificate(tmp_path / "own", "server")
+    trusted, stranger = (make_certificate(tmp_path / folder, folder) for folder in ("clients", "strangers"))
+    keys = 'certificate_file = "own/server.pem"\nkey_file = "server-key.pem"\ntrusted_folder = "clients"'
+    _, url = start(start_service, tmp_path, 2000, keys)
+
+    async def connect(certificate: Path, key: Path) -> set[str]:
+        await asyncio.to_thread(wait_until, lambda: is_open(url))
+        client = Client(url, timeout=TIMEOUT_S)
+        client.application_uri = f"urn:{certificate.stem}"
+        await client.set_security(SecurityPolicyBasic256Sha256, certificate, key)
+        async with client:
+            return {one.StatusCode.name for one in (await read(client)).values()}
+
+    assert asyncio.run(connect(*trusted)) == {"BadWaitingForInitialData"}
+    with pytest.raises((ua.UaError, ConnectionError, TimeoutError)):
+        asyncio.run(connect(*stranger))
+
+    async def connect_openly() -> None:
+        async with connected(url):
+            pass
+
+    with pytest.raises((ua.UaError, ConnectionError, TimeoutError)):
+        asyncio.run(connect_openly())
