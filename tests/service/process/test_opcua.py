@@ -36,6 +36,7 @@ def start(start_service: StartService, folder: Path, stale_ms: float, options: s
     (folder / "service.toml").write_text(
         f'[server]\nwrite_token_file = "token"\n[opcua]\nport = {port}\n{options}\n'
         f'[surfaces.press-7]\nmodel = "{write_model(folder)}"\nstale_ms = {stale_ms}\n'
+        "[surfaces.press-7.zones.left]\nfrom_mm = 0\nto_mm = 300\n"
     )
     return start_service("--config", "service.toml"), f"opc.tcp://127.0.0.1:{port}/"
 
@@ -130,7 +131,7 @@ def require_same(found: dict[str, ua.DataValue], contact: dict[str, Any]) -> Non
     assert {name: said[name] for name in (*FIGURES, "state", "sequence")} == {
         name: contact[name] for name in (*FIGURES, "state", "sequence")
     }
-    assert said["notes"] == " ".join(contact["notes"])
+    assert (said["notes"], said["zones.left"]) == (" ".join(contact["notes"]), contact["zones"]["left"])
     assert said["age_ms"] >= contact["age_ms"]
     assert f"{found['state'].SourceTimestamp:%FT%T}" == contact["sampled_at"][:19]
     assert found["state"].StatusCode.is_good() == (not contact["notes"])

@@ -32,7 +32,7 @@ from beamtouch_service.api.context import Context
 from beamtouch_service.events.recorder import in_thread
 from beamtouch_service.outputs.opcua.events import EventSender
 from beamtouch_service.outputs.opcua.section import OpcUaSection
-from beamtouch_service.outputs.opcua.values import VARIABLES, values
+from beamtouch_service.outputs.opcua.values import values, variables_of
 from beamtouch_service.outputs.section import Output
 from beamtouch_service.surfaces.surface import Surface
 
@@ -206,7 +206,7 @@ class Space:
         for surface in self._context.registry:
             node = await top.add_object(ua.NodeId(surface.name, index), ua.QualifiedName(surface.name, index))
             self.objects[surface.name], nodes = node.nodeid, dict[str, ua.NodeId]()
-            for name, variable in VARIABLES.items():
+            for name, variable in variables_of(surface).items():
                 nodeid, none = ua.NodeId(f"{surface.name}.{name}", index), ua.Variant(None, ua.VariantType.Null)
                 kind = ua.NodeId(getattr(ua.ObjectIds, variable.kind.name))
                 added = await node.add_variable(nodeid, ua.QualifiedName(name, index), none, datatype=kind)

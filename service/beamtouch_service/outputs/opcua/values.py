@@ -65,7 +65,17 @@ VARIABLES: Mapping[str, Variable] = {
     ),
     "model": Variable(ua.VariantType.String, lambda one: one.model, "the model that gave the answer"),
 }
-"""Name -> variable. All belong to one sample."""
+"""Name -> variable, of every surface. All belong to one sample."""
+
+
+def variables_of(surface: Surface) -> dict[str, Variable]:
+    """Return the variables of a surface: those of every contact, and one for each of its zones."""
+    return {**VARIABLES, **{f"zones.{name}": _zone(name) for name in surface.zones.defined}}
+
+
+def _zone(name: str) -> Variable:
+    meaning = "inside, outside or unsure, while there is a contact to judge or the beam is clear"
+    return Variable(ua.VariantType.String, lambda contact: contact.zones.get(name), meaning)
 
 
 def values(surface: Surface, now_s: float, now: datetime) -> dict[str, ua.DataValue]:
@@ -77,11 +87,13 @@ def values(surface: Surface, now_s: float, now: datetime) -> dict[str, ua.DataVa
         contact = surface.contact(now_s)
     except ProblemError as error:
         status = ua.StatusCode(_BAD.get(error.problem.kind, ua.StatusCodes.BadInternalError))
-        return {name: _value(None, one.kind, status, now, now) for name, one in VARIABLES.items()}
+        return {name: _value(None, one.kind, status, now, now) for name, one in variables_of(surface).items()}
     is_doubtful = contact.notes or contact.degraded_channels or contact.state is State.UNEXPLAINED
     status = ua.StatusCode(DOUBTFUL if is_doubtful else GOOD)
     sampled = datetime.fromisoformat(contact.sampled_at).astimezone(UTC)
-    return {name: _value(one.of(contact), one.kind, status, sampled, now) for name, one in VARIABLES.items()}
+    return {
+        name: _value(one.of(contact), one.kind, status, sampled, now) for name, one in variables_of(surface).items()
+    }
 
 
 def _value(
