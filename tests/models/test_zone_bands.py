@@ -44,9 +44,8 @@ def test_explain_forecasts_each_edge_within_the_beam(
     scene = SCENES / "bench.toml"
     edges = json.loads(design_sensors_here("explain", scene, "--zones", path, "--json").stdout)["zones"]
     assert [(edge["zone"], edge["edge_mm"]) for edge in edges] == [("left", 120), ("gate", 120), ("gate", 380)]
-    # Next to a support the beam says little of the place, and a mean that grew long says more than one of 20 ms.
+    # Next to a support the beam says little of the place.
     assert edges[0]["unsure_mm"] == edges[1]["unsure_mm"] < edges[2]["unsure_mm"] / 2
-    assert all(edge["unsure_at_rest_mm"] < edge["unsure_mm"] for edge in edges)
 
     path.write_text("[zones.gate]\nfrom_mm = 120\nto_mm = 500\n")
     refused = design_sensors_here("explain", scene, "--zones", path)

@@ -64,7 +64,7 @@ def run(options: argparse.Namespace) -> None:
         f"price: in units of a sample's noise, {digits(noise.sample_mm, 3)} mm; effects below {NEGLIGIBLE:g} are left "
         f"out\nwith/without: measured time to compute an influence matrix of {SENSORS} sensors",
         *(told(ringing) if ringing else []),
-        *(zone_rows(edges, scene.requirements.latency_ms) if edges else []),
+        *(zone_rows(edges) if edges else []),
     ]
     show(Result(fields, rows), as_json=options.json)
 

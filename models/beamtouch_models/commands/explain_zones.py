@@ -38,12 +38,9 @@ class Edge(NamedTuple):
     zone: str
     edge_mm: float
     unsure_mm: float
-    """Width of the band at the stated latency."""
+    """Width of the band once the mean of a load at rest no longer grows. Before that, it is wider."""
     wrong_percent: float
     """Of the contacts in that band."""
-    unsure_at_rest_mm: float
-    """Width of the band once the mean of a load at rest no longer grows."""
-    wrong_at_rest_percent: float
 
 
 def load_zones(path: Path, scene: Scene) -> dict[str, Zone]:
@@ -59,35 +56,23 @@ def load_zones(path: Path, scene: Scene) -> dict[str, Zone]:
 
 def bands_of(surface: Surface, zones: dict[str, Zone]) -> list[Edge]:
     """Return the forecast for each edge within the beam, with the sensors where `place` puts them."""
-    soon = place_sensors(surface, seed=SEED).prior
-    at_rest = replace(soon, noise_mm=surface.errors.min_noise_mm or soon.noise_mm)
+    placed = place_sensors(surface, seed=SEED).prior
+    at_rest = replace(placed, noise_mm=surface.errors.min_noise_mm or placed.noise_mm)
     edges = []
     for name, zone in zones.items():
         for edge_mm in (zone.from_mm, zone.to_mm):
-            if 0 < edge_mm < soon.length_mm:
-                first, last = (band_at(prior, edge_mm, SEED) for prior in (soon, at_rest))
-                rates = 100 * first.wrong, 100 * last.wrong
-                edges.append(Edge(name, edge_mm, first.width_mm, rates[0], last.width_mm, rates[1]))
+            if 0 < edge_mm < placed.length_mm:
+                band = band_at(at_rest, edge_mm, SEED)
+                edges.append(Edge(name, edge_mm, band.width_mm, 100 * band.wrong))
     return edges
 
 
-def zone_rows(edges: list[Edge], latency_ms: float | None) -> list[Block]:
+def zone_rows(edges: list[Edge]) -> list[Block]:
     """Return the table of the forecasts, and what it says."""
-    soon = f"within {latency_ms:g} ms" if latency_ms else "one reading"
-    head = ("zone", "edge mm", f"unsure mm, {soon}", "wrong %", "unsure mm, at rest", "wrong %")
-    rows = [
-        (
-            edge.zone,
-            f"{edge.edge_mm:g}",
-            digits(edge.unsure_mm, 3),
-            f"{edge.wrong_percent:.2f}",
-            digits(edge.unsure_at_rest_mm, 3),
-            f"{edge.wrong_at_rest_percent:.2f}",
-        )
-        for edge in edges
-    ]
+    head = ("zone", "edge mm", "unsure mm", "wrong %")
+    rows = [(edge.zone, f"{edge.edge_mm:g}", digits(edge.unsure_mm, 3), f"{edge.wrong_percent:.2f}") for edge in edges]
     words = (
-        "unsure: width of the band around an edge in which the answer is `unsure`, on average over the forces of the "
-        "scene\nwrong: contacts in this band that are said to be on the wrong side of the edge"
+        "unsure: width of the band around an edge in which the answer is `unsure`, for loads that have come to rest, "
+        "on average over the forces\nwrong: contacts in this band that are said to be on the wrong side of the edge"
     )
     return [Table(head, rows), words]
