@@ -19,6 +19,8 @@ GAIN, POSITION_MM, FIXITY, RIGIDITY, BEND, OFFSET_NOISES = 0.04, 1.5, 0.1, 0.1, 
 """Standard deviations of plausible departures: relative gain, sensor position, fixity, relative rigidity, relative bend
 of the characteristic at full travel, and offset in units of the noise of a sample."""
 MAX_FIXITY = 0.9
+ANY_FORCE = 3.0
+"""Error of the force of a contact, relative to the force of the fit: as good as unknown."""
 MAX_DEPARTURE = 8.0
 """Largest other departure, in units of plausible ones."""
 GRID = 129
@@ -165,8 +167,9 @@ class Theory:
 
     @property
     def contact_errors(self) -> LoadErrors:
-        """Errors of a contact of which nothing is known but what the scene states."""
-        return LoadErrors(placing_mm=np.inf, force=0.0 if self.prior.force_is_known else np.inf)
+        """Errors of a contact of which nothing is known but what the scene states: as wide as the ranges."""
+        low, high = self.prior.position_mm
+        return LoadErrors(placing_mm=high - low, force=0.0 if self.prior.force_is_known else ANY_FORCE)
 
     def free_of(self, kinds: Sequence[str]) -> Indices:
         """Return the places of some kinds in the vector of all departures."""
