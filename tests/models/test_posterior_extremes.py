@@ -122,7 +122,7 @@ def test_float32_is_within_a_thousandth_of_the_interval_of_float64(
 ) -> None:
     prior = prior_of(name, sensors, noise_percent, known=known)
     graph = graph_of(prior)
-    readings = limit.draw(prior, 500, 7).deflection_mm
+    readings = limit.draw(prior, 1000, 7).deflection_mm
     single = answers_of(graph, prior, readings)
     double = double_answers(graph, prior, readings)
     for quantity, unit in (("position", "mm"), *([] if known else [("force", "n")])):

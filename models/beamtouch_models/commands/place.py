@@ -12,7 +12,6 @@ from beamtouch_common.commands import whole_number
 from beamtouch_common.digits import digits
 from beamtouch_models.commands.options import add_json, add_layout, add_seed, shown_progress
 from beamtouch_models.commands.printing import Result, note, show
-from beamtouch_models.numbers import three_digits
 
 if TYPE_CHECKING:
     from beamtouch_models.building.sensors import PlacedSensors
@@ -117,6 +116,8 @@ def _describe(sensors: PlacedSensors, aim: Aim, seed: int) -> dict[str, Any]:
 
 
 def _limit_line(percent: float, standard_error: float, sensors: PlacedSensors) -> str:
+    from beamtouch_models.numbers import three_digits
+
     error_mm, noise_mm = percent / 100 * sensors.surface.influence.length_mm, sensors.surface.errors.noise_mm
     return (
         f"mean error {three_digits(percent)} % +- {digits(standard_error, 1)} of the length, "

@@ -19,6 +19,7 @@ class OpcUaSection(OutputSection):
     host: Host = "127.0.0.1"
     """Address to listen on. Without a certificate and a user, everyone who reaches it can read the contacts."""
     port: Annotated[int, Field(ge=1, le=65535)] = 4840
+    """Port to listen on."""
     interval_ms: Annotated[FiniteFloat, Field(ge=10, le=10_000)] = 100.0
     """Subscribed variables follow their surface at this interval. A read is answered with the contact of its moment."""
     certificate_file: File | None = None
