@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from beamtouch_models.arrays import Floats
 from beamtouch_models.decision.decider import AT_REST
+from beamtouch_models.decision.evidence import Evidence, is_odd
 from beamtouch_models.modelfile import (
     Answers,
     Hypotheses,
@@ -254,3 +255,10 @@ def test_a_mean_of_many_readings_may_lag_by_less_than_the_noise_of_the_model_and
         sample = Weighed(settled.deflection_mm, covariance_mm2, few_mm2, settled.valid)
         (said,) = evidence(world.metadata, world.run, sample)
         assert said.moves is moves
+
+
+def test_a_sample_that_rest_explains_is_not_unexplained(bench: ModelFile) -> None:
+    still, weights = np.zeros(4), np.eye(4)
+    said = Evidence(still, weights, {"contact_log_odds": -1.0, "misfit": 1e6}, 4, 0.1, False, -1.0, weights)
+    assert not is_odd(bench.metadata.thresholds, said)
+    assert is_odd(bench.metadata.thresholds, said._replace(rest_misfit=1e6))
