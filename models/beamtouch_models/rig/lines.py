@@ -58,22 +58,30 @@ class Relay:
             await asyncio.sleep(pause_s)
 
     async def listen(self, host: str, port: int, device_port: int) -> asyncio.Server:
-        """Return a server that passes the bytes of its clients on to a device on this machine, and back."""
+        """Return a server that passes the requests of its clients on to a device on this machine, and its replies back.
+
+        A client may send several requests at once; the device gets each when it has answered the one before, as
+        pymodbus answers only the newest of those that come together.
+        """
+        serving = set[asyncio.Task[None] | None]()  # asyncio itself forgets the task of a client that has gone
 
         async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+            task = asyncio.current_task()
+            serving.add(task)
             try:
                 device_reader, device_writer = await asyncio.open_connection("127.0.0.1", device_port)
-                both = (
-                    asyncio.create_task(_copy_stream(reader, device_writer, self.request)),
-                    asyncio.create_task(_copy_stream(device_reader, writer, self.reply)),
-                )
-                with suppress(asyncio.CancelledError):  # the rig ends, and asyncio would log the cancelled client
-                    await asyncio.wait(both, return_when=asyncio.FIRST_COMPLETED)
-                for task in both:
-                    task.cancel()
+                # The rig ends, and asyncio would log the cancelled client.
+                with suppress(asyncio.CancelledError, asyncio.IncompleteReadError, ConnectionError):
+                    while True:
+                        request = await _read_frame(reader)
+                        await self.idle()
+                        device_writer.write(request)
+                        reply = await _read_frame(device_reader)
+                        self.reply(lambda reply=reply: None if writer.is_closing() else writer.write(reply))  # type: ignore[misc]
                 device_writer.close()
             finally:
                 writer.close()
+                serving.discard(task)
 
         return await asyncio.start_server(serve, host, port)
 
@@ -90,10 +98,10 @@ class Relay:
         return min(self._faults.pause_s(self._clock()), _MENDED_S)
 
 
-async def _copy_stream(reader: asyncio.StreamReader, writer: asyncio.StreamWriter, pass_on: Pass) -> None:
-    with suppress(ConnectionError):
-        while data := await reader.read(_CHUNK):
-            pass_on(lambda data=data: None if writer.is_closing() else writer.write(data))  # type: ignore[misc]
+async def _read_frame(reader: asyncio.StreamReader) -> bytes:
+    """Read one Modbus TCP frame: six bytes, of which the last two say how many follow."""
+    head = await reader.readexactly(6)
+    return head + await reader.readexactly(int.from_bytes(head[4:]))
 
 
 @contextmanager

@@ -72,6 +72,7 @@ function follow(name) {
   beam.forget();
   drawing.forget();
   nameModel(null);
+  said = ""; // the other one may be in the same state
   feed.choose(name);
 }
 

@@ -69,6 +69,7 @@ def test_no_surface_no_model_and_one_that_is_not_there(
     (tmp_path / "service.toml").write_text("[surfaces.press-7]\n[surfaces.press-8]\n")
     service = start_service("--config", "service.toml")
     seen = open_page(service.url, "/?surface=press-9")
+    seen.page.emulate_media(reduced_motion="reduce")  # two steps a second: it may see no other state between
     seen.wait_for_text("headline", "There is no surface “press-9”")
     assert "press-7, press-8" in seen.text("detail")
     seen.page.select_option("#chooser", "press-8")
