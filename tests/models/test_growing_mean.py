@@ -185,6 +185,27 @@ def test_a_gap_forgets_nothing_that_is_still_true() -> None:
     assert filtered.readings[149:151] == pytest.approx([150, 151])
 
 
+@pytest.mark.parametrize("lost", [0, 3])
+@pytest.mark.parametrize("spike_at", [None, 419])
+def test_a_mean_of_readings_at_rest_is_the_last_of_all_and_a_touch_after_them_is_seen_alike(
+    spike_at: int | None, lost: int
+) -> None:
+    values = stepped(100, 520, 470) + noise(520, 29)
+    if spike_at is not None:
+        values[spike_at] += 50  # the newest reading of a block: it waits for the next one
+    each, few = (Chain((growing_mean_stage(LONGEST, np.ones(CHANNELS), SPIKE),), CHANNELS, 1.0, PERIOD) for _ in "ab")
+    for start in range(0, 460, 20):
+        block, skipped = values[start : start + 20], [0] * 7 + [lost] + [0] * 12
+        whole, newest = each.apply(block, skipped), few.apply_at_rest(block, skipped)
+        for name in ("mean_mm", "relative_variance", "moves", "lags"):
+            np.testing.assert_array_equal(getattr(newest, name), getattr(whole, name)[-1:])
+    touched, seen = each.apply(values[460:]), few.apply(values[460:])
+    np.testing.assert_array_equal(seen.mean_mm, touched.mean_mm)
+    np.testing.assert_array_equal(seen.moves, touched.moves)
+    deviations = [np.sqrt(np.diagonal(one.covariance_mm2, axis1=1, axis2=2)) for one in (seen, touched)]
+    np.testing.assert_allclose(*deviations, rtol=0.02)
+
+
 @pytest.mark.parametrize("longest", [1, 4, 40])
 def test_a_mean_that_is_shorter_than_what_proves_rest_comes_to_rest(longest: int) -> None:
     assert grown(noise(2000, 26), longest, period=200.0).moves[500:].mean() < 0.01

@@ -98,10 +98,9 @@ class Pipeline:
         lost = [reading.lost for reading in readings]
         good = codes == _GOOD
         zeroed = self._zeroed(raw, good, lost)
-        filtered = self._chain.apply(np.where(good, zeroed, np.nan), lost)
-        if self._rests(filtered, good, zeroed[-1], counts[-1]):
-            readings, codes, good, zeroed = readings[-1:], codes[-1:], good[-1:], zeroed[-1:]
-            filtered = filtered.at(np.array([len(filtered.moves) - 1]))
+        filtered = self._filtered(np.where(good, zeroed, np.nan), lost, good, zeroed[-1], counts[-1])
+        at_rest = len(readings) - len(filtered.moves)
+        readings, codes, good, zeroed = readings[at_rest:], codes[at_rest:], good[at_rest:], zeroed[at_rest:]
         values, stated = np.where(good, filtered.mean_mm, zeroed), uncertainties(filtered)
         unsettled = (codes == _GOOD) & np.isnan(values)  # the filter has too few readings
         waits = [False] * len(readings)
@@ -125,11 +124,32 @@ class Pipeline:
         """Return deflections from the tracked zeros; `lost` is the readings lost before each."""
         return raw if self._zeros is None else raw - self._zeros.track(np.where(good, raw, np.nan), lost)
 
-    def _rests(self, filtered: Filtered, good: NDArray[np.bool_], zeroed_mm: FloatArray, counts: FloatArray) -> bool:
-        """Return whether nothing happens, up to the newest reading, of which the last two are."""
+    def _filtered(
+        self,
+        values_mm: FloatArray,
+        lost: Sequence[int],
+        good: NDArray[np.bool_],
+        zeroed_mm: FloatArray,
+        counts: FloatArray,
+    ) -> Filtered:
+        """Return the means after all readings, or only that after the last one if nothing happens up to it.
+
+        `zeroed_mm` and `counts` are those of the last reading.
+        """
         if self._rest is None:
-            return False
-        return self._rest.follow(filtered, good, zeroed_mm, counts, self._characteristic.mm_per_count(counts))
+            return self._chain.apply(values_mm, lost)
+        mm_per_count = self._characteristic.mm_per_count(counts)
+        if self._rest.lasts:
+            before = self._chain.state
+            newest = self._chain.apply_at_rest(values_mm, lost)
+            if self._rest.follow(newest, good, zeroed_mm, counts, mm_per_count):
+                return newest
+            self._chain.state = before
+            return self._chain.apply(values_mm, lost)
+        filtered = self._chain.apply(values_mm, lost)
+        if self._rest.follow(filtered, good, zeroed_mm, counts, mm_per_count):
+            return filtered.at(np.array([len(filtered.moves) - 1]))
+        return filtered
 
     def _sample(self, unix_s: float, values: list[float], codes: list[int], uncertainty: Uncertainty) -> Sample:
         qualities = [QUALITIES[code] for code in codes]

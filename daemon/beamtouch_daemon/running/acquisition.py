@@ -20,6 +20,9 @@ REOPEN_S = 0.5
 """Longest wait before a source is opened again; opening costs other users nothing."""
 MAX_UNPROCESSED = 64
 """At most this many readings wait to become samples. More at once would not take less time for each."""
+MAX_PAUSE_S = 0.005
+"""A device that sends by itself is read this often or once per batch, whichever is more often: a thousand looks a
+second would take more than what is looked at. Buffers of drivers hold what comes meanwhile, also at 1 Mbit/s."""
 PATIENCE_S = 15.0
 PATIENCE_PERIODS, PATIENCE_TIMEOUTS = 20.0, 40.0
 """A surface without progress for this time, this number of reading periods and this number of timeouts of its source
@@ -69,6 +72,7 @@ class Acquisition:
         """Measures the rate of the readings."""
         self._source, self._pipeline = source, pipeline
         self._batch_s, self._rest_s = batch_s, rest_s
+        self._pause_s = 0.0 if surface.source.is_polled else min(batch_s, MAX_PAUSE_S)
         self._sampled_s = -math.inf
         """Time of the newest reading that became a sample, by the clock of `uptime_s`."""
         self._unprocessed: list[Reading] = []
@@ -92,6 +96,8 @@ class Acquisition:
                 async with aclosing(self._source.readings()) as stream:
                     async for readings in stream:
                         self._take(readings)
+                        if self._pause_s:
+                            await asyncio.sleep(self._pause_s)
             except SourceError as error:
                 self._repeated.failed(f"{error}; trying again")
             self._arrived.set()  # what waited at rest waits for no other reading
@@ -104,7 +110,7 @@ class Acquisition:
             await self._arrived.wait()
             self.process()
             self.log.fresh.set()
-            await asyncio.sleep(self._batch_s)
+            await asyncio.sleep(self._batch_s - self._pause_s)
 
     def process(self) -> None:
         """Put the samples of all readings so far into the log."""

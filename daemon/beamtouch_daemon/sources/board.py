@@ -63,8 +63,8 @@ class BoardPort(SerialPort):
 
     async def listen(self, within_s: float) -> list[Arrival]:
         """Wait for bytes and return the messages in them, if any; SourceError without a port."""
-        chunks = await self.receive(within_s)
-        return [Arrival(at_s, message) for at_s, data in chunks for message in self._decoder.feed(data)]
+        received = await self.receive(within_s)
+        return [Arrival(self.taken_s, message) for message in self._decoder.feed(received)]
 
     async def ask(self, question: Callable[[], Sequence[Message]]) -> AsyncGenerator[list[Arrival], None]:
         """Send a question again and again for `HELLO_TIMEOUT_S`, and yield what arrives."""

@@ -6,7 +6,7 @@ written by hand. It has at most one request on the bus; `rtu_unit` proves which 
 """
 
 import asyncio
-from collections.abc import AsyncIterator, Collection, Iterator, Sequence
+from collections.abc import AsyncIterator, Collection, Iterator
 from contextlib import asynccontextmanager
 
 from pymodbus.framer import FramerRTU
@@ -15,7 +15,7 @@ from beamtouch_daemon.config.sources import ModbusRtu
 from beamtouch_daemon.sources.reading import NoAnswerError
 from beamtouch_daemon.sources.registers import DECODER, Answer, Block, answer_to
 from beamtouch_daemon.sources.rtu_unit import READ_FUNCTIONS, Unit, forgotten_s
-from beamtouch_daemon.sources.serial_port import Chunk, SerialPort
+from beamtouch_daemon.sources.serial_port import SerialPort
 from beamtouch_daemon.uptime import uptime_s
 
 BITS_PER_CHARACTER = 11
@@ -73,7 +73,7 @@ class RtuBus:
         """Hold the line for one request, once it has been silent for long enough; give what came unexpectedly."""
         async with self._lock:
             await asyncio.sleep(max(0.0, self._free_s - uptime_s()))
-            unexpected = _joined(port.take())
+            unexpected = port.take()
             self.take_unexpected(unexpected)
             try:
                 yield unexpected
@@ -133,7 +133,7 @@ class RtuLink:
             asked_s, received = uptime_s(), b""
             self._port.send(request)
             while (left_s := asked_s + self.timeout_s - uptime_s()) > 0:
-                received += _joined(await self._port.receive(left_s))
+                received += await self._port.receive(left_s)
                 received = received.replace(request, b"")  # adapters may echo
                 for end, data in _answers_of(self._unit.address, received):
                     if answer := answer_to(block, data, asked_s):
@@ -151,8 +151,8 @@ class RtuLink:
         async with self._bus.turn(self._port) as unexpected:
             received = unexpected
             while (left_s := until_s - uptime_s()) > 0:
-                received += _joined(await self._port.receive(left_s))
-            received += _joined(self._port.take())  # a busy machine reads late
+                received += await self._port.receive(left_s)
+            received += self._port.take()  # a busy machine reads late
         codes = [code for function in READ_FUNCTIONS for code in (function, function | 0x80)]
         return not any(bytes([self._unit.address, code]) in received for code in codes)
 
@@ -162,10 +162,6 @@ def _silence_s(settings: ModbusRtu) -> float:
     if settings.silence_ms is not None:
         return settings.silence_ms / 1e3
     return max(MIN_SILENCE_S if settings.baud > 19_200 else 0.0, 3.5 * BITS_PER_CHARACTER / settings.baud)
-
-
-def _joined(chunks: Sequence[Chunk]) -> bytes:
-    return b"".join(data for _, data in chunks)
 
 
 def _answers_of(address: int, received: bytes) -> Iterator[tuple[int, bytes]]:

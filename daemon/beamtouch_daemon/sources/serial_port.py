@@ -4,7 +4,6 @@ import asyncio
 import errno
 import os
 import termios
-from collections import deque
 from contextlib import suppress
 from typing import Literal
 
@@ -14,15 +13,11 @@ from beamtouch_daemon.sources.reading import SourceError
 from beamtouch_daemon.uptime import uptime_s
 
 Parity = Literal["none", "even", "odd"]
-Chunk = tuple[float, bytes]
-"""Bytes that arrived together, and when, by the clock of `uptime_s` [s]."""
 
 READ_BYTES = 4096
 """Largest number of bytes that one call reads."""
 MAX_READS = 64
 """Limit of reads at a time: several times the buffers of serial drivers."""
-MAX_CHUNKS = 4096
-"""Limit of chunks that nobody has taken; beyond it, the oldest is dropped."""
 FAILURES = (OSError, termios.error)
 """Exceptions of reading and writing once the device is gone."""
 
@@ -39,7 +34,7 @@ _ADVICE = {
 
 
 class SerialPort:
-    """An open port that no other program can open.
+    """An open port that no other program can open. Bytes stay in the driver's buffer until somebody asks for them.
 
     Raises
     ------
@@ -51,10 +46,10 @@ class SerialPort:
         self.path = path
         self.failure = ""
         """Why the port can no longer be used; empty while it can."""
-        self._chunks: deque[Chunk] = deque(maxlen=MAX_CHUNKS)
+        self.taken_s = uptime_s()
+        """When bytes were last taken, by the clock of `uptime_s` [s]: those had arrived by then."""
         self._changed = asyncio.Event()
         self._serial = _open(path, baud, _PARITIES[parity], stop_bits)
-        asyncio.get_running_loop().add_reader(self._serial.fileno(), self._read)
 
     def close(self, failure: str = "") -> None:
         """Close the port, because of a failure or not."""
@@ -76,31 +71,19 @@ class SerialPort:
             failure = f"{self.path} accepts no data: its buffer is full"
             raise SourceError(failure)
 
-    async def receive(self, within_s: float) -> list[Chunk]:
-        """Wait for bytes and return all that have arrived; empty if none come in time, SourceError without a port."""
-        if not self._chunks and not self.failure:
-            self._changed.clear()
-            with suppress(TimeoutError):
-                async with asyncio.timeout(within_s):
-                    await self._changed.wait()
-        chunks = self._take()
-        if not chunks and self.failure:
+    async def receive(self, within_s: float) -> bytes:
+        """Wait for bytes and return all that have arrived; none if none come in time, SourceError without a port."""
+        received = self.take()
+        if not received and not self.failure:
+            await self._wait(within_s)
+            received = self.take()
+        if not received and self.failure:
             raise SourceError(self.failure)
-        return chunks
+        return received
 
-    def take(self) -> list[Chunk]:
-        """Return all bytes that have arrived."""
-        self._read()
-        return self._take()
-
-    def _take(self) -> list[Chunk]:
-        chunks = list(self._chunks)
-        self._chunks.clear()
-        return chunks
-
-    def _read(self) -> None:
-        """Read everything that has arrived, because the newest frame determines the age of the others."""
-        now_s = uptime_s()
+    def take(self) -> bytes:
+        """Return everything that has arrived, because the newest frame determines the age of the others."""
+        self.taken_s = uptime_s()
         data = b""
         try:
             for _ in range(MAX_READS if not self.failure else 0):
@@ -109,9 +92,20 @@ class SerialPort:
                     break
         except FAILURES as error:
             self.close(f"{self.path} is gone: {error}")
-        if data:
-            self._chunks.append((now_s, data))
-            self._changed.set()
+        return data
+
+    async def _wait(self, within_s: float) -> None:
+        """Wait until bytes arrive or the port is closed, at most for this time."""
+        loop, line = asyncio.get_running_loop(), self._serial.fileno()
+        self._changed.clear()
+        loop.add_reader(line, self._changed.set)
+        try:
+            with suppress(TimeoutError):
+                async with asyncio.timeout(within_s):
+                    await self._changed.wait()
+        finally:
+            if self._serial.is_open:
+                loop.remove_reader(line)
 
 
 def _open(path: str, baud: int, parity: str, stop_bits: int) -> serial.Serial:

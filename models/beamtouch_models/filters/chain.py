@@ -3,15 +3,28 @@
 import math
 from collections.abc import Sequence
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from beamtouch_models.filters import means
 from beamtouch_models.filters.filtered import Filtered
 from beamtouch_models.filters.look import Look
 from beamtouch_models.filters.means import FloatArray
-from beamtouch_models.filters.motion import Motion, Moves
+from beamtouch_models.filters.motion import Motion, Moves, Past
 from beamtouch_models.filters.stages import Stage, unit_of
+
+
+class State(NamedTuple):
+    """What a chain knows of the readings before the next one; no array in it ever changes."""
+
+    stages: tuple[FloatArray, ...]
+    """Of each stage that steps."""
+    looked: FloatArray
+    past: Past | None
+    """Of the search for motion; None without it."""
+
 
 BLOCK_VALUES = 500_000
 """Longer inputs are filtered in parts, so that the windows of a part fit in memory."""
@@ -67,10 +80,11 @@ class Chain:
 
     def restart(self) -> None:
         """Reset all states, so that no earlier value affects a later one."""
-        self._states = [means.fresh(stage.memory, self._channels) for stage in self._stages if stage.step]
-        self._looked = self._look.fresh(self._channels) if self._look else means.fresh(0, self._channels)
-        if self._motion:
-            self._past = self._motion.fresh(self._channels)
+        self.state = State(
+            tuple(means.fresh(stage.memory, self._channels) for stage in self._stages if stage.step),
+            self._look.fresh(self._channels) if self._look else means.fresh(0, self._channels),
+            self._motion.fresh(self._channels) if self._motion else None,
+        )
 
     def apply(self, values: FloatArray, lost: Sequence[int] | None = None) -> Filtered:
         """Filter readings, and keep the state after them.
@@ -93,9 +107,7 @@ class Chain:
             if skipped[start] >= self._longest:
                 self.restart()
                 skipped[start] = 0
-            places = np.arange(end - start) + np.cumsum(skipped[start:end])
-            rows = np.full((places[-1] + 1, self._channels), np.nan)
-            rows[places] = values[start:end]
+            rows, places = with_lost(values[start:end], skipped[start:end])
             parts.append(self._in_blocks(rows).at(places))
         return Filtered.joined(parts)
 
@@ -103,21 +115,42 @@ class Chain:
         starts = range(0, max(1, len(values)), self._block)
         return Filtered.joined([self._apply(values[start : start + self._block]) for start in starts])
 
-    def _apply(self, values: FloatArray) -> Filtered:
-        signal = means.signal_of(values)
+    def apply_at_rest(self, values: FloatArray, lost: Sequence[int]) -> Filtered:
+        """Filter readings among which nothing happens; return the mean after the last one.
+
+        It is that of `apply`, which has the parameters, and the means after the others count as equal to it. Only for a
+        growing mean.
+        """
+        if max(lost) >= self._longest:
+            return self.apply(values, lost).at(np.array([len(values) - 1]))
+        rows, _ = with_lost(values, np.array(lost))
+        return self._apply(rows, len(rows) - 1)
+
+    def _apply(self, values: FloatArray, first: int = 0) -> Filtered:
+        """Return the means after the readings from the `first` one on."""
+        signal, stages, looked, past = means.signal_of(values), list(self.state.stages), *self.state[1:]
         seen = None
         if self._look and len(values):
-            seen, self._looked = self._look.step(values, self._looked)
+            seen, looked = self._look.step(values, looked, first)
         for index, stage in enumerate(self._stages):
             if stage.step:
-                signal, self._states[index] = stage.step(signal, self._states[index])
+                signal, stages[index] = stage.step(signal, stages[index])
             elif seen:
                 there = seen.number > 0
                 signal = np.stack([seen.mean_mm, np.where(there, 1 / np.maximum(seen.number, 1), np.nan)], axis=1)
         mean, variance = signal[:, 0], signal[:, 1]
-        if self._motion and seen:
-            found, self._past = self._motion.of(values, mean, variance, seen, self._past)
+        if self._motion and past and seen:
+            found, past = self._motion.of(values, mean, variance, seen, past)
         else:
             nothing = np.zeros(len(values), dtype=np.bool_)
             found = Moves(nothing, nothing, np.zeros((0, self._channels, self._channels)))
+        self.state = State(tuple(stages), looked, past)
         return Filtered(mean, variance, self._noise_mm, *found)
+
+
+def with_lost(values: FloatArray, lost: NDArray[np.intp]) -> tuple[FloatArray, NDArray[np.intp]]:
+    """Return readings with rows of NaN for those lost before each of them, and the places of the readings."""
+    places = np.arange(len(values)) + np.cumsum(lost)
+    rows = np.full((places[-1] + 1, values.shape[1]), np.nan)
+    rows[places] = values
+    return rows, places

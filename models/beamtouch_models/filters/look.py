@@ -147,13 +147,13 @@ class Look:
         state[-BEFORE:] = np.nan
         return state
 
-    def step(self, readings: FloatArray, state: FloatArray) -> tuple[Seen, FloatArray]:
-        """Return what is seen at readings (readings, channels), and the next state."""
+    def step(self, readings: FloatArray, state: FloatArray, first: int = 0) -> tuple[Seen, FloatArray]:
+        """Return what is seen at readings (readings, channels) from the `first` one on, and the next state."""
         count, kept = len(readings), len(state) - BEFORE
         values = np.concatenate([state[-BEFORE:, 0], readings])
         waits, spikes, _ = lone_spikes(values, self.spike_mm)
         counted = self._counted(values[BEFORE - 1 :])
-        settled, newest, doubtful = counted[:-1], counted[1:], waits[BEFORE:]
+        settled, newest, doubtful = counted[:-1], counted[1 + first :], waits[BEFORE + first :]
         if spikes.any():
             settled = np.where(spikes[BEFORE - 1 : -1, np.newaxis], 0.0, settled)
         before = state[:-BEFORE]
@@ -163,8 +163,8 @@ class Look:
         rows = np.concatenate([before, settled])
         rows[kept - 1 :] = np.cumsum(rows[kept - 1 :], axis=0)
         # A doubtful reading waits for the next one, in all channels: a step moves them together.
-        starts = np.arange(kept + 1, kept + 1 + count) - doubtful
-        until = rows[kept:] + np.where(doubtful[:, np.newaxis, np.newaxis], 0.0, newest)
+        starts = np.arange(kept + 1 + first, kept + 1 + count) - doubtful
+        until = rows[kept + first :] + np.where(doubtful[:, np.newaxis, np.newaxis], 0.0, newest)
         sums = Sums(rows, until, starts)
         since, sizes, drifts, touched = self._sizes(sums)
         shown = drifts

@@ -127,13 +127,15 @@ class Motion:
         readings
             Unfiltered, shape (readings, channels).
         mean, variance
-            Means, NaN where a channel has none, and the relative variance of their noise.
+            Means after the last ones of them, NaN where a channel has none, and the relative variance of their noise.
+            Means that were not taken before these count as equal to the first one.
         seen
-            What the look has seen at these readings.
+            What the look has seen at these last ones.
         past
             The state.
         """
-        rows, means = np.concatenate([past.readings, readings]), np.concatenate([past.means, mean])
+        rows = np.concatenate([past.readings, readings])
+        means = np.concatenate([past.means, mean[:1].repeat(len(readings) - len(mean), axis=0), mean])
         there = ~np.isnan(mean)
         number = 1 / np.where(there, variance, 1.0).min(axis=1)
         size = np.minimum(seen.sizes, self._span) if self._grows else np.full(len(mean), self._span)
@@ -149,7 +151,7 @@ class Motion:
         at = np.flatnonzero(moves)
         if len(at):
             of = np.searchsorted(uncertain, at)
-            before = windows(means[:-1], self._means)[at] - mean[at, np.newaxis]
+            before = windows(means[:-1], self._means)[-len(mean) :][at] - mean[at, np.newaxis]
             full = (seen.doubtful & still) | ((seen.since < self._span) & (not self._grows))
             share = np.where(full, 1.0, SWINGING * (seen.since < seen.sizes))
             share *= evidence.newest > self._newest[there.sum(axis=1)]
