@@ -75,6 +75,25 @@ def test_a_lost_reading_has_no_statement_and_its_place_in_time_counts(
     assert np.median(length_mm[:, second] / known_mm[:, second - 5]) > 3
 
 
+@pytest.mark.parametrize("rate_hz", [10.0, 200.0])
+def test_gaps_lie_where_they_say_and_no_motion_is_longer_than_the_beam(bench: ModelFile, rate_hz: float) -> None:
+    sensor = bench.metadata.sensor.model_copy(update={"rate_hz": rate_hz})
+    surface = SimulatedSurface.of(bench.metadata.model_copy(update={"sensor": sensor}))
+    plays = [case.make(surface, 3, np.random.default_rng(7)) for case in contacts.lossy_cases(surface)]
+    gaps = [play for play in plays if play.rows[0][0].startswith("gap of ")]
+    assert {name for play in gaps for name, _ in play.rows} >= {f"gap of {gap} at rest" for gap in contacts.GAPS}
+    for play in gaps:
+        assert play.lost is not None
+        assert set(play.lost.sum(axis=1)) == {int(play.rows[0][0].split()[2])}
+        assert not play.lost[:, : surface.look_back].any()
+        if "at rest" not in play.rows[0][0]:
+            assert np.isnan(play.truth_mm[:, surface.look_back - 1]).all() or "moves" in play.rows[0][0]
+    honest = [case.make(surface, 3, np.random.default_rng(7)) for case in contacts.honest_cases(surface)]
+    speeds = [play.rows[0][0] for play in honest]
+    assert [name for name in speeds if name.endswith("100 mm/s")]
+    assert any(name.endswith("1000 mm/s") for name in speeds) is (rate_hz > 100)
+
+
 def test_noise_is_honest_once_the_user_has_stated_what_was_measured(bench: ModelFile) -> None:
     for make in (sensor_cases.coloured, sensor_cases.coarse):
         (measured,) = only(bench, Case(True, partial(make, measured=True)), 60)

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from beamtouch_common.zones import BEGIN, Span, Zone, ZoneState
+from beamtouch_models.accuracy.posterior import posterior_quantiles
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.zone_bands import band_at
 from example_scenes import SCENES
@@ -36,6 +38,27 @@ def test_the_band_of_a_bar_on_two_scales(noise_mm: float, width_mm: float) -> No
     assert band.wrong <= 0.005
 
 
+@pytest.mark.parametrize("edge_mm", [1.0, 5.0, 40.0])
+def test_the_band_ends_with_the_contacts(edge_mm: float) -> None:
+    # The integral itself: contacts all over the bar, of which the share that is unsure.
+    prior = Prior(100.0, (0.0, 100.0), (10.0, 10.0), 0.5, 2, _scales)
+    random = np.random.default_rng(2)
+    position_mm = random.uniform(0, 100, 4000)
+    clean, deviation = prior.sampled(position_mm, np.full(4000, 10.0))
+    samples = clean + random.normal(size=clean.shape) * deviation
+    spans = posterior_quantiles(prior, samples, np.tile((0.5, 0.025, 0.975), (4000, 1)))[0]
+    zone = Zone(from_mm=edge_mm, to_mm=100.0)
+    unsure = np.array([zone.lies(Span(*one), None, 100.0, BEGIN) is ZoneState.UNSURE for one in spans.tolist()])
+    assert band_at(prior, edge_mm, 1).width_mm == pytest.approx(
+        100 * unsure.mean(), abs=3 * 100 * unsure.std() / 4000**0.5
+    )
+
+
+def test_where_there_are_no_contacts_there_is_no_band() -> None:
+    prior = Prior(100.0, (40.0, 60.0), (10.0, 10.0), 0.01, 2, _scales)
+    assert band_at(prior, 3.0, 1)[1:] == (0.0, 0.0)
+
+
 def test_explain_forecasts_each_edge_within_the_beam(
     design_sensors_here: Callable[..., CompletedProcess[str]], tmp_path: Path
 ) -> None:
@@ -46,6 +69,15 @@ def test_explain_forecasts_each_edge_within_the_beam(
     assert [(edge["zone"], edge["edge_mm"]) for edge in edges] == [("left", 120), ("gate", 120), ("gate", 380)]
     # Next to a support the beam says little of the place.
     assert edges[0]["unsure_mm"] == edges[1]["unsure_mm"] < edges[2]["unsure_mm"] / 2
+
+    path.write_text(path.read_text() + "least_force_n = 18\n")
+    forced = json.loads(design_sensors_here("explain", scene, "--zones", path, "--json").stdout)["zones"]
+    assert forced[0] == edges[0]
+    assert forced[1]["unsure_mm"] < edges[1]["unsure_mm"]
+    path.write_text("[zones.gate]\nfrom_mm = 120\nto_mm = 380\nleast_force_n = 21\n")
+    refused = design_sensors_here("explain", scene, "--zones", path)
+    assert refused.returncode == 2
+    assert "zones.gate: no contact of the scene has such a force; its forces are 2 to 20 N" in refused.stderr
 
     path.write_text("[zones.gate]\nfrom_mm = 120\nto_mm = 500\n")
     refused = design_sensors_here("explain", scene, "--zones", path)

@@ -34,22 +34,32 @@ class Band(NamedTuple):
     """Share of the contacts in the band that are said to be on the wrong side."""
 
 
-def band_at(prior: Prior, edge_mm: float, seed: int) -> Band:
-    """Return the band at an edge within the beam, for the noise of the prior."""
+def band_at(prior: Prior, edge_mm: float, seed: int, range_n: tuple[float, float] | None = None) -> Band:
+    """Return the band at an edge within the beam, for the noise of the prior.
+
+    It is that of the contacts of the prior, of its forces or of a part of them, `range_n`. Where there are none, as
+    beyond the end of its range of positions, there is no band.
+    """
     rng = np.random.default_rng(seed)
-    force_n = rng.uniform(*prior.force_n, size=DRAWS)
+    force_n = rng.uniform(*(range_n or prior.force_n), size=DRAWS)
     low_mm, high_mm = prior.position_mm
     bound_mm = position_deviation_mm(prior, np.clip(edge_mm, low_mm, high_mm), force_n)
-    deviation_mm = np.minimum(bound_mm, (high_mm - low_mm) / (2 * REACH))
+    deviation_mm = np.minimum(bound_mm, (high_mm - low_mm) / REACH)
     away = rng.uniform(-REACH, REACH, size=DRAWS)
-    position_mm = np.clip(edge_mm + away * deviation_mm, low_mm, high_mm)
-    clean, deviation = prior.sampled(position_mm, force_n)
+    position_mm = edge_mm + away * deviation_mm
+    there = (low_mm <= position_mm) & (position_mm <= high_mm)
+    if not there.any():
+        return Band(edge_mm, 0.0, 0.0)
+    clean, deviation = prior.sampled(position_mm[there], force_n[there])
     samples = clean + rng.normal(size=clean.shape) * deviation
-    spans = posterior_quantiles(prior, samples, np.tile(_LEVELS, (DRAWS, 1)))[0]
+    spans = posterior_quantiles(prior, samples, np.tile(_LEVELS, (len(samples), 1)))[0]
     zone = Zone(from_mm=edge_mm, to_mm=prior.length_mm)
     lies = [zone.lies(Span(*span), None, prior.length_mm, BEGIN) for span in spans.tolist()]
+    right = [ZoneState.INSIDE if one >= edge_mm else ZoneState.OUTSIDE for one in position_mm[there].tolist()]
     unsure = np.array([one is ZoneState.UNSURE for one in lies])
-    is_right = np.array([ZoneState.INSIDE if one >= edge_mm else ZoneState.OUTSIDE for one in position_mm]) == lies
-    width_mm = float(2 * REACH * (unsure * deviation_mm).mean())
-    in_band = np.abs(away) <= REACH * unsure.mean()
-    return Band(edge_mm, width_mm, float((~unsure & ~is_right)[in_band].mean()))
+    is_wrong = ~unsure & np.array([one is not other for one, other in zip(lies, right, strict=True)])
+    width_mm = float(2 * REACH * (unsure * deviation_mm[there]).sum() / DRAWS)
+    # Contacts in the band are spread over it evenly, on one side of the edge or on both.
+    apart = np.abs(away[there])
+    in_band = apart <= 2 * np.median(apart[unsure]) if unsure.any() else np.zeros(len(apart), dtype=np.bool_)
+    return Band(edge_mm, width_mm, float(is_wrong[in_band].mean()) if in_band.any() else 0.0)

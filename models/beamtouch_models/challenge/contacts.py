@@ -3,6 +3,7 @@
 Some readings may be lost: in a gap, at random, or because whoever reads the sensors is late.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -59,6 +60,7 @@ def honest_cases(surface: SimulatedSurface) -> list[Case]:
         partial(moves, speed_mm_per_s=float(speed), motion=motion)
         for motion in (BEGINS, KEEPS)
         for speed in SPEEDS_MM_PER_S
+        if has_way(surface, speed, motion)
     ]
     low, high = surface.metadata.ranges.force_n
     makes += [
@@ -73,11 +75,11 @@ def honest_cases(surface: SimulatedSurface) -> list[Case]:
     return [Case(True, make) for make in makes]
 
 
-def touched(surface: SimulatedSurface, draws: int, rng: np.random.Generator) -> Play:
-    """Return a touch that the beam follows at once, between two readings."""
+def touched(surface: SimulatedSurface, draws: int, rng: np.random.Generator, *, least: int = 0) -> Play:
+    """Return a touch that the beam follows at once, between two readings; at least so many readings follow it."""
     position, force = drawn(surface, draws, rng)
     before = surface.look_back
-    there = np.arange(2 * before) >= before
+    there = np.arange(before + max(before, least)) >= before
     return Play(
         deflection_mm=surface.world.under(position, force)[:, None] * there[:, None],
         truth_mm=np.where(there, position[:, None], np.nan),
@@ -86,13 +88,19 @@ def touched(surface: SimulatedSurface, draws: int, rng: np.random.Generator) -> 
     )
 
 
-def rested(surface: SimulatedSurface, draws: int, rng: np.random.Generator) -> Play:
-    """Return contacts that have settled."""
+def rested(surface: SimulatedSurface, draws: int, rng: np.random.Generator, *, least: int = 0) -> Play:
+    """Return contacts that have settled; so many readings follow those that the filter looks back at."""
     position, force = drawn(surface, draws, rng)
     errors = surface.honest(draws, rng)
     clean = surface.world.under(position, force)
     play = settled(surface, "touch, settled", clean, errors, truth_mm=position, as_assumed=True)
-    return replace(play, quiet=True)
+    return replace(
+        play,
+        quiet=True,
+        deflection_mm=np.pad(play.deflection_mm, ((0, 0), (0, least), (0, 0)), "edge"),
+        truth_mm=np.pad(play.truth_mm, ((0, 0), (0, least)), "edge"),
+        rows=tuple((name, reading + least) for name, reading in play.rows),
+    )
 
 
 def rings(
@@ -103,13 +111,14 @@ def rings(
     weighs: bool = False,
     lasting_s: float = 0.0,
     late: float = 0.0,
+    least: int = 0,
 ) -> Play:
     """Return loads that set the beam ringing: a force, or a weight that swings with it, at once or growing evenly.
 
-    `late` is the mean lateness of the readings, in periods.
+    `late` is the mean lateness of the readings, in periods. At least so many of them follow the change of load.
     """
     position, force = drawn(surface, draws, rng)
-    before, readings, seconds = _since(surface, draws, rng)
+    before, readings, seconds = _since(surface, draws, rng, least)
     periods, lost = lateness(draws, seconds.shape[1], late, rng, [before + reading for reading in readings])
     seconds = seconds + periods / surface.metadata.sensor.rate_hz
     grown = np.clip(seconds / lasting_s, 0.0, 1.0) if lasting_s else (seconds >= 0).astype(np.float64)
@@ -142,11 +151,16 @@ def lifts(surface: SimulatedSurface, draws: int, rng: np.random.Generator) -> Pl
     )
 
 
-def _since(surface: SimulatedSurface, draws: int, rng: np.random.Generator) -> tuple[int, list[int], Floats]:
-    """Return the readings before a change of load, those after it that are judged, and all times since it in s."""
+def _since(
+    surface: SimulatedSurface, draws: int, rng: np.random.Generator, least: int = 0
+) -> tuple[int, list[int], Floats]:
+    """Return the readings before a change of load, those after it that are judged, and all times since it in s.
+
+    At least so many readings follow the change.
+    """
     rate_hz, before = surface.metadata.sensor.rate_hz, surface.look_back
     readings = [max(0, round(ms * 1e-3 * rate_hz - 0.5)) for ms in SINCE_MS]
-    return before, readings, (np.arange(-before, readings[-1] + 1) + rng.uniform(size=(draws, 1))) / rate_hz
+    return before, readings, (np.arange(-before, max(readings[-1] + 1, least)) + rng.uniform(size=(draws, 1))) / rate_hz
 
 
 def moves(
@@ -157,15 +171,15 @@ def moves(
     speed_mm_per_s: float,
     motion: Motion = BEGINS,
     late: float = 0.0,
+    least: int = 0,
 ) -> Play:
     """Return loads that lie still and then move; the beam follows with its inertia.
 
-    `late` is the mean lateness of the readings of the motion, in periods.
+    `late` is the mean lateness of the readings of the motion, in periods. There are at least so many of them.
     """
     low, high = surface.metadata.ranges.position_mm
     rate_hz, before = surface.metadata.sensor.rate_hz, surface.look_back
-    moving_s = min(motion.longest_s, motion.way * (high - low) / speed_mm_per_s)
-    moving = max(len(motion.parts), round(moving_s * rate_hz))
+    moving = _readings_of(surface, speed_mm_per_s, motion, least)
     step_s = 1 / rate_hz / STEPS
     way = speed_mm_per_s * step_s * np.arange(moving * STEPS + 1)
     start = rng.uniform(low, high - way[-1], size=draws)
@@ -188,6 +202,20 @@ def moves(
         crosses=_crosses(surface, path),
         lost=None if lost is None else np.pad(lost[:, 1:], ((0, 0), (before, 0))),
     )
+
+
+def has_way(surface: SimulatedSurface, speed_mm_per_s: float, motion: Motion, least: int = 0) -> bool:
+    """Return whether the range of contacts is as long as a motion of so many readings at least."""
+    low, high = surface.metadata.ranges.position_mm
+    moving_s = _readings_of(surface, speed_mm_per_s, motion, least) / surface.metadata.sensor.rate_hz
+    return speed_mm_per_s * moving_s <= high - low
+
+
+def _readings_of(surface: SimulatedSurface, speed_mm_per_s: float, motion: Motion, least: int) -> int:
+    """Return the number of readings of a motion."""
+    low, high = surface.metadata.ranges.position_mm
+    moving_s = min(motion.longest_s, motion.way * (high - low) / speed_mm_per_s)
+    return max(len(motion.parts), least, round(moving_s * surface.metadata.sensor.rate_hz))
 
 
 def _crosses(surface: SimulatedSurface, path_mm: Floats) -> Bools:
@@ -219,6 +247,7 @@ def without(surface: SimulatedSurface, draws: int, rng: np.random.Generator, *, 
 def lossy_cases(surface: SimulatedSurface) -> list[Case]:
     """Return the cases that the scene allows."""
     moving = partial(moves, speed_mm_per_s=LOST_MM_PER_S, motion=KEEPS)
+    moving_ones = (moving,) if has_way(surface, LOST_MM_PER_S, KEEPS) else ()
     ringing = () if surface.world.modes is None else (rings,)
     found: list[Make] = []
     for gap in GAPS:
@@ -227,11 +256,12 @@ def lossy_cases(surface: SimulatedSurface) -> list[Case]:
             partial(interrupted, make=touched, when="at a touch", gap=gap, since_s=0.0),
             *(partial(interrupted, make=make, when="at a sudden force", gap=gap, since_s=0.0) for make in ringing),
             *(partial(interrupted, make=make, when="while it rings", gap=gap, since_s=RINGING_S) for make in ringing),
-            partial(interrupted, make=moving, when="while the load moves", gap=gap),
         ]
+        if has_way(surface, LOST_MM_PER_S, KEEPS, gap + AFTER[-1]):
+            found.append(partial(interrupted, make=moving, when="while the load moves", gap=gap))
     for share in LOSSES:
-        found += [partial(lossy, make=make, share=share) for make in (rested, touched, *ringing, moving)]
-    found += [partial(late, make=partial(make, late=LATE)) for make in (*ringing, moving)]
+        found += [partial(lossy, make=make, share=share) for make in (rested, touched, *ringing, *moving_ones)]
+    found += [partial(late, make=partial(make, late=LATE)) for make in (*ringing, *moving_ones)]
     return [Case(True, make) for make in found]
 
 
@@ -240,7 +270,7 @@ def interrupted(
     draws: int,
     rng: np.random.Generator,
     *,
-    make: Make,
+    make: Callable[..., Play],
     when: str,
     gap: int,
     since_s: float | None = None,
@@ -250,15 +280,14 @@ def interrupted(
     Parameters
     ----------
     surface, draws, rng : as for all courses
-    make, when : makes the course, and what happens in it
+    make, when : makes the course, of at least so many readings since the change of load, and what happens in it
     gap : number of readings that are lost in a row
     since_s : from the change of the load to the gap; None: the gap is as late as the course allows
     """
-    play = make(surface, draws, rng)
+    since = round((since_s or 0.0) * surface.metadata.sensor.rate_hz)
+    play = make(surface, draws, rng, least=since + gap + AFTER[-1])
     length = play.deflection_mm.shape[1]
-    begins = length - gap - AFTER[-1]
-    if since_s is not None:
-        begins = min(begins, surface.look_back + round(since_s * surface.metadata.sensor.rate_hz))
+    begins = length - gap - AFTER[-1] if since_s is None else surface.look_back + since
     gone = np.zeros((draws, length), dtype=np.bool_)
     gone[:, begins : begins + gap] = True
     name = f"gap of {gap} {when}"

@@ -48,7 +48,12 @@ def load_zones(path: Path, scene: Scene) -> dict[str, Zone]:
     zones = load_toml(_File, path).zones
     estimates_force = "force" in scene.requirements.descriptors
     for name, zone in zones.items():
-        if misfit := zone.misfit(scene.beam.length_mm, estimates_force=estimates_force):
+        misfit = zone.misfit(scene.beam.length_mm, estimates_force=estimates_force)
+        low_n, high_n = _forces_n(zone, scene.contact.force_range_n)
+        if not misfit and low_n > high_n:
+            least_n, most_n = scene.contact.force_range_n
+            misfit = f"no contact of the scene has such a force; its forces are {least_n:g} to {most_n:g} N"
+        if misfit:
             message = f"{path}: zones.{name}: {misfit}"
             raise InputError(message)
     return zones
@@ -60,11 +65,21 @@ def bands_of(surface: Surface, zones: dict[str, Zone]) -> list[Edge]:
     at_rest = replace(placed, noise_mm=surface.errors.min_noise_mm or placed.noise_mm)
     edges = []
     for name, zone in zones.items():
+        range_n = _forces_n(zone, at_rest.force_n)
         for edge_mm in (zone.from_mm, zone.to_mm):
             if 0 < edge_mm < placed.length_mm:
-                band = band_at(at_rest, edge_mm, SEED)
+                band = band_at(at_rest, edge_mm, SEED, range_n)
                 edges.append(Edge(name, edge_mm, band.width_mm, 100 * band.wrong))
     return edges
+
+
+def _forces_n(zone: Zone, range_n: tuple[float, float]) -> tuple[float, float]:
+    """Return the part of a range of forces [N] that a zone takes; if it is none, the ends are the wrong way round."""
+    least_n, largest_n = zone.least_force_n, zone.largest_force_n
+    return (
+        range_n[0] if least_n is None else max(range_n[0], least_n),
+        range_n[1] if largest_n is None else min(range_n[1], largest_n),
+    )
 
 
 def zone_rows(edges: list[Edge]) -> list[Block]:
@@ -73,6 +88,7 @@ def zone_rows(edges: list[Edge]) -> list[Block]:
     rows = [(edge.zone, f"{edge.edge_mm:g}", digits(edge.unsure_mm, 3), f"{edge.wrong_percent:.2f}") for edge in edges]
     words = (
         "unsure: width of the band around an edge in which the answer is `unsure`, for loads that have come to rest, "
-        "on average over the forces\nwrong: contacts in this band that are said to be on the wrong side of the edge"
+        "on average over the forces of the zone\n"
+        "wrong: contacts in this band that are said to be on the wrong side of the edge"
     )
     return [Table(head, rows), words]
