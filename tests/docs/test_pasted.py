@@ -97,8 +97,9 @@ def test_the_tutorial_shows_the_figures_that_build_prints(followed: Path) -> Non
 
     for line in sample.splitlines():
         (same,) = [one for one in printed if NUMBER.sub("#", one) == NUMBER.sub("#", line)]
-        near = {"abs": 1.0} if line.startswith("sensors") else {"rel": 0.2}
-        assert figures_in(same) == pytest.approx(figures_in(line), **near), "\n".join(printed)
+        shown = figures_in(line)
+        near = pytest.approx(shown, abs=1.0) if line.startswith("sensors") else pytest.approx(shown, rel=0.2)
+        assert figures_in(same) == near, "\n".join(printed)
 
 
 @pytest.mark.soak
