@@ -62,7 +62,7 @@ class Mistake:
     @property
     def shown(self) -> str:
         """The mistake in Markdown."""
-        lines = [line for line in self.typed.splitlines() if line] or [f"{self.in_place_of}"]
+        lines = [line for line in (self.typed or self.in_place_of).splitlines() if line]
         code = "<br>".join(f"`{line}`" for line in lines)
         return code if self.typed else f"no {code}"
 
@@ -81,8 +81,8 @@ def document() -> str:
     """Return docs/mistakes.md."""
     parts = [
         "# Mistakes and their answers\n\n"
-        "Each command answers a mistake in one line on standard error and ends with exit\n"
-        "code 2. The files are good but for the one thing that is shown; a test types all of them.\n"
+        "Each command answers a mistake in one line on standard error and ends with exit code 2. Apart from the\n"
+        "mistake that is shown, the files are correct. A test makes every mistake.\n"
     ]
     for kind, title in TITLES.items():
         rows = [f"| {one.shown} | {one.answer.replace('|', chr(92) + '|')} |" for one in mistakes() if one.kind == kind]

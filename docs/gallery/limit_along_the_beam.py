@@ -1,4 +1,4 @@
-"""The accuracy limit along the beam: errors live at the ends."""
+"""The accuracy limit along the beam: the error is largest near the ends."""
 
 import sys
 

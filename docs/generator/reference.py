@@ -18,13 +18,14 @@ from beamtouch_daemon.config.settings import Config
 from beamtouch_models.rig.loads import Script
 from beamtouch_models.rig.surface import Imperfections
 from beamtouch_models.scene import Scene
+from beamtouch_models.scene.schema import editor_schema
 from beamtouch_service.config import ConfigFile
 from beamtouch_service.problems import ProblemBody
 from beamtouch_service.samples import Batch
 from beamtouch_service.surfaces.contact import Contact
 from helps import helps_as_markdown, registers
 from project import ROOT
-from schemas import editor_schema, keys_as_markdown
+from schemas import keys_as_markdown
 from stubs import python_interface
 
 FILES: dict[str, tuple[type[BaseModel], str]] = {

@@ -1,39 +1,9 @@
-"""JSON Schemas of the files that people write, for editors, and the reference of their keys."""
+"""The reference of the keys of a file that people write, from its JSON Schema."""
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
 
-from pydantic import BaseModel
-
-Schema = dict[str, Any]
-DIALECT = "https://json-schema.org/draft/2020-12/schema"
-
-
-def editor_schema(model: type[BaseModel], title: str) -> Schema:
-    """Return the JSON Schema of a whole TOML file, as an editor uses it: TOML has no null, and names need no titles."""
-    schema: Schema = _without_null(model.model_json_schema())
-    return {"$schema": DIALECT} | schema | {"title": title}
-
-
-def _without_null(part: Any) -> Any:  # noqa: ANN401  # any JSON value
-    if isinstance(part, list):
-        return [_without_null(one) for one in part]
-    if not isinstance(part, dict):
-        return part
-    kept = {
-        name: {key: _without_null(one) for key, one in value.items()}
-        if name in ("properties", "$defs")
-        else _without_null(value)
-        for name, value in part.items()
-        if not (name == "title" and isinstance(value, str))
-        and not (name == "default" and (value is None or isinstance(value, dict)))
-    }
-    choices = [one for one in kept.get("anyOf", []) if one != {"type": "null"}]
-    if len(choices) == 1 and "anyOf" in kept:
-        del kept["anyOf"]
-        return choices[0] | kept
-    return kept | ({"anyOf": choices} if choices else {})
+from beamtouch_models.scene.schema import Schema
 
 
 def keys_of(schema: Schema) -> Iterator[tuple[str, str, Schema]]:

@@ -19,6 +19,7 @@ COMMANDS = {
     "place": "choose sensor positions and state how much better any other layout could be",
     "reproduce": "recompute the paper's figures and compare them with the paper",
     "scenes": "list the scenes that come with the program, or copy one",
+    "schema": "print the JSON Schema of a scene, with which editors complete and check its keys",
     "trade": "measure what sensors, time, noise and estimators are worth in accuracy",
 }
 

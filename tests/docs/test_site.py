@@ -12,9 +12,11 @@ import jsonschema
 import pytest
 from pydantic import BaseModel
 
+from beamtouch_models import cli
+from beamtouch_models.scene.schema import editor_schema
 from pasted import ROOT
 from reference import ANSWERS, FILES
-from schemas import editor_schema, keys_of
+from schemas import keys_of
 
 SCHEMAS = ROOT / "docs" / "schemas"
 EXAMPLES = {
@@ -49,6 +51,12 @@ def test_the_reference_is_what_the_code_says() -> None:
     command: list[str | Path] = [sys.executable, ROOT / "docs" / "generator" / "reference.py", "--check"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
     assert done.returncode == 0, done.stderr
+
+
+def test_a_command_prints_the_schema_of_a_scene_that_the_site_has(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["schema"]) == 0
+
+    assert capsys.readouterr().out == (SCHEMAS / "scene.json").read_text()
 
 
 @pytest.mark.parametrize("name", [*FILES, *ANSWERS])

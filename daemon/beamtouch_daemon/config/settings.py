@@ -167,10 +167,9 @@ class Surface(Strict):
 
 
 class Config(Strict):
-    """The whole file, with the surfaces of the files that it includes.
+    """The whole file, with the surfaces of the files that it includes."""
 
-    In the validation context, `directory` is where relative paths start, and `files` has the file of each surface.
-    """
+    # In the validation context, `directory` is where relative paths start, and `files` has the file of each surface.
 
     include: Annotated[tuple[str, ...], Field(strict=False)] = ()
     """Files with further `[surfaces.NAME]` tables, as patterns such as "surfaces/*.toml", relative to this file."""

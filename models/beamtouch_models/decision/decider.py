@@ -69,7 +69,7 @@ class Verdict(NamedTuple):
 
     memory: Memory
     unsteady: bool
-    """Whether the readings move, or do not show the state by themselves."""
+    """Whether the beam moves, or this sample alone does not settle the state."""
 
     @property
     def state(self) -> State:
@@ -175,7 +175,7 @@ class Judgement(NamedTuple):
 
     state: State
     unsteady: bool
-    """Whether the readings move, or do not show the state by themselves; also if no state is known yet."""
+    """Whether the beam moves, or this sample alone does not settle the state; true while no state is known yet."""
     shown: bool
     """Whether all hypotheses agree on the state."""
 

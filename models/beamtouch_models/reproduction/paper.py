@@ -9,6 +9,11 @@ from beamtouch_models.placement import layout
 from beamtouch_models.scene import Scene
 from beamtouch_models.scene.beam import Beam
 
+TITLE = (
+    "An approach to optimise the critical sensor locations in one-dimensional novel distributive tactile surface to "
+    "maximise performance"
+)
+"""Title of the paper; the copy that this follows states neither authors nor journal nor year."""
 LENGTH_MM = 400.0
 FORCE_N = 10.0
 """Assumed, because the paper does not state its weight; it cancels from all results in percent."""

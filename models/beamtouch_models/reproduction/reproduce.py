@@ -13,6 +13,7 @@ from beamtouch_models.progress import Progress
 from beamtouch_models.reproduction.components import figure_2, figure_3, figure_4, figure_7
 from beamtouch_models.reproduction.figure_8 import NETWORKS, Layout, figure_8, layouts, performances
 from beamtouch_models.reproduction.finding import Figure, Row
+from beamtouch_models.reproduction.paper import TITLE
 from beamtouch_models.reproduction.printed import printed_rows
 from beamtouch_models.reproduction.search import figures_5_and_6
 
@@ -41,6 +42,7 @@ class Reproduction:
     def results(self) -> dict[str, Any]:
         """Return all numbers and verdicts, for JSON."""
         return {
+            "paper": TITLE,
             "seed": self.seed,
             "rows": [asdict(row) for row in self.rows],
             "figures": {str(figure.number): figure.results for figure in self.figures},
@@ -52,7 +54,7 @@ class Reproduction:
         return ", ".join(f"{verdicts[verdict]} {verdict}" for verdict in ("agrees", "differs", "not stated"))
 
     def _page(self) -> str:
-        lines = ["# The paper's figures, reproduced", ""]
+        lines = ["# The paper's figures, reproduced", "", f"The paper: *{TITLE}*.", ""]
         lines += [f"Seed {self.seed}. Rows: {self.summary()}. All numbers are in `{RESULTS}`.", ""]
         lines += ["| statement | paper | here | verdict |", "|---|---|---|---|"]
         lines += ["| " + " | ".join(map(_cell, _cells(row))) + " |" for row in self.rows]

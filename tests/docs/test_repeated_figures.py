@@ -1,0 +1,58 @@
+"""Figures that a page repeats from the measured ones are those."""
+
+import re
+
+import pytest
+
+from pasted import ROOT
+
+DOCS = ROOT / "docs"
+NOTICED = {
+    "two contacts at the quarters of the beam": ["two contacts at the quarters"],
+    "two contacts, half of the range apart": ["two contacts 0.5 of the range apart"],
+    "two contacts, a twentieth of the range apart": ["two contacts 0.05 of the range apart"],
+    "a load spread over a tenth; a half of the beam": [
+        "load spread over 10 % of the beam",
+        "load spread over 50 % of the beam",
+    ],
+    "a pull of a quarter of the smallest force": ["pull of 0.25 times the smallest force"],
+    "a wedge under a sensor": ["one channel wedged, contact"],
+    "a sensor that stands still during a contact": ["one channel stuck at rest"],
+    "gains 1 %; 3 % off": ["gains 1 % off", "gains 3 % off"],
+    "zeros 1; 3; 10 noises off": ["zeros 1 noises off", "zeros 3 noises off", "zeros 10 noises off"],
+    "sensors 1 mm beside their positions": ["positions 1 mm off"],
+}
+"""Rows of `what-it-can-know.md`, with the cases of the challenge that they stand for."""
+
+
+def rows_of(text: str) -> dict[str, list[str]]:
+    """Return the rows of all tables in a text, by their first cell; bold counts for nothing."""
+    lines = [line.replace("**", "").strip("|").split("|") for line in text.splitlines() if line.startswith("|")]
+    return {cells[0].strip(): [cell.strip() for cell in cells[1:]] for cells in lines}
+
+
+def figures_in(cell: str) -> list[float]:
+    return [float(number) for number in re.findall(r"[\d.]+", cell)]
+
+
+def test_what_it_can_know_repeats_the_faults_of_the_challenge() -> None:
+    faults = rows_of((DOCS / "challenge.md").read_text().split("## Faults and other worlds")[1].split("\n## ")[0])
+    rows = rows_of((DOCS / "explanation" / "what-it-can-know.md").read_text())
+
+    for row, cases in NOTICED.items():
+        noticed, power = zip(*(figures_in(faults[case][0]) for case in cases), strict=True)
+        assert figures_in(rows[row][0]) == pytest.approx(noticed, abs=0.5), row
+        assert figures_in(rows[row][1]) == pytest.approx(power, abs=0.5), row
+
+
+def test_the_guide_repeats_the_figures_of_a_calibration_from_contacts() -> None:
+    measured = rows_of((DOCS / "figures.md").read_text())["and positions 1 mm"]
+    before, after, best, _ratio, held_before, held_after = measured
+    guide = (DOCS / "how-to" / "calibrate-without-loads.md").read_text()
+    (sentence,) = re.findall(r"falls from ([\d.]+) to ([\d.]+) % of\s+the length, where ([\d.]+) %", guide)
+    (held,) = re.findall(r"Intervals held (\d+) % before and (\d+) % after", guide)
+
+    assert [float(one) for one in sentence] == pytest.approx([float(before), float(after), float(best)], abs=0.05)
+    assert [float(one) for one in held] == pytest.approx(
+        [100 * float(held_before), 100 * float(held_after.split(",")[0])], abs=0.5
+    )
