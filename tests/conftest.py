@@ -134,13 +134,6 @@ def paper_network(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return made_once(tmp_path_factory, "paper-network", _build_paper_network)
 
 
-@pytest.fixture
-def short_measuring() -> Iterator[None]:
-    """Builds in this process measure their thresholds and accuracy on few draws."""
-    with few_draws():
-        yield
-
-
 @pytest.fixture(scope="session")
 def bench_model(built_model: Callable[[str], Path]) -> Path:
     """The model file of `models/scenes/bench.toml`."""

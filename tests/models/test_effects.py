@@ -252,7 +252,7 @@ def pricings(monkeypatch: pytest.MonkeyPatch) -> list[FilterChoice]:
     return priced_for
 
 
-@pytest.mark.usefixtures("short_measuring")
+@pytest.mark.usefixtures("short_work")
 def test_a_build_prices_each_effect_once_and_carries_its_physics(pricings: list[FilterChoice]) -> None:
     scene, text = load_scene(SCENES / "stepped.toml")
     chosen = Surface.of(scene).filter

@@ -57,7 +57,7 @@ def test_the_model_of_the_bench_is_at_its_limit(bench: ModelFile) -> None:
     assert found.missed.value == pytest.approx(1 - calls.mean(), abs=4 * found.missed.standard_error + 4 * (1e-3 / 200))
 
 
-@pytest.mark.usefixtures("few_at_rest")
+@pytest.mark.usefixtures("short_work")
 def test_a_model_answers_to_the_noise_that_a_sample_states(bench: ModelFile) -> None:
     prior = at_noise(prior_of_model(bench.metadata), 5 * bench.metadata.noise.sample_mm)
     found = evaluate(bench, prior, draws=2000, seed=5)
@@ -68,7 +68,7 @@ def test_a_model_answers_to_the_noise_that_a_sample_states(bench: ModelFile) -> 
 
 
 @pytest.mark.long
-@pytest.mark.usefixtures("few_at_rest")
+@pytest.mark.usefixtures("short_work")
 def test_one_json_object_and_a_table(design_sensors_here: Command, bench_model: Path, bench: ModelFile) -> None:
     done = run(bench_model, "--draws", 400, "--noise", 0.01, "--noise", 0, "--json")
     assert (done.returncode, done.stderr) == (0, "")
@@ -112,7 +112,7 @@ def test_a_file_that_is_not_a_model_is_refused_in_one_line(design_sensors_here: 
     assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
 
 
-@pytest.mark.usefixtures("few_at_rest")
+@pytest.mark.usefixtures("short_work")
 def test_the_middle_has_figures_only_where_enough_contacts_lie_in_it(bench: ModelFile) -> None:
     # Of 400 mm the middle begins at 80, so that one contact in eighty lies in it, or one in 160.
     for end_mm in (80.5, 81.0):

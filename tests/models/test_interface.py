@@ -11,7 +11,6 @@ import pytest
 import beamtouch_models as models
 from beamtouch_common.errors import InputError
 from beamtouch_models import cli
-from beamtouch_models.building.report import facts
 from beamtouch_models.errors import SceneError
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.physics.motion import FIRST_ROOT
@@ -181,12 +180,8 @@ def test_a_scene_is_changed_key_by_key(scene: models.Scene) -> None:
         models.change_scene(scene, beem={"length_mm": 400})
 
 
-@pytest.mark.usefixtures("short_measuring")
-def test_build_takes_a_scene_and_every_option_of_the_command(
-    scene: models.Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(facts, "PROFILE_DRAWS", 500)
-    monkeypatch.setattr(facts, "LAYOUT_DRAWS", 200)
+@pytest.mark.usefixtures("short_work")
+def test_build_takes_a_scene_and_every_option_of_the_command(scene: models.Scene, tmp_path: Path) -> None:
     scene, path = models.change_scene(scene, sensors={"grid_mm": 19}), tmp_path / "bench.toml"
     path.write_text(models.format_scene(scene))
     options = ("--sensors", "2", "--criterion", "eigenvalue-product", "--seed", "3")
@@ -229,7 +224,7 @@ def test_a_table_of_influence_stands_in_for_the_beam(scene: models.Scene, bench_
     assert other.mean_mm.value > 1.5 * beam.mean_mm.value
 
 
-@pytest.mark.usefixtures("few_at_rest")
+@pytest.mark.usefixtures("short_work")
 def test_evaluate_gives_what_the_command_prints(bench_model: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["evaluate", str(bench_model), "--draws", "500", "--noise", "0.01", "--json"]) == 0
     printed = json.loads(capsys.readouterr().out)["evaluations"][0]

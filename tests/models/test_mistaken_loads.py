@@ -46,7 +46,7 @@ def change_load(path: Path, number: str, column: str, value: str) -> None:
         writer.writerows({**row, column: value} if row["load"] == number else row for row in rows)
 
 
-@pytest.mark.usefixtures("short_measuring")
+@pytest.mark.usefixtures("short_work")
 def test_a_mistyped_load_is_named_and_can_be_left_out(
     design_sensors_here: Command, built_model: Callable[[str], Path], tmp_path: Path
 ) -> None:

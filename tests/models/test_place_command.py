@@ -28,7 +28,7 @@ def scene_in(folder: Path, *changes: tuple[str, str]) -> Path:
     return path
 
 
-@pytest.mark.usefixtures("short_limit")
+@pytest.mark.usefixtures("short_work")
 @pytest.mark.parametrize("option", [PRODUCT, ("--components", 5)])
 def test_the_layout_of_five_sensors_states_its_gap(design_sensors_here: Command, option: tuple[object, ...]) -> None:
     done = design_sensors_here("place", SCENES / "paper.toml", "--sensors", 5, *option, "--json")
@@ -56,7 +56,7 @@ def test_by_default_the_scenes_number_of_sensors_has_the_least_position_error(de
     assert 0 < found["standard_error"] < 0.05
 
 
-@pytest.mark.usefixtures("short_limit")
+@pytest.mark.usefixtures("short_work")
 def test_a_spare_is_stated_with_the_error_without_each_sensor(design_sensors_here: Command, tmp_path: Path) -> None:
     path = scene_in(tmp_path, ("count = 2", "count = 3\ngrid_mm = 80"), ("10.0", "[2.0, 20.0]"))
     found = json.loads(design_sensors_here("place", path, "--spare", 1, "--json").stdout)
@@ -70,7 +70,7 @@ def test_a_spare_is_stated_with_the_error_without_each_sensor(design_sensors_her
     assert f"{worst:.3g} % +-" in lines["failed"]
 
 
-@pytest.mark.usefixtures("short_limit")
+@pytest.mark.usefixtures("short_work")
 def test_the_table_shows_the_layout_of_the_papers_figure_5(design_sensors_here: Command, tmp_path: Path) -> None:
     path = scene_in(tmp_path, ("[sensors]", "[sensors]\nsize_mm = 0"))  # the paper's sensors have no size
     done = design_sensors_here("place", path, "--sensors", 8, "--components", 4, "--search", "paper")
@@ -80,7 +80,7 @@ def test_the_table_shows_the_layout_of_the_papers_figure_5(design_sensors_here: 
     assert "no layout on the grid" in done.stdout
 
 
-@pytest.mark.usefixtures("short_limit")
+@pytest.mark.usefixtures("short_work")
 def test_the_paper_search_by_position_error_shows_a_table(design_sensors_here: Command, tmp_path: Path) -> None:
     path = scene_in(tmp_path, ("count = 2", "count = 2\ngrid_mm = 50"))
     done = design_sensors_here("place", path, "--criterion", "position-error", "--search", "paper", "--seed", 1)
@@ -91,7 +91,7 @@ def test_the_paper_search_by_position_error_shows_a_table(design_sensors_here: C
     assert lines["search"] == "paper, by position-error, seed 1"
 
 
-@pytest.mark.usefixtures("short_limit")
+@pytest.mark.usefixtures("short_work")
 @pytest.mark.parametrize(
     ("sensors", "error_mm", "options", "count", "kept"),
     [
@@ -118,7 +118,7 @@ def test_an_open_number_is_the_fewest_that_meets_the_requirement_with_room_for_f
     assert kept <= set(positions)
 
 
-@pytest.mark.usefixtures("short_limit")
+@pytest.mark.usefixtures("short_work")
 def test_place_states_the_noise_that_effects_are_priced_in(design_sensors_here: Command) -> None:
     # The ADC of the conveyor is left out of its model, and its steps of 0.9 um stay in its noise.
     placed = design_sensors_here("place", SCENES / "conveyor.toml", "--sensors", 2, *PRODUCT)
@@ -145,7 +145,7 @@ range_mm = [1, 20]
 """
 
 
-@pytest.mark.usefixtures("short_limit")
+@pytest.mark.usefixtures("short_work")
 @pytest.mark.parametrize(
     ("rules", "arguments", "said"),
     [
@@ -186,7 +186,7 @@ def test_contacts_at_one_place_have_no_product_of_three_sensors(design_sensors_h
     assert "widen contact.position_mm" in done.stderr
 
 
-@pytest.mark.usefixtures("short_limit")
+@pytest.mark.usefixtures("short_work")
 @pytest.mark.parametrize("arguments", [(), ("--spare", 1), PRODUCT, ("--search", "paper", *PRODUCT)])
 def test_layouts_of_every_search_leave_room_for_the_housings(
     design_sensors_here: Command, tmp_path: Path, arguments: tuple[object, ...]

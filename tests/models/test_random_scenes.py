@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 from beamtouch_models.loading import load
-from random_scenes import random_scene, run_here, short_work, try_scene
+from few_draws import short_work
+from random_scenes import random_scene, run_here, try_scene
 
 ON_SUPPORTS = """
 [beam]

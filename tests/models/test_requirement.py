@@ -12,7 +12,7 @@ MISSED = r"note:    the mean error is [\d.]+ mm, more than requirements.position
 
 
 @pytest.mark.long
-@pytest.mark.usefixtures("short_measuring", "few_at_rest")
+@pytest.mark.usefixtures("short_work")
 def test_a_requirement_that_is_missed_is_remarked(design_sensors_here: Command, tmp_path: Path) -> None:
     scene, model = tmp_path / "paper.toml", tmp_path / "paper.onnx"
     for wanted_mm, is_missed in ((0.5, True), (50, False)):
@@ -23,7 +23,7 @@ def test_a_requirement_that_is_missed_is_remarked(design_sensors_here: Command, 
             assert bool(re.search(MISSED, done.stderr)) == is_missed
 
 
-@pytest.mark.usefixtures("short_limit")
+@pytest.mark.usefixtures("short_work")
 def test_place_says_that_the_best_possible_error_misses_it_too(design_sensors_here: Command, tmp_path: Path) -> None:
     scene = tmp_path / "paper.toml"
     for wanted_mm, is_missed in ((0.5, True), (50, False)):

@@ -61,7 +61,7 @@ def test_an_evaluation_prints_the_same_bytes_at_any_number_of_workers(
 
 
 @pytest.mark.long
-@pytest.mark.usefixtures("short_timing")
+@pytest.mark.usefixtures("short_work")
 def test_a_folder_of_scenes_is_traded_into_a_folder_each(design_sensors_here: Command, tmp_path: Path) -> None:
     scenes, folder, alone = scenes_in(tmp_path / "scenes"), tmp_path / "folder", tmp_path / "alone"
     options = ("--draws", "100", "--estimators", "posterior", "--json")

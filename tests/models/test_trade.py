@@ -114,7 +114,7 @@ def test_a_curve_is_of_the_filter_that_build_writes() -> None:
 
 
 @pytest.mark.long
-@pytest.mark.usefixtures("short_timing", "short_measuring")
+@pytest.mark.usefixtures("short_work")
 def test_the_command_writes_the_folder_names_what_fails_and_builds_the_choice(
     design_sensors_here: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
