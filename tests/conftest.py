@@ -1,10 +1,9 @@
 """Settings of the test run, and fixtures of several folders: models and simulated boards, built once per run."""
 
-import io
 import os
 import signal
 from collections.abc import Callable, Iterator
-from contextlib import nullcontext, redirect_stdout
+from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
 from zlib import crc32
@@ -18,7 +17,7 @@ from hypothesis import HealthCheck, settings
 from playwright.sync_api import Browser
 from xdist.remote import Producer
 
-from beamtouch_models import cli, modelfile
+from beamtouch_models import modelfile
 from beamtouch_models.progress import silent
 from beamtouch_models.scene import load_scene
 from browser import OpenPage, chromium, pages
@@ -118,20 +117,6 @@ def ten_bits(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     """The bench scene with a 10-bit ADC as in the firmware's chip, and its model; built once per run."""
     folder = made_once(tmp_path_factory, "ten-bits", _build_for_firmware)
     return folder / "scene.toml", folder / "bench.onnx"
-
-
-def _build_paper_network(folder: Path) -> None:
-    """Write a model with the paper's network, and the JSON object that the command prints."""
-    with redirect_stdout(io.StringIO()) as said:
-        output = ("--criterion", "eigenvalue-product", "-o", str(folder / "paper.onnx"), "--json")
-        assert cli.main(["build", str(SCENES / "paper.toml"), "--estimator", "paper-network", *output]) == 0
-    (folder / "said.json").write_text(said.getvalue())
-
-
-@pytest.fixture(scope="session")
-def paper_network(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder of `paper.onnx`, with the paper's network trained on all its patterns, and of `said.json`."""
-    return made_once(tmp_path_factory, "paper-network", _build_paper_network)
 
 
 @pytest.fixture(scope="session")

@@ -75,6 +75,7 @@ def test_a_lost_reading_has_no_statement_and_its_place_in_time_counts(
     assert np.median(length_mm[:, second] / known_mm[:, second - 5]) > 3
 
 
+@pytest.mark.soak
 def test_noise_is_honest_once_the_user_has_stated_what_was_measured(bench: ModelFile) -> None:
     for make in (sensor_cases.coloured, sensor_cases.coarse):
         (measured,) = only(bench, Case(True, partial(make, measured=True)), 60)
@@ -123,7 +124,7 @@ def test_the_same_seed_gives_the_same_rows(bench: ModelFile) -> None:
     assert [row.error_mm for row in first] != [row.error_mm for row in other]
 
 
-@pytest.mark.parametrize("name", ["bench", "cantilever", "paper"])
+@pytest.mark.parametrize("name", ["bench", "cantilever", pytest.param("paper", marks=pytest.mark.soak)])
 def test_a_beam_that_rings_after_a_lift_is_not_touched(name: str, built_model: Callable[[str], Path]) -> None:
     """Readings beyond the range on the bench, replaced ones on the cantilever, single ones on the paper's beam."""
     *_, last = only(modelfile.load(built_model(name)), Case(True, contacts.lifts), 30)

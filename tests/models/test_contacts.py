@@ -11,10 +11,10 @@ from posterior_cases import prior_of
 
 SEEDS = 50
 CASES = [
-    ("cantilever", 2, 1.0, False),
+    pytest.param(("cantilever", 2, 1.0, False), marks=pytest.mark.soak),
     ("bench", 2, 1e-3, False),
-    ("paper", 2, 2.0, True),
-    ("two-spans", 3, 10.0, False),
+    pytest.param(("paper", 2, 2.0, True), marks=pytest.mark.soak),
+    pytest.param(("two-spans", 3, 10.0, False), marks=pytest.mark.soak),
 ]
 
 

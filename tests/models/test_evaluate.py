@@ -3,7 +3,6 @@
 import json
 import os
 import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,12 +16,7 @@ from beamtouch_models.description import unseen
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.surface import prior_of_model
 from in_process import Command
-
-COMMAND = str(Path(sys.executable).parent / "design-sensors")
-
-
-def run(*arguments: object) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([COMMAND, "evaluate", *map(str, arguments)], capture_output=True, text=True, check=False)
+from sweeping import COMMAND
 
 
 @pytest.mark.long
@@ -67,10 +61,9 @@ def test_a_model_answers_to_the_noise_that_a_sample_states(bench: ModelFile) -> 
     assert found.span.ratio.value < 1.03
 
 
-@pytest.mark.long
 @pytest.mark.usefixtures("short_work")
 def test_one_json_object_and_a_table(design_sensors_here: Command, bench_model: Path, bench: ModelFile) -> None:
-    done = run(bench_model, "--draws", 400, "--noise", 0.01, "--noise", 0, "--json")
+    done = design_sensors_here("evaluate", bench_model, "--draws", 400, "--noise", 0.01, "--noise", 0, "--json")
     assert (done.returncode, done.stderr) == (0, "")
     found = json.loads(done.stdout)
     assert found["model"] == bench.identity

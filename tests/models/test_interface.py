@@ -226,7 +226,8 @@ def test_a_table_of_influence_stands_in_for_the_beam(scene: models.Scene, bench_
 
 @pytest.mark.usefixtures("short_work")
 def test_evaluate_gives_what_the_command_prints(bench_model: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.main(["evaluate", str(bench_model), "--draws", "500", "--noise", "0.01", "--json"]) == 0
+    asked = ("--draws", "500", "--noise", "0.01", "--json", "--workers", "1")
+    assert cli.main(["evaluate", str(bench_model), *asked]) == 0
     printed = json.loads(capsys.readouterr().out)["evaluations"][0]
 
     found = models.evaluate(models.load_model(bench_model), noise_mm=0.01, draws=500)

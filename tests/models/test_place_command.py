@@ -45,15 +45,16 @@ def test_the_layout_of_five_sensors_states_its_gap(design_sensors_here: Command,
     assert "spare = 1: give 0, or 1, which places by position error" in refused.stderr
 
 
+@pytest.mark.usefixtures("short_work")
 def test_by_default_the_scenes_number_of_sensors_has_the_least_position_error(design_sensors_here: Command) -> None:
     found = json.loads(design_sensors_here("place", SCENES / "paper.toml", "--json").stdout)
     assert (found["criterion"], found["search"], found["seed"]) == ("position-error", "exact", 0)
     assert (found["components"], len(found["positions_mm"]), found["spare"], found["gap"]) == (2, 2, 0, None)
     # One sensor does not tell the two halves of the beam apart.
     assert min(found["limit_without_percent"]) > 2 * found["accuracy_limit_percent"]
-    # From independent code: 3.78 % at the least error, 4.12 % at the largest eigenvalue product.
-    assert found["accuracy_limit_percent"] == pytest.approx(3.78, abs=0.08)
-    assert 0 < found["standard_error"] < 0.05
+    # From independent code: 3.78 % at the least error, 4.50 % at equal pitch.
+    assert abs(found["accuracy_limit_percent"] - 3.78) < 3 * found["standard_error"]
+    assert 0 < found["standard_error"] < 0.2
 
 
 @pytest.mark.usefixtures("short_work")
@@ -95,6 +96,7 @@ def test_the_paper_search_by_position_error_shows_a_table(design_sensors_here: C
 @pytest.mark.parametrize(
     ("sensors", "error_mm", "options", "count", "kept"),
     [
+        ("count = [2, 5]\ngrid_mm = 57", 30, (), 2, set()),
         ("count = [2, 5]\ngrid_mm = 57", 15, (), 3, set()),
         ('count = "auto"\nfixed_mm = [50, 200, 333]\ngrid_mm = 57', 20, (), 3, {50, 200, 333}),
         ("count = [2, 5]\ngrid_mm = 57", 30, ("--components", 3), 3, set()),

@@ -65,8 +65,9 @@ def test_readings_up_to_five_deviations_of_noise_are_explained() -> None:
 
 
 @pytest.mark.parametrize("deviations", [1.5, 3.0])
-def test_a_touch_too_weak_for_a_reading_ends_the_rest_with_the_next_mean(deviations: float) -> None:
-    for seed in range(8):
+@pytest.mark.parametrize("seeds", [range(3), pytest.param(range(3, 8), marks=pytest.mark.soak)])
+def test_a_touch_too_weak_for_a_reading_ends_the_rest_with_the_next_mean(deviations: float, seeds: range) -> None:
+    for seed in seeds:
         surface, touched_mm = resting(seed), 0.1 + noise(100 + seed, BLOCK)
         touched_mm[BLOCK // 2 :] += deviations * NOISE_MM
         assert not surface.take(touched_mm)

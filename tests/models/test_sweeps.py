@@ -17,8 +17,8 @@ from beamtouch_common.errors import FailedError
 from beamtouch_models import cli
 from beamtouch_models.workers.cluster import cluster_at
 from example_scenes import PAPER
-from in_process import Command, command_of
-from sweeping import COMMAND, QUICKLY_TIMED, WITHIN_S, at_work, dask, group, sweeping, swept
+from in_process import Command, Outcome, command_of
+from sweeping import COMMAND, QUICKLY_TIMED, WITHIN_S, at_work, dask, group, sweeping
 from waiting import wait_until
 
 LONG = ("--draws", 2000)
@@ -52,21 +52,19 @@ def scenes_in(folder: Path) -> Path:
 
 
 def test_an_evaluation_prints_the_same_bytes_at_any_number_of_workers(
-    design_sensors_here: Command, quick_model: Path
+    design_sensors_here: Command, spread_here: Command, quick_model: Path
 ) -> None:
     arguments = ("evaluate", "--draws", 400, "--noise", 0.01, "--noise", 0.02, quick_model, "--json")
     alone = design_sensors_here(*arguments).stdout
     assert len(alone) > 500
-    assert alone == swept(*arguments, "--workers", 2)
+    assert alone == spread_here(*arguments, "--workers", 2).stdout
 
 
-@pytest.mark.long
-@pytest.mark.usefixtures("short_work")
-def test_a_folder_of_scenes_is_traded_into_a_folder_each(design_sensors_here: Command, tmp_path: Path) -> None:
-    scenes, folder, alone = scenes_in(tmp_path / "scenes"), tmp_path / "folder", tmp_path / "alone"
-    options = ("--draws", "100", "--estimators", "posterior", "--json")
-    command = [*QUICKLY_TIMED, "trade", str(scenes), *options, "-o", str(folder), "--workers", "2"]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=WITHIN_S)
+TRADED = ("--draws", "100", "--estimators", "posterior", "--json")
+
+
+def objects_traded(done: Outcome | subprocess.CompletedProcess[str], scenes: Path, folder: Path) -> list[Any]:
+    """Check that each scene has been traded into a folder of its own; returns the objects printed, without these."""
     assert done.returncode == 0, done.stderr
     assert "min_distance_mm" in done.stderr
     objects = [json.loads(line) for line in done.stdout.splitlines()]
@@ -75,9 +73,26 @@ def test_a_folder_of_scenes_is_traded_into_a_folder_each(design_sensors_here: Co
     for one, name in zip(objects, ("narrow", "plain"), strict=True):
         assert one["points"]
         assert json.loads((folder / name / "trade.json").read_text())["points"]
+    return objects
+
+
+@pytest.mark.usefixtures("short_work")
+def test_a_folder_of_scenes_is_traded_into_a_folder_each(design_sensors_here: Command, tmp_path: Path) -> None:
+    scenes, folder = scenes_in(tmp_path / "scenes"), tmp_path / "folder"
+    objects_traded(design_sensors_here("trade", scenes, *TRADED, "-o", folder), scenes, folder)
+
+
+@pytest.mark.soak
+def test_scenes_of_a_folder_are_traded_by_two_workers_as_one_is_alone(
+    design_sensors_here: Command, tmp_path: Path
+) -> None:
+    scenes, folder, alone = scenes_in(tmp_path / "scenes"), tmp_path / "folder", tmp_path / "alone"
+    command = [*QUICKLY_TIMED, "trade", str(scenes), *TRADED, "-o", str(folder), "--workers", "2"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=WITHIN_S)
+    objects = objects_traded(done, scenes, folder)
 
     # In this process; times are no part of what is compared.
-    told = design_sensors_here("trade", scenes / "plain.toml", *options, "-o", alone)
+    told = design_sensors_here("trade", scenes / "plain.toml", *TRADED, "-o", alone)
     assert told.returncode == 0, told.stderr
     one = json.loads(told.stdout)
     assert one.pop("output") == str(alone)
@@ -96,9 +111,9 @@ def kill_a_worker(process: subprocess.Popen[str]) -> None:
     ("harm", "code", "said"),
     [
         (interrupt_the_group, 130, "design-sensors: interrupted\n"),
-        (kill_a_worker, 1, "design-sensors: a worker process ended before its work was done; if memory was short, use "
-            "fewer --workers\n"),
-        (subprocess.Popen.kill, -signal.SIGKILL, ""),
+        pytest.param(kill_a_worker, 1, "design-sensors: a worker process ended before its work was done; if memory was "
+            "short, use fewer --workers\n", marks=pytest.mark.soak),
+        pytest.param(subprocess.Popen.kill, -signal.SIGKILL, "", marks=pytest.mark.soak),
     ],
 )  # fmt: skip
 def test_what_ends_a_sweep_ends_its_workers(
@@ -165,7 +180,7 @@ def other_version_of(name: str, folder: Path) -> Path:
     return folder
 
 
-@pytest.mark.long
+@pytest.mark.soak
 def test_a_cluster_gives_the_same_bytes_and_is_refused_in_one_line_where_it_cannot_work(
     design_sensors_here: Command, spread_here: Command, quick_model: Path, tmp_path: Path
 ) -> None:

@@ -103,7 +103,7 @@ def test_a_model_has_the_layout_and_the_figures_of_build(bench: ModelFile) -> No
 def test_a_curve_is_of_the_filter_that_build_writes() -> None:
     stated, _ = load_scene(SCENES / "bench.toml")
     scene = change_scene(stated, requirements={"max_mean_ms": 10.0})  # less than the latency of 20 ms
-    model = measure(Task(scene, "sensors", 2, 128, 0))
+    model = measure(Task(scene, "sensors", 2, 128, 0, kept_mm=(110.0, 290.0)))
     assert isinstance(model, Model)
     curve = follow((scene, model, 128, 0))
     assert curve.readings[-1] == Surface.of(scene).filter.max_readings == 4
