@@ -90,11 +90,11 @@ def test_noise_is_honest_once_the_user_has_stated_what_was_measured(bench: Model
 
 
 def test_wedges_are_noticed_and_near_contacts_cannot_be(bench: ModelFile) -> None:
-    (wedge,) = only(bench, Case(False, lambda *a: faults.wedged(*a, touched=False)), 60)
+    (wedge,) = only(bench, Case(False, lambda *a: faults.wedged(*a, touched=False)), 40)
     assert wedge.power == pytest.approx(1.0)
     assert wedge.noticed is not None
     assert wedge.noticed > 0.95
-    (near,) = only(bench, Case(False, lambda *a: faults.two_contacts(*a, apart=0.02, ratio=1.0)), 60)
+    (near,) = only(bench, Case(False, lambda *a: faults.two_contacts(*a, apart=0.02, ratio=1.0)), 40)
     assert near.power is not None
     assert near.power < 1e-3
     assert near.noticed is not None

@@ -21,8 +21,8 @@ def test_the_command_knows_the_names() -> None:
 
 
 def test_the_papers_network_as_a_graph(monkeypatch: pytest.MonkeyPatch) -> None:
-    # A twelfth of the load positions; the command below trains on all of them.
-    monkeypatch.setattr("beamtouch_models.estimators.paper_network.PATTERNS", 34)
+    # A twentieth of the load positions; the command below trains on all of them.
+    monkeypatch.setattr("beamtouch_models.estimators.paper_network.PATTERNS", 21)
     prior = prior_of("paper", 2, 2.0, known=True)
     network = trained_as_in_the_paper(prior, 0)
     position = np.linspace(40, 360, 50)

@@ -230,7 +230,10 @@ def test_intervals_hold_the_truth_under_a_mounting_tolerance() -> None:
 
 
 CASES = [
-    (name, sensors, noise, (row + column) % 2 == 0, column % 2 == 0)
+    pytest.param(
+        *(name, sensors, noise, (row + column) % 2 == 0, column % 2 == 0),
+        marks=pytest.mark.soak if row and column in (1, 2) else (),
+    )
     for row, (name, sensors) in enumerate((("bench", 4), ("two-spans", 5), ("cantilever", 2)))
     for column, noise in enumerate((10.0, 1.0, 0.1, 0.01))
 ]

@@ -78,7 +78,7 @@ def test_a_model_is_built_where_zeros_drift_far_more_than_readings_scatter(tmp_p
     assert thresholds.touch[-1] > 1
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.soak) for seed in range(1, 5))])
 def test_a_random_scene_is_explained_and_placed_or_refused_in_one_line(seed: int, tmp_path: Path) -> None:
     with short_work():
         told = dict(try_scene(seed, ["explain", "place"], tmp_path))

@@ -100,6 +100,7 @@ def test_a_model_has_the_layout_and_the_figures_of_build(bench: ModelFile) -> No
     assert window.error_mm == found.error_mm
 
 
+@pytest.mark.usefixtures("short_work")
 def test_a_curve_is_of_the_filter_that_build_writes() -> None:
     stated, _ = load_scene(SCENES / "bench.toml")
     scene = change_scene(stated, requirements={"max_mean_ms": 10.0})  # less than the latency of 20 ms
