@@ -22,7 +22,7 @@ from beamtouch_models.progress import silent
 from beamtouch_models.scene import load_scene
 from browser import OpenPage, chromium, pages
 from example_scenes import SCENES
-from few_draws import few_draws
+from few_draws import few_draws, short_work
 from postgres import Postgres, running
 from scheduling import Scheduling
 from simulated_board import Board, Boards, build_board, build_firmware
@@ -108,7 +108,7 @@ def _build_for_firmware(folder: Path) -> None:
     """Write the bench scene with the ADC of the firmware's chip, and its model."""
     text = (SCENES / "bench.toml").read_text().replace("rate_hz = 200", "rate_hz = 200\nadc_bits = 10")
     (folder / "scene.toml").write_text(text)
-    with few_draws():
+    with short_work():
         _build(folder / "scene.toml", "bench", folder)
 
 

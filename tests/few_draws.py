@@ -29,12 +29,13 @@ def short_work() -> Iterator[None]:
     from beamtouch_models.building.report import facts  # noqa: PLC0415
     from beamtouch_models.commands import explain, place  # noqa: PLC0415
     from beamtouch_models.estimators import estimator  # noqa: PLC0415
-    from beamtouch_models.placement import position_error, search  # noqa: PLC0415
+    from beamtouch_models.placement import placing, position_error, search  # noqa: PLC0415
     from beamtouch_models.trade import measure  # noqa: PLC0415
 
     with few_draws(), pytest.MonkeyPatch.context() as less:
         for module, name, value in (
             (search, "MAX_EVALUATIONS", 40),
+            (placing, "FINAL_DRAWS", 256),
             (position_error, "CELLS", (64, 128)),
             (position_error, "KNOWN_FORCE_CONTACTS", 64),
             (position_error, "OPEN_FORCE_CONTACTS", 64),

@@ -173,32 +173,6 @@ def test_inspect_for_a_person(design_sensors_here: Command, bench_model: Path) -
         assert said in done.stdout
 
 
-def test_other_bad_input_is_one_line_and_exit_2(
-    design_sensors_here: Command, tmp_path: Path, bench_model: Path
-) -> None:
-    half, scene = tmp_path / "half.onnx", tmp_path / "open.toml"
-    half.write_bytes(bench_model.read_bytes()[: bench_model.stat().st_size // 2])
-    scene.write_text(PAPER)
-    before = sorted(tmp_path.iterdir())
-    for said, arguments in {
-        "damaged or not an ONNX file": ("inspect", half),
-        "not a model file that holds its scene": ("build", half, "-o", tmp_path / "new.onnx"),
-        "No such file": ("inspect", tmp_path / "absent.onnx"),
-        "no such folder": ("build", scene, "-o", tmp_path / "absent" / "model.onnx"),
-        "a: no such folder": ("build", scene, "-o", tmp_path / "m.onnx", "--report", tmp_path / "a/b.html"),
-        "absent.toml": ("build", tmp_path / "absent.toml", "-o", tmp_path / "model.onnx"),
-        "the following arguments are required: COMMAND": (),
-        "argument COMMAND: invalid choice: 'guess' (choose from build, ": ("guess",),
-        "design-sensors build: the following arguments are required: -o": ("build", "scene.toml"),
-        "'two' is not a whole number from 1 to 64": ("place", "scene.toml", "--sensors", "two"),
-        "is not a whole number from 0 to 4294967295": ("place", "scene.toml", "--seed", "9" * 5000),
-    }.items():
-        done = design_sensors_here(*arguments)
-        assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1), done.stderr
-        assert said in done.stderr
-    assert sorted(tmp_path.iterdir()) == before
-
-
 def test_it_prints_its_version() -> None:
     done = design_sensors("--version")
     assert (done.returncode, done.stdout) == (0, f"design-sensors {version('beamtouch')}\n")

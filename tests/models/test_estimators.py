@@ -49,10 +49,3 @@ def test_the_papers_network_builds_and_is_evaluated(design_sensors_here: Command
     (found,) = json.loads(done.stdout)["evaluations"]
     assert found["span"]["ratio"]["value"] > 1
     assert found["position_coverage"] is found["missed"] is found["false_alarms"] is None
-
-
-def test_an_unknown_estimator_is_refused(design_sensors_here: Command, tmp_path: Path) -> None:
-    done = design_sensors_here("build", SCENES / "paper.toml", "--estimator", "oracle", "-o", tmp_path / "m.onnx")
-    assert done.returncode == 2
-    assert "(choose from posterior, small-network" in done.stderr
-    assert not list(tmp_path.iterdir())

@@ -78,33 +78,6 @@ def test_one_json_object_and_a_table(design_sensors_here: Command, bench_model: 
     assert "smallest force" in table.stdout
 
 
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        (("--noise", "-1"), "--noise -1"),
-        (("--noise", "nan"), "--noise nan"),
-        (("--noise", "1e300"), "hides the largest deflection"),
-        (("--noise", "1e-9"), "less than 1e-4 % of the largest deflection"),
-        (("--draws", "5"), "from 100"),
-        (("--draws", "1000001"), "to 1000000"),
-    ],
-)
-def test_a_bad_request_is_one_line(
-    design_sensors_here: Command, bench_model: Path, arguments: tuple[str, ...], said: str
-) -> None:
-    done = design_sensors_here("evaluate", bench_model, *arguments)
-    assert done.returncode == 2
-    assert done.stdout == ""
-    assert said in done.stderr.splitlines()[-1]
-
-
-def test_a_file_that_is_not_a_model_is_refused_in_one_line(design_sensors_here: Command, tmp_path: Path) -> None:
-    path = tmp_path / "no.onnx"
-    path.write_text("no model")
-    done = design_sensors_here("evaluate", path)
-    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
-
-
 @pytest.mark.usefixtures("short_work")
 def test_the_middle_has_figures_only_where_enough_contacts_lie_in_it(bench: ModelFile) -> None:
     # Of 400 mm the middle begins at 80, so that one contact in eighty lies in it, or one in 160.

@@ -15,7 +15,9 @@ from false_alarms import (
 pytestmark = pytest.mark.long
 
 
-@pytest.mark.parametrize(("name", "kept"), [("bench", (0, 1, 2, 3)), ("short-deep", (1,))])
+@pytest.mark.parametrize(
+    ("name", "kept"), [("bench", (0, 1, 2, 3)), pytest.param("short-deep", (1,), marks=pytest.mark.soak)]
+)
 def test_false_contacts_come_once_a_month_wherever_zeros_lie(name: str, kept: tuple[int, ...]) -> None:
     on = surface(name)
     assert on.thresholds.false_contacts_per_day == pytest.approx(1 / 30)

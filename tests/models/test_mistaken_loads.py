@@ -162,7 +162,10 @@ REVERSED = "channels seem to be in reverse order, or positions to be measured fr
     ("name", "change", "said"),
     [
         pytest.param("bench", lambda mm: mm[:, [0, 2, 1, 3]], "s2 and s3 seem to be swapped", marks=pytest.mark.soak),
-        ("bench", lambda mm: mm * [1, 1, -1, 1], "s3 seems to be inverted; check the wiring"),
+        pytest.param(
+            *("bench", lambda mm: mm * [1, 1, -1, 1], "s3 seems to be inverted; check the wiring"),
+            marks=pytest.mark.soak,
+        ),
         ("bench", lambda mm: mm[:, ::-1], REVERSED),
         pytest.param("bench", lambda mm: mm[::-1], REVERSED, marks=pytest.mark.soak),
         pytest.param("conveyor", lambda mm: mm[:, ::-1], REVERSED, marks=pytest.mark.soak),
@@ -180,7 +183,7 @@ def test_wrong_wiring_is_named(
 
 @pytest.mark.parametrize(
     "measured_mm",
-    [pytest.param(one, marks=pytest.mark.soak) for one in ("all zero", "of a mirrored beam")] + ["of shuffled loads"],
+    ["all zero", *(pytest.param(one, marks=pytest.mark.soak) for one in ("of a mirrored beam", "of shuffled loads"))],
 )
 def test_a_recording_that_is_of_another_surface_makes_no_model(
     measured_mm: str, built_model: Callable[[str], Path]

@@ -201,5 +201,6 @@ def test_layouts_of_every_search_leave_room_for_the_housings(
     assert done.returncode == 0, done.stderr
     places = json.loads(done.stdout)["positions_mm"]
     assert 133 in places
+    assert {at % 6 for at in places if at != 133} == {0}
     taken = sorted([(-17, 0), (180, 180), (400, 417), (90, 116), *((at - 17, at + 17) for at in places)])
     assert all(end <= start for (_, end), (start, _) in pairwise(taken))

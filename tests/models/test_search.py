@@ -87,7 +87,7 @@ def test_of_layouts_with_nearly_the_least_error_one_that_notices_much_is_taken()
     assert shares[row] > shares[least] + 0.02
 
 
-@pytest.mark.parametrize("spare", [0, 1])
+@pytest.mark.parametrize("spare", [0, pytest.param(1, marks=pytest.mark.soak)])
 def test_the_only_layout_is_found_and_fixed_sensors_stay(spare: int) -> None:
     influence, rules = problem_in(scene_of(grid_mm=1, min_distance_mm=199))
     only = place_by_position_error(influence, rules, 3, 0, ERRORS, spare=spare).positions_mm

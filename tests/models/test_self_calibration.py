@@ -78,6 +78,7 @@ def test_200_contacts_bring_the_error_to_the_limit(
     assert model.metadata.floor.zero_mm == bench.metadata.floor.zero_mm
 
 
+@pytest.mark.soak
 def test_the_errors_of_positions_are_as_stated(bench: ModelFile) -> None:
     theory, ratios = Theory.of(bench.metadata), []
     zero_mm = np.array(bench.metadata.floor.zero_mm)
@@ -176,6 +177,7 @@ def test_a_fixity_is_told_with_its_error(bench: ModelFile) -> None:
     assert left == pytest.approx(0.2, abs=FIXITY)
 
 
+@pytest.mark.soak
 def test_20_contacts_are_better_than_none_or_refused(bench: ModelFile) -> None:
     accepted = 0
     for seed in range(6):
@@ -214,10 +216,3 @@ def test_a_refusal_writes_nothing(
     assert (done.returncode, done.stdout) == (1, "")
     assert "11 contacts are too few" in done.stderr
     assert not output.exists()
-
-
-@pytest.mark.parametrize("given", [[], ["loads.csv", "--events", "contacts.csv"]])
-def test_loads_or_contacts_but_not_both(design_sensors_here: Command, bench_model: Path, given: list[str]) -> None:
-    done = design_sensors_here("calibrate", bench_model, *given, "-o", "new.onnx")
-    assert (done.returncode, done.stdout) == (2, "")
-    assert "READINGS.csv" in done.stderr
