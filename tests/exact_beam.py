@@ -80,7 +80,8 @@ class ExactBeam:
         system[3, 0] = mp.mpf(self.beam.foundation_n_mm2 or 0.0)
         system[3, 4] = -pressure
         system *= end - start
-        term = total = zeros(5, 5) + np.eye(5, dtype=int)
+        total: Matrix = zeros(5, 5) + np.eye(5, dtype=int)
+        term = total
         order = 1
         while np.abs(term).max() > mp.eps * np.abs(total).max():
             term = term @ system / order

@@ -40,13 +40,6 @@ def test_false_stretches_come_at_most_once_a_day_at_rest_and_during_contacts(
     assert 0.2 < false_stretches_of_contacts_per_day(on, kept, draws) < 2
 
 
-@pytest.mark.soak
-@pytest.mark.parametrize(("name", "kept"), [("bench", (0, 3)), ("bench", (2,))])
-def test_on_few_channels_false_stretches_at_rest_are_no_more_frequent(name: str, kept: tuple[int, ...]) -> None:
-    on = surface(name)
-    assert false_stretches_per_day(on, kept, 4096) < 2
-
-
 def test_three_odd_means_of_four_in_a_row_allow_lower_thresholds_than_one() -> None:
     on = surface("bench")
     rest, misfit = unexplained_thresholds(on.prior, on.scene.sensors.rate_hz, window=4, seed=1)

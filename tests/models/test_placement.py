@@ -50,13 +50,6 @@ def test_the_same_seed_gives_the_same_search_and_convergence_never_falls(search:
     assert first.log_eigenvalue_product == pytest.approx(scored, abs=1e-12)
 
 
-def test_the_paper_search_starts_from_equal_pitch_and_takes_about_as_many_steps() -> None:
-    found = place(*problem_in(paper_scene()), 8, 0, leading=4, search="paper")
-    equal = score_positions(influence_of(paper_scene()), np.rint(400 * np.arange(1, 9) / 9), 4)
-    assert found.convergence[0] == pytest.approx(equal, abs=1e-7)
-    assert 10 < len(found.convergence) < 80
-
-
 @pytest.mark.parametrize("search", ["exact", "paper"])
 def test_layouts_keep_keep_outs_fixed_sensors_grid_and_distance(search: SearchName) -> None:
     scene = paper_scene(keep_out_mm=[(110, 130), (270, 290)], fixed_mm=[200.5], grid_mm=5, min_distance_mm=40)

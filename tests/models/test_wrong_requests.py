@@ -9,7 +9,6 @@ from example_scenes import PAPER
 from in_process import command_of
 
 BUILD, EVALUATE, TRADE = "build scene.toml -o m.onnx", "evaluate bench.onnx", "trade scene.toml -o out"
-CALIBRATE = "calibrate bench.onnx -o new.onnx"
 REQUESTS = [
     ("", "the following arguments are required: COMMAND"),
     ("guess", "argument COMMAND: invalid choice: 'guess' (choose from build, "),
@@ -29,15 +28,16 @@ REQUESTS = [
     (f"{EVALUATE} --noise 1e-9", "less than 1e-4 % of the largest deflection"),
     (f"{EVALUATE} --draws 5", "from 100"),
     (f"{EVALUATE} --draws 1000001", "to 1000000"),
-    ("evaluate scene.toml", "damaged or not an ONNX file"),
+    ("evaluate half.onnx", "damaged or not an ONNX file"),
+    ("evaluate scene.toml", "scene.toml: this is no model; give the .onnx file that `design-sensors build` wrote"),
     ("challenge", "required: MODEL"),
     ("challenge absent.onnx", "No such file"),
     ("challenge absent.onnx --draws 9", "from 10 to 10000"),
     (f"{TRADE} --latency-ms 0", "--latency-ms 0: give a positive number"),
     (f"{TRADE} --error-mm nan", "--error-mm nan: give a positive number"),
     (f"{TRADE} --error-mm 1 --latency-ms 1", "not allowed with argument --error-mm"),
-    (CALIBRATE, "READINGS.csv"),
-    (f"{CALIBRATE} loads.csv --events contacts.csv", "READINGS.csv"),
+    ("calibrate bench.onnx -o new.onnx", "READINGS.csv"),
+    ("calibrate bench.onnx loads.csv --events contacts.csv -o new.onnx", "READINGS.csv"),
     *(
         (f"{command} FILE {options}", said)
         for command in ("trade", "evaluate", "challenge")
