@@ -1,10 +1,9 @@
 """Settings of the test run, and fixtures of several folders: models and simulated boards, built once per run."""
 
-import io
 import os
 import signal
 from collections.abc import Callable, Iterator
-from contextlib import nullcontext, redirect_stdout
+from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
 from zlib import crc32
@@ -18,12 +17,12 @@ from hypothesis import HealthCheck, settings
 from playwright.sync_api import Browser
 from xdist.remote import Producer
 
-from beamtouch_models import cli, modelfile
+from beamtouch_models import modelfile
 from beamtouch_models.progress import silent
 from beamtouch_models.scene import load_scene
 from browser import OpenPage, chromium, pages
 from example_scenes import SCENES
-from few_draws import few_draws
+from few_draws import few_draws, short_work
 from postgres import Postgres, running
 from scheduling import Scheduling
 from simulated_board import Board, Boards, build_board, build_firmware
@@ -77,7 +76,7 @@ def anyio_backend() -> str:
     return "asyncio"
 
 
-ROUGHLY = {"conveyor", "two-spans"}
+ROUGHLY = {"cantilever", "conveyor", "two-spans"}
 """Scenes whose models are asked for the physics and the noise alone, not for thresholds and accuracy."""
 
 
@@ -109,7 +108,7 @@ def _build_for_firmware(folder: Path) -> None:
     """Write the bench scene with the ADC of the firmware's chip, and its model."""
     text = (SCENES / "bench.toml").read_text().replace("rate_hz = 200", "rate_hz = 200\nadc_bits = 10")
     (folder / "scene.toml").write_text(text)
-    with few_draws():
+    with short_work():
         _build(folder / "scene.toml", "bench", folder)
 
 
@@ -118,27 +117,6 @@ def ten_bits(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     """The bench scene with a 10-bit ADC as in the firmware's chip, and its model; built once per run."""
     folder = made_once(tmp_path_factory, "ten-bits", _build_for_firmware)
     return folder / "scene.toml", folder / "bench.onnx"
-
-
-def _build_paper_network(folder: Path) -> None:
-    """Write a model with the paper's network, and the JSON object that the command prints."""
-    with redirect_stdout(io.StringIO()) as said:
-        output = ("--criterion", "eigenvalue-product", "-o", str(folder / "paper.onnx"), "--json")
-        assert cli.main(["build", str(SCENES / "paper.toml"), "--estimator", "paper-network", *output]) == 0
-    (folder / "said.json").write_text(said.getvalue())
-
-
-@pytest.fixture(scope="session")
-def paper_network(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder of `paper.onnx`, with the paper's network trained on all its patterns, and of `said.json`."""
-    return made_once(tmp_path_factory, "paper-network", _build_paper_network)
-
-
-@pytest.fixture
-def short_measuring() -> Iterator[None]:
-    """Builds in this process measure their thresholds and accuracy on few draws."""
-    with few_draws():
-        yield
 
 
 @pytest.fixture(scope="session")

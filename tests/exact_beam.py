@@ -9,11 +9,15 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import mpmath
+import numpy as np
 from mpmath import mp
+from numpy.typing import NDArray
 
 from beamtouch_models.scene.beam import Beam
 
 Number = Any  # mpmath ships no types
+Matrix = NDArray[np.object_]
+"""Of mpmath's numbers; products are several times as quick as those of its own matrices."""
 
 
 @dataclass(frozen=True)
@@ -22,7 +26,7 @@ class ExactBeam:
 
     beam: Beam
     digits: int = 50
-    _known: dict[tuple[Number, ...], Number] = field(default_factory=dict, init=False, repr=False, compare=False)
+    _known: dict[tuple[Number, ...], Matrix] = field(default_factory=dict, init=False, repr=False, compare=False)
     """Matrices from event to event: most come up for many sensors and loads."""
 
     def deflection(self, x: float, a: float, width: float = 0.0) -> Number:
@@ -34,7 +38,7 @@ class ExactBeam:
         length, supports = mp.mpf(self.beam.length_mm), self.beam.support_list
         low, high = max(a - width / 2, mp.mpf(0)), min(a + width / 2, length)
         unknowns = 2 + sum(2 if support.kind == "fixed" else 1 for support in supports)
-        state = mpmath.zeros(5, unknowns + 1)
+        state = zeros(5, unknowns + 1)
         state[0, 0] = state[1, 1] = state[4, unknowns] = mp.mpf(1)
         conditions, at_sensor, fresh = [], None, 2
         events = {mp.mpf(0), length, x, low, high}
@@ -43,32 +47,31 @@ class ExactBeam:
         before = mp.mpf(0)
         for event in sorted(events):
             pressed = high > low and low <= before and event <= high
-            state = self._carried(before, event, 1 / (high - low) if pressed else mp.mpf(0)) * state
+            state = self._carried(before, event, 1 / (high - low) if pressed else mp.mpf(0)) @ state
             before = event
             if event == low == high:
                 state[3, unknowns] -= 1
             for support in supports:
                 if mp.mpf(support.at_mm) == event:
                     for row in (0, 1) if support.kind == "fixed" else (0,):
-                        conditions.append(state[row, :])
+                        conditions.append(state[row].copy())
                         state[3 - row, fresh] += 1
                         fresh += 1
             if event == x:
-                at_sensor = state[0, :]
+                at_sensor = state[0].copy()
         assert at_sensor is not None
-        conditions += [state[2, :], state[3, :]]
-        system = mpmath.matrix([[condition[column] for column in range(unknowns)] for condition in conditions])
-        reactions = mpmath.lu_solve(system, mpmath.matrix([-condition[unknowns] for condition in conditions]))
+        system = np.array([*conditions, state[2], state[3]])
+        reactions = mpmath.lu_solve(mpmath.matrix(system[:, :-1].tolist()), mpmath.matrix((-system[:, -1]).tolist()))
         return at_sensor[unknowns] + sum(at_sensor[column] * reactions[column] for column in range(unknowns))
 
-    def _carried(self, start: Number, end: Number, pressure: Number) -> Number:
+    def _carried(self, start: Number, end: Number, pressure: Number) -> Matrix:
         if (start, end, pressure) not in self._known:
             self._known[start, end, pressure] = self._exponential(start, end, pressure)
         return self._known[start, end, pressure]
 
-    def _exponential(self, start: Number, end: Number, pressure: Number) -> Number:
+    def _exponential(self, start: Number, end: Number, pressure: Number) -> Matrix:
         section = next(section for section in self.beam.sections if end <= mp.mpf(section.to_mm))
-        system = mpmath.zeros(5)
+        system = zeros(5, 5)
         system[0, 1] = mp.mpf(1)
         if self.beam.shear_modulus_gpa is not None:
             system[0, 3] = 6 / (5000 * mp.mpf(self.beam.shear_modulus_gpa) * mp.mpf(section.area_mm2))
@@ -77,13 +80,19 @@ class ExactBeam:
         system[3, 0] = mp.mpf(self.beam.foundation_n_mm2 or 0.0)
         system[3, 4] = -pressure
         system *= end - start
-        term = total = mpmath.eye(5)
+        total: Matrix = zeros(5, 5) + np.eye(5, dtype=int)
+        term = total
         order = 1
-        while mpmath.mnorm(term) > mp.eps * mpmath.mnorm(total):
-            term = term * system / order
+        while np.abs(term).max() > mp.eps * np.abs(total).max():
+            term = term @ system / order
             total = total + term
             order += 1
         return total
+
+
+def zeros(rows: int, columns: int) -> Matrix:
+    """A matrix of exact zeros."""
+    return np.full((rows, columns), mp.mpf(0), dtype=object)
 
 
 def simple(*at_mm: float) -> list[dict[str, object]]:

@@ -1,4 +1,4 @@
-"""Builds in a quarter of the time, for tests that do not ask for the thresholds and the accuracy of a model."""
+"""Builds and other commands in a part of the time, for tests that do not ask for figures; all their steps remain."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -8,7 +8,7 @@ import pytest
 
 @contextmanager
 def few_draws() -> Iterator[None]:
-    """Measure thresholds and accuracy on a few simulated samples; all steps of a build remain."""
+    """Measure thresholds and accuracy on a few simulated samples."""
     # Here, as most folders of tests build no model, and each of their processes would take a second to import this.
     from beamtouch_models.accuracy import touch_thresholds, unexplained_thresholds  # noqa: PLC0415
     from beamtouch_models.building import measure, since_touch  # noqa: PLC0415
@@ -18,4 +18,38 @@ def few_draws() -> Iterator[None]:
         fewer.setattr(since_touch, "KNOWN", 512)
         for module in (unexplained_thresholds, touch_thresholds):
             fewer.setattr(module, "DRAWS", 512)
+        yield
+
+
+@contextmanager
+def short_work() -> Iterator[None]:
+    """Also score few layouts, draw few contacts for every figure, and time few inferences."""
+    from beamtouch_models.accuracy import evaluation  # noqa: PLC0415  # as above
+    from beamtouch_models.building import sensors, since_touch  # noqa: PLC0415
+    from beamtouch_models.building.report import facts  # noqa: PLC0415
+    from beamtouch_models.commands import explain, place  # noqa: PLC0415
+    from beamtouch_models.estimators import estimator  # noqa: PLC0415
+    from beamtouch_models.placement import placing, position_error, search  # noqa: PLC0415
+    from beamtouch_models.trade import measure  # noqa: PLC0415
+
+    with few_draws(), pytest.MonkeyPatch.context() as less:
+        for module, name, value in (
+            (search, "MAX_EVALUATIONS", 40),
+            (placing, "FINAL_DRAWS", 256),
+            (position_error, "CELLS", (64, 128)),
+            (position_error, "KNOWN_FORCE_CONTACTS", 64),
+            (position_error, "OPEN_FORCE_CONTACTS", 64),
+            (sensors, "FAILED_DRAWS", 64),
+            (explain, "REPEATS", 1),
+            (place, "LIMIT_DRAWS", 256),
+            (since_touch, "CONTACTS", 8),
+            (since_touch, "MOST", 64),
+            (estimator, "DRAWS", 64),
+            (evaluation, "REST_DRAWS", 2**12),
+            (facts, "PROFILE_DRAWS", 500),
+            (facts, "LAYOUT_DRAWS", 200),
+            (measure, "CALLS", 5),
+            (measure, "ROUNDS", 2),
+        ):
+            less.setattr(module, name, value)
         yield

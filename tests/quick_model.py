@@ -10,7 +10,7 @@ from beamtouch_models.placement.placing import Aim
 from beamtouch_models.progress import silent
 from beamtouch_models.scene import parse_scene
 from example_scenes import PAPER
-from few_draws import few_draws
+from few_draws import short_work
 
 SCENE = (
     PAPER.replace("count = 2", "count = 3")
@@ -23,7 +23,7 @@ CHOICES = Choices(aim=Aim("eigenvalue-product"))
 
 def write_quick_model(folder: Path) -> None:
     """Write `quick.onnx` into a folder."""
-    with few_draws():
+    with short_work():
         built = build_model(
             parse_scene(SCENE, "quick.toml"), SCENE, "quick", count=None, seed=0, progress=silent, choices=CHOICES
         )

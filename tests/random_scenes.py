@@ -21,21 +21,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pytest
 import tomli_w
 
 from beamtouch_models import cli
-from beamtouch_models.building import sensors, since_touch
-from beamtouch_models.commands import explain, place
 from beamtouch_models.errors import SceneError
-from beamtouch_models.estimators import estimator
 from beamtouch_models.loading import load
 from beamtouch_models.physics.beam import travel_of
-from beamtouch_models.placement import position_error
-from beamtouch_models.placement import search as placement_search
 from beamtouch_models.rig.surface import Imperfections
 from beamtouch_models.scene import Scene, parse_scene
-from few_draws import few_draws
+from few_draws import short_work
 from imperfect_surface import true_prior, write_readings
 
 COMMANDS = ("explain", "place", "build", "calibrate")
@@ -192,27 +186,6 @@ def _force(rng: np.random.Generator, tables: Table) -> float | list[float]:
         except (ValueError, SceneError, ZeroDivisionError):
             pass
     return strong if rng.random() < 0.3 else [float(f"{strong * rng.choice([0.001, 0.1, 0.5]):.4g}"), strong]
-
-
-@contextlib.contextmanager
-def short_work() -> Iterator[None]:
-    """Search few layouts and draw few contacts: all steps of a command remain."""
-    with few_draws(), pytest.MonkeyPatch.context() as less:
-        for module, name, value in (
-            (placement_search, "MAX_EVALUATIONS", 40),
-            (position_error, "CELLS", (64, 128)),
-            (position_error, "KNOWN_FORCE_CONTACTS", 64),
-            (position_error, "OPEN_FORCE_CONTACTS", 64),
-            (sensors, "FAILED_DRAWS", 64),
-            (explain, "REPEATS", 1),
-            (place, "LIMIT_DRAWS", 256),
-            (since_touch, "CONTACTS", 8),
-            (since_touch, "KNOWN", 512),
-            (since_touch, "MOST", 64),
-            (estimator, "DRAWS", 64),
-        ):
-            less.setattr(module, name, value)
-        yield
 
 
 class BrokenError(Exception):

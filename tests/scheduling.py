@@ -7,7 +7,9 @@ TOGETHER = (
     "models/test_build_report.py",
     "models/test_calibration.py",
     "models/test_false_alarms.py",
+    "models/test_rig.py",
     "models/test_self_calibration.py",
+    "models/test_since_touch.py",
     "models/test_small_network.py",
     # Pages share a browser; started for each test, it would take longer than most of them. One for all modules would
     # keep its event loop running beside other tests.

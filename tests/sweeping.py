@@ -24,14 +24,6 @@ WITHIN_S = 240.0
 """Bound on anything that a starved machine is waited for."""
 
 
-def swept(*arguments: object) -> str:
-    """Run `design-sensors` to its end; returns its standard output."""
-    command = [COMMAND, *map(str, arguments)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=WITHIN_S)
-    assert (done.returncode, done.stderr) == (0, "")
-    return done.stdout
-
-
 @contextmanager
 def sweeping(*arguments: object) -> Iterator[subprocess.Popen[str]]:
     """Start `design-sensors` in a process group of its own, as a terminal does; nothing of it is left at the end."""

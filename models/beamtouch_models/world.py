@@ -12,7 +12,6 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
-from scipy.signal import lfilter
 
 from beamtouch_models.arrays import Bools, Floats
 from beamtouch_models.metadata import Departures, Sensor
@@ -188,6 +187,8 @@ class World:
         """Return the noisy outputs of the sensors, 0 to 1 of the ADC's scale; both (draws, readings, channels)."""
         white = rng.normal(size=deflection_mm.shape)
         if errors.correlation:
+            from scipy.signal import lfilter  # noqa: PLC0415  # slow to import, and few surfaces need it
+
             # Begin in the steady state, so that the variance is the same at every reading.
             white[:, 1:] *= np.sqrt(1 - errors.correlation**2)
             white = lfilter([1.0], [1.0, -errors.correlation], white, axis=1)

@@ -1,4 +1,7 @@
-"""The gallery: every script makes the plot of its page, and the notebook runs."""
+"""The gallery: every script makes the plot of its page, and the notebook runs.
+
+Two scripts place sensors and measure them, which takes the longest: they are of the soak.
+"""
 
 import re
 import runpy
@@ -14,7 +17,11 @@ from pasted import ROOT
 
 pytestmark = pytest.mark.long
 GALLERY = ROOT / "docs" / "gallery"
-SCRIPTS = sorted(path.name for path in GALLERY.glob("*.py"))
+PLACING = ("noise_and_sensors.py", "why_these_positions.py")
+SCRIPTS = [
+    pytest.param(path.name, marks=pytest.mark.soak if path.name in PLACING else ())
+    for path in sorted(GALLERY.glob("*.py"))
+]
 
 
 @pytest.fixture(autouse=True)

@@ -1,7 +1,7 @@
 """The blocks of README, tutorial and guides run as they stand there, pasted whole and in order.
 
-Each starts a rig, a service and a daemon, and waits for them as its reader does. So the README and most guides are of
-the soak; `test_commands_in_pages.py` holds their commands and files to the programs in each run.
+Each starts a rig, a service and a daemon, and waits for them as its reader does. So they are of the soak;
+`test_commands_in_pages.py` holds their commands and files to the programs in each run.
 """
 
 import json
@@ -81,6 +81,7 @@ def test_the_readme_ends_in_a_contact(tmp_path: Path) -> None:
     assert_samples_are_like(printed, "README.md")
 
 
+@pytest.mark.soak
 def test_the_tutorial_ends_in_the_contact_that_it_shows(followed: Path) -> None:
     printed = (followed / "printed").read_text()
 
@@ -124,6 +125,7 @@ def assert_gains_are_found(printed: str) -> None:
         assert abs(gain - real) < 5 * error < 5, line
 
 
+@pytest.mark.soak
 def test_the_programs_say_what_troubleshooting_quotes(strip: Path) -> None:
     text = "".join((ROOT / TROUBLES).read_text().split("```")[::2])
     quoted = [" ".join(words.split()) for words in re.findall(r"`([^`]+)`", text)]

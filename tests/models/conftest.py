@@ -1,17 +1,15 @@
 """What tests of the models share: commands without processes of their own, and a simulated surface."""
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from beamtouch_models import cli
-from beamtouch_models.accuracy import evaluation
-from beamtouch_models.building import sensors
 from beamtouch_models.challenge.surface import SimulatedSurface
-from beamtouch_models.commands import place
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.rig import cli as rig_cli
-from beamtouch_models.trade import measure
+from few_draws import short_work
 from in_process import Command, command_of
 from quick_model import write_quick_model
 from toolchain import made_once
@@ -46,21 +44,8 @@ def rig_here(capsys: pytest.CaptureFixture[str]) -> Command:
     return command_of(rig_cli.main, capsys)
 
 
-@pytest.fixture
-def short_timing(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Few inferences are timed, for tests that do not ask how long one takes."""
-    monkeypatch.setattr(measure, "CALLS", 5)
-    monkeypatch.setattr(measure, "ROUNDS", 2)
-
-
-@pytest.fixture
-def few_at_rest(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Few samples at rest are drawn, for tests that do not ask how many exceed the threshold of contact."""
-    monkeypatch.setattr(evaluation, "REST_DRAWS", 2**12)
-
-
-@pytest.fixture
-def short_limit(monkeypatch: pytest.MonkeyPatch) -> None:
-    """`place` measures its layout by few contacts, for tests that do not ask for its accuracy limit."""
-    monkeypatch.setattr(place, "LIMIT_DRAWS", 256)
-    monkeypatch.setattr(sensors, "FAILED_DRAWS", 256)
+@pytest.fixture(name="short_work")
+def _short_work() -> Iterator[None]:
+    """Commands in this process search and draw little, for tests that do not ask for figures."""
+    with short_work():
+        yield

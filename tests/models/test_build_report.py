@@ -140,12 +140,10 @@ def test_text_of_the_user_is_escaped(facts: Facts) -> None:
     assert "<script>alert('x')</script>" in " ".join(Tags(told).text)
 
 
-@pytest.mark.usefixtures("short_measuring")
+@pytest.mark.usefixtures("short_work")
 def test_a_report_leaves_out_the_eigenvalue_product_if_no_layout_has_one(
-    design_sensors_here: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    design_sensors_here: Command, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(facts_module, "PROFILE_DRAWS", 500)
-    monkeypatch.setattr(facts_module, "LAYOUT_DRAWS", 200)
     scene, report = tmp_path / "scene.toml", tmp_path / "report.html"
     # Contacts at one place have one component, and three sensors need three.
     text = PAPER.replace("count = 2", "count = 3\ngrid_mm = 57").replace("[1, 399]", "[200, 200.001]")
@@ -160,12 +158,10 @@ def test_a_report_leaves_out_the_eigenvalue_product_if_no_layout_has_one(
     assert not re.search(r"\b(nan|inf|None)\b|eigenvalue product \d", rows)
 
 
-@pytest.mark.usefixtures("short_measuring")
+@pytest.mark.usefixtures("short_work")
 def test_explain_and_the_report_of_build_agree_if_the_noise_comes_from_the_adc_alone(
-    design_sensors_here: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    design_sensors_here: Command, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(facts_module, "PROFILE_DRAWS", 500)
-    monkeypatch.setattr(facts_module, "LAYOUT_DRAWS", 200)
     scene, report = tmp_path / "deep.toml", tmp_path / "deep.html"
     text = PAPER.replace("thickness_mm = 3", "thickness_mm = 12").replace(
         "force_n = 10.0", "force_n = 20.0\nwidth_mm = 2"

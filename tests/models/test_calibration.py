@@ -22,7 +22,7 @@ from beamtouch_models.modelfile import Metadata, ModelFile, Weighed, evidence
 from beamtouch_models.progress import silent
 from beamtouch_models.rig.surface import Imperfections
 from beamtouch_models.surface import prior_of_model
-from few_draws import few_draws
+from few_draws import short_work
 from imperfect_surface import imperfections, readings, true_prior
 from in_process import Command
 from recorded_loads import random_imperfections, recorded
@@ -45,7 +45,7 @@ def recording(bench: ModelFile, real: Imperfections, tmp_path_factory: pytest.Te
 @pytest.fixture(scope="module")
 def calibrated(bench: ModelFile, recording: Path) -> Calibrated:
     """The bench's model, fitted to that recording."""
-    with few_draws():
+    with short_work():
         return calibrate(bench, read_loads(recording, bench.metadata), silent)
 
 
@@ -101,7 +101,7 @@ def test_a_beam_rests_before_and_after_its_next_tare(built_model: Callable[[str]
     # The zeros moved between the tare and the recording.
     drifted_mm = 4 * noise_mm * (-1.0) ** np.arange(channels)
     loads = recorded(model.metadata, random_imperfections(model.metadata, rng), rng, count=12)
-    with few_draws():
+    with short_work():
         found = calibrate(model, dataclasses.replace(loads, measured_mm=loads.measured_mm + drifted_mm), silent)
     fresh = modelfile.load_bytes(found.content, "calibrated")
     assert fresh.metadata.departures.offset_mm == pytest.approx(drifted_mm.tolist(), abs=0.5 * noise_mm)
@@ -112,6 +112,7 @@ def test_a_beam_rests_before_and_after_its_next_tare(built_model: Callable[[str]
         assert said.log_odds < fresh.metadata.thresholds.touch[-1] / 8
 
 
+@pytest.mark.soak
 def test_unlabelled_contacts_go_on_from_a_calibrated_model(
     bench: ModelFile, real: Imperfections, calibrated: Calibrated
 ) -> None:
@@ -121,7 +122,7 @@ def test_unlabelled_contacts_go_on_from_a_calibrated_model(
     # Since the loads, one gain has fallen by 3 %.
     aged = real.model_copy(update={"gain": (real.gain[0], real.gain[1] * 0.97, *real.gain[2:])})
     contacts = drawn(model.metadata, aged, Kind(), np.random.default_rng(5), 100)
-    with few_draws():
+    with short_work():
         second = self_calibrate(model, contacts, silent)
     vector, calibration = second.found.fit.vector, second.metadata.calibration
     assert missed_mm(theory, vector, bench.metadata, aged) < 0.4 * missed_mm(theory, start, bench.metadata, aged)
@@ -130,17 +131,19 @@ def test_unlabelled_contacts_go_on_from_a_calibrated_model(
     assert calibration.departures.fixity == pytest.approx(departures.fixity)
 
 
-def test_a_perfect_surface_has_little_to_fit_and_is_accepted(
-    bench: ModelFile, built_model: Callable[[str], Path]
-) -> None:
-    rng = np.random.default_rng(6)
-    perfect = recorded(bench.metadata, Imperfections(), rng)
+def test_a_perfect_surface_has_little_to_fit(bench: ModelFile) -> None:
+    perfect = recorded(bench.metadata, Imperfections(), np.random.default_rng(6))
     found = supported_fit(Theory.of(bench.metadata), perfect, lambda _done: None).departures
     assert found.gain == pytest.approx([1] * 4, abs=2e-3)
     assert found.position_offset_mm == pytest.approx([0] * 4, abs=0.3)
     assert found.fixity == pytest.approx((0, 0), abs=5e-3)
+
+
+@pytest.mark.soak
+def test_a_perfect_surface_is_accepted(built_model: Callable[[str], Path]) -> None:
     model = modelfile.load(built_model("cantilever"))
-    assert checked_fit(model, recorded(model.metadata, Imperfections(), rng), silent).after_mm.mean() < 5
+    loads = recorded(model.metadata, Imperfections(), np.random.default_rng(6))
+    assert checked_fit(model, loads, silent).after_mm.mean() < 5
 
 
 def test_leverages_leave_out_as_fitting_again_does(bench: ModelFile) -> None:

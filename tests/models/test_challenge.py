@@ -94,6 +94,7 @@ def test_gaps_lie_where_they_say_and_no_motion_is_longer_than_the_beam(bench: Mo
     assert any(name.endswith("1000 mm/s") for name in speeds) is (rate_hz > 100)
 
 
+@pytest.mark.soak
 def test_noise_is_honest_once_the_user_has_stated_what_was_measured(bench: ModelFile) -> None:
     for make in (sensor_cases.coloured, sensor_cases.coarse):
         (measured,) = only(bench, Case(True, partial(make, measured=True)), 60)
@@ -107,6 +108,7 @@ def test_noise_is_honest_once_the_user_has_stated_what_was_measured(bench: Model
         assert not_stated.name == f"{measured.name}, not stated"
 
 
+@pytest.mark.soak
 def test_wedges_are_noticed_and_near_contacts_cannot_be(bench: ModelFile) -> None:
     (wedge,) = only(bench, Case(False, lambda *a: faults.wedged(*a, touched=False)), 60)
     assert wedge.power == pytest.approx(1.0)
@@ -142,7 +144,7 @@ def test_the_same_seed_gives_the_same_rows(bench: ModelFile) -> None:
     assert [row.error_mm for row in first] != [row.error_mm for row in other]
 
 
-@pytest.mark.parametrize("name", ["bench", "cantilever", "paper"])
+@pytest.mark.parametrize("name", ["bench", "cantilever", pytest.param("paper", marks=pytest.mark.soak)])
 def test_a_beam_that_rings_after_a_lift_is_not_touched(name: str, built_model: Callable[[str], Path]) -> None:
     """Readings beyond the range on the bench, replaced ones on the cantilever, single ones on the paper's beam."""
     *_, last = only(modelfile.load(built_model(name)), Case(True, contacts.lifts), 30)
@@ -201,21 +203,3 @@ def test_a_model_that_states_no_log_odds_is_refused(
     done = design_sensors_here("challenge", path)
     assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
     assert "contact_log_odds" in done.stderr
-
-
-@pytest.mark.parametrize(
-    ("arguments", "code", "said_so"),
-    [
-        (("--help",), 0, "--draws"),
-        (("no.onnx",), 2, "No such file"),
-        (("no.onnx", "--draws", "9"), 2, "from 10 to 10000"),
-        ((), 2, "required: MODEL"),
-    ],
-)
-def test_help_and_bad_requests(
-    design_sensors_here: Command, arguments: tuple[str, ...], code: int, said_so: str
-) -> None:
-    done = design_sensors_here("challenge", *arguments)
-    assert done.returncode == code
-    assert said_so in (done.stdout if code == 0 else done.stderr)
-    assert done.stderr.count("\n") == (1 if code else 0)

@@ -14,7 +14,6 @@ import pytest
 from beamtouch_models import cli, modelfile
 from beamtouch_models.building import measure, products
 from beamtouch_models.building.remarks import weak_spot
-from beamtouch_models.building.report import facts
 from beamtouch_models.modelfile import ModelFile
 from example_scenes import PAPER, SCENES
 from in_process import Command
@@ -42,7 +41,7 @@ def test_help_of_every_command_imports_nothing_that_computes() -> None:
     assert done.stdout.count("usage: design-sensors ") == len(cli.COMMANDS)
 
 
-@pytest.mark.usefixtures("short_measuring")
+@pytest.mark.usefixtures("short_work")
 def test_build_writes_a_model_and_a_daemon_config_and_prints_one_json_object(
     design_sensors_here: Command, tmp_path: Path
 ) -> None:
@@ -74,12 +73,10 @@ def test_build_writes_a_model_and_a_daemon_config_and_prints_one_json_object(
     assert json.loads(design_sensors_here("inspect", model, "--json").stdout) == described
 
 
-@pytest.mark.usefixtures("short_measuring")
+@pytest.mark.usefixtures("short_work")
 def test_an_old_model_is_refused_with_the_command_that_rebuilds_it_for_its_mounted_sensors(
-    design_sensors_here: Command, quick_model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    design_sensors_here: Command, quick_model: Path, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(facts, "PROFILE_DRAWS", 500)
-    monkeypatch.setattr(facts, "LAYOUT_DRAWS", 100)
     old, path = onnx.load(quick_model), tmp_path / "quick.onnx"
     entries = {entry.key.rpartition(".")[2]: entry for entry in old.metadata_props}
     entries["schema_version"].value = "1"
@@ -131,7 +128,7 @@ def test_what_one_failed_sensor_costs_is_said(
     assert ("--spare" in weak) is ("--" in said or said.endswith("th"))
 
 
-@pytest.mark.usefixtures("short_timing")
+@pytest.mark.usefixtures("short_work")
 def test_a_model_that_misses_its_bounds_is_not_written_by_build_and_is_a_note_of_trade(
     design_sensors_here: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -148,7 +145,7 @@ def test_a_model_that_misses_its_bounds_is_not_written_by_build_and_is_a_note_of
     assert "nothing was written" not in traded.stderr
 
 
-@pytest.mark.usefixtures("short_measuring")
+@pytest.mark.usefixtures("short_work")
 def test_a_build_that_is_interrupted_while_it_measures_for_the_report_leaves_nothing(
     design_sensors_here: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -174,32 +171,6 @@ def test_inspect_for_a_person(design_sensors_here: Command, bench_model: Path) -
         "error over limit",
     ):
         assert said in done.stdout
-
-
-def test_other_bad_input_is_one_line_and_exit_2(
-    design_sensors_here: Command, tmp_path: Path, bench_model: Path
-) -> None:
-    half, scene = tmp_path / "half.onnx", tmp_path / "open.toml"
-    half.write_bytes(bench_model.read_bytes()[: bench_model.stat().st_size // 2])
-    scene.write_text(PAPER)
-    before = sorted(tmp_path.iterdir())
-    for said, arguments in {
-        "damaged or not an ONNX file": ("inspect", half),
-        "not a model file that holds its scene": ("build", half, "-o", tmp_path / "new.onnx"),
-        "No such file": ("inspect", tmp_path / "absent.onnx"),
-        "no such folder": ("build", scene, "-o", tmp_path / "absent" / "model.onnx"),
-        "a: no such folder": ("build", scene, "-o", tmp_path / "m.onnx", "--report", tmp_path / "a/b.html"),
-        "absent.toml": ("build", tmp_path / "absent.toml", "-o", tmp_path / "model.onnx"),
-        "the following arguments are required: COMMAND": (),
-        "argument COMMAND: invalid choice: 'guess' (choose from build, ": ("guess",),
-        "design-sensors build: the following arguments are required: -o": ("build", "scene.toml"),
-        "'two' is not a whole number from 1 to 64": ("place", "scene.toml", "--sensors", "two"),
-        "is not a whole number from 0 to 4294967295": ("place", "scene.toml", "--seed", "9" * 5000),
-    }.items():
-        done = design_sensors_here(*arguments)
-        assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1), done.stderr
-        assert said in done.stderr
-    assert sorted(tmp_path.iterdir()) == before
 
 
 def test_it_prints_its_version() -> None:

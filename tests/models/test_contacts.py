@@ -11,10 +11,10 @@ from posterior_cases import prior_of
 
 SEEDS = 50
 CASES = [
-    ("cantilever", 2, 1.0, False),
+    pytest.param(("cantilever", 2, 1.0, False), marks=pytest.mark.soak),
     ("bench", 2, 1e-3, False),
-    ("paper", 2, 2.0, True),
-    ("two-spans", 3, 10.0, False),
+    pytest.param(("paper", 2, 2.0, True), marks=pytest.mark.soak),
+    pytest.param(("two-spans", 3, 10.0, False), marks=pytest.mark.soak),
 ]
 
 
@@ -54,10 +54,11 @@ def test_the_stated_standard_errors_are_those_over_seeds(case: tuple[str, int, f
 
 @pytest.mark.long
 @pytest.mark.parametrize("case", CASES)
-def test_the_figures_are_those_of_plain_draws(case: tuple[str, int, float, bool]) -> None:
+@pytest.mark.parametrize("draws", [5_000, pytest.param(20_000, marks=pytest.mark.soak)])
+def test_the_figures_are_those_of_plain_draws(case: tuple[str, int, float, bool], draws: int) -> None:
     name, sensors, noise, known = case
     prior = prior_of(name, sensors, noise, known=known)
-    drawn = limit.draw(prior, 20_000, 7)
+    drawn = limit.draw(prior, draws, 7)
     quantiles, deviation = posterior.posterior_quantiles(prior, drawn.deflection_mm)
     median = quantiles[:, 0]
     plain = {
@@ -71,7 +72,7 @@ def test_the_figures_are_those_of_plain_draws(case: tuple[str, int, float, bool]
         off = abs(found[figure].value - expected.value)
         assert off < 5 * np.hypot(found[figure].standard_error, expected.standard_error), figure
     # Of as many contacts, with a bound that also a case of rare and large errors keeps.
-    assert found["limit"].standard_error < plain["limit"].standard_error * (20_000 / 2048) ** 0.5 * 0.7
+    assert found["limit"].standard_error < plain["limit"].standard_error * (draws / 2048) ** 0.5 * 0.7
 
 
 def test_the_same_seed_draws_the_same() -> None:

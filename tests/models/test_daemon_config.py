@@ -68,7 +68,7 @@ def with_adc(metadata: Metadata, bits: int) -> Metadata:
     return metadata.model_copy(update={"sensor": sensor, "noise": noise})
 
 
-@pytest.mark.parametrize("bits", [8, 16])
+@pytest.mark.parametrize("bits", [8, pytest.param(16, marks=pytest.mark.soak)])
 def test_the_rig_is_never_stuck_by_it_and_a_frozen_channel_is(bits: int, bench: ModelFile, tmp_path: Path) -> None:
     metadata = with_adc(bench.metadata, bits)
     pipeline = Pipeline(surface_of(metadata, tmp_path))

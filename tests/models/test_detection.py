@@ -46,7 +46,7 @@ def test_at_the_smallest_force_one_of_twenty_is_missed_and_without_any_force_nea
     assert missed_shares(2.2, [2.0], size[:1]) == pytest.approx([1.337e-4], rel=1e-3)
 
 
-@pytest.mark.usefixtures("few_at_rest")
+@pytest.mark.usefixtures("short_work")
 def test_build_and_evaluate_state_the_same_along_the_beam(
     bench: ModelFile, bench_model: Path, design_sensors_here: Command
 ) -> None:
@@ -86,7 +86,7 @@ grid_mm = 8
 """
 
 
-@pytest.mark.usefixtures("few_at_rest", "short_limit", "short_measuring")
+@pytest.mark.usefixtures("short_work")
 def test_at_a_support_nothing_is_seen_and_every_command_says_so(design_sensors_here: Command, tmp_path: Path) -> None:
     """A roller that is not among evenly spaced places, and one at the end of the range."""
     scene, model, report = (tmp_path / name for name in ("roller.toml", "roller.onnx", "report.html"))

@@ -10,11 +10,12 @@ from scipy.optimize import brentq
 from beamtouch_models.accuracy import limit
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.arrays import Floats
-from beamtouch_models.building.build import build_model
+from beamtouch_models.building.build import Choices, build_model
 from beamtouch_models.errors import SceneError
 from beamtouch_models.metadata import FilterChoice
 from beamtouch_models.physics.beam import influence_of, travel_of
 from beamtouch_models.physics.motion import first_frequency_hz, ringing_after_filter, sag_mm, slowest_period_ms
+from beamtouch_models.placement.placing import Aim
 from beamtouch_models.pricing.effect import Effect
 from beamtouch_models.pricing.noise import ReadingErrors
 from beamtouch_models.pricing.prices import effects_of
@@ -252,11 +253,12 @@ def pricings(monkeypatch: pytest.MonkeyPatch) -> list[FilterChoice]:
     return priced_for
 
 
-@pytest.mark.usefixtures("short_measuring")
+@pytest.mark.usefixtures("short_work")
 def test_a_build_prices_each_effect_once_and_carries_its_physics(pricings: list[FilterChoice]) -> None:
     scene, text = load_scene(SCENES / "stepped.toml")
     chosen = Surface.of(scene).filter
-    built = build_model(scene, text, "stepped", count=None, seed=0, progress=silent)
+    choices = Choices(aim=Aim("eigenvalue-product"))
+    built = build_model(scene, text, "stepped", count=None, seed=0, progress=silent, choices=choices)
     assert pricings == [chosen]
     assert built.surface.effects == Surface.of(scene, chosen).effects
     assert built.surface.noise == built.metadata.noise

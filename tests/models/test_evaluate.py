@@ -3,7 +3,6 @@
 import json
 import os
 import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,12 +16,7 @@ from beamtouch_models.description import unseen
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.surface import prior_of_model
 from in_process import Command
-
-COMMAND = str(Path(sys.executable).parent / "design-sensors")
-
-
-def run(*arguments: object) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([COMMAND, "evaluate", *map(str, arguments)], capture_output=True, text=True, check=False)
+from sweeping import COMMAND
 
 
 @pytest.mark.long
@@ -57,7 +51,7 @@ def test_the_model_of_the_bench_is_at_its_limit(bench: ModelFile) -> None:
     assert found.missed.value == pytest.approx(1 - calls.mean(), abs=4 * found.missed.standard_error + 4 * (1e-3 / 200))
 
 
-@pytest.mark.usefixtures("few_at_rest")
+@pytest.mark.usefixtures("short_work")
 def test_a_model_answers_to_the_noise_that_a_sample_states(bench: ModelFile) -> None:
     prior = at_noise(prior_of_model(bench.metadata), 5 * bench.metadata.noise.sample_mm)
     found = evaluate(bench, prior, draws=2000, seed=5)
@@ -67,10 +61,9 @@ def test_a_model_answers_to_the_noise_that_a_sample_states(bench: ModelFile) -> 
     assert found.span.ratio.value < 1.03
 
 
-@pytest.mark.long
-@pytest.mark.usefixtures("few_at_rest")
+@pytest.mark.usefixtures("short_work")
 def test_one_json_object_and_a_table(design_sensors_here: Command, bench_model: Path, bench: ModelFile) -> None:
-    done = run(bench_model, "--draws", 400, "--noise", 0.01, "--noise", 0, "--json")
+    done = design_sensors_here("evaluate", bench_model, "--draws", 400, "--noise", 0.01, "--noise", 0, "--json")
     assert (done.returncode, done.stderr) == (0, "")
     found = json.loads(done.stdout)
     assert found["model"] == bench.identity
@@ -85,34 +78,7 @@ def test_one_json_object_and_a_table(design_sensors_here: Command, bench_model: 
     assert "smallest force" in table.stdout
 
 
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        (("--noise", "-1"), "--noise -1"),
-        (("--noise", "nan"), "--noise nan"),
-        (("--noise", "1e300"), "hides the largest deflection"),
-        (("--noise", "1e-9"), "less than 1e-4 % of the largest deflection"),
-        (("--draws", "5"), "from 100"),
-        (("--draws", "1000001"), "to 1000000"),
-    ],
-)
-def test_a_bad_request_is_one_line(
-    design_sensors_here: Command, bench_model: Path, arguments: tuple[str, ...], said: str
-) -> None:
-    done = design_sensors_here("evaluate", bench_model, *arguments)
-    assert done.returncode == 2
-    assert done.stdout == ""
-    assert said in done.stderr.splitlines()[-1]
-
-
-def test_a_file_that_is_not_a_model_is_refused_in_one_line(design_sensors_here: Command, tmp_path: Path) -> None:
-    path = tmp_path / "no.onnx"
-    path.write_text("no model")
-    done = design_sensors_here("evaluate", path)
-    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
-
-
-@pytest.mark.usefixtures("few_at_rest")
+@pytest.mark.usefixtures("short_work")
 def test_the_middle_has_figures_only_where_enough_contacts_lie_in_it(bench: ModelFile) -> None:
     # Of 400 mm the middle begins at 80, so that one contact in eighty lies in it, or one in 160.
     for end_mm in (80.5, 81.0):

@@ -58,7 +58,7 @@ def test_after_a_touch_all_readings_since_it_count_and_none_before() -> None:
         assert (readings[:, 200 + later] <= later + 1).all()
 
 
-@pytest.mark.parametrize("size", [10.0, 1e6])
+@pytest.mark.parametrize("size", [10.0, pytest.param(1e6, marks=pytest.mark.soak)])
 def test_the_error_since_a_touch_is_that_of_the_mean_of_so_many_readings(size: float) -> None:
     truth = stepped(size, 401, 200)
     held = []
@@ -102,7 +102,7 @@ def test_a_lone_spike_is_left_out_of_its_channel_and_delays_the_others_by_one_re
     assert filtered.moves[60]
 
 
-@pytest.mark.parametrize("longest", [1, 2, 3, 10_000])
+@pytest.mark.parametrize("longest", [1, 2, 3, pytest.param(10_000, marks=pytest.mark.soak)])
 def test_a_mean_grows_to_its_longest_and_no_further(longest: int) -> None:
     readings = min(2 * longest + 10, 10_050)
     filtered = grown(1e-3 * noise(readings, 10), longest)

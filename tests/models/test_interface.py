@@ -11,7 +11,6 @@ import pytest
 import beamtouch_models as models
 from beamtouch_common.errors import InputError
 from beamtouch_models import cli
-from beamtouch_models.building.report import facts
 from beamtouch_models.errors import SceneError
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.physics.motion import FIRST_ROOT
@@ -181,12 +180,8 @@ def test_a_scene_is_changed_key_by_key(scene: models.Scene) -> None:
         models.change_scene(scene, beem={"length_mm": 400})
 
 
-@pytest.mark.usefixtures("short_measuring")
-def test_build_takes_a_scene_and_every_option_of_the_command(
-    scene: models.Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(facts, "PROFILE_DRAWS", 500)
-    monkeypatch.setattr(facts, "LAYOUT_DRAWS", 200)
+@pytest.mark.usefixtures("short_work")
+def test_build_takes_a_scene_and_every_option_of_the_command(scene: models.Scene, tmp_path: Path) -> None:
     scene, path = models.change_scene(scene, sensors={"grid_mm": 19}), tmp_path / "bench.toml"
     path.write_text(models.format_scene(scene))
     options = ("--sensors", "2", "--criterion", "eigenvalue-product", "--seed", "3")
@@ -210,6 +205,7 @@ def test_build_takes_a_scene_and_every_option_of_the_command(
     assert told.identity in (tmp_path / "report.html").read_text()
 
 
+@pytest.mark.usefixtures("short_work")
 def test_a_table_of_influence_stands_in_for_the_beam(scene: models.Scene, bench_model: Path) -> None:
     """A table of the same beam gives the same figures; one of a beam of twice the stiffness gives larger errors."""
     sensors, layout = np.linspace(0, 400, 81), [68.0, 156.0, 244.0, 332.0]
@@ -217,21 +213,22 @@ def test_a_table_of_influence_stands_in_for_the_beam(scene: models.Scene, bench_
     table = models.influence_matrix(scene, sensors, loads)
     same, stiff = (models.interpolate_influence(scene, sensors, loads, factor * table) for factor in (1.0, 0.5))
 
-    limits = [models.accuracy_limit(scene, layout, draws=1000, influence=own).mean_mm for own in (None, same, stiff)]
+    limits = [models.accuracy_limit(scene, layout, draws=300, influence=own).mean_mm for own in (None, same, stiff)]
     assert limits[1] == pytest.approx(limits[0], rel=1e-3)
     assert 1.5 < limits[2] / limits[0] < 2.1
     layouts = [models.place(scene, 2, criterion="eigenvalue-product", influence=own) for own in (None, same)]
     assert layouts[0] == pytest.approx(layouts[1], abs=2)
 
     model = models.load_model(bench_model)
-    own, beam, other = (models.evaluate(model, draws=500, influence=own).span for own in (same, None, stiff))
+    own, beam, other = (models.evaluate(model, draws=200, influence=own).span for own in (same, None, stiff))
     assert own.mean_mm.value == pytest.approx(beam.mean_mm.value, rel=1e-3)
     assert other.mean_mm.value > 1.5 * beam.mean_mm.value
 
 
-@pytest.mark.usefixtures("few_at_rest")
+@pytest.mark.usefixtures("short_work")
 def test_evaluate_gives_what_the_command_prints(bench_model: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.main(["evaluate", str(bench_model), "--draws", "500", "--noise", "0.01", "--json"]) == 0
+    asked = ("--draws", "500", "--noise", "0.01", "--json", "--workers", "1")
+    assert cli.main(["evaluate", str(bench_model), *asked]) == 0
     printed = json.loads(capsys.readouterr().out)["evaluations"][0]
 
     found = models.evaluate(models.load_model(bench_model), noise_mm=0.01, draws=500)

@@ -5,6 +5,7 @@ import dataclasses
 import json
 import re
 from collections.abc import Callable
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -29,11 +30,8 @@ pytestmark = pytest.mark.long
 
 SMALL = ("conveyor", "20 mm")
 """On 1200 mm this load moves the sensors by less than eight noises: see docs/figures.md."""
-MISTYPED: list[object] = [("cantilever", "20 mm"), ("cantilever", "2 x force")]
-SOAKED = [
-    *(("cantilever", mistake) for mistake in MISTAKES if mistake not in ("20 mm", "2 x force")),
-    *(("conveyor", mistake) for mistake in MISTAKES if mistake != SMALL[1]),
-]
+MISTYPED = [("cantilever", "20 mm"), ("cantilever", "2 x force")]
+SOAKED = [one for one in product(("cantilever", "conveyor"), MISTAKES) if one not in (*MISTYPED, SMALL)]
 
 
 def change_load(path: Path, number: str, column: str, value: str) -> None:
@@ -46,7 +44,7 @@ def change_load(path: Path, number: str, column: str, value: str) -> None:
         writer.writerows({**row, column: value} if row["load"] == number else row for row in rows)
 
 
-@pytest.mark.usefixtures("short_measuring")
+@pytest.mark.usefixtures("short_work")
 def test_a_mistyped_load_is_named_and_can_be_left_out(
     design_sensors_here: Command, built_model: Callable[[str], Path], tmp_path: Path
 ) -> None:
@@ -103,8 +101,7 @@ def mistyped(metadata: Metadata, mistake: str) -> Mistyped:
 @pytest.mark.parametrize(
     ("name", "mistake"),
     [
-        ("cantilever", "20 mm"),
-        ("cantilever", "2 x force"),
+        *MISTYPED,
         *(pytest.param(*one, marks=pytest.mark.soak) for one in SOAKED),
     ],
 )
@@ -132,9 +129,8 @@ def test_a_mistyped_load_that_is_accepted_does_no_harm(built_model: Callable[[st
     assert fitted < 1  # 0.6 noises of a sample; 0.3 with honest loads
 
 
-@pytest.mark.parametrize(
-    ("name", "seed"), [("bench", 19), *(pytest.param("conveyor", seed, marks=pytest.mark.soak) for seed in (1, 12))]
-)
+@pytest.mark.soak
+@pytest.mark.parametrize(("name", "seed"), [("bench", 19), ("conveyor", 1), ("conveyor", 12)])
 def test_loads_that_stand_a_millimetre_off_are_accepted(
     name: str, seed: int, built_model: Callable[[str], Path]
 ) -> None:
@@ -165,10 +161,13 @@ REVERSED = "channels seem to be in reverse order, or positions to be measured fr
 @pytest.mark.parametrize(
     ("name", "change", "said"),
     [
-        ("bench", lambda mm: mm[:, [0, 2, 1, 3]], "s2 and s3 seem to be swapped"),
-        ("bench", lambda mm: mm * [1, 1, -1, 1], "s3 seems to be inverted; check the wiring"),
+        pytest.param("bench", lambda mm: mm[:, [0, 2, 1, 3]], "s2 and s3 seem to be swapped", marks=pytest.mark.soak),
+        pytest.param(
+            *("bench", lambda mm: mm * [1, 1, -1, 1], "s3 seems to be inverted; check the wiring"),
+            marks=pytest.mark.soak,
+        ),
         ("bench", lambda mm: mm[:, ::-1], REVERSED),
-        ("bench", lambda mm: mm[::-1], REVERSED),
+        pytest.param("bench", lambda mm: mm[::-1], REVERSED, marks=pytest.mark.soak),
         pytest.param("conveyor", lambda mm: mm[:, ::-1], REVERSED, marks=pytest.mark.soak),
     ],
     ids=["two swapped", "one inverted", "all reversed", "from the other end", "all reversed on a conveyor"],
@@ -182,7 +181,10 @@ def test_wrong_wiring_is_named(
         checked_fit(model, dataclasses.replace(loads, measured_mm=change(loads.measured_mm)), silent)
 
 
-@pytest.mark.parametrize("measured_mm", ["all zero", "of a mirrored beam", "of shuffled loads"])
+@pytest.mark.parametrize(
+    "measured_mm",
+    ["all zero", *(pytest.param(one, marks=pytest.mark.soak) for one in ("of a mirrored beam", "of shuffled loads"))],
+)
 def test_a_recording_that_is_of_another_surface_makes_no_model(
     measured_mm: str, built_model: Callable[[str], Path]
 ) -> None:

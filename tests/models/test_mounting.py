@@ -48,7 +48,7 @@ def test_intervals_hold_the_truth_on_displaced_sensors(name: str) -> None:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(("gain", "tolerance_mm"), [(0.0, 8.0), (0.05, 5.0)])
+@pytest.mark.parametrize(("gain", "tolerance_mm"), [pytest.param(0.0, 8.0, marks=pytest.mark.soak), (0.05, 5.0)])
 def test_the_limit_with_gains_and_mounting_is_that_of_a_plain_bayes_integral(gain: float, tolerance_mm: float) -> None:
     """Gains and places of the sensors are integrated out by Gauss-Hermite quadrature, with the true beam."""
     # On one half of the beam, where a known force has one place.

@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 from beamtouch_models.loading import load
-from random_scenes import random_scene, run_here, short_work, try_scene
+from few_draws import short_work
+from random_scenes import random_scene, run_here, try_scene
 
 ON_SUPPORTS = """
 [beam]
@@ -77,7 +78,7 @@ def test_a_model_is_built_where_zeros_drift_far_more_than_readings_scatter(tmp_p
     assert thresholds.touch[-1] > 1
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.soak) for seed in range(1, 5))])
 def test_a_random_scene_is_explained_and_placed_or_refused_in_one_line(seed: int, tmp_path: Path) -> None:
     with short_work():
         told = dict(try_scene(seed, ["explain", "place"], tmp_path))

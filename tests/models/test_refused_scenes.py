@@ -53,6 +53,7 @@ PLACED = {
 }
 
 
+@pytest.mark.usefixtures("short_work")
 @pytest.mark.parametrize("name", [*CASES, *PLACED])
 def test_every_command_refuses_a_scene_with_the_same_line(
     design_sensors_here: Command, tmp_path: Path, name: str

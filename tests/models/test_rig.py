@@ -312,23 +312,6 @@ def test_lines_that_are_no_load_are_named_and_ctrl_c_is_130_and_removes_the_line
     assert not line.is_symlink()
 
 
-def test_frames_of_the_serial_protocol_are_lost_and_a_pause_stops_them(bench_model: Path, tmp_path: Path) -> None:
-    faults = ["--fault", "lost:20", "--fault", "pause@0..0.1/0.2"]
-    with process_of(SCENE, "--model", bench_model, "--serial", tmp_path / "line", *faults) as process:
-        assert process.stdout is not None
-        process.stdout.readline()
-        host = os.open(tmp_path / "line", os.O_RDWR | os.O_NOCTTY)
-        os.write(host, encode(Start(400, 1)))
-        decoder, readings = Decoder(), list[Reading]()
-        while len(readings) < 150:
-            readings += [one for one in decoder.feed(os.read(host, 4096)) if isinstance(one, Reading)]
-        os.close(host)
-    sent = readings[-1].sequence - readings[0].sequence + 1
-    assert 1 - len(readings) / sent > 0.05  # 20 % by the fault, and more where the test is slow to read
-    gaps_us = [later.device_us - one.device_us for one, later in pairwise(readings)]
-    assert sum(gap > 90_000 for gap in gaps_us) >= 3
-
-
 @pytest.mark.parametrize(
     ("times", "on", "off"),
     [
@@ -345,10 +328,10 @@ def test_a_fault_comes_and_goes_at_its_times(times: str, on: tuple[float, ...], 
 
 
 @contextmanager
-def device_on(path: Path, channels: int, convert: Callable[[], list[int]]) -> Iterator[int]:
+def device_on(path: Path, channels: int, convert: Callable[[], list[int]], relay: Relay = UNTROUBLED) -> Iterator[int]:
     """A serial device at work on a line; gives the host's end, which does not block."""
     with named_line(path) as line:
-        device = asyncio.ensure_future(SerialDevice(line, convert, channels, 16, UNTROUBLED).serve())
+        device = asyncio.ensure_future(SerialDevice(line, convert, channels, 16, relay).serve())
         host = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
         try:
             yield host
@@ -396,6 +379,19 @@ async def test_the_serial_device_says_hello_streams_until_stopped_and_ignores_wh
     # A busy machine skips slots and is late for others, but never catches up.
     assert (np.diff(clocks) > 0).all()
     assert clocks[-1] - clocks[0] >= (len(streamed) - 3) * 2000
+
+
+@pytest.mark.anyio
+async def test_frames_of_the_serial_protocol_are_lost_and_a_pause_stops_them(tmp_path: Path) -> None:
+    relay, received = Relay(Faults([], ["lost:20", "pause@0..0.1/0.2"]), time.monotonic), list[Message]()
+    with device_on(tmp_path / "line", 4, lambda: [1] * 4, relay) as host:
+        os.write(host, encode(Start(400, 1)))
+        await read_until(host, received, lambda so_far: len(so_far) >= 150)
+    readings = [one for one in received if isinstance(one, Reading)]
+    sent = readings[-1].sequence - readings[0].sequence + 1
+    assert 1 - len(readings) / sent > 0.05  # 20 % by the fault, and more on a busy machine
+    gaps_us = [later.device_us - one.device_us for one, later in pairwise(readings)]
+    assert sum(gap > 90_000 for gap in gaps_us) >= 3
 
 
 @pytest.mark.anyio

@@ -42,7 +42,9 @@ def every_layout(rules: Candidates, count: int = 3) -> Indices:
     return every[rules.allowed(every)]
 
 
-@pytest.mark.parametrize(("supports", "spare"), [("simply-supported", 1), ("cantilever", 0)])
+@pytest.mark.parametrize(
+    ("supports", "spare"), [("cantilever", 0), pytest.param("simply-supported", 1, marks=pytest.mark.soak)]
+)
 def test_the_searches_reach_the_least_error_of_all_layouts(supports: str, spare: int) -> None:
     objective, reference = objective_of(scene_of(supports, grid_mm=25, min_distance_mm=30), spare)
     # A start that the rules do not allow is left out.
@@ -71,6 +73,7 @@ def test_with_a_spare_the_score_is_the_worst_failure_less_what_is_noticed() -> N
     assert objective.scores(layout[None])[0] == pytest.approx(-max(failed) * worth, rel=1e-12)
 
 
+@pytest.mark.soak
 def test_of_layouts_with_nearly_the_least_error_one_that_notices_much_is_taken() -> None:
     objective, reference = objective_of(scene_of("cantilever", grid_mm=25, min_distance_mm=20), 1)
     every = every_layout(objective.rules)
@@ -84,7 +87,7 @@ def test_of_layouts_with_nearly_the_least_error_one_that_notices_much_is_taken()
     assert shares[row] > shares[least] + 0.02
 
 
-@pytest.mark.parametrize("spare", [0, 1])
+@pytest.mark.parametrize("spare", [0, pytest.param(1, marks=pytest.mark.soak)])
 def test_the_only_layout_is_found_and_fixed_sensors_stay(spare: int) -> None:
     influence, rules = problem_in(scene_of(grid_mm=1, min_distance_mm=199))
     only = place_by_position_error(influence, rules, 3, 0, ERRORS, spare=spare).positions_mm

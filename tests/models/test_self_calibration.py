@@ -22,7 +22,7 @@ from beamtouch_models.progress import silent
 from beamtouch_models.rig.surface import Imperfections
 from beamtouch_models.session import runner
 from beamtouch_models.surface import prior_of_model
-from few_draws import few_draws
+from few_draws import short_work
 from imperfect_surface import true_prior
 from in_process import Command
 from posterior_cases import graph_of
@@ -37,7 +37,7 @@ TWO_AT_ONCE = dataclasses.replace(OFF, two_at_once=0.1)
 def found(bench: ModelFile) -> tuple[SelfCalibrated, Imperfections]:
     """The bench's model from 200 contacts, of which a tenth are two at once."""
     contacts, real = random_contacts(bench, TWO_AT_ONCE, 3)
-    with few_draws():
+    with short_work():
         return self_calibrate(bench, contacts, silent), real
 
 
@@ -78,6 +78,7 @@ def test_200_contacts_bring_the_error_to_the_limit(
     assert model.metadata.floor.zero_mm == bench.metadata.floor.zero_mm
 
 
+@pytest.mark.soak
 def test_the_errors_of_positions_are_as_stated(bench: ModelFile) -> None:
     theory, ratios = Theory.of(bench.metadata), []
     zero_mm = np.array(bench.metadata.floor.zero_mm)
@@ -92,7 +93,14 @@ def test_the_errors_of_positions_are_as_stated(bench: ModelFile) -> None:
     assert 0.4 < np.sqrt(np.mean(np.square(ratios))) < 1.4
 
 
-@pytest.mark.parametrize(("name", "two_at_once", "count"), [("paper", 0.0, 200), ("two-spans", 0.1, 100)])
+@pytest.mark.parametrize(
+    ("name", "two_at_once", "count"),
+    [
+        ("bench", 0.0, 100),
+        pytest.param("paper", 0.0, 200, marks=pytest.mark.soak),
+        pytest.param("two-spans", 0.1, 100, marks=pytest.mark.soak),
+    ],
+)
 def test_gains_are_found_within_their_errors(
     name: str, two_at_once: float, count: int, built_model: Callable[[str], Path]
 ) -> None:
@@ -169,6 +177,7 @@ def test_a_fixity_is_told_with_its_error(bench: ModelFile) -> None:
     assert left == pytest.approx(0.2, abs=FIXITY)
 
 
+@pytest.mark.soak
 def test_20_contacts_are_better_than_none_or_refused(bench: ModelFile) -> None:
     accepted = 0
     for seed in range(6):
@@ -207,10 +216,3 @@ def test_a_refusal_writes_nothing(
     assert (done.returncode, done.stdout) == (1, "")
     assert "11 contacts are too few" in done.stderr
     assert not output.exists()
-
-
-@pytest.mark.parametrize("given", [[], ["loads.csv", "--events", "contacts.csv"]])
-def test_loads_or_contacts_but_not_both(design_sensors_here: Command, bench_model: Path, given: list[str]) -> None:
-    done = design_sensors_here("calibrate", bench_model, *given, "-o", "new.onnx")
-    assert (done.returncode, done.stdout) == (2, "")
-    assert "READINGS.csv" in done.stderr

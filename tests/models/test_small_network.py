@@ -142,7 +142,7 @@ def test_the_misfit_of_a_contact_is_chi_square_and_that_of_a_fault_is_not(graph:
     assert (answers_of(graph, PRIOR, wedged)["misfit"] > chdtri(2, 1e-6)).mean() > 0.5
 
 
-@pytest.mark.parametrize("kept", [(0, 1, 2, 3), (0, 1, 3), (1, 2), (2,)], ids=str)
+@pytest.mark.parametrize("kept", [(0, 1, 2, 3), pytest.param((1, 2), marks=pytest.mark.soak), (2,)], ids=str)
 def test_false_contacts_at_rest_are_as_many_as_were_asked_for(graph: onnx.ModelProto, kept: tuple[int, ...]) -> None:
     rate = rate_per_sample(1 / 30, 200.0, 4)
     threshold = touch_thresholds(PRIOR, rate, 1)[len(kept) - 1]
@@ -163,6 +163,7 @@ def test_a_load_beyond_a_known_force_is_placed_where_it_is() -> None:
     assert np.quantile(answers["misfit"], 0.9) == pytest.approx(chdtri(2, 0.1), rel=0.2)
 
 
+@pytest.mark.soak
 def test_it_holds_where_perfect_sensors_have_hardly_any_noise() -> None:
     prior = prior_of("two-spans", 5, 3e-3, known=False)
     graph = graph_with(prior, trained(prior))

@@ -12,7 +12,7 @@ from in_process import Command
 from unlabelled_contacts import Kind, drawn, surface, write_contacts
 
 
-@pytest.mark.usefixtures("few_at_rest")
+@pytest.mark.usefixtures("short_work")
 def test_an_evaluation_without_noise_has_no_limit_and_says_so(design_sensors_here: Command, bench_model: Path) -> None:
     done = design_sensors_here("evaluate", bench_model, "--noise", 0, "--draws", 200)
     assert (done.returncode, done.stderr) == (0, "")
@@ -21,7 +21,7 @@ def test_an_evaluation_without_noise_has_no_limit_and_says_so(design_sensors_her
     assert "Cramer-Rao" not in done.stdout
 
 
-@pytest.mark.usefixtures("short_timing")
+@pytest.mark.usefixtures("short_work")
 def test_a_trade_without_any_point_gives_the_reason(design_sensors_here: Command, tmp_path: Path) -> None:
     scene = tmp_path / "narrow.toml"
     scene.write_text(PAPER.replace("count = 2", "count = [3, 4]\nmin_distance_mm = 250"))

@@ -1,0 +1,72 @@
+"""Requests that cannot be: a command says in one line what is wrong, exits with 2, and writes nothing."""
+
+from pathlib import Path
+
+import pytest
+
+from beamtouch_models import cli
+from example_scenes import PAPER
+from in_process import command_of
+
+BUILD, EVALUATE, TRADE = "build scene.toml -o m.onnx", "evaluate bench.onnx", "trade scene.toml -o out"
+REQUESTS = [
+    ("", "the following arguments are required: COMMAND"),
+    ("guess", "argument COMMAND: invalid choice: 'guess' (choose from build, "),
+    ("inspect half.onnx", "damaged or not an ONNX file"),
+    ("inspect absent.onnx", "No such file"),
+    ("build scene.toml", "design-sensors build: the following arguments are required: -o"),
+    ("build half.onnx -o new.onnx", "not a model file that holds its scene"),
+    ("build scene.toml -o absent/model.onnx", "no such folder"),
+    (f"{BUILD} --report a/b.html", "a: no such folder"),
+    (f"{BUILD} --estimator oracle", "(choose from posterior, small-network"),
+    ("build absent.toml -o m.onnx", "absent.toml"),
+    ("place scene.toml --sensors two", "'two' is not a whole number from 1 to 64"),
+    (f"place scene.toml --seed {'9' * 5000}", "is not a whole number from 0 to 4294967295"),
+    (f"{EVALUATE} --noise -1", "--noise -1"),
+    (f"{EVALUATE} --noise nan", "--noise nan"),
+    (f"{EVALUATE} --noise 1e300", "hides the largest deflection"),
+    (f"{EVALUATE} --noise 1e-9", "less than 1e-4 % of the largest deflection"),
+    (f"{EVALUATE} --draws 5", "from 100"),
+    (f"{EVALUATE} --draws 1000001", "to 1000000"),
+    ("evaluate half.onnx", "damaged or not an ONNX file"),
+    ("evaluate scene.toml", "scene.toml: this is no model; give the .onnx file that `design-sensors build` wrote"),
+    ("challenge", "required: MODEL"),
+    ("challenge absent.onnx", "No such file"),
+    ("challenge absent.onnx --draws 9", "from 10 to 10000"),
+    (f"{TRADE} --latency-ms 0", "--latency-ms 0: give a positive number"),
+    (f"{TRADE} --error-mm nan", "--error-mm nan: give a positive number"),
+    (f"{TRADE} --error-mm 1 --latency-ms 1", "not allowed with argument --error-mm"),
+    ("calibrate bench.onnx -o new.onnx", "READINGS.csv"),
+    ("calibrate bench.onnx loads.csv --events contacts.csv -o new.onnx", "READINGS.csv"),
+    *(
+        (f"{command} FILE {options}", said)
+        for command in ("trade", "evaluate", "challenge")
+        for options, said in (
+            ("--workers 0", "'0' is not a whole number from 1 to 1024"),
+            ("--workers 2 --cluster tcp://127.0.0.1:1", "not allowed with argument --workers"),
+            ("--cluster 127.0.0.1:8786", "'127.0.0.1:8786' is not tcp://HOST:PORT"),
+            ("--cluster tcp://127.0.0.1:high", "is not tcp://HOST:PORT"),
+        )
+    ),
+]
+
+
+@pytest.mark.parametrize(("request_", "said"), REQUESTS)
+def test_a_wrong_request_is_refused_in_one_line(
+    capsys: pytest.CaptureFixture[str],
+    bench_model: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    request_: str,
+    said: str,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    model = bench_model.read_bytes()
+    Path("bench.onnx").write_bytes(model)
+    Path("half.onnx").write_bytes(model[: len(model) // 2])
+    Path("scene.toml").write_text(PAPER)
+    before = sorted(tmp_path.iterdir())
+    done = command_of(cli.main, capsys)(*request_.split())
+    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1), done.stderr
+    assert said in done.stderr
+    assert sorted(tmp_path.iterdir()) == before
