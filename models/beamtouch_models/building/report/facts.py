@@ -16,8 +16,6 @@ from beamtouch_models.arrays import Floats
 from beamtouch_models.building.build import Built
 from beamtouch_models.errors import SceneError
 from beamtouch_models.loading import ModelFile, load_bytes
-from beamtouch_models.metadata import Metadata
-from beamtouch_models.numbers import three_digits
 from beamtouch_models.placement.components import Components, principal_components
 from beamtouch_models.placement.layout import equal_pitch_mm
 from beamtouch_models.placement.placing import Aim, Placement, place, place_by_position_error, score_positions
@@ -25,8 +23,6 @@ from beamtouch_models.pricing.effect import Effect
 from beamtouch_models.progress import Progress
 from beamtouch_models.scene import Scene
 from beamtouch_models.surface import Surface
-
-Rows = list[tuple[str, ...]]
 
 
 @dataclass(frozen=True)
@@ -67,36 +63,6 @@ def error_prices(surface: Surface, positions_mm: Floats, draws: int, seed: int) 
 def _excess_percent(ratio: Measurement) -> Measurement:
     """Return by how much a figure exceeds another one, in percent, from the ratio of the other one to it."""
     return Measurement(100 * (1 / ratio.value - 1), 100 * ratio.standard_error / ratio.value**2)
-
-
-def price_rows(prices: tuple[ErrorPrice, ...]) -> Rows:
-    """Return a row per kind of error."""
-    return [
-        (price.name, price.size, _with_error(price.without.percent, price.without.standard_error), _more(price))
-        for price in prices
-    ]
-
-
-def _more(price: ErrorPrice) -> str:
-    more = price.more_percent
-    return f"{more.value:.1f} ± {digits(more.standard_error, 1)}" if more.standard_error else "0"
-
-
-def _with_error(percent: float, standard_error: float) -> str:
-    return f"{three_digits(percent)} ± {digits(standard_error, 1)}"
-
-
-def failed_rows(metadata: Metadata) -> Rows:
-    """Return a row for all sensors and for each one failed."""
-    accuracy, placed, mm = metadata.accuracy, metadata.placed, metadata.length_mm / 100
-    rows = [("none", accuracy.limit_percent, accuracy.limit_standard_error)]
-    names = [channel.name for channel in metadata.layout]
-    if placed.limit_without_percent:  # a single sensor has no row without it
-        rows += zip(names, placed.limit_without_percent, placed.limit_without_standard_error, strict=True)
-    return [
-        (name, _with_error(percent, error), digits(percent * mm, 3), f"{percent / accuracy.limit_percent:.2f}")
-        for name, percent, error in rows
-    ]
 
 
 PROFILE_DRAWS = 8_192
