@@ -162,9 +162,9 @@ def _profile(prior: Prior, model: ModelFile, seed: int) -> Profile:
 
     held = held_in = width_mm = None
     if "position_low_mm" in answers:
-        low, high = answers["position_low_mm"][:, None], answers["position_high_mm"][:, None]
-        inside = (low <= contacts.likely_mm) & (contacts.likely_mm <= high)
-        held, width_mm = means(inside.astype(np.float64)), means(np.broadcast_to(high - low, inside.shape))
+        low, high = answers["position_low_mm"], answers["position_high_mm"]
+        inside = contacts.held(low, high)
+        held, width_mm = means(inside.astype(np.float64)), means(np.broadcast_to((high - low)[:, None], inside.shape))
         ends = (np.True_, stretch == 0, stretch == PROFILE_BINS - 1)
         held_in = tuple(mean_of(inside.astype(np.float64), weight * end) for end in ends)
     model_mm = means(contacts.error_mm(answers["position_mm"]))
