@@ -15,7 +15,7 @@ from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.statistics import share_of
 from beamtouch_models.accuracy.touch_thresholds import PLACES, smallest_forces, touch_thresholds
 from beamtouch_models.accuracy.unexplained_thresholds import unexplained_thresholds, windows_of
-from beamtouch_models.building.since_touch import answers_since_touch
+from beamtouch_models.building.since_touch import answers_of_means, answers_since_touch
 from beamtouch_models.error_model import whitening
 from beamtouch_models.errors import NotGoodEnoughError
 from beamtouch_models.estimators.estimator import Estimator
@@ -37,7 +37,7 @@ SURE = 4.0
 
 @dataclass(frozen=True)
 class Measured:
-    """Fields of the metadata that are measured."""
+    """Fields of the metadata that are measured, by their names there."""
 
     thresholds: Thresholds
     smallest_force: SmallestForce
@@ -132,6 +132,7 @@ def _accuracy(prior: Prior, run: Run, reached: Reached, surface: Surface, world:
     """Return the error of the exported graph and the accuracy limit."""
     percent = 100 / prior.length_mm
     error, least = reached.error_mm.scaled(percent), reached.limit_mm.scaled(percent)
+    plain = answers_of_means(prior, run, surface, world, reached.error_mm, seed)
     since_touch = [
         SinceTouch(
             since_ms=one.since_ms,
@@ -141,7 +142,7 @@ def _accuracy(prior: Prior, run: Run, reached: Reached, surface: Surface, world:
             ringing_percent=one.ringing_mm and one.ringing_mm.value * percent,
             ringing_standard_error=one.ringing_mm and one.ringing_mm.standard_error * percent,
         )
-        for one in answers_since_touch(prior, run, surface, world, reached.error_mm, seed)
+        for one in answers_since_touch(plain, prior, run, surface, world, seed)
     ]
     return Accuracy(
         since_touch=since_touch,

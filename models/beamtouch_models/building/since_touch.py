@@ -175,10 +175,12 @@ def answers_of_means(
 
 
 def answers_since_touch(
-    prior: Prior, run: Run, surface: Surface, world: World, error_mm: Measurement, seed: int
+    plain: Sequence[Answer], prior: Prior, run: Run, surface: Surface, world: World, seed: int
 ) -> list[Answer]:
-    """Return the mean errors of a model by the time since a touch, behind its filter; arguments as above."""
-    plain = answers_of_means(prior, run, surface, world, error_mm, seed)
+    """Return the mean errors of a model by the time since a touch, behind its filter.
+
+    `plain` are those of `answers_of_means`; so are the other arguments.
+    """
     counts = [answer.readings for answer in plain]
     touches = Touches.draw(prior, world, CONTACTS, seed)
     course = Course.draw(touches, surface, counts[-1], seed)

@@ -187,8 +187,8 @@ def follow(task: tuple[Scene, Model, int, int]) -> Curve:
     """Return the curve of a scene's own model; the task is the scene, the model, the draws and the seed."""
     scene, model, draws, seed = task
     sensors = place_sensors(Surface.of(scene, model.filter), seed=seed, kept_mm=model.positions_mm)
-    prior, graph, percent = sensors.prior, runner(model.graph), model.length_mm / 100
-    answers = answers_since_touch(prior, graph, sensors.surface, sensors.world, model.error_mm, seed + 2)
+    prior, run, percent = sensors.prior, runner(model.graph), model.length_mm / 100
+    answers = answers_since_touch(model.answers, prior, run, sensors.surface, sensors.world, seed + 2)
     limits = [
         accuracy_limit(replace(prior, noise_mm=model.reading_mm / math.sqrt(answer.readings)), draws, seed + 2)
         for answer in answers
