@@ -1,6 +1,7 @@
-"""The curve of a surface: the deflections at its sensors per newton, for each place of a contact; the best contact.
+"""The influence curve of a surface: the deflections at its sensors per newton, for each position of the contact.
 
-Numpy only, and pure. Whoever asks which single contact explains deflections best asks `Curve.best_contacts`.
+`Curve.best_contacts` finds the single contact that explains deflections best: for the health of sensors, calibration,
+placement and the challenge. Numpy only, and pure.
 """
 
 from dataclasses import dataclass
