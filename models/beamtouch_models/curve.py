@@ -19,6 +19,8 @@ SINGULAR = 1e-9
 _POWERS = np.arange(4)
 _LAGRANGE = np.linalg.inv(np.vander(_POWERS.astype(np.float64), increasing=True))
 """Coefficients of the cubic through four entries of a table, from the entries."""
+_SLOPES = _LAGRANGE[1:] * _POWERS[1:, None]
+"""The same of its derivative."""
 _TINY = float(np.finfo(np.float64).tiny)
 
 
@@ -36,12 +38,9 @@ class Curve:
         step = self.load_mm[1] - self.load_mm[0]
         place = (position_mm - self.load_mm[0]) / step
         first = np.clip(np.floor(place).astype(np.intp) - 1, 0, len(self.load_mm) - 4)
-        powers = (place - first)[:, None] ** _POWERS
-        slopes = np.concatenate([np.zeros((len(powers), 1)), powers[:, :-1] * _POWERS[1:]], axis=1)
-        table = self.influence[first[:, None] + np.arange(4)]
-        weights = np.stack([powers, slopes / step]) @ _LAGRANGE
-        value, slope = np.einsum("knp,npc->knc", weights, table)
-        return value, slope
+        powers, table = (place - first)[:, None] ** _POWERS, self.influence[first[:, None] + _POWERS]
+        value = np.einsum("np,npc->nc", powers @ _LAGRANGE, table)
+        return value, np.einsum("np,npc->nc", powers[:, :-1] @ _SLOPES / step, table)
 
     def best_contacts(
         self, linear_mm: Floats, weight: Floats, known_force_n: float | None = None
@@ -119,5 +118,5 @@ class InfluenceCurve(Curve):
 
 def _dot(weight: Floats, one: Floats, other: Floats) -> Floats:
     """Return weighted products over the channels, (contacts,)."""
-    product: Floats = (weight * one * other).sum(axis=1)
+    product: Floats = np.einsum("nc,nc,nc->n", weight, one, other)
     return product
