@@ -148,7 +148,7 @@ class Prior:
         """Largest deflection."""
         return self.force_n[1] * float(np.abs(self.table(self.table.x)).max())
 
-    def influence_near(self, position_mm: Floats) -> Floats:
+    def influence_within_noise(self, position_mm: Floats) -> Floats:
         """Return `influence_at` positions (loads,), from the table where the noise hides its error."""
         is_exact = self.noise_mm < EXACT_BELOW * self.largest_mm
         influence: Floats = self.influence_at(position_mm) if is_exact else self.table(position_mm)
