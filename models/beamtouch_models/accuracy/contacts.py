@@ -46,11 +46,6 @@ class Contacts:
     deviation_mm: Floats | None
     """Mean distance of each posterior from its median (draws,)."""
 
-    @property
-    def weight(self) -> Floats:
-        """Weight of each contact in an average, (draws,)."""
-        return np.broadcast_to(self.drawn.weight, len(self.likely_mm))
-
     def error_mm(self, estimate_mm: NDArray[np.floating]) -> Floats:
         """|error| of estimates (draws,) for each likely position, in the shape of `likely_mm`."""
         return np.abs(estimate_mm.astype(np.float64)[:, None] - self.likely_mm)
@@ -74,7 +69,7 @@ class Contacts:
         """Return the mean |error| of estimates (draws,) beside its limit; None without noise."""
         if self.deviation_mm is None:
             return None
-        error, limit, weight = self.mean_error_mm(estimate_mm), self.deviation_mm, self.weight
+        error, limit, weight = self.mean_error_mm(estimate_mm), self.deviation_mm, self.drawn.weight
         return Reached(mean_of(error, weight), mean_of(limit, weight), ratio_of(error * weight, limit * weight))
 
     def held(self, low_mm: NDArray[np.floating], high_mm: NDArray[np.floating]) -> Bools:
@@ -114,6 +109,6 @@ def simulated_enough(prior: Prior, count: int, seed: int) -> Contacts:
     contacts = simulated(prior, count, seed)
     if contacts.deviation_mm is None:
         return contacts
-    reached = mean_of(contacts.deviation_mm, contacts.weight)
+    reached = mean_of(contacts.deviation_mm, contacts.drawn.weight)
     certain = reached.standard_error <= CERTAIN * reached.value
     return contacts if certain else simulated(prior, MORE * count, seed)

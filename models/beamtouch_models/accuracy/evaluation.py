@@ -86,7 +86,7 @@ def evaluate(
 ) -> Evaluation:
     """Measure a model on at least `draws` simulated contacts of a prior, at the noise of the prior."""
     contacts = simulated(prior, draws, seed, lambda done: progress(0.8 * done), spread)
-    drawn, likely, counts = contacts.drawn, contacts.likely_mm, contacts.weight
+    drawn, likely, counts = contacts.drawn, contacts.likely_mm, contacts.drawn.weight
     weight = np.broadcast_to(counts[:, None], likely.shape)
     answers = estimates(model, prior, drawn.deflection_mm)
     progress(0.9)

@@ -115,7 +115,7 @@ def reach(made: Estimator, prior: Prior, run: Run, draws: int, seed: int) -> Rea
     if made.name != "posterior":  # the other estimators are trained and may miss the limit
         return reached
     inside = contacts.held(answers["position_low_mm"], answers["position_high_mm"])
-    coverage, ratio = share_of(inside, np.broadcast_to(contacts.weight[:, None], inside.shape)), reached.ratio
+    coverage, ratio = share_of(inside, np.broadcast_to(contacts.drawn.weight[:, None], inside.shape)), reached.ratio
     if (
         ratio.value - SURE * ratio.standard_error <= MAX_RATIO
         and coverage.value + SURE * coverage.standard_error >= MIN_COVERAGE

@@ -69,11 +69,6 @@ class Touches:
         errors = replace(perfect, gain=1 + gain * prior.gain, zero_mm=zero_mm * prior.zero_mm)
         return cls(prior, world, drawn, shown, errors)
 
-    @property
-    def weight(self) -> Floats:
-        """Weight of each contact in an average, (contacts,)."""
-        return np.broadcast_to(self.drawn.weight, len(self.shown_mm))
-
     def errors_mm(self, run: Run, sample_mm: Floats, covariance_mm2: Floats) -> Floats:
         """Return the errors (contacts,) of the answers to a sample of each contact, (contacts, channels).
 
@@ -165,10 +160,10 @@ def answers_of_means(
     chosen, rate_hz = surface.filter, surface.stated.sensors.rate_hz
     many = Touches.draw(prior, world, KNOWN, seed + 1)
     noise = np.random.default_rng([seed, prior.channels]).normal(size=many.shown_mm.shape)
-    usual = many.plain_errors_mm(run, chosen.window, noise) * many.weight
+    usual = many.plain_errors_mm(run, chosen.window, noise) * many.drawn.weight
     found = []
     for count in readings_of(chosen):
-        ratio = ratio_of(many.plain_errors_mm(run, count, noise) * many.weight, usual)
+        ratio = ratio_of(many.plain_errors_mm(run, count, noise) * many.drawn.weight, usual)
         scatter = math.hypot(ratio.standard_error * error_mm.value, ratio.value * error_mm.standard_error)
         found.append(Answer(count, count * 1e3 / rate_hz, Measurement(ratio.value * error_mm.value, scatter)))
     return found
@@ -188,7 +183,7 @@ def answers_since_touch(
     plain_mm = course.plain_errors_mm(run, still, counts)
 
     def measure(readings_mm: Floats) -> list[Measurement]:
-        more = [mean_of(one, touches.weight) for one in course.errors_mm(run, readings_mm, counts) - plain_mm]
+        more = [mean_of(one, touches.drawn.weight) for one in course.errors_mm(run, readings_mm, counts) - plain_mm]
         return [
             Measurement(one.error_mm.value + other.value, math.hypot(one.error_mm.standard_error, other.standard_error))
             for one, other in zip(plain, more, strict=True)

@@ -151,7 +151,7 @@ def gather(scene: Scene, built: Built, progress: Progress) -> Facts:
 def _profile(prior: Prior, model: ModelFile, seed: int) -> Profile:
     contacts = simulated(prior, PROFILE_DRAWS, seed + SEED_SHIFT)
     best = contacts.least_error_mm()
-    weight = np.broadcast_to(contacts.weight[:, None], contacts.likely_mm.shape)
+    weight = np.broadcast_to(contacts.drawn.weight[:, None], contacts.likely_mm.shape)
     answers = estimates(model, prior, contacts.drawn.deflection_mm)
     edges = np.linspace(*prior.position_mm, PROFILE_BINS + 1)
     stretch = np.clip(np.searchsorted(edges, contacts.likely_mm, side="right") - 1, 0, PROFILE_BINS - 1)
