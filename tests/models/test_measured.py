@@ -1,11 +1,20 @@
 """What is measured of an estimator: the thresholds of touch, the accuracy, the golden answers."""
 
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 import pytest
 
-from beamtouch_models.accuracy.touch_thresholds import rate_per_sample, smallest_force_n, touch_thresholds
+from beamtouch_models.accuracy.touch_thresholds import (
+    directions,
+    noise_at_rest,
+    rate_per_sample,
+    shapes_at_rest,
+    smallest_force_n,
+    touch_threshold,
+    touch_thresholds,
+)
 from beamtouch_models.building.measure import measure, thresholds_of
 from beamtouch_models.building.sensors import place_sensors
 from beamtouch_models.estimators.estimator import estimator_of
@@ -64,6 +73,21 @@ def test_zeros_that_outweigh_the_noise_give_the_false_contacts_that_were_asked_f
     assert 0.7 < exceeding(run, prior, white, tuple(range(sensors)), rate, thresholds[-1]) < 1.2
     # The threshold of a size is that of its worst set.
     assert exceeding(run, prior, white, (0, sensors - 1), rate, thresholds[1]) < 1.2
+
+
+@pytest.mark.long
+def test_no_set_of_channels_has_a_threshold_above_that_of_its_size() -> None:
+    prior = prior_of("cantilever", 6, 0.1, known=False)
+    prior, rate = replace(prior, zero_mm=3 * prior.noise_mm), 2e-9
+    thresholds, whole, noise = touch_thresholds(prior, rate), shapes_at_rest(prior), noise_at_rest(prior)
+    for size, threshold in enumerate(thresholds, start=1):
+        each = [
+            touch_threshold(directions(whole[:, kept]), noise[list(kept)], rate)
+            for kept in combinations(range(prior.channels), size)
+        ]
+        assert threshold == pytest.approx(max(each), abs=1e-3)
+    # As many sensors as a scene may have are no more sets than can be looked at.
+    assert len(touch_thresholds(prior_of("bench", 24, 0.1, known=False), rate)) == 24
 
 
 def test_overlapping_windows_cluster_their_false_contacts() -> None:

@@ -139,8 +139,8 @@ def _accuracy(prior: Prior, run: Run, reached: Reached, surface: Surface, world:
             readings=one.readings,
             error_percent=one.error_mm.value * percent,
             error_standard_error=one.error_mm.standard_error * percent,
-            ringing_percent=one.ringing_mm and one.ringing_mm.value * percent,
-            ringing_standard_error=one.ringing_mm and one.ringing_mm.standard_error * percent,
+            ringing_percent=None if one.ringing_mm is None else one.ringing_mm.value * percent,
+            ringing_standard_error=None if one.ringing_mm is None else one.ringing_mm.standard_error * percent,
         )
         for one in answers_since_touch(plain, prior, run, surface, world, seed)
     ]
