@@ -14,12 +14,11 @@ from scipy.special import gammaln
 
 from beamtouch_models.accuracy import limit
 from beamtouch_models.accuracy.prior import Prior
-from beamtouch_models.accuracy.rest import DRIFTS, log_tilt, overlapping_means, tilted
+from beamtouch_models.accuracy.rest import DRIFTS, log_tilt, overlapping_means, rest_like_contact, tilted
 from beamtouch_models.accuracy.touch_thresholds import (
     directions,
     noise_at_rest,
     rate_per_sample,
-    rest_like_contact,
     shapes_at_rest,
 )
 from beamtouch_models.accuracy.unexplained_thresholds import FARTHEST, Sequences, at_rest, windows_of

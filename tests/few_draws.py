@@ -10,14 +10,13 @@ import pytest
 def few_draws() -> Iterator[None]:
     """Measure thresholds and accuracy on a few simulated samples."""
     # Here, as most folders of tests build no model, and each of their processes would take a second to import this.
-    from beamtouch_models.accuracy import touch_thresholds, unexplained_thresholds  # noqa: PLC0415
+    from beamtouch_models.accuracy import unexplained_thresholds  # noqa: PLC0415
     from beamtouch_models.building import measure, since_touch  # noqa: PLC0415
 
     with pytest.MonkeyPatch.context() as fewer:
         fewer.setattr(measure, "ACCURACY_DRAWS", 512)
         fewer.setattr(since_touch, "KNOWN", 512)
-        for module in (unexplained_thresholds, touch_thresholds):
-            fewer.setattr(module, "DRAWS", 512)
+        fewer.setattr(unexplained_thresholds, "DRAWS", 512)
         yield
 
 

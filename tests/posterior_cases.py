@@ -11,7 +11,8 @@ from onnx import TensorProto, helper, numpy_helper
 
 from beamtouch_models.accuracy.forces import MAX_FORCE_RATIO
 from beamtouch_models.accuracy.prior import Prior
-from beamtouch_models.accuracy.touch_thresholds import directions, rest_like_contact
+from beamtouch_models.accuracy.rest import rest_like_contact
+from beamtouch_models.accuracy.touch_thresholds import directions
 from beamtouch_models.arrays import Floats
 from beamtouch_models.error_model import whitening
 from beamtouch_models.estimators.onnx_graph import to_bytes

@@ -14,7 +14,7 @@ import numpy as np
 
 from beamtouch_models.arrays import Floats
 from beamtouch_models.error_model import variance_mm2
-from beamtouch_models.metadata import Metadata
+from beamtouch_models.metadata import Metadata, SmallestForce
 
 SURELY = 1.645
 """Deviations of a sample that a force must exceed the threshold by, so that 95 % of the samples do."""
@@ -33,6 +33,12 @@ class Detection:
     """Share of settled samples at that force that are not a contact."""
     false_contacts_per_day: float
     """At rest, as designed."""
+
+
+def detection(seen: SmallestForce, force_n: float, size_per_n: Floats, false_contacts_per_day: float) -> Detection:
+    """Return what is seen along the beam, from the smallest forces and the length of the whitened influence there."""
+    missed = missed_shares(force_n, seen.force_n, size_per_n)
+    return Detection(seen.position_mm, seen.force_n, force_n, missed, false_contacts_per_day)
 
 
 def extremes(smallest_n: Sequence[float | None]) -> tuple[float | None, float | None]:
@@ -62,11 +68,5 @@ def detection_of(metadata: Metadata) -> Detection:
     rest = np.sqrt(variance_mm2(0.0, metadata.noise.sample_mm, floor.gain, floor.zero_mm))
     size = np.linalg.norm(np.array(metadata.influence.mm_per_n) / rest, axis=1)
     at = np.linspace(*metadata.ranges.position_mm, len(size))
-    weakest = metadata.ranges.force_n[0]
-    return Detection(
-        position_mm=seen.position_mm,
-        smallest_force_n=seen.force_n,
-        force_n=weakest,
-        missed=missed_shares(weakest, seen.force_n, np.interp(seen.position_mm, at, size)),
-        false_contacts_per_day=metadata.thresholds.false_contacts_per_day,
-    )
+    size_there = np.interp(seen.position_mm, at, size)
+    return detection(seen, metadata.ranges.force_n[0], size_there, metadata.thresholds.false_contacts_per_day)

@@ -14,6 +14,7 @@ import numpy as np
 
 from beamtouch_common.digits import digits
 from beamtouch_models.accuracy.prior import Prior, SampleErrors
+from beamtouch_models.accuracy.touch_thresholds import rate_per_sample
 from beamtouch_models.accuracy.unexplained_thresholds import windows_of
 from beamtouch_models.arrays import Floats
 from beamtouch_models.errors import SceneError
@@ -98,6 +99,13 @@ class Surface:
     def modelled_readings(self) -> ReadingErrors:
         """Errors of readings without the negligible effects."""
         return ReadingErrors.of(self.scene, self.modelled_travel.largest_mm)
+
+    @property
+    def touch_rate(self) -> float:
+        """Probability of a sample at rest to be taken for a contact, which the thresholds of touch are for."""
+        stated = self.stated
+        per_day, rate_hz = stated.requirements.false_contacts_per_day, stated.sensors.rate_hz
+        return rate_per_sample(per_day, rate_hz, self.filter.window)
 
     @property
     def noise(self) -> Noise:

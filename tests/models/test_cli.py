@@ -12,7 +12,7 @@ import onnx
 import pytest
 
 from beamtouch_models import cli, modelfile
-from beamtouch_models.building import measure, products
+from beamtouch_models.building import measure
 from beamtouch_models.building.remarks import weak_spot
 from beamtouch_models.modelfile import ModelFile
 from example_scenes import PAPER, SCENES
@@ -152,7 +152,7 @@ def test_a_build_that_is_interrupted_while_it_measures_for_the_report_leaves_not
     def interrupt(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(products, "gather", interrupt)
+    monkeypatch.setattr(facts, "gather", interrupt)
     scene = tmp_path / "scene.toml"
     scene.write_text(PAPER.replace("count = 2", "count = 2\ngrid_mm = 57"))
     files = ("-o", tmp_path / "m.onnx", "--daemon-config", tmp_path / "d.toml", "--report", tmp_path / "r.html")

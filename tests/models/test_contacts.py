@@ -25,7 +25,7 @@ def figures_of(case: tuple[str, int, float, bool], count: int, seed: int) -> dic
     contacts = simulated(prior, count, seed)
     assert contacts.deviation_mm is not None
     assert contacts.median_mm is not None
-    weight, median = contacts.weight, contacts.median_mm
+    weight, median = contacts.drawn.weight, contacts.median_mm
     many = np.broadcast_to(weight[:, None], contacts.likely_mm.shape)
     off = median + contacts.deviation_mm
     mean = contacts.mean_error_mm(off)
@@ -84,14 +84,14 @@ def test_the_same_seed_draws_the_same() -> None:
 
 
 def test_weights_are_one_on_average_and_bounded() -> None:
-    weight = simulated(prior_of("bench", 4, 1.0, known=False), 1024, 3).weight
+    weight = simulated(prior_of("bench", 4, 1.0, known=False), 1024, 3).drawn.weight
     assert weight.mean() == pytest.approx(1, abs=1e-12)
     assert weight.max() <= 1.001 / limit.UNIFORM
 
 
 def test_more_contacts_where_few_leave_the_limit_uncertain() -> None:
-    assert len(simulated_enough(prior_of("paper", 2, 2.0, known=True), 256, 0).weight) == 1024
-    assert len(simulated_enough(prior_of("cantilever", 2, 1.0, known=False), 1024, 0).weight) == 1024
+    assert len(simulated_enough(prior_of("paper", 2, 2.0, known=True), 256, 0).drawn.weight) == 1024
+    assert len(simulated_enough(prior_of("cantilever", 2, 1.0, known=False), 1024, 0).drawn.weight) == 1024
 
 
 def test_without_noise_a_contact_is_its_own_only_cause() -> None:

@@ -17,8 +17,9 @@ from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.arrays import Floats
 from beamtouch_models.error_model import whitening
 from beamtouch_models.physics.beam import influence_of
+from beamtouch_models.scene import load_scene
 from beamtouch_models.surface import Surface
-from example_scenes import paper_scene
+from example_scenes import SCENES, paper_scene
 from plain_error import mean_error
 from posterior_cases import prior_of
 
@@ -34,6 +35,16 @@ def test_the_limits_that_are_known_for_the_paper(layout: tuple[float, float], pe
     plain = mean_error(prior, drawn, limit.posterior_median_mm(prior, drawn.deflection_mm))
     assert abs(plain.percent - found.percent) < 4 * np.hypot(plain.standard_error, found.standard_error)
     assert found.standard_error < plain.standard_error / 1.5
+
+
+def test_a_posterior_of_little_noise_is_exact_where_shear_makes_a_kink() -> None:
+    influence = influence_of(load_scene(SCENES / "short-deep.toml")[0])
+    sensor_mm, force_n = np.array([21.0, 43.0, 62.0, 87.0]), np.array([85.0])
+    largest_mm = influence.force_n[1] * float(np.abs(influence.matrix(sensor_mm)).max())
+    prior = Prior.of(influence, sensor_mm, 1e-6 * largest_mm)
+    position_mm = sensor_mm[1:2] + 0.014  # beside a sensor, between two entries of any table
+    median_mm = limit.posterior_median_mm(prior, force_n * prior.influence_at(position_mm))
+    assert np.all(np.abs(median_mm - position_mm) < 0.1 * position_deviation_mm(prior, position_mm, force_n))
 
 
 def test_limits_that_are_compared_share_their_contacts() -> None:

@@ -2,11 +2,20 @@
 
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 import pytest
 
-from beamtouch_models.accuracy.touch_thresholds import rate_per_sample, smallest_force_n, touch_thresholds
+from beamtouch_models.accuracy.touch_thresholds import (
+    directions,
+    noise_at_rest,
+    rate_per_sample,
+    shapes_at_rest,
+    smallest_force_n,
+    touch_threshold,
+    touch_thresholds,
+)
 from beamtouch_models.building.measure import Measured, measure, thresholds_of
 from beamtouch_models.building.sensors import place_sensors
 from beamtouch_models.estimators.estimator import estimator_of
@@ -24,7 +33,7 @@ from stated_problems import fewest_mm, real_prior
 @pytest.mark.parametrize(("sensors", "rate"), [(2, 1e-2), pytest.param(5, 1e-3, marks=pytest.mark.soak)])
 def test_samples_at_rest_exceed_the_threshold_at_the_stated_rate(sensors: int, rate: float) -> None:
     prior = prior_of("bench", sensors, 1.0, known=False)
-    threshold = touch_thresholds(prior, rate, 3)[-1]
+    threshold = touch_thresholds(prior, rate)[-1]
     draws = 100_000
     rest = np.random.default_rng(9).normal(scale=prior.noise_mm, size=(draws, sensors))
     found = (answers_of(graph_of(prior), prior, rest)["contact_log_odds"] > threshold).mean()
@@ -34,7 +43,7 @@ def test_samples_at_rest_exceed_the_threshold_at_the_stated_rate(sensors: int, r
 def test_the_threshold_of_a_single_channel_is_the_normal_tail() -> None:
     # The rarest millionth of a normal distribution lies above 4.7534 deviations (tables); the odds are half its square.
     prior = prior_of("cantilever", 1, 2.0, known=True)
-    (threshold,) = touch_thresholds(prior, 1e-6, 1)
+    (threshold,) = touch_thresholds(prior, 1e-6)
     assert threshold == pytest.approx(4.7534**2 / 2, abs=0.15)
 
 
@@ -46,7 +55,7 @@ def test_any_covariance_holds_the_false_contacts_that_were_asked_for(name: str) 
     layout = fewest_mm(scene, noise_mm)
     prior = real_prior(scene, layout, noise_mm)
     rate = rate_per_sample(1 / 30, scene.sensors.rate_hz, chosen.window)
-    threshold = touch_thresholds(prior, rate, 1)[-1]
+    threshold = touch_thresholds(prior, rate)[-1]
     run = runner(to_bytes(graph_of(prior)))
     every, white = tuple(range(prior.channels)), np.eye(prior.channels) * noise_mm**2
     # Fewer readings in the mean, one noisy channel, and the first mode of a beam that still rings a little.
@@ -54,6 +63,32 @@ def test_any_covariance_holds_the_false_contacts_that_were_asked_for(name: str) 
     mode = np.sin(np.pi * layout / prior.length_mm)
     for covariance in (white * 16, noisy, white + 25 * noise_mm**2 * np.outer(mode, mode)):
         assert 0.4 < exceeding(run, prior, covariance, every, rate, threshold) < 2.5
+
+
+@pytest.mark.parametrize(("sensors", "zeros"), [(2, 10.0), (6, 10.0), (8, 3.0)])
+def test_zeros_that_outweigh_the_noise_give_the_false_contacts_that_were_asked_for(sensors: int, zeros: float) -> None:
+    prior = prior_of("bench", sensors, 0.1, known=False)
+    prior, rate = replace(prior, zero_mm=zeros * prior.noise_mm), 2e-9
+    thresholds, run = touch_thresholds(prior, rate), runner(to_bytes(graph_of(prior)))
+    white = np.eye(sensors) * prior.noise_mm**2
+    assert 0.7 < exceeding(run, prior, white, tuple(range(sensors)), rate, thresholds[-1]) < 1.2
+    # The threshold of a size is that of its worst set.
+    assert exceeding(run, prior, white, (0, sensors - 1), rate, thresholds[1]) < 1.2
+
+
+@pytest.mark.long
+def test_no_set_of_channels_has_a_threshold_above_that_of_its_size() -> None:
+    prior = prior_of("cantilever", 6, 0.1, known=False)
+    prior, rate = replace(prior, zero_mm=3 * prior.noise_mm), 2e-9
+    thresholds, whole, noise = touch_thresholds(prior, rate), shapes_at_rest(prior), noise_at_rest(prior)
+    for size, threshold in enumerate(thresholds, start=1):
+        each = [
+            touch_threshold(directions(whole[:, kept]), noise[list(kept)], rate)
+            for kept in combinations(range(prior.channels), size)
+        ]
+        assert threshold == pytest.approx(max(each), abs=1e-3)
+    # As many sensors as a scene may have are no more sets than can be looked at.
+    assert len(touch_thresholds(prior_of("bench", 24, 0.1, known=False), rate)) == 24
 
 
 def test_overlapping_windows_cluster_their_false_contacts() -> None:
@@ -71,7 +106,7 @@ def test_overlapping_windows_cluster_their_false_contacts() -> None:
 
 def test_the_smallest_force_is_seen_in_19_of_20_samples() -> None:
     prior = prior_of("bench", 3, 1.0, known=False)
-    threshold = touch_thresholds(prior, 1e-8, 1)[-1]
+    threshold = touch_thresholds(prior, 1e-8)[-1]
     position = np.array([60.0, 200.0, 350.0])
     force = smallest_force_n(prior, threshold, position)
     rng = np.random.default_rng(2)

@@ -145,7 +145,7 @@ def test_the_misfit_of_a_contact_is_chi_square_and_that_of_a_fault_is_not(graph:
 @pytest.mark.parametrize("kept", [(0, 1, 2, 3), pytest.param((1, 2), marks=pytest.mark.soak), (2,)], ids=str)
 def test_false_contacts_at_rest_are_as_many_as_were_asked_for(graph: onnx.ModelProto, kept: tuple[int, ...]) -> None:
     rate = rate_per_sample(1 / 30, 200.0, 4)
-    threshold = touch_thresholds(PRIOR, rate, 1)[len(kept) - 1]
+    threshold = touch_thresholds(PRIOR, rate)[len(kept) - 1]
     run = runner(to_bytes(graph))
     for covariance in covariances().values():
         assert 0.5 < exceeding(run, PRIOR, covariance, kept, rate, threshold) < 2

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from beamtouch_models.accuracy.limit import Draws, draw_evenly
 from beamtouch_models.accuracy.posterior import CHUNK, posterior_quantiles
 from beamtouch_models.accuracy.prior import Prior
-from beamtouch_models.accuracy.statistics import mean_of
-from beamtouch_models.arrays import Floats
+from beamtouch_models.accuracy.statistics import Measurement, mean_of, ratio_of
+from beamtouch_models.arrays import Bools, Floats
 from beamtouch_models.progress import Fraction, silent
 from beamtouch_models.sweeps import Spread, in_turn
 
@@ -23,6 +23,15 @@ CERTAIN, MORE = 0.01, 4
 """Relative standard error of a limit above which MORE times as many contacts are drawn."""
 REPORTS = 20
 """Number of progress reports."""
+
+
+@dataclass(frozen=True)
+class Reached:
+    """The mean error of estimates beside its limit, in mm, on the same contacts."""
+
+    error_mm: Measurement
+    limit_mm: Measurement
+    ratio: Measurement
 
 
 @dataclass(frozen=True)
@@ -36,11 +45,6 @@ class Contacts:
     """Posterior medians (draws,); None without noise, where there is no posterior."""
     deviation_mm: Floats | None
     """Mean distance of each posterior from its median (draws,)."""
-
-    @property
-    def weight(self) -> Floats:
-        """Weight of each contact in an average, (draws,)."""
-        return np.broadcast_to(self.drawn.weight, len(self.likely_mm))
 
     def error_mm(self, estimate_mm: NDArray[np.floating]) -> Floats:
         """|error| of estimates (draws,) for each likely position, in the shape of `likely_mm`."""
@@ -60,6 +64,17 @@ class Contacts:
             return error[:, 0]
         worse: Floats = (error - best).mean(axis=1)
         return self.deviation_mm + worse
+
+    def reached(self, estimate_mm: NDArray[np.floating]) -> Reached | None:
+        """Return the mean |error| of estimates (draws,) beside its limit; None without noise."""
+        if self.deviation_mm is None:
+            return None
+        error, limit, weight = self.mean_error_mm(estimate_mm), self.deviation_mm, self.drawn.weight
+        return Reached(mean_of(error, weight), mean_of(limit, weight), ratio_of(error * weight, limit * weight))
+
+    def held(self, low_mm: NDArray[np.floating], high_mm: NDArray[np.floating]) -> Bools:
+        """Return whether intervals (draws,) hold each likely position, in the shape of `likely_mm`."""
+        return (low_mm[:, None] <= self.likely_mm) & (self.likely_mm <= high_mm[:, None])
 
 
 def simulated(prior: Prior, count: int, seed: int, progress: Fraction = silent, spread: Spread = in_turn) -> Contacts:
@@ -94,6 +109,6 @@ def simulated_enough(prior: Prior, count: int, seed: int) -> Contacts:
     contacts = simulated(prior, count, seed)
     if contacts.deviation_mm is None:
         return contacts
-    reached = mean_of(contacts.deviation_mm, contacts.weight)
+    reached = mean_of(contacts.deviation_mm, contacts.drawn.weight)
     certain = reached.standard_error <= CERTAIN * reached.value
     return contacts if certain else simulated(prior, MORE * count, seed)

@@ -5,19 +5,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from beamtouch_models.accuracy import cramer_rao
-from beamtouch_models.accuracy.contacts import Contacts, simulated
+from beamtouch_models.accuracy.contacts import Reached, simulated
 from beamtouch_models.accuracy.prior import Prior
+from beamtouch_models.accuracy.rest import rest_like_contact
 from beamtouch_models.accuracy.statistics import SCRAMBLINGS, Measurement, mean_of, quantile_of, ratio_of, share_of
 from beamtouch_models.accuracy.touch_thresholds import (
     directions,
     noise_at_rest,
-    rest_like_contact,
     shapes_at_rest,
     size_per_n,
     smallest_forces,
 )
 from beamtouch_models.arrays import Floats
-from beamtouch_models.detection import Detection, extremes, missed_shares
+from beamtouch_models.detection import Detection, detection, extremes
 from beamtouch_models.loading import ModelFile
 from beamtouch_models.progress import Fraction, silent
 from beamtouch_models.sweeps import Spread, in_turn
@@ -86,7 +86,7 @@ def evaluate(
 ) -> Evaluation:
     """Measure a model on at least `draws` simulated contacts of a prior, at the noise of the prior."""
     contacts = simulated(prior, draws, seed, lambda done: progress(0.8 * done), spread)
-    drawn, likely, counts = contacts.drawn, contacts.likely_mm, contacts.weight
+    drawn, likely, counts = contacts.drawn, contacts.likely_mm, contacts.drawn.weight
     weight = np.broadcast_to(counts[:, None], likely.shape)
     answers = estimates(model, prior, drawn.deflection_mm)
     progress(0.9)
@@ -99,7 +99,7 @@ def evaluate(
         noise_mm=prior.noise_mm,
         draws=len(worst),
         length_mm=prior.length_mm,
-        span=_over_all(contacts, answers["position_mm"], _errors(error, best, weight, worst)),
+        span=_over_all(_errors(error, best, weight, worst), contacts.reached(answers["position_mm"])),
         middle=_errors(error, best, weight * inside, worst[drawn_inside])
         if drawn_inside.mean() > MIN_SHARE and all(part.any() for part in np.array_split(inside, SCRAMBLINGS))
         else None,
@@ -127,13 +127,7 @@ def seen_along(model: ModelFile, prior: Prior) -> Detection | None:
     supports_mm = [support.at_mm for support in model.metadata.drawn.supports]
     seen = smallest_forces(prior, model.metadata.thresholds.touch[-1], supports_mm)
     size = size_per_n(prior, np.array(seen.position_mm))
-    return Detection(
-        position_mm=seen.position_mm,
-        smallest_force_n=seen.force_n,
-        force_n=prior.force_n[0],
-        missed=missed_shares(prior.force_n[0], seen.force_n, size),
-        false_contacts_per_day=model.metadata.thresholds.false_contacts_per_day,
-    )
+    return detection(seen, prior.force_n[0], size, model.metadata.thresholds.false_contacts_per_day)
 
 
 def at_noise(prior: Prior, noise_mm: float) -> Prior:
@@ -159,17 +153,11 @@ def _errors(error: Floats, best: Floats | None, weight: Floats, worst: Floats) -
     )
 
 
-def _over_all(contacts: Contacts, estimate_mm: Floats, errors: Errors) -> Errors:
+def _over_all(errors: Errors, reached: Reached | None) -> Errors:
     """Return errors over all contacts, with means over each posterior where that is known."""
-    weight, mean = contacts.weight, contacts.mean_error_mm(estimate_mm)
-    if contacts.deviation_mm is None:
+    if reached is None:
         return errors
-    return replace(
-        errors,
-        mean_mm=mean_of(mean, weight),
-        limit_mean_mm=mean_of(contacts.deviation_mm, weight),
-        ratio=ratio_of(mean * weight, contacts.deviation_mm * weight),
-    )
+    return replace(errors, mean_mm=reached.error_mm, limit_mean_mm=reached.limit_mm, ratio=reached.ratio)
 
 
 def _coverage(

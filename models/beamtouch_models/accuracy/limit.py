@@ -29,7 +29,7 @@ class Draws:
     force_n: Floats
     deflection_mm: Floats
     """(draws, sensors), with noise."""
-    weight: Floats | float = 1.0
+    weight: Floats
     """(draws,), weight of each contact in an average; 1 on average."""
 
 
@@ -56,7 +56,7 @@ def draw(prior: Prior, count: int, seed: int) -> Draws:
     position = rng.uniform(*prior.position_mm, size=count)
     force = rng.uniform(*prior.force_n, size=count)
     clean, deviation = prior.sampled(position, force)
-    return Draws(position, force, clean + rng.normal(size=clean.shape) * deviation)
+    return Draws(position, force, clean + rng.normal(size=clean.shape) * deviation, np.ones(count))
 
 
 def accuracy_limit(prior: Prior, draws: int, seed: int) -> MeanError:
@@ -113,7 +113,7 @@ def _require_noise(prior: Prior) -> None:
         raise SceneError(message)
 
 
-def _errors_percent(prior: Prior, deflection_mm: Floats, weight: Floats | float) -> Floats:
+def _errors_percent(prior: Prior, deflection_mm: Floats, weight: Floats) -> Floats:
     """Return the weighted mean |error| of the posterior median of samples, (draws,) in percent of the length."""
     errors: Floats = posterior_quantiles(prior, deflection_mm)[1] * weight / prior.length_mm * 100
     return errors

@@ -55,14 +55,13 @@ def posterior_quantiles(
     """
     levels = np.full((len(deflection_mm), 1), 0.5) if levels is None else levels
     grid = np.linspace(*prior.position_mm, GRID)
-    influence = prior.influence_at(grid)
-    largest = prior.force_n[1] * float(np.abs(influence).max())
-    if not prior.noise_mm >= MIN_NOISE * largest:
+    if not prior.noise_mm >= MIN_NOISE * prior.largest_mm:
         message = (
             f"sensors: a noise of {prior.noise_mm:g} mm is too small to compute with next to a deflection "
-            f"of {digits(largest, 3)} mm; state a larger one"
+            f"of {digits(prior.largest_mm, 3)} mm; state a larger one"
         )
         raise SceneError(message)
+    influence = prior.influence_within_noise(grid)
     whitening = prior.whitening(deflection_mm) if whitening_per_mm is None else whitening_per_mm
     gains_matter = whitening_per_mm is None and not tail and bool(np.max(prior.gain) > LARGE_GAIN)
     forces = forces_of(prior.force_n, tail)
@@ -175,7 +174,7 @@ def _resolved(prior: Prior, forces: Forces, seen: _Seen, grids: Floats, density:
         grids, todo = finer, todo[narrow]
         if not len(todo):
             return found
-        influence = prior.influence_at(grids.ravel()).reshape(*grids.shape, -1)
+        influence = prior.influence_within_noise(grids.ravel()).reshape(*grids.shape, -1)
         density = _log_density(prior, seen.take(todo), forces, grids, influence)
     last = densities(grids, density)
     found[todo] = np.column_stack([last.quantiles(levels[todo]), last.mean_distance()])

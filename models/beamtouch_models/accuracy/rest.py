@@ -1,8 +1,10 @@
 """Samples at rest, drawn where they matter: zeros within their drift, and means of overlapping windows.
 
 Zeros of whitened samples are uniform within twice their drift. Importance sampling tilts their density by
-exp(tilt . zero).
+exp(tilt . zero) (Kahn & Marshall 1953, doi 10.1287/opre.1.5.263).
 """
+
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import log_ndtr, ndtri
@@ -13,6 +15,25 @@ DRIFTS = 2.0
 """Farthest a zero lies, in its drifts."""
 MIN_EXPONENT = 1e-6
 """Smallest exponent; below it a tilt makes no difference."""
+MAX_LOG = 700.0
+"""Largest exponent of float64."""
+
+
+@dataclass(frozen=True)
+class Rest:
+    """Whitened samples at rest, drawn where they look like a contact."""
+
+    zero: Floats
+    """(draws, channels), the part that stays for days"""
+    noise: Floats
+    """(draws, channels)"""
+    weight: Floats
+    """(draws,), density at rest over that of the draws."""
+
+    @property
+    def sample(self) -> Floats:
+        """The sum of both."""
+        return self.zero + self.noise
 
 
 def reach_of(noise: Floats) -> Floats:
@@ -94,3 +115,26 @@ def overlapping_means(largest: Floats, window: int, run: int, rng: np.random.Gen
     below = np.concatenate([np.zeros_like(drawn[:, :1]), np.cumsum(drawn, axis=1)], axis=1)
     found: Floats = (below[:, window:] - below[:, :-window]) / window**0.5
     return found, margin
+
+
+def rest_like_contact(unit: Floats, noise: Floats, rate: float, draws: int, seed: int) -> Rest:
+    """Draw whitened samples at rest so that about half of them exceed what rest exceeds with probability `rate`.
+
+    `unit` are directions (places, channels), `noise` the deviations of the noise (channels,). A place that does not
+    move looks like rest, so nothing is drawn about it.
+    """
+    rng = np.random.default_rng([seed, unit.shape[1]])
+    unit, reach = unit[unit.any(axis=1)], reach_of(noise)
+    if not len(unit):
+        zero = reach * rng.uniform(-1, 1, size=(draws, len(noise)))
+        return Rest(zero, rng.normal(size=zero.shape) * noise, np.ones(draws))
+    size = np.linalg.norm(unit * noise, axis=1)
+    along = unit * noise / size[:, None]
+    height, tilts = exceeded_with(rate, np.abs(unit) * reach, size)
+    tilt = tilts[:, None] * unit
+    at = np.linspace(0, len(unit) - 1, draws).round().astype(np.intp)
+    zero = tilted(tilt[at], reach, rng)
+    shift = np.maximum(height - zero @ unit.T, 0.0) / size
+    white = rng.normal(size=zero.shape) + np.take_along_axis(shift, at[:, None], axis=1) * along[at]
+    drawn = shift * (white @ along.T) - shift**2 / 2 + log_tilt(zero[:, None], tilt, reach)
+    return Rest(zero, white * noise, 1 / np.exp(np.minimum(drawn, MAX_LOG)).mean(axis=1))

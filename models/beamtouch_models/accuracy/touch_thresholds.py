@@ -5,20 +5,20 @@ each sample. But a zero is constant over days. So the rate is that of the noise,
 within twice their drift, evenly. A contact at position x moves y along the unit vector u(x), so its log odds are
 log(mean over x of exp(max(u(x) . y, 0)^2 / 2)): they depend on the directions only.
 
-The probability that they exceed a threshold follows by importance sampling (Kahn & Marshall 1953,
-doi 10.1287/opre.1.5.263): zero and noise are drawn about c u(x), with x spread evenly and c as large as the rate
-demands. A sample with more noise than a settled one exceeds the threshold about as often, as its zero counts for less.
+The odds exceed T about as often as u(x) . y exceeds sqrt(2 T), on average over x. For noise alone this is exact up to a
+share of 1 / T, whatever the path of u: a longer path comes near more samples, and a smaller part of it lies near each
+(the tube around a path, Hotelling 1939, doi 10.2307/2371512, times the width of the peak by Laplace's method). Zeros
+are bounded, so that the odds exceed T more rarely than that. A sample with more noise than a settled one exceeds it
+about as often, as its zero counts for less.
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass
-from itertools import combinations
 
 import numpy as np
-from scipy.special import ndtr, ndtri
+from scipy.special import logsumexp, ndtr, ndtri
 
 from beamtouch_models.accuracy.prior import Prior
-from beamtouch_models.accuracy.rest import exceeded_with, log_tilt, reach_of, tilted
+from beamtouch_models.accuracy.rest import exceeded_with, reach_of
 from beamtouch_models.arrays import Floats
 from beamtouch_models.detection import SURELY
 from beamtouch_models.metadata import SmallestForce
@@ -26,36 +26,12 @@ from beamtouch_models.rates import MAX_FALSE, SECONDS_PER_DAY
 
 PLACES = 129
 """Positions at which a contact is looked for; the odds change little between them."""
-DRAWS = 4096
-MAX_SETS = 40
-"""Up to this many sets of channels of one size are all simulated; of more, an even choice."""
-BETWEEN = np.log(2.0)
-"""Largest excess of a set's threshold over that of its size, in nats: a factor of two in the rate."""
 BLIND = 10.0
 """Where more than this many times the largest force is needed, nothing is seen: at a support, or right beside it."""
 FLAT = 1e-9
 """Deflection over the largest one below which a place does not move: a support, where only rounding is left."""
 MIN_NOISE = 1e-5
 """Smallest part of the noise in the error of a sample; below it, the zeros alone decide what rest exceeds."""
-MAX_LOG = 700.0
-"""Largest exponent of float64."""
-
-
-@dataclass(frozen=True)
-class Rest:
-    """Whitened samples at rest, drawn where they look like a contact."""
-
-    zero: Floats
-    """(draws, channels), the part that stays for days"""
-    noise: Floats
-    """(draws, channels)"""
-    weight: Floats
-    """(draws,), density at rest over that of the draws."""
-
-    @property
-    def sample(self) -> Floats:
-        """The sum of both."""
-        return self.zero + self.noise
 
 
 def rate_per_sample(per_day: float, rate_hz: float, window: int) -> float:
@@ -77,19 +53,30 @@ def rate_per_sample(per_day: float, rate_hz: float, window: int) -> float:
     return rate
 
 
-def touch_thresholds(prior: Prior, rate: float, seed: int) -> list[float]:
+def touch_thresholds(prior: Prior, rate: float) -> list[float]:
     """Return the log odds that rest exceeds with probability `rate` per sample, by the number of valid channels.
 
-    Sets of the same size differ little. The threshold of a size lies where no set exceeds the rate twofold.
+    The threshold of a size is that of its worst set. It is one of neighbours, the last beside the first: they share a
+    contact the most evenly, so that the most zeros add up.
     """
-    whole, noise = shapes_at_rest(prior), noise_at_rest(prior)
-    found = []
-    for size in range(1, prior.channels + 1):
-        sets = list(combinations(range(prior.channels), size))
-        chosen = sets[:: -(-len(sets) // MAX_SETS)]
-        each = [touch_threshold(directions(whole[:, kept]), noise[list(kept)], rate, seed) for kept in chosen]
-        found.append(max((max(each) + min(each)) / 2, max(each) - BETWEEN))
-    return found
+    whole, noise, every = shapes_at_rest(prior), noise_at_rest(prior), np.arange(prior.channels)
+    sets = [[np.roll(every, -first)[:size] for first in every] for size in every + 1]
+    return [max(touch_threshold(directions(whole[:, kept]), noise[kept], rate) for kept in each) for each in sets]
+
+
+def touch_threshold(unit: Floats, noise: Floats, rate: float) -> float:
+    """Return the log odds that rest exceeds with probability `rate`.
+
+    `unit` are directions (places, channels), `noise` the deviations of the noise (channels,). A place that does not
+    move looks like rest, and counts for nothing.
+    """
+    unit = unit[unit.any(axis=1)]
+    if not len(unit):
+        return 0.0
+    heights, tilts = exceeded_with(rate, np.abs(unit) * reach_of(noise), np.linalg.norm(unit * noise, axis=1))
+    # The height that the directions exceed with this probability on average: beyond it, tails fall exponentially.
+    height = logsumexp(tilts.mean() * heights, b=1 / len(heights)) / tilts.mean()
+    return float(height**2 / 2)
 
 
 def shapes_at_rest(prior: Prior, position_mm: Floats | None = None) -> Floats:
@@ -124,38 +111,6 @@ def log_odds(unit: Floats, sample: Floats) -> Floats:
     largest = square.max(axis=1, keepdims=True)
     odds: Floats = largest[:, 0] + np.log(np.exp(square - largest).mean(axis=1))
     return odds
-
-
-def rest_like_contact(unit: Floats, noise: Floats, rate: float, draws: int, seed: int) -> Rest:
-    """Draw whitened samples at rest so that about half of them exceed what rest exceeds with probability `rate`.
-
-    `unit` are directions (places, channels), `noise` the deviations of the noise (channels,). A place that does not
-    move looks like rest, so nothing is drawn about it.
-    """
-    rng = np.random.default_rng([seed, unit.shape[1]])
-    unit, reach = unit[unit.any(axis=1)], reach_of(noise)
-    if not len(unit):
-        zero = reach * rng.uniform(-1, 1, size=(draws, len(noise)))
-        return Rest(zero, rng.normal(size=zero.shape) * noise, np.ones(draws))
-    size = np.linalg.norm(unit * noise, axis=1)
-    along = unit * noise / size[:, None]
-    height, tilts = exceeded_with(rate, np.abs(unit) * reach, size)
-    tilt = tilts[:, None] * unit
-    at = np.linspace(0, len(unit) - 1, draws).round().astype(np.intp)
-    zero = tilted(tilt[at], reach, rng)
-    shift = np.maximum(height - zero @ unit.T, 0.0) / size
-    white = rng.normal(size=zero.shape) + np.take_along_axis(shift, at[:, None], axis=1) * along[at]
-    drawn = shift * (white @ along.T) - shift**2 / 2 + log_tilt(zero[:, None], tilt, reach)
-    return Rest(zero, white * noise, 1 / np.exp(np.minimum(drawn, MAX_LOG)).mean(axis=1))
-
-
-def touch_threshold(unit: Floats, noise: Floats, rate: float, seed: int) -> float:
-    """Return the log odds that rest exceeds with probability `rate`; `unit` and `noise` as above."""
-    rest = rest_like_contact(unit, noise, rate, DRAWS, seed)
-    odds = log_odds(unit, rest.sample)
-    order = np.argsort(-odds)
-    exceeded = np.cumsum(rest.weight[order]) / DRAWS
-    return float(odds[order][min(int(np.searchsorted(exceeded, rate)), DRAWS - 1)])
 
 
 def smallest_force_n(prior: Prior, threshold: float, position_mm: Floats) -> Floats:

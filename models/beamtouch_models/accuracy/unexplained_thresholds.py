@@ -17,7 +17,6 @@ three begin is found k times and counts 1/k.
 """
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from scipy.special import gammaln
@@ -63,12 +62,6 @@ class Sequences:
     first: int
     """Index of the first of the samples that are drawn large."""
 
-    @cached_property
-    def square(self) -> Floats:
-        """Sums of squares (draws, samples)."""
-        square: Floats = np.einsum("dsm,dsm->ds", self.sample, self.sample)
-        return square
-
 
 def unexplained_thresholds(prior: Prior, rate_hz: float, window: int, seed: int) -> tuple[list[float], list[float]]:
     """Return the thresholds of rest and of misfit, by the number of valid channels.
@@ -81,7 +74,7 @@ def unexplained_thresholds(prior: Prior, rate_hz: float, window: int, seed: int)
     for size in range(1, prior.channels + 1):
         drawn = at_rest(np.full(size, noise), int(np.clip(window, *WINDOWS)), DRAWS, seed)
         misfit.append(misfit_threshold(noise, size, rate_hz, window, seed))
-        rest.append(max(misfit[-1], threshold(drawn, drawn.square, _rate_per_sample(PER_DAY, rate_hz, window))))
+        rest.append(max(misfit[-1], _threshold(drawn, _rate_per_sample(PER_DAY, rate_hz, window))))
     return rest, misfit
 
 
@@ -94,7 +87,7 @@ def misfit_threshold(
     """
     noise = max(noise, MIN_NOISE)
     drawn = contacts(np.full(channels, noise), int(np.clip(window, *WINDOWS)), draws or DRAWS, seed)
-    return threshold(drawn, drawn.square, _rate_per_sample(PER_DAY_OF_CONTACT, rate_hz, window))
+    return _threshold(drawn, _rate_per_sample(PER_DAY_OF_CONTACT, rate_hz, window))
 
 
 def windows_of(chosen: FilterChoice) -> tuple[int, ...]:
@@ -140,24 +133,16 @@ def _sequences(basis: Floats, noise: Floats, window: int, rng: np.random.Generat
     return Sequences(sample, FARTHEST * np.exp(density - log_tilt(zero, tilt, reach)), first)
 
 
-def threshold(drawn: Sequences, statistic: Floats, rate: float) -> float:
-    """Return the threshold of a statistic (draws, samples) at which stretches begin with probability `rate`."""
-    low, high, lasting = 0.0, float(statistic.max()), _lasting(statistic)
+def _threshold(drawn: Sequences, rate: float) -> float:
+    """Return the sum of squares that three samples in a row exceed at the beginning of a stretch, with this rate."""
+    square = np.einsum("dsm,dsm->ds", drawn.sample, drawn.sample)
+    # The level (draws, samples - 2) above which three samples in a row stay.
+    lasting = np.minimum(np.minimum(square[:, :-2], square[:, 1:-1]), square[:, 2:])
+    low, high = 0.0, float(square.max())
     for _ in range(STEPS):
         middle = (low + high) / 2
-        above = _rate(drawn, lasting, middle) > rate
-        low, high = (middle, high) if above else (low, middle)
+        counted = np.flatnonzero(lasting[:, drawn.first] > middle)
+        in_each = np.count_nonzero(lasting[counted] > middle, axis=1)
+        is_above = (drawn.weight[counted] / in_each).sum() / len(lasting) > rate
+        low, high = (middle, high) if is_above else (low, middle)
     return high
-
-
-def _lasting(statistic: Floats) -> Floats:
-    """Return the level (draws, samples - 2) above which a statistic stays for three samples in a row."""
-    found: Floats = np.minimum(np.minimum(statistic[:, :-2], statistic[:, 1:-1]), statistic[:, 2:])
-    return found
-
-
-def _rate(drawn: Sequences, lasting: Floats, level: float) -> float:
-    """Return the rate of stretches per sample in which a statistic lies above a level."""
-    counted = np.flatnonzero(lasting[:, drawn.first] > level)
-    in_each = np.count_nonzero(lasting[counted] > level, axis=1)
-    return float((drawn.weight[counted] / in_each).sum() / len(lasting))

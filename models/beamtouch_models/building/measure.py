@@ -10,17 +10,17 @@ import numpy as np
 
 from beamtouch_common.digits import digits
 from beamtouch_models.accuracy import limit
-from beamtouch_models.accuracy.contacts import simulated_enough
+from beamtouch_models.accuracy.contacts import Reached, simulated_enough
 from beamtouch_models.accuracy.prior import Prior
-from beamtouch_models.accuracy.statistics import Measurement, mean_of, ratio_of, share_of
-from beamtouch_models.accuracy.touch_thresholds import PLACES, rate_per_sample, smallest_forces, touch_thresholds
+from beamtouch_models.accuracy.statistics import share_of
+from beamtouch_models.accuracy.touch_thresholds import PLACES, smallest_forces, touch_thresholds
 from beamtouch_models.accuracy.unexplained_thresholds import unexplained_thresholds, windows_of
-from beamtouch_models.building.since_touch import errors_since_touch
+from beamtouch_models.building.since_touch import answers_of_means, answers_since_touch
 from beamtouch_models.error_model import whitening
 from beamtouch_models.errors import NotGoodEnoughError
 from beamtouch_models.estimators.estimator import Estimator
 from beamtouch_models.estimators.onnx_graph import to_bytes
-from beamtouch_models.metadata import Accuracy, Floor, Golden, Influence, SmallestForce, Thresholds
+from beamtouch_models.metadata import Accuracy, Floor, Golden, Influence, SinceTouch, SmallestForce, Thresholds
 from beamtouch_models.session import Run, runner
 from beamtouch_models.surface import Surface
 from beamtouch_models.world import World
@@ -37,7 +37,7 @@ SURE = 4.0
 
 @dataclass(frozen=True)
 class Measured:
-    """Fields of the metadata that are measured."""
+    """Fields of the metadata that are measured, by their names there."""
 
     thresholds: Thresholds
     smallest_force: SmallestForce
@@ -83,25 +83,15 @@ def _influence(prior: Prior) -> Influence:
 
 def thresholds_of(prior: Prior, surface: Surface, seed: int) -> Thresholds:
     """Return the thresholds for the false contacts per day that the scene of a surface allows."""
-    chosen, rate_hz = surface.filter, surface.stated.sensors.rate_hz
-    per_day = surface.stated.requirements.false_contacts_per_day
-    each = [unexplained_thresholds(prior, rate_hz, window, seed) for window in windows_of(chosen)]
+    rate_hz = surface.stated.sensors.rate_hz
+    each = [unexplained_thresholds(prior, rate_hz, window, seed) for window in windows_of(surface.filter)]
     rest, misfit = ([max(limits) for limits in zip(*kind, strict=True)] for kind in zip(*each, strict=True))
     return Thresholds(
-        touch=touch_thresholds(prior, rate_per_sample(per_day, rate_hz, chosen.window), seed),
+        touch=touch_thresholds(prior, surface.touch_rate),
         rest=rest,
         misfit=misfit,
-        false_contacts_per_day=per_day,
+        false_contacts_per_day=surface.stated.requirements.false_contacts_per_day,
     )
-
-
-@dataclass(frozen=True)
-class Reached:
-    """The error of an estimator beside its limit, in mm, on the same contacts."""
-
-    error_mm: Measurement
-    limit_mm: Measurement
-    ratio: Measurement
 
 
 def reach(made: Estimator, prior: Prior, run: Run, draws: int, seed: int) -> Reached:
@@ -113,22 +103,19 @@ def reach(made: Estimator, prior: Prior, run: Run, draws: int, seed: int) -> Rea
         An answer is not finite, or the error or the coverage of a posterior misses its bound beyond chance.
     """
     contacts = simulated_enough(prior, draws, seed)
-    best, weight = contacts.deviation_mm, contacts.weight
-    if best is None:
-        message = "without noise there is no accuracy limit"
-        raise ValueError(message)
     deflection = prior.measured(contacts.drawn.deflection_mm)
     answers = run(deflection, prior.whitening(deflection))
     if not all(np.isfinite(values).all() for values in answers.values()):
         message = "some answers of the model are not finite; check the scene for extreme values"
         raise NotGoodEnoughError(message)
-    error = contacts.mean_error_mm(answers["position_mm"])
-    reached = Reached(mean_of(error, weight), mean_of(best, weight), ratio_of(error * weight, best * weight))
+    reached = contacts.reached(answers["position_mm"])
+    if reached is None:
+        message = "without noise there is no accuracy limit"
+        raise ValueError(message)
     if made.name != "posterior":  # the other estimators are trained and may miss the limit
         return reached
-    low, high = (answers[f"position_{end}_mm"][:, None] for end in ("low", "high"))
-    inside = (low <= contacts.likely_mm) & (contacts.likely_mm <= high)
-    coverage, ratio = share_of(inside, np.broadcast_to(weight[:, None], inside.shape)), reached.ratio
+    inside = contacts.held(answers["position_low_mm"], answers["position_high_mm"])
+    coverage, ratio = share_of(inside, np.broadcast_to(contacts.drawn.weight[:, None], inside.shape)), reached.ratio
     if (
         ratio.value - SURE * ratio.standard_error <= MAX_RATIO
         and coverage.value + SURE * coverage.standard_error >= MIN_COVERAGE
@@ -143,9 +130,22 @@ def reach(made: Estimator, prior: Prior, run: Run, draws: int, seed: int) -> Rea
 
 def _accuracy(prior: Prior, run: Run, reached: Reached, surface: Surface, world: World, seed: int) -> Accuracy:
     """Return the error of the exported graph and the accuracy limit."""
-    error, least = (one.scaled(100 / prior.length_mm) for one in (reached.error_mm, reached.limit_mm))
+    percent = 100 / prior.length_mm
+    error, least = reached.error_mm.scaled(percent), reached.limit_mm.scaled(percent)
+    plain = answers_of_means(prior, run, surface, world, reached.error_mm, seed)
+    since_touch = [
+        SinceTouch(
+            since_ms=one.since_ms,
+            readings=one.readings,
+            error_percent=one.error_mm.value * percent,
+            error_standard_error=one.error_mm.standard_error * percent,
+            ringing_percent=None if one.ringing_mm is None else one.ringing_mm.value * percent,
+            ringing_standard_error=None if one.ringing_mm is None else one.ringing_mm.standard_error * percent,
+        )
+        for one in answers_since_touch(plain, prior, run, surface, world, seed)
+    ]
     return Accuracy(
-        since_touch=errors_since_touch(prior, run, surface, world, error, seed),
+        since_touch=since_touch,
         error_percent=error.value,
         error_standard_error=error.standard_error,
         limit_percent=least.value,

@@ -7,8 +7,6 @@ from typing import Literal
 from beamtouch_common.files import require_writable, write_atomically
 from beamtouch_models.building.build import Built, Choices, build_model
 from beamtouch_models.building.daemon_config import daemon_config as daemon_config_of
-from beamtouch_models.building.report.facts import gather
-from beamtouch_models.building.report.page import page
 from beamtouch_models.building.sensors import count_of
 from beamtouch_models.errors import SceneError
 from beamtouch_models.estimators.estimator import NAMES, Name
@@ -91,7 +89,7 @@ def write_products(
 ) -> None:
     """Write the model, the daemon's configuration and the report of a build, each where a file is given for it."""
     # The report is measured before anything is written: a build that is interrupted leaves no file.
-    text = None if report is None else page(gather(scene, built, progress))
+    text = None if report is None else _report(scene, built, progress)
     for path, content in (
         (model, built.content),
         (report, None if text is None else text.encode()),
@@ -99,6 +97,14 @@ def write_products(
     ):
         if path is not None and content is not None:
             write_atomically(path, content)
+
+
+def _report(scene: Scene, built: Built, progress: Progress) -> str:
+    # Most builds write none, and its drawings and its template are a tenth of what a build would import.
+    from beamtouch_models.building.report.facts import gather  # noqa: PLC0415
+    from beamtouch_models.building.report.page import page  # noqa: PLC0415
+
+    return page(gather(scene, built, progress))
 
 
 def _stated(scene: Path | str | Scene) -> tuple[Scene, str]:

@@ -14,7 +14,6 @@ from beamtouch_models.accuracy.touch_thresholds import (
     PLACES,
     directions,
     noise_at_rest,
-    rate_per_sample,
     shapes_at_rest,
     smallest_force_n,
     touch_threshold,
@@ -99,7 +98,7 @@ def place_sensors(
         )
     surface.check_spacing(placement.positions_mm)
     sensors = PlacedSensors(surface, placement)
-    _check_seen(sensors.prior, surface, seed)
+    _check_seen(sensors.prior, surface)
     return sensors
 
 
@@ -144,11 +143,9 @@ def count_of(sensors: object) -> int | None:
     return None if sensors is None else whole(sensors, "sensors", 1)
 
 
-def _check_seen(prior: Prior, surface: Surface, seed: int) -> None:
-    """Raise SceneError if a model with this prior and seed sees no contact of the scene."""
-    scene = surface.stated
-    rate = rate_per_sample(scene.requirements.false_contacts_per_day, scene.sensors.rate_hz, surface.filter.window)
-    threshold = touch_threshold(directions(shapes_at_rest(prior)), noise_at_rest(prior), rate, seed + 1)
+def _check_seen(prior: Prior, surface: Surface) -> None:
+    """Raise SceneError if a model with this prior sees no contact of the scene."""
+    threshold = touch_threshold(directions(shapes_at_rest(prior)), noise_at_rest(prior), surface.touch_rate)
     least = float(smallest_force_n(prior, threshold, np.linspace(*prior.position_mm, PLACES)).min())
     if least > prior.force_n[1]:
         message = (

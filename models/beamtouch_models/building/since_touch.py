@@ -18,7 +18,7 @@ from beamtouch_models.accuracy.statistics import Measurement, mean_of, ratio_of
 from beamtouch_models.arrays import Floats
 from beamtouch_models.error_model import whitening
 from beamtouch_models.filters import Chain
-from beamtouch_models.metadata import FilterChoice, SinceTouch
+from beamtouch_models.metadata import FilterChoice
 from beamtouch_models.session import Run
 from beamtouch_models.surface import Surface
 from beamtouch_models.world import SensorErrors, World
@@ -32,6 +32,18 @@ STILL = 8
 """Readings at rest before a touch, beyond a period of the beam: the filter then knows that it lay still."""
 FIRST = 2
 """Readings in the first answer: a single one may be a spike."""
+
+
+@dataclass(frozen=True)
+class Answer:
+    """The answer once so many readings of a touch have come."""
+
+    readings: int
+    since_ms: float
+    error_mm: Measurement
+    """Mean error, on a beam that follows the touch at once."""
+    ringing_mm: Measurement | None = None
+    """The same after a sudden force, after which the beam rings; None without it, or if its mass is not stated."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,11 +68,6 @@ class Touches:
         perfect = SensorErrors.none(*shown.shape)
         errors = replace(perfect, gain=1 + gain * prior.gain, zero_mm=zero_mm * prior.zero_mm)
         return cls(prior, world, drawn, shown, errors)
-
-    @property
-    def weight(self) -> Floats:
-        """Weight of each contact in an average, (contacts,)."""
-        return np.broadcast_to(self.drawn.weight, len(self.shown_mm))
 
     def errors_mm(self, run: Run, sample_mm: Floats, covariance_mm2: Floats) -> Floats:
         """Return the errors (contacts,) of the answers to a sample of each contact, (contacts, channels).
@@ -138,69 +145,52 @@ def readings_of(chosen: FilterChoice) -> list[int]:
     return sorted({min(FIRST, longest), chosen.window, min(4 * chosen.window, longest), longest})
 
 
-def errors_of_means(
-    prior: Prior, run: Run, world: World, counts: Sequence[int], window: int, error: Measurement, seed: int
-) -> list[Measurement]:
-    """Return the mean errors of a graph for plain means of so many loaded readings, with their standard errors.
-
-    Parameters
-    ----------
-    prior, run, world : of the model, its graph, and the world of its surface
-    counts : numbers of readings
-    window, error : number of readings in a mean whose error is known, and this error; the result is in its unit
-    seed : seed of contacts and noise
-    """
-    many = Touches.draw(prior, world, KNOWN, seed + 1)
-    noise = np.random.default_rng([seed, prior.channels]).normal(size=many.shown_mm.shape)
-    usual = many.plain_errors_mm(run, window, noise) * many.weight
-    found = []
-    for count in counts:
-        ratio = ratio_of(many.plain_errors_mm(run, count, noise) * many.weight, usual)
-        scatter = math.hypot(ratio.standard_error * error.value, ratio.value * error.standard_error)
-        found.append(Measurement(ratio.value * error.value, scatter))
-    return found
-
-
-def errors_since_touch(
-    prior: Prior, run: Run, surface: Surface, world: World, error: Measurement, seed: int
-) -> list[SinceTouch]:
-    """Return the mean errors of the model by the time since a touch, with their standard errors.
+def answers_of_means(
+    prior: Prior, run: Run, surface: Surface, world: World, error_mm: Measurement, seed: int
+) -> list[Answer]:
+    """Return the mean errors of a graph for plain means of loaded readings, on a beam that follows a touch at once.
 
     Parameters
     ----------
     prior, run : of the model, and its graph
     surface, world : the surface, and its world
-    error : mean error of the model in percent, for a mean of `filter.window` readings at rest
+    error_mm : mean error of the model for a mean of `filter.window` readings at rest
     seed : seed of contacts and noise
     """
-    chosen, counts = surface.filter, readings_of(surface.filter)
-    known = errors_of_means(prior, run, world, counts, chosen.window, error, seed)
+    chosen, rate_hz = surface.filter, surface.stated.sensors.rate_hz
+    many = Touches.draw(prior, world, KNOWN, seed + 1)
+    noise = np.random.default_rng([seed, prior.channels]).normal(size=many.shown_mm.shape)
+    usual = many.plain_errors_mm(run, chosen.window, noise) * many.drawn.weight
+    found = []
+    for count in readings_of(chosen):
+        ratio = ratio_of(many.plain_errors_mm(run, count, noise) * many.drawn.weight, usual)
+        scatter = math.hypot(ratio.standard_error * error_mm.value, ratio.value * error_mm.standard_error)
+        found.append(Answer(count, count * 1e3 / rate_hz, Measurement(ratio.value * error_mm.value, scatter)))
+    return found
+
+
+def answers_since_touch(
+    plain: Sequence[Answer], prior: Prior, run: Run, surface: Surface, world: World, seed: int
+) -> list[Answer]:
+    """Return the mean errors of a model by the time since a touch, behind its filter.
+
+    `plain` are those of `answers_of_means`; so are the other arguments.
+    """
+    counts = [answer.readings for answer in plain]
     touches = Touches.draw(prior, world, CONTACTS, seed)
     course = Course.draw(touches, surface, counts[-1], seed)
     still = course.readings()
-    plain = course.plain_errors_mm(run, still, counts)
+    plain_mm = course.plain_errors_mm(run, still, counts)
 
     def measure(readings_mm: Floats) -> list[Measurement]:
-        worse = course.errors_mm(run, readings_mm, counts) - plain
-        more = [mean_of(one, touches.weight).scaled(100 / prior.length_mm) for one in worse]
+        more = [mean_of(one, touches.drawn.weight) for one in course.errors_mm(run, readings_mm, counts) - plain_mm]
         return [
-            Measurement(one.value + other.value, math.hypot(one.standard_error, other.standard_error))
-            for one, other in zip(known, more, strict=True)
+            Measurement(one.error_mm.value + other.value, math.hypot(one.error_mm.standard_error, other.standard_error))
+            for one, other in zip(plain, more, strict=True)
         ]
 
-    answers = [
-        SinceTouch(
-            since_ms=count * 1e3 / surface.stated.sensors.rate_hz,
-            readings=count,
-            error_percent=one.value,
-            error_standard_error=one.standard_error,
-        )
-        for count, one in zip(counts, measure(still), strict=True)
-    ]
+    answers = [replace(one, error_mm=error_mm) for one, error_mm in zip(plain, measure(still), strict=True)]
     if world.modes is None:
         return answers
-    ringing = world.ringing_mm(touches.drawn.position_mm, touches.drawn.force_n, course.since_s)
-    return [
-        answer.model_copy(update={"ringing_percent": one.value, "ringing_standard_error": one.standard_error})
-        for answer, one in zip(answers, measure(course.readings(ringing)), strict=True)
-    ]
+    rings = measure(course.readings(world.ringing_mm(touches.drawn.position_mm, touches.drawn.force_n, course.since_s)))
+    return [replace(one, ringing_mm=error_mm) for one, error_mm in zip(answers, rings, strict=True)]

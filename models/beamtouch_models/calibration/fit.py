@@ -14,9 +14,8 @@ from scipy.optimize import least_squares
 
 from beamtouch_models.arrays import Floats
 from beamtouch_models.calibration.loads import Loads
-from beamtouch_models.calibration.theory import Theory
+from beamtouch_models.calibration.theory import Fitted, Theory
 from beamtouch_models.health.residuals import LoadErrors, Residuals, leave_out
-from beamtouch_models.metadata import Departures
 from beamtouch_models.progress import Fraction
 
 WORTH = 0.95
@@ -30,12 +29,9 @@ UPDATES = 10
 
 
 @dataclass(frozen=True)
-class Fit:
-    """A fit of some kinds of departures."""
+class Fit(Fitted):
+    """A fit of some kinds of departures to known loads."""
 
-    theory: Theory
-    kinds: tuple[str, ...]
-    vector: Floats
     errors: LoadErrors
     """Errors of the recording as the fit finds them."""
     scatter: float
@@ -48,8 +44,6 @@ class Fit:
     """Root mean square of `left_out_mm`, in units of the errors that the recording states."""
     prediction_mm: float
     """Root mean square error of the predicted deflections, from that of the departures."""
-    covariance: Floats
-    """(departures, departures) covariance of the vector, in its units; 0 if not fitted."""
 
     @property
     def residual_mm(self) -> float:
@@ -60,16 +54,6 @@ class Fit:
     def error_mm(self) -> float:
         """Root mean square of the deflections of left-out loads."""
         return float(np.sqrt(np.nanmean(self.left_out_mm**2)))
-
-    @property
-    def spread(self) -> Floats:
-        """(departures,) standard errors, in the units of the vector; 0 if not fitted."""
-        return np.sqrt(np.diag(self.covariance))
-
-    @property
-    def departures(self) -> Departures:
-        """The fitted departures."""
-        return self.theory.departures(self.vector)
 
 
 def fit(
@@ -92,19 +76,17 @@ def fit(
     weighed, left = whitening @ slopes, residuals.left_mm[..., None]
     own = _covariance(weighed)
     left_out = np.linalg.solve(whitening, leave_out((whitening @ left)[..., 0], weighed, own)[..., None])
-    covariance = np.zeros((theory.size, theory.size))
-    covariance[np.ix_(free, free)] = own
     return Fit(
         theory,
         kinds,
         vector,
+        theory.covariance_of(kinds, own),
         errors,
         scatter=float(np.sqrt(((as_stated @ left) ** 2).sum() / freedom)),
         freedom=freedom,
         left_out_mm=np.where(residuals.is_measured, left_out[..., 0], np.nan),
         left_out=float(np.sqrt(((as_stated @ left_out) ** 2).sum() / measured)),
         prediction_mm=float(np.sqrt(np.einsum("lcv,vw,lcw->", slopes, own, slopes) / measured)),
-        covariance=covariance,
     )
 
 

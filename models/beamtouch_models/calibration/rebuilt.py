@@ -33,14 +33,9 @@ def rebuilt(metadata: Metadata, prior: Prior, calibration: Calibration, progress
     before = metadata.placed
     fresh = metadata.model_copy(
         update={
+            **vars(fields),
             "min_channels": made.min_channels,
-            "thresholds": fields.thresholds,
-            "smallest_force": fields.smallest_force,
-            "floor": fields.floor,
-            "influence": fields.influence,
-            "accuracy": fields.accuracy,
             "placed": layout_errors(prior, fields.accuracy, before.criterion, before.spare, metadata.seed),
-            "golden": fields.golden,
             "calibration": calibration,
         }
     )

@@ -98,7 +98,7 @@ def self_fit(model: ModelFile, contacts: UnlabelledContacts, progress: Progress)
 def calibrated_prior(metadata: Metadata, found: SelfFit) -> tuple[Prior, Calibration]:
     """Return the prior of the fitted surface with its floor, and the record of the fit for the model file."""
     fit, before = found.fit, metadata.calibration
-    departures = fit.theory.departures(fit.vector)
+    departures = fit.departures
     calibration = Calibration(
         departures=departures,
         fitted=list(dict.fromkeys([*(before.fitted if before else ()), *fit.kinds])),
@@ -167,7 +167,7 @@ def _check_beam(fit: ContactFit, other: ContactFit) -> None:
     """Raise NotGoodEnoughError if the beam itself departs from the model: `other` is a fit with fixities."""
     if fit.cost - other.cost < FIXED:
         return
-    left, right = fit.theory.departures(other.vector).fixity
+    left, right = other.departures.fixity
     errors = FIXITY * other.spread[fit.theory.kinds["fixity"]]
     raise _refuse(
         "the beam itself is not as modelled. The contacts fit as if its ends were fixed by "

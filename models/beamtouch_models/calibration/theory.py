@@ -9,7 +9,7 @@ import numpy as np
 
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.arrays import Floats, Indices
-from beamtouch_models.health.curve import InfluenceCurve
+from beamtouch_models.curve import InfluenceCurve
 from beamtouch_models.health.residuals import LoadErrors
 from beamtouch_models.metadata import Departures, Metadata
 from beamtouch_models.scene.beam import Beam
@@ -171,6 +171,12 @@ class Theory:
         low, high = self.prior.position_mm
         return LoadErrors(placing_mm=high - low, force=0.0 if self.prior.force_is_known else ANY_FORCE)
 
+    def covariance_of(self, kinds: Sequence[str], fitted: Floats) -> Floats:
+        """Return the covariance of the whole vector from that of the fitted departures; 0 for the others."""
+        free, covariance = self.free_of(kinds), np.zeros((self.size, self.size))
+        covariance[np.ix_(free, free)] = fitted
+        return covariance
+
     def free_of(self, kinds: Sequence[str]) -> Indices:
         """Return the places of some kinds in the vector of all departures."""
         places = np.arange(self.size)
@@ -182,6 +188,27 @@ class Theory:
         if "fixity" in self.kinds:
             low[self.kinds["fixity"]], high[self.kinds["fixity"]] = 0.0, MAX_FIXITY / FIXITY
         return low[free], high[free]
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """Departures of some kinds that were fitted to a surface."""
+
+    theory: Theory
+    kinds: tuple[str, ...]
+    vector: Floats
+    covariance: Floats
+    """(departures, departures) of the vector, in its units; 0 if not fitted."""
+
+    @property
+    def departures(self) -> Departures:
+        """The fitted departures."""
+        return self.theory.departures(self.vector)
+
+    @property
+    def spread(self) -> Floats:
+        """(departures,) standard errors, in the units of the vector; 0 if not fitted."""
+        return np.sqrt(np.diag(self.covariance))
 
 
 def _values(departures: Departures, kind: str) -> Floats:

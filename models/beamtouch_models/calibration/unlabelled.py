@@ -15,7 +15,7 @@ from scipy.optimize import brentq, lsq_linear
 
 from beamtouch_models.arrays import Floats
 from beamtouch_models.calibration.contacts import UnlabelledContacts
-from beamtouch_models.calibration.theory import GAIN, OFFSET_NOISES, Theory
+from beamtouch_models.calibration.theory import GAIN, OFFSET_NOISES, Fitted, Theory
 from beamtouch_models.health.residuals import Residuals
 
 MISFITS = (4.0, 16.0, 64.0, 256.0)
@@ -71,16 +71,11 @@ def locate(
 
 
 @dataclass(frozen=True)
-class ContactFit:
+class ContactFit(Fitted):
     """A fit to unlabelled contacts."""
 
-    theory: Theory
-    kinds: tuple[str, ...]
     start: Floats
     """The vector of the given model's departures."""
-    vector: Floats
-    covariance: Floats
-    """(departures, departures) covariance of the vector, in its units; 0 if not fitted."""
     size: float
     """Standard deviation of the departures about the start, in units of plausible ones."""
     left_error: float
@@ -93,11 +88,6 @@ class ContactFit:
     """(contacts,) sum of squares of the residual, in units of the errors."""
     penalty: float
     """Sum of squares of the departures about the start, in units of their size."""
-
-    @property
-    def spread(self) -> Floats:
-        """(departures,) standard errors, in the units of the vector; 0 if not fitted."""
-        return np.sqrt(np.diag(self.covariance))
 
     @property
     def cost(self) -> float:
@@ -153,11 +143,10 @@ def fit_contacts(
         size = float(np.clip(np.sqrt(squares.mean()), MIN_SIZE, MAX_SIZE))
         share = float(np.clip(1 - single.mean(), *SHARES))
     at = locate(theory, vector, contacts, zero_mm, left_error)
-    whole = np.zeros((theory.size, theory.size))
-    whole[np.ix_(free, free)] = covariance
+    whole = theory.covariance_of(kinds, covariance)
     penalty = float((((vector - start)[free] / about) ** 2).sum())
     misfit = at.residuals.misfit(errors)
-    return ContactFit(theory, kinds, start, vector, whole, size, left_error, at.position_mm, single, misfit, penalty)
+    return ContactFit(theory, kinds, vector, whole, start, size, left_error, at.position_mm, single, misfit, penalty)
 
 
 def _step(precision: Floats, pull: Floats, low: Floats, high: Floats) -> Floats:

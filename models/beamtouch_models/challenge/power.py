@@ -24,8 +24,8 @@ from scipy.special import ndtr, ndtri
 
 from beamtouch_models.arrays import Bools, Floats
 from beamtouch_models.challenge.surface import SimulatedSurface
+from beamtouch_models.curve import Curve
 from beamtouch_models.error_model import variance_mm2
-from beamtouch_models.health.curve import InfluenceCurve
 
 PLACES = 1001
 """Positions of the contacts with which a fault is compared first."""
@@ -38,10 +38,7 @@ def distances(surface: SimulatedSurface, fault_mm: Floats, valid: Bools) -> Floa
     """
     curve, weight = _curve(surface), np.where(valid, _weight(surface, fault_mm), 0.0)
     moved = np.where(valid, surface.world.departures.linear_mm(fault_mm), 0.0)
-    position, force = curve.best_contacts(moved, weight)
-    left = moved - np.maximum(force, 0.0)[:, None] * curve.at(position)[0]
-    distance: Floats = np.sqrt((weight * left**2).sum(axis=1))
-    return distance
+    return np.sqrt(curve.unexplained(moved, weight))
 
 
 def power_of_shift(distance: Floats, alpha: float) -> float:
@@ -60,12 +57,10 @@ def power_of_noise(surface: SimulatedSurface, clean_mm: Floats, noise: Floats, a
     return float(2 * ndtr(ndtri(alpha / 2) / np.sqrt(1 + extra)).mean())
 
 
-def _curve(surface: SimulatedSurface) -> InfluenceCurve:
+def _curve(surface: SimulatedSurface) -> Curve:
     """Return the deflections that the model expects of contacts, without offsets and the curvature of a calibration."""
     places = np.linspace(*surface.metadata.ranges.position_mm, PLACES)
-    return InfluenceCurve(
-        places, surface.world.influence(places) * np.array(surface.world.departures.gain), surface.world.departures
-    )
+    return Curve(places, surface.world.influence(places) * np.array(surface.world.departures.gain))
 
 
 def _weight(surface: SimulatedSurface, deflection_mm: Floats) -> Floats:

@@ -177,7 +177,7 @@ def _told_of_contacts(calibrated: SelfCalibrated, contacts: UnlabelledContacts, 
     held, left_open = calibrated.found.held_out, calibrated.found.left_open
     # Errors of gains without the common scale, which is the force's.
     errors = fit.theory.standard_errors(fit.vector, np.sqrt(np.diag(left_open.relative)))
-    words = _departures_in_words(metadata, fit.theory.departures(fit.vector), errors)
+    words = _departures_in_words(metadata, fit.departures, errors)
     single, changed_mm = float(fit.single.sum()), left_open.shift_mm
     open_mm = float(np.sqrt((left_open.position_mm**2).mean()))
     force = metadata.calibration.force_error if metadata.calibration else 0.0

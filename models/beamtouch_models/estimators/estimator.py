@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 from itertools import combinations
+from math import comb
 from typing import Literal, get_args
 
 import onnx
@@ -32,9 +33,8 @@ def fewest_channels(prior: Prior, seed: int) -> int:
     guess_percent = (prior.position_mm[1] - prior.position_mm[0]) / 4 / prior.length_mm * 100
     every = range(prior.channels)
     for size in range(1, prior.channels):
-        sets = list(combinations(every, size))
-        if len(sets) > MAX_SETS:
-            sets = [tuple(range(start, start + size)) for start in range(prior.channels - size + 1)]
+        neighbours = (tuple(range(start, start + size)) for start in range(prior.channels - size + 1))
+        sets = neighbours if comb(prior.channels, size) > MAX_SETS else combinations(every, size)
         missing = (sorted(set(every) - set(kept)) for kept in sets)
         found = limits_without(prior, missing, DRAWS, seed)
         if all(one.limit.percent <= ENOUGH * guess_percent for one in found):

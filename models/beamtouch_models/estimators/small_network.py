@@ -90,8 +90,7 @@ def train(
     """
     rng = np.random.default_rng(seed)
     table = table_of(prior)
-    largest = prior.force_n[1] * float(np.abs(table.influence).max())
-    blank = Network(table, largest, ())
+    blank = Network(table, prior.largest_mm, ())
     deflection, target = _examples(prior, table, fewest, rng, examples)
     features = blank.features(deflection)
     sizes = (prior.channels, *hidden, 1)
@@ -108,7 +107,7 @@ def train(
     with threadpool_limits(1, user_api="blas"):
         options = {"maxiter": iterations, "maxfun": 2 * iterations, "maxcor": 30, "ftol": 1e-9, "gtol": 1e-8}
         found = minimize(loss, start, jac=True, method="L-BFGS-B", options=options)
-    return Network(table, largest, layers_of(found.x, sizes))
+    return Network(table, prior.largest_mm, layers_of(found.x, sizes))
 
 
 def _examples(prior: Prior, table: Table, fewest: int, rng: np.random.Generator, size: int) -> tuple[Floats, Floats]:

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from beamtouch_models.arrays import Bools, Floats
+from beamtouch_models.curve import InfluenceCurve
 from beamtouch_models.error_model import floor_mm2
 from beamtouch_models.health.changes import CERTAIN, Change, Gains, found_changes
-from beamtouch_models.health.curve import InfluenceCurve
 from beamtouch_models.health.history import Block, History
 from beamtouch_models.health.residuals import UNKNOWN, Residuals
 from beamtouch_models.health.zeros import Estimate, interval, zero_of

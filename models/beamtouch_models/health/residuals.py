@@ -13,7 +13,7 @@ from typing import Self
 import numpy as np
 
 from beamtouch_models.arrays import Bools, Floats
-from beamtouch_models.health.curve import InfluenceCurve
+from beamtouch_models.curve import InfluenceCurve
 
 _TINY = float(np.finfo(np.float64).tiny)
 

@@ -21,6 +21,7 @@ from scipy.special import chndtr
 from beamtouch_models.accuracy.prior import SampleErrors
 from beamtouch_models.accuracy.unexplained_thresholds import left_by_contact, misfit_threshold
 from beamtouch_models.arrays import Floats, Indices
+from beamtouch_models.curve import Curve
 from beamtouch_models.physics.influence import InfluenceFunction
 from beamtouch_models.placement.layout import Candidates
 
@@ -32,11 +33,8 @@ PARTS = 64
 """Point loads that stand for a load spread over half of the range."""
 CONTACTS = 257
 """Places of the contacts that may explain a load."""
-ALIKE = 1e-12
-"""Square of a sine up to which two deflections are the same within rounding."""
 CERTAIN = 1e3
 """Largest d^2: such a load is always noticed. The noncentral chi-square takes longer for larger ones."""
-TINY = float(np.finfo(np.float64).tiny)
 
 
 @dataclass(frozen=True)
@@ -47,8 +45,10 @@ class OtherLoads:
     """(loads, candidates), deflection in mm; for each force, the places of each kind."""
     precision: Floats
     """(loads, candidates), 1 over the variance of a sample of it, in 1/mm^2."""
+    places_mm: Floats
+    """(contacts,), places of contacts."""
     shapes: Floats
-    """(contacts, candidates), deflection per newton under contacts, in mm/N."""
+    """(contacts, candidates), deflection per newton under them, in mm/N."""
     errors: SampleErrors
     thresholds: dict[int, float] = field(default_factory=dict, repr=False)
     """Largest misfit of one contact by number of sensors, as far as it was asked for."""
@@ -72,34 +72,8 @@ class OtherLoads:
 
     def unexplained(self, layout: Indices) -> Floats:
         """Return d^2 of each load (loads,) for a layout (sensors,)."""
-        sample, precision, shapes = (part[:, layout] for part in (self.sample, self.precision, self.shapes))
-        along = np.maximum((precision * sample) @ shapes.T, 0)
-        best = (along**2 / np.maximum(precision @ (shapes**2).T, TINY)).argmax(axis=1)
-        root = np.sqrt(precision)
-        moved, near = root * sample, root * shapes[best]
-        beside = (root * shapes[np.clip(best + step, 0, CONTACTS - 1)] for step in (-1, 1))
-        return np.minimum(*(_left(moved, near, other) for other in beside))
-
-
-def _left(moved: Floats, near: Floats, other: Floats) -> Floats:
-    """Return the squares (loads,) that the contacts from one place to the next leave of whitened samples.
-
-    Between the places, the deflection is a mixture of those under contacts at either; all are (loads, sensors).
-    """
-    rest, change = _without(moved, near), _without(other, near)
-    # Neither a change within rounding nor one that leads away explains anything.
-    apart = (change**2).sum(axis=1) > ALIKE * (other**2).sum(axis=1)
-    towards = apart & ((rest * change).sum(axis=1) > 0)
-    left = np.where(towards[:, None], _without(rest, change), rest)
-    square: Floats = (left**2).sum(axis=1)
-    return square
-
-
-def _without(vectors: Floats, along: Floats) -> Floats:
-    """Return vectors without their parts along others, row by row."""
-    size = np.maximum((along**2).sum(axis=1, keepdims=True), TINY)
-    rest: Floats = vectors - (vectors * along).sum(axis=1, keepdims=True) / size * along
-    return rest
+        curve = Curve(self.places_mm, self.shapes[:, layout])
+        return curve.unexplained(self.sample[:, layout], self.precision[:, layout])
 
 
 def other_loads(influence: InfluenceFunction, rules: Candidates, errors: SampleErrors) -> OtherLoads:
@@ -121,5 +95,6 @@ def other_loads(influence: InfluenceFunction, rules: Candidates, errors: SampleE
     moved: Floats | float = 0.0
     if errors.mounting_mm:
         moved = under(partial(influence.deviation, rules.position_mm, tolerance_mm=errors.mounting_mm))
-    shapes = influence.at(rules.position_mm, np.linspace(low, high, CONTACTS))
-    return OtherLoads(sample, 1 / settled.variance_mm2(sample, moved), shapes, errors)
+    places = np.linspace(low, high, CONTACTS)
+    shapes = influence.at(rules.position_mm, places)
+    return OtherLoads(sample, 1 / settled.variance_mm2(sample, moved), places, shapes, errors)

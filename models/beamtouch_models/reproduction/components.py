@@ -63,28 +63,23 @@ SIZE = "size, W l³/(EI)"
 def figure_3() -> Figure:
     """Return figure 3: the components of eight equally pitched sensors."""
     found = principal_components(dimensionless(equal_pitch_mm(8)))
+    spans = np.ptp(found.transformed, axis=0)
+    discernible = int((spans / spans[0] >= DISCERNIBLE).sum())
     curves = [Series(f"component {k + 1}", LOADS_MM.tolist(), rounded(found.transformed[:, k]), k) for k in range(4)]
     says = "The four largest components of eight equally pitched sensors over the position of the load"
     results = {
         "eigenvalues": rounded(found.eigenvalues),
         "eigenvalues_over_first": rounded(found.eigenvalues / found.eigenvalues[0]),
-        "discernible": _discernible(found),
+        "discernible": discernible,
         "load_mm": LOADS_MM[::6].tolist(),
         "components": [rounded(found.transformed[::6, k]) for k in range(4)],
     }
     chart = Chart(says, "position of the load, mm", SIZE, curves)
-    return Figure(3, "components", f"{says}.", chart, results, (*_sizes(found), *_meanings(found)))
+    return Figure(3, "components", f"{says}.", chart, results, (*_sizes(found, spans, discernible), *_meanings(found)))
 
 
-def _discernible(found: Components) -> int:
-    spans = np.ptp(found.transformed, axis=0)
-    return int((spans / spans[0] >= DISCERNIBLE).sum())
-
-
-def _sizes(found: Components) -> tuple[Row, Row]:
+def _sizes(found: Components, spans: Floats, discernible: int) -> tuple[Row, Row]:
     ratio = found.eigenvalues / found.eigenvalues[0]
-    spans = np.ptp(found.transformed, axis=0)
-    discernible = _discernible(found)
     return (
         compared(
             "fig. 3: components of eight that are visible on one scale",
@@ -159,35 +154,17 @@ def _peak_rows(peaks: Floats, from_eight: Floats) -> tuple[Row, ...]:
     against_eight = (
         f"relative to eight equal sensors it changes by {other[0]:.0f} %, but so does the fourth, by {other[3]:.0f} %"
     )
-    return (
-        compared(
-            "fig. 7: peak of the first component, optimised over equal",
-            "prominent reduction",
-            f"{change[0]:+.1f} %",
-            agrees=bool(change[0] < -10),
-            why=f"it falls only a little; {against_eight}",
-        ),
-        compared(
-            "fig. 7: peak of the second",
-            "slight reduction",
-            f"{change[1]:+.1f} %",
-            agrees=bool(-10 < change[1] < 0),
-            why="it does not fall slightly",
-        ),
-        compared(
-            "fig. 7: peak of the third",
-            "slight decrease, more near the middle",
-            f"{change[2]:+.1f} %",
-            agrees=bool(-10 < change[2] < 0),
-            why="it grows slightly; beside four or eight equal sensors, the third never falls while the fourth grows",
-        ),
-        compared(
-            "fig. 7: peak of the fourth",
-            "increase",
-            f"{change[3]:+.1f} %",
-            agrees=bool(change[3] > 0),
-            why="it does not grow",
-        ),
+    stated = (
+        ("first component, optimised over equal", "prominent reduction", change[0] < -10,
+         f"it falls only a little; {against_eight}"),
+        ("second", "slight reduction", -10 < change[1] < 0, "it does not fall slightly"),
+        ("third", "slight decrease, more near the middle", -10 < change[2] < 0,
+         "it grows slightly; beside four or eight equal sensors, the third never falls while the fourth grows"),
+        ("fourth", "increase", change[3] > 0, "it does not grow"),
+    )  # fmt: skip
+    return tuple(
+        compared(f"fig. 7: peak of the {name}", paper, f"{ours:+.1f} %", agrees=bool(agrees), why=why)
+        for (name, paper, agrees, why), ours in zip(stated, change, strict=True)
     )
 
 

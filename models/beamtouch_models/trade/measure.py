@@ -14,7 +14,7 @@ from beamtouch_models.accuracy.statistics import Measurement
 from beamtouch_models.arrays import Floats32
 from beamtouch_models.building.measure import reach
 from beamtouch_models.building.sensors import place_sensors
-from beamtouch_models.building.since_touch import errors_of_means, errors_since_touch, readings_of
+from beamtouch_models.building.since_touch import Answer, answers_of_means, answers_since_touch
 from beamtouch_models.errors import NotGoodEnoughError, SceneError
 from beamtouch_models.estimators.estimator import NAMES, Name, estimator_of
 from beamtouch_models.estimators.onnx_graph import to_bytes
@@ -49,15 +49,6 @@ class Task:
     """A layout that is placed already; none: the sensors are placed as `build` places them."""
 
 
-@dataclass(frozen=True)
-class Answer:
-    """The answer of a model once so many readings of a touch have come, on a beam that follows the touch at once."""
-
-    readings: int
-    since_ms: float
-    error_mm: Measurement
-
-
 @dataclass(frozen=True, eq=False)
 class Model:
     """A measured model, not timed yet."""
@@ -77,6 +68,7 @@ class Model:
     """Accuracy limit, on the same contacts."""
     ratio: Measurement
     answers: tuple[Answer, ...]
+    """For plain means of the readings of a touch."""
     graph: bytes
     deflection_mm: Floats32
     """(1, channels), a contact to time the graph with."""
@@ -166,8 +158,7 @@ def _measure(task: Task) -> Model:
     )
     graph = to_bytes(made.graph)
     run = runner(graph)
-    reached, counts = reach(made, prior, run, task.draws, seed + 2), readings_of(chosen)
-    means = errors_of_means(prior, run, sensors.world, counts, chosen.window, reached.error_mm, seed + 2)
+    reached = reach(made, prior, run, task.draws, seed + 2)
     return Model(
         task.varied,
         task.estimator,
@@ -179,7 +170,7 @@ def _measure(task: Task) -> Model:
         reached.error_mm,
         reached.limit_mm,
         reached.ratio,
-        tuple(Answer(n, n * 1e3 / scene.sensors.rate_hz, one) for n, one in zip(counts, means, strict=True)),
+        tuple(answers_of_means(prior, run, surface, sensors.world, reached.error_mm, seed + 2)),
         graph,
         *_sample(prior),
     )
@@ -196,22 +187,19 @@ def follow(task: tuple[Scene, Model, int, int]) -> Curve:
     """Return the curve of a scene's own model; the task is the scene, the model, the draws and the seed."""
     scene, model, draws, seed = task
     sensors = place_sensors(Surface.of(scene, model.filter), seed=seed, kept_mm=model.positions_mm)
-    prior, scale = sensors.prior, model.length_mm / 100
-    error_percent = model.error_mm.scaled(1 / scale)
-    answers = errors_since_touch(prior, runner(model.graph), sensors.surface, sensors.world, error_percent, seed + 2)
+    prior, run, percent = sensors.prior, runner(model.graph), model.length_mm / 100
+    answers = answers_since_touch(model.answers, prior, run, sensors.surface, sensors.world, seed + 2)
     limits = [
         accuracy_limit(replace(prior, noise_mm=model.reading_mm / math.sqrt(answer.readings)), draws, seed + 2)
         for answer in answers
     ]
-    at_once = [Measurement(one.error_percent, one.error_standard_error) for one in answers]
-    ringing = [
-        Measurement(one.ringing_percent, one.ringing_standard_error or 0.0)
-        for one in answers
-        if one.ringing_percent is not None
-    ]
-    least = [Measurement(one.percent, one.standard_error) for one in limits]
-    errors_mm = (tuple(error.scaled(scale) for error in errors) for errors in (at_once, ringing, least))
-    return Curve(tuple(one.readings for one in answers), tuple(one.since_ms for one in answers), *errors_mm)
+    return Curve(
+        tuple(one.readings for one in answers),
+        tuple(one.since_ms for one in answers),
+        tuple(one.error_mm for one in answers),
+        tuple(one.ringing_mm for one in answers if one.ringing_mm is not None),
+        tuple(Measurement(one.percent * percent, one.standard_error * percent) for one in limits),
+    )
 
 
 ROUNDS, CALLS = 40, 50

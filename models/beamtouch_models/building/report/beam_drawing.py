@@ -5,7 +5,7 @@ legend states. Sensors are as wide as their housings. Supports, and the height o
 every colour has its words in the legend.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from html import escape
 
 import numpy as np
@@ -43,8 +43,8 @@ ROW, KEY, GAP = 30, 40, 24
 BENT = stroke("s1", "bent", width=1.4) + ' stroke-dasharray="5 3"'
 SPRING = stroke("ink", "support", width=1.4)
 
-_Entry = tuple[Callable[[float, float], str], str]
-"""How a symbol is drawn about a place, and its words."""
+_Entry = tuple[str, str]
+"""A symbol drawn about the origin, and its words."""
 
 
 def beam_drawing(scene: Scene, metadata: Metadata) -> str:
@@ -142,7 +142,7 @@ def _bent(scene: Scene, metadata: Metadata, px: Scale) -> tuple[list[str], list[
     points = " ".join(f"{px.x(at):.1f},{BEAM_Y + times * mm * px.factor:.1f}" for at, mm in pairs)
     larger = "to scale" if times == 1 else f"{times:g} times larger"
     words = f"bent by {force_n:g} N at {digits(drawn.load_mm[load], 4)} mm, {larger}"
-    return [f'<polyline {BENT} points="{points}"/>'], [(_bent_key, words)]
+    return [f'<polyline {BENT} points="{points}"/>'], [(f'<path {BENT} d="M-16 -4 q16 12 32 0"/>', words)]
 
 
 def _round_down(value: float) -> float:
@@ -251,7 +251,8 @@ def _keys(scene: Scene, metadata: Metadata, px: Scale) -> Iterator[_Entry]:
     known = [one for one in px.thickness_mm if one]
     each = " and ".join(f"{one:g}" for one in sorted(set(known))) if len(set(known)) < 4 else "in steps"
     thick = f"{each} mm thick" if each else "thickness not stated"
-    yield _beam_key, thick if px.thicker == 1 or not known else f"{thick}, drawn {digits(px.thicker, 2)} times thicker"
+    drawn = f", drawn {digits(px.thicker, 2)} times thicker" if known and px.thicker != 1 else ""
+    yield rect(fill("muted", "key"), -16, -2, 32, 4), thick + drawn
     for words, support in {support_in_words(one): one for one in scene.beam.support_list}.items():
         yield _support_key(support), words
     fixed = set(scene.sensors.fixed_mm)
@@ -259,43 +260,18 @@ def _keys(scene: Scene, metadata: Metadata, px: Scale) -> Iterator[_Entry]:
     wide = f", {scene.sensors.size_mm:g} mm wide" if scene.sensors.size_mm else ""
     for is_fixed, words in ((False, f"sensor{wide}"), (True, f"sensor{wide}, fixed by the scene")):
         if is_fixed in kinds:
-            yield _sensor_key(is_fixed=is_fixed), words
+            yield rect(fill("s3" if is_fixed else "s0", "key"), -5, -9, 10, 18), words
     if scene.sensors.keep_out_mm:
-        yield _keep_out_key, "no sensors here"
+        yield rect(f'{fill("s1", "key")} opacity=".16"', -16, -9, 32, 18), "no sensors here"
     if scene.beam.foundation_n_mm2 is not None:
-        yield _spring_key, "elastic foundation"
+        spring = f'<path {stroke("ink", "key", width=1.4)} d="M0 -6 l3 3 l-6 3 l6 3 l-3 3" opacity=".45"/>'
+        yield spring, "elastic foundation"
 
 
-def _beam_key(x: float, y: float) -> str:
-    return rect(fill("muted", "key"), x - 16, y - 2, 32, 4)
-
-
-def _bent_key(x: float, y: float) -> str:
-    """Draw the symbol of the bent beam."""
-    return f'<path {BENT} d="M{x - 16:.1f} {y - 4:.1f} q16 12 32 0"/>'
-
-
-def _sensor_key(*, is_fixed: bool) -> Callable[[float, float], str]:
-    paint = fill("s3" if is_fixed else "s0", "key")
-    return lambda x, y: rect(paint, x - 5, y - 9, 10, 18)
-
-
-def _keep_out_key(x: float, y: float) -> str:
-    return rect(f'{fill("s1", "key")} opacity=".16"', x - 16, y - 9, 32, 18)
-
-
-def _spring_key(x: float, y: float) -> str:
-    return f'<path {stroke("ink", "key", width=1.4)} d="M{x:.1f} {y - 6:.1f} l3 3 l-6 3 l6 3 l-3 3" opacity=".45"/>'
-
-
-def _support_key(support: Support) -> Callable[[float, float], str]:
-    def draw(x: float, y: float) -> str:
-        beam = rect(fill("muted", "key"), -16, -11, 32, 3)
-        at = -16 if support.kind == "fixed" else 0
-        symbol = support_symbol(support, at, -8, -11, at_start=True, name="key")
-        return f'<g transform="translate({x:.1f} {y + 3:.1f}) scale(0.75)">{beam}{symbol}</g>'
-
-    return draw
+def _support_key(support: Support) -> str:
+    beam, at = rect(fill("muted", "key"), -16, -11, 32, 3), -16 if support.kind == "fixed" else 0
+    symbol = support_symbol(support, at, -8, -11, at_start=True, name="key")
+    return f'<g transform="translate(0 3) scale(0.75)">{beam}{symbol}</g>'
 
 
 def _legend(entries: Sequence[_Entry], left: float, right: float, top: float) -> tuple[list[str], int]:
@@ -304,5 +280,8 @@ def _legend(entries: Sequence[_Entry], left: float, right: float, top: float) ->
     parts = []
     for (symbol, words), (row, offset) in zip(entries, places, strict=True):
         x, y = left + offset, top + row * ROW
-        parts += [symbol(x + KEY / 2, y), f'<text x="{x + KEY + 4:.1f}" y="{y + 4:.1f}">{escape(words)}</text>']
+        parts += [
+            f'<g transform="translate({x + KEY / 2:.1f} {y:.1f})">{symbol}</g>',
+            f'<text x="{x + KEY + 4:.1f}" y="{y + 4:.1f}">{escape(words)}</text>',
+        ]
     return parts, places[-1][0] + 1

@@ -16,8 +16,6 @@ from beamtouch_models.arrays import Floats
 from beamtouch_models.building.build import Built
 from beamtouch_models.errors import SceneError
 from beamtouch_models.loading import ModelFile, load_bytes
-from beamtouch_models.metadata import Metadata
-from beamtouch_models.numbers import three_digits
 from beamtouch_models.placement.components import Components, principal_components
 from beamtouch_models.placement.layout import equal_pitch_mm
 from beamtouch_models.placement.placing import Aim, Placement, place, place_by_position_error, score_positions
@@ -25,8 +23,6 @@ from beamtouch_models.pricing.effect import Effect
 from beamtouch_models.progress import Progress
 from beamtouch_models.scene import Scene
 from beamtouch_models.surface import Surface
-
-Rows = list[tuple[str, ...]]
 
 
 @dataclass(frozen=True)
@@ -67,36 +63,6 @@ def error_prices(surface: Surface, positions_mm: Floats, draws: int, seed: int) 
 def _excess_percent(ratio: Measurement) -> Measurement:
     """Return by how much a figure exceeds another one, in percent, from the ratio of the other one to it."""
     return Measurement(100 * (1 / ratio.value - 1), 100 * ratio.standard_error / ratio.value**2)
-
-
-def price_rows(prices: tuple[ErrorPrice, ...]) -> Rows:
-    """Return a row per kind of error."""
-    return [
-        (price.name, price.size, _with_error(price.without.percent, price.without.standard_error), _more(price))
-        for price in prices
-    ]
-
-
-def _more(price: ErrorPrice) -> str:
-    more = price.more_percent
-    return f"{more.value:.1f} ± {digits(more.standard_error, 1)}" if more.standard_error else "0"
-
-
-def _with_error(percent: float, standard_error: float) -> str:
-    return f"{three_digits(percent)} ± {digits(standard_error, 1)}"
-
-
-def failed_rows(metadata: Metadata) -> Rows:
-    """Return a row for all sensors and for each one failed."""
-    accuracy, placed, mm = metadata.accuracy, metadata.placed, metadata.length_mm / 100
-    rows = [("none", accuracy.limit_percent, accuracy.limit_standard_error)]
-    names = [channel.name for channel in metadata.layout]
-    if placed.limit_without_percent:  # a single sensor has no row without it
-        rows += zip(names, placed.limit_without_percent, placed.limit_without_standard_error, strict=True)
-    return [
-        (name, _with_error(percent, error), digits(percent * mm, 3), f"{percent / accuracy.limit_percent:.2f}")
-        for name, percent, error in rows
-    ]
 
 
 PROFILE_DRAWS = 8_192
@@ -185,7 +151,7 @@ def gather(scene: Scene, built: Built, progress: Progress) -> Facts:
 def _profile(prior: Prior, model: ModelFile, seed: int) -> Profile:
     contacts = simulated(prior, PROFILE_DRAWS, seed + SEED_SHIFT)
     best = contacts.least_error_mm()
-    weight = np.broadcast_to(contacts.weight[:, None], contacts.likely_mm.shape)
+    weight = np.broadcast_to(contacts.drawn.weight[:, None], contacts.likely_mm.shape)
     answers = estimates(model, prior, contacts.drawn.deflection_mm)
     edges = np.linspace(*prior.position_mm, PROFILE_BINS + 1)
     stretch = np.clip(np.searchsorted(edges, contacts.likely_mm, side="right") - 1, 0, PROFILE_BINS - 1)
@@ -196,9 +162,9 @@ def _profile(prior: Prior, model: ModelFile, seed: int) -> Profile:
 
     held = held_in = width_mm = None
     if "position_low_mm" in answers:
-        low, high = answers["position_low_mm"][:, None], answers["position_high_mm"][:, None]
-        inside = (low <= contacts.likely_mm) & (contacts.likely_mm <= high)
-        held, width_mm = means(inside.astype(np.float64)), means(np.broadcast_to(high - low, inside.shape))
+        low, high = answers["position_low_mm"], answers["position_high_mm"]
+        inside = contacts.held(low, high)
+        held, width_mm = means(inside.astype(np.float64)), means(np.broadcast_to((high - low)[:, None], inside.shape))
         ends = (np.True_, stretch == 0, stretch == PROFILE_BINS - 1)
         held_in = tuple(mean_of(inside.astype(np.float64), weight * end) for end in ends)
     model_mm = means(contacts.error_mm(answers["position_mm"]))

@@ -45,10 +45,8 @@ class Cells:
 
     edges_mm: Floats
     """(cells + 1,)"""
-    middles_mm: Floats
-    """(cells,) half way in the change of the reading."""
     influence: Floats
-    """(cells, channels) mm/N, at the middles of the cells."""
+    """(cells, channels) mm/N, at the middles of the cells: half way in the change of the reading."""
     uncertain: Floats | None
     """(cells, channels) mm/N, deviation of the influence at the middles; None if the sensors' positions are exact."""
 
@@ -120,4 +118,4 @@ def cells_of(prior: Prior, count: int, path: Path | None = None) -> Cells:
     table = np.stack([np.interp(marks, along, column) for column in path.influence.T], axis=1)
     places = np.interp(marks, along, path.position_mm)
     uncertain = None if prior.uncertainty is None else prior.uncertainty(places[1::2])
-    return Cells(places[::2], places[1::2], table[1::2], uncertain)
+    return Cells(places[::2], table[1::2], uncertain)

@@ -56,7 +56,7 @@ def fixed_cells_graph(prior: Prior, count: int, *, with_force: bool) -> onnx.Mod
     """Return the graph on `count` cells that are the same for every sample."""
     graph, cells, largest_n = Graph(), cells_of(prior, count), prior.force_n[1]
     uncertain = None if cells.uncertain is None else graph.constant(cells.uncertain.T**2)
-    seen = whitened(graph, largest_n * float(np.abs(cells.influence).max()))
+    seen = whitened(graph, prior.largest_mm)
     found = scored(graph, seen, largest_n, graph.constant(cells.influence.T), uncertain)
     lowest = lowest_of(graph, found.misfit)
     # Rounding may put the bottom below 0.

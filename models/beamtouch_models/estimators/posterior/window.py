@@ -96,7 +96,7 @@ FirstStage = Callable[[Graph, Whitened], Nodes]
 def windowed_graph(prior: Prior, table: Table, first: FirstStage, *, with_force: bool) -> onnx.ModelProto:
     """Return the ONNX graph of a prior, without metadata, whose windows lie around the nodes that `first` names."""
     graph = Graph()
-    seen = whitened(graph, prior.force_n[1] * float(np.abs(table.influence).max()))
+    seen = whitened(graph, prior.largest_mm)
     parts = [table.influence] if table.uncertain is None else [table.influence, table.uncertain**2]
     every = np.concatenate(parts, axis=1)
     rows = graph.constant(every[:-1]), graph.constant(np.diff(every, axis=0))

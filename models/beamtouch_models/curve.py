@@ -1,4 +1,8 @@
-"""The influence curve of a surface: the deflections at its sensors per newton, for each position of the contact."""
+"""The influence curve of a surface: the deflections at its sensors per newton, for each position of the contact.
+
+`Curve.best_contacts` finds the single contact that explains deflections best: for the health of sensors, calibration,
+placement and the challenge. Numpy only, and pure.
+"""
 
 from dataclasses import dataclass
 from typing import Self
@@ -15,50 +19,28 @@ SINGULAR = 1e-9
 _POWERS = np.arange(4)
 _LAGRANGE = np.linalg.inv(np.vander(_POWERS.astype(np.float64), increasing=True))
 """Coefficients of the cubic through four entries of a table, from the entries."""
+_SLOPES = _LAGRANGE[1:] * _POWERS[1:, None]
+"""The same of its derivative."""
 _TINY = float(np.finfo(np.float64).tiny)
 
 
 @dataclass(frozen=True)
-class InfluenceCurve:
+class Curve:
     """A table of the influence, with cubic interpolation."""
 
     load_mm: Floats
     """(loads,) evenly spaced positions of the contact."""
     influence: Floats
     """(loads, channels) mm/N."""
-    departures: Departures
-    """Those of the surface, whose gains the influence holds; none of a model that is not calibrated."""
-
-    @classmethod
-    def of(cls, metadata: Metadata) -> Self:
-        """Return the curve of a model."""
-        table = np.array(metadata.influence.mm_per_n)
-        return cls(np.linspace(*metadata.ranges.position_mm, len(table)), table, metadata.departures)
 
     def at(self, position_mm: Floats) -> tuple[Floats, Floats]:
         """Return the influence and its slope at positions (contacts,), (contacts, channels) in mm/N and 1/N."""
         step = self.load_mm[1] - self.load_mm[0]
         place = (position_mm - self.load_mm[0]) / step
         first = np.clip(np.floor(place).astype(np.intp) - 1, 0, len(self.load_mm) - 4)
-        powers = (place - first)[:, None] ** _POWERS
-        slopes = np.concatenate([np.zeros((len(powers), 1)), powers[:, :-1] * _POWERS[1:]], axis=1)
-        table = self.influence[first[:, None] + np.arange(4)]
-        weights = np.stack([powers, slopes / step]) @ _LAGRANGE
-        value, slope = np.einsum("knp,npc->knc", weights, table)
-        return value, slope
-
-    def measured_mm(self, position_mm: Floats, force_n: Floats) -> Floats:
-        """Return what the sensors measure under contacts (contacts,), (contacts, channels)."""
-        return self.departures.measure(force_n[:, None] * self.at(position_mm)[0])
-
-    def moved_mm(self, position_mm: Floats, force_n: Floats) -> Floats:
-        """Return how `measured_mm` changes with 1 mm of the position, and with the whole force, relatively.
-
-        The shape is (2, contacts, channels).
-        """
-        shape, slope = self.at(position_mm)
-        bent = self.departures.slope(force_n[:, None] * shape) * force_n[:, None]
-        return np.stack([bent * slope, bent * shape])
+        powers, table = (place - first)[:, None] ** _POWERS, self.influence[first[:, None] + _POWERS]
+        value = np.einsum("np,npc->nc", powers @ _LAGRANGE, table)
+        return value, np.einsum("np,npc->nc", powers[:, :-1] @ _SLOPES / step, table)
 
     def best_contacts(
         self, linear_mm: Floats, weight: Floats, known_force_n: float | None = None
@@ -78,8 +60,8 @@ class InfluenceCurve:
         position = self.load_mm[best]
         reach = 2 * (self.load_mm[1] - self.load_mm[0])
         low, high = np.maximum(position - reach, self.load_mm[0]), np.minimum(position + reach, self.load_mm[-1])
+        shape, slope = self.at(position)
         for _ in range(STEPS):
-            shape, slope = self.at(position)
             moved = force[:, None] * slope
             left = linear_mm - force[:, None] * shape
             along_slope, square_slope = _dot(weight, moved, left), _dot(weight, moved, moved)
@@ -92,13 +74,49 @@ class InfluenceCurve:
             else:
                 step = along_slope / np.maximum(square_slope, _TINY)
             position = np.clip(position + step, low, high)
+            shape, slope = self.at(position)
             if known_force_n is None:
-                shape, _ = self.at(position)
                 force = _dot(weight, shape, linear_mm) / np.maximum(_dot(weight, shape, shape), _TINY)
         return position, force
+
+    def unexplained(self, linear_mm: Floats, weight: Floats) -> Floats:
+        """Return the weighted squares that the best contact leaves of deflections, (contacts,); a contact never pulls.
+
+        The arguments are those of `best_contacts`.
+        """
+        position, force = self.best_contacts(linear_mm, weight)
+        left = linear_mm - np.maximum(force, 0.0)[:, None] * self.at(position)[0]
+        return _dot(weight, left, left)
+
+
+@dataclass(frozen=True)
+class InfluenceCurve(Curve):
+    """The curve of a surface with departures, and what its sensors measure."""
+
+    departures: Departures
+    """Those of the surface, whose gains the influence holds; none of a model that is not calibrated."""
+
+    @classmethod
+    def of(cls, metadata: Metadata) -> Self:
+        """Return the curve of a model."""
+        table = np.array(metadata.influence.mm_per_n)
+        return cls(np.linspace(*metadata.ranges.position_mm, len(table)), table, metadata.departures)
+
+    def measured_mm(self, position_mm: Floats, force_n: Floats) -> Floats:
+        """Return what the sensors measure under contacts (contacts,), (contacts, channels)."""
+        return self.departures.measure(force_n[:, None] * self.at(position_mm)[0])
+
+    def moved_mm(self, position_mm: Floats, force_n: Floats) -> Floats:
+        """Return how `measured_mm` changes with 1 mm of the position, and with the whole force, relatively.
+
+        The shape is (2, contacts, channels).
+        """
+        shape, slope = self.at(position_mm)
+        bent = self.departures.slope(force_n[:, None] * shape) * force_n[:, None]
+        return np.stack([bent * slope, bent * shape])
 
 
 def _dot(weight: Floats, one: Floats, other: Floats) -> Floats:
     """Return weighted products over the channels, (contacts,)."""
-    product: Floats = (weight * one * other).sum(axis=1)
+    product: Floats = np.einsum("nc,nc,nc->n", weight, one, other)
     return product
