@@ -27,7 +27,7 @@ ENCRYPTED = [
 ]
 
 
-class TrustedCertificates(TrustStore):
+class TrustedCertificates(TrustStore):  # type: ignore[misc]  # the library has types, but they are skipped
     """Certificates of clients, and of issuers of such."""
 
     def __init__(self, certificates: list[Certificate]) -> None:
