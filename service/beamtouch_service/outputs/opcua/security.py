@@ -27,7 +27,7 @@ ENCRYPTED = [
 ]
 
 
-class TrustedCertificates(TrustStore):  # type: ignore[misc]  # the library has types, but they are skipped
+class TrustedCertificates(TrustStore):  # type: ignore[misc]  # mypy skips the types of the library
     """Certificates of clients, and of issuers of such."""
 
     def __init__(self, certificates: list[Certificate]) -> None:
@@ -94,7 +94,8 @@ async def read_security(section: OpcUaSection) -> Security:
         A file cannot be read.
     """
     password = read_password(section.password_file) if section.password_file else None
-    own = trusted = None
+    own: tuple[Certificate, RSAPrivateKey] | None = None
+    trusted: TrustedCertificates | None = None
     if section.certificate_file and section.key_file:
         own = (await _read_certificate(section.certificate_file), await _read_key(section.key_file))
         if own[0].public_key() != own[1].public_key():
@@ -114,10 +115,11 @@ async def read_security(section: OpcUaSection) -> Security:
 async def _read_certificate(path: Path) -> Certificate:
     content, kind = _read(path)
     try:
-        return await uacrypto.load_certificate(content, kind)
+        certificate: Certificate = await uacrypto.load_certificate(content, kind)
     except ValueError as error:
         message = f"{path}: not a PEM or DER certificate ({error}); correct [opcua]"
         raise InputError(message) from None
+    return certificate
 
 
 async def _read_key(path: Path) -> RSAPrivateKey:

@@ -35,6 +35,7 @@ APPLICATION = "urn:beamtouch:service"
 """What the certificate of the server names."""
 STOP_S = 1.0
 """Time for the clients to take their leave."""
+
 _log = logging.getLogger("beamtouch.service.opcua")
 
 
