@@ -28,14 +28,8 @@ for found in pkgutil.walk_packages(package.__path__, package.__name__ + "."):
 
 MODBUS_SERVER = ("beamtouch_service.outputs.modbus.requests", "beamtouch_service.outputs.modbus.server")
 """What needs pymodbus."""
-MQTT = tuple(
-    f"beamtouch_service.outputs.mqtt.{name}"
-    for name in ("connection", "contacts", "discovery", "events", "messages", "publisher", "statuses")
-)
-"""What needs an MQTT client."""
-
-OPCUA = tuple(f"beamtouch_service.outputs.opcua.{name}" for name in ("events", "server", "values"))
-"""What needs an OPC UA server."""
+MQTT, OPCUA = ("beamtouch_service.outputs.mqtt.",), ("beamtouch_service.outputs.opcua.",)
+"""What needs a client or a server of these: whole folders. `outputs` imports their sections, which need none."""
 
 CLUSTER = "beamtouch_models.workers.cluster"
 """What needs Dask."""

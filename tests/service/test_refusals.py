@@ -15,6 +15,7 @@ from beamtouch_common.commands import version
 from beamtouch_models import cli as design_sensors
 from beamtouch_service import cli
 from in_process import command_of
+from parts import require
 from service.conftest import TOKEN
 from service.small_model import content_of, write_model
 
@@ -163,6 +164,26 @@ def test_settings_of_mqtt_that_cannot_work(
     (tmp_path / "bytes").write_bytes(b"\xff\xfe\n")
     (tmp_path / "service.toml").write_text(f"[mqtt]\n{section}")
     assert words in refused("run", "--port", 0, "--config", tmp_path / "service.toml")
+
+
+@pytest.mark.parametrize(
+    ("certificate_file", "key_file", "words"),
+    [
+        ("key.pem", "key.pem", "key.pem: not a PEM or DER certificate"),
+        ("certificate.pem", "certificate.pem", "certificate.pem: not a PEM or DER private key without a passphrase"),
+        ("certificate.pem", "key.pem", "key.pem: not an RSA key, which the security policies of OPC UA need"),
+        ("certificate.pem", "other.key", "other.key: not the key of"),
+    ],
+)
+def test_certificates_that_no_opc_ua_client_could_use(
+    refused: Callable[..., str], certificate: tuple[Path, Path], certificate_file: str, key_file: str, words: str
+) -> None:
+    folder = certificate[0].parent
+    other = [require("openssl", "openssl"), "genrsa", "-out", str(folder / "other.key"), "2048"]
+    subprocess.run(other, check=True, capture_output=True)
+    config = folder / "service.toml"
+    config.write_text(f'[opcua]\ncertificate_file = "{certificate_file}"\nkey_file = "{key_file}"\n')
+    assert words in refused("run", "--port", 0, "--config", config)
 
 
 @pytest.mark.parametrize(

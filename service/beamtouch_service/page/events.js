@@ -60,11 +60,12 @@ const clock = (at) => html("time", { datetime: at }, new Date(at).toLocaleTimeSt
 const number = (value) => html("td", {}, value === null || value === undefined ? "—" : value.toFixed(1));
 const seconds = (ms) => (ms / 1000).toFixed(1);
 
-/** How long it lasted, in s, whether its figures are uncertain, and how it ended; at least that long where nobody saw
- * the end. */
-function duration({ dwell_ms, end, kind, unexplained_ms, unsteady }, current) {
+/** How long it lasted and was in zones, in s, whether its figures are uncertain, and how it ended; at least that long
+ * where nobody saw the end. */
+function duration({ dwell_ms, end, kind, unexplained_ms, unsteady, zones }, current) {
+  const stays = Object.entries(zones ?? {}).map(([name, ms]) => `, ${seconds(ms)} in ${name}`);
   const stretches = kind !== "unexplained" && unexplained_ms > 0 ? `, ${seconds(unexplained_ms)} unexplained` : "";
-  const within = unsteady ? `${stretches}, unsteady` : stretches;
+  const within = stays.join("") + (unsteady ? `${stretches}, unsteady` : stretches);
   if (end === "open" && current) return `still${within}`;
   if (end === "lift") return `${seconds(dwell_ms)}${within}`;
   return `≥ ${seconds(dwell_ms)}${within}`;

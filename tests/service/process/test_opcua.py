@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-import socket
-import struct
+import json
+import shutil
 import subprocess
 from contextlib import asynccontextmanager
 from typing import TYPE_CHECKING, Any
@@ -14,6 +14,7 @@ from asyncua import Client, ua
 from asyncua.crypto.security_policies import SecurityPolicyBasic256Sha256
 
 from free_ports import free_port
+from opcua_hello import is_open
 from parts import require
 from service.conftest import batch_of
 from service.small_model import write_model
@@ -51,18 +52,6 @@ async def connected(url: str, user: str | None = None, password: str = "") -> As
     await asyncio.to_thread(wait_until, lambda: is_open(url))
     async with client:
         yield client
-
-
-def is_open(url: str) -> bool:
-    """Return whether an OPC UA server acknowledges a hello at an address."""
-    host, port = url.removeprefix("opc.tcp://").rstrip("/").split(":")
-    hello = struct.pack("<4s6Ii", b"HELF", 32, 0, 65535, 65535, 0, 0, -1)
-    try:
-        with socket.create_connection((host, int(port)), timeout=TIMEOUT_S) as line:
-            line.sendall(hello)
-            return line.recv(4) == b"ACKF"
-    except OSError:
-        return False
 
 
 async def read(client: Client) -> dict[str, ua.DataValue]:
@@ -107,12 +96,19 @@ def test_a_read_gives_the_contact_of_its_moment_and_a_subscription_turns_bad_whe
             subscription = await client.create_subscription(50, changes)
             await subscription.subscribe_data_change(await surface.get_variables())
             await subscription.subscribe_events(surface, await event_type(client, index))
+            everywhere = Changes()
+            await (await client.create_subscription(50, everywhere)).subscribe_events(
+                evtypes=await event_type(client, index)
+            )
             for number, row in enumerate([rest] * 10 + [touched] * 10 + [rest] * 10, 1):
                 assert (await asyncio.to_thread(service.post, batch_of(row, sequence=number))).status_code == 200
                 if number % 5 == 0:
                     contact = (await asyncio.to_thread(service.get, "/surfaces/press-7/contact")).json()
                     require_same(await read(client), contact)
             await asyncio.to_thread(wait_until, lambda: bool(changes.events) and is_bad(changes, "BadNoCommunication"))
+            # The Server object has the events of all surfaces.
+            await asyncio.to_thread(wait_until, lambda: bool(everywhere.events))
+            assert everywhere.events[0].EventId == changes.events[0].EventId
         return changes
 
     changes = asyncio.run(compare())
@@ -123,6 +119,7 @@ def test_a_read_gives_the_contact_of_its_moment_and_a_subscription_turns_bad_whe
     (found,) = changes.events
     for name in ("surface", "kind", "touched_at", "lifted_at", "dwell_ms", "peak_force_n", "mean_position_mm", "end"):
         assert getattr(found, name) == event[name], name
+    assert json.loads(found.zones) == event["zones"] != {}
 
 
 def require_same(found: dict[str, ua.DataValue], contact: dict[str, Any]) -> None:
@@ -185,9 +182,13 @@ def make_certificate(folder: Path, name: str) -> tuple[Path, Path]:
 def test_with_a_certificate_only_trusted_clients_connect_and_only_encrypted(
     start_service: StartService, tmp_path: Path
 ) -> None:
-    make_certificate(tmp_path / "own", "server")
+    certificate, key = make_certificate(tmp_path / "own", "server")
     trusted, stranger = (make_certificate(tmp_path / folder, folder) for folder in ("clients", "strangers"))
-    keys = 'certificate_file = "own/server.pem"\nkey_file = "server-key.pem"\ntrusted_folder = "clients"'
+    # What a file is, is said by its content: names differ from plant to plant.
+    key.rename(tmp_path / "server.key")
+    (tmp_path / "trusted").mkdir()
+    shutil.copy(trusted[0], tmp_path / "trusted" / "client.crt")
+    keys = f'certificate_file = "{certificate}"\nkey_file = "server.key"\ntrusted_folder = "trusted"'
     _, url = start(start_service, tmp_path, 2000, keys)
 
     async def connect(certificate: Path, key: Path) -> set[str]:

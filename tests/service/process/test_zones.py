@@ -110,6 +110,7 @@ def test_zones_are_drawn_on_the_beam_and_listed(start_bench: StartBench, open_pa
     seen = open_page(bench.service.url, size=SIZES[size])
     seen.wait_for_text("zones", "gate, 120 … 200 mm: inside")
     seen.wait_for_text("zones", "end, 200 … 400 mm: outside")
+    seen.wait_for_text("events", "still, 0.2 in gate")
     script = """all => Object.fromEntries(all.map(one => [one.dataset.zone,
       [one.getAttribute('class'), Number(one.getAttribute('x')), Number(one.getAttribute('width'))]]))"""
     drawn = seen.page.eval_on_selector_all("#beam rect.zone", script)

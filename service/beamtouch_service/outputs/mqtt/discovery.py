@@ -2,13 +2,17 @@
 
 import json
 import re
+from collections.abc import Iterable
 
 from beamtouch_common.commands import version
+from beamtouch_common.zones import ZoneState
 from beamtouch_models.modelfile import State
 from beamtouch_service.outputs.mqtt.messages import OFFLINE, ONLINE, READY, Topics
 
 EXPIRE_S = 3
 """Without a contact for this long, Home Assistant shows the figures as unavailable. One arrives each second."""
+_ON_OFF = json.dumps({ZoneState.INSIDE: "ON", ZoneState.OUTSIDE: "OFF"})
+"""In a template: the answer for a zone -> what a binary sensor shows. Anything else is unknown."""
 
 
 def topic(topics: Topics, surface: str) -> str:
@@ -16,8 +20,8 @@ def topic(topics: Topics, surface: str) -> str:
     return f"homeassistant/device/{_identifier(topics, surface)}/config"
 
 
-def description(topics: Topics, surface: str) -> bytes:
-    """Return the description of a surface: its state, position and force, and whether someone must look at it."""
+def description(topics: Topics, surface: str, zones: Iterable[str]) -> bytes:
+    """Return the description of a surface: its contact, its zones, and whether someone must look at it."""
     contact, identifier = topics.contact(surface), _identifier(topics, surface)
 
     def entity(name: str, template: str, **more: object) -> dict[str, object]:
@@ -42,6 +46,16 @@ def description(topics: Topics, surface: str) -> bytes:
             device_class="problem",
             state_topic=topics.surface_status(surface),
         ),
+        **{
+            f"zone_{zone}": entity(
+                f"zone {zone}",
+                f"{_ON_OFF}.get((value_json.zones | default({{}})).get('{zone}'))",
+                platform="binary_sensor",
+                state_topic=contact,
+                expire_after=EXPIRE_S,
+            )
+            for zone in zones
+        },
     }
     whole = {
         "device": {"identifiers": [identifier], "name": surface, "manufacturer": "Beamtouch"},

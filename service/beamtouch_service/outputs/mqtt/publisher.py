@@ -94,10 +94,9 @@ class Publisher:
         """Say that the service is there, and describe its surfaces if that was asked for."""
         messages = [(self._topics.status, ONLINE.encode(), TEXT)]
         if self._section.home_assistant_discovery:
-            messages += [
-                (discovery.topic(self._topics, name), discovery.description(self._topics, name), JSON)
-                for name in self._context.registry.names
-            ]
+            for surface in self._context.registry:
+                description = discovery.description(self._topics, surface.name, surface.zones.defined)
+                messages.append((discovery.topic(self._topics, surface.name), description, JSON))
         for topic, text, content_type in messages:
             try:
                 await connection.tell((topic, text), properties=properties(content_type), retain=True)

@@ -1,6 +1,7 @@
 """Finished events of the record as OPC UA events. They reach the clients that are there; `GET /events` has all."""
 
 import asyncio
+import json
 from collections.abc import Mapping
 from datetime import datetime
 
@@ -32,8 +33,10 @@ FIELDS = {
     "unsteady": ua.VariantType.Boolean,
     "quality": ua.VariantType.String,
     "model": ua.VariantType.String,
+    "zones": ua.VariantType.String,
 }
-"""The fields of an event beside those that each OPC UA event has, with the names and meanings of `GET /events`."""
+"""The fields of an event beside those that each OPC UA event has, with the names and meanings of `GET /events`; `zones`
+is JSON, as OPC UA has no type for it."""
 
 
 class EventSender:
@@ -52,6 +55,7 @@ class EventSender:
         kind = await self._server.create_custom_event_type(index, "ContactEventType", properties=list(FIELDS.items()))
         for name, node in self._objects.items():
             self._generators[name] = await self._server.get_event_generator(kind, node)
+            await self._server.nodes.server.add_reference(node, ua.ObjectIds.HasNotifier)
         while True:
             for due in await self._due():
                 await self._send(due)
@@ -76,10 +80,16 @@ class EventSender:
         generator = self._generators.get(said.surface)
         if generator is None:  # no longer configured
             return
+        sent = generator.event
         for name, kind in FIELDS.items():
             value = getattr(said, name)
-            setattr(generator.event, name, str(value) if kind is ua.VariantType.String and value else value)
+            setattr(sent, name, str(value) if kind is ua.VariantType.String and value else value)
+        sent.zones = json.dumps(said.zones)
+        sent.emitting_node = self._objects[said.surface]
         await generator.trigger(
             time_attr=datetime.fromisoformat(said.lifted_at or said.touched_at),
             message=f"{said.kind} on {said.surface}, {said.dwell_ms:.0f} ms",
         )
+        # Clients that want the events of all surfaces listen at the Server object. The library only serves the emitter.
+        sent.emitting_node = self._server.nodes.server.nodeid
+        await generator.isession.subscription_service.trigger_event(sent)

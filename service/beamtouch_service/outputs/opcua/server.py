@@ -9,29 +9,22 @@ sample of a surface with its decision, and its model.
 """
 
 import asyncio
-import hmac
 import logging
 from collections.abc import Iterable
 from contextlib import suppress
 from datetime import UTC, datetime
 from functools import partial
-from pathlib import Path
 
 from asyncua import Server, ua
 from asyncua.common.callback import Callback, CallbackType
-from asyncua.crypto import uacrypto
-from asyncua.crypto.permission_rules import User, UserRole
-from asyncua.crypto.truststore import TrustStore
-from asyncua.crypto.validator import CertificateValidator, CertificateValidatorOptions
 
-from beamtouch_common.errors import FailedError, InputError
-from beamtouch_common.secrets import read_password
 from beamtouch_service.access import Access
 from beamtouch_service.address import Address
 from beamtouch_service.api.context import Context
 from beamtouch_service.events.recorder import in_thread
 from beamtouch_service.outputs.opcua.events import EventSender
 from beamtouch_service.outputs.opcua.section import OpcUaSection
+from beamtouch_service.outputs.opcua.security import Security, read_security
 from beamtouch_service.outputs.opcua.values import values, variables_of
 from beamtouch_service.outputs.section import Output
 from beamtouch_service.surfaces.surface import Surface
@@ -42,11 +35,6 @@ APPLICATION = "urn:beamtouch:service"
 """What the certificate of the server names."""
 STOP_S = 1.0
 """Time for the clients to take their leave."""
-ENCRYPTED = [
-    ua.SecurityPolicyType.Basic256Sha256_SignAndEncrypt,
-    ua.SecurityPolicyType.Aes128Sha256RsaOaep_SignAndEncrypt,
-    ua.SecurityPolicyType.Aes256Sha256RsaPss_SignAndEncrypt,
-]
 
 _log = logging.getLogger("beamtouch.service.opcua")
 
@@ -55,68 +43,21 @@ def make(section: OpcUaSection, _surfaces: int, access: Access) -> Output:
     """Return the server; raises InputError and FailedError if its address, password or certificate cannot be used."""
     # Clients can provoke any number of its messages, and tracebacks.
     logging.getLogger("asyncua").setLevel(logging.CRITICAL)
-    password = read_password(section.password_file) if section.password_file else None
-    files = [section.certificate_file, section.key_file, *(_certificates(section.trusted_folder))]
-    asyncio.run(_require_usable([path for path in files if path], section.key_file))
+    security = asyncio.run(read_security(section))
     address = Address(section.name, section.host, section.port, option="opcua.port")
-    is_protected = password is not None or section.trusted_folder or (access.read is None and address.is_loopback)
+    is_protected = security.has_password or security.trusted or (access.read is None and address.is_loopback)
     words = "neither a user nor trusted certificates protect the OPC UA server: everyone who reaches it can read"
-    return Output(partial(_run, section, password, address), [] if is_protected else [words])
+    return Output(partial(_run, section, security, address), [] if is_protected else [words])
 
 
-def _certificates(folder: Path | None) -> list[Path]:
-    """Return the files of a folder of certificates; raises InputError if there are none."""
-    if folder is None:
-        return []
-    found = sorted(folder.glob("*")) if folder.is_dir() else []
-    if not found:
-        message = (
-            f"{folder}: no certificates of clients in it; set opcua.trusted_folder to a folder of PEM or DER files"
-        )
-        raise InputError(message)
-    return found
-
-
-async def _require_usable(files: Iterable[Path], key: Path | None) -> None:
-    """Raise InputError if a file is no certificate or key, FailedError if it cannot be read."""
-    for path in files:
-        load = uacrypto.load_private_key if path == key else uacrypto.load_certificate
-        try:
-            await load(path)
-        except OSError as error:
-            message = f"{path}: {error.strerror}"
-            raise FailedError(message) from None
-        except (ValueError, TypeError) as error:
-            kind = "private key without a passphrase" if path == key else "certificate"
-            message = f"{path}: not a PEM or DER {kind} ({error}); correct [opcua]"
-            raise InputError(message) from None
-
-
-class _OneUser:
-    """Lets everybody read, or one user with a password."""
-
-    def __init__(self, name: str | None, password: str | None) -> None:
-        self._name, self._password = name or "", password
-
-    def get_user(
-        self, iserver: object, username: str | None = None, password: str | None = None, certificate: object = None
-    ) -> User | None:
-        """Return the user; None refuses the session."""
-        del iserver, certificate
-        given, held = f"{username or ''}\n{password or ''}", f"{self._name}\n{self._password}"
-        if self._password is not None and not hmac.compare_digest(given.encode(), held.encode()):
-            return None
-        return User(role=UserRole.User)
-
-
-async def _run(section: OpcUaSection, password: str | None, address: Address, context: Context) -> None:
+async def _run(section: OpcUaSection, security: Security, address: Address, context: Context) -> None:
     """Serve in a thread, until cancelled."""
     main, running = asyncio.get_running_loop(), list[tuple[asyncio.AbstractEventLoop, asyncio.Task[None] | None]]()
 
     async def serve() -> None:
         running.append((asyncio.get_running_loop(), asyncio.current_task()))
         with suppress(asyncio.CancelledError):
-            await _serve(section, password, address, context, main)
+            await _serve(section, security, address, context, main)
 
     done = in_thread(lambda: asyncio.run(serve()))
     try:
@@ -130,14 +71,14 @@ async def _run(section: OpcUaSection, password: str | None, address: Address, co
 
 async def _serve(
     section: OpcUaSection,
-    password: str | None,
+    security: Security,
     address: Address,
     context: Context,
     main: asyncio.AbstractEventLoop,
 ) -> None:
     """Serve, as soon as the address is there, until cancelled; `main` is the loop of the record."""
     while True:
-        server = await _prepare(section, password, address.shown)
+        server = await _prepare(section, security, address.shown)
         space = Space(server, context)
         await space.build()
         (await address.listen(partial(context.missing.__setitem__, section.name))).close()
@@ -147,8 +88,8 @@ async def _serve(
         except OSError:  # somebody else was quicker
             continue
         break
-    security = "encrypted" if section.certificate_file else "not encrypted"
-    _log.info("OPC UA server: listening on %s, %s", _url(address.shown, section.port), security)
+    encrypted = "encrypted" if security.own else "not encrypted"
+    _log.info("OPC UA server: listening on %s, %s", _url(address.shown, section.port), encrypted)
     try:
         async with asyncio.TaskGroup() as tasks:
             tasks.create_task(space.follow(section.interval_ms / 1e3))
@@ -163,25 +104,14 @@ def _url(host: str, port: int) -> str:
     return f"opc.tcp://{f'[{host}]' if ':' in host else host}:{port}/"
 
 
-async def _prepare(section: OpcUaSection, password: str | None, host: str) -> Server:
+async def _prepare(section: OpcUaSection, security: Security, host: str) -> Server:
     """Return a server with its security, which does not listen yet."""
-    server = Server(user_manager=_OneUser(section.username, password))
+    server = Server(user_manager=security.user)
     await server.init()
     server.set_endpoint(_url(host, section.port))
     server.set_server_name("Beamtouch")
     await server.set_application_uri(APPLICATION)
-    server.set_identity_tokens([ua.UserNameIdentityToken if password is not None else ua.AnonymousIdentityToken])
-    if section.certificate_file and section.key_file:
-        await server.load_certificate(section.certificate_file)
-        await server.load_private_key(section.key_file)
-        server.set_security_policy(ENCRYPTED)
-    else:
-        server.set_security_policy([ua.SecurityPolicyType.NoSecurity])
-    if section.trusted_folder:
-        trusted = TrustStore([section.trusted_folder], [])
-        await trusted.load()
-        options = CertificateValidatorOptions.TIME_RANGE | CertificateValidatorOptions.TRUSTED
-        server.set_certificate_validator(CertificateValidator(options, trusted))
+    security.apply(server)
     return server
 
 

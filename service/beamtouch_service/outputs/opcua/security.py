@@ -1,0 +1,145 @@
+"""Who may connect to the OPC UA server: its certificate, the clients' certificates, and the user.
+
+Files are told apart by their content. The library goes by their names: it takes `own.key` for DER, and passes over
+`client.crt` in a folder of trusted certificates.
+"""
+
+import hmac
+from dataclasses import dataclass
+from pathlib import Path
+
+from asyncua import Server, ua
+from asyncua.crypto import uacrypto
+from asyncua.crypto.permission_rules import User, UserRole
+from asyncua.crypto.truststore import TrustStore
+from asyncua.crypto.validator import CertificateValidator, CertificateValidatorOptions
+from cryptography.hazmat.primitives.asymmetric.rsa import RSAPrivateKey
+from cryptography.x509 import Certificate, verification
+
+from beamtouch_common.errors import FailedError, InputError
+from beamtouch_common.secrets import read_password
+from beamtouch_service.outputs.opcua.section import OpcUaSection
+
+ENCRYPTED = [
+    ua.SecurityPolicyType.Basic256Sha256_SignAndEncrypt,
+    ua.SecurityPolicyType.Aes128Sha256RsaOaep_SignAndEncrypt,
+    ua.SecurityPolicyType.Aes256Sha256RsaPss_SignAndEncrypt,
+]
+
+
+class TrustedCertificates(TrustStore):  # type: ignore[misc]  # mypy skips the types of the library
+    """Certificates of clients, and of issuers of such."""
+
+    def __init__(self, certificates: list[Certificate]) -> None:
+        super().__init__([], [])
+        self._certificates = verification.Store(certificates)
+
+    def is_trusted(self, certificate: Certificate) -> bool:
+        """Return whether a certificate is one of these, or was issued by one of them."""
+        verifier = self.policy_builder.store(self._certificates).build_client_verifier()
+        try:
+            verifier.verify(certificate, [])
+        except verification.VerificationError:
+            return False
+        return True
+
+
+class OneUser:
+    """Lets everybody read, or one user with a password."""
+
+    def __init__(self, name: str | None, password: str | None) -> None:
+        self._name, self._password = name or "", password
+
+    def get_user(
+        self, iserver: object, username: str | None = None, password: str | None = None, certificate: object = None
+    ) -> User | None:
+        """Return the user; None refuses the session."""
+        del iserver, certificate
+        given, held = f"{username or ''}\n{password or ''}", f"{self._name}\n{self._password}"
+        if self._password is not None and not hmac.compare_digest(given.encode(), held.encode()):
+            return None
+        return User(role=UserRole.User)
+
+
+@dataclass(frozen=True)
+class Security:
+    """What protects the server, as read from its files."""
+
+    user: OneUser
+    has_password: bool
+    own: tuple[Certificate, RSAPrivateKey] | None
+    """Certificate and key; without them, connections are not encrypted."""
+    trusted: TrustedCertificates | None
+    """None: clients with any certificate may connect."""
+
+    def apply(self, server: Server) -> None:
+        """Let a server that does not listen yet ask for the user and the certificates."""
+        server.set_identity_tokens([ua.UserNameIdentityToken if self.has_password else ua.AnonymousIdentityToken])
+        server.set_security_policy(ENCRYPTED if self.own else [ua.SecurityPolicyType.NoSecurity])
+        if self.own:
+            server.iserver.certificate, server.iserver.private_key = self.own
+        if self.trusted:
+            options = CertificateValidatorOptions.TIME_RANGE | CertificateValidatorOptions.TRUSTED
+            server.set_certificate_validator(CertificateValidator(options, self.trusted))
+
+
+async def read_security(section: OpcUaSection) -> Security:
+    """Read the files of a section.
+
+    Raises
+    ------
+    InputError
+        A file is no certificate, key or password, or the folder of trusted certificates is empty.
+    FailedError
+        A file cannot be read.
+    """
+    password = read_password(section.password_file) if section.password_file else None
+    own: tuple[Certificate, RSAPrivateKey] | None = None
+    trusted: TrustedCertificates | None = None
+    if section.certificate_file and section.key_file:
+        own = (await _read_certificate(section.certificate_file), await _read_key(section.key_file))
+        if own[0].public_key() != own[1].public_key():
+            message = f"{section.key_file}: not the key of {section.certificate_file}; correct [opcua]"
+            raise InputError(message)
+    if folder := section.trusted_folder:
+        paths = sorted(folder.glob("*")) if folder.is_dir() else []
+        if not paths:
+            message = (
+                f"{folder}: no certificates of clients in it; set opcua.trusted_folder to a folder of PEM or DER files"
+            )
+            raise InputError(message)
+        trusted = TrustedCertificates([await _read_certificate(path) for path in paths])
+    return Security(OneUser(section.username, password), password is not None, own, trusted)
+
+
+async def _read_certificate(path: Path) -> Certificate:
+    content, kind = _read(path)
+    try:
+        certificate: Certificate = await uacrypto.load_certificate(content, kind)
+    except ValueError as error:
+        message = f"{path}: not a PEM or DER certificate ({error}); correct [opcua]"
+        raise InputError(message) from None
+    return certificate
+
+
+async def _read_key(path: Path) -> RSAPrivateKey:
+    content, kind = _read(path)
+    try:
+        key = await uacrypto.load_private_key(content, None, kind)
+    except (ValueError, TypeError) as error:
+        message = f"{path}: not a PEM or DER private key without a passphrase ({error}); correct [opcua]"
+        raise InputError(message) from None
+    if not isinstance(key, RSAPrivateKey):
+        message = f"{path}: not an RSA key, which the security policies of OPC UA need; correct [opcua]"
+        raise InputError(message)
+    return key
+
+
+def _read(path: Path) -> tuple[bytes, str]:
+    """Return the content of a file, and its kind as the library calls it; raises FailedError."""
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        message = f"{path}: {error.strerror}"
+        raise FailedError(message) from None
+    return content, "pem" if b"-----BEGIN" in content else "der"

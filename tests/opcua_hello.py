@@ -1,0 +1,18 @@
+"""The first two messages of OPC UA, which show that a server is there."""
+
+import socket
+import struct
+
+TIMEOUT_S = 30
+
+
+def is_open(url: str) -> bool:
+    """Return whether an OPC UA server acknowledges a hello at an address."""
+    host, port = url.removeprefix("opc.tcp://").rstrip("/").split(":")
+    hello = struct.pack("<4s6Ii", b"HELF", 32, 0, 65535, 65535, 0, 0, -1)
+    try:
+        with socket.create_connection((host, int(port)), timeout=TIMEOUT_S) as line:
+            line.sendall(hello)
+            return line.recv(4) == b"ACKF"
+    except OSError:
+        return False
