@@ -91,10 +91,16 @@ STORIES: dict[str, tuple[Zone, list[Step], list[ZoneState | None], int]] = {
         [U, U, U, U, U, U, U, U, U, I],
         1,
     ),
-    "time in which samples are missing does not count": (
+    "where samples are missing, the dwell begins anew": (
         SLOW,
-        [*steps(150, 150), (150, 90_000, 18), *steps(150, 150, 150)],
-        [U, U, U, U, U, I],
+        [*steps(*[150] * 4), (150, 90_000, 18), *steps(*[150] * 4)],
+        [*[U] * 8, I],
+        1,
+    ),
+    "where a sample is missing, an answer begins anew, but a contact does not enter again": (
+        GATE,
+        [*steps(121.7, 121.4), (121.4, 2 * STEP_US, 2), *steps(121.7), (150, 2 * STEP_US, 2)],
+        [I, I, U, I, I],
         1,
     ),
     "samples at rest count in full": (SLOW, [*steps(150), (150, 90_000, 1)], [U, I], 1),
@@ -104,10 +110,10 @@ STORIES: dict[str, tuple[Zone, list[Step], list[ZoneState | None], int]] = {
         [U, U, U, U, I, U, U, U, U, I],
         2,
     ),
-    "a clock that is set back proves nothing": (
+    "a clock that is set back takes no time away": (
         SLOW,
-        [*steps(150, 150, 150), (150, -1, 1), *steps(*[150] * 4)],
-        [*[U] * 7, I],
+        [*steps(150, 150, 150), (150, -1, 1), *steps(150, 150), (150, -90_000, 1)],
+        [U, U, U, U, U, I, I],
         1,
     ),
 }
@@ -224,6 +230,65 @@ def test_a_stale_contact_is_in_no_zone_and_counts_anew_when_samples_return() -> 
     later["samples"][0]["acquired_unix_us"] += 1_000_000
     bench.post(later)
     assert zones_of(bench)["slow"] == "unsure"
+
+
+class Touch:
+    """A contact whose samples come one at a time, 5 ms apart by their ages."""
+
+    def __init__(self) -> None:
+        self.bench, self.sequence, self.clock_us = Bench(zoned()), 0, 0
+
+    def goes_on(self, *, clock_us: int = STEP_US, position_mm: float = 150.0) -> dict[str, str | None]:
+        """Send the next sample, with the clock of the sender that much later; return the answers."""
+        self.sequence, self.clock_us = self.sequence + 1, self.clock_us + clock_us
+        self.bench.now_s += STEP_US / 1e6
+        batch = batch_of(row(position_mm), sequence=self.sequence)
+        batch["samples"][0]["acquired_unix_us"] += self.clock_us
+        self.bench.send(members=batch)
+        return zones_of(self.bench)
+
+    @property
+    def entries(self) -> list[str]:
+        """The counters of both zones."""
+        return [text.split()[-1] for text in self.bench.metrics().splitlines() if text.startswith(ENTRIES)]
+
+
+ENTRIES = "beamtouch_zone_entries_total{"
+
+
+def test_a_clock_that_is_set_makes_no_contact_older_and_lets_none_enter_twice() -> None:
+    touch = Touch()
+    touch.goes_on()
+    for _ in range(3):
+        assert touch.goes_on(clock_us=450_000) == {"gate": "inside", "slow": "unsure"}
+    assert touch.goes_on() == {"gate": "inside", "slow": "inside"}
+    for clock_us in (-1, -1000, -3_600_000_000, 3_600_000_000):
+        assert touch.goes_on(clock_us=clock_us) == {"gate": "inside", "slow": "inside"}
+    assert touch.entries == ["1.0", "1.0"]
+
+
+def test_after_a_lost_sample_the_contact_may_be_another_one() -> None:
+    touch = Touch()
+    for _ in range(6):
+        answers = touch.goes_on()
+    assert answers == {"gate": "inside", "slow": "inside"}
+    touch.sequence += 1
+    for _ in range(4):
+        assert touch.goes_on() == {"gate": "inside", "slow": "unsure"}
+    assert touch.goes_on() == {"gate": "inside", "slow": "inside"}
+    assert touch.entries == ["1.0", "1.0"]
+
+
+def test_a_clock_that_is_set_back_takes_no_time_from_an_event(tmp_path: Path) -> None:
+    recorder = Recorder(EventsSection(file=tmp_path / "events.db"))
+    bench = Bench(zoned(), recorder=recorder)
+    batch = batch_of([0.0, 0.0, 0.0], *[row(150)] * 8, [0.0, 0.0, 0.0]) | {"oldest": 1}
+    for sample in batch["samples"][4:]:
+        sample["acquired_unix_us"] -= 6000  # 1 ms before the sample before
+    bench.send(members=batch)
+    (event,) = bench.get("/events").json()["events"]
+    assert event["zones"] == {"gate": 30.0, "slow": 30.0}
+    recorder.close()
 
 
 @pytest.mark.parametrize("shared", [False, True])

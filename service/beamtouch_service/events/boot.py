@@ -174,7 +174,7 @@ class Boot:
         if not self._zones.defined:
             return {}
         notes = decision.notes(self.model) if decision.state else []
-        return self._zones.step(decision.seen(self._boot_id, notes))
+        return self._zones.step(decision.seen(self._boot_id, decision.estimate.sample.acquired_unix_us, notes))
 
     def _lift(self, decision: Decision) -> None:
         if self.event:

@@ -1,6 +1,6 @@
 """The channels of one surface: out for a stated time (the note `degraded`), or changed since a baseline. Pure."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import NamedTuple
@@ -85,29 +85,6 @@ class _Spell:
         return ChannelOut(quality=self.quality, since=rfc3339(self.since_us))
 
 
-class SampleClock:
-    """Tells the time that passes from sample to sample, by the ages that batches state."""
-
-    def __init__(self, max_pause_s: float) -> None:
-        """Count at most `max_pause_s` between two samples: nothing is known of a surface in a longer pause."""
-        self._max_pause_s = max_pause_s
-        self._last_s = 0.0
-
-    def passed_s(self, unix_us: int, newest_us: int, acquired_s: float) -> float:
-        """Return the time since the sample before [s].
-
-        Parameters
-        ----------
-        unix_us, newest_us : times of this sample and of the newest one of its batch [us since 1970]
-        acquired_s : when that newest one was taken [s, monotonic]
-        """
-        # No sample is newer than the newest one, whatever happened to the sender's wall clock. The ages of two batches
-        # differ by how long each travelled: no time counts twice.
-        taken_s = max(self._last_s, acquired_s - max(0, newest_us - unix_us) / 1e6)
-        passed_s, self._last_s = min(taken_s - self._last_s, self._max_pause_s), taken_s
-        return passed_s
-
-
 class ChannelsOut:
     """Follows the samples that move the answer.
 
@@ -116,9 +93,8 @@ class ChannelsOut:
     comes and goes is not told each time.
     """
 
-    def __init__(self, after_s: float, max_pause_s: float) -> None:
+    def __init__(self, after_s: float) -> None:
         self.after_s = after_s
-        self._clock = SampleClock(max_pause_s)
         self._spells: dict[str, _Spell] = {}
         self._turns: list[Turn] = []
 
@@ -132,18 +108,19 @@ class ChannelsOut:
         """Whether a channel is out."""
         return any(spell.is_out for spell in self._spells.values())
 
-    def add(self, samples: Sequence[tuple[int, Mapping[str, Quality]]], acquired_s: float) -> None:
-        """Add the next samples, each with its time [us since 1970] and the channels that are not good.
+    def add(self, unix_us: int, bad: Mapping[str, Quality], passed_s: float) -> None:
+        """Add the next sample.
 
-        The last one was taken at `acquired_s` [s, monotonic].
+        Parameters
+        ----------
+        unix_us : its time by the sender's clock [us since 1970]
+        bad : the channels that are not good in it
+        passed_s : time since the sample before [s]
         """
-        newest_us = samples[-1][0]
-        for unix_us, bad in samples:
-            passed_s = self._clock.passed_s(unix_us, newest_us, acquired_s)
-            for name, quality in bad.items():
-                self._worsen(name, quality, unix_us, passed_s)
-            for name in self._spells.keys() - bad.keys():
-                self._mend(name, passed_s)
+        for name, quality in bad.items():
+            self._worsen(name, quality, unix_us, passed_s)
+        for name in self._spells.keys() - bad.keys():
+            self._mend(name, passed_s)
 
     def take_turns(self) -> list[Turn]:
         """Return the channels that went out or came back since the last call."""

@@ -97,10 +97,9 @@ class Decision(NamedTuple):
         }
         return [str(note) for note, applies in each.items() if applies]
 
-    def seen(self, boot_id: str, notes: Collection[str]) -> Seen:
-        """Return what zones are told of a sample of this sender with these notes."""
-        sample = self.estimate.sample
-        at = boot_id, sample.sequence, sample.acquired_unix_us
+    def seen(self, boot_id: str, at_us: int, notes: Collection[str]) -> Seen:
+        """Return what zones are told of a sample of this sender and time [us], with these notes."""
+        at = boot_id, self.estimate.sample.sequence, at_us
         if self.state is State.CLEAR and not self.is_unsteady:
             return Seen(*at, is_clear=True)
         if self.state is not State.CONTACT or self.is_odd or not _DOUBTS.isdisjoint(notes):

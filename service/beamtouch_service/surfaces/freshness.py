@@ -1,13 +1,14 @@
-"""When a batch that is read now arrived, as far as neither side can see it. Pure: the caller gives the time in seconds.
+"""When a batch that is read now arrived, as far as neither side can see it, and when its samples were taken.
 
-A batch may wait twice: in a queue of a kernel or of a balancer on its way, and before a service that stands still. A
-doubt makes its samples older, never younger.
+Pure: the caller gives the time in seconds. A batch may wait twice: in a queue of a kernel or of a balancer on its way,
+and before a service that stands still. A doubt makes its samples older, never younger.
 """
 
 import math
 from collections import OrderedDict
+from typing import NamedTuple
 
-from beamtouch_service.samples import Batch
+from beamtouch_service.samples import Batch, Sample
 from beamtouch_service.surfaces.order import MAX_SENDERS
 
 WINDOW_S = 30.0
@@ -102,3 +103,33 @@ class _Way:
             self._least_s, self._ends_s = math.inf, received_s + WINDOW_S
         self._least_s = min(self._least_s, apart_s)
         return apart_s - min(self._least_s, self._former_s)
+
+
+class Moment(NamedTuple):
+    """When a sample was taken."""
+
+    taken_s: float
+    """[s, monotonic]; never before the sample before."""
+    passed_s: float
+    """Time since the sample before, as far as it counts [s]."""
+
+
+class SampleClock:
+    """Tells when samples were taken, by the ages that batches state."""
+
+    def __init__(self, max_pause_s: float) -> None:
+        """Count at most `max_pause_s` between two samples: nothing is known of a surface in a longer pause."""
+        self._max_pause_s = max_pause_s
+        self._last_s = 0.0
+
+    def tell(self, samples: list[Sample], acquired_s: float) -> list[Moment]:
+        """Return when the next samples were taken, the last one at `acquired_s` [s, monotonic]."""
+        return [self._tell(sample, samples[-1], acquired_s) for sample in samples]
+
+    def _tell(self, sample: Sample, newest: Sample, acquired_s: float) -> Moment:
+        # No sample is newer than the newest one, whatever happened to the sender's wall clock. The ages of two batches
+        # differ by how long each travelled: no time counts twice.
+        before_newest_s = max(0, newest.acquired_unix_us - sample.acquired_unix_us) / 1e6
+        taken_s = max(self._last_s, acquired_s - before_newest_s)
+        passed_s, self._last_s = min(taken_s - self._last_s, self._max_pause_s), taken_s
+        return Moment(taken_s, passed_s)

@@ -17,7 +17,7 @@ from beamtouch_service.surfaces.channels import ChannelHealth, ChannelsOut, Surf
 from beamtouch_service.surfaces.contact import Contact, ContactQuality, rfc3339
 from beamtouch_service.surfaces.estimate import Estimate
 from beamtouch_service.surfaces.follower import Decision, Follower, hold_us
-from beamtouch_service.surfaces.freshness import Transit
+from beamtouch_service.surfaces.freshness import SampleClock, Transit
 from beamtouch_service.surfaces.order import Order, Rivals, SampleCounts
 from beamtouch_service.surfaces.unexplained import Stretches
 from beamtouch_service.zones.follow import ZoneFollower, ZoneStates
@@ -105,11 +105,12 @@ class Surface:
         self.transit = Transit()
         """Tells when a batch arrived."""
         self._order = Order(self.stale_ms)
+        self._clock = SampleClock(self.stale_ms / 1e3)
         self.rivals = Rivals(self.stale_ms)
         """Notices that two daemons send samples."""
-        self.stretches = Stretches(section.unexplained_after_s, self.stale_ms / 1e3)
+        self.stretches = Stretches(section.unexplained_after_s)
         """The unexplained stretches in the samples that moved the answer."""
-        self.channels_out = ChannelsOut(section.degraded_after_s, self.stale_ms / 1e3)
+        self.channels_out = ChannelsOut(section.degraded_after_s)
         """The channels that were not good for too long in these samples."""
         self.zones = ZoneFollower(section.zones)
         """The zones, as the samples that moved the answer show them."""
@@ -192,23 +193,26 @@ class Surface:
     def _advance(self, batch: Batch, fresh: list[Sample], acquired_s: float) -> list[Estimate]:
         """Move the contact to new samples, and return the evidence in them."""
         follower, estimates, decided = self._follower, list[Estimate](), None
+        moments = self._clock.tell(fresh, acquired_s)
         if follower is None:
             bad = [_bad(batch.channels, sample) for sample in fresh]
         else:
             decisions = follower.follow(batch, fresh)
             estimates, decided = [decision.estimate for decision in decisions], (follower.model, decisions[-1])
             bad = [estimate.bad for estimate in estimates]
-            self.stretches.add(decisions, acquired_s)
-        times_us = [sample.acquired_unix_us for sample in fresh]
-        self.channels_out.add(list(zip(times_us, bad, strict=True)), acquired_s)
+            for decision, moment in zip(decisions, moments, strict=True):
+                self.stretches.add(decision, moment.passed_s)
+        for sample, out, moment in zip(fresh, bad, moments, strict=True):
+            self.channels_out.add(sample.acquired_unix_us, out, moment.passed_s)
         notes: list[str] = list(batch.notes)
         if follower is not None:
             notes += [Note.NOISE] if follower.estimator.contradicts else []
             notes += [Note.DEGRADED] if self.channels_out.any else []
             notes += [Note.SENDERS] if self.rivals.at(acquired_s) else []
-            for decision in decisions if self.zones.defined else ():
+            for decision, moment in zip(decisions, moments, strict=True) if self.zones.defined else ():
                 own = decision.notes(follower.model) if decision.state else []
-                self.zones.step(decision.seen(batch.boot_id, [*notes, *own]))
+                at_us = round(moment.taken_s * 1e6)
+                self.zones.step(decision.seen(batch.boot_id, at_us, [*notes, *own]))
         self.newest = Newest(batch.boot_id, batch.channels, fresh[-1], acquired_s, notes, decided, self.zones.answers)
         return estimates
 

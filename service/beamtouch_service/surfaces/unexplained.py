@@ -1,10 +1,8 @@
 """The unexplained stretches of one surface: their number, their time, and an alarm for a long one. Pure."""
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 from beamtouch_models.modelfile import State
-from beamtouch_service.surfaces.channels import SampleClock
 from beamtouch_service.surfaces.follower import Decision
 
 
@@ -20,8 +18,7 @@ class Overdue(NamedTuple):
 class Stretches:
     """Follows the samples that move the answer."""
 
-    def __init__(self, after_s: float, max_pause_s: float) -> None:
-        self._clock = SampleClock(max_pause_s)
+    def __init__(self, after_s: float) -> None:
         self.after_s = after_s
         """A stretch may last this long [s]."""
         self.count = 0
@@ -39,15 +36,12 @@ class Stretches:
         """Whether the current stretch lasts too long."""
         return self._length_s > self.after_s
 
-    def add(self, decisions: Sequence[Decision], acquired_s: float) -> None:
-        """Add the next samples, of which the last was taken at `acquired_s` [s, monotonic]."""
-        newest_us = decisions[-1].estimate.sample.acquired_unix_us
-        for decision in decisions:
-            passed_s = self._clock.passed_s(decision.estimate.sample.acquired_unix_us, newest_us, acquired_s)
-            if decision.held is State.UNEXPLAINED:
-                self._extend(decision, passed_s)
-            else:
-                self._since_us, self._length_s = None, 0.0
+    def add(self, decision: Decision, passed_s: float) -> None:
+        """Add the next sample, with the time since the one before [s]."""
+        if decision.held is State.UNEXPLAINED:
+            self._extend(decision, passed_s)
+        else:
+            self._since_us, self._length_s = None, 0.0
 
     def _extend(self, decision: Decision, passed_s: float) -> None:
         if self._since_us is None:

@@ -1,8 +1,12 @@
 """The answer for each zone of a surface from consecutive samples, with hysteresis and dwell. Pure: no clock.
 
-Time is that of the samples, by the sender's clock. Between two samples that follow each other, it counts as a whole.
-Where samples are missing in between, it counts for nothing; after a pause longer than a contact is held, and with
-another sender, nothing is known of what was before.
+The caller gives each sample its time. The live answer takes that of the service's clock, from the ages of the samples,
+which no wall clock changes. The record has only the sender's wall clock, so that it is a function of the samples: a
+step back counts as no time, but a step forward cannot be told from samples at rest, which are as far apart, and counts.
+
+Between two samples that follow each other, time counts as a whole. Where samples are missing in between, the contact
+may have been away: hysteresis and dwell begin anew, but a contact that is there afterwards has not entered again. After
+a pause longer than a contact is held, and with another sender, nothing is known of what was before.
 """
 
 from collections.abc import Mapping
@@ -21,7 +25,7 @@ class Seen(NamedTuple):
     boot_id: str
     sequence: int
     at_us: int
-    """Its time by the sender's clock [us since 1970]."""
+    """Its time, by the same clock as that of the sample before [us]."""
     is_clear: bool = False
     """Whether it shows that nothing touches the beam."""
     position: Span | None = None
@@ -55,6 +59,10 @@ class _Course:
             self.has_entered &= self.answer is ZoneState.UNSURE
             return None
         return passed_us if was_inside else self.inside_us
+
+    def miss(self) -> None:
+        """Note that samples before the next one are missing."""
+        self.lies = self.answer = None
 
     def _lie(self, seen: Seen, length_mm: float) -> ZoneState | None:
         if seen.position is None:
@@ -92,12 +100,12 @@ class ZoneFollower:
             return {}
         boot_id, sequence, at_us = self._last or (None, 0, 0)
         self._last = seen.boot_id, seen.sequence, seen.at_us
-        passed_us = seen.at_us - at_us
-        if seen.boot_id != boot_id or not 0 <= passed_us <= self._hold_us:
+        passed_us = max(0, seen.at_us - at_us)
+        if seen.boot_id != boot_id or passed_us > self._hold_us:
             self._forget()
-            passed_us = 0
         elif seen.sequence != sequence + 1:
-            passed_us = 0
+            for course in self._courses.values():
+                course.miss()
         more_us: dict[str, int] = {}
         for name, course in self._courses.items():
             gained_us = course.step(seen, self._length_mm, passed_us)
