@@ -30,7 +30,7 @@ test: $(INSTALLED)  ## all tests but those of `make soak`; NAMES="models daemon 
 soak: $(INSTALLED)  ## more rounds, longer outages, more draws and scenes, and all guides, in about six minutes on two cores
 	PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest --numprocesses $(WORKERS) -m soak
 
-faults: $(INSTALLED)  ## put each fault of tests/faults/faults.toml into a copy, and see a test catch it; NAMES="delivery ..."
+faults: $(INSTALLED)  ## see that tests catch each fault of tests/faults/faults.toml, in about 20 minutes on two cores; NAMES="delivery ..."
 	$(BIN)/python tests/faults $(NAMES)
 
 coverage: $(INSTALLED)  ## the same tests, then the lines of the packages that no process of the tests ran

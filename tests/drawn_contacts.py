@@ -1,5 +1,7 @@
 """Best samples of contacts drawn from the scene of a model, on sensors with the errors that its floor states."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -30,11 +32,13 @@ class Drawn:
         self.zero_mm = self.random.normal(size=channels) * said.floor.zero_mm
         self.noise_mm = said.noise.reading_mm / readings**0.5 if readings else said.noise.sample_mm
 
-    def contacts(self, count: int, loads: int = 1) -> list[BestSample]:
-        """Return the next contacts, of several loads at once if asked for."""
+    def contacts(self, count: int, loads: int = 1, at_mm: Sequence[float] = ()) -> list[BestSample]:
+        """Return the next contacts: of several loads at once if asked for, or of equal loads at these positions."""
         said, channels = self.metadata, len(self.metadata.layout)
-        shape = count, loads
+        shape = count, len(at_mm) or loads
         position, force = (self.random.uniform(*ends, shape) for ends in (said.ranges.position_mm, said.ranges.force_n))
+        if at_mm:
+            position, force = np.broadcast_to(at_mm, shape), np.broadcast_to(force[:, :1], shape)
         true = (force[:, :, None] * self.table(position)).sum(axis=1)
         rest_noise_mm = said.noise.reading_mm / REST_READINGS**0.5
         measured = true * self.gain + self.zero_mm + self._noise(count, self.noise_mm)

@@ -26,9 +26,9 @@ class Fault(BaseModel):
     """Arguments of pytest: files, or single tests."""
 
 
-def read_faults() -> list[Fault]:
-    """Return the faults; ValueError if one does not fit the tree."""
-    faults = [Fault.model_validate(entry) for entry in tomllib.loads(LIST.read_text())["fault"]]
+def read_faults(path: Path = LIST) -> list[Fault]:
+    """Return the faults of a list; ValueError if one does not fit the tree."""
+    faults = [Fault.model_validate(entry) for entry in tomllib.loads(path.read_text())["fault"]]
     for fault in faults:
         if (count := (ROOT / fault.file).read_text().count(fault.before)) != 1:
             message = f"{fault.promise!r}: {fault.file} has the lines before the fault {count} times"

@@ -31,6 +31,8 @@ class Service:
         self.record = record or Record()
         self.commit_s = 0.05
         """Time between two transactions of the record."""
+        self.stale_ms = 500.0
+        """Stated in each receipt."""
         self.attempts = 0
         self.loses_receipts = False
         """Whether batches are taken, and the answers to them lost."""
@@ -91,7 +93,9 @@ class Service:
             self.recorder.commit()
             self._committed_s = monotonic()
         durable, expected = self.recorder.receive(surface, batch)
-        return Receipt(accepted=len(batch.samples), repeated=0, durable=durable, expected=expected, stale_ms=500.0)
+        return Receipt(
+            accepted=len(batch.samples), repeated=0, durable=durable, expected=expected, stale_ms=self.stale_ms
+        )
 
 
 def _problem(status: int, kind: str) -> Response:

@@ -4,6 +4,7 @@ import asyncio
 import re
 import signal
 import sqlite3
+import sys
 from contextlib import closing, suppress
 from itertools import pairwise
 from pathlib import Path
@@ -245,6 +246,32 @@ async def test_a_disk_that_is_full_is_emptied_when_the_service_is_back_and_keeps
         after = summary_of(tmp_path)["bench"]
         assert after["samples_in_log"] == after["samples_dropped"] == 0
         assert after["samples_published"] == after["readings"] + before["samples_in_log"]
+
+
+MANY = """
+import sys
+from pathlib import Path
+from beamtouch_daemon.delivery.log_file import LogFile
+from beamtouch_service.samples import Batch
+
+file = LogFile(Path(sys.argv[1]), 10**9)
+file.open()
+sample = {"sequence": 1, "acquired_unix_us": 1, "deflection_mm": [0.5] * 64, "quality": ["good"] * 64}
+channels = [f"s{number}" for number in range(64)]
+batch = Batch(boot_id="boot-0001", channels=channels, samples=[sample], backlog=True)
+file.change([("bench", batch)] * 1000 if sys.argv[2] == "write" else [], set())
+print(len(file.rows))
+"""
+"""Writes 1000 chunks into a file of logs, or deletes all that it has."""
+
+
+def test_however_many_samples_become_durable_at_once_a_full_disk_lets_them_go(tmp_path: Path) -> None:
+    """The journal of a deletion has no room for all of them together."""
+    with small_disk(tmp_path, size_kib=4096) as disk:
+        command = (sys.executable, "-c", MANY, str(disk.path / "samples"))
+        assert disk.run(*command, "write") == "1000\n"
+        disk.fill()
+        assert disk.run(*command, "delete") == "0\n"
 
 
 async def test_the_loss_is_reported_if_the_disk_is_full_from_the_start_and_the_service_is_away(tmp_path: Path) -> None:

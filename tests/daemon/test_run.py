@@ -108,7 +108,8 @@ async def test_a_failing_surface_costs_others_nothing_and_does_not_fill_the_log(
     assert len([event for event in events if event["message"].startswith("dead: ")]) == 1
 
 
-async def test_a_beam_at_rest_sends_few_samples_and_a_touch_each_of_its_readings(tmp_path: Path) -> None:
+async def test_a_beam_at_rest_sends_few_samples_and_a_touch_at_once_each_of_its_readings(tmp_path: Path) -> None:
+    """A sample at rest would be due after 10 s; a touch does not wait for it."""
     chance, polls, is_touched = Random(5), 0, False  # noqa: S311 - noise, not secrets
 
     async def noise(_function: int, _start: int, _address: int, _count: int, now: list[int], _set: object) -> None:
@@ -118,9 +119,12 @@ async def test_a_beam_at_rest_sends_few_samples_and_a_touch_each_of_its_readings
 
     async with serving(Service()) as service, pymodbus_server([20_000, 20_000], noise) as port:
         surface = configs.surface(source=configs.tcp(port)).replace("rate_hz", "noise_mm = 0.002\nrate_hz", 1)
-        surface = surface.replace('"moving-average"\nwindow = 1', '"growing-mean"')
-        async with started("run", configs.write(tmp_path, surface, url=service.url)) as daemon:
-            await service.until(20)
+        surface = surface.replace('"moving-average"\nwindow = 1', '"growing-mean"\nmax_mean_ms = 20_000')
+        service.stale_ms = 60_000.0
+        config = configs.write(tmp_path, surface, url=service.url)
+        config.write_text(config.read_text().replace("batch_ms", "rest_ms = 10_000\nbatch_ms"))
+        async with started("run", config) as daemon:
+            await service.until(1)
             few = False
             while not few:
                 begun = polls, len(service.samples())
@@ -128,7 +132,7 @@ async def test_a_beam_at_rest_sends_few_samples_and_a_touch_each_of_its_readings
                 few = len(service.samples()) - begun[1] < 50
             is_touched, begun_polls = True, polls
             await until(lambda: sum((one.deflection_mm[0] or 0.0) > 0.05 for one in service.samples()) >= 8)
-            assert polls - begun_polls < 100  # at rest, one in twenty readings becomes a sample
+            assert polls - begun_polls < 100
             assert (await daemon.stop()).code == 0
 
 

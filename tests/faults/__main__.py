@@ -1,29 +1,36 @@
 """`make faults`: puts each fault of the list into a copy of the tree, and says which test catches it.
 
 `faults.toml` states for each fault the promise that it breaks, the file, the lines before and after, and the tests that
-should see it. A fault counts as caught if one of these tests fails, while all of them pass without it. Returns 1 if a
-fault passes unseen.
+should see it. A fault counts as caught if one of these tests fails, while all of them pass without it. A line names
+the test and its error, so that a reader sees that the fault was caught for its own reason. Returns 1 if a fault passes
+unseen, 130 if it is interrupted; no process of a test outlives it.
 """
 
 import argparse
+import asyncio
+import contextlib
 import os
 import re
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from fnmatch import fnmatch
 from pathlib import Path
-from queue import SimpleQueue
+from time import monotonic
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
-from fault_list import ROOT, Fault, read_faults
+from fault_list import LIST, ROOT, Fault, read_faults
 
 PACKAGES = ("common", "firmware_protocol", "models", "service", "daemon")
-TIMEOUT_S = 900
+TIMEOUT_S = 1800.0
+"""Bounds a run of tests. Each test has a bound of its own, which ends it with its processes."""
+FINISHING_S = 20.0
+"""Time for tests that are interrupted to put away what they made."""
 FAILED = 1
 """Exit code of pytest if a test failed. Others mean that the tests could not be run."""
 
@@ -33,97 +40,126 @@ class Outcome:
     """What the tests said."""
 
     code: int
-    first_failure: str
     output: str
+    seconds: float
+
+    @property
+    def failure(self) -> str:
+        """The first test that failed, and the first line of its error."""
+        test = re.search(r"^FAILED (.+) \(\w+\)$", self.output, re.MULTILINE)
+        error = re.search(r"^E +(?!AssertionError: $)(.+)$", self.output, re.MULTILINE)
+        return "\n        ".join(found[1] for found in (test, error) if found)
 
 
 def main() -> int:
-    """Try the faults and print a line for each."""
+    """Try the faults and print what became of each."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("words", nargs="*", help="only faults whose file or promise has one of these words")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="faults that are tried at once")
+    parser.add_argument("--list", type=Path, default=LIST, metavar="FILE", help="another list of faults")
     options = parser.parse_args()
-    faults = [
-        fault
-        for fault in read_faults()
-        if not options.words or any(word in f"{fault.file} {fault.promise}" for word in options.words)
-    ]
-    with tempfile.TemporaryDirectory() as folder:
-        copies: SimpleQueue[Path] = SimpleQueue()
-        for number in range(options.jobs):
-            copies.put(copy_tree(Path(folder) / str(number)))
-        if not pass_without_faults(faults, copies, options.jobs):
-            return 1
-        with ThreadPoolExecutor(options.jobs) as pool:
-            outcomes = pool.map(lambda fault: try_fault(fault, copies), faults)
-            unseen = sum(not show(fault, outcome) for fault, outcome in zip(faults, outcomes, strict=True))
-    print(f"{len(faults) - unseen} of {len(faults)} faults are caught")
-    return 1 if unseen else 0
+    try:
+        faults = [
+            fault
+            for fault in read_faults(options.list)
+            if not options.words or any(word in f"{fault.file} {fault.promise}" for word in options.words)
+        ]
+    except ValueError as error:
+        parser.error(str(error))
+    if not faults:
+        parser.error("no file and no promise of the list has one of these words")
+    signal.signal(signal.SIGTERM, lambda *_: signal.raise_signal(signal.SIGINT))
+    with tempfile.TemporaryDirectory() as folder, contextlib.suppress(KeyboardInterrupt):
+        copies = [copy_tree(Path(folder) / str(number)) for number in range(max(options.jobs, 1))]
+        return asyncio.run(try_all(faults, copies))
+    return 130
 
 
 def copy_tree(folder: Path) -> Path:
-    """Copy the files that git tracks, and those that it would."""
-    listed = subprocess.run(
-        ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"],
-        cwd=ROOT,
-        check=True,
-        capture_output=True,
-        text=True,
-    ).stdout
-    for name in listed.split("\0"):
-        if name and (ROOT / name).is_file():
-            (folder / name).parent.mkdir(parents=True, exist_ok=True)
-            shutil.copy2(ROOT / name, folder / name)
-    return folder
+    """Copy the tree without what git ignores."""
+    patterns = [".git/", ".git", *(ROOT / ".gitignore").read_text().split()]
+
+    def ignored(parent: str, names: list[str]) -> list[str]:
+        marked = {name: f"{name}/" if (Path(parent) / name).is_dir() else name for name in names}
+        return [name for name in names if any(fnmatch(marked[name], pattern) for pattern in patterns)]
+
+    return Path(shutil.copytree(ROOT, folder, ignore=ignored))
 
 
-def pass_without_faults(faults: Sequence[Fault], copies: SimpleQueue[Path], jobs: int) -> bool:
-    """Return whether all tests of the faults pass in a copy without any."""
-    copy = copies.get()
+async def try_all(faults: Sequence[Fault], copies: Sequence[Path]) -> int:
+    """Run the tests without any fault, then each fault in whichever copy is free."""
     tests = sorted({test for fault in faults for test in fault.tests})
-    outcome = run_tests(copy, tests, "--numprocesses", str(jobs))
-    copies.put(copy)
+    outcome = await run_tests(copies[0], tests, "--numprocesses", str(len(copies)))
     if outcome.code:
-        print(f"without any fault: {outcome.first_failure or outcome.output}")
-    return not outcome.code
+        print(f"without any fault: {outcome.failure or outcome.output}")
+        return 1
+    print(f"without any fault, all tests pass ({outcome.seconds:.0f} s)", flush=True)
+    waiting = list(reversed(faults))
+    async with asyncio.TaskGroup() as group:
+        tasks = [group.create_task(try_in(copy, waiting)) for copy in copies]
+    caught = sum(task.result() for task in tasks)
+    print(f"{caught} of {len(faults)} faults are caught")
+    return 0 if caught == len(faults) else 1
 
 
-def try_fault(fault: Fault, copies: SimpleQueue[Path]) -> Outcome:
-    """Run the tests of a fault in a copy that has it."""
-    copy = copies.get()
-    path = copy / fault.file
-    text = path.read_text()
-    try:
+async def try_in(copy: Path, waiting: list[Fault]) -> int:
+    """Try the faults that wait, one after another, in a copy; return how many are caught."""
+    caught = 0
+    while waiting:
+        fault = waiting.pop()
+        path = copy / fault.file
+        text = path.read_text()
         path.write_text(text.replace(fault.before, fault.after))
-        return run_tests(copy, fault.tests, "--exitfirst")
-    finally:
+        outcome = await run_tests(copy, fault.tests, "--exitfirst")
         path.write_text(text)
-        copies.put(copy)
+        caught += show(fault, outcome)
+    return caught
 
 
-def run_tests(copy: Path, tests: Sequence[str], *options: str) -> Outcome:
-    """Run tests in a copy, with the packages of the copy."""
+async def run_tests(copy: Path, tests: Sequence[str], *options: str) -> Outcome:
+    """Run tests in a copy, with the packages of the copy; nothing that they start is left."""
     packages = os.pathsep.join(str(copy / package) for package in PACKAGES)
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *options, *tests]
-    done = subprocess.run(
-        command,
-        cwd=copy,
-        env=os.environ | {"PYTHONPATH": packages, "PYTHONDONTWRITEBYTECODE": "1"},
-        capture_output=True,
-        text=True,
-        timeout=TIMEOUT_S,
-        check=False,
-    )
-    failed = re.search(r"^FAILED (\S+)", done.stdout, re.MULTILINE)
-    return Outcome(done.returncode, failed[1] if failed else "", done.stdout[-2000:] + done.stderr[-2000:])
+    started_s = monotonic()
+    with tempfile.TemporaryFile("w+") as output:
+        process = await asyncio.create_subprocess_exec(
+            *(sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *options, *tests),
+            cwd=copy,
+            env=os.environ | {"PYTHONPATH": packages, "PYTHONDONTWRITEBYTECODE": "1"},
+            stdin=subprocess.DEVNULL,
+            stdout=output,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+        )
+        try:
+            code = await asyncio.wait_for(process.wait(), TIMEOUT_S)
+        except TimeoutError:
+            code = -signal.SIGKILL
+        except asyncio.CancelledError:
+            process.send_signal(signal.SIGINT)
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(process.wait(), FINISHING_S)
+            raise
+        finally:
+            end_session(process.pid)
+        output.seek(0)
+        return Outcome(code, output.read(), monotonic() - started_s)
+
+
+def end_session(session: int) -> None:
+    """Kill the processes that are left of a session, in whatever process groups they are."""
+    for folder in Path("/proc").glob("[0-9]*"):
+        with contextlib.suppress(OSError):  # it has ended meanwhile
+            _, _, _, of_session = (folder / "stat").read_text().rpartition(")")[2].split()[:4]
+            if int(of_session) == session:
+                os.kill(int(folder.name), signal.SIGKILL)
 
 
 def show(fault: Fault, outcome: Outcome) -> bool:
     """Print what became of a fault; return whether a test caught it."""
     is_caught = outcome.code == FAILED
-    unseen = f"cannot be tried: {outcome.output}" if outcome.code else "NOT CAUGHT"
-    how = outcome.first_failure if is_caught else unseen
-    print(f"{fault.promise}\n    {fault.file}: {how}", flush=True)
+    unseen = f"cannot be tried: {outcome.output[-2000:]}" if outcome.code else "NOT CAUGHT"
+    said = outcome.failure if is_caught else unseen
+    print(f"{fault.promise} ({outcome.seconds:.0f} s)\n    {fault.file}: {said}", flush=True)
     return is_caught
 
 

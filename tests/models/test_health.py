@@ -118,6 +118,16 @@ def test_a_zero_that_creeps_is_no_gain(drawn: Drawn) -> None:
     assert zero.low < 0.012 < zero.high
 
 
+def test_a_zero_that_drifts_within_what_the_scene_states_has_not_changed(drawn: Drawn) -> None:
+    drawn.begin(8)
+    health = after(drawn, BASELINE)
+    for _ in range(30):
+        drawn.zero_mm[1] += 0.1 * drawn.metadata.floor.zero_mm[1]
+        health.add(drawn.contacts(1))
+    health.add(drawn.contacts(20))
+    assert changed(health) == []
+
+
 def test_two_channels_that_change_one_after_the_other_are_both_named(drawn: Drawn) -> None:
     drawn.begin(5)
     health = after(drawn, BASELINE)
@@ -138,6 +148,20 @@ def test_a_few_contacts_of_two_loads_name_no_channel(drawn: Drawn) -> None:
         health.add(drawn.contacts(1, loads=2))
         health.add(drawn.contacts(9))
         assert changed(health) == []
+
+
+def test_a_workpiece_on_two_feet_leaves_the_intervals_of_the_gains_true(drawn: Drawn) -> None:
+    """Its contacts are always alike: together they would say much, and neither one load nor one channel explains it."""
+    held = []
+    for seed in range(4):
+        drawn.begin(100 + seed)
+        health = after(drawn, BASELINE)
+        for _ in range(4):
+            health.add(drawn.contacts(4, at_mm=(100.0, 300.0)))
+            health.add(drawn.contacts(12))
+        assert changed(health) == []
+        held += [one.gain.low < 0 < one.gain.high for one in health.channels()]
+    assert np.mean(held) > 0.85
 
 
 def test_a_history_is_read_again_as_it_was(drawn: Drawn) -> None:

@@ -7,6 +7,7 @@ import json
 import shutil
 import subprocess
 from contextlib import asynccontextmanager
+from datetime import UTC, datetime, timedelta
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -82,6 +83,7 @@ def test_a_read_gives_the_contact_of_its_moment_and_a_subscription_turns_bad_whe
 ) -> None:
     service, url = start(start_service, tmp_path, 5000, "interval_ms = 20")
     rest, touched = list[float | None]([0.0, 0.0, 0.0]), list[float | None]([0.2, 0.3, 0.3])
+    odd = list[float | None]([0.2, 0.3, 0.5])
 
     async def compare() -> Changes:
         changes = Changes()
@@ -105,18 +107,25 @@ def test_a_read_gives_the_contact_of_its_moment_and_a_subscription_turns_bad_whe
                 if number % 5 == 0:
                     contact = (await asyncio.to_thread(service.get, "/surfaces/press-7/contact")).json()
                     require_same(await read(client), contact)
-            await asyncio.to_thread(wait_until, lambda: bool(changes.events) and is_bad(changes, "BadNoCommunication"))
+            await asyncio.to_thread(wait_until, lambda: bool(changes.events))
             # The Server object has the events of all surfaces.
             await asyncio.to_thread(wait_until, lambda: bool(everywhere.events))
             assert everywhere.events[0].EventId == changes.events[0].EventId
+            for number in range(31, 36):
+                assert (await asyncio.to_thread(service.post, batch_of(odd, sequence=number))).status_code == 200
+            contact = (await asyncio.to_thread(service.get, "/surfaces/press-7/contact")).json()
+            assert (contact["state"], contact["notes"]) == ("unexplained", [])
+            require_same(await read(client), contact)
+            await asyncio.to_thread(wait_until, lambda: is_bad(changes, "BadNoCommunication"))
         return changes
 
     changes = asyncio.run(compare())
     states = [one.Value.Value for one in changes.found["press-7.state"]]
     assert states[0] is states[-1] is None
     assert "clear" in states
-    (event,) = service.get("/events").json()["events"]
+    (event,) = [one for one in service.get("/events").json()["events"] if one["kind"] == "contact"]
     (found,) = changes.events
+    assert abs(found.Time.replace(tzinfo=UTC) - datetime.fromisoformat(event["lifted_at"])) < timedelta(milliseconds=1)
     for name in ("surface", "kind", "touched_at", "lifted_at", "dwell_ms", "peak_force_n", "mean_position_mm", "end"):
         assert getattr(found, name) == event[name], name
     assert json.loads(found.zones) == event["zones"] != {}
@@ -131,7 +140,7 @@ def require_same(found: dict[str, ua.DataValue], contact: dict[str, Any]) -> Non
     assert (said["notes"], said["zones.left"]) == (" ".join(contact["notes"]), contact["zones"]["left"])
     assert said["age_ms"] >= contact["age_ms"]
     assert f"{found['state'].SourceTimestamp:%FT%T}" == contact["sampled_at"][:19]
-    assert found["state"].StatusCode.is_good() == (not contact["notes"])
+    assert found["state"].StatusCode.is_good() == (not contact["notes"] and contact["state"] != "unexplained")
     for name in FIGURES:
         assert found[name].StatusCode.is_good() == (contact["state"] == "contact" and not contact["notes"])
 
