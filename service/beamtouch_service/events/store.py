@@ -22,11 +22,13 @@ from sqlalchemy import (
     update,
 )
 
+from beamtouch_service.commissioning.report import Recorded, Report
 from beamtouch_service.events.best import Best
 from beamtouch_service.events.database import open_database
 from beamtouch_service.events.event import End, Event, EventKind, OpenEvent
 from beamtouch_service.events.health import HealthHistory
 from beamtouch_service.events.tables import (
+    COMMISSIONINGS,
     CONTENT,
     CURSORS,
     DELIVERIES,
@@ -37,6 +39,8 @@ from beamtouch_service.events.tables import (
 )
 from beamtouch_service.sections import EventsSection
 
+MAX_COMMISSIONINGS = 20
+"""Results that are kept of each surface, however old they are."""
 _PRUNE_SHARE = 20
 """Above the size limit, 1/20 of the events goes at a time."""
 _c = EVENTS.c
@@ -116,6 +120,8 @@ class Store:
     def __init__(self, events: EventsSection) -> None:
         """Open a file, the database of a URL, or memory; raises EventStoreError."""
         self._keep_s, self._max_bytes = events.keep_days * 86_400, events.max_mb * 1e6
+        self.is_lasting = bool(events.url or events.file)
+        """Whether the record outlives the service."""
         self._database = open_database(events.url or events.file)
 
     @property
@@ -227,6 +233,25 @@ class Store:
         numbers = [one.delivery for one in delivered]
         with self._database.writing() as connection:
             connection.execute(delete(DELIVERIES).where(DELIVERIES.c.number.in_(numbers)))
+
+    def add_commissioning(self, course: str, report: Report) -> int:
+        """Put the result of a course on record, unless it is there; return its id."""
+        c, surface = COMMISSIONINGS.c, report.surface
+        row = {"surface": surface, "course": course, "report": report.model_dump(mode="json")}
+        newest = select(c.id).where(c.surface == surface).order_by(c.id.desc()).limit(MAX_COMMISSIONINGS)
+        with self._database.writing() as connection:
+            number: int | None = connection.scalar(select(c.id).where(c.course == course))
+            if number is None:
+                number = connection.execute(insert(COMMISSIONINGS).returning(c.id), row).scalar_one()
+                connection.execute(delete(COMMISSIONINGS).where(c.surface == surface, c.id.not_in(newest)))
+        return number
+
+    def commissionings(self, surface: str) -> list[Recorded]:
+        """Return the results of the commissionings of a surface, newest first."""
+        c = COMMISSIONINGS.c
+        query = select(c.id, c.report).where(c.surface == surface).order_by(c.id.desc())
+        with self._database.reading() as connection:
+            return [Recorded.model_validate({"id": row.id, **row.report}) for row in connection.execute(query)]
 
     def prune(self, now_s: float) -> int:
         """Delete events too old at `now_s` [s since 1970], and the oldest above the size limit; return how many.
