@@ -11,6 +11,7 @@ from beamtouch_service.access import Role
 from beamtouch_service.api import gate
 from beamtouch_service.api.context import Context, ContextParameter, SurfaceInPath
 from beamtouch_service.commissioning.course import Course
+from beamtouch_service.commissioning.courses import hides_presses
 from beamtouch_service.commissioning.pressing import Stage
 from beamtouch_service.commissioning.report import Recorded, Report, as_text
 from beamtouch_service.problems import Kind, Problem, ProblemError
@@ -70,14 +71,19 @@ class CommissioningList(BaseModel):
 
 def _state(context: Context, name: str) -> CommissioningState:
     course, courses = context.courses.of(name), context.courses
+    problem = hides_presses(context.registry.named(name), context.clock())
     return CommissioningState(
-        course=None if course is None else _course_state(course),
+        course=None if course is None else _course_state(course, problem),
         ended=None if course else courses.why_ended(name),
         lasting=context.recorder.store.is_lasting,
     )
 
 
-def _course_state(course: Course) -> CourseState:
+def _course_state(course: Course, problem: Problem | None) -> CourseState:
+    if problem and not course.is_done:
+        prompt = f"{problem.kind.title}. Go on once samples come again."
+    else:
+        prompt = course.prompt
     return CourseState(
         id=course.id,
         step=course.step,
@@ -85,7 +91,7 @@ def _course_state(course: Course) -> CourseState:
         stage=course.stage,
         held=round(course.held, 2),
         at_mm=course.at_mm,
-        prompt=course.prompt,
+        prompt=prompt,
         report=course.report,
     )
 
@@ -97,18 +103,18 @@ def _now_us() -> int:
 @router.get("/surfaces/{name}/commissioning")
 async def get_commissioning(context: ContextParameter, name: SurfaceInPath) -> CommissioningState:
     """Return how far the commissioning of this surface is, if one is under way."""
-    return _state(context, context.registry.named(name).name)
+    return _state(context, name)
 
 
 @write_router.post("/surfaces/{name}/commissioning")
-async def start_commissioning(context: ContextParameter, name: SurfaceInPath) -> CommissioningState:
+async def post_commissioning(context: ContextParameter, name: SurfaceInPath) -> CommissioningState:
     """Begin a commissioning of this surface."""
     context.courses.start(context.registry.named(name), context.clock(), _now_us())
     return _state(context, name)
 
 
 @write_router.post("/surfaces/{name}/commissioning/skip")
-async def skip_commissioning_step(
+async def post_commissioning_skip(
     context: ContextParameter,
     name: SurfaceInPath,
     course: _CourseId,
@@ -123,7 +129,7 @@ async def skip_commissioning_step(
 
 
 @write_router.post("/surfaces/{name}/commissioning/confirm")
-async def confirm_commissioning(
+async def post_commissioning_confirm(
     context: ContextParameter,
     name: SurfaceInPath,
     course: _CourseId,
@@ -146,7 +152,7 @@ async def confirm_commissioning(
 
 
 @write_router.post("/surfaces/{name}/commissioning/abandon")
-async def abandon_commissioning(
+async def post_commissioning_abandon(
     context: ContextParameter, name: SurfaceInPath, course: _CourseId
 ) -> CommissioningState:
     """End a commissioning without a result."""
@@ -165,7 +171,7 @@ async def get_commissionings(context: ContextParameter, name: SurfaceInPath) -> 
     response_model=Recorded,
     responses={200: {"content": {"text/plain": {"schema": {"type": "string"}}}}},
 )
-async def get_recorded_commissioning(
+async def get_commissioning_result(
     context: ContextParameter,
     name: SurfaceInPath,
     number: Annotated[int, PathParameter(alias="id", ge=1, lt=2**63)],

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from beamtouch_models.modelfile import InfluenceCurve, Metadata, ModelFile, State
-from beamtouch_service.commissioning.pressing import Movement, PressFinder, Stage
+from beamtouch_service.commissioning.pressing import HOLD_US, Movement, PressFinder, Stage
 from beamtouch_service.commissioning.report import Finding, PlaceResult, Report, SensorResult
 from beamtouch_service.commissioning.verdict import (
     UNSEEN,
@@ -42,8 +42,8 @@ class Seen(NamedTuple):
 class Course:
     """A commissioning that is under way, under one model."""
 
-    def __init__(self, course_id: str, surface: str, model: ModelFile, now_us: int) -> None:
-        """Begin at `now_us` [us since 1970, by the clock of the service]."""
+    def __init__(self, course_id: str, surface: str, model: ModelFile, stale_ms: float, now_us: int) -> None:
+        """Begin at `now_us` [us since 1970, by the clock of the service]; samples may be `stale_ms` apart."""
         self.id, self.model = course_id, model
         metadata = model.metadata
         low_mm, high_mm = metadata.ranges.position_mm
@@ -60,7 +60,7 @@ class Course:
         self.step = 0
         """The current step, counted from 0: a press above each sensor, then one at each mark."""
         self._curve = InfluenceCurve.of(metadata)
-        self._finder = PressFinder(metadata.noise.reading_mm)
+        self._finder = PressFinder(metadata.noise.reading_mm, max(HOLD_US, stale_ms * 1e3))
         self._boot_id = ""
         self._presses: dict[int, Press] = {}
         """Sensor -> the press above it."""

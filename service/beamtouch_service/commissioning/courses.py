@@ -14,6 +14,12 @@ _NEEDED = {Kind.NO_MODEL, Kind.NO_SAMPLES, Kind.STALE, Kind.OTHER_BEAM}
 """Problems with which nothing can be seen of a press. With any other one, its cause may be what is looked for."""
 
 
+def hides_presses(surface: Surface, now_s: float) -> Problem | None:
+    """Return why nothing could be seen of a press at `now_s` [s, monotonic], or None."""
+    answer = surface.answer(now_s)
+    return answer if isinstance(answer, Problem) and answer.kind in _NEEDED else None
+
+
 class Courses:
     """Begins, feeds and ends the courses of all surfaces."""
 
@@ -41,13 +47,13 @@ class Courses:
         if course := self._courses.get(surface.name):
             detail = f"One has been under way since {course.report.begun_at}. Go on with it, or abandon it first."
             raise ProblemError(_other(surface.name, detail))
-        answer = surface.answer(now_s)
-        if isinstance(answer, Problem) and answer.kind in _NEEDED:
-            raise ProblemError(answer)
+        if problem := hides_presses(surface, now_s):
+            raise ProblemError(problem)
         if surface.model is None:
             raise ProblemError(no_model(surface.name, surface.model_error))
         self._ended.pop(surface.name, None)
-        course = self._courses[surface.name] = Course(token_hex(8), surface.name, surface.model, now_us)
+        course = Course(token_hex(8), surface.name, surface.model, surface.stale_ms, now_us)
+        self._courses[surface.name] = course
         return course
 
     def require(self, surface: str, course_id: str, step: int | None = None) -> Course:

@@ -16,8 +16,6 @@ Floats = NDArray[np.float64]
 
 HOLD_US = 1_000_000
 """A beam rests, and a press is held, if it is so for this long by the sender's clock."""
-PAUSE_US = 1_000_000
-"""After a longer pause between two samples, what was before counts for nothing."""
 STILL = 12.0
 """Largest spread of a channel at rest, in deviations of its noise. Half of the channels must keep to it: a broken cable
 may pick up anything."""
@@ -61,10 +59,16 @@ class _Entry(NamedTuple):
 class PressFinder:
     """Follows the samples of one sender."""
 
-    def __init__(self, reading_mm: float) -> None:
-        """Begin with nothing known; `reading_mm` is the noise of a reading, by the model."""
+    def __init__(self, reading_mm: float, pause_us: float) -> None:
+        """Begin with nothing known.
+
+        Parameters
+        ----------
+        reading_mm : noise of a reading, by the model
+        pause_us : after a longer pause between two samples, what was before counts for nothing
+        """
         self.stage = Stage.REST
-        self._reading_mm = reading_mm
+        self._reading_mm, self._pause_us = reading_mm, pause_us
         self._window = deque[_Entry]()
         self._rest_mm = self._noise_mm = np.zeros(0)
         """Where the channels rested, and the standard deviation of their values there, that of a reading at least."""
@@ -92,7 +96,7 @@ class PressFinder:
         values_mm : deflections (channels,), NaN for a channel without one
         is_touched : whether the surface says that something touches it; then it is not at rest
         """
-        if self._window and not 0 < at_us - self._window[-1].at_us <= PAUSE_US:
+        if self._window and not 0 < at_us - self._window[-1].at_us <= self._pause_us:
             self._window.clear()
             self.stage = Stage.PRESS if self.stage is Stage.HOLD else self.stage
         entry = _Entry(at_us, values_mm, self._size(values_mm))

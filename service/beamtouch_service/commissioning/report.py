@@ -20,6 +20,8 @@ class Finding(StrEnum):
     """Its channel moves the wrong way."""
     SWAPPED = "swapped"
     """Its channel shows what another sensor should."""
+    GAIN = "gain"
+    """Its channel moves too little or too much, next to the others."""
     UNSURE = "unsure"
     """Several wirings explain the presses about as well, or none does."""
     UNSEEN = "unseen"
@@ -41,7 +43,8 @@ class SensorResult(_Part):
     says: str = ""
     """The finding in words."""
     share: float | None = None
-    """How far its channel moved in all presses, as a part of what the model says; null if that is too little to see."""
+    """How far its channel moved in all presses over what the model says of the sensor that it shows, relative to the
+    other channels; null if that is too little to see."""
     quality: Quality | None = None
     """Quality of its channel during the press above it."""
     moved_mm: dict[str, float] | None = None

@@ -1,18 +1,21 @@
 """The verdict of a commissioning: findings of sensors and errors of places, in words with what to do. Pure."""
 
 from collections.abc import Mapping, Sequence
+from math import isnan
 from typing import NamedTuple
 
 from beamtouch_service.commissioning.report import Finding, PlaceResult
 from beamtouch_service.commissioning.wiring import Judgement, Wiring
 from beamtouch_service.samples import Quality
 
+DEAD = 0.2
+"""A channel that moves by more than this is not dead."""
 PRESS_MM = 5.0
 """How far from a mark a person may press."""
 ALIKE = 0.5
 """Errors of position are alike if they differ by at most this part of their mean: then the marks count otherwise."""
-_WEAK = 0.7
-"""A share below this is named where nothing explains the presses."""
+GAINS = (0.8, 1.25)
+"""Movement of a channel over what it should be, relative to the others, that is as it should."""
 UNSEEN = "the press was not seen"
 _INVERTED = "moves the wrong way"
 _RIGHT = "moves as it should"
@@ -33,10 +36,16 @@ def find(judgement: Judgement, names: Sequence[str], bad: Mapping[str, Quality])
         rivals = list(dict.fromkeys(_of(rival, channel, names) for rival in judgement.rivals))
         best = _of(judgement.wiring, channel, names)
         others = [rival.says for rival in rivals if rival != best]
-        if not judgement.is_explained:
-            share = judgement.shares[channel]
-            moves = "" if share != share else f"; it moves {100 * share:.0f} % of what it should"  # noqa: PLR0124  # NaN
-            found.append(Found(Finding.UNSURE, f"no wiring explains the presses{moves}"))
+        share = float(judgement.shares[channel])
+        if isnan(share):
+            found.append(Found(Finding.UNSURE, "the presses hardly move it: nothing can be said"))
+        elif not judgement.is_explained:
+            says = f"no wiring explains the presses; it moves {100 * share:.0f} % as far as it should"
+            found.append(Found(Finding.UNSURE, says))
+        elif best.finding is Finding.DEAD and abs(share) > DEAD:
+            found.append(Found(Finding.GAIN, f"hardly moves: {100 * share:.0f} % as far as it should"))
+        elif best.finding is not Finding.DEAD and _is_off(share):
+            found.append(Found(Finding.GAIN, f"{best.says}, but {100 * abs(share):.0f} % as far"))
         elif others:
             found.append(Found(Finding.UNSURE, f"not sure: {best.says}, or {others[0]}"))
         elif best.finding is Finding.DEAD and name in bad:
@@ -44,6 +53,12 @@ def find(judgement: Judgement, names: Sequence[str], bad: Mapping[str, Quality])
         else:
             found.append(best)
     return found
+
+
+def _is_off(share: float) -> bool:
+    """Return whether a channel moves too little or too much; False where nothing can be said."""
+    low, high = GAINS
+    return not (isnan(share) or low <= abs(share) <= high)
 
 
 def _of(wiring: Wiring, channel: int, names: Sequence[str]) -> Found:
@@ -72,8 +87,8 @@ def advise(judgement: Judgement, names: Sequence[str], found: Sequence[Found]) -
     wiring, sentences = judgement.wiring, list[str]()
     by_name = dict(zip(names, found, strict=True))
     if not judgement.is_explained:
-        weak = [name for name, share in zip(names, judgement.shares, strict=True) if share < _WEAK]
-        look = f" Look first at {_listed(weak)}: too little movement for the presses." if weak else ""
+        off = [name for name, share in zip(names, judgement.shares.tolist(), strict=True) if _is_off(share)]
+        look = f" Look first at {_listed(off)}: the movement is not in proportion to the others." if off else ""
         return [
             "No wiring explains the presses. Check that each press was above its sensor, that nothing else touched the "
             f"beam, and that the model is that of this beam.{look}"
@@ -94,6 +109,12 @@ def advise(judgement: Judgement, names: Sequence[str], found: Sequence[Found]) -
             f"{_listed(inverted)} {verb} the wrong way. Measure the characteristic with two feeler gauges, and correct "
             "gain_mm_per_count and offset_mm of the channel."
         )
+    for name, share in zip(names, judgement.shares.tolist(), strict=True):
+        if by_name[name].finding is Finding.GAIN:
+            sentences.append(
+                f"{name} moves {100 * abs(share):.0f} % as far as it should, next to the others. Check its gap and its "
+                "characteristic."
+            )
     for name, one in by_name.items():
         if one.finding is Finding.DEAD:
             sentences.append(f"{name} {one.says}. Check its cable, its supply, its input and its gap.")
@@ -141,19 +162,20 @@ def is_right(place: PlaceResult) -> bool:
 def advise_places(places: Sequence[PlaceResult], *, is_wired: bool) -> list[str]:
     """Return sentences on the marked places; `is_wired`: whether every sensor moves as it should."""
     sentences = [f"At {place.at_mm:g} mm: {place.says}." for place in places if place.error_mm is None]
-    errors_mm = [place.error_mm for place in places if place.error_mm is not None]
+    stated = [place for place in places if place.error_mm is not None]
+    errors_mm = [error_mm for place in places if (error_mm := place.error_mm) is not None]
     if errors_mm:
         sentences.append(f"The largest error of a position is {max(map(abs, errors_mm)):.1f} mm.")
     if not is_wired:
         return [*sentences, "Positions mean little until every sensor moves as it should. Put that right, and repeat."]
-    if all(map(is_right, places)) or not errors_mm:
+    if all(map(is_right, stated)):
         return sentences
     mean_mm = sum(errors_mm) / len(errors_mm)
     if len(errors_mm) > 1 and max(errors_mm) - min(errors_mm) <= ALIKE * abs(mean_mm):
         way = "large" if mean_mm > 0 else "small"
         advice = f"All positions are about {abs(mean_mm):.0f} mm too {way}: the marks may count from another point."
     else:
-        advice = "This is more than a person's aim explains. Repeat the commissioning; if it stays so, calibrate the model."
+        advice = "This is more than aim explains. Repeat the commissioning; if it stays so, calibrate the model."
     return [*sentences, advice]
 
 

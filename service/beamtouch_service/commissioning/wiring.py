@@ -20,15 +20,17 @@ Influence = Callable[[Floats], Floats]
 FAULT = 2 * math.log(100.0)
 """Price of a fault in a wiring, as a sum of squares: one cable or sensor in a hundred is taken to be wrong. The same
 decides between two wirings: the better one must be a hundred times as likely."""
-TOLERANCE = 0.05
+TOLERANCE = 0.03
 """Error of a movement, as a part of the largest one of its press, as a standard deviation: gains and mounting of a
 surface that is not calibrated yet."""
 PLACE_SD_MM = 4.0
 """How exactly a person presses above a sensor, as a standard deviation."""
 REACH = np.linspace(-2.0, 2.0, 17)
 """Places of a press that are tried, in these deviations from the place that was asked for."""
-EXPLAINED = 9.0
-"""A press is explained if its mean square of errors over its channels is at most this: three deviations."""
+EXPLAINED = 4.0
+"""A press is explained if the mean square of its errors over its channels is at most this: two deviations."""
+SEEN = 3.0
+"""Nothing is said of a channel whose sensor should move by less than this many deviations, in all presses together."""
 KEPT = 16
 """Number of the best wirings to which one more fault is added. The search is a beam of this width."""
 
@@ -65,12 +67,12 @@ class Judgement(NamedTuple):
     rivals: list[Wiring]
     """Others that explain them about as well."""
     is_explained: bool
-    """Whether it explains every press."""
+    """Whether it explains every press, with a gain of its own for each channel."""
     forces_n: list[float]
     """Force of each press."""
     shares: Floats
-    """How far each channel moved, as a part of what its own sensor should (channels,); NaN where that is too little to
-    be seen."""
+    """How far each channel moved over what the sensor that it shows should (channels,), relative to the other channels:
+    -1 for an inverted one, 0 for a dead one. NaN where that sensor moves too little to be seen."""
 
 
 def judge(presses: Sequence[Press], influence: Influence) -> Judgement:
@@ -86,48 +88,57 @@ def judge(presses: Sequence[Press], influence: Influence) -> Judgement:
     best = min(prices, key=lambda wiring: prices[wiring])
     rivals = [one for one, price in prices.items() if one != best and price < prices[best] + FAULT]
     each = [fit.best(best) for fit in fits]
+    moved_mm, noise_mm = (np.array([one[field] for one in presses]) for field in (1, 2))
+    expected_mm = np.array([one.moved_mm[list(best.sensors)] for one in each])
+    shares = _shares(moved_mm, expected_mm, noise_mm)
+    left = (moved_mm - np.nan_to_num(shares, nan=1.0) * expected_mm) / np.array([fit.deviation_mm for fit in fits])
+    alive = np.abs(shares[np.isfinite(shares) & (np.array(best.signs) != 0)])
     return Judgement(
         best,
         sorted(rivals, key=lambda wiring: prices[wiring]),
-        all(square <= EXPLAINED * fit.degrees for fit, (square, _) in zip(fits, each, strict=True)),
-        [force_n for _, force_n in each],
-        _shares(presses, [fit.expect(force_n) for fit, (_, force_n) in zip(fits, each, strict=True)]),
+        bool(((left**2).mean(axis=1) <= EXPLAINED).all()),
+        [one.force_n for one in each],
+        # The force is that which fits best: a sensor that moves too little makes the others seem to move more.
+        shares / np.median(alive) if len(alive) else shares,
     )
+
+
+class _Best(NamedTuple):
+    """A press at the place and with the force that fit it best under one wiring."""
+
+    force_n: float
+    moved_mm: Floats
+    """How far each sensor should move (sensors,)."""
 
 
 class _Fit:
     """One press, and what the model expects of it at each place that is tried."""
 
     def __init__(self, press: Press, influence: Influence) -> None:
-        seen = np.abs(press.moved_mm)
-        tolerance_mm = TOLERANCE * seen.max()
-        deviation_mm = np.sqrt(press.noise_mm**2 + tolerance_mm**2)
-        self._moved = press.moved_mm / deviation_mm
+        tolerance_mm = TOLERANCE * np.abs(press.moved_mm).max()
+        self.deviation_mm = np.sqrt(press.noise_mm**2 + tolerance_mm**2)
+        """Standard deviation of the movement of each channel (channels,)."""
+        self._moved = press.moved_mm / self.deviation_mm
         self._per_newton = influence(press.at_mm + PLACE_SD_MM * REACH)
-        self._deviation_mm = deviation_mm
-        self.degrees = max(1, len(seen) - 1)
-        """Channels less the force."""
 
-    def squares(self, sensors: NDArray[np.intp], signs: Floats) -> tuple[Floats, Floats]:
-        """Return the least sum of squares of wirings (wirings, channels), (wirings,), and the force of each [N]."""
+    def fit(self, sensors: NDArray[np.intp], signs: Floats) -> tuple[Floats, Floats, NDArray[np.intp]]:
+        """Return the least sum of squares of wirings (wirings, channels), (wirings,), with force [N] and place of each.
+
+        A place is an index into `REACH`.
+        """
         # (places, wirings, channels)
-        expected = self._per_newton[:, sensors] * signs / self._deviation_mm
+        expected = self._per_newton[:, sensors] * signs / self.deviation_mm
         along = np.maximum(expected @ self._moved, 0.0)
         own = np.maximum((expected**2).sum(axis=-1), np.finfo(np.float64).tiny)
         squares = self._moved @ self._moved - along**2 / own + REACH[:, None] ** 2
         place = squares.argmin(axis=0)
         each = np.arange(len(sensors))
-        return squares[place, each], (along / own)[place, each]
+        return squares[place, each], (along / own)[place, each], place
 
-    def best(self, wiring: Wiring) -> tuple[float, float]:
-        """Return the least sum of squares of a wiring, and the force [N]."""
-        squares, forces_n = self.squares(np.array([wiring.sensors]), np.array([wiring.signs], np.float64))
-        return float(squares[0]), float(forces_n[0])
-
-    def expect(self, force_n: float) -> Floats:
-        """Return how far the sensors move (sensors,) under this force at the place that was asked for [mm]."""
-        expected: Floats = force_n * self._per_newton[len(REACH) // 2]
-        return expected
+    def best(self, wiring: Wiring) -> _Best:
+        """Return how one wiring fits the press."""
+        _, forces_n, places = self.fit(np.array([wiring.sensors]), np.array([wiring.signs], np.float64))
+        return _Best(float(forces_n[0]), forces_n[0] * self._per_newton[places[0]])
 
 
 def _search(fits: Sequence[_Fit], channels: int) -> dict[Wiring, float]:
@@ -155,7 +166,7 @@ def _search(fits: Sequence[_Fit], channels: int) -> dict[Wiring, float]:
 def _price(faults: dict[Wiring, int], fits: Sequence[_Fit]) -> dict[Wiring, float]:
     sensors = np.array([wiring.sensors for wiring in faults])
     signs = np.array([wiring.signs for wiring in faults], np.float64)
-    squares = sum((fit.squares(sensors, signs)[0] for fit in fits), start=np.zeros(len(faults)))
+    squares = sum((fit.fit(sensors, signs)[0] for fit in fits), start=np.zeros(len(faults)))
     totals = squares + FAULT * np.array(list(faults.values()))
     return dict(zip(faults, totals.tolist(), strict=True))
 
@@ -185,11 +196,10 @@ def _plain(sensors: Sequence[int], signs: Sequence[int]) -> Wiring:
     return Wiring(tuple(sensor if sign else channel for channel, (sensor, sign) in each), tuple(signs))
 
 
-def _shares(presses: Sequence[Press], expected_mm: Sequence[Floats]) -> Floats:
-    """Return how far each channel moved, as a part of what its sensor should, over all presses."""
-    moved, expected = np.array([press.moved_mm for press in presses]), np.array(expected_mm)
-    own = (expected**2).sum(axis=0)
-    noise = np.array([press.noise_mm for press in presses]).mean(axis=0)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        shares: Floats = np.where(own > (3 * noise) ** 2, (moved * expected).sum(axis=0) / own, np.nan)
+def _shares(moved_mm: Floats, expected_mm: Floats, noise_mm: Floats) -> Floats:
+    """Return how far each channel moved over what is expected (channels,), from tables (presses, channels)."""
+    square = (expected_mm**2).sum(axis=0)
+    shares = np.full(len(square), np.nan)
+    is_seen = square > (SEEN * noise_mm.max(axis=0)) ** 2
+    shares[is_seen] = (moved_mm * expected_mm).sum(axis=0)[is_seen] / square[is_seen]
     return shares

@@ -23,12 +23,12 @@ from sqlalchemy import (
 )
 
 from beamtouch_service.commissioning.report import Recorded, Report
+from beamtouch_service.events import commissionings
 from beamtouch_service.events.best import Best
 from beamtouch_service.events.database import open_database
 from beamtouch_service.events.event import End, Event, EventKind, OpenEvent
 from beamtouch_service.events.health import HealthHistory
 from beamtouch_service.events.tables import (
-    COMMISSIONINGS,
     CONTENT,
     CURSORS,
     DELIVERIES,
@@ -39,8 +39,6 @@ from beamtouch_service.events.tables import (
 )
 from beamtouch_service.sections import EventsSection
 
-MAX_COMMISSIONINGS = 20
-"""Results that are kept of each surface, however old they are."""
 _PRUNE_SHARE = 20
 """Above the size limit, 1/20 of the events goes at a time."""
 _c = EVENTS.c
@@ -236,22 +234,13 @@ class Store:
 
     def add_commissioning(self, course: str, report: Report) -> int:
         """Put the result of a course on record, unless it is there; return its id."""
-        c, surface = COMMISSIONINGS.c, report.surface
-        row = {"surface": surface, "course": course, "report": report.model_dump(mode="json")}
-        newest = select(c.id).where(c.surface == surface).order_by(c.id.desc()).limit(MAX_COMMISSIONINGS)
         with self._database.writing() as connection:
-            number: int | None = connection.scalar(select(c.id).where(c.course == course))
-            if number is None:
-                number = connection.execute(insert(COMMISSIONINGS).returning(c.id), row).scalar_one()
-                connection.execute(delete(COMMISSIONINGS).where(c.surface == surface, c.id.not_in(newest)))
-        return number
+            return commissionings.add(connection, course, report)
 
     def commissionings(self, surface: str) -> list[Recorded]:
         """Return the results of the commissionings of a surface, newest first."""
-        c = COMMISSIONINGS.c
-        query = select(c.id, c.report).where(c.surface == surface).order_by(c.id.desc())
         with self._database.reading() as connection:
-            return [Recorded.model_validate({"id": row.id, **row.report}) for row in connection.execute(query)]
+            return commissionings.read(connection, surface)
 
     def prune(self, now_s: float) -> int:
         """Delete events too old at `now_s` [s since 1970], and the oldest above the size limit; return how many.

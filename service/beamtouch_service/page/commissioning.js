@@ -13,7 +13,7 @@ const MEMORY = "This service keeps its record in memory only: download the resul
 const INTRODUCTION =
   "Press above each sensor, then at three marks, while the page watches every channel. It takes some three minutes. " +
   "Tare the sensors first, and take everything off the beam.";
-const KINDS = { right: "good", dead: "bad", inverted: "bad", swapped: "bad", unsure: "unsure", unseen: "unsure" };
+const KINDS = { right: "good", dead: "bad", inverted: "bad", swapped: "bad", gain: "bad", unsure: "unsure", unseen: "unsure" };
 const SIGNS = { good: "good", bad: "bad", unsure: "unknown" };
 const LABELS = { start: "Begin", skip: "Not seen: go on", confirm: "Put on record" };
 
@@ -186,6 +186,7 @@ export class Commissioning {
     part("by-row").hidden = !isDone;
     part("abandon").hidden = !course;
     setText(part("go"), LABELS[action]);
+    part("go").classList.toggle("main", action !== "skip"); // to skip is not what one should do next
     part("newest").hidden = newest === null || course !== null;
     if (newest) setText(part("newest-words"), `On record: ${summary(newest)}`);
   }
