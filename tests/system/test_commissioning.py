@@ -91,6 +91,7 @@ def test_the_page_finds_swapped_cables_an_inverted_sensor_and_a_dead_one(
         assert seen.page.query_selector("#beam .target") is not None
         seen.page.set_viewport_size(PHONE)
         assert seen.overflow() <= 0
+        seen.page.evaluate("document.getElementById('commissioning').scrollIntoView()")
         seen.picture("commissioning-phone")
         for at_mm in marks(metadata):
             press(seen, line, f"Press at the mark, {at_mm:.0f} mm", at_mm)
