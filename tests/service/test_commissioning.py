@@ -149,6 +149,12 @@ def test_the_words_for_errors_of_position(stated: tuple[float | None, ...], is_w
     assert len([one for one in sentences if "no position" in one]) == stated.count(None)
 
 
+def test_without_an_interval_only_the_aim_is_allowed_and_without_a_state_the_reason_is_stated() -> None:
+    stated = judge_place(PlaceResult(at_mm=100.0, state=State.CONTACT, position_mm=105.5))
+    assert (stated.error_mm, stated.allowed_mm, stated.says) == (5.5, 5.0, "+5.5 mm, more than 5.0 mm")
+    assert judge_place(PlaceResult(at_mm=100.0), "no position: too few working channels").says.startswith("no position")
+
+
 # The routes.
 
 

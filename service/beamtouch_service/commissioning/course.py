@@ -35,8 +35,9 @@ class Seen(NamedTuple):
     """What the surface says of the newest sample."""
 
     state: State | None
-    """None if there is a problem instead."""
     figures: Figures = NO_FIGURES
+    reason: str = ""
+    """Why there is no state."""
 
 
 class Course:
@@ -137,7 +138,7 @@ class Course:
         if self.step < len(sensors):
             self._update(self.step, finding=Finding.UNSEEN, says=UNSEEN)
         else:
-            self._take_place(Seen(None))
+            self._take_place(Seen(None, reason=UNSEEN))
         self._advance()
 
     def _take_sensor(self, moved: Movement, bad: Mapping[str, Quality]) -> None:
@@ -169,7 +170,7 @@ class Course:
         index = self.step - len(self.report.sensors)
         stated = {name: getattr(seen.figures, name) for name in _STATED}
         place = self.report.places[index].model_copy(update={"state": seen.state, **stated})
-        self.report.places[index] = judge_place(place)
+        self.report.places[index] = judge_place(place, seen.reason)
 
     def _update(self, index: int, **members: object) -> None:
         self.report.sensors[index] = self.report.sensors[index].model_copy(update=members)

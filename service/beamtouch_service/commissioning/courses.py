@@ -90,8 +90,11 @@ class Courses:
             self.abandon(course, "The model of the surface changed meanwhile. Begin again.")
             return
         newest = surface.newest
-        decision = newest.decided[1] if newest and newest.decided else None
-        seen = Seen(decision.state, decision.figures) if decision else Seen(None)
+        if newest is None or newest.decided is None:
+            return
+        decision = newest.decided[1]
+        reason = f"no position: {decision.problem.kind.title.lower()}" if decision.problem else ""
+        seen = Seen(decision.state, decision.figures, reason)
         for estimate in weighed.values():
             course.take(batch.boot_id, batch.channels, estimate.sample, seen)
 

@@ -16,6 +16,7 @@ ALIKE = 0.5
 """Errors of position are alike if they differ by at most this part of their mean: then the marks count otherwise."""
 GAINS = (0.8, 1.25)
 """Movement of a channel over what it should be, relative to the others, that is as it should."""
+_DIGITS = 4
 UNSEEN = "the press was not seen"
 _INVERTED = "moves the wrong way"
 _RIGHT = "moves as it should"
@@ -140,18 +141,20 @@ def _of_cables(wiring: Wiring, names: Sequence[str], unsure: set[str]) -> list[s
     return sentences
 
 
-def judge_place(place: PlaceResult) -> PlaceResult:
-    """Return a place with its error, and the result in words."""
+def judge_place(place: PlaceResult, reason: str = "") -> PlaceResult:
+    """Return a place with its error, and the result in words; `reason`: why the surface had no state."""
     if place.state is None:
-        return place.model_copy(update={"says": UNSEEN})
-    if place.position_mm is None or place.position_low_mm is None or place.position_high_mm is None:
+        return place.model_copy(update={"says": reason})
+    if place.position_mm is None:
         return place.model_copy(update={"says": f"no position: {place.state.value}"})
     error_mm = place.position_mm - place.at_mm
-    allowed_mm = PRESS_MM + (place.position_high_mm - place.position_low_mm) / 2
-    is_right = abs(error_mm) <= allowed_mm
-    says = f"{error_mm:+.1f} mm, {'within' if is_right else 'more than'} {allowed_mm:.1f} mm"
-    figures = {"error_mm": round(error_mm, 2), "allowed_mm": round(allowed_mm, 2), "says": says}
-    return place.model_copy(update=figures)
+    allowed_mm = PRESS_MM
+    if place.position_low_mm is not None and place.position_high_mm is not None:
+        allowed_mm += (place.position_high_mm - place.position_low_mm) / 2
+    word = "within" if abs(error_mm) <= allowed_mm else "more than"
+    says = f"{error_mm:+.1f} mm, {word} {allowed_mm:.1f} mm"
+    figures = {"error_mm": round(error_mm, _DIGITS), "allowed_mm": round(allowed_mm, _DIGITS)}
+    return place.model_copy(update={**figures, "says": says})
 
 
 def is_right(place: PlaceResult) -> bool:
