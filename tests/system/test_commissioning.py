@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from playwright.sync_api import ViewportSize
 
 from beamtouch_models import modelfile
 from beamtouch_models.building.daemon_config import daemon_config
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
 
 pytestmark = [pytest.mark.long, pytest.mark.timeout(600)]
 
-PHONE = {"width": 390, "height": 844}
+PHONE: ViewportSize = {"width": 390, "height": 844}
 FORCE_N = 10
 
 
@@ -46,10 +47,11 @@ class LineByHand(Line):
 
     def _start_rig(self, surface: Surface) -> dict[str, Any]:
         program = Path(sys.executable).parent / "beamtouch-rig"
-        command = [program, self._scene, "--model", self._model, "--modbus-tcp", "127.0.0.1:0", "--by-hand"]
+        command: list[str | Path] = [program, self._scene, "--model", self._model, "--by-hand"]
+        command += ["--modbus-tcp", "127.0.0.1:0", *surface.rig_options]
         with (self.folder / "rig-bench.log").open("w") as log:
             self._processes["rig-bench"] = subprocess.Popen(
-                [*command, *surface.rig_options],
+                command,
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=log,

@@ -93,7 +93,8 @@ class Course:
     @property
     def at_mm(self) -> float | None:
         """Where to press now; None once every step is done."""
-        places = [one.at_mm for one in (*self.report.sensors, *self.report.places)]
+        report = self.report
+        places = [sensor.at_mm for sensor in report.sensors] + [place.at_mm for place in report.places]
         return None if self.is_done else places[self.step]
 
     @property
@@ -203,6 +204,6 @@ def marks(metadata: Metadata) -> list[float]:
         middle_mm = (begin_mm + end_mm) / 2
         seen = {at_mm: force_n for at_mm, force_n in table if force_n is not None and begin_mm < at_mm < end_mm}
         well = [at_mm for at_mm, force_n in seen.items() if force_n <= _WELL_SEEN * strong_n]
-        nearest = well or list(seen) or [middle_mm]
-        found.append(float(round(min(nearest, key=lambda at_mm: abs(at_mm - middle_mm)))))
+        _, nearest_mm = min((abs(at_mm - middle_mm), at_mm) for at_mm in well or list(seen) or [middle_mm])
+        found.append(float(round(nearest_mm)))
     return found
