@@ -17,6 +17,7 @@ from beamtouch_models.decision.evidence import (
 from beamtouch_models.decision.suspects import LeftOut, Suspects
 from beamtouch_models.decision.wiring import Wirings
 from beamtouch_models.errors import ModelFileError
+from beamtouch_models.health.curve import InfluenceCurve
 from beamtouch_models.health.health import BestSample, ChannelChange, Health
 from beamtouch_models.loading import ModelFile, load, load_bytes, read
 from beamtouch_models.metadata import (
@@ -32,7 +33,7 @@ from beamtouch_models.session import Answers, GraphError, graph_errors
 
 __all__ = [
     "INPUTS", "LOG_ODDS", "MISFIT", "Accuracy", "Answers", "BestSample", "Calibration", "ChannelChange", "Drawn",
-    "Evidence", "GraphError", "Health", "Hypotheses", "Judgement", "LeftOut", "Memory", "Metadata", "ModelFile",
-    "ModelFileError", "Noise", "Ranges", "State", "Suspects", "Weighed", "Wirings", "evidence", "graph_errors",
-    "is_odd", "is_overload", "is_unchecked", "load", "load_bytes", "memories_after", "read",
+    "Evidence", "GraphError", "Health", "Hypotheses", "InfluenceCurve", "Judgement", "LeftOut", "Memory", "Metadata",
+    "ModelFile", "ModelFileError", "Noise", "Ranges", "State", "Suspects", "Weighed", "Wirings", "evidence",
+    "graph_errors", "is_odd", "is_overload", "is_unchecked", "load", "load_bytes", "memories_after", "read",
 ]  # fmt: skip

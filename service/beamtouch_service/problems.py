@@ -33,6 +33,8 @@ class Kind(Enum):
     FORBIDDEN = ("forbidden", 403, "The token is for another purpose")
     UNKNOWN_SURFACE = ("unknown-surface", 404, "There is no such surface")
     UNKNOWN_EVENT = ("unknown-event", 404, "There is no such event")
+    NO_COMMISSIONING = ("no-commissioning", 404, "There is no such commissioning")
+    OTHER_COMMISSIONING = ("other-commissioning", 409, "The commissioning has gone on")
     ONE_OF_SEVERAL = ("one-of-several", 421, "This service has only some of the surfaces")
     SURFACE_REQUIRED = ("surface-required", 400, "There are several surfaces; name one")
     MALFORMED_JSON = ("malformed-json", 400, "The body is not JSON")

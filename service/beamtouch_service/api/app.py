@@ -12,6 +12,7 @@ from fastapi.responses import JSONResponse
 from beamtouch_common.commands import version
 from beamtouch_service.access import Access, Role
 from beamtouch_service.api import (
+    commissioning,
     errors,
     events,
     gate,
@@ -43,6 +44,8 @@ _ROUTERS = (
     surfaces.model_router,
     stream.router,
     events.router,
+    commissioning.router,
+    commissioning.write_router,
     health.live_router,
     health.router,
     _description_router,

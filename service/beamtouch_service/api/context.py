@@ -13,6 +13,7 @@ from starlette.types import Scope
 
 from beamtouch_service.access import Access, Role
 from beamtouch_service.api.counts import Counts
+from beamtouch_service.commissioning.courses import Courses
 from beamtouch_service.events.recorder import Recorder
 from beamtouch_service.problems import Kind, Problem, ProblemError
 from beamtouch_service.surfaces.freshness import Ticks
@@ -56,6 +57,7 @@ class Context:
     recorder: Recorder
     counts: Counts
     streams: Streams
+    courses: Courses = field(default_factory=Courses)
     ticks: Ticks = field(default_factory=Ticks)
     """Notices that the process stood still."""
     missing: dict[str, str] = field(default_factory=dict)

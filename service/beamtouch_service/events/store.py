@@ -22,6 +22,8 @@ from sqlalchemy import (
     update,
 )
 
+from beamtouch_service.commissioning.report import Recorded, Report
+from beamtouch_service.events import commissionings
 from beamtouch_service.events.best import Best
 from beamtouch_service.events.database import open_database
 from beamtouch_service.events.event import End, Event, EventKind, OpenEvent
@@ -116,6 +118,8 @@ class Store:
     def __init__(self, events: EventsSection) -> None:
         """Open a file, the database of a URL, or memory; raises EventStoreError."""
         self._keep_s, self._max_bytes = events.keep_days * 86_400, events.max_mb * 1e6
+        self.is_lasting = bool(events.url or events.file)
+        """Whether the record outlives the service."""
         self._database = open_database(events.url or events.file)
 
     @property
@@ -227,6 +231,16 @@ class Store:
         numbers = [one.delivery for one in delivered]
         with self._database.writing() as connection:
             connection.execute(delete(DELIVERIES).where(DELIVERIES.c.number.in_(numbers)))
+
+    def add_commissioning(self, course: str, report: Report) -> int:
+        """Put the result of a course on record, unless it is there; return its id."""
+        with self._database.writing() as connection:
+            return commissionings.add(connection, course, report)
+
+    def commissionings(self, surface: str) -> list[Recorded]:
+        """Return the results of the commissionings of a surface, newest first."""
+        with self._database.reading() as connection:
+            return commissionings.read(connection, surface)
 
     def prune(self, now_s: float) -> int:
         """Delete events too old at `now_s` [s since 1970], and the oldest above the size limit; return how many.

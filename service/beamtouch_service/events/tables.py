@@ -24,7 +24,7 @@ from sqlalchemy import (
 
 from beamtouch_service.events.event import Begin, End, Event, EventKind
 
-FORMAT = 9
+FORMAT = 10
 """The format of the record. A record of another one is refused: count it up with every change of a table."""
 _NUMBER = BigInteger().with_variant(Integer, "sqlite")
 _ALL = MetaData()
@@ -100,6 +100,16 @@ DELIVERIES = Table(
     sqlite_autoincrement=True,
 )
 """A row per finished event that a destination has yet to acknowledge, in the order in which they finished."""
+COMMISSIONINGS = Table(
+    "commissionings",
+    _ALL,
+    Column("id", _NUMBER, primary_key=True),
+    Column("surface", String, nullable=False, index=True),
+    Column("course", String, nullable=False, unique=True),
+    Column("report", JSON, nullable=False),
+    sqlite_autoincrement=True,
+)
+"""A row per confirmed result of a commissioning. It is of people, not of samples, so no cursor knows it."""
 _FORMATS = Table("beamtouch_format", _ALL, Column("format", Integer, nullable=False))
 
 # Written out: SQLite uses a partial index only for a condition without parameters.

@@ -23,8 +23,8 @@ export class BeamView {
     this.deepest = { mm: 0, at: 0 };
   }
 
-  /** `drawn`: supports and table by the model, or null while they are not known. */
-  draw(shown, drawn) {
+  /** `drawn`: supports and table by the model, or null while they are not known. `target`: where to press, or null. */
+  draw(shown, drawn, target = null) {
     const { width, height } = this.element.getBoundingClientRect();
     if (width < 50 || !shown.length) {
       this.element.replaceChildren();
@@ -43,6 +43,7 @@ export class BeamView {
       ...sensors(shown, drawn, scale),
       ...line(shown, drawn, seen, bent, scale),
       ...seen.map((channel) => mark(channel, shown, scale)),
+      ...(target === null ? [] : aim(target, scale)),
       ...(shown.kind === "contact" ? touch(shown.contact, bent, scale) : []),
     );
     this.caption(captionOf(shown, drawn, seen, scale));
@@ -113,6 +114,16 @@ function line(shown, drawn, seen, bent, scale) {
 function mark(channel, shown, scale) {
   const kind = channel.name === shown.suspect ? "seen suspect" : "seen";
   return svg("circle", { class: kind, cx: scale.x(channel.position_mm), cy: scale.y(channel.deflection_mm), r: 4 });
+}
+
+/** Where to press in a commissioning: a dashed arrow over the beam. */
+function aim(target, scale) {
+  const x = scale.x(target);
+  const y = scale.y(0) - 5;
+  return [
+    svg("path", { class: "target", d: `M${x} 4V${y - 11}` }),
+    svg("path", { class: "target-tip", d: `M${x} ${y}l-8-12h16z` }),
+  ];
 }
 
 function touch(contact, bent, scale) {

@@ -1,6 +1,7 @@
 // The page of the service: follows one surface, and shows what is known of it now.
 
 import { BeamView } from "./beam.js";
+import { Commissioning } from "./commissioning.js";
 import { byId, html, setText, sign } from "./dom.js";
 import { Drawing } from "./drawing.js";
 import { Events } from "./events.js";
@@ -23,6 +24,7 @@ const history = new History();
 const token = new Token();
 const events = new Events(token);
 const health = new Health(token);
+const commissioning = new Commissioning(token);
 const beam = new BeamView(byId("beam"), (text) => setText(byId("beam-words"), text));
 const drawing = new Drawing(token);
 const feed = new Feed(token, remember, surfacesKnown);
@@ -56,6 +58,7 @@ function surfacesKnown() {
   byId("contact-link").href = feed.chosen ? `/contact?surface=${encodeURIComponent(feed.chosen)}` : "/contact";
   events.follow(feed.surface?.name);
   health.follow(feed.surface?.name);
+  commissioning.follow(feed.surface?.name ?? null);
 }
 
 /** At once, not with the next step: nothing of a surface outlives the token that it was read with. */
@@ -115,7 +118,7 @@ function show() {
   nameModel(shown.contact?.model ?? model);
   if (feed.link === "open") drawing.want(feed.chosen, model);
   const drawn = drawing.of(model, shown.length);
-  beam.draw(shown, drawn);
+  beam.draw(shown, drawn, commissioning.target);
   listZones(byId("zones"), drawn?.zones ?? {}, shown.contact?.zones);
   if (steps++ % (calm.matches ? 1 : STEPS_PER_STRIP) === 0) drawStrips(shown);
 }

@@ -1,0 +1,192 @@
+"""The routes of commissioning: begin, look, skip a step, confirm or abandon; and the results on record."""
+
+import time
+from typing import Annotated, Literal
+
+from fastapi import Path as PathParameter
+from fastapi import Query, Response
+from pydantic import BaseModel, ConfigDict
+
+from beamtouch_service.access import Role
+from beamtouch_service.api import gate
+from beamtouch_service.api.context import Context, ContextParameter, SurfaceInPath
+from beamtouch_service.commissioning.course import Course
+from beamtouch_service.commissioning.courses import hides_presses
+from beamtouch_service.commissioning.pressing import Stage
+from beamtouch_service.commissioning.report import Recorded, Report, as_text
+from beamtouch_service.problems import Kind, Problem, ProblemError
+from beamtouch_service.surfaces.contact import rfc3339
+
+_TEXT = "text/plain; charset=utf-8"
+_MAX_BY = 80
+"""Length of the longest name of a person."""
+_ABANDONED = "It was abandoned."
+
+_CourseId = Annotated[str, Query(max_length=64, description="`id` of the course, as its state gives it.")]
+
+router = gate.make_router("commissioning", Role.READ)
+write_router = gate.make_router("commissioning", Role.WRITE)
+
+
+class CourseState(BaseModel):
+    """A commissioning that is under way."""
+
+    model_config = ConfigDict(use_attribute_docstrings=True)
+
+    id: str
+    step: int
+    """Number of the current step, from 0: a press above each sensor, then one at each mark."""
+    steps: int
+    """Number of steps. Once `step` has reached it, the result can be confirmed."""
+    stage: Stage | None
+    """What the step awaits; null once every step is done."""
+    held: float
+    """Which part of the time has passed for which a press must be held, 0 to 1."""
+    at_mm: float | None
+    """Where to press now."""
+    prompt: str
+    """What to do now, in words."""
+    report: Report
+    """The result so far."""
+
+
+class CommissioningState(BaseModel):
+    """Whether a commissioning of a surface is under way, and how far it is."""
+
+    model_config = ConfigDict(use_attribute_docstrings=True)
+
+    course: CourseState | None
+    """Null if none is under way."""
+    ended: str | None
+    """Why the last one ended without a result; null if it did not, or the service was started anew."""
+    lasting: bool
+    """Whether results outlive the service. Without a file or a database for events they do not."""
+
+
+class CommissioningList(BaseModel):
+    """The results on record, newest first."""
+
+    commissionings: list[Recorded]
+
+
+def _state(context: Context, name: str) -> CommissioningState:
+    course, courses = context.courses.of(name), context.courses
+    problem = hides_presses(context.registry.named(name), context.clock())
+    return CommissioningState(
+        course=None if course is None else _course_state(course, problem),
+        ended=None if course else courses.why_ended(name),
+        lasting=context.recorder.store.is_lasting,
+    )
+
+
+def _course_state(course: Course, problem: Problem | None) -> CourseState:
+    if problem and not course.is_done:
+        prompt = f"{problem.kind.title}. Go on once samples come again."
+    else:
+        prompt = course.prompt
+    return CourseState(
+        id=course.id,
+        step=course.step,
+        steps=course.steps,
+        stage=course.stage,
+        held=round(course.held, 2),
+        at_mm=course.at_mm,
+        prompt=prompt,
+        report=course.report,
+    )
+
+
+def _now_us() -> int:
+    return round(time.time() * 1e6)
+
+
+@router.get("/surfaces/{name}/commissioning")
+async def get_commissioning(context: ContextParameter, name: SurfaceInPath) -> CommissioningState:
+    """Return how far the commissioning of this surface is, if one is under way."""
+    return _state(context, name)
+
+
+@write_router.post("/surfaces/{name}/commissioning")
+async def post_commissioning(context: ContextParameter, name: SurfaceInPath) -> CommissioningState:
+    """Begin a commissioning of this surface."""
+    context.courses.start(context.registry.named(name), context.clock(), _now_us())
+    return _state(context, name)
+
+
+@write_router.post("/surfaces/{name}/commissioning/skip")
+async def post_commissioning_skip(
+    context: ContextParameter,
+    name: SurfaceInPath,
+    course: _CourseId,
+    step: Annotated[int, Query(ge=0, le=1000, description="The step to skip, which must be the current one.")],
+) -> CommissioningState:
+    """End a step whose press is not seen."""
+    found = context.courses.require(context.registry.named(name).name, course, step)
+    if found.is_done:
+        raise ProblemError(Problem(Kind.OTHER_COMMISSIONING, "Every step is done. Confirm the result.", name))
+    found.skip()
+    return _state(context, name)
+
+
+@write_router.post("/surfaces/{name}/commissioning/confirm")
+async def post_commissioning_confirm(
+    context: ContextParameter,
+    name: SurfaceInPath,
+    course: _CourseId,
+    by: Annotated[str, Query(max_length=_MAX_BY, description="Who confirms it.")] = "",
+) -> Recorded:
+    """Put the result on record, once every step is done."""
+    found = context.courses.require(context.registry.named(name).name, course)
+    if not found.is_done:
+        detail = f"{found.steps - found.step} steps are left. Do them, skip them, or abandon it."
+        raise ProblemError(Problem(Kind.OTHER_COMMISSIONING, detail, name))
+    report = found.report.model_copy(update={"ended_at": rfc3339(_now_us()), "by": by.strip()})
+    # Nobody else can confirm it while it is being written.
+    context.courses.take_out(found)
+    try:
+        number = await context.recorder.ask(lambda store: store.add_commissioning(found.id, report))
+    except BaseException:
+        context.courses.put_back(found)
+        raise
+    return Recorded(id=number, **report.model_dump())
+
+
+@write_router.post("/surfaces/{name}/commissioning/abandon")
+async def post_commissioning_abandon(
+    context: ContextParameter, name: SurfaceInPath, course: _CourseId
+) -> CommissioningState:
+    """End a commissioning without a result."""
+    context.courses.abandon(context.courses.require(context.registry.named(name).name, course), _ABANDONED)
+    return _state(context, name)
+
+
+@router.get("/surfaces/{name}/commissionings")
+async def get_commissionings(context: ContextParameter, name: SurfaceInPath) -> CommissioningList:
+    """Return the results on record of this surface, newest first: the last 20."""
+    return CommissioningList(commissionings=await _recorded(context, name))
+
+
+@router.get(
+    "/surfaces/{name}/commissionings/{id}",
+    response_model=Recorded,
+    responses={200: {"content": {"text/plain": {"schema": {"type": "string"}}}}},
+)
+async def get_commissioning_result(
+    context: ContextParameter,
+    name: SurfaceInPath,
+    number: Annotated[int, PathParameter(alias="id", ge=1, lt=2**63)],
+    as_format: Annotated[Literal["json", "text"], Query(alias="format", description="JSON, or text to read.")] = "json",
+) -> Response:
+    """Return one result on record."""
+    one = next((one for one in await _recorded(context, name) if one.id == number), None)
+    if one is None:
+        detail = f"Surface {name} has no commissioning {number} on record; see GET /surfaces/{name}/commissionings."
+        raise ProblemError(Problem(Kind.NO_COMMISSIONING, detail, name))
+    if as_format == "text":
+        return Response(as_text(one), media_type=_TEXT)
+    return Response(one.model_dump_json(indent=2), media_type="application/json")
+
+
+async def _recorded(context: Context, name: str) -> list[Recorded]:
+    surface = context.registry.named(name).name
+    return await context.recorder.ask(lambda store: store.commissionings(surface))

@@ -1,0 +1,1 @@
+"""The commissioning of a surface: presses above each sensor and at marked places, and a verdict. No web, no clock."""

@@ -1,0 +1,156 @@
+"""The result of a commissioning: its figures, its verdict in words, and all of it as text. Pure."""
+
+from enum import StrEnum
+
+from pydantic import BaseModel, ConfigDict
+
+from beamtouch_common.table import aligned
+from beamtouch_models.modelfile import State
+from beamtouch_service.samples import Quality
+
+
+class Finding(StrEnum):
+    """What presses show of a sensor."""
+
+    RIGHT = "right"
+    """Its channel moves as it should."""
+    DEAD = "dead"
+    """Its channel does not move."""
+    INVERTED = "inverted"
+    """Its channel moves the wrong way."""
+    SWAPPED = "swapped"
+    """Its channel shows what another sensor should."""
+    GAIN = "gain"
+    """Its channel moves too little or too much, next to the others."""
+    UNSURE = "unsure"
+    """Several wirings explain the presses about as well, or none does."""
+    UNSEEN = "unseen"
+    """The press above it was not seen."""
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(use_attribute_docstrings=True)
+
+
+class SensorResult(_Part):
+    """A sensor, and the press above it."""
+
+    name: str
+    at_mm: float
+    """Where to press: the sensor's place, or the nearest one at which the model knows contacts."""
+    finding: Finding | None = None
+    """Null until it has been pressed."""
+    says: str = ""
+    """The finding in words."""
+    share: float | None = None
+    """How far its channel moved in all presses over what the model says of the sensor that it shows, relative to the
+    other channels; null if that is too little to see."""
+    quality: Quality | None = None
+    """Quality of its channel during the press above it."""
+    moved_mm: dict[str, float] | None = None
+    """How far each channel moved during the press above it, from rest; null if the press was not seen."""
+    force_n: float | None = None
+    """Force of the press, as the model explains the movements."""
+
+
+class PlaceResult(_Part):
+    """A marked place, and what the surface said of the press there."""
+
+    at_mm: float
+    """Where to press."""
+    state: State | None = None
+    """State of the surface during the press; null without one."""
+    position_mm: float | None = None
+    position_low_mm: float | None = None
+    position_high_mm: float | None = None
+    force_n: float | None = None
+    error_mm: float | None = None
+    """Stated position less that of the mark."""
+    allowed_mm: float | None = None
+    """Largest error that passes: how exactly a person presses, and the half-width of the interval."""
+    says: str = ""
+    """The result in words; empty until it has been pressed."""
+
+
+class Report(_Part):
+    """The result of a commissioning, or what there is of it so far."""
+
+    surface: str
+    model: str
+    """Name and fingerprint of the model."""
+    beam: str
+    """Identity of the beam and layout that the model is of."""
+    begun_at: str
+    """Time by the clock of the service (RFC 3339)."""
+    ended_at: str | None = None
+    """When it was confirmed; null until then."""
+    by: str = ""
+    """Who confirmed it, as they said."""
+    passed: bool | None = None
+    """Null until every step is done."""
+    verdict: list[str] = []
+    """In sentences, with what to do; what is known so far until every step is done."""
+    sensors: list[SensorResult]
+    places: list[PlaceResult]
+
+
+class Recorded(Report):
+    """A result on record."""
+
+    id: int
+
+
+def as_text(report: Report) -> str:
+    """Return a result as text for people."""
+    passed = {True: "PASSED", False: "NOT PASSED", None: "not finished"}[report.passed]
+    about = {
+        "surface": report.surface,
+        "model": report.model,
+        "beam": report.beam,
+        "begun": report.begun_at,
+        "confirmed": f"{report.ended_at or 'not yet'}{f' by {report.by}' if report.by else ''}",
+        "result": passed,
+    }
+    names = [sensor.name for sensor in report.sensors]
+    moved = [
+        [sensor.name, _figure(sensor.at_mm, 1), *(_moved(sensor, name) for name in names), _share(sensor), sensor.says]
+        for sensor in report.sensors
+    ]
+    places = [
+        [_figure(one.at_mm, 1), _figure(one.position_mm, 1), _interval(one), _figure(one.error_mm, 1), one.says]
+        for one in report.places
+    ]
+    return "\n".join(
+        [
+            "Commissioning of a Beamtouch surface",
+            "",
+            *(f"{name:<10}{value}" for name, value in about.items()),
+            "",
+            *report.verdict,
+            "",
+            "Presses above the sensors: movement of each channel in mm, from rest",
+            *aligned(["above", "at mm", *names, "share", "finding"], moved, range(1, len(names) + 3)),
+            "",
+            "Presses at marked places",
+            *aligned(["mark mm", "says mm", "95 % interval", "error mm", "result"], places, (0, 1, 3)),
+            "",
+        ]
+    )
+
+
+def _figure(value: float | None, digits: int) -> str:
+    return "-" if value is None else f"{value:.{digits}f}"
+
+
+def _moved(sensor: SensorResult, channel: str) -> str:
+    return "-" if sensor.moved_mm is None else f"{sensor.moved_mm[channel]:.4f}"
+
+
+def _share(sensor: SensorResult) -> str:
+    return "-" if sensor.share is None else f"{100 * sensor.share:.0f} %"
+
+
+def _interval(place: PlaceResult) -> str:
+    if place.position_low_mm is None or place.position_high_mm is None:
+        return "-"
+    return f"{place.position_low_mm:.1f} ... {place.position_high_mm:.1f}"

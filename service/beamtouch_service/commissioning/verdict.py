@@ -1,0 +1,186 @@
+"""The verdict of a commissioning: findings of sensors and errors of places, in words with what to do. Pure."""
+
+from collections.abc import Mapping, Sequence
+from math import isnan
+from typing import NamedTuple
+
+from beamtouch_service.commissioning.report import Finding, PlaceResult
+from beamtouch_service.commissioning.wiring import Judgement, Wiring
+from beamtouch_service.samples import Quality
+
+DEAD = 0.2
+"""A channel that moves by more than this is not dead."""
+PRESS_MM = 5.0
+"""How far from a mark a person may press."""
+ALIKE = 0.5
+"""Errors of position are alike if they differ by at most this part of their mean: then the marks count otherwise."""
+GAINS = (0.8, 1.25)
+"""Movement of a channel over what it should be, relative to the others, that is as it should."""
+_DIGITS = 4
+UNSEEN = "the press was not seen"
+_INVERTED = "moves the wrong way"
+_RIGHT = "moves as it should"
+_DEAD = "does not move"
+
+
+class Found(NamedTuple):
+    """What presses show of one sensor."""
+
+    finding: Finding
+    says: str
+
+
+def find(judgement: Judgement, names: Sequence[str], bad: Mapping[str, Quality]) -> list[Found]:
+    """Return what presses show of each channel; `bad` are the channels that are not good."""
+    found = []
+    for channel, name in enumerate(names):
+        rivals = list(dict.fromkeys(_of(rival, channel, names) for rival in judgement.rivals))
+        best = _of(judgement.wiring, channel, names)
+        others = [rival.says for rival in rivals if rival != best]
+        share = float(judgement.shares[channel])
+        if isnan(share):
+            found.append(Found(Finding.UNSURE, "the presses hardly move it: nothing can be said"))
+        elif not judgement.is_explained:
+            says = f"no wiring explains the presses; it moves {100 * share:.0f} % as far as it should"
+            found.append(Found(Finding.UNSURE, says))
+        elif best.finding is Finding.DEAD and abs(share) > DEAD:
+            found.append(Found(Finding.GAIN, f"hardly moves: {100 * share:.0f} % as far as it should"))
+        elif best.finding is not Finding.DEAD and _is_off(share):
+            found.append(Found(Finding.GAIN, f"{best.says}, but {100 * abs(share):.0f} % as far"))
+        elif others:
+            found.append(Found(Finding.UNSURE, f"not sure: {best.says}, or {others[0]}"))
+        elif best.finding is Finding.DEAD and name in bad:
+            found.append(Found(Finding.DEAD, f"{best.says} ({bad[name].value})"))
+        else:
+            found.append(best)
+    return found
+
+
+def _is_off(share: float) -> bool:
+    """Return whether a channel moves too little or too much; False where nothing can be said."""
+    low, high = GAINS
+    return not (isnan(share) or low <= abs(share) <= high)
+
+
+def _of(wiring: Wiring, channel: int, names: Sequence[str]) -> Found:
+    """Return what a wiring says of one channel."""
+    sensor, sign = wiring.sensors[channel], wiring.signs[channel]
+    if sign == 0:
+        return Found(Finding.DEAD, _DEAD)
+    if sensor != channel:
+        way = ", the wrong way" if sign < 0 else ""
+        return Found(Finding.SWAPPED, f"moves as {names[sensor]} should{way}")
+    return Found(Finding.INVERTED, _INVERTED) if sign < 0 else Found(Finding.RIGHT, _RIGHT)
+
+
+def advise_unseen(names: Sequence[str]) -> list[str]:
+    """Return a sentence on the sensors of which no press was seen."""
+    if not names:
+        return []
+    return [
+        f"The press above {_listed(names)} was not seen. If you did press firmly, check that the daemon reads this "
+        "surface, and that the beam bends there."
+    ]
+
+
+def advise(judgement: Judgement, names: Sequence[str], found: Sequence[Found]) -> list[str]:
+    """Return a sentence for each fault of the wiring, with what to do."""
+    wiring, sentences = judgement.wiring, list[str]()
+    by_name = dict(zip(names, found, strict=True))
+    if not judgement.is_explained:
+        off = [name for name, share in zip(names, judgement.shares.tolist(), strict=True) if _is_off(share)]
+        look = f" Look first at {_listed(off)}: the movement is not in proportion to the others." if off else ""
+        return [
+            "No wiring explains the presses. Check that each press was above its sensor, that nothing else touched the "
+            f"beam, and that the model is that of this beam.{look}"
+        ]
+    unsure = [name for name, one in by_name.items() if one.finding is Finding.UNSURE]
+    if unsure:
+        each = "; ".join(f"{name}: {by_name[name].says.removeprefix('not sure: ')}" for name in unsure)
+        sentences.append(f"Not sure about {_listed(unsure)} ({each}). Press more firmly, exactly above each sensor.")
+    sentences += _of_cables(wiring, names, set(unsure))
+    inverted = [
+        name
+        for name, one, sign in zip(names, found, wiring.signs, strict=True)
+        if one.finding is not Finding.UNSURE and sign < 0
+    ]
+    if inverted:
+        verb = "moves" if len(inverted) == 1 else "move"
+        sentences.append(
+            f"{_listed(inverted)} {verb} the wrong way. Measure the characteristic with two feeler gauges, and correct "
+            "gain_mm_per_count and offset_mm of the channel."
+        )
+    for name, share in zip(names, judgement.shares.tolist(), strict=True):
+        if by_name[name].finding is Finding.GAIN:
+            sentences.append(
+                f"{name} moves {100 * abs(share):.0f} % as far as it should, next to the others. Check its gap and its "
+                "characteristic."
+            )
+    for name, one in by_name.items():
+        if one.finding is Finding.DEAD:
+            sentences.append(f"{name} {one.says}. Check its cable, its supply, its input and its gap.")
+    return sentences
+
+
+def _of_cables(wiring: Wiring, names: Sequence[str], unsure: set[str]) -> list[str]:
+    moved = {channel: sensor for channel, sensor in wiring.moved.items() if names[channel] not in unsure}
+    if not moved:
+        return []
+    pairs = [(one, other) for one, other in moved.items() if one < other and moved.get(other) == one]
+    is_reversed = len(names) > 3 and wiring.sensors == tuple(range(len(names)))[::-1]
+    if is_reversed:
+        return [
+            "The channels are in reverse order. Check from which end the sensors are numbered, and the order in the "
+            "daemon's configuration."
+        ]
+    sentences = [f"The cables of {names[one]} and {names[other]} are swapped. Swap them back." for one, other in pairs]
+    paired = {channel for pair in pairs for channel in pair}
+    mixed = [f"{names[one]} has the sensor {names[other]}" for one, other in moved.items() if one not in paired]
+    if mixed:
+        sentences.append(f"Cables are mixed up: the input of {', that of '.join(mixed)}.")
+    return sentences
+
+
+def judge_place(place: PlaceResult, reason: str = "") -> PlaceResult:
+    """Return a place with its error, and the result in words; `reason`: why the surface had no state."""
+    if place.state is None:
+        return place.model_copy(update={"says": reason})
+    if place.position_mm is None:
+        return place.model_copy(update={"says": f"no position: {place.state.value}"})
+    error_mm = place.position_mm - place.at_mm
+    allowed_mm = PRESS_MM
+    if place.position_low_mm is not None and place.position_high_mm is not None:
+        allowed_mm += (place.position_high_mm - place.position_low_mm) / 2
+    word = "within" if abs(error_mm) <= allowed_mm else "more than"
+    says = f"{error_mm:+.1f} mm, {word} {allowed_mm:.1f} mm"
+    figures = {"error_mm": round(error_mm, _DIGITS), "allowed_mm": round(allowed_mm, _DIGITS)}
+    return place.model_copy(update={**figures, "says": says})
+
+
+def is_right(place: PlaceResult) -> bool:
+    """Return whether the position that was stated is that of the mark."""
+    return place.error_mm is not None and place.allowed_mm is not None and abs(place.error_mm) <= place.allowed_mm
+
+
+def advise_places(places: Sequence[PlaceResult], *, is_wired: bool) -> list[str]:
+    """Return sentences on the marked places; `is_wired`: whether every sensor moves as it should."""
+    sentences = [f"At {place.at_mm:g} mm: {place.says}." for place in places if place.error_mm is None]
+    stated = [place for place in places if place.error_mm is not None]
+    errors_mm = [error_mm for place in places if (error_mm := place.error_mm) is not None]
+    if errors_mm:
+        sentences.append(f"The largest error of a position is {max(map(abs, errors_mm)):.1f} mm.")
+    if not is_wired:
+        return [*sentences, "Positions mean little until every sensor moves as it should. Put that right, and repeat."]
+    if all(map(is_right, stated)):
+        return sentences
+    mean_mm = sum(errors_mm) / len(errors_mm)
+    if len(errors_mm) > 1 and max(errors_mm) - min(errors_mm) <= ALIKE * abs(mean_mm):
+        way = "large" if mean_mm > 0 else "small"
+        advice = f"All positions are about {abs(mean_mm):.0f} mm too {way}: the marks may count from another point."
+    else:
+        advice = "This is more than aim explains. Repeat the commissioning; if it stays so, calibrate the model."
+    return [*sentences, advice]
+
+
+def _listed(names: Sequence[str]) -> str:
+    return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)

@@ -1,0 +1,205 @@
+"""The wiring that presses above the sensors show: which channel has which sensor, inverted or dead. Pure.
+
+A press above a sensor moves its neighbours, too. So each press is compared with the influence of the model, channel by
+channel, for every way to wire the sensors that is looked for. The force of a press is not known, and its place only
+about; both are those that fit best.
+"""
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from itertools import combinations
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Influence = Callable[[Floats], Floats]
+"""Positions (places,) in mm -> deflection at each sensor (places, sensors) in mm/N."""
+
+FAULT = 2 * math.log(100.0)
+"""Price of a fault in a wiring, as a sum of squares: one cable or sensor in a hundred is taken to be wrong. The same
+decides between two wirings: the better one must be a hundred times as likely."""
+TOLERANCE = 0.03
+"""Error of a movement, as a part of the largest one of its press, as a standard deviation: gains and mounting of a
+surface that is not calibrated yet."""
+PLACE_SD_MM = 4.0
+"""How exactly a person presses above a sensor, as a standard deviation."""
+REACH = np.linspace(-2.0, 2.0, 17)
+"""Places of a press that are tried, in these deviations from the place that was asked for."""
+EXPLAINED = 4.0
+"""A press is explained if the mean square of its errors over its channels is at most this: two deviations."""
+SEEN = 3.0
+"""Nothing is said of a channel whose sensor should move by less than this many deviations, in all presses together."""
+KEPT = 16
+"""Number of the best wirings to which one more fault is added. The search is a beam of this width."""
+
+
+class Press(NamedTuple):
+    """A press at a place of the beam."""
+
+    at_mm: float
+    """Where it should be."""
+    moved_mm: Floats
+    """How each channel moved (channels,), from rest, positive in the direction of the load; 0 without a value."""
+    noise_mm: Floats
+    """Standard deviation of these (channels,)."""
+
+
+class Wiring(NamedTuple):
+    """What each channel has."""
+
+    sensors: tuple[int, ...]
+    """Index of the sensor whose movement the channel shows."""
+    signs: tuple[int, ...]
+    """1 as it should be, -1 inverted, 0 dead; the sensor of a dead channel is not known, and stated as its own."""
+
+    @property
+    def moved(self) -> dict[int, int]:
+        """Channel -> sensor, where these differ."""
+        return {channel: sensor for channel, sensor in enumerate(self.sensors) if channel != sensor}
+
+
+class Judgement(NamedTuple):
+    """The wiring that explains presses best."""
+
+    wiring: Wiring
+    rivals: list[Wiring]
+    """Others that explain them about as well."""
+    is_explained: bool
+    """Whether it explains every press, with a gain of its own for each channel."""
+    forces_n: list[float]
+    """Force of each press."""
+    shares: Floats
+    """How far each channel moved over what the sensor that it shows should (channels,), relative to the other channels:
+    -1 for an inverted one, 0 for a dead one. NaN where that sensor moves too little to be seen."""
+
+
+def judge(presses: Sequence[Press], influence: Influence) -> Judgement:
+    """Return the wiring that explains presses best, with those that explain them about as well.
+
+    Parameters
+    ----------
+    presses : at least one
+    influence : of the model, its channels in the order of those of the presses
+    """
+    fits = [_Fit(press, influence) for press in presses]
+    prices = _search(fits, len(presses[0].moved_mm))
+    best = min(prices, key=lambda wiring: prices[wiring])
+    rivals = [one for one, price in prices.items() if one != best and price < prices[best] + FAULT]
+    each = [fit.best(best) for fit in fits]
+    moved_mm, noise_mm = (np.array([one[field] for one in presses]) for field in (1, 2))
+    expected_mm = np.array([one.moved_mm[list(best.sensors)] for one in each])
+    shares = _shares(moved_mm, expected_mm, noise_mm)
+    left = (moved_mm - np.nan_to_num(shares, nan=1.0) * expected_mm) / np.array([fit.deviation_mm for fit in fits])
+    alive = np.abs(shares[np.isfinite(shares) & (np.array(best.signs) != 0)])
+    return Judgement(
+        best,
+        sorted(rivals, key=lambda wiring: prices[wiring]),
+        bool(((left**2).mean(axis=1) <= EXPLAINED).all()),
+        [one.force_n for one in each],
+        # The force is that which fits best: a sensor that moves too little makes the others seem to move more.
+        shares / np.median(alive) if len(alive) else shares,
+    )
+
+
+class _Best(NamedTuple):
+    """A press at the place and with the force that fit it best under one wiring."""
+
+    force_n: float
+    moved_mm: Floats
+    """How far each sensor should move (sensors,)."""
+
+
+class _Fit:
+    """One press, and what the model expects of it at each place that is tried."""
+
+    def __init__(self, press: Press, influence: Influence) -> None:
+        tolerance_mm = TOLERANCE * np.abs(press.moved_mm).max()
+        self.deviation_mm = np.sqrt(press.noise_mm**2 + tolerance_mm**2)
+        """Standard deviation of the movement of each channel (channels,)."""
+        self._moved = press.moved_mm / self.deviation_mm
+        self._per_newton = influence(press.at_mm + PLACE_SD_MM * REACH)
+
+    def fit(self, sensors: NDArray[np.intp], signs: Floats) -> tuple[Floats, Floats, NDArray[np.intp]]:
+        """Return the least sum of squares of wirings (wirings, channels), (wirings,), with force [N] and place of each.
+
+        A place is an index into `REACH`.
+        """
+        # (places, wirings, channels)
+        expected = self._per_newton[:, sensors] * signs / self.deviation_mm
+        along = np.maximum(expected @ self._moved, 0.0)
+        own = np.maximum((expected**2).sum(axis=-1), np.finfo(np.float64).tiny)
+        squares = self._moved @ self._moved - along**2 / own + REACH[:, None] ** 2
+        place = squares.argmin(axis=0)
+        each = np.arange(len(sensors))
+        return squares[place, each], (along / own)[place, each], place
+
+    def best(self, wiring: Wiring) -> _Best:
+        """Return how one wiring fits the press."""
+        _, forces_n, places = self.fit(np.array([wiring.sensors]), np.array([wiring.signs], np.float64))
+        return _Best(float(forces_n[0]), forces_n[0] * self._per_newton[places[0]])
+
+
+def _search(fits: Sequence[_Fit], channels: int) -> dict[Wiring, float]:
+    """Return the price of each wiring that was tried: its sum of squares, and that of its faults."""
+    faults = {wiring: count for count, wirings in enumerate(_simple(channels)) for wiring in wirings}
+    prices = _price(faults, fits)
+    for _ in range(channels):
+        kept = sorted(prices, key=lambda wiring: prices[wiring])[:KEPT]
+        new = dict[Wiring, int]()
+        for wiring in kept:
+            for worse in _with_one_more(wiring):
+                if worse not in faults:
+                    new[worse] = min(new.get(worse, channels * 2), faults[wiring] + 1)
+        if not new:
+            break
+        before = min(prices.values())
+        faults |= new
+        prices |= (more := _price(new, fits))
+        # A fault too many costs its price: what is twice that above the best wiring leads to no better one.
+        if min(more.values()) > before + 2 * FAULT:
+            break
+    return prices
+
+
+def _price(faults: dict[Wiring, int], fits: Sequence[_Fit]) -> dict[Wiring, float]:
+    sensors = np.array([wiring.sensors for wiring in faults])
+    signs = np.array([wiring.signs for wiring in faults], np.float64)
+    squares = sum((fit.fit(sensors, signs)[0] for fit in fits), start=np.zeros(len(faults)))
+    totals = squares + FAULT * np.array(list(faults.values()))
+    return dict(zip(faults, totals.tolist(), strict=True))
+
+
+def _simple(channels: int) -> list[list[Wiring]]:
+    """Return the right wiring, and those with one fault that is more than one step away: reversed, or all inverted."""
+    own, right = tuple(range(channels)), (1,) * channels
+    far = [Wiring(own[::-1], right)] if channels > 1 else []
+    return [[Wiring(own, right)], [*far, Wiring(own, (-1,) * channels)]]
+
+
+def _with_one_more(wiring: Wiring) -> Iterable[Wiring]:
+    """Yield the wirings with one more fault: two cables swapped, a sensor inverted, a channel dead."""
+    sensors, signs = list(wiring.sensors), list(wiring.signs)
+    for one, other in combinations(range(len(sensors)), 2):
+        swapped = sensors.copy()
+        swapped[one], swapped[other] = sensors[other], sensors[one]
+        yield _plain(swapped, signs)
+    for channel, sign in enumerate(signs):
+        for other_sign in (-sign, 0) if sign else ():
+            yield _plain(sensors, [*signs[:channel], other_sign, *signs[channel + 1 :]])
+
+
+def _plain(sensors: Sequence[int], signs: Sequence[int]) -> Wiring:
+    """Return a wiring in the form that is the same for all that cannot be told apart."""
+    each = enumerate(zip(sensors, signs, strict=True))
+    return Wiring(tuple(sensor if sign else channel for channel, (sensor, sign) in each), tuple(signs))
+
+
+def _shares(moved_mm: Floats, expected_mm: Floats, noise_mm: Floats) -> Floats:
+    """Return how far each channel moved over what is expected (channels,), from tables (presses, channels)."""
+    square = (expected_mm**2).sum(axis=0)
+    shares = np.full(len(square), np.nan)
+    is_seen = square > (SEEN * noise_mm.max(axis=0)) ** 2
+    shares[is_seen] = (moved_mm * expected_mm).sum(axis=0)[is_seen] / square[is_seen]
+    return shares

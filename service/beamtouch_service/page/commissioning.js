@@ -1,0 +1,252 @@
+// Commissioning: what to press, what was seen, the verdict, and its download. Asks only while it is open.
+//
+// The write token is held in memory and nowhere else, and sent in a header only.
+
+import { byId, html, setText, sign } from "./dom.js";
+import { possible, refuses } from "./token.js";
+
+const EVERY_MS = 300;
+const ASK_MS = 20_000; // a record that is away may take that long to say so
+const GONE = "The service was started anew, or somebody ended this commissioning. Begin again.";
+const LOST = "The service does not answer. Trying again.";
+const MEMORY = "This service keeps its record in memory only: download the result before it stops.";
+const INTRODUCTION =
+  "Press above each sensor, then at three marks, while the page watches every channel. It takes some three minutes. " +
+  "Tare the sensors first, and take everything off the beam.";
+const KINDS = { right: "good", dead: "bad", inverted: "bad", swapped: "bad", gain: "bad", unsure: "unsure", unseen: "unsure" };
+const SIGNS = { good: "good", bad: "bad", unsure: "unknown" };
+const LABELS = { start: "Begin", skip: "Not seen: go on", confirm: "Put on record" };
+
+const part = (name) => byId(`commissioning-${name}`);
+
+export class Commissioning {
+  constructor(token) {
+    this.token = token;
+    this.write = null; // the write token, once the service has accepted it
+    this.surface = null;
+    this.isOpen = false;
+    this.round = 0; // of asking: an answer of an earlier one is not shown
+    this.timer = null;
+    this.forget();
+    part("open").addEventListener("click", () => this.open());
+    part("close").addEventListener("click", () => this.close());
+    part("form").addEventListener("submit", (event) => this.submit(event));
+    for (const format of ["text", "json"]) part(format).addEventListener("click", () => this.download(format));
+  }
+
+  /** Where to press now [mm], or null. */
+  get target() {
+    return this.isOpen ? (this.course?.at_mm ?? null) : null;
+  }
+
+  forget() {
+    this.course = null;
+    this.lasting = true;
+    this.newest = null; // the newest result on record
+    this.note = ""; // why a commissioning that was seen is gone
+  }
+
+  follow(surface) {
+    if (surface === this.surface) return;
+    this.surface = surface;
+    this.forget();
+    if (surface === null) this.close();
+    else if (this.isOpen) this.ask();
+  }
+
+  open() {
+    if (this.surface === null) return;
+    this.isOpen = true;
+    byId("commissioning").hidden = false;
+    part("title").focus();
+    part("title").scrollIntoView({ block: "start" });
+    this.askNewest();
+    this.ask();
+  }
+
+  close() {
+    if (!this.isOpen) return;
+    this.isOpen = false;
+    this.round++;
+    clearTimeout(this.timer);
+    this.write = null;
+    part("token").value = "";
+    byId("commissioning").hidden = true;
+    part("open").focus();
+  }
+
+  path(rest = "") {
+    return `/surfaces/${encodeURIComponent(this.surface)}/commissioning${rest}`;
+  }
+
+  /** Ask how far it is, now and then every moment while it is open. */
+  async ask() {
+    clearTimeout(this.timer);
+    const round = ++this.round;
+    try {
+      const answer = await this.token.ask(this.path());
+      const state = answer.ok ? await answer.json() : null;
+      if (round !== this.round) return;
+      if (state) this.take(state);
+    } catch {
+      if (round !== this.round) return;
+      if (this.course) setText(part("prompt"), LOST);
+    }
+    this.timer = setTimeout(() => this.ask(), EVERY_MS);
+  }
+
+  async askNewest() {
+    try {
+      const answer = await this.token.ask(this.path("s"));
+      this.newest = answer.ok ? ((await answer.json()).commissionings[0] ?? null) : null;
+    } catch {
+      // It is asked for again when the section is opened again.
+    }
+    this.draw();
+  }
+
+  take({ course, ended, lasting }) {
+    const before = this.course;
+    this.course = course;
+    this.lasting = lasting;
+    if (before && !course) {
+      this.note = ended ?? GONE;
+      this.askNewest(); // somebody else may have put it on record
+    }
+    this.draw();
+  }
+
+  /** What the main button does now. */
+  get action() {
+    if (!this.course) return "start";
+    return this.course.step < this.course.steps ? "skip" : "confirm";
+  }
+
+  async submit(event) {
+    event.preventDefault();
+    const action = event.submitter?.value === "abandon" ? "abandon" : this.action;
+    const text = this.write ?? part("token").value.trim();
+    setText(part("error"), "");
+    if (!possible(text)) return this.complain("Type the write token of the service.", "token");
+    const query = {
+      start: "",
+      skip: `/skip?course=${this.course?.id}&step=${this.course?.step}`,
+      confirm: `/confirm?course=${this.course?.id}&by=${encodeURIComponent(part("by").value.trim())}`,
+      abandon: `/abandon?course=${this.course?.id}`,
+    }[action];
+    try {
+      const headers = { Authorization: `Bearer ${text}` };
+      const signal = AbortSignal.timeout(ASK_MS);
+      const answer = await fetch(this.path(query), { method: "POST", cache: "no-store", headers, signal });
+      const body = await answer.json();
+      if (refuses(answer)) {
+        this.write = null;
+        this.draw();
+        return this.complain(body.detail, "token");
+      }
+      this.write = text;
+      part("token").value = "";
+      if (!answer.ok) this.complain(`${body.title}. ${body.detail}`);
+      else if (action === "confirm") this.recorded(body);
+      else this.done(action, body);
+    } catch {
+      this.complain(LOST);
+    }
+    this.ask();
+  }
+
+  recorded(result) {
+    this.course = null;
+    this.newest = result;
+    this.note = `The result is on record as number ${result.id}.`;
+    this.draw();
+  }
+
+  done(action, state) {
+    if (action === "abandon") this.course = null;
+    this.note = action === "abandon" ? (state.ended ?? "") : "";
+    this.take(state);
+  }
+
+  complain(words, field = null) {
+    setText(part("error"), words);
+    if (field) part(field).focus();
+  }
+
+  draw() {
+    const { course, newest, action } = this;
+    const isDone = action === "confirm";
+    setText(part("prompt"), course ? course.prompt : this.note || "No commissioning is under way.");
+    setText(part("help"), course ? (this.lasting || !isDone ? "" : MEMORY) : INTRODUCTION);
+    part("held").hidden = course?.stage !== "hold";
+    part("held").value = course?.held ?? 0;
+    drawSteps(course);
+    drawVerdict(course?.report.verdict ?? []);
+    part("token-row").hidden = this.write !== null;
+    part("by-row").hidden = !isDone;
+    part("abandon").hidden = !course;
+    setText(part("go"), LABELS[action]);
+    part("go").classList.toggle("main", action !== "skip"); // to skip is not what one should do next
+    part("newest").hidden = newest === null || course !== null;
+    if (newest) setText(part("newest-words"), `On record: ${summary(newest)}`);
+  }
+
+  /** The service makes the file; a link could not carry the token. */
+  async download(format) {
+    const { id } = this.newest;
+    try {
+      const answer = await this.token.ask(this.path(`s/${id}?format=${format}`));
+      if (!answer.ok) return this.complain((await answer.json()).detail);
+      const link = html("a", {
+        href: URL.createObjectURL(await answer.blob()),
+        download: `commissioning-${this.surface}-${id}.${format === "text" ? "txt" : "json"}`,
+      });
+      link.click();
+      URL.revokeObjectURL(link.href);
+    } catch {
+      this.complain(LOST);
+    }
+  }
+}
+
+const passed = (report) => (report.passed ? "passed" : "not passed");
+
+function summary(report) {
+  const by = report.by ? `, by ${report.by}` : "";
+  const at = new Date(report.ended_at).toLocaleString("en-GB");
+  return `${passed(report)}, ${at}${by}. ${report.verdict.join(" ")}`;
+}
+
+/** The steps as a list; its items stay, only what changed in them is written. */
+function drawSteps(course) {
+  const list = part("steps");
+  list.hidden = !course;
+  const steps = course ? [...course.report.sensors.map(ofSensor), ...course.report.places.map(ofPlace)] : [];
+  while (list.children.length > steps.length) list.lastChild.remove();
+  steps.forEach(({ title, says, kind }, index) => {
+    const item = list.children[index] ?? list.appendChild(html("li"));
+    const text = says ? `${title}: ${says}` : title;
+    item.className = [index === course.step ? "current" : "", kind ?? ""].join(" ").trim();
+    if (index === course.step) item.setAttribute("aria-current", "step");
+    else item.removeAttribute("aria-current");
+    if (item.textContent !== text) item.replaceChildren(...(kind ? [sign(SIGNS[kind])] : []), text);
+  });
+}
+
+function ofSensor({ name, at_mm: at, finding, says }) {
+  return { title: `${name}, ${at.toFixed(0)} mm`, says, kind: KINDS[finding] };
+}
+
+function ofPlace({ at_mm: at, says, position_mm: position, error_mm: error, allowed_mm: allowed }) {
+  const isRight = error !== null && Math.abs(error) <= allowed;
+  const words = position === null ? says : `${position.toFixed(1)} mm, ${says}`;
+  return { title: `mark at ${at.toFixed(0)} mm`, says: words, kind: says ? (isRight ? "good" : "bad") : undefined };
+}
+
+function drawVerdict(sentences) {
+  const list = part("verdict");
+  list.hidden = sentences.length === 0;
+  if (list.dataset.of === sentences.join("\n")) return;
+  list.dataset.of = sentences.join("\n");
+  list.replaceChildren(...sentences.map((one) => html("li", {}, one)));
+}

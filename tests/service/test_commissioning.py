@@ -1,0 +1,371 @@
+"""A commissioning from its first press to the record: presses in samples, refusals, words, and the record."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from beamtouch_models.modelfile import InfluenceCurve, State
+from beamtouch_service.access import Access
+from beamtouch_service.commissioning.pressing import HOLD_US, PressFinder, Stage
+from beamtouch_service.commissioning.report import PlaceResult, Report, SensorResult
+from beamtouch_service.commissioning.verdict import advise_places, judge_place
+from beamtouch_service.events.commissionings import MAX_KEPT
+from beamtouch_service.events.recorder import Recorder
+from beamtouch_service.events.store import Store
+from beamtouch_service.sections import EventsSection
+from beamtouch_service.surfaces.surface import Surface
+from service.conftest import READ_TOKEN, TOKEN, Bench, batch_of, kind, surface_of
+from service.small_model import model_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+    from pathlib import Path
+
+    import httpx2
+
+    from service.conftest import Row
+
+PATH = "/surfaces/press-7/commissioning"
+STEP_US = 10_000
+AT_REST: Row = [0.0, 0.0, 0.0]
+SECOND = 105
+"""Samples that last a little longer than a press must be held."""
+SWAPPED = (1, 0, 2)
+
+
+# Presses in samples.
+
+
+class Samples:
+    """A finder, and the clock of its sender."""
+
+    def __init__(self) -> None:
+        self.finder = PressFinder(reading_mm=0.01, pause_us=1e6)
+        self.at_us = 0
+        self.found: list[list[float]] = []
+
+    def add(self, *rows: Row, count: int = SECOND, is_touched: bool = False) -> Stage:
+        """Take these deflections in turn, so often."""
+        for number in range(count):
+            self.at_us += STEP_US
+            values = np.array(rows[number % len(rows)], np.float64)
+            movement = self.finder.add(self.at_us, values, is_touched=is_touched)
+            if movement:
+                self.found.append(movement.moved_mm.round(6).tolist())
+        return self.finder.stage
+
+
+def test_a_press_is_from_rest_once_it_has_been_held_and_the_next_one_needs_a_lift() -> None:
+    samples = Samples()
+    assert samples.add([0.1, 2.0, -0.3], count=SECOND - 20) is Stage.REST
+    assert samples.add([0.1, 2.0, -0.3], count=20) is Stage.PRESS
+    assert samples.add([0.4, 1.5, -0.3], count=SECOND - 20) is Stage.HOLD
+    assert 0.7 < samples.finder.held < 1
+    assert samples.add([0.4, 1.5, -0.3], count=20) is Stage.LIFT
+    assert samples.found == [[0.3, -0.5, 0.0]]
+    assert samples.add([0.6, 1.2, -0.3]) is Stage.LIFT
+    assert samples.add([0.11, 2.0, -0.3]) is Stage.PRESS
+    samples.add([0.61, 2.0, -0.3])
+    assert samples.found[1:] == [[0.5, 0.0, 0.0]]
+
+
+@pytest.mark.parametrize(
+    ("rows", "count", "is_found"),
+    [
+        ([[0.5, 0.2, 0.0]], SECOND, True),
+        ([[0.5, 0.2, 0.0], [0.3, 0.12, 0.0]], SECOND, True),
+        ([[0.5, 0.2, 0.0], [0.2, 0.08, 0.0]], 2 * SECOND, False),
+        ([[0.5, 0.2, 0.0], [0.0, 0.0, 0.0]], 2 * SECOND, False),
+        ([[0.5, 0.2, 0.0]], SECOND // 2, False),
+        ([[0.09, 0.0, 0.0]], SECOND, False),
+        ([[0.5, None, 0.0]], SECOND, True),
+    ],
+    ids=["held", "a hand that wavers", "one that lets go", "taps", "too short", "too weak", "a channel is missing"],
+)
+def test_only_what_is_held_is_a_press(rows: Sequence[Row], count: int, is_found: bool) -> None:
+    samples = Samples()
+    samples.add(AT_REST)
+    samples.add(*rows, count=count)
+    assert bool(samples.found) is is_found
+    if is_found:
+        assert samples.found[0][1:] == [pytest.approx(np.mean([row[1] or 0.0 for row in rows]), abs=0.005), 0.0]
+
+
+def test_a_pause_ends_a_press_that_was_not_held_for_long_enough() -> None:
+    samples = Samples()
+    samples.add(AT_REST)
+    samples.add([0.5, 0.2, 0.0], count=SECOND - 20)
+    samples.at_us += 2 * HOLD_US
+    assert samples.add([0.5, 0.2, 0.0], count=20) is Stage.HOLD
+    assert samples.found == []
+    assert samples.add([0.5, 0.2, 0.0], count=SECOND) is Stage.LIFT
+
+
+def test_what_the_surface_calls_a_contact_is_no_rest_and_a_broken_cable_does_not_hinder_it() -> None:
+    samples = Samples()
+    assert samples.add([0.5, 0.2, 0.0], is_touched=True) is Stage.REST
+    assert samples.add([0.0, 0.0, 3.0], [0.0, 0.0, -2.0]) is Stage.PRESS
+    samples.add([0.5, 0.2, 3.0], [0.5, 0.2, -2.0])
+    assert samples.found[0][:2] == [0.5, 0.2]
+
+
+# Marked places.
+
+
+def place(at_mm: float, position_mm: float | None, half_mm: float = 1.0) -> PlaceResult:
+    if position_mm is None:
+        return judge_place(PlaceResult(at_mm=at_mm, state=State.UNEXPLAINED))
+    ends = {"position_low_mm": position_mm - half_mm, "position_high_mm": position_mm + half_mm}
+    return judge_place(PlaceResult(at_mm=at_mm, state=State.CONTACT, position_mm=position_mm, **ends))
+
+
+@pytest.mark.parametrize(
+    ("stated", "is_wired", "last"),
+    [
+        ((103.0, 198.0, 305.9), True, "The largest error of a position is 5.9 mm."),
+        (
+            (112.0, 211.0, 310.0),
+            True,
+            "All positions are about 11 mm too large: the marks may count from another point.",
+        ),
+        (
+            (88.0, 189.0, 290.0),
+            True,
+            "All positions are about 11 mm too small: the marks may count from another point.",
+        ),
+        ((106.2, 198.0, 300.0), True, "This is more than aim explains. Repeat the commissioning; if it stays so,"),
+        ((101.0, None, 300.0), True, "The largest error of a position is 1.0 mm."),
+        ((None, None, None), True, "At 300 mm: no position: unexplained."),
+        ((112.0, 211.0, 310.0), False, "Positions mean little until every sensor moves as it should."),
+    ],
+)
+def test_the_words_for_errors_of_position(stated: tuple[float | None, ...], is_wired: bool, last: str) -> None:
+    places = [place(at_mm, position_mm) for at_mm, position_mm in zip((100.0, 200.0, 300.0), stated, strict=True)]
+    sentences = advise_places(places, is_wired=is_wired)
+    assert sentences[-1].startswith(last)
+    assert len([one for one in sentences if "no position" in one]) == stated.count(None)
+
+
+def test_without_an_interval_only_the_aim_is_allowed_and_without_a_state_the_reason_is_stated() -> None:
+    stated = judge_place(PlaceResult(at_mm=100.0, state=State.CONTACT, position_mm=105.5))
+    assert (stated.error_mm, stated.allowed_mm, stated.says) == (5.5, 5.0, "+5.5 mm, more than 5.0 mm")
+    assert judge_place(PlaceResult(at_mm=100.0), "no position: too few working channels").says.startswith("no position")
+
+
+# The routes.
+
+
+class Course:
+    """A commissioning of press-7 through the routes."""
+
+    def __init__(self, bench: Bench) -> None:
+        self.bench = bench
+        self.sequence = 1
+        (surface,) = bench.app.context.registry
+        assert surface.model
+        self.curve = InfluenceCurve.of(surface.model.metadata)
+        self.order: Sequence[int] = (0, 1, 2)
+
+    def send(self, row: Row, boot_id: str = "boot-0001") -> None:
+        """Send a second of samples."""
+        batch = batch_of(*[row] * SECOND, sequence=self.sequence, boot_id=boot_id)
+        for sample in batch["samples"]:
+            sample["acquired_unix_us"] = STEP_US * sample["sequence"]
+        self.sequence += SECOND
+        assert self.bench.post(batch).status_code == 200
+
+    def press(self, at_mm: float, force_n: float = 8.0) -> None:
+        moved = force_n * self.curve.at(np.array([at_mm]))[0][0]
+        self.send(moved[list(self.order)].tolist())
+        self.send(AT_REST)
+
+    def act(self, action: str = "", token: str | None = TOKEN) -> httpx2.Response:
+        return self.bench.post(b"", f"{PATH}{action}", token)
+
+    @property
+    def state(self) -> dict[str, Any]:
+        found: dict[str, Any] = self.bench.get(PATH).json()
+        return found
+
+    @property
+    def now(self) -> dict[str, Any]:
+        course: dict[str, Any] = self.state["course"]
+        return course
+
+    def follow(self) -> str:
+        """Begin, and press as asked until every step is done; return the id."""
+        self.send(AT_REST)
+        assert self.act().status_code == 200
+        self.send(AT_REST)
+        while (course := self.now)["step"] < course["steps"]:
+            self.press(course["at_mm"])
+        return str(course["id"])
+
+
+@pytest.fixture
+def course(bench: Bench) -> Course:
+    return Course(bench)
+
+
+def test_from_the_first_press_to_the_record(course: Course) -> None:
+    course.order = SWAPPED
+    course_id = course.follow()
+    done = course.now
+    assert (done["stage"], done["at_mm"], done["report"]["passed"]) == (None, None, False)
+    assert [one["finding"] for one in done["report"]["sensors"]] == ["swapped", "swapped", "right"]
+    assert done["report"]["verdict"][0] == "The cables of s1 and s2 are swapped. Swap them back."
+    answer = course.act(f"/confirm?course={course_id}&by=%20Ann%20")
+    assert answer.status_code == 200
+    result = answer.json()
+    assert (result["id"], result["by"], result["sensors"]) == (1, "Ann", done["report"]["sensors"])
+    assert course.state == {"course": None, "ended": None, "lasting": False}
+    assert course.bench.get(f"{PATH}s").json() == {"commissionings": [result]}
+    assert course.bench.get(f"{PATH}s/1").json() == result
+    text = course.bench.get(f"{PATH}s/1?format=text")
+    assert text.headers["content-type"] == "text/plain; charset=utf-8"
+    for words in ("NOT PASSED", "by Ann", *result["verdict"], "moves as s2 should"):
+        assert words in text.text
+    assert kind(course.bench.get(f"{PATH}s/2")) == "no-commissioning"
+
+
+def test_a_step_that_is_not_seen_is_skipped_and_nothing_passes_then(course: Course) -> None:
+    course.send(AT_REST)
+    course.act()
+    course.send(AT_REST)
+    course.press(course.now["at_mm"])
+    for step in range(1, 6):
+        answer = course.act(f"/skip?course={course.now['id']}&step={step}")
+        assert answer.json()["course"]["step"] == step + 1
+    report = course.now["report"]
+    assert [one["finding"] for one in report["sensors"]] == ["right", "unseen", "unseen"]
+    assert report["passed"] is False
+    assert report["verdict"][0].startswith("The press above s2 and s3 was not seen.")
+    assert [one["says"] for one in report["places"]] == ["the press was not seen"] * 3
+
+
+def test_nothing_begins_where_nothing_could_be_seen_of_a_press() -> None:
+    bench = Bench(Surface("press-7"))
+    assert kind(bench.post(b"", PATH)) == "no-model"
+    bench = Bench(surface_of())
+    assert kind(bench.post(b"", PATH)) == "no-samples"
+    bench.send(AT_REST)
+    bench.now_s += 10
+    assert kind(bench.post(b"", PATH)) == "stale"
+    assert kind(bench.post(b"", "/surfaces/nobody/commissioning")) == "unknown-surface"
+    # Too few channels may be the very fault that is looked for.
+    bench.send([0.0, None, None], sequence=2, quality=["good", "missing", "missing"])
+    assert bench.problem() == "too-few-channels"
+    assert bench.post(b"", PATH).status_code == 200
+
+
+@pytest.mark.parametrize("action", ["", "/skip?course=x&step=0", "/confirm?course=x", "/abandon?course=x"])
+def test_only_the_write_token_changes_anything(action: str) -> None:
+    bench = Bench(surface_of(), token=Access(write=TOKEN, read=READ_TOKEN))
+    bench.send(AT_REST)
+    for token, problem in ((None, "unauthorized"), ("wrong", "unauthorized"), (READ_TOKEN, "forbidden")):
+        assert kind(bench.post(b"", f"{PATH}{action}", token)) == problem
+    assert bench.get(PATH, READ_TOKEN).json()["course"] is None
+
+
+def test_several_people_cannot_undo_each_others_steps(course: Course) -> None:
+    course.send(AT_REST)
+    course_id = course.act().json()["course"]["id"]
+    answers = {
+        "": "other-commissioning",
+        f"/skip?course={course_id}&step=1": "other-commissioning",
+        "/skip?course=another&step=0": "other-commissioning",
+        f"/confirm?course={course_id}": "other-commissioning",
+        "/abandon?course=another": "other-commissioning",
+        "/skip?step=0": "invalid-request",
+        f"/confirm?course={course_id}&by={'x' * 81}": "invalid-request",
+    }
+    assert {action: kind(course.act(action)) for action in answers} == answers
+    assert course.now["step"] == 0
+    assert course.act(f"/abandon?course={course_id}").json()["ended"] == "It was abandoned."
+    assert kind(course.act(f"/abandon?course={course_id}")) == "no-commissioning"
+    again = course.act().json()["course"]["id"]
+    assert again != course_id
+    assert kind(course.act(f"/skip?course={course_id}&step=0")) == "other-commissioning"
+
+
+def test_another_model_ends_it_and_another_sender_begins_at_rest(course: Course) -> None:
+    course.send(AT_REST)
+    course.act()
+    course.send(AT_REST)
+    assert course.now["stage"] == "press"
+    course.send([0.5, 0.2, 0.1], boot_id="boot-0002")
+    assert (course.now["stage"], course.now["step"]) == ("rest", 0)
+    (surface,) = course.bench.app.context.registry
+    surface.adopt(model_of("press-7", min_channels=3))
+    course.send(AT_REST, boot_id="boot-0002")
+    assert course.state["course"] is None
+    assert "The model of the surface changed" in course.state["ended"]
+
+
+def test_a_surface_that_falls_silent_says_so_and_keeps_the_steps(course: Course) -> None:
+    course.send(AT_REST)
+    course.act()
+    course.send(AT_REST)
+    course.press(course.now["at_mm"])
+    asked = course.now["prompt"]
+    course.bench.now_s += 10
+    assert course.now["prompt"] == "The newest sample is too old. Go on once samples come again."
+    course.send(AT_REST)
+    assert (course.now["prompt"], course.now["step"]) == (asked, 1)
+
+
+def test_while_the_record_is_away_the_result_waits(tmp_path: Path) -> None:
+    path = tmp_path / "events.db"
+    recorder = Recorder(EventsSection(file=path))
+    course = Course(Bench(surface_of(), recorder=recorder))
+    course_id = course.follow()
+    whole = path.read_bytes()
+    for one in tmp_path.glob("events.db*"):
+        one.write_bytes(b"no database" * 4096)
+    refusal = course.act(f"/confirm?course={course_id}")
+    assert (refusal.status_code, kind(refusal)) == (503, "events-away")
+    assert course.now["id"] == course_id
+    for one in tmp_path.glob("events.db*"):
+        one.unlink()
+    path.write_bytes(whole)
+    assert course.act(f"/confirm?course={course_id}").status_code == 200
+    recorder.close()
+
+
+# The record.
+
+
+@pytest.fixture(params=["memory", "file", "PostgreSQL"])
+def open_store(request: pytest.FixtureRequest, tmp_path: Path) -> Callable[[], Store]:
+    events = EventsSection()
+    if request.param == "file":
+        events = EventsSection(file=tmp_path / "events.db")
+    elif request.param == "PostgreSQL":
+        events = EventsSection(url=request.getfixturevalue("events_url"))
+    return lambda: Store(events)
+
+
+def test_each_result_is_on_record_once_and_the_newest_of_each_surface_are_kept(
+    open_store: Callable[[], Store],
+) -> None:
+    store = open_store()
+    at_rest = {"beam": "b", "begun_at": "x", "sensors": [SensorResult(name="s1", at_mm=1.5)], "places": []}
+    reports = [
+        Report.model_validate({"surface": name, "model": f"m@{number}", **at_rest})
+        for name in ("left", "right")
+        for number in range(MAX_KEPT + 2)
+    ]
+    numbers = [store.add_commissioning(f"course-{index}", report) for index, report in enumerate(reports)]
+    assert store.add_commissioning(f"course-{len(reports) - 1}", reports[-1]) == numbers[-1]
+    store.prune(1e12)
+    if store.is_lasting:
+        store.close()
+        store = open_store()
+    for name in ("left", "right"):
+        kept = store.commissionings(name)
+        assert [one.model for one in kept] == [f"m@{number}" for number in range(MAX_KEPT + 1, 1, -1)]
+        assert {(one.surface, one.sensors[0].at_mm) for one in kept} == {(name, 1.5)}
+    store.close()

@@ -1,0 +1,170 @@
+"""Which wiring presses above sensors show: a table of faults, on a beam of the textbook."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from beamtouch_service.commissioning.report import Finding
+from beamtouch_service.commissioning.verdict import advise, find
+from beamtouch_service.commissioning.wiring import Floats, Press, Wiring, judge
+from beamtouch_service.samples import Quality
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from beamtouch_service.commissioning.wiring import Judgement
+
+    Fault = Callable[[Floats], Floats]
+
+LENGTH_MM = 400.0
+RIGIDITY_N_MM2 = 210_000 * 25 * 3**3 / 12
+AT_MM = (40.0, 125.0, 250.0, 360.0)
+NAMES = ["s1", "s2", "s3", "s4"]
+NOISE_MM = 0.009
+AIM_MM = (2.0, -3.0, 1.0, -2.0, 3.0, -1.0, 2.0, 0.0)
+"""How far beside the sensors the person presses."""
+GAINS = np.array([1.02, 0.99, 1.01, 0.98, 1.0, 1.02, 0.99, 1.01])
+
+
+def deflections(load_mm: Floats, sensors_mm: Sequence[float] = AT_MM) -> Floats:
+    """A simply supported beam: w = F b x (L^2 - b^2 - x^2) / (6 E I L) for x <= a, b = L - a, and its mirror image.
+
+    Gere & Timoshenko, Mechanics of Materials, 4th ed., appendix G, case 5.
+    """
+    a, x = np.asarray(load_mm, np.float64)[:, None], np.array(sensors_mm)
+    a, x = np.where(x <= a, a, LENGTH_MM - a), np.where(x <= a, x, LENGTH_MM - x)
+    b = LENGTH_MM - a
+    found: Floats = b * x * (LENGTH_MM**2 - b**2 - x**2) / (6 * RIGIDITY_N_MM2 * LENGTH_MM)
+    return found
+
+
+def swap(one: int, other: int, moved: Floats) -> Floats:
+    changed = moved.copy()
+    changed[[one, other]] = moved[[other, one]]
+    return changed
+
+
+def scale(channel: int, factor: float, moved: Floats) -> Floats:
+    changed = moved.copy()
+    changed[channel] *= factor
+    return changed
+
+
+def pressed(*faults: Fault, sensors_mm: Sequence[float] = AT_MM, steps: int | None = None) -> Judgement:
+    """Judge presses above the first sensors, or all of them, that are measured through these faults."""
+    presses = []
+    for at_mm, aim_mm, force_n in zip(sensors_mm[:steps], AIM_MM, (9, 12, 7, 14, 10, 8, 13, 11), strict=False):
+        moved = force_n * deflections(np.array([at_mm + aim_mm]), sensors_mm)[0] * GAINS[: len(sensors_mm)]
+        for fault in faults:
+            moved = fault(moved)
+        presses.append(Press(at_mm, moved, np.full(len(moved), NOISE_MM)))
+    return judge(presses, partial(deflections, sensors_mm=sensors_mm))
+
+
+SWAPPED, INVERTED, DEAD = partial(swap, 0, 3), partial(scale, 1, -1.0), partial(scale, 2, 0.0)
+RIGHT = (1, 1, 1, 1)
+FAULTS: dict[str, tuple[list[Fault], Wiring, list[str]]] = {
+    "right": ([], Wiring((0, 1, 2, 3), RIGHT), []),
+    "swapped": ([SWAPPED], Wiring((3, 1, 2, 0), RIGHT), ["The cables of s1 and s4 are swapped."]),
+    "neighbours": ([partial(swap, 1, 2)], Wiring((0, 2, 1, 3), RIGHT), ["The cables of s2 and s3 are swapped."]),
+    "inverted": ([INVERTED], Wiring((0, 1, 2, 3), (1, -1, 1, 1)), ["s2 moves the wrong way."]),
+    "dead": ([DEAD], Wiring((0, 1, 2, 3), (1, 1, 0, 1)), ["s3 does not move (saturated)."]),
+    "two pairs": (
+        [partial(swap, 0, 1), partial(swap, 2, 3)],
+        Wiring((1, 0, 3, 2), RIGHT),
+        ["The cables of s1 and s2 are swapped.", "The cables of s3 and s4 are swapped."],
+    ),
+    "in a circle": (
+        [partial(swap, 0, 1), partial(swap, 1, 2)],
+        Wiring((1, 2, 0, 3), RIGHT),
+        ["Cables are mixed up: the input of s1 has the sensor s2, that of s2 has the sensor s3, that of s3 has"],
+    ),
+    "reversed": ([lambda moved: moved[::-1]], Wiring((3, 2, 1, 0), RIGHT), ["The channels are in reverse order."]),
+    "all inverted": (
+        [lambda moved: -moved],
+        Wiring((0, 1, 2, 3), (-1, -1, -1, -1)),
+        ["s1, s2, s3 and s4 move the wrong way."],
+    ),
+    "swapped and inverted": (
+        [SWAPPED, INVERTED],
+        Wiring((3, 1, 2, 0), (1, -1, 1, 1)),
+        ["The cables of s1 and s4 are swapped.", "s2 moves the wrong way."],
+    ),
+    "swapped, inverted and dead": (
+        [partial(swap, 0, 1), INVERTED, DEAD],
+        Wiring((1, 0, 2, 3), (1, -1, 0, 1)),
+        ["The cables of s1 and s2 are swapped.", "s2 moves the wrong way.", "s3 does not move (saturated)."],
+    ),
+}
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_presses_above_all_sensors_show_the_wiring_for_certain(name: str) -> None:
+    faults, wiring, advice = FAULTS[name]
+    judgement = pressed(*faults)
+    assert judgement.wiring == wiring
+    assert (judgement.rivals, judgement.is_explained) == ([], True)
+    found = find(judgement, NAMES, {"s3": Quality.SATURATED})
+    sentences = advise(judgement, NAMES, found)
+    assert [sentence[: len(begin)] for sentence, begin in zip(sentences, advice, strict=True)] == advice
+
+
+def test_what_one_press_does_not_tell_apart_is_not_sure() -> None:
+    judgement = pressed(SWAPPED, INVERTED, DEAD, steps=1)
+    found = find(judgement, NAMES, {})
+    assert [one.finding for one in found] == [Finding.SWAPPED, Finding.UNSURE, Finding.DEAD, Finding.SWAPPED]
+    assert found[1].says == "not sure: moves the wrong way, or moves as s3 should, the wrong way"
+    sentences = advise(judgement, NAMES, found)
+    assert [one.partition(" (")[0] for one in sentences[:2]] == [
+        "Not sure about s2",
+        "The cables of s1 and s4 are swapped. Swap them back.",
+    ]
+    assert len(sentences) == 3
+    assert pressed(SWAPPED, INVERTED, DEAD).rivals == []
+
+
+def test_a_press_during_which_something_else_moves_a_sensor_is_explained_by_no_wiring() -> None:
+    moved = 10 * deflections(np.array(AT_MM))
+    moved[2, 1] += 0.5 * moved[2].max()
+    presses = [Press(at_mm, one, np.full(4, NOISE_MM)) for at_mm, one in zip(AT_MM, moved, strict=True)]
+    judgement = judge(presses, deflections)
+    assert not judgement.is_explained
+    found = find(judgement, NAMES, {})
+    assert {one.finding for one in found} == {Finding.UNSURE}
+    (sentence,) = advise(judgement, NAMES, found)
+    assert sentence.startswith("No wiring explains the presses. Check that each press was above its sensor")
+
+
+@pytest.mark.parametrize(("channel", "factor"), [(0, 0.5), (0, 1.5), (1, 0.7), (2, 1.5), (3, 0.4)])
+def test_a_channel_that_moves_too_little_or_too_much_does_not_pass(channel: int, factor: float) -> None:
+    judgement = pressed(partial(scale, channel, factor))
+    assert judgement.shares[channel] == pytest.approx(factor, rel=0.15)
+    found = find(judgement, NAMES, {})
+    assert found[channel].finding in {Finding.GAIN, Finding.UNSURE}
+    assert f"{100 * judgement.shares[channel]:.0f} %" in found[channel].says
+    assert NAMES[channel] in " ".join(advise(judgement, NAMES, found))
+
+
+def test_the_force_and_what_each_channel_moved_are_stated() -> None:
+    judgement = pressed(SWAPPED, INVERTED, DEAD)
+    assert judgement.forces_n == pytest.approx([9, 12, 7, 14], rel=0.12)
+    assert judgement.shares == pytest.approx([1, -1, 0, 1], abs=0.05)
+
+
+def test_eight_sensors_with_four_faults() -> None:
+    sensors_mm = [40.0 + 45 * place for place in range(8)]
+    judgement = pressed(SWAPPED, partial(swap, 4, 6), INVERTED, DEAD, sensors_mm=sensors_mm)
+    assert judgement.wiring == Wiring((3, 1, 2, 0, 6, 5, 4, 7), (1, -1, 0, 1, 1, 1, 1, 1))
+
+
+def test_of_a_sensor_that_no_press_moves_nothing_is_said() -> None:
+    judgement = pressed(sensors_mm=[125.0, 250.0, 399.99])
+    assert judgement.is_explained
+    found = find(judgement, NAMES[:3], {})
+    assert [one.finding for one in found] == [Finding.RIGHT, Finding.RIGHT, Finding.UNSURE]
+    (sentence,) = advise(judgement, NAMES[:3], found)
+    assert "s3: the presses hardly move it" in sentence
