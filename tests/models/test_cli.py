@@ -14,6 +14,7 @@ import pytest
 from beamtouch_models import cli, modelfile
 from beamtouch_models.building import measure
 from beamtouch_models.building.remarks import weak_spot
+from beamtouch_models.building.report import facts
 from beamtouch_models.modelfile import ModelFile
 from example_scenes import PAPER, SCENES
 from in_process import Command
