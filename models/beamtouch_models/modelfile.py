@@ -3,6 +3,7 @@
 The service imports this module and no other of the package. It needs onnxruntime, numpy and pydantic only.
 """
 
+from beamtouch_models.curve import InfluenceCurve
 from beamtouch_models.decision.decider import Hypotheses, Judgement, Memory, State, memories_after
 from beamtouch_models.decision.evidence import (
     LOG_ODDS,
@@ -17,7 +18,6 @@ from beamtouch_models.decision.evidence import (
 from beamtouch_models.decision.suspects import LeftOut, Suspects
 from beamtouch_models.decision.wiring import Wirings
 from beamtouch_models.errors import ModelFileError
-from beamtouch_models.health.curve import InfluenceCurve
 from beamtouch_models.health.health import BestSample, ChannelChange, Health
 from beamtouch_models.loading import ModelFile, load, load_bytes, read
 from beamtouch_models.metadata import (

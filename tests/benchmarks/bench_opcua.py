@@ -54,7 +54,7 @@ def run() -> list[dict[str, object]]:
             wait_until(lambda: is_open(f"opc.tcp://127.0.0.1:{opcua}/"))
             rows.append(row("no subscriber", *used(pid)))
             for count in SUBSCRIBERS:
-                command = [sys.executable, LOAD, str(opcua), "bench", str(count), str(SECONDS)]
+                command = [sys.executable, str(LOAD), str(opcua), "bench", str(count), str(SECONDS)]
                 with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as clients:
                     assert clients.stdout is not None
                     clients.stdout.readline()

@@ -202,8 +202,8 @@ def test_a_mean_of_readings_at_rest_is_the_last_of_all_and_a_touch_after_them_is
     touched, seen = each.apply(values[460:]), few.apply(values[460:])
     np.testing.assert_array_equal(seen.mean_mm, touched.mean_mm)
     np.testing.assert_array_equal(seen.moves, touched.moves)
-    deviations = [np.sqrt(np.diagonal(one.covariance_mm2, axis1=1, axis2=2)) for one in (seen, touched)]
-    np.testing.assert_allclose(*deviations, rtol=0.02)
+    stated, expected = (np.sqrt(np.diagonal(one.covariance_mm2, axis1=1, axis2=2)) for one in (seen, touched))
+    np.testing.assert_allclose(stated, expected, rtol=0.02)
 
 
 @pytest.mark.parametrize("longest", [1, 4, 40])

@@ -165,7 +165,8 @@ class Course:
             )
 
     def _influence(self, places_mm: Floats) -> Floats:
-        return self._curve.at(np.clip(places_mm, *self.model.metadata.ranges.position_mm))[0]
+        influence, _ = self._curve.at(np.clip(places_mm, *self.model.metadata.ranges.position_mm))
+        return influence
 
     def _take_place(self, seen: Seen) -> None:
         index = self.step - len(self.report.sensors)
