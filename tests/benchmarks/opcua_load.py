@@ -26,7 +26,7 @@ class Arrivals:
     def datachange_notification(self, node: Node, _value: object, data: Any) -> None:  # noqa: ANN401  # the library's
         """Count a value; called by the library."""
         self.values += 1
-        if str(node.nodeid.Identifier).endswith(".sequence"):
+        if str(node.nodeid.Identifier).endswith("/sequence"):
             self.ages_s.append(time() - data.monitored_item.Value.SourceTimestamp.timestamp())
 
 

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 
 pytestmark = pytest.mark.usefixtures("token_file")
 TIMEOUT_S = 30
+CHANGE = ua.DataChangeTrigger.StatusValue
 FIGURES = ("position_mm", "position_low_mm", "position_high_mm", "force_n", "force_low_n", "force_high_n")
 
 
@@ -94,7 +95,7 @@ def test_a_read_gives_the_contact_of_its_moment_and_a_subscription_turns_bad_whe
             index = await client.get_namespace_index("urn:beamtouch")
             surface = client.get_node(ua.NodeId("press-7", index))
             with pytest.raises(ua.UaStatusCodeError, match=r"NotWritable|AccessDenied"):
-                await client.get_node(ua.NodeId("press-7.force_n", index)).write_value(3.0)
+                await client.get_node(ua.NodeId("press-7/force_n", index)).write_value(3.0)
             subscription = await client.create_subscription(50, changes)
             await subscription.subscribe_data_change(await surface.get_variables())
             await subscription.subscribe_events(surface, await event_type(client, index))
@@ -120,7 +121,7 @@ def test_a_read_gives_the_contact_of_its_moment_and_a_subscription_turns_bad_whe
         return changes
 
     changes = asyncio.run(compare())
-    states = [one.Value.Value for one in changes.found["press-7.state"]]
+    states = [one.Value.Value for one in changes.found["press-7/state"]]
     assert states[0] is states[-1] is None
     assert "clear" in states
     (event,) = [one for one in service.get("/events").json()["events"] if one["kind"] == "contact"]
@@ -137,7 +138,7 @@ def require_same(found: dict[str, ua.DataValue], contact: dict[str, Any]) -> Non
     assert {name: said[name] for name in (*FIGURES, "state", "sequence")} == {
         name: contact[name] for name in (*FIGURES, "state", "sequence")
     }
-    assert (said["notes"], said["zones.left"]) == (" ".join(contact["notes"]), contact["zones"]["left"])
+    assert (said["notes"], said["zones/left"]) == (" ".join(contact["notes"]), contact["zones"]["left"])
     assert said["age_ms"] >= contact["age_ms"]
     assert f"{found['state'].SourceTimestamp:%FT%T}" == contact["sampled_at"][:19]
     assert found["state"].StatusCode.is_good() == (not contact["notes"] and contact["state"] != "unexplained")
@@ -155,6 +156,85 @@ async def event_type(client: Client, index: int) -> Any:  # noqa: ANN401  # the 
     """Return the type of events."""
     base = client.get_node(ua.ObjectIds.BaseEventType)
     return await base.get_child(ua.QualifiedName("ContactEventType", index))
+
+
+def test_the_first_value_of_a_subscription_is_the_contact_of_its_moment(
+    start_service: StartService, tmp_path: Path
+) -> None:
+    # With this interval, nobody looks at the surface between the two samples.
+    service, url = start(start_service, tmp_path, 60_000, "interval_ms = 10000")
+
+    async def subscribe() -> list[Any]:
+        new, woken = Changes(), Changes()
+        async with connected(url) as client:
+            assert (await asyncio.to_thread(service.post, batch_of([0.0, 0.0, 0.0]))).status_code == 200
+            assert (await read(client))["sequence"].Value.Value == 1
+            node = client.get_node(ua.NodeId("press-7/sequence", await client.get_namespace_index("urn:beamtouch")))
+            asleep = await client.create_subscription(50, woken)
+            item = ua.MonitoredItemCreateRequest(
+                ua.ReadValueId(node.nodeid, ua.AttributeIds.Value), ua.MonitoringMode.Disabled
+            )
+            assert await asleep.create_monitored_items([item])
+            assert (await asyncio.to_thread(service.post, batch_of([0.0] * 3, sequence=2))).status_code == 200
+            await (await client.create_subscription(50, new)).subscribe_data_change(node)
+            await asleep.set_monitoring_mode(ua.MonitoringMode.Reporting)
+            await asyncio.to_thread(wait_until, lambda: bool(new.found and woken.found))
+        return [one.found["press-7/sequence"][0].Value.Value for one in (new, woken)]
+
+    assert asyncio.run(subscribe()) == [2, 2]
+
+
+def test_a_deadband_is_refused_as_it_would_hide_the_end_of_a_contact(
+    start_service: StartService, tmp_path: Path
+) -> None:
+    service, url = start(start_service, tmp_path, 60_000, "interval_ms = 20")
+
+    async def subscribe() -> None:
+        changes = Changes()
+        async with connected(url) as client:
+            touched = [[0.2, 0.3, 0.3]] * 10
+            assert (await asyncio.to_thread(service.post, batch_of(*touched))).status_code == 200
+            node = client.get_node(ua.NodeId("press-7/position_mm", await client.get_namespace_index("urn:beamtouch")))
+            subscription = await client.create_subscription(50, changes)
+            for kind in (ua.DeadbandType.Absolute, ua.DeadbandType.Percent):
+                with pytest.raises(ua.UaStatusCodeError, match="BadMonitoredItemFilterUnsupported"):
+                    await subscription.deadband_monitor(node, 0.5, kind)
+            # In one request, each item has the answer that is its own.
+            items = [
+                ua.MonitoredItemCreateRequest(
+                    ua.ReadValueId(node.nodeid, ua.AttributeIds.Value),
+                    ua.MonitoringMode.Reporting,
+                    ua.MonitoringParameters(handle, Filter=ua.DataChangeFilter(CHANGE, kind, 0.5)),
+                )
+                for handle, kind in enumerate([ua.DeadbandType.Absolute, ua.DeadbandType.None_])
+            ]
+            refused, given = await subscription.create_monitored_items(items)
+            assert refused.name == "BadMonitoredItemFilterUnsupported"
+            (modified,) = await subscription.modify_monitored_item(given, 20, mod_filter_val=0.5)
+            assert modified.StatusCode.name == "BadMonitoredItemFilterUnsupported"
+            await asyncio.to_thread(wait_until, lambda: bool(changes.found))
+            assert changes.found["press-7/position_mm"][0].Value.Value is not None
+            rest = [[0.0] * 3] * 10
+            assert (await asyncio.to_thread(service.post, batch_of(*rest, sequence=11))).status_code == 200
+            await asyncio.to_thread(wait_until, lambda: is_bad(changes, "BadNoData"))
+
+    asyncio.run(subscribe())
+
+
+def test_names_with_dots_are_nodes_of_their_own(start_service: StartService, tmp_path: Path) -> None:
+    zone = "[surfaces.press-7.zones.state]\nfrom_mm = 0\nto_mm = 9"
+    others = '[surfaces."press-7.model"]\n[surfaces."press-7.zones"]'
+    _, url = start(start_service, tmp_path, 2000, f"{zone}\n{others}")
+
+    async def browse() -> None:
+        async with connected(url) as client:
+            index = await client.get_namespace_index("urn:beamtouch")
+            for name in ("press-7/model", "press-7/zones/state", "press-7.zones/state", "press-7.model/model"):
+                assert await client.get_node(ua.NodeId(name, index)).read_node_class() is ua.NodeClass.Variable
+            for name in ("press-7", "press-7.model", "press-7.zones"):
+                assert await client.get_node(ua.NodeId(name, index)).read_node_class() is ua.NodeClass.Object
+
+    asyncio.run(browse())
 
 
 def test_only_the_user_reads(start_service: StartService, tmp_path: Path) -> None:

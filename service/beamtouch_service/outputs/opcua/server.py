@@ -1,7 +1,7 @@
-"""The OPC UA server: its address and its security, and when its variables and events are filled.
+"""The OPC UA server: its address and its security, and what its variables answer.
 
-A variable is filled when it is read, and at the interval of the section if a client has subscribed to its surface. So
-nothing stands there that is older than that, whether samples come or not.
+Nothing is stored: whoever reads a variable, or begins to subscribe to it, gets the contact of that moment. Clients that
+have subscribed are told of changes at the interval of the section, whether samples come or not.
 
 The server has a thread and an event loop of its own: it takes seconds to make its standard nodes, and its answers are
 slow beside those over HTTP, which must not wait for them. The thread only reads what is replaced as a whole: the newest
@@ -10,12 +10,11 @@ sample of a surface with its decision, and its model.
 
 import asyncio
 import logging
-from collections.abc import Iterable
 from contextlib import suppress
 from datetime import UTC, datetime
 from functools import partial
 
-from asyncua import Server, ua
+from asyncua import Node, Server, ua
 from asyncua.common.callback import Callback, CallbackType
 
 from beamtouch_service.access import Access
@@ -25,12 +24,13 @@ from beamtouch_service.events.recorder import in_thread
 from beamtouch_service.outputs.opcua.events import EventSender
 from beamtouch_service.outputs.opcua.section import OpcUaSection
 from beamtouch_service.outputs.opcua.security import Security, read_security
-from beamtouch_service.outputs.opcua.values import values, variables_of
+from beamtouch_service.outputs.opcua.subscriptions import ExactSubscriptions
+from beamtouch_service.outputs.opcua.values import Variable, values, variables_of
 from beamtouch_service.outputs.section import Output
 from beamtouch_service.surfaces.surface import Surface
 
 NAMESPACE = "urn:beamtouch"
-"""The namespace of all nodes; a node is `NAME` or `NAME.variable`."""
+"""The namespace of all nodes; a node is `NAME` or `NAME/variable`: no name of a surface has a slash."""
 APPLICATION = "urn:beamtouch:service"
 """What the certificate of the server names."""
 STOP_S = 1.0
@@ -107,6 +107,8 @@ def _url(host: str, port: int) -> str:
 async def _prepare(section: OpcUaSection, security: Security, host: str) -> Server:
     """Return a server with its security, which does not listen yet."""
     server = Server(user_manager=security.user)
+    subscriptions = ExactSubscriptions(server.iserver.aspace, server.iserver)
+    server.iserver.subscription_service = server.iserver.isession.subscription_service = subscriptions
     await server.init()
     server.set_endpoint(_url(host, section.port))
     server.set_server_name("Beamtouch")
@@ -128,6 +130,8 @@ class Space:
         self._nodes: dict[str, dict[str, ua.NodeId]] = {}
         """Surface -> name -> variable."""
         self._subscribed: dict[str, Surface] = {}
+        self._looks: dict[str, dict[str, ua.DataValue]] = {}
+        """Surface -> name -> value, of this turn of the event loop."""
 
     async def build(self) -> None:
         """Make an object for each surface, with its variables."""
@@ -135,39 +139,40 @@ class Space:
         top = self._server.get_objects_node()
         for surface in self._context.registry:
             node = await top.add_object(ua.NodeId(surface.name, index), ua.QualifiedName(surface.name, index))
-            self.objects[surface.name], nodes = node.nodeid, dict[str, ua.NodeId]()
+            self.objects[surface.name], self._nodes[surface.name] = node.nodeid, {}
             for name, variable in variables_of(surface).items():
-                nodeid, none = ua.NodeId(f"{surface.name}.{name}", index), ua.Variant(None, ua.VariantType.Null)
-                kind = ua.NodeId(getattr(ua.ObjectIds, variable.kind.name))
-                added = await node.add_variable(nodeid, ua.QualifiedName(name, index), none, datatype=kind)
-                text = ua.LocalizedText(variable.meaning)
-                await added.write_attribute(ua.AttributeIds.Description, ua.DataValue(ua.Variant(text)))
-                nodes[name] = added.nodeid
-                self._surfaces[added.nodeid] = surface
-            self._nodes[surface.name] = nodes
-            await self._fill([surface])
-        self._server.subscribe_server_callback(CallbackType.PreRead, self._before_read)
+                await self._add(surface, name, variable, node)
         self._server.subscribe_server_callback(CallbackType.ItemSubscriptionCreated, self._note_subscription)
 
+    async def _add(self, surface: Surface, name: str, variable: Variable, node: Node) -> None:
+        """Add a variable to the object of its surface."""
+        index = node.nodeid.NamespaceIndex
+        nodeid, none = ua.NodeId(f"{surface.name}/{name}", index), ua.Variant(None, ua.VariantType.Null)
+        kind = ua.NodeId(getattr(ua.ObjectIds, variable.kind.name))
+        added = await node.add_variable(nodeid, ua.QualifiedName(name, index), none, datatype=kind)
+        text = ua.LocalizedText(variable.meaning)
+        await added.write_attribute(ua.AttributeIds.Description, ua.DataValue(ua.Variant(text)))
+        self._server.set_attribute_value_callback(nodeid, lambda _node, _attribute: self._look(surface)[name])
+        # Without this, the library would store what subscribers are told, and answer with that from then on.
+        self._server.set_attribute_value_setter(nodeid, lambda _node, _attribute, _value: None)
+        self._nodes[surface.name][name], self._surfaces[nodeid] = nodeid, surface
+
     async def follow(self, interval_s: float) -> None:
-        """Fill the variables of surfaces that clients have subscribed to, until cancelled."""
+        """Tell clients of the variables of surfaces that they have subscribed to, until cancelled."""
         while True:
             await asyncio.sleep(interval_s)
             for surface in list(self._subscribed.values()):
-                await self._fill([surface])
+                for name, value in self._look(surface).items():
+                    await self._server.write_attribute_value(self._nodes[surface.name][name], value)
                 # Reads have a turn between two surfaces.
                 await asyncio.sleep(0)
 
-    async def _fill(self, surfaces: Iterable[Surface]) -> None:
-        for surface in surfaces:
-            nodes = self._nodes[surface.name]
-            for name, value in values(surface, self._context.clock(), datetime.now(UTC)).items():
-                await self._server.write_attribute_value(nodes[name], value)
-
-    async def _before_read(self, event: Callback, _service: object) -> None:
-        """Fill what is about to be read."""
-        asked = [self._surfaces.get(item.NodeId) for item in event.request_params.NodesToRead]
-        await self._fill({one.name: one for one in asked if one is not None}.values())
+    def _look(self, surface: Surface) -> dict[str, ua.DataValue]:
+        """Return the variables of a surface as of now. All that one request asks for belong to one sample."""
+        if surface.name not in self._looks:
+            self._looks[surface.name] = values(surface, self._context.clock(), datetime.now(UTC))
+            asyncio.get_running_loop().call_soon(self._looks.pop, surface.name)
+        return self._looks[surface.name]
 
     def _note_subscription(self, event: Callback, _service: object) -> None:
         for item in event.request_params.ItemsToCreate:
