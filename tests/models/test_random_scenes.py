@@ -74,7 +74,8 @@ def test_a_model_is_built_where_zeros_drift_far_more_than_readings_scatter(tmp_p
         assert run_here(["build", str(tmp_path / "frame.toml"), "-o", str(tmp_path / "frame.onnx"), *quick]) == "done"
 
     thresholds = load(tmp_path / "frame.onnx").metadata.thresholds
-    assert 0 < thresholds.touch[0] < 1
+    # Zeros lie within two of their deviations: alone, they move one channel by no more, which is odds of 2^2 / 2.
+    assert 0 < thresholds.touch[0] < 2.1
     assert thresholds.touch[-1] > 1
 
 

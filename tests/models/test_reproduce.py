@@ -118,7 +118,7 @@ def error_of_the_posterior(sensor_mm: Floats, draws: int) -> float:
 
 
 def test_the_accuracy_limit_of_two_sensors(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(eighth, "LIMIT_DRAWS", 2000)
+    monkeypatch.setattr(eighth, "LIMIT_DRAWS", 4000)
     placed = {Layout(2, "equal"): equal_pitch_mm(2), Layout(2, "optimised"): np.array([122.0, 278.0])}
     found = performances(placed, 1, networks=1, max_epochs=10)
     for layout, positions in placed.items():

@@ -32,6 +32,13 @@ PATIENCE_S = 20.0
 MAX_OF_ADDRESS = 64
 
 
+class Dropped(ssl.SSLSocket):
+    """Closed when nobody has it: the library leaves one open whose peer has gone before the handshake."""
+
+    def __del__(self) -> None:
+        self.close()
+
+
 class Proxy:
     """HAProxy in front of a service, on a free port."""
 
@@ -39,6 +46,7 @@ class Proxy:
         self.port = free_port()
         self.url = f"https://127.0.0.1:{self.port}"
         self.tls = ssl.create_default_context(cafile=str(certificate[0]))
+        self.tls.sslsocket_class = Dropped
         pem = folder / "beamtouch.pem"
         pem.write_text("".join(path.read_text() for path in certificate))
         places = {":8443": f"127.0.0.1:{self.port}", "/etc/haproxy/beamtouch.pem": str(pem)}
