@@ -47,12 +47,12 @@ class Samples:
         self.at_us = 0
         self.found: list[list[float]] = []
 
-    def add(self, *rows: Row, count: int = SECOND, is_touched: bool = False) -> Stage:
+    def add(self, *rows: Row, count: int = SECOND, state: State | None = None) -> Stage:
         """Take these deflections in turn, so often."""
         for number in range(count):
             self.at_us += STEP_US
             values = np.array(rows[number % len(rows)], np.float64)
-            movement = self.finder.add(self.at_us, values, is_touched=is_touched)
+            movement = self.finder.add(self.at_us, values, state)
             if movement:
                 self.found.append(movement.moved_mm.round(6).tolist())
         return self.finder.stage
@@ -65,10 +65,12 @@ def test_a_press_is_from_rest_once_it_has_been_held_and_the_next_one_needs_a_lif
     assert samples.add([0.4, 1.5, -0.3], count=SECOND - 20) is Stage.HOLD
     assert 0.7 < samples.finder.held < 1
     assert samples.add([0.4, 1.5, -0.3], count=20) is Stage.LIFT
-    assert samples.found == [[0.3, -0.5, 0.0]]
     assert samples.add([0.6, 1.2, -0.3]) is Stage.LIFT
+    assert samples.found == []
     assert samples.add([0.11, 2.0, -0.3]) is Stage.PRESS
+    assert samples.found == [[0.3, -0.5, 0.0]]
     samples.add([0.61, 2.0, -0.3])
+    samples.add([0.11, 2.0, -0.3])
     assert samples.found[1:] == [[0.5, 0.0, 0.0]]
 
 
@@ -89,9 +91,11 @@ def test_only_what_is_held_is_a_press(rows: Sequence[Row], count: int, is_found:
     samples = Samples()
     samples.add(AT_REST)
     samples.add(*rows, count=count)
+    samples.add(AT_REST)
     assert bool(samples.found) is is_found
     if is_found:
-        assert samples.found[0][1:] == [pytest.approx(np.mean([row[1] or 0.0 for row in rows]), abs=0.005), 0.0]
+        middle_mm = np.mean(np.array([row[1] for row in rows], np.float64))
+        assert samples.found[0][1:] == [pytest.approx(middle_mm, abs=0.005, nan_ok=True), 0.0]
 
 
 def test_a_pause_ends_a_press_that_was_not_held_for_long_enough() -> None:
@@ -106,10 +110,72 @@ def test_a_pause_ends_a_press_that_was_not_held_for_long_enough() -> None:
 
 def test_what_the_surface_calls_a_contact_is_no_rest_and_a_broken_cable_does_not_hinder_it() -> None:
     samples = Samples()
-    assert samples.add([0.5, 0.2, 0.0], is_touched=True) is Stage.REST
+    assert samples.add([0.5, 0.2, 0.0], state=State.CONTACT) is Stage.REST
     assert samples.add([0.0, 0.0, 3.0], [0.0, 0.0, -2.0]) is Stage.PRESS
     samples.add([0.5, 0.2, 3.0], [0.5, 0.2, -2.0])
+    samples.add([0.0, 0.0, 3.0], [0.0, 0.0, -2.0])
     assert samples.found[0][:2] == [0.5, 0.2]
+
+
+def test_a_missing_value_leaves_its_channel_to_the_others_and_a_channel_without_most_is_not_known() -> None:
+    samples = Samples()
+    samples.add([None, 0.0, 0.0], count=1)
+    samples.add(AT_REST)
+    samples.add([0.5, 0.2, 0.1], count=40)
+    samples.add([0.5, None, 0.1], count=1)
+    samples.add([0.5, 0.2, None], count=60)
+    samples.add(AT_REST)
+    assert samples.found == [[0.5, 0.2, pytest.approx(np.nan, nan_ok=True)]]
+
+
+@pytest.mark.parametrize("state", [State.UNEXPLAINED, State.CLEAR, None])
+def test_a_load_that_is_taken_off_is_no_press(state: State | None) -> None:
+    samples = Samples()
+    assert samples.add([0.5, 0.2, 0.1], state=state) is Stage.PRESS
+    assert samples.add(AT_REST, state=state) is Stage.LIFT
+    assert samples.add(AT_REST, count=10 * SECOND, state=state) is Stage.PRESS
+    assert samples.found == []
+    samples.add([0.5, 0.2, 0.1], state=state)
+    samples.add(AT_REST, state=state)
+    assert samples.found == [[0.5, 0.2, 0.1]]
+
+
+@pytest.mark.parametrize("state", [State.CONTACT, State.UNEXPLAINED, State.CLEAR, None])
+def test_a_press_that_begins_gently_does_not_become_the_rest(state: State | None) -> None:
+    samples = Samples()
+    samples.add(AT_REST)
+    for step in range(10 * SECOND):
+        force = min(step / (5 * SECOND), 1.0)
+        samples.add([0.5 * force, 0.2 * force, 0.0], count=1, state=state)
+    samples.add(AT_REST, count=12 * SECOND)
+    assert all(first_mm > 0.0 < second_mm for first_mm, second_mm, _ in samples.found)
+    assert bool(samples.found) is (state in {State.CONTACT, State.UNEXPLAINED})
+
+
+def test_zeros_may_drift_before_a_press_while_the_surface_is_clear() -> None:
+    samples = Samples()
+    samples.add(AT_REST)
+    samples.add([0.08, 0.0, 0.0], count=2 * SECOND, state=State.CLEAR)
+    samples.add([0.58, 0.2, 0.0])
+    samples.add([0.08, 0.0, 0.0])
+    assert samples.found == [[0.5, 0.2, 0.0]]
+
+
+def test_a_channel_that_jumps_and_stays_does_not_stop_the_course() -> None:
+    samples = Samples()
+    samples.add(AT_REST)
+    samples.add([0.5, 0.2, 0.1])
+    assert samples.add([0.0, 0.0, 0.4], count=5 * SECOND) is Stage.LIFT
+    assert samples.add([0.0, 0.0, 0.4], count=6 * SECOND) is Stage.PRESS
+    assert samples.found == []
+
+
+def test_a_hand_that_stays_is_no_rest_while_the_surface_states_a_contact() -> None:
+    samples = Samples()
+    samples.add(AT_REST)
+    assert samples.add([0.5, 0.2, 0.1], count=15 * SECOND, state=State.CONTACT) is Stage.LIFT
+    samples.add(AT_REST)
+    assert samples.found == [[0.5, 0.2, 0.1]]
 
 
 # Marked places.
@@ -168,12 +234,18 @@ class Course:
         assert surface.model
         self.curve = InfluenceCurve.of(surface.model.metadata)
         self.order: Sequence[int] = (0, 1, 2)
+        self.missing: int | None = None
+        """Index of the sample of each batch in which the second channel has no value."""
 
     def send(self, row: Row, boot_id: str = "boot-0001") -> None:
         """Send a second of samples."""
         batch = batch_of(*[row] * SECOND, sequence=self.sequence, boot_id=boot_id)
         for sample in batch["samples"]:
             sample["acquired_unix_us"] = STEP_US * sample["sequence"]
+        if self.missing is not None:
+            sample = batch["samples"][self.missing]
+            sample["deflection_mm"] = [row[0], None, row[2]]
+            sample["quality"] = ["good", "missing", "good"]
         self.sequence += SECOND
         assert self.bench.post(batch).status_code == 200
 
@@ -244,6 +316,26 @@ def test_a_step_that_is_not_seen_is_skipped_and_nothing_passes_then(course: Cour
     assert report["passed"] is False
     assert report["verdict"][0].startswith("The press above s2 and s3 was not seen.")
     assert [one["says"] for one in report["places"]] == ["the press was not seen"] * 3
+
+
+def test_skip_waits_for_a_new_rest(course: Course) -> None:
+    course.send(AT_REST)
+    course.act()
+    course.send(AT_REST)
+    course.send([0.5, 0.2, 0.1])
+    assert course.now["stage"] == "lift"
+    course.act(f"/skip?course={course.now['id']}&step=0")
+    assert (course.now["step"], course.now["stage"]) == (1, "rest")
+    course.send([0.0, 0.0, 0.4])
+    assert (course.now["step"], course.now["stage"]) == (1, "press")
+
+
+def test_a_value_that_is_missing_now_and_then_changes_no_finding(course: Course) -> None:
+    course.order, course.missing = SWAPPED, 50
+    course.follow()
+    sensors = course.now["report"]["sensors"]
+    assert [one["finding"] for one in sensors] == ["swapped", "swapped", "right"]
+    assert all(None not in one["moved_mm"].values() for one in sensors)
 
 
 def test_nothing_begins_where_nothing_could_be_seen_of_a_press() -> None:

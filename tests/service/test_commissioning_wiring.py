@@ -149,6 +149,52 @@ def test_a_channel_that_moves_too_little_or_too_much_does_not_pass(channel: int,
     assert NAMES[channel] in " ".join(advise(judgement, NAMES, found))
 
 
+@pytest.mark.parametrize("faults", [[], [SWAPPED, INVERTED]], ids=["right", "swapped and inverted"])
+def test_a_channel_without_values_in_one_press_is_judged_by_the_others(faults: list[Fault]) -> None:
+    presses = []
+    for step, at_mm in enumerate(AT_MM):
+        moved = 10 * deflections(np.array([at_mm]))[0]
+        for fault in faults:
+            moved = fault(moved)
+        if step == 1:
+            moved[1] = np.nan
+        presses.append(Press(at_mm, moved, np.full(4, NOISE_MM)))
+    judgement = judge(presses, deflections)
+    assert (judgement.is_explained, judgement.rivals) == (True, [])
+    assert judgement.wiring == pressed(*faults).wiring
+    assert np.abs(judgement.shares) == pytest.approx([1, 1, 1, 1])
+
+
+def test_a_channel_without_values_in_any_press_is_dead() -> None:
+    judgement = pressed(partial(scale, 2, np.nan))
+    found = find(judgement, NAMES, {"s3": Quality.MISSING})
+    assert found[2] == (Finding.DEAD, "does not move (missing)")
+    assert [one.finding for one in found].count(Finding.RIGHT) == 3
+
+
+@pytest.mark.parametrize(
+    ("gains", "shares", "finding"),
+    [
+        ((1.0, 0.7), (1.43, 0.7), Finding.GAIN),
+        ((1.0, -0.7), (1.43, -0.7), Finding.GAIN),
+        ((1.0, 0.9), (1.11, 0.9), Finding.RIGHT),
+        ((1.0, 1.0, 0.72, 0.72), (1.39, 1.39, 0.72, 0.72), Finding.GAIN),
+        ((1.0, 1.0, 0.9, 0.9), (1.11, 1.11, 0.9, 0.9), Finding.RIGHT),
+    ],
+)
+def test_of_channels_that_differ_in_halves_neither_half_passes(
+    gains: tuple[float, ...], shares: tuple[float, ...], finding: Finding
+) -> None:
+    sensors_mm = AT_MM if len(gains) == len(AT_MM) else (120.0, 280.0)
+    influence = partial(deflections, sensors_mm=sensors_mm)
+    moved = 10 * influence(np.array(sensors_mm)) * gains
+    noise_mm = np.full(len(gains), NOISE_MM)
+    presses = [Press(at_mm, one, noise_mm) for at_mm, one in zip(sensors_mm, moved, strict=True)]
+    judgement = judge(presses, influence)
+    assert judgement.shares == pytest.approx(shares, rel=0.04)
+    assert {one.finding for one in find(judgement, NAMES[: len(gains)], {})} == {finding}
+
+
 def test_the_force_and_what_each_channel_moved_are_stated() -> None:
     judgement = pressed(SWAPPED, INVERTED, DEAD)
     assert judgement.forces_n == pytest.approx([9, 12, 7, 14], rel=0.12)

@@ -65,6 +65,10 @@ class Course:
         self._boot_id = ""
         self._presses: dict[int, Press] = {}
         """Sensor -> the press above it."""
+        self._seen_held = Seen(None)
+        """What the surface said of the press that awaits its lift."""
+        self._bad_held: dict[str, Quality] = {}
+        """Channels that were not good in it."""
         self._bad: dict[str, Quality] = {}
         """Channels that were not good in a press."""
         self._judgement: Judgement | None = None
@@ -121,16 +125,18 @@ class Course:
             self._finder.forget()
         values = dict(zip(channels, sample.deflection_mm, strict=True))
         deflection_mm = np.array([values[name] for name in self.model.channels], np.float64)  # NaN for None
-        touched = seen.state is State.CONTACT
-        moved = self._finder.add(sample.acquired_unix_us, deflection_mm, is_touched=touched)
+        was_held = self.stage is Stage.HOLD
+        moved = self._finder.add(sample.acquired_unix_us, deflection_mm, seen.state)
+        if was_held and self.stage is Stage.LIFT:
+            qualities = dict(zip(channels, sample.quality, strict=True))
+            self._bad_held = {name: one for name, one in qualities.items() if one is not Quality.GOOD}
+            self._seen_held = seen
         if moved is None:
             return
-        qualities = dict(zip(channels, sample.quality, strict=True))
-        bad = {name: one for name, one in qualities.items() if one is not Quality.GOOD}
         if self.step < len(self.report.sensors):
-            self._take_sensor(moved, bad)
+            self._take_sensor(moved, self._bad_held)
         else:
-            self._take_place(seen)
+            self._take_place(self._seen_held)
         self._advance()
 
     def skip(self) -> None:
@@ -140,11 +146,12 @@ class Course:
             self._update(self.step, finding=Finding.UNSEEN, says=UNSEEN)
         else:
             self._take_place(Seen(None, reason=UNSEEN))
+        self._finder.forget()
         self._advance()
 
     def _take_sensor(self, moved: Movement, bad: Mapping[str, Quality]) -> None:
         sensor = self.report.sensors[self.step]
-        moved_mm = [round(one, _MM_DIGITS) for one in moved.moved_mm.tolist()]
+        moved_mm = [None if isnan(one) else round(one, _MM_DIGITS) for one in moved.moved_mm.tolist()]
         self._update(
             self.step,
             moved_mm=dict(zip(self.model.channels, moved_mm, strict=True)),

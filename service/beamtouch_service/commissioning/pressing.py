@@ -1,16 +1,20 @@
 """Finds presses in consecutive samples: rest, a press that is held, the lift. Pure: no clock.
 
-It looks at how far the channels moved from where they rested, and at nothing that the model says: with a wrong wiring,
-the state of the surface is unexplained, but the deflections are there. The value of a channel that is not good counts
-as well, where its sender has one: an inverted sensor may be out of its range, and still move.
+It looks at how far the channels moved from where they rested. What the surface says only shows when they do not rest:
+with a wrong wiring it is unexplained, but the deflections are there. A press counts once the beam is back where it
+rested before; otherwise a load that is taken off would be a press with the wrong sign. The value of a channel that is
+not good counts as well, where its sender has one: an inverted sensor may be out of its range, and still move.
 """
 
 from collections import deque
+from collections.abc import Iterable
 from enum import StrEnum
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
+
+from beamtouch_models.modelfile import State
 
 Floats = NDArray[np.float64]
 
@@ -25,6 +29,9 @@ STEADY = 0.5
 """A press is held while it moves the channels by at least this part of the most that it did."""
 LIFTED = 0.2
 """A press is over once the channels are back to this part of it."""
+SETTLED_US = 10_000_000
+"""A beam that lies still for this long after a press, but elsewhere than before, rests there: it was no press. A person
+who is told to lift does so earlier."""
 
 
 class Stage(StrEnum):
@@ -42,7 +49,7 @@ class Movement(NamedTuple):
     """How the channels moved in a press that was held."""
 
     moved_mm: Floats
-    """(channels,) from rest; 0 for a channel without values."""
+    """(channels,) from rest; NaN for a channel with values in less than half of the samples."""
     noise_mm: Floats
     """Standard deviation of these (channels,)."""
 
@@ -54,6 +61,29 @@ class _Entry(NamedTuple):
     values_mm: Floats
     size: float
     """How far the channels are from rest, in deviations of the one that moved most."""
+
+
+class _Summary(NamedTuple):
+    """Values of some samples, each (channels,); NaN for a channel with values in less than half of them."""
+
+    mean_mm: Floats
+    deviation_mm: Floats
+    spread_mm: Floats
+    """Largest less smallest value."""
+
+    @classmethod
+    def of(cls, window: Iterable[_Entry]) -> Self:
+        """Return the summary of at least one sample."""
+        values_mm = np.array([one.values_mm for one in window])
+        is_known = np.count_nonzero(np.isfinite(values_mm), axis=0) * 2 >= len(values_mm)
+        known_mm = values_mm[:, is_known]
+        table = np.full((3, values_mm.shape[1]), np.nan)
+        table[:, is_known] = (
+            np.nanmean(known_mm, axis=0),
+            np.nanstd(known_mm, axis=0),
+            np.nanmax(known_mm, axis=0) - np.nanmin(known_mm, axis=0),
+        )
+        return cls(*table)
 
 
 class PressFinder:
@@ -72,8 +102,14 @@ class PressFinder:
         self._window = deque[_Entry]()
         self._rest_mm = self._noise_mm = np.zeros(0)
         """Where the channels rested, and the standard deviation of their values there, that of a reading at least."""
+        self._first_rest_mm = self._rest_mm
+        """Where the channels rested when the current press began to be awaited."""
+        self._movement: Movement | None = None
+        """That of the press which awaits its lift."""
         self._pressed = 0.0
-        """How far the last press moved the channels, in deviations."""
+        """How far this press moved the channels, in deviations."""
+        self._still_since_us: int | None = None
+        """Since when the beam has been still while a lift is awaited."""
 
     @property
     def held(self) -> float:
@@ -85,65 +121,92 @@ class PressFinder:
     def forget(self) -> None:
         """Begin anew, as with another sender, whose rest may be another."""
         self.stage = Stage.REST
-        self._window.clear()
+        self._clear()
 
-    def add(self, at_us: int, values_mm: Floats, *, is_touched: bool = False) -> Movement | None:
-        """Take the next sample; return a movement once a press has been held for long enough.
+    def add(self, at_us: int, values_mm: Floats, state: State | None = None) -> Movement | None:
+        """Take the next sample; return the movement of a press that was held for long enough, once it is lifted.
 
         Parameters
         ----------
         at_us : its time by the sender's clock [us since 1970]
         values_mm : deflections (channels,), NaN for a channel without one
-        is_touched : whether the surface says that something touches it; then it is not at rest
+        state : what the surface states; None without a state
         """
         if self._window and not 0 < at_us - self._window[-1].at_us <= self._pause_us:
-            self._window.clear()
+            self._clear()
             self.stage = Stage.PRESS if self.stage is Stage.HOLD else self.stage
         entry = _Entry(at_us, values_mm, self._size(values_mm))
         if (self.stage, entry.size > PRESSED) in {(Stage.PRESS, True), (Stage.HOLD, False)}:
             self.stage = Stage.HOLD if self.stage is Stage.PRESS else Stage.PRESS
-            self._window.clear()
+            self._clear()
         self._window.append(entry)
         while len(self._window) > 1 and at_us - self._window[1].at_us >= HOLD_US:
             self._window.popleft()
         if at_us - self._window[0].at_us < HOLD_US:
             return None
         if self.stage is Stage.HOLD:
-            return self._take_press()
-        values = np.array([one.values_mm for one in self._window])
-        if self._rests(values, is_touched=is_touched):
-            self._take_rest(values)
-        return None
+            self._take_press()
+            return None
+        return self._take_still(_Summary.of(self._window), state)
+
+    def _clear(self) -> None:
+        self._window.clear()
+        self._still_since_us = None
 
     def _size(self, values_mm: Floats) -> float:
         if self.stage is Stage.REST:
             return 0.0
         return float(np.nanmax(np.abs(values_mm - self._rest_mm) / self._noise_mm, initial=0.0))
 
-    def _take_press(self) -> Movement | None:
-        """Return the movement of the press in the window, unless its force has changed too much."""
+    def _take_press(self) -> None:
+        """Note the movement of the press in the window, unless its force has changed too much."""
         sizes = [one.size for one in self._window]
         if min(sizes) < STEADY * max(sizes):
-            return None
-        moved_mm = np.array([one.values_mm for one in self._window]).mean(axis=0) - self._rest_mm
+            return
+        moved_mm = _Summary.of(self._window).mean_mm - self._rest_mm
+        if np.isnan(moved_mm).all():
+            return
+        self._movement = Movement(moved_mm, self._noise_mm)
         self.stage, self._pressed = Stage.LIFT, max(sizes)
-        self._window.clear()
-        return Movement(np.nan_to_num(moved_mm), self._noise_mm)
+        self._clear()
 
-    def _rests(self, values_mm: Floats, *, is_touched: bool) -> bool:
-        """Return whether the beam rests with these values (samples, channels).
+    def _take_still(self, summary: _Summary, state: State | None) -> Movement | None:
+        """Take what may be a rest; return the movement of the press that it ends."""
+        if np.count_nonzero(summary.spread_mm <= STILL * self._reading_mm) * 2 < len(summary.spread_mm):
+            self._still_since_us = None
+        elif self.stage is Stage.LIFT:
+            return self._take_lift(summary, state)
+        elif self.stage is Stage.REST:
+            if state is not State.CONTACT:
+                self._begin_from(summary)
+        elif state not in {State.CONTACT, State.UNEXPLAINED} and self._is_near_first(summary):
+            self._take_rest(summary)
+        return None
 
-        Later rests are known by the first one, whatever the surface says.
-        """
-        spread = values_mm.max(axis=0) - values_mm.min(axis=0)
-        if np.count_nonzero(spread <= STILL * self._reading_mm) * 2 < values_mm.shape[1]:
-            return False
-        if self.stage is Stage.REST:
-            return not is_touched
-        return self.stage is Stage.PRESS or self._size(values_mm.mean(axis=0)) <= LIFTED * self._pressed
+    def _take_lift(self, summary: _Summary, state: State | None) -> Movement | None:
+        """Return the movement of the press once the beam is back, or discard it if the beam settles elsewhere."""
+        if self._size(summary.mean_mm) <= LIFTED * self._pressed:
+            self._begin_from(summary)
+            return self._movement
+        if state is State.CONTACT:
+            self._still_since_us = None
+        elif self._still_since_us is None:
+            self._still_since_us = self._window[0].at_us
+        elif self._window[-1].at_us - self._still_since_us >= SETTLED_US:
+            self._begin_from(summary)
+        return None
 
-    def _take_rest(self, values_mm: Floats) -> None:
-        """Note where the channels rest now: between presses, zeros may drift."""
-        self._rest_mm = values_mm.mean(axis=0)
-        self._noise_mm = np.maximum(self._reading_mm, np.nan_to_num(values_mm.std(axis=0)))
-        self.stage = Stage.PRESS
+    def _is_near_first(self, summary: _Summary) -> bool:
+        """Return whether zeros may have drifted so far: a gentle press must not become the rest step by step."""
+        moved_mm = np.abs(summary.mean_mm - self._first_rest_mm)
+        return float(np.nanmax(moved_mm / self._noise_mm, initial=0.0)) <= PRESSED
+
+    def _begin_from(self, summary: _Summary) -> None:
+        """Await a press from this rest."""
+        self.stage, self._first_rest_mm = Stage.PRESS, summary.mean_mm
+        self._still_since_us = None
+        self._take_rest(summary)
+
+    def _take_rest(self, summary: _Summary) -> None:
+        self._rest_mm = summary.mean_mm
+        self._noise_mm = np.maximum(self._reading_mm, np.nan_to_num(summary.deviation_mm))

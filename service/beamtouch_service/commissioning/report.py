@@ -47,8 +47,9 @@ class SensorResult(_Part):
     other channels; null if that is too little to see."""
     quality: Quality | None = None
     """Quality of its channel during the press above it."""
-    moved_mm: dict[str, float] | None = None
-    """How far each channel moved during the press above it, from rest; null if the press was not seen."""
+    moved_mm: dict[str, float | None] | None = None
+    """How far each channel moved during the press above it, from rest, null for one that mostly had no values; null if
+    the press was not seen."""
     force_n: float | None = None
     """Force of the press, as the model explains the movements."""
 
@@ -143,7 +144,7 @@ def _figure(value: float | None, digits: int) -> str:
 
 
 def _moved(sensor: SensorResult, channel: str) -> str:
-    return "-" if sensor.moved_mm is None else f"{sensor.moved_mm[channel]:.4f}"
+    return _figure((sensor.moved_mm or {}).get(channel), 4)
 
 
 def _share(sensor: SensorResult) -> str:

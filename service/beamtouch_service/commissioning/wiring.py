@@ -41,7 +41,8 @@ class Press(NamedTuple):
     at_mm: float
     """Where it should be."""
     moved_mm: Floats
-    """How each channel moved (channels,), from rest, positive in the direction of the load; 0 without a value."""
+    """How each channel moved (channels,), from rest, positive in the direction of the load; NaN for one that had
+    mostly no values: nothing is known of it then."""
     noise_mm: Floats
     """Standard deviation of these (channels,)."""
 
@@ -83,23 +84,22 @@ def judge(presses: Sequence[Press], influence: Influence) -> Judgement:
     presses : at least one
     influence : of the model, its channels in the order of those of the presses
     """
-    fits = [_Fit(press, influence) for press in presses]
+    moved_mm, noise_mm = (np.array([one[field] for one in presses]) for field in (1, 2))
+    moved_mm[:, np.isnan(moved_mm).all(axis=0)] = 0.0  # a channel that never has values is dead
+    fits = [_Fit(one._replace(moved_mm=moved), influence) for one, moved in zip(presses, moved_mm, strict=True)]
     prices = _search(fits, len(presses[0].moved_mm))
     best = min(prices, key=lambda wiring: prices[wiring])
     rivals = [one for one, price in prices.items() if one != best and price < prices[best] + FAULT]
     each = [fit.best(best) for fit in fits]
-    moved_mm, noise_mm = (np.array([one[field] for one in presses]) for field in (1, 2))
     expected_mm = np.array([one.moved_mm[list(best.sensors)] for one in each])
     shares = _shares(moved_mm, expected_mm, noise_mm)
     left = (moved_mm - np.nan_to_num(shares, nan=1.0) * expected_mm) / np.array([fit.deviation_mm for fit in fits])
-    alive = np.abs(shares[np.isfinite(shares) & (np.array(best.signs) != 0)])
     return Judgement(
         best,
         sorted(rivals, key=lambda wiring: prices[wiring]),
-        bool(((left**2).mean(axis=1) <= EXPLAINED).all()),
+        bool((np.nanmean(left**2, axis=1) <= EXPLAINED).all()),
         [one.force_n for one in each],
-        # The force is that which fits best: a sensor that moves too little makes the others seem to move more.
-        shares / np.median(alive) if len(alive) else shares,
+        _next_to_others(shares, np.isfinite(shares) & (np.array(best.signs) != 0)),
     )
 
 
@@ -115,10 +115,11 @@ class _Fit:
     """One press, and what the model expects of it at each place that is tried."""
 
     def __init__(self, press: Press, influence: Influence) -> None:
-        tolerance_mm = TOLERANCE * np.abs(press.moved_mm).max()
+        tolerance_mm = TOLERANCE * np.nanmax(np.abs(press.moved_mm))
         self.deviation_mm = np.sqrt(press.noise_mm**2 + tolerance_mm**2)
         """Standard deviation of the movement of each channel (channels,)."""
-        self._moved = press.moved_mm / self.deviation_mm
+        self._is_known = np.isfinite(press.moved_mm)
+        self._moved = np.nan_to_num(press.moved_mm / self.deviation_mm)
         self._per_newton = influence(press.at_mm + PLACE_SD_MM * REACH)
 
     def fit(self, sensors: NDArray[np.intp], signs: Floats) -> tuple[Floats, Floats, NDArray[np.intp]]:
@@ -127,7 +128,7 @@ class _Fit:
         A place is an index into `REACH`.
         """
         # (places, wirings, channels)
-        expected = self._per_newton[:, sensors] * signs / self.deviation_mm
+        expected = self._per_newton[:, sensors] * signs * self._is_known / self.deviation_mm
         along = np.maximum(expected @ self._moved, 0.0)
         own = np.maximum((expected**2).sum(axis=-1), np.finfo(np.float64).tiny)
         squares = self._moved @ self._moved - along**2 / own + REACH[:, None] ** 2
@@ -198,8 +199,26 @@ def _plain(sensors: Sequence[int], signs: Sequence[int]) -> Wiring:
 
 def _shares(moved_mm: Floats, expected_mm: Floats, noise_mm: Floats) -> Floats:
     """Return how far each channel moved over what is expected (channels,), from tables (presses, channels)."""
+    expected_mm = np.where(np.isfinite(moved_mm), expected_mm, 0.0)
+    moved_mm = np.nan_to_num(moved_mm)
     square = (expected_mm**2).sum(axis=0)
     shares = np.full(len(square), np.nan)
     is_seen = square > (SEEN * noise_mm.max(axis=0)) ** 2
     shares[is_seen] = (moved_mm * expected_mm).sum(axis=0)[is_seen] / square[is_seen]
     return shares
+
+
+def _next_to_others(shares: Floats, is_alive: NDArray[np.bool_]) -> Floats:
+    """Return each share over the median of the other living channels (channels,).
+
+    The force is that which fits best: a sensor that moves too little makes the others seem to move more. With its own
+    share in the median, a sensor would hide itself where there are two, or two and two alike.
+    """
+    found = shares.copy()
+    for channel in range(len(shares)):
+        is_other = is_alive.copy()
+        is_other[channel] = False
+        others = np.abs(shares[is_other if is_other.any() else is_alive])
+        if len(others):
+            found[channel] /= np.median(others)
+    return found
