@@ -140,14 +140,9 @@ async def post_commissioning_confirm(
     if not found.is_done:
         detail = f"{found.steps - found.step} steps are left. Do them, skip them, or abandon it."
         raise ProblemError(Problem(Kind.OTHER_COMMISSIONING, detail, name))
-    report = found.report.model_copy(update={"ended_at": rfc3339(_now_us()), "by": by.strip()})
-    # Nobody else can confirm it while it is being written.
-    context.courses.take_out(found)
-    try:
+    report = found.report.model_copy(update={"ended_at": rfc3339(_now_us()), "by": _one_line(by)})
+    with context.courses.confirm(found):
         number = await context.recorder.ask(lambda store: store.add_commissioning(found.id, report))
-    except BaseException:
-        context.courses.put_back(found)
-        raise
     return Recorded(id=number, **report.model_dump())
 
 
@@ -185,6 +180,11 @@ async def get_commissioning_result(
     if as_format == "text":
         return Response(as_text(one), media_type=_TEXT)
     return Response(one.model_dump_json(indent=2), media_type="application/json")
+
+
+def _one_line(text: str) -> str:
+    """Return text without what could forge or hide lines where it is printed."""
+    return " ".join("".join(one if one.isprintable() else " " for one in text).split())
 
 
 async def _recorded(context: Context, name: str) -> list[Recorded]:

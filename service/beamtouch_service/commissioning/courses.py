@@ -1,6 +1,7 @@
 """The commissionings that are under way, one a surface at most, in memory: a service that is started anew has none."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from secrets import token_hex
 
 from beamtouch_service.commissioning.course import Course, Seen
@@ -25,6 +26,8 @@ class Courses:
 
     def __init__(self) -> None:
         self._courses: dict[str, Course] = {}
+        self._being_confirmed: set[str] = set()
+        """Ids of the courses whose results are being written: nothing else happens to them meanwhile."""
         self._ended: dict[str, str] = {}
         """Surface -> why its last course ended without a result."""
 
@@ -64,27 +67,31 @@ class Courses:
             raise ProblemError(Problem(Kind.NO_COMMISSIONING, detail, surface))
         if course.id != course_id:
             raise ProblemError(_other(surface, "Another one was begun meanwhile. Look at its state first."))
+        if course.id in self._being_confirmed:
+            raise ProblemError(_other(surface, "Its result is being put on record. Look at its state first."))
         if step is not None and course.step != step:
             raise ProblemError(_other(surface, f"It is at step {course.step} now. Look at its state first."))
         return course
 
-    def take_out(self, course: Course) -> None:
-        """End a course whose result goes on record."""
-        del self._courses[course.report.surface]
-
-    def put_back(self, course: Course) -> None:
-        """Go on with a course whose result could not be put on record, unless another was begun meanwhile."""
-        self._courses.setdefault(course.report.surface, course)
+    @contextmanager
+    def confirm(self, course: Course) -> Iterator[None]:
+        """Write the result of a course within this; the course ends if that raises nothing, and goes on otherwise."""
+        self._being_confirmed.add(course.id)
+        try:
+            yield
+            del self._courses[course.report.surface]
+        finally:
+            self._being_confirmed.remove(course.id)
 
     def abandon(self, course: Course, reason: str) -> None:
         """End a course without a result."""
-        self.take_out(course)
+        del self._courses[course.report.surface]
         self._ended[course.report.surface] = reason
 
     def hear(self, surface: Surface, batch: Batch, weighed: Mapping[int, Estimate]) -> None:
         """Take the samples of a batch that moved the answer of a surface."""
         course = self._courses.get(surface.name)
-        if course is None:
+        if course is None or course.id in self._being_confirmed:
             return
         if surface.model is not course.model:
             self.abandon(course, "The model of the surface changed meanwhile. Begin again.")

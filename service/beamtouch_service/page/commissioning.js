@@ -15,7 +15,6 @@ const INTRODUCTION =
   "Tare the sensors first, and take everything off the beam.";
 const KINDS = { right: "good", dead: "bad", inverted: "bad", swapped: "bad", gain: "bad", unsure: "unsure", unseen: "unsure" };
 const SIGNS = { good: "good", bad: "bad", unsure: "unknown" };
-const LABELS = { start: "Begin", skip: "Not seen: go on", confirm: "Put on record" };
 
 const part = (name) => byId(`commissioning-${name}`);
 
@@ -30,7 +29,10 @@ export class Commissioning {
     this.forget();
     part("open").addEventListener("click", () => this.open());
     part("close").addEventListener("click", () => this.close());
-    part("form").addEventListener("submit", (event) => this.submit(event));
+    part("begin").addEventListener("submit", (event) => this.begin(event));
+    part("confirm").addEventListener("submit", (event) => this.confirm(event));
+    part("skip").addEventListener("click", () => this.act("skip", `/skip?course=${this.course?.id}&step=${this.course?.step}`));
+    part("abandon").addEventListener("click", () => this.act("abandon", `/abandon?course=${this.course?.id}`));
     for (const format of ["text", "json"]) part(format).addEventListener("click", () => this.download(format));
   }
 
@@ -82,15 +84,17 @@ export class Commissioning {
   /** Ask how far it is, now and then every moment while it is open. */
   async ask() {
     clearTimeout(this.timer);
+    if (!this.isOpen) return;
     const round = ++this.round;
     try {
       const answer = await this.token.ask(this.path());
-      const state = answer.ok ? await answer.json() : null;
+      const body = await answer.json();
       if (round !== this.round) return;
-      if (state) this.take(state);
+      if (answer.ok) this.take(body);
+      else setText(part("prompt"), body.title ?? LOST);
     } catch {
       if (round !== this.round) return;
-      if (this.course) setText(part("prompt"), LOST);
+      setText(part("prompt"), LOST);
     }
     this.timer = setTimeout(() => this.ask(), EVERY_MS);
   }
@@ -116,24 +120,24 @@ export class Commissioning {
     this.draw();
   }
 
-  /** What the main button does now. */
-  get action() {
-    if (!this.course) return "start";
-    return this.course.step < this.course.steps ? "skip" : "confirm";
+  begin(event) {
+    event.preventDefault();
+    if (!this.course) this.act("start", "");
   }
 
-  async submit(event) {
+  confirm(event) {
     event.preventDefault();
-    const action = event.submitter?.value === "abandon" ? "abandon" : this.action;
+    const by = part("by").value.trim();
+    if (!by) return this.complain("Type your name.", "by");
+    this.act("confirm", `/confirm?course=${this.course?.id}&by=${encodeURIComponent(by)}`);
+  }
+
+  async act(action, query) {
     const text = this.write ?? part("token").value.trim();
     setText(part("error"), "");
     if (!possible(text)) return this.complain("Type the write token of the service.", "token");
-    const query = {
-      start: "",
-      skip: `/skip?course=${this.course?.id}&step=${this.course?.step}`,
-      confirm: `/confirm?course=${this.course?.id}&by=${encodeURIComponent(part("by").value.trim())}`,
-      abandon: `/abandon?course=${this.course?.id}`,
-    }[action];
+    clearTimeout(this.timer); // what is asked meanwhile would be shown after this
+    this.round++;
     try {
       const headers = { Authorization: `Bearer ${text}` };
       const signal = AbortSignal.timeout(ASK_MS);
@@ -142,7 +146,8 @@ export class Commissioning {
       if (refuses(answer)) {
         this.write = null;
         this.draw();
-        return this.complain(body.detail, "token");
+        this.complain(body.detail, "token");
+        return this.ask();
       }
       this.write = text;
       part("token").value = "";
@@ -174,8 +179,8 @@ export class Commissioning {
   }
 
   draw() {
-    const { course, newest, action } = this;
-    const isDone = action === "confirm";
+    const { course, newest } = this;
+    const isDone = course !== null && course.step >= course.steps;
     setText(part("prompt"), course ? course.prompt : this.note || "No commissioning is under way.");
     setText(part("help"), course ? (this.lasting || !isDone ? "" : MEMORY) : INTRODUCTION);
     part("held").hidden = course?.stage !== "hold";
@@ -183,10 +188,11 @@ export class Commissioning {
     drawSteps(course);
     drawVerdict(course?.report.verdict ?? []);
     part("token-row").hidden = this.write !== null;
-    part("by-row").hidden = !isDone;
+    part("begin").hidden = course !== null && this.write !== null;
+    part("start").hidden = part("start").disabled = course !== null; // disabled, it takes no Enter
+    part("skip").hidden = !course || isDone;
+    part("confirm").hidden = !isDone;
     part("abandon").hidden = !course;
-    setText(part("go"), LABELS[action]);
-    part("go").classList.toggle("main", action !== "skip"); // to skip is not what one should do next
     part("newest").hidden = newest === null || course !== null;
     if (newest) setText(part("newest-words"), `On record: ${summary(newest)}`);
   }
