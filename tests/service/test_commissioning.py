@@ -236,25 +236,32 @@ class Course:
         assert surface.model
         self.curve = InfluenceCurve.of(surface.model.metadata)
         self.order: Sequence[int] = (0, 1, 2)
+        self.is_late = False
+        """Whether a press and its lift come in one batch."""
         self.missing: int | None = None
         """Index of the sample of each batch in which the second channel has no value."""
 
-    def send(self, row: Row, boot_id: str = "boot-0001") -> None:
-        """Send a second of samples."""
-        batch = batch_of(*[row] * SECOND, sequence=self.sequence, boot_id=boot_id)
+    def send(self, *rows: Row, boot_id: str = "boot-0001") -> None:
+        """Send a batch with a second of samples of each row."""
+        each = [row for row in rows for _ in range(SECOND)]
+        batch = batch_of(*each, sequence=self.sequence, boot_id=boot_id)
         for sample in batch["samples"]:
             sample["acquired_unix_us"] = STEP_US * sample["sequence"]
         if self.missing is not None:
             sample = batch["samples"][self.missing]
-            sample["deflection_mm"] = [row[0], None, row[2]]
+            sample["deflection_mm"] = [rows[0][0], None, rows[0][2]]
             sample["quality"] = ["good", "missing", "good"]
-        self.sequence += SECOND
+        self.sequence += len(each)
         assert self.bench.post(batch).status_code == 200
 
     def press(self, at_mm: float, force_n: float = 8.0) -> None:
         moved = force_n * self.curve.at(np.array([at_mm]))[0][0]
-        self.send(moved[list(self.order)].tolist())
-        self.send(AT_REST)
+        row: Row = moved[list(self.order)].tolist()
+        if self.is_late:
+            self.send(row, AT_REST)
+        else:
+            self.send(row)
+            self.send(AT_REST)
 
     def act(self, action: str = "", token: str | None = TOKEN) -> httpx2.Response:
         return self.bench.post(b"", f"{PATH}{action}", token)
@@ -462,6 +469,16 @@ def test_while_a_result_is_being_written_nothing_else_happens_to_its_course(
     assert (course.state["course"] is not None) is is_away
     if is_away:
         assert course.act(f"/confirm?course={course_id}").status_code == 200
+
+
+def test_a_mark_gets_what_the_surface_said_during_its_press_also_when_the_samples_come_late(bench: Bench) -> None:
+    in_time, late = Course(bench), Course(Bench(surface_of()))
+    late.is_late = True
+    for course in (in_time, late):
+        course.follow()
+    places = in_time.now["report"]["places"]
+    assert "contact" in [one["state"] for one in places]
+    assert late.now["report"]["places"] == places
 
 
 def test_a_name_is_one_line_of_what_can_be_printed(course: Course) -> None:

@@ -47,7 +47,7 @@ async def post_samples(name: SurfaceInPath, request: Request) -> Response:
         raise
     context.counts.batch_s.labels(name).observe(context.clock() - begin_s)
     context.counts.look(surface, begin_s)
-    context.courses.hear(surface, batch, received.weighed)
+    context.courses.hear(surface, batch, received.decisions)
     durable, expected = await context.recorder.take(surface, batch, received.weighed)
     receipt = Receipt(
         accepted=received.accepted,

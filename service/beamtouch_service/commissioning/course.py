@@ -32,7 +32,7 @@ _MM_DIGITS, _SHARE_DIGITS, _FORCE_DIGITS = 5, 3, 2
 
 
 class Seen(NamedTuple):
-    """What the surface says of the newest sample."""
+    """What the surface says of a sample."""
 
     state: State | None
     figures: Figures = NO_FIGURES

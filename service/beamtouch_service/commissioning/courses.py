@@ -1,13 +1,13 @@
 """The commissionings that are under way, one a surface at most, in memory: a service that is started anew has none."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from secrets import token_hex
 
 from beamtouch_service.commissioning.course import Course, Seen
 from beamtouch_service.problems import Kind, Problem, ProblemError
 from beamtouch_service.samples import Batch
-from beamtouch_service.surfaces.estimate import Estimate
+from beamtouch_service.surfaces.follower import Decision
 from beamtouch_service.surfaces.problems import no_model
 from beamtouch_service.surfaces.surface import Surface
 
@@ -88,22 +88,18 @@ class Courses:
         del self._courses[course.report.surface]
         self._ended[course.report.surface] = reason
 
-    def hear(self, surface: Surface, batch: Batch, weighed: Mapping[int, Estimate]) -> None:
-        """Take the samples of a batch that moved the answer of a surface."""
+    def hear(self, surface: Surface, batch: Batch, decisions: Iterable[Decision]) -> None:
+        """Take the samples of a batch that moved the answer of a surface, with the decisions on them."""
         course = self._courses.get(surface.name)
         if course is None or course.id in self._being_confirmed:
             return
         if surface.model is not course.model:
             self.abandon(course, "The model of the surface changed meanwhile. Begin again.")
             return
-        newest = surface.newest
-        if newest is None or newest.decided is None:
-            return
-        decision = newest.decided[1]
-        reason = f"no position: {decision.problem.kind.title.lower()}" if decision.problem else ""
-        seen = Seen(decision.state, decision.figures, reason)
-        for estimate in weighed.values():
-            course.take(batch.boot_id, batch.channels, estimate.sample, seen)
+        for decision in decisions:
+            reason = f"no position: {decision.problem.kind.title.lower()}" if decision.problem else ""
+            seen = Seen(decision.state, decision.figures, reason)
+            course.take(batch.boot_id, batch.channels, decision.estimate.sample, seen)
 
 
 def _other(surface: str, detail: str) -> Problem:

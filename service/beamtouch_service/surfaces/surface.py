@@ -33,8 +33,13 @@ class Received(NamedTuple):
     accepted: int
     """Samples that were new."""
     repeated: int
-    weighed: dict[int, Estimate]
-    """Those that moved the answer, by number."""
+    decisions: list[Decision]
+    """On those that moved the answer, in order."""
+
+    @property
+    def weighed(self) -> dict[int, Estimate]:
+        """The samples that moved the answer, by number."""
+        return {one.estimate.sample.sequence: one.estimate for one in self.decisions}
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,11 +181,11 @@ class Surface:
         if batch.samples and not batch.backlog:
             self.rivals.hear(batch.boot_id, address, taken.acquired_s)
         if not taken.fresh:
-            return Received(taken.accepted, taken.repeated, {})
+            return Received(taken.accepted, taken.repeated, [])
         self.on_arrival((batch.newest_age_ms or 0.0) / 1e3)
-        estimates = self._advance(batch, taken.fresh, taken.acquired_s)
+        decisions = self._advance(batch, taken.fresh, taken.acquired_s)
         self.on_fresh(self)
-        return Received(taken.accepted, taken.repeated, {one.sample.sequence: one for one in estimates})
+        return Received(taken.accepted, taken.repeated, decisions)
 
     def _require_fit(self, batch: Batch) -> None:
         """Raise ProblemError unless a batch is of the beam and has the channels of the model."""
@@ -190,16 +195,16 @@ class Surface:
         if missing:
             raise ProblemError(problems.missing_channels(self.name, missing))
 
-    def _advance(self, batch: Batch, fresh: list[Sample], acquired_s: float) -> list[Estimate]:
-        """Move the contact to new samples, and return the evidence in them."""
-        follower, estimates, decided = self._follower, list[Estimate](), None
+    def _advance(self, batch: Batch, fresh: list[Sample], acquired_s: float) -> list[Decision]:
+        """Move the contact to new samples, and return the decisions on them."""
+        follower, decisions, decided = self._follower, list[Decision](), None
         moments = self._clock.tell(fresh, acquired_s)
         if follower is None:
             bad = [_bad(batch.channels, sample) for sample in fresh]
         else:
             decisions = follower.follow(batch, fresh)
-            estimates, decided = [decision.estimate for decision in decisions], (follower.model, decisions[-1])
-            bad = [estimate.bad for estimate in estimates]
+            decided = follower.model, decisions[-1]
+            bad = [decision.estimate.bad for decision in decisions]
             for decision, moment in zip(decisions, moments, strict=True):
                 self.stretches.add(decision, moment.passed_s)
         for sample, out, moment in zip(fresh, bad, moments, strict=True):
@@ -214,7 +219,7 @@ class Surface:
                 at_us = round(moment.taken_s * 1e6)
                 self.zones.step(decision.seen(batch.boot_id, at_us, [*notes, *own]))
         self.newest = Newest(batch.boot_id, batch.channels, fresh[-1], acquired_s, notes, decided, self.zones.answers)
-        return estimates
+        return decisions
 
     def answer(self, now_s: float) -> Answer | Problem:
         """Return the newest sample with its decision at `now_s` [s, monotonic], or why there is none."""
