@@ -160,11 +160,14 @@ class PressFinder:
 
     def _take_press(self) -> None:
         """Note the movement of the press in the window, unless its force has changed too much."""
-        sizes = [one.size for one in self._window]
-        if min(sizes) < STEADY * max(sizes):
-            return
         moved_mm = _Summary.of(self._window).mean_mm - self._rest_mm
         if np.isnan(moved_mm).all():
+            return
+        # Of one channel: in a sample without its value, the others would seem to be a hand that lets go.
+        strongest = np.nanargmax(np.abs(moved_mm) / self._noise_mm)
+        way_mm = np.array([one.values_mm[strongest] for one in self._window]) - self._rest_mm[strongest]
+        sizes = (np.abs(way_mm[np.isfinite(way_mm)]) / self._noise_mm[strongest]).tolist()
+        if min(sizes) < STEADY * max(sizes):
             return
         self._movement = Movement(moved_mm, self._noise_mm)
         self.stage, self._pressed = Stage.LIFT, max(sizes)
