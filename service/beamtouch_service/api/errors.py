@@ -7,6 +7,7 @@ from fastapi.exceptions import RequestValidationError
 from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect, Request
 from starlette.responses import Response
+from starlette.routing import Match, Route
 from starlette.types import Scope
 
 from beamtouch_service.access import Role
@@ -84,13 +85,21 @@ async def _http(request: Request, error: HTTPException) -> Response:
     except ProblemError as refusal:
         return await _problem(request, refusal)
     if error.status_code == Kind.METHOD_NOT_ALLOWED.status:
-        detail = f"{request.method} is not allowed here. Allowed: {headers.get('Allow', 'see /openapi.json')}."
+        allowed = headers["Allow"] = ", ".join(_methods_at(request))
+        detail = f"{request.method} is not allowed here. Allowed: {allowed}."
         return _counted(request.scope, Problem(Kind.METHOD_NOT_ALLOWED, detail), headers)
     if error.status_code == Kind.NOT_FOUND.status:
         return _counted(request.scope, Problem(Kind.NOT_FOUND, "See /openapi.json for the addresses."), headers)
     # The framework has a few more. It words them well enough, and RFC 9457 has a type for them.
     body = {"type": "about:blank", "title": error.detail, "status": error.status_code, "detail": error.detail}
     return Response(json.dumps(body), error.status_code, headers, MEDIA_TYPE)
+
+
+def _methods_at(request: Request) -> list[str]:
+    """Return the methods of all routes at the address of a request; the framework names those of the first one."""
+    routes = [one for one in request.app.routes if isinstance(one, Route)]
+    here = [one for one in routes if one.matches(request.scope)[0] != Match.NONE]
+    return sorted({method for one in here for method in one.methods or ()})
 
 
 async def _validation(request: Request, error: RequestValidationError) -> Response:
