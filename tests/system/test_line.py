@@ -38,6 +38,9 @@ those of this model, one in 20 ms counting; so after ten one lift in three milli
 SAMPLES_SEEN = 12
 """Samples since the load changed, which a starved machine may take longer for. Weak touches and lifts take three; where
 too few readings showed that the beam lay still before, the mean of eight does."""
+MOST_DOUBTED = 0.05
+"""Part of the answers that may take a touch for clear or the other way round, with `unsteady`: a starved machine loses
+readings for some time before the note `rate` says so."""
 APART_S = 0.05
 """Between two compared contacts."""
 INNER_MM = (60.0, 340.0)
@@ -166,4 +169,7 @@ def test_contact_agrees_with_the_truth_position_by_position(kind: Kind, start: C
     assert sum(not one.force_inside for one in rests) <= most
     inner = [one for one in rests if INNER_MM[0] < one.true_mm < INNER_MM[1]]
     assert np.median([abs(one.contact["force_n"] - one.true_n) / one.true_n for one in inner]) < 0.1
-    assert mistaken == [], [(load, one["state"], one["notes"], one["readings"]) for load, one in mistaken]
+    # Whoever answers wrongly doubts; and where other programs cost readings, that is rare, too.
+    said = [(load, one["state"], one["notes"], one["readings"]) for load, one in mistaken]
+    assert [one for one in said if "unsteady" not in one[2]] == []
+    assert len(said) <= MOST_DOUBTED * len(found), said
