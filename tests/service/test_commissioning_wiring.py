@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from beamtouch_service.commissioning.pressing import Floats
 from beamtouch_service.commissioning.report import Finding
 from beamtouch_service.commissioning.verdict import advise, find
-from beamtouch_service.commissioning.wiring import Floats, Press, Wiring, judge
+from beamtouch_service.commissioning.wiring import Press, Wiring, judge
 from beamtouch_service.samples import Quality
 
 if TYPE_CHECKING:

@@ -6,6 +6,7 @@ import termios
 import tty
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
 
 from beamtouch_models.errors import SceneError
@@ -77,7 +78,7 @@ class Relay:
                         await self.idle()
                         device_writer.write(request)
                         reply = await _read_frame(device_reader)
-                        self.reply(lambda reply=reply: None if writer.is_closing() else writer.write(reply))  # type: ignore[misc]
+                        self.reply(partial(_send, writer, reply))
                 device_writer.close()
             finally:
                 writer.close()
@@ -96,6 +97,12 @@ class Relay:
 
     def _pause_s(self) -> float:
         return min(self._faults.pause_s(self._clock()), _MENDED_S)
+
+
+def _send(writer: asyncio.StreamWriter, data: bytes) -> None:
+    """Write to a client, unless it has gone."""
+    if not writer.is_closing():
+        writer.write(data)
 
 
 async def _read_frame(reader: asyncio.StreamReader) -> bytes:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from beamtouch_models.modelfile import InfluenceCurve, Metadata, ModelFile, State
-from beamtouch_service.commissioning.pressing import HOLD_US, Movement, PressFinder, Stage
+from beamtouch_service.commissioning.pressing import HOLD_US, Floats, Movement, PressFinder, Stage
 from beamtouch_service.commissioning.report import Finding, PlaceResult, Report, SensorResult
 from beamtouch_service.commissioning.verdict import (
     UNSEEN,
@@ -19,7 +19,7 @@ from beamtouch_service.commissioning.verdict import (
     is_right,
     judge_place,
 )
-from beamtouch_service.commissioning.wiring import Floats, Judgement, Press, judge
+from beamtouch_service.commissioning.wiring import Judgement, Press, judge
 from beamtouch_service.samples import Quality, Sample
 from beamtouch_service.surfaces.contact import NO_FIGURES, Figures, rfc3339
 

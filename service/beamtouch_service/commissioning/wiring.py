@@ -13,7 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from beamtouch_service.commissioning.pressing import Floats
+
 Influence = Callable[[Floats], Floats]
 """Positions (places,) in mm -> deflection at each sensor (places, sensors) in mm/N."""
 
