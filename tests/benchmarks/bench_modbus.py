@@ -9,7 +9,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
 import numpy as np
-from bench_service import SECONDS, TOKEN, TURNS, loaded, ratio, server, stream
+from bench_service import MOVING, SECONDS, TOKEN, TURNS, loaded, ratio, server, stream
 
 from beamtouch_models import modelfile
 from beamtouch_models.building.build import build_model
@@ -38,7 +38,7 @@ def run() -> list[dict[str, object]]:
         command = ("-m", "beamtouch_service.cli", "run", "--port", "0", "--config", config, "--write-token-file", token)
         with server(*command) as (service, port):
             rows = [beside(service.pid, modbus, port, model, clients) for clients in (1, 16)]
-            with stream(port, model):
+            with stream(port, model, MOVING):
                 streamed = polled(service.pid, modbus, 1, STREAMED_S, PERIOD_MS)
         name = f"poll each {PERIOD_MS} ms under 1 kHz of samples: p50"
         return [*rows, {"name": name, "value": streamed["p50_ms"], "unit": "ms", "p99_ms": streamed["p99_ms"]}]
@@ -48,7 +48,7 @@ def beside(pid: int, modbus: int, port: int, model: modelfile.ModelFile, clients
     """Compare polls with GET /contact of the same service, in turns, with this number of clients."""
     mine, theirs = [], []
     for _ in range(TURNS):
-        with stream(port, model):
+        with stream(port, model, MOVING):
             pass  # so that there is a contact
         mine.append(polled(pid, modbus, clients, SECONDS))
         theirs.append(loaded(pid, port, "/contact", clients))

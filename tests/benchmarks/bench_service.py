@@ -1,4 +1,4 @@
-"""The service under a 1 kHz stream of samples: GET /contact against a bare ASGI answer and a plain FastAPI route.
+"""The service under eight surfaces of 1 kHz at rest: GET /contact against a bare ASGI answer and a plain FastAPI route.
 
 Also its memory and the time per estimate.
 """
@@ -13,6 +13,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from time import monotonic, perf_counter, sleep, time
+from typing import NamedTuple
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
@@ -25,8 +26,6 @@ from example_scenes import SCENES
 from processes import processor_s, resident_mb
 
 TURNS, SECONDS = 5, 2.0
-RATE_HZ, BATCHES_PER_S = 1000, 250
-"""As the daemon sends them: 4 samples in a batch."""
 ESTIMATES = 3000
 TOKEN = "a-token-of-this-benchmark"  # noqa: S105
 LOAD = Path(__file__).parent / "http_load.py"
@@ -76,9 +75,12 @@ def run() -> list[dict[str, object]]:
         model = modelfile.load(path)
         token = Path(folder) / "token"
         token.write_text(TOKEN)
-        command = ("-m", "beamtouch_service.cli", "run", "--port", "0", "--model", path, "--write-token-file", token)
-        with server(*command) as (service, port), stream(port, model):
-            body = contact(port)
+        surfaces = "".join(f'[surfaces.{name}]\nmodel = "bench.onnx"\n' for name in RESTING.surfaces)
+        config = Path(folder) / "service.toml"
+        config.write_text(f'[server]\nport = 0\nwrite_token_file = "token"\n{surfaces}')
+        command = ("-m", "beamtouch_service.cli", "run", "--config", config)
+        with server(*command) as (service, port), stream(port, model, RESTING):
+            body = contact(port, path_of(RESTING))
             peers = {
                 "a bare ASGI answer": ("-c", HOSTED.format(app=BARE), str(len(body))),
                 "a plain FastAPI route": ("-c", HOSTED.format(app=PLAIN), body.decode()),
@@ -86,10 +88,24 @@ def run() -> list[dict[str, object]]:
             rows = []
             for name, program in peers.items():
                 with server(*program) as (peer, peer_port):
-                    pair = ((service.pid, port, "/contact"), (peer.pid, peer_port, "/"))
+                    pair = ((service.pid, port, path_of(RESTING)), (peer.pid, peer_port, "/"))
                     rows += [answers(pair, name, clients) for clients in (1, 16)]
             rows.append({"name": "service: resident memory", "value": resident_mb(service.pid), "unit": "MB"})
         return [*rows, estimates(model)]
+
+
+class Flow(NamedTuple):
+    """Samples as a daemon sends them."""
+
+    surfaces: tuple[str, ...]
+    batches_per_s: int
+    """Of each surface."""
+    in_batch: int
+
+
+MOVING = Flow(("bench",), 250, 4)
+"""A surface of 1 kHz under a load that moves."""
+RESTING = Flow(tuple(f"s{number}" for number in range(8)), 20, 1)
 
 
 @contextmanager
@@ -105,27 +121,34 @@ def server(*command: str | Path) -> Iterator[tuple[subprocess.Popen[str], int]]:
 
 
 @contextmanager
-def stream(port: int, model: modelfile.ModelFile) -> Iterator[None]:
+def stream(port: int, model: modelfile.ModelFile, flow: Flow) -> Iterator[None]:
     """Send samples of a contact for a block."""
     stop = threading.Event()
-    sender = threading.Thread(target=send, args=(port, model, stop))
-    sender.start()
+    senders = [threading.Thread(target=send, args=(port, model, flow, name, stop)) for name in flow.surfaces]
+    for sender in senders:
+        sender.start()
     try:
         deadline_s = monotonic() + 30
-        while not contact(port).startswith(b'{"surface"'):
+        while not contact(port, path_of(flow)).startswith(b'{"surface"'):
             assert monotonic() < deadline_s
             sleep(0.05)
         yield
     finally:
         stop.set()
-        sender.join()
+        for sender in senders:
+            sender.join()
 
 
-def send(port: int, model: modelfile.ModelFile, stop: threading.Event) -> None:
-    """Send batches until told to stop."""
+def path_of(flow: Flow) -> str:
+    """Return the path of the contact of the first surface."""
+    return f"/surfaces/{flow.surfaces[0]}/contact"
+
+
+def send(port: int, model: modelfile.ModelFile, flow: Flow, surface: str, stop: threading.Event) -> None:
+    """Send batches of a surface until told to stop."""
     connection = http.client.HTTPConnection("127.0.0.1", port)
     deflection_mm = model.metadata.golden.deflection_mm[0]
-    number, per_batch, next_s = 1, RATE_HZ // BATCHES_PER_S, monotonic()
+    number, next_s = 1, monotonic()
     headers = {"Authorization": f"Bearer {TOKEN}", "Content-Type": "application/json"}
     while not stop.is_set():
         samples = [
@@ -135,22 +158,28 @@ def send(port: int, model: modelfile.ModelFile, stop: threading.Event) -> None:
                 "deflection_mm": deflection_mm,
                 "quality": ["good"] * len(deflection_mm),
             }
-            for index in range(per_batch)
+            for index in range(flow.in_batch)
         ]
-        number += per_batch
-        batch = {"boot_id": "benchmark-1", "channels": model.channels, "newest_age_ms": 0.0, "samples": samples}
-        connection.request("POST", "/surfaces/bench/samples", json.dumps(batch), headers)
+        number += flow.in_batch
+        batch = {
+            "boot_id": "benchmark-1",
+            "channels": model.channels,
+            "newest_age_ms": 0.0,
+            "sent_us": int(monotonic() * 1e6),
+            "samples": samples,
+        }
+        connection.request("POST", f"/surfaces/{surface}/samples", json.dumps(batch), headers)
         answer = connection.getresponse()
         assert answer.read()
         assert answer.status == 200
-        next_s += 1 / BATCHES_PER_S
+        next_s += 1 / flow.batches_per_s
         sleep(max(0.0, next_s - monotonic()))
 
 
-def contact(port: int) -> bytes:
+def contact(port: int, path: str = "/contact") -> bytes:
     """Return one answer."""
     connection = http.client.HTTPConnection("127.0.0.1", port)
-    connection.request("GET", "/contact")
+    connection.request("GET", path)
     try:
         return connection.getresponse().read()
     finally:
@@ -192,7 +221,8 @@ def loaded(pid: int, port: int, path: str, clients: int) -> dict[str, float]:
     begin_s = processor_s(pid)
     found = json.loads(subprocess.check_output(arguments, text=True))
     used_s = processor_s(pid) - begin_s
-    assert found.pop("statuses") == ["200"]
+    statuses = found.pop("statuses")
+    assert statuses == ["200"], statuses
     return {name: float(value) for name, value in found.items()} | {"processor_us": used_s / found["count"] * 1e6}
 
 
