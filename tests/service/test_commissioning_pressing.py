@@ -29,7 +29,7 @@ class Samples:
         self.at_us = 0
         self.found: list[list[float]] = []
 
-    def add(self, *rows: Row, count: int = SECOND, state: State | None = None) -> Stage:
+    def add(self, *rows: Row, count: int = SECOND, state: State | None = State.CLEAR) -> Stage:
         """Take these deflections in turn, so often."""
         for number in range(count):
             self.at_us += STEP_US
@@ -118,10 +118,21 @@ def test_a_press_is_seen_although_the_channel_that_moves_most_lacks_values() -> 
     assert samples.found == [[0.5, 0.2, 0.0]]
 
 
+@pytest.mark.parametrize("state", [State.UNEXPLAINED, None])
+def test_a_load_that_lies_on_at_the_beginning_is_no_rest(state: State | None) -> None:
+    samples = Samples()
+    assert samples.add([0.5, 0.2, 0.1], count=5 * SECOND, state=state) is Stage.REST
+    samples.add(AT_REST)
+    for _ in range(2):
+        samples.add([0.5, 0.2, 0.1], state=state)
+        samples.add(AT_REST)
+    assert samples.found == [[0.5, 0.2, 0.1]] * 2
+
+
 @pytest.mark.parametrize("state", [State.UNEXPLAINED, State.CLEAR, None])
 def test_a_load_that_is_taken_off_is_no_press(state: State | None) -> None:
     samples = Samples()
-    assert samples.add([0.5, 0.2, 0.1], state=state) is Stage.PRESS
+    assert samples.add([0.5, 0.2, 0.1], count=10 * SECOND, state=state) is Stage.PRESS
     assert samples.add(AT_REST, state=state) is Stage.LIFT
     assert samples.add(AT_REST, count=10 * SECOND, state=state) is Stage.PRESS
     assert samples.found == []

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from beamtouch_models.modelfile import InfluenceCurve, Metadata, ModelFile, State
+from beamtouch_service.commissioning.cabling import Explanation, Press, explain
 from beamtouch_service.commissioning.pressing import HOLD_US, Floats, Movement, PressFinder, Stage
 from beamtouch_service.commissioning.report import Finding, PlaceResult, Report, SensorResult
 from beamtouch_service.commissioning.verdict import (
@@ -19,7 +20,6 @@ from beamtouch_service.commissioning.verdict import (
     is_right,
     judge_place,
 )
-from beamtouch_service.commissioning.wiring import Judgement, Press, judge
 from beamtouch_service.samples import Quality, Sample
 from beamtouch_service.surfaces.contact import NO_FIGURES, Figures, rfc3339
 
@@ -31,7 +31,7 @@ _STATED = ("position_mm", "position_low_mm", "position_high_mm", "force_n")
 _MM_DIGITS, _SHARE_DIGITS, _FORCE_DIGITS = 5, 3, 2
 
 
-class Seen(NamedTuple):
+class Stated(NamedTuple):
     """What the surface says of a sample."""
 
     state: State | None
@@ -65,13 +65,13 @@ class Course:
         self._boot_id = ""
         self._presses: dict[int, Press] = {}
         """Sensor -> the press above it."""
-        self._seen_held = Seen(None)
+        self._seen_held = Stated(None)
         """What the surface said of the press that awaits its lift."""
         self._bad_held: dict[str, Quality] = {}
         """Channels that were not good in it."""
         self._bad: dict[str, Quality] = {}
         """Channels that were not good in a press."""
-        self._judgement: Judgement | None = None
+        self._explanation: Explanation | None = None
         self._found: list[Found] = []
 
     @property
@@ -116,7 +116,7 @@ class Course:
         where = f"above {sensors[self.step].name}" if self.step < len(sensors) else "at the mark"
         return f"Press {where}, {self.at_mm:.0f} mm from the left end, firmly, for a second or two."
 
-    def take(self, boot_id: str, channels: Sequence[str], sample: Sample, seen: Seen) -> None:
+    def take(self, boot_id: str, channels: Sequence[str], sample: Sample, seen: Stated) -> None:
         """Take the next sample of the surface, its values in the order of `channels`."""
         if self.is_done:
             return
@@ -145,7 +145,7 @@ class Course:
         if self.step < len(sensors):
             self._update(self.step, finding=Finding.UNSEEN, says=UNSEEN)
         else:
-            self._take_place(Seen(None, reason=UNSEEN))
+            self._take_place(Stated(None, reason=UNSEEN))
         self._finder.forget()
         self._advance()
 
@@ -158,12 +158,12 @@ class Course:
             quality=bad.get(sensor.name, Quality.GOOD),
         )
         self._presses[self.step] = Press(sensor.at_mm, *moved)
-        self._judgement = judge(list(self._presses.values()), self._influence)
+        self._explanation = explain(list(self._presses.values()), self._influence)
         self._bad |= bad
-        self._found = find(self._judgement, self.model.channels, self._bad)
+        self._found = find(self._explanation, self.model.channels, self._bad)
         # What was said of a sensor may change with each press: all of them are judged together.
-        for index, force_n in zip(self._presses, self._judgement.forces_n, strict=True):
-            share = float(self._judgement.shares[index])
+        for index, force_n in zip(self._presses, self._explanation.forces_n, strict=True):
+            share = float(self._explanation.shares[index])
             self._update(
                 index,
                 **self._found[index]._asdict(),
@@ -175,7 +175,7 @@ class Course:
         influence, _ = self._curve.at(np.clip(places_mm, *self.model.metadata.ranges.position_mm))
         return influence
 
-    def _take_place(self, seen: Seen) -> None:
+    def _take_place(self, seen: Stated) -> None:
         index = self.step - len(self.report.sensors)
         stated = {name: getattr(seen.figures, name) for name in _STATED}
         place = self.report.places[index].model_copy(update={"state": seen.state, **stated})
@@ -190,7 +190,7 @@ class Course:
         if self.step < len(sensors):
             return
         unseen = [one.name for one in sensors if one.finding is Finding.UNSEEN]
-        wiring = advise(self._judgement, self.model.channels, self._found) if self._judgement else []
+        wiring = advise(self._explanation, self.model.channels, self._found) if self._explanation else []
         self.report.verdict = [*advise_unseen(unseen), *wiring]
         if not self.is_done:
             return

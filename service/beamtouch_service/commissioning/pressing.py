@@ -30,8 +30,8 @@ STEADY = 0.5
 LIFTED = 0.2
 """A press is over once the channels are back to this part of it."""
 SETTLED_US = 10_000_000
-"""A beam that lies still for this long after a press, but elsewhere than before, rests there: it was no press. A person
-who is told to lift does so earlier."""
+"""A beam that lies still for this long rests there, although it is elsewhere than before a press, or the surface does
+not call it clear. A person who is told to lift, or to take everything off, does so earlier."""
 
 
 class Stage(StrEnum):
@@ -179,9 +179,11 @@ class PressFinder:
             self._still_since_us = None
         elif self.stage is Stage.LIFT:
             return self._take_lift(summary, state)
+        elif self.stage is Stage.REST and state is State.CLEAR:
+            self._begin_from(summary)
         elif self.stage is Stage.REST:
-            if state is not State.CONTACT:
-                self._begin_from(summary)
+            # With a wrong wiring a load that lies on is no contact, and only what stays so is a rest.
+            self._await_settled(summary, state)
         elif state not in {State.CONTACT, State.UNEXPLAINED} and self._is_near_first(summary):
             self._take_rest(summary)
         return None
@@ -191,13 +193,17 @@ class PressFinder:
         if self._size(summary.mean_mm) <= LIFTED * self._pressed:
             self._begin_from(summary)
             return self._movement
+        self._await_settled(summary, state)
+        return None
+
+    def _await_settled(self, summary: _Summary, state: State | None) -> None:
+        """Take the beam to rest here once it has been still for so long that nobody has just been told to let go."""
         if state is State.CONTACT:
             self._still_since_us = None
         elif self._still_since_us is None:
             self._still_since_us = self._window[0].at_us
         elif self._window[-1].at_us - self._still_since_us >= SETTLED_US:
             self._begin_from(summary)
-        return None
 
     def _is_near_first(self, summary: _Summary) -> bool:
         """Return whether zeros may have drifted so far: a gentle press must not become the rest step by step."""

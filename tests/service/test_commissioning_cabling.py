@@ -8,16 +8,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from beamtouch_service.commissioning.cabling import Cabling, Press, explain
 from beamtouch_service.commissioning.pressing import Floats
 from beamtouch_service.commissioning.report import Finding
 from beamtouch_service.commissioning.verdict import advise, find
-from beamtouch_service.commissioning.wiring import Press, Wiring, judge
 from beamtouch_service.samples import Quality
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from beamtouch_service.commissioning.wiring import Judgement
+    from beamtouch_service.commissioning.cabling import Explanation
 
     Fault = Callable[[Floats], Floats]
 
@@ -55,7 +55,7 @@ def scale(channel: int, factor: float, moved: Floats) -> Floats:
     return changed
 
 
-def pressed(*faults: Fault, sensors_mm: Sequence[float] = AT_MM, steps: int | None = None) -> Judgement:
+def pressed(*faults: Fault, sensors_mm: Sequence[float] = AT_MM, steps: int | None = None) -> Explanation:
     """Judge presses above the first sensors, or all of them, that are measured through these faults."""
     presses = []
     for at_mm, aim_mm, force_n in zip(sensors_mm[:steps], AIM_MM, (9, 12, 7, 14, 10, 8, 13, 11), strict=False):
@@ -63,41 +63,41 @@ def pressed(*faults: Fault, sensors_mm: Sequence[float] = AT_MM, steps: int | No
         for fault in faults:
             moved = fault(moved)
         presses.append(Press(at_mm, moved, np.full(len(moved), NOISE_MM)))
-    return judge(presses, partial(deflections, sensors_mm=sensors_mm))
+    return explain(presses, partial(deflections, sensors_mm=sensors_mm))
 
 
 SWAPPED, INVERTED, DEAD = partial(swap, 0, 3), partial(scale, 1, -1.0), partial(scale, 2, 0.0)
 RIGHT = (1, 1, 1, 1)
-FAULTS: dict[str, tuple[list[Fault], Wiring, list[str]]] = {
-    "right": ([], Wiring((0, 1, 2, 3), RIGHT), []),
-    "swapped": ([SWAPPED], Wiring((3, 1, 2, 0), RIGHT), ["The cables of s1 and s4 are swapped."]),
-    "neighbours": ([partial(swap, 1, 2)], Wiring((0, 2, 1, 3), RIGHT), ["The cables of s2 and s3 are swapped."]),
-    "inverted": ([INVERTED], Wiring((0, 1, 2, 3), (1, -1, 1, 1)), ["s2 moves the wrong way."]),
-    "dead": ([DEAD], Wiring((0, 1, 2, 3), (1, 1, 0, 1)), ["s3 does not move (saturated)."]),
+FAULTS: dict[str, tuple[list[Fault], Cabling, list[str]]] = {
+    "right": ([], Cabling((0, 1, 2, 3), RIGHT), []),
+    "swapped": ([SWAPPED], Cabling((3, 1, 2, 0), RIGHT), ["The cables of s1 and s4 are swapped."]),
+    "neighbours": ([partial(swap, 1, 2)], Cabling((0, 2, 1, 3), RIGHT), ["The cables of s2 and s3 are swapped."]),
+    "inverted": ([INVERTED], Cabling((0, 1, 2, 3), (1, -1, 1, 1)), ["s2 moves the wrong way."]),
+    "dead": ([DEAD], Cabling((0, 1, 2, 3), (1, 1, 0, 1)), ["s3 does not move (saturated)."]),
     "two pairs": (
         [partial(swap, 0, 1), partial(swap, 2, 3)],
-        Wiring((1, 0, 3, 2), RIGHT),
+        Cabling((1, 0, 3, 2), RIGHT),
         ["The cables of s1 and s2 are swapped.", "The cables of s3 and s4 are swapped."],
     ),
     "in a circle": (
         [partial(swap, 0, 1), partial(swap, 1, 2)],
-        Wiring((1, 2, 0, 3), RIGHT),
+        Cabling((1, 2, 0, 3), RIGHT),
         ["Cables are mixed up: the input of s1 has the sensor s2, that of s2 has the sensor s3, that of s3 has"],
     ),
-    "reversed": ([lambda moved: moved[::-1]], Wiring((3, 2, 1, 0), RIGHT), ["The channels are in reverse order."]),
+    "reversed": ([lambda moved: moved[::-1]], Cabling((3, 2, 1, 0), RIGHT), ["The channels are in reverse order."]),
     "all inverted": (
         [lambda moved: -moved],
-        Wiring((0, 1, 2, 3), (-1, -1, -1, -1)),
+        Cabling((0, 1, 2, 3), (-1, -1, -1, -1)),
         ["s1, s2, s3 and s4 move the wrong way."],
     ),
     "swapped and inverted": (
         [SWAPPED, INVERTED],
-        Wiring((3, 1, 2, 0), (1, -1, 1, 1)),
+        Cabling((3, 1, 2, 0), (1, -1, 1, 1)),
         ["The cables of s1 and s4 are swapped.", "s2 moves the wrong way."],
     ),
     "swapped, inverted and dead": (
         [partial(swap, 0, 1), INVERTED, DEAD],
-        Wiring((1, 0, 2, 3), (1, -1, 0, 1)),
+        Cabling((1, 0, 2, 3), (1, -1, 0, 1)),
         ["The cables of s1 and s2 are swapped.", "s2 moves the wrong way.", "s3 does not move (saturated)."],
     ),
 }
@@ -105,21 +105,21 @@ FAULTS: dict[str, tuple[list[Fault], Wiring, list[str]]] = {
 
 @pytest.mark.parametrize("name", FAULTS)
 def test_presses_above_all_sensors_show_the_wiring_for_certain(name: str) -> None:
-    faults, wiring, advice = FAULTS[name]
-    judgement = pressed(*faults)
-    assert judgement.wiring == wiring
-    assert (judgement.rivals, judgement.is_explained) == ([], True)
-    found = find(judgement, NAMES, {"s3": Quality.SATURATED})
-    sentences = advise(judgement, NAMES, found)
+    faults, cabling, advice = FAULTS[name]
+    explanation = pressed(*faults)
+    assert explanation.cabling == cabling
+    assert (explanation.rivals, explanation.is_explained) == ([], True)
+    found = find(explanation, NAMES, {"s3": Quality.SATURATED})
+    sentences = advise(explanation, NAMES, found)
     assert [sentence[: len(begin)] for sentence, begin in zip(sentences, advice, strict=True)] == advice
 
 
 def test_what_one_press_does_not_tell_apart_is_not_sure() -> None:
-    judgement = pressed(SWAPPED, INVERTED, DEAD, steps=1)
-    found = find(judgement, NAMES, {})
+    explanation = pressed(SWAPPED, INVERTED, DEAD, steps=1)
+    found = find(explanation, NAMES, {})
     assert [one.finding for one in found] == [Finding.SWAPPED, Finding.UNSURE, Finding.DEAD, Finding.SWAPPED]
     assert found[1].says == "not sure: moves the wrong way, or moves as s3 should, the wrong way"
-    sentences = advise(judgement, NAMES, found)
+    sentences = advise(explanation, NAMES, found)
     assert [one.partition(" (")[0] for one in sentences[:2]] == [
         "Not sure about s2",
         "The cables of s1 and s4 are swapped. Swap them back.",
@@ -132,22 +132,22 @@ def test_a_press_during_which_something_else_moves_a_sensor_is_explained_by_no_w
     moved = 10 * deflections(np.array(AT_MM))
     moved[2, 1] += 0.5 * moved[2].max()
     presses = [Press(at_mm, one, np.full(4, NOISE_MM)) for at_mm, one in zip(AT_MM, moved, strict=True)]
-    judgement = judge(presses, deflections)
-    assert not judgement.is_explained
-    found = find(judgement, NAMES, {})
+    explanation = explain(presses, deflections)
+    assert not explanation.is_explained
+    found = find(explanation, NAMES, {})
     assert {one.finding for one in found} == {Finding.UNSURE}
-    (sentence,) = advise(judgement, NAMES, found)
+    (sentence,) = advise(explanation, NAMES, found)
     assert sentence.startswith("No wiring explains the presses. Check that each press was above its sensor")
 
 
 @pytest.mark.parametrize(("channel", "factor"), [(0, 0.5), (0, 1.5), (1, 0.7), (2, 1.5), (3, 0.4)])
 def test_a_channel_that_moves_too_little_or_too_much_does_not_pass(channel: int, factor: float) -> None:
-    judgement = pressed(partial(scale, channel, factor))
-    assert judgement.shares[channel] == pytest.approx(factor, rel=0.15)
-    found = find(judgement, NAMES, {})
+    explanation = pressed(partial(scale, channel, factor))
+    assert explanation.shares[channel] == pytest.approx(factor, rel=0.15)
+    found = find(explanation, NAMES, {})
     assert found[channel].finding in {Finding.GAIN, Finding.UNSURE}
-    assert f"{100 * judgement.shares[channel]:.0f} %" in found[channel].says
-    assert NAMES[channel] in " ".join(advise(judgement, NAMES, found))
+    assert f"{100 * explanation.shares[channel]:.0f} %" in found[channel].says
+    assert NAMES[channel] in " ".join(advise(explanation, NAMES, found))
 
 
 @pytest.mark.parametrize("faults", [[], [SWAPPED, INVERTED]], ids=["right", "swapped and inverted"])
@@ -160,15 +160,15 @@ def test_a_channel_without_values_in_one_press_is_judged_by_the_others(faults: l
         if step == 1:
             moved[1] = np.nan
         presses.append(Press(at_mm, moved, np.full(4, NOISE_MM)))
-    judgement = judge(presses, deflections)
-    assert (judgement.is_explained, judgement.rivals) == (True, [])
-    assert judgement.wiring == pressed(*faults).wiring
-    assert np.abs(judgement.shares) == pytest.approx([1, 1, 1, 1])
+    explanation = explain(presses, deflections)
+    assert (explanation.is_explained, explanation.rivals) == (True, [])
+    assert explanation.cabling == pressed(*faults).cabling
+    assert np.abs(explanation.shares) == pytest.approx([1, 1, 1, 1])
 
 
 def test_a_channel_without_values_in_any_press_is_dead() -> None:
-    judgement = pressed(partial(scale, 2, np.nan))
-    found = find(judgement, NAMES, {"s3": Quality.MISSING})
+    explanation = pressed(partial(scale, 2, np.nan))
+    found = find(explanation, NAMES, {"s3": Quality.MISSING})
     assert found[2] == (Finding.DEAD, "does not move (missing)")
     assert [one.finding for one in found].count(Finding.RIGHT) == 3
 
@@ -191,27 +191,27 @@ def test_of_channels_that_differ_in_halves_neither_half_passes(
     moved = 10 * influence(np.array(sensors_mm)) * gains
     noise_mm = np.full(len(gains), NOISE_MM)
     presses = [Press(at_mm, one, noise_mm) for at_mm, one in zip(sensors_mm, moved, strict=True)]
-    judgement = judge(presses, influence)
-    assert judgement.shares == pytest.approx(shares, rel=0.04)
-    assert {one.finding for one in find(judgement, NAMES[: len(gains)], {})} == {finding}
+    explanation = explain(presses, influence)
+    assert explanation.shares == pytest.approx(shares, rel=0.04)
+    assert {one.finding for one in find(explanation, NAMES[: len(gains)], {})} == {finding}
 
 
 def test_the_force_and_what_each_channel_moved_are_stated() -> None:
-    judgement = pressed(SWAPPED, INVERTED, DEAD)
-    assert judgement.forces_n == pytest.approx([9, 12, 7, 14], rel=0.12)
-    assert judgement.shares == pytest.approx([1, -1, 0, 1], abs=0.05)
+    explanation = pressed(SWAPPED, INVERTED, DEAD)
+    assert explanation.forces_n == pytest.approx([9, 12, 7, 14], rel=0.12)
+    assert explanation.shares == pytest.approx([1, -1, 0, 1], abs=0.05)
 
 
 def test_eight_sensors_with_four_faults() -> None:
     sensors_mm = [40.0 + 45 * place for place in range(8)]
-    judgement = pressed(SWAPPED, partial(swap, 4, 6), INVERTED, DEAD, sensors_mm=sensors_mm)
-    assert judgement.wiring == Wiring((3, 1, 2, 0, 6, 5, 4, 7), (1, -1, 0, 1, 1, 1, 1, 1))
+    explanation = pressed(SWAPPED, partial(swap, 4, 6), INVERTED, DEAD, sensors_mm=sensors_mm)
+    assert explanation.cabling == Cabling((3, 1, 2, 0, 6, 5, 4, 7), (1, -1, 0, 1, 1, 1, 1, 1))
 
 
 def test_of_a_sensor_that_no_press_moves_nothing_is_said() -> None:
-    judgement = pressed(sensors_mm=[125.0, 250.0, 399.99])
-    assert judgement.is_explained
-    found = find(judgement, NAMES[:3], {})
+    explanation = pressed(sensors_mm=[125.0, 250.0, 399.99])
+    assert explanation.is_explained
+    found = find(explanation, NAMES[:3], {})
     assert [one.finding for one in found] == [Finding.RIGHT, Finding.RIGHT, Finding.UNSURE]
-    (sentence,) = advise(judgement, NAMES[:3], found)
+    (sentence,) = advise(explanation, NAMES[:3], found)
     assert "s3: the presses hardly move it" in sentence

@@ -1,4 +1,4 @@
-"""The wiring that presses above the sensors show: which channel has which sensor, inverted or dead. Pure.
+"""The cabling that presses above the sensors show: which channel has which sensor, inverted or dead. Pure.
 
 A press above a sensor moves its neighbours, too. So each press is compared with the influence of the model, channel by
 channel, for every way to wire the sensors that is looked for. The force of a press is not known, and its place only
@@ -19,8 +19,8 @@ Influence = Callable[[Floats], Floats]
 """Positions (places,) in mm -> deflection at each sensor (places, sensors) in mm/N."""
 
 FAULT = 2 * math.log(100.0)
-"""Price of a fault in a wiring, as a sum of squares: one cable or sensor in a hundred is taken to be wrong. The same
-decides between two wirings: the better one must be a hundred times as likely."""
+"""Price of a fault in a cabling, as a sum of squares: one cable or sensor in a hundred is taken to be wrong. The same
+decides between two cablings: the better one must be a hundred times as likely."""
 TOLERANCE = 0.03
 """Error of a movement, as a part of the largest one of its press, as a standard deviation: gains and mounting of a
 surface that is not calibrated yet."""
@@ -33,7 +33,7 @@ EXPLAINED = 4.0
 SEEN = 3.0
 """Nothing is said of a channel whose sensor should move by less than this many deviations, in all presses together."""
 KEPT = 16
-"""Number of the best wirings to which one more fault is added. The search is a beam of this width."""
+"""Number of the best cablings to which one more fault is added. The search is a beam of this width."""
 
 
 class Press(NamedTuple):
@@ -48,7 +48,7 @@ class Press(NamedTuple):
     """Standard deviation of these (channels,)."""
 
 
-class Wiring(NamedTuple):
+class Cabling(NamedTuple):
     """What each channel has."""
 
     sensors: tuple[int, ...]
@@ -62,11 +62,11 @@ class Wiring(NamedTuple):
         return {channel: sensor for channel, sensor in enumerate(self.sensors) if channel != sensor}
 
 
-class Judgement(NamedTuple):
-    """The wiring that explains presses best."""
+class Explanation(NamedTuple):
+    """The cabling that explains presses best."""
 
-    wiring: Wiring
-    rivals: list[Wiring]
+    cabling: Cabling
+    rivals: list[Cabling]
     """Others that explain them about as well."""
     is_explained: bool
     """Whether it explains every press, with a gain of its own for each channel."""
@@ -77,8 +77,8 @@ class Judgement(NamedTuple):
     -1 for an inverted one, 0 for a dead one. NaN where that sensor moves too little to be seen."""
 
 
-def judge(presses: Sequence[Press], influence: Influence) -> Judgement:
-    """Return the wiring that explains presses best, with those that explain them about as well.
+def explain(presses: Sequence[Press], influence: Influence) -> Explanation:
+    """Return the cabling that explains presses best, with those that explain them about as well.
 
     Parameters
     ----------
@@ -89,15 +89,15 @@ def judge(presses: Sequence[Press], influence: Influence) -> Judgement:
     moved_mm[:, np.isnan(moved_mm).all(axis=0)] = 0.0  # a channel that never has values is dead
     fits = [_Fit(one._replace(moved_mm=moved), influence) for one, moved in zip(presses, moved_mm, strict=True)]
     prices = _search(fits, len(presses[0].moved_mm))
-    best = min(prices, key=lambda wiring: prices[wiring])
+    best = min(prices, key=lambda cabling: prices[cabling])
     rivals = [one for one, price in prices.items() if one != best and price < prices[best] + FAULT]
     each = [fit.best(best) for fit in fits]
     expected_mm = np.array([one.moved_mm[list(best.sensors)] for one in each])
     shares = _shares(moved_mm, expected_mm, noise_mm)
     left = (moved_mm - np.nan_to_num(shares, nan=1.0) * expected_mm) / np.array([fit.deviation_mm for fit in fits])
-    return Judgement(
+    return Explanation(
         best,
-        sorted(rivals, key=lambda wiring: prices[wiring]),
+        sorted(rivals, key=lambda cabling: prices[cabling]),
         bool((np.nanmean(left**2, axis=1) <= EXPLAINED).all()),
         [one.force_n for one in each],
         _next_to_others(shares, np.isfinite(shares) & (np.array(best.signs) != 0)),
@@ -105,7 +105,7 @@ def judge(presses: Sequence[Press], influence: Influence) -> Judgement:
 
 
 class _Best(NamedTuple):
-    """A press at the place and with the force that fit it best under one wiring."""
+    """A press at the place and with the force that fit it best under one cabling."""
 
     force_n: float
     moved_mm: Floats
@@ -124,11 +124,11 @@ class _Fit:
         self._per_newton = influence(press.at_mm + PLACE_SD_MM * REACH)
 
     def fit(self, sensors: NDArray[np.intp], signs: Floats) -> tuple[Floats, Floats, NDArray[np.intp]]:
-        """Return the least sum of squares of wirings (wirings, channels), (wirings,), with force [N] and place of each.
+        """Return the least sum of squares of cablings (cablings, channels), (cablings,), with force [N] and place.
 
         A place is an index into `REACH`.
         """
-        # (places, wirings, channels)
+        # (places, cablings, channels)
         expected = self._per_newton[:, sensors] * signs * self._is_known / self.deviation_mm
         along = np.maximum(expected @ self._moved, 0.0)
         own = np.maximum((expected**2).sum(axis=-1), np.finfo(np.float64).tiny)
@@ -137,52 +137,52 @@ class _Fit:
         each = np.arange(len(sensors))
         return squares[place, each], (along / own)[place, each], place
 
-    def best(self, wiring: Wiring) -> _Best:
-        """Return how one wiring fits the press."""
-        _, forces_n, places = self.fit(np.array([wiring.sensors]), np.array([wiring.signs], np.float64))
+    def best(self, cabling: Cabling) -> _Best:
+        """Return how one cabling fits the press."""
+        _, forces_n, places = self.fit(np.array([cabling.sensors]), np.array([cabling.signs], np.float64))
         return _Best(float(forces_n[0]), forces_n[0] * self._per_newton[places[0]])
 
 
-def _search(fits: Sequence[_Fit], channels: int) -> dict[Wiring, float]:
-    """Return the price of each wiring that was tried: its sum of squares, and that of its faults."""
-    faults = {wiring: count for count, wirings in enumerate(_simple(channels)) for wiring in wirings}
+def _search(fits: Sequence[_Fit], channels: int) -> dict[Cabling, float]:
+    """Return the price of each cabling that was tried: its sum of squares, and that of its faults."""
+    faults = {cabling: count for count, cablings in enumerate(_simple(channels)) for cabling in cablings}
     prices = _price(faults, fits)
     for _ in range(channels):
-        kept = sorted(prices, key=lambda wiring: prices[wiring])[:KEPT]
-        new = dict[Wiring, int]()
-        for wiring in kept:
-            for worse in _with_one_more(wiring):
+        kept = sorted(prices, key=lambda cabling: prices[cabling])[:KEPT]
+        new = dict[Cabling, int]()
+        for cabling in kept:
+            for worse in _with_one_more(cabling):
                 if worse not in faults:
-                    new[worse] = min(new.get(worse, channels * 2), faults[wiring] + 1)
+                    new[worse] = min(new.get(worse, channels * 2), faults[cabling] + 1)
         if not new:
             break
         before = min(prices.values())
         faults |= new
         prices |= (more := _price(new, fits))
-        # A fault too many costs its price: what is twice that above the best wiring leads to no better one.
+        # A fault too many costs its price: what is twice that above the best cabling leads to no better one.
         if min(more.values()) > before + 2 * FAULT:
             break
     return prices
 
 
-def _price(faults: dict[Wiring, int], fits: Sequence[_Fit]) -> dict[Wiring, float]:
-    sensors = np.array([wiring.sensors for wiring in faults])
-    signs = np.array([wiring.signs for wiring in faults], np.float64)
+def _price(faults: dict[Cabling, int], fits: Sequence[_Fit]) -> dict[Cabling, float]:
+    sensors = np.array([cabling.sensors for cabling in faults])
+    signs = np.array([cabling.signs for cabling in faults], np.float64)
     squares = sum((fit.fit(sensors, signs)[0] for fit in fits), start=np.zeros(len(faults)))
     totals = squares + FAULT * np.array(list(faults.values()))
     return dict(zip(faults, totals.tolist(), strict=True))
 
 
-def _simple(channels: int) -> list[list[Wiring]]:
-    """Return the right wiring, and those with one fault that is more than one step away: reversed, or all inverted."""
+def _simple(channels: int) -> list[list[Cabling]]:
+    """Return the right cabling, and those with one fault that is more than one step away: reversed, or all inverted."""
     own, right = tuple(range(channels)), (1,) * channels
-    far = [Wiring(own[::-1], right)] if channels > 1 else []
-    return [[Wiring(own, right)], [*far, Wiring(own, (-1,) * channels)]]
+    far = [Cabling(own[::-1], right)] if channels > 1 else []
+    return [[Cabling(own, right)], [*far, Cabling(own, (-1,) * channels)]]
 
 
-def _with_one_more(wiring: Wiring) -> Iterable[Wiring]:
-    """Yield the wirings with one more fault: two cables swapped, a sensor inverted, a channel dead."""
-    sensors, signs = list(wiring.sensors), list(wiring.signs)
+def _with_one_more(cabling: Cabling) -> Iterable[Cabling]:
+    """Yield the cablings with one more fault: two cables swapped, a sensor inverted, a channel dead."""
+    sensors, signs = list(cabling.sensors), list(cabling.signs)
     for one, other in combinations(range(len(sensors)), 2):
         swapped = sensors.copy()
         swapped[one], swapped[other] = sensors[other], sensors[one]
@@ -192,10 +192,10 @@ def _with_one_more(wiring: Wiring) -> Iterable[Wiring]:
             yield _plain(sensors, [*signs[:channel], other_sign, *signs[channel + 1 :]])
 
 
-def _plain(sensors: Sequence[int], signs: Sequence[int]) -> Wiring:
-    """Return a wiring in the form that is the same for all that cannot be told apart."""
+def _plain(sensors: Sequence[int], signs: Sequence[int]) -> Cabling:
+    """Return a cabling in the form that is the same for all that cannot be told apart."""
     each = enumerate(zip(sensors, signs, strict=True))
-    return Wiring(tuple(sensor if sign else channel for channel, (sensor, sign) in each), tuple(signs))
+    return Cabling(tuple(sensor if sign else channel for channel, (sensor, sign) in each), tuple(signs))
 
 
 def _shares(moved_mm: Floats, expected_mm: Floats, noise_mm: Floats) -> Floats:
