@@ -13,6 +13,7 @@ from fastapi.testclient import TestClient
 from beamtouch_service.access import Access
 from beamtouch_service.api.app import create_app
 from beamtouch_service.events.recorder import Recorder
+from beamtouch_service.events.store import Store
 from beamtouch_service.samples import Batch
 from beamtouch_service.sections import SurfaceSection
 from beamtouch_service.surfaces.surface import Surface
@@ -49,11 +50,15 @@ class Bench:
 
     event_loop: ClassVar[BlockingPortal | None] = None
     """Of the requests of all tests: to start one for each takes longer than an answer."""
+    stores: ClassVar[list[Store]] = []
+    """Of the test that runs; closed at its end."""
 
     def __init__(
         self, *surfaces: Surface, token: str | Access | None = TOKEN, recorder: Recorder | None = None
     ) -> None:
         self.now_s = 1000.0
+        recorder = recorder or Recorder()
+        self.stores.append(recorder.store)
         self.app = create_app(surfaces, token, clock=lambda: self.now_s, recorder=recorder)
         self.client = TestClient(self.app, raise_server_exceptions=False)
         self.client.portal = self.event_loop
@@ -105,6 +110,14 @@ def _event_loop() -> Iterator[None]:
     with start_blocking_portal() as Bench.event_loop:
         yield
     Bench.event_loop = None
+
+
+@pytest.fixture(autouse=True)
+def _close_stores() -> Iterator[None]:
+    yield
+    for store in Bench.stores:
+        store.close()
+    Bench.stores.clear()
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from contextlib import closing
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +19,7 @@ from beamtouch_models.rig.loads import Load
 from beamtouch_models.rig.surface import Imperfections, VirtualSurface
 from beamtouch_models.scene import load_scene
 from beamtouch_service.api.app import create_app
+from beamtouch_service.events.recorder import Recorder
 from beamtouch_service.samples import Sample
 from beamtouch_service.surfaces.surface import Surface
 from example_scenes import SCENES
@@ -75,8 +77,9 @@ class Sender:
 
 def events(model: ModelFile, samples: list[Sample], cuts: list[int], lost: set[int]) -> list[dict[str, Any]]:
     """Deliver samples in parts, of which those of some numbers come as a backlog only; return the events."""
-    app = create_app([Surface("bench", model)], TOKEN, clock=lambda: NOW_S)
-    with TestClient(app) as client:
+    recorder = Recorder()
+    app = create_app([Surface("bench", model)], TOKEN, clock=lambda: NOW_S, recorder=recorder)
+    with closing(recorder), TestClient(app) as client:
         sender = Sender(model, client, samples)
         for place, (first, last) in enumerate(pairwise([0, *cuts, len(samples)])):
             if place not in lost:
