@@ -9,7 +9,7 @@ PACKAGES := common/beamtouch_common firmware_protocol/beamtouch_protocol models/
 # of processes.
 WORKERS ?= $(shell expr 2 \* $$(nproc))
 
-.PHONY: help install demo test soak faults coverage bench check docs reference release format deb clean
+.PHONY: help install demo test soak versions faults coverage bench check docs reference release format deb clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 10
@@ -29,6 +29,9 @@ test: $(INSTALLED)  ## all tests but those of `make soak`; NAMES="models daemon 
 
 soak: $(INSTALLED)  ## more rounds, longer outages, more draws and scenes, and all guides, in about eight minutes on two cores
 	PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest --numprocesses $(WORKERS) -m soak
+
+versions:  ## promises on the other Pythons of this machine (3.12 to 3.14), in some five minutes each on two cores
+	WORKERS=$(WORKERS) packaging/versions
 
 faults: $(INSTALLED)  ## see that tests catch each fault of tests/faults/faults.toml, in about 20 minutes on two cores; NAMES="delivery ..."
 	$(BIN)/python tests/faults $(NAMES)
