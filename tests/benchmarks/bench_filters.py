@@ -10,15 +10,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from beamtouch_models.filters import (
-    Chain,
-    FloatArray,
-    Stage,
-    filled,
-    growing_mean_stage,
-    moving_average_stage,
-    spike_stage,
-)
+from beamtouch_models.filters import Chain, FloatArray, Mean
 
 RATES_HZ = (50, 200, 1000)
 PIECE_S = 0.005
@@ -33,13 +25,12 @@ WAY_PER_S = np.array([80.0, -30.0, -30.0, 40.0])
 RUNS = 5
 
 
-def filters(rate_hz: int) -> dict[str, tuple[Stage, ...]]:
+def filters(rate_hz: int) -> dict[str, Mean]:
     """Return the filters that are compared."""
     window = max(1, round(LATENCY_S * rate_hz))
-    period = PERIOD_S * rate_hz
     return {
-        "fixed": (spike_stage(SPIKE), moving_average_stage(window, filled(window))),
-        "growing": (growing_mean_stage(rate_hz, np.ones(len(CONTACT)), SPIKE, window, period),),
+        "fixed": Mean("moving-average", window, spike_mm=SPIKE),
+        "growing": Mean("growing-mean", window, rate_hz, SPIKE),
     }
 
 
@@ -68,11 +59,11 @@ COURSES: dict[str, Callable[[FloatArray], FloatArray]] = {
 }
 
 
-def per_sample_us(stages: tuple[Stage, ...], rate_hz: int, truth: FloatArray) -> float:
+def per_sample_us(mean: Mean, rate_hz: int, truth: FloatArray) -> float:
     """Return the processor time per sample of the last second [us]."""
     rng = np.random.default_rng(0)
     piece = max(1, round(PIECE_S * rate_hz))
-    chain = Chain(stages, len(CONTACT), 1.0, PERIOD_S * rate_hz)
+    chain = Chain(mean, len(CONTACT), 1.0, PERIOD_S * rate_hz)
     values = truth + rng.standard_normal(truth.shape)
     first = len(values) - rate_hz
     chain.apply(values[:first])

@@ -9,13 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.stats import chi2
 
-from beamtouch_models.filters import (
-    Chain,
-    Filtered,
-    FloatArray,
-    moving_average_stage,
-    spike_stage,
-)
+from beamtouch_models.filters import Chain, Filtered, FloatArray, Mean
 from beamtouch_models.filters.significance import chi_square_quantile
 
 NOISE_MM = 0.0045
@@ -25,7 +19,7 @@ PERIOD = 0.098 * RATE_HZ
 """Of the beam with a weight of 20 N on it, in readings."""
 SENSORS = np.array([0.15, 0.38, 0.62, 0.85])
 WINDOW = 4
-FILTER = (spike_stage(6 * NOISE_MM), moving_average_stage(WINDOW, 3))
+FILTER = Mean("moving-average", WINDOW, spike_mm=6 * NOISE_MM)
 MODES = np.arange(1, 13)
 
 
@@ -173,10 +167,10 @@ def test_a_lone_spike_or_a_lone_lost_reading_at_rest_is_harmless(what: str) -> N
 
 
 CHAINS = {
-    "none": (),
-    "spike": (spike_stage(6.0),),
-    "mean": (spike_stage(6.0), moving_average_stage(4, 3)),
-    "long mean": (moving_average_stage(50),),
+    "none": Mean(),
+    "spike": Mean(spike_mm=6.0),
+    "mean": Mean("moving-average", 4, spike_mm=6.0),
+    "long mean": Mean("moving-average", 50),
 }
 
 
@@ -204,10 +198,10 @@ def test_a_beam_at_rest_has_the_noise_of_its_filter_and_nothing_else(kind: str, 
 def test_a_spike_is_doubtful_until_the_next_reading_shows_that_it_was_one() -> None:
     values = 0.01 * np.random.default_rng(10).standard_normal((60, 3))
     values[50, 1] += 5
-    filtered = Chain((spike_stage(1.0), moving_average_stage(4)), 3, 0.01).apply(values)
+    filtered = Chain(Mean("moving-average", 4, spike_mm=1.0), 3, 0.01).apply(values)
     covariance = filtered.covariance_mm2
     assert covariance[50, 1, 1] > 20  # of 25: it may be a touch
-    assert covariance[51, 1, 1] == pytest.approx(1e-4 * 6 / 16)
+    assert covariance[51, 1, 1] == pytest.approx(1e-4 / 3)
     assert not covariance[51, 1, [0, 2]].any()
 
 
@@ -215,7 +209,7 @@ def test_a_channel_without_a_reading_has_a_zero_row_and_the_others_keep_their_do
     time_s = np.arange(100) / RATE_HZ
     values = np.sin(2 * math.pi * 44 * time_s)[:, np.newaxis] * [1.0, 2.0, 3.0]
     values[60:, 1] = np.nan
-    covariance = Chain((moving_average_stage(4),), 3, 0.01, 20.0).apply(values).covariance_mm2[-1]
+    covariance = Chain(Mean("moving-average", 4), 3, 0.01, 20.0).apply(values).covariance_mm2[-1]
     assert not covariance[1].any()
     assert not covariance[:, 1].any()
     correlation = covariance[0, 2] / math.sqrt(covariance[0, 0] * covariance[2, 2])
@@ -239,7 +233,7 @@ def test_a_covariance_is_finite_and_positive_at_any_scale(kind: str, noise_mm: f
 
 
 def test_without_a_known_noise_there_is_no_covariance() -> None:
-    filtered = Chain((moving_average_stage(2),), 1).apply(np.zeros((3, 1)))
+    filtered = Chain(Mean("moving-average", 2), 1).apply(np.zeros((3, 1)))
     assert not filtered.moves.any()
     with pytest.raises(ValueError, match="needs the noise"):
         _ = filtered.covariance_mm2

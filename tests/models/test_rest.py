@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from beamtouch_models import filters
-from beamtouch_models.filters import Chain, FloatArray, Rest
+from beamtouch_models.filters import Chain, FloatArray, Mean, Rest
 
 NOISE_MM, MM_PER_COUNT, CHANNELS, LONGEST = 0.004, -5e-5, 4, 1000
 RATE_HZ, PERIOD = 1000.0, 98.0
@@ -16,10 +15,7 @@ class Surface:
 
     def __init__(self, longest: int = LONGEST) -> None:
         unit_mm = np.full(CHANNELS, NOISE_MM)
-        stages = filters.chosen_stages(
-            "growing-mean", window=4, longest=longest, spike_mm=0.03, unit_mm=unit_mm, slowest_period=PERIOD
-        )
-        self.chain = Chain(stages, CHANNELS, NOISE_MM, PERIOD)
+        self.chain = Chain(Mean("growing-mean", 4, longest, 0.03), CHANNELS, NOISE_MM, PERIOD)
         self.rest = Rest(unit_mm, longest, PERIOD)
 
     def take(self, values_mm: FloatArray) -> bool:

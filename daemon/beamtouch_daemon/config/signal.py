@@ -25,8 +25,8 @@ Pair = Annotated[tuple[FiniteFloat, FiniteFloat], Field(strict=False)]
 
 class _Spike(Strict):
     spike_mm: Positive | None = None
-    """A deflection that is further than this from the median of the last three is a spike: the growing mean leaves it
-    out, the other filters replace it by the median."""
+    """A deflection that is further than this from the median of the last three is a spike, and enters no mean. The
+    newest one waits for the next one, as it may be a touch."""
 
 
 class NoFilter(_Spike):

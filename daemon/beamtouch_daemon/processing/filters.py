@@ -1,18 +1,20 @@
 """The configured filters, a chain of those in `beamtouch_models.filters`, and the uncertainty of what they give."""
 
 import math
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from beamtouch_daemon.config.settings import Surface
-from beamtouch_daemon.config.signal import Filter, GrowingMean, MovingAverage
+from beamtouch_daemon.config.signal import Filter, GrowingMean, NoFilter
 from beamtouch_daemon.processing.characteristic import Characteristic
 from beamtouch_models import filters
-from beamtouch_models.filters import Chain, Filtered, FloatArray, Rest, Stage
+from beamtouch_models.filters import Chain, Filtered, FloatArray, Mean, Rest
 
-PLAIN = (0.9, 1.02)
-"""No covariance is stated while the variance is within these factors of that of a mean of the stated readings."""
+PLAIN = 1.02
+"""No covariance is stated while the variance is within this factor of that of a mean of the stated readings."""
 DIGITS_BELOW_NOISE = 1e-4
 """Entries are rounded to this part of the variance of the noise, so that rounding never makes the matrix indefinite."""
 MAX_DIGITS = 300
@@ -23,11 +25,9 @@ SIGNIFICANT = 1e-12
 
 def chain_of(surface: Surface) -> Chain:
     """Return the configured filters of a surface, with its noise, its steps and the period of its slowest motion."""
-    channels, steps = len(surface.channels), steps_mm(surface)
-    unit_mm = filters.unit_of(surface.noise_mm or 0.0, steps, channels)
     period = (surface.slowest_period_ms or 0.0) * surface.rate_hz / 1e3
-    chosen = stages(surface.filter, surface.rate_hz, unit_mm, period)
-    return Chain(chosen, channels, surface.noise_mm, period, steps)
+    mean = mean_of(surface.filter, surface.rate_hz)
+    return Chain(mean, len(surface.channels), surface.noise_mm, period, steps_mm(surface))
 
 
 def rest_of(surface: Surface) -> Rest | None:
@@ -52,20 +52,11 @@ def steps_mm(surface: Surface) -> FloatArray:
     return np.where(surface.has_fractions, 0.0, steps)
 
 
-def stages(settings: Filter, rate_hz: float, unit_mm: FloatArray, slowest_period: float = 0.0) -> tuple[Stage, ...]:
-    """Return the configured filters, in the order in which they apply.
-
-    `unit_mm` is the noise of each channel, and `slowest_period` that of the beam, in readings.
-    """
-    mean = settings if isinstance(settings, MovingAverage | GrowingMean) else None
-    return filters.chosen_stages(
-        mean.kind if mean else "none",
-        window=mean.window if mean else 1,
-        longest=settings.longest(rate_hz) if isinstance(settings, GrowingMean) else 1,
-        spike_mm=settings.spike_mm,
-        unit_mm=unit_mm,
-        slowest_period=slowest_period,
-    )
+def mean_of(settings: Filter, rate_hz: float) -> Mean:
+    """Return the configured mean at a rate of the readings."""
+    window = 1 if isinstance(settings, NoFilter) else settings.window
+    longest = settings.longest(rate_hz) if isinstance(settings, GrowingMean) else 1
+    return Mean(settings.kind, window, longest, settings.spike_mm)
 
 
 class Uncertainty(NamedTuple):
@@ -88,28 +79,33 @@ def uncertainties(filtered: Filtered) -> list[Uncertainty]:
     variance = filtered.relative_variance
     # False for NaN; the usual case, in half the time.
     if not filtered.uncertain.any() and variance.min() == variance.max():
-        readings = math.floor(1 / variance[0, 0] + 1e-6)
-        if PLAIN[0] <= variance[0, 0] * readings <= PLAIN[1]:
-            return [Uncertainty(readings, None)] * samples
-    # The median that replaces a spike may be noisier than a reading. Then the covariance says so.
-    number = np.maximum(np.floor(filtered.readings + 1e-6), 1.0)  # NaN stays NaN
-    relative = variance * number[:, np.newaxis]
-    differs = (relative < PLAIN[0]) | (relative > PLAIN[1])  # False for NaN
+        return [Uncertainty(round(1 / variance[0, 0]), None)] * samples
+    number = np.rint(filtered.readings)  # NaN stays NaN
+    differs = variance * number[:, np.newaxis] > PLAIN  # False for NaN
     results = [UNKNOWN if math.isnan(readings) else Uncertainty(int(readings), None) for readings in number.tolist()]
     stated = np.flatnonzero(filtered.uncertain | differs.any(axis=1))
     if len(stated):
-        row, column = np.tril_indices(filtered.mean_mm.shape[1])
-        triangles, least = filtered.covariances_mm2(stated)[:, row, column], float(filtered.noise_mm.min())
-        for index, triangle in zip(stated.tolist(), triangles, strict=True):
-            readings = results[index].readings
-            if readings is not None:
-                results[index] = Uncertainty(readings, _rounded(triangle, least**2 / readings))
+        triangles = filtered.covariances_mm2(stated)[:, *_triangle(filtered.mean_mm.shape[1])]
+        rounded = _rounded(triangles, filtered.noise_mm.min() ** 2 / number[stated])
+        for index, triangle in zip(stated.tolist(), rounded.tolist(), strict=True):
+            if results[index].readings is not None:
+                results[index] = Uncertainty(results[index].readings, triangle)
     return results
 
 
-def _rounded(triangle: FloatArray, white_mm2: float) -> list[float]:
-    """Return a triangle with the fewest digits that keep the matrix positive; `white_mm2` is its noise variance."""
-    quantum = max(DIGITS_BELOW_NOISE * white_mm2, SIGNIFICANT * float(triangle.max()))
-    digits = -math.floor(math.log10(quantum)) if quantum > 0 else 0
-    values: list[float] = (np.round(triangle, digits) if 0 < digits < MAX_DIGITS else triangle).tolist()
-    return values
+@cache
+def _triangle(channels: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return rows and columns of the entries of a lower triangle."""
+    return np.tril_indices(channels)
+
+
+def _rounded(triangles: FloatArray, white_mm2: FloatArray) -> FloatArray:
+    """Return triangles (samples, entries) with the fewest digits that keep the matrices positive.
+
+    `white_mm2` (samples,) are the variances of their noise; NaN leaves a triangle as it is.
+    """
+    quantum = np.maximum(DIGITS_BELOW_NOISE * white_mm2, SIGNIFICANT * triangles.max(axis=1))
+    digits = -np.floor(np.log10(np.where(quantum > 0, quantum, 1.0)))
+    scale = 10.0 ** np.where(digits < MAX_DIGITS, digits, 0.0)[:, np.newaxis]
+    rounded: FloatArray = np.where(scale > 1, np.rint(triangles * scale) / scale, triangles)
+    return rounded

@@ -15,9 +15,9 @@ from beamtouch_daemon.config.settings import Surface
 from beamtouch_daemon.config.signal import GrowingMean
 from beamtouch_daemon.processing.at_rest import without_line
 from beamtouch_daemon.processing.characteristic import Characteristic
-from beamtouch_daemon.processing.filters import stages
+from beamtouch_daemon.processing.filters import mean_of
 from beamtouch_daemon.processing.stuck import longest_run
-from beamtouch_models.filters import Chain, FloatArray, Stage, moving_average_stage
+from beamtouch_models.filters import Chain, FloatArray, Mean
 
 MIN_READINGS = 500
 INDEPENDENT = 100
@@ -175,21 +175,19 @@ def round_up(value: float) -> float:
 
 def _averaged(surface: Surface) -> float:
     """Return the number of independent readings whose mean is as precise as a filtered value at rest."""
-    filters = _filters_at_rest(surface)
-    rows = max(stage.span + stage.memory for stage in filters) if filters else 1
-    return float(1 / np.nanmin(Chain(filters, 1).apply(np.zeros((rows, 1))).relative_variance))
+    return float(_mean_at_rest(surface).window)
 
 
-def _filters_at_rest(surface: Surface) -> tuple[Stage, ...]:
-    """Return the configured filters; at rest, a growing mean is a moving average, of which a part shows the noise."""
+def _mean_at_rest(surface: Surface) -> Mean:
+    """Return the configured mean; at rest, a growing mean is a moving average, of which a part shows the noise."""
     if isinstance(surface.filter, GrowingMean):
-        return (moving_average_stage(min(surface.filter.longest(surface.rate_hz), GROWN)),)
-    return stages(surface.filter, surface.rate_hz, np.ones(len(surface.channels)))
+        return Mean("moving-average", min(surface.filter.longest(surface.rate_hz), GROWN))
+    return mean_of(surface.filter, surface.rate_hz)
 
 
 def _effective_mm2(residual: FloatArray, number: int, of_block: FloatArray, surface: Surface) -> FloatArray:
     """Return the variance of white readings whose filtered values scatter as much, shape (channels,)."""
-    filtered = Chain(_filters_at_rest(surface), len(surface.channels)).apply(residual)
+    filtered = Chain(_mean_at_rest(surface), len(surface.channels)).apply(residual)
     relative = filtered.relative_variance
     settled = int(np.flatnonzero(relative[:, 0] <= 1.01 * np.nanmin(relative[:, 0]))[0])
     values = filtered.mean_mm.copy()

@@ -152,15 +152,12 @@ class Pipeline:
         return filtered
 
     def _sample(self, unix_s: float, values: list[float], codes: list[int], uncertainty: Uncertainty) -> Sample:
-        qualities = [QUALITIES[code] for code in codes]
         # The service validates what it receives; to do so here as well would double the cost of a covariance.
         sample = Sample.model_construct(
             sequence=self._sequence,
             acquired_unix_us=round(unix_s * 1e6),
-            deflection_mm=[
-                None if quality is Quality.MISSING else value for value, quality in zip(values, qualities, strict=True)
-            ],
-            quality=qualities,
+            deflection_mm=[None if code == _MISSING else value for value, code in zip(values, codes, strict=True)],
+            quality=[QUALITIES[code] for code in codes],
             readings=uncertainty.readings,
             covariance_mm2=uncertainty.covariance_mm2,
         )

@@ -1,43 +1,79 @@
-"""Several filters in succession: the means of the readings, and the covariance of these means."""
+"""The filter of readings: spikes left out, means of the others, and the covariance of these means."""
 
 import math
 from collections.abc import Sequence
-from itertools import pairwise
-from typing import NamedTuple
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from beamtouch_models.filters import means
 from beamtouch_models.filters.filtered import Filtered
 from beamtouch_models.filters.look import Look
-from beamtouch_models.filters.means import FloatArray
-from beamtouch_models.filters.motion import Motion, Moves, Past
-from beamtouch_models.filters.stages import Stage, unit_of
+from beamtouch_models.filters.motion import Motion, Past, Taken
+from beamtouch_models.filters.readings import BEFORE, FloatArray, Stream, Sums, lone_spikes
+
+MIN_MM = 2.0**-30
+"""Readings without noise are compared with this, so that rounding errors are neither a change nor motion."""
+FINE = 2.0**16
+"""Readings are rounded to this part of their noise, so that sums of them are exact however a stream is split."""
+MIN_FILL = 0.5
+"""Part of the averaging window that good readings must fill before a channel has a value.
+
+The noise of that first value is at most 1.4 times that of a full window. A single reading would be noisier still, and
+could make a beam at rest look touched; a larger part would leave no value where a third of the readings is lost.
+"""
+MAX_COMPARED = 8
+"""Newest readings of a growing mean whose scatter is tested. The mean itself shows slower motion."""
+BLOCK_VALUES = 500_000
+"""Longer inputs are filtered in parts, so that the windows of a part fit in memory."""
+ROUNDING = 1e-6
+"""Part of a reading by which a time may fall short of a whole number of readings, as it was rounded."""
+
+
+@dataclass(frozen=True)
+class Mean:
+    """The mean that is taken of readings."""
+
+    kind: Literal["none", "moving-average", "growing-mean"] = "none"
+    window: int = 1
+    """Number of readings in a moving average, or the fewest in a growing mean."""
+    longest: int = 1
+    """Largest number of readings in a growing mean."""
+    spike_mm: float | None = None
+    """Distance of a spike from the median of three readings; None: all readings count."""
+
+    @property
+    def grows(self) -> bool:
+        """Whether the mean is of the readings that agree."""
+        return self.kind == "growing-mean"
+
+    @property
+    def most(self) -> int:
+        """Largest number of readings in a mean."""
+        return self.longest if self.grows else self.window if self.kind == "moving-average" else 1
 
 
 class State(NamedTuple):
-    """What a chain knows of the readings before the next one; no array in it ever changes."""
+    """What a chain knows of the readings before the next one."""
 
-    stages: tuple[FloatArray, ...]
-    """Of each stage that steps."""
-    looked: FloatArray
+    stream: Stream
+    """Sums of all readings but the newest one, in parts of the noise."""
+    readings: FloatArray
+    """The last readings as they came, shape (rows, channels)."""
+    begun: int
+    """Number of readings so far."""
     past: Past | None
     """Of the search for motion; None without it."""
 
 
-BLOCK_VALUES = 500_000
-"""Longer inputs are filtered in parts, so that the windows of a part fit in memory."""
-
-
 class Chain:
-    """Several filters in succession, and their states.
+    """The filter of one surface, and its state.
 
     Parameters
     ----------
-    chosen
-        The filters, in the order in which they apply. One of them may average; filters that replace readings come
-        before it.
+    mean
+        The mean that is taken.
     channels
         Number of channels.
     noise_mm
@@ -51,46 +87,54 @@ class Chain:
 
     def __init__(
         self,
-        chosen: tuple[Stage, ...],
+        mean: Mean,
         channels: int,
         noise_mm: float | FloatArray | None = None,
         slowest_period: float = 0.0,
         step_mm: float | FloatArray = 0.0,
     ) -> None:
-        self._stages, self._channels = chosen, channels
+        self._mean, self._channels = mean, channels
         self._noise_mm = None if noise_mm is None else np.broadcast_to(np.asarray(noise_mm, np.float64), (channels,))
-        span, spike_mm = max([1, *(stage.span for stage in chosen)]), min([math.inf, *(one.spike_mm for one in chosen)])
-        growing = next((stage.look for stage in chosen if stage.look), None)
-        self._look, self._motion = growing, None
-        if self._noise_mm is not None:
-            unit_mm = unit_of(self._noise_mm, step_mm, channels)
-            longest = max(2 * span, math.ceil(slowest_period))
-            self._look = growing or Look(longest, unit_mm, spike_mm, 1, slowest_period)
+        unit_mm = np.maximum(unit_of(0.0 if noise_mm is None else noise_mm, step_mm, channels), MIN_MM)
+        self._quantum_mm = unit_mm / FINE
+        self._spike_mm = math.inf if mean.spike_mm is None else mean.spike_mm
+        self._needed = math.ceil(MIN_FILL * mean.most) if mean.kind == "moving-average" else 1
+        self._look, self._motion, memory = None, None, BEFORE
+        if mean.grows or self._noise_mm is not None:
+            longest = mean.most if mean.grows else max(2 * mean.most, math.ceil(slowest_period))
+            fewest = mean.window if mean.grows else 1
+            self._look = Look(channels, longest, fewest, slowest_period, FINE)
+        if self._look and self._noise_mm is not None:
+            span = min(mean.most, MAX_COMPARED) if mean.grows else mean.most
             self._motion = Motion(
                 self._look,
                 span,
-                grows=growing is not None,
+                grows=mean.grows,
                 noise_mm=self._noise_mm,
                 unit_mm=unit_mm,
                 slowest_period=slowest_period,
             )
-        self._longest = max([span, *(stage.memory for stage in chosen), self._motion.memory if self._motion else 1])
+            memory = max(memory, self._motion.memory)
+        self._memory = memory
+        self._longest = max(mean.most, memory)
+        self._kept = max(mean.most + 2, self._look.rows if self._look else 0)
         self._block = max(1, BLOCK_VALUES // (self._longest * channels))
         self.restart()
 
     def restart(self) -> None:
         """Reset all states, so that no earlier value affects a later one."""
         self.state = State(
-            tuple(means.fresh(stage.memory, self._channels) for stage in self._stages if stage.step),
-            self._look.fresh(self._channels) if self._look else means.fresh(0, self._channels),
-            self._motion.fresh(self._channels) if self._motion else None,
+            Stream.fresh(self._kept, self._channels),
+            np.full((self._memory, self._channels), np.nan),
+            0,
+            self._motion.fresh() if self._motion else None,
         )
 
     def apply(self, values: FloatArray, lost: Sequence[int] | None = None) -> Filtered:
         """Filter readings, and keep the state after them.
 
         What was known before a gap is as true after it, and what was not seen proves nothing: each lost reading is a
-        row of NaN. Only a gap as long as the filters look back leaves nothing that is known, and they begin anew.
+        row of NaN. Only a gap as long as the filter looks back leaves nothing that is known; a longer one is like it.
 
         Parameters
         ----------
@@ -99,21 +143,12 @@ class Chain:
         lost
             Number of readings lost before each of them, shape (readings,); None: none.
         """
-        if lost is None or not any(lost):
-            return self._in_blocks(values)
-        skipped, parts = np.array(lost), []
-        anew = np.flatnonzero(skipped >= self._longest)
-        for start, end in pairwise(sorted({0, *anew.tolist(), len(values)})):
-            if skipped[start] >= self._longest:
-                self.restart()
-                skipped[start] = 0
-            rows, places = with_lost(values[start:end], skipped[start:end])
-            parts.append(self._in_blocks(rows).at(places))
-        return Filtered.joined(parts)
-
-    def _in_blocks(self, values: FloatArray) -> Filtered:
-        starts = range(0, max(1, len(values)), self._block)
-        return Filtered.joined([self._apply(values[start : start + self._block]) for start in starts])
+        rows, places = values, None
+        if lost is not None and any(lost):
+            rows, places = self._with_lost(values, lost)
+        starts = range(0, max(1, len(rows)), self._block)
+        filtered = Filtered.joined([self._apply(rows[start : start + self._block]) for start in starts])
+        return filtered if places is None else filtered.at(places)
 
     def apply_at_rest(self, values: FloatArray, lost: Sequence[int]) -> Filtered:
         """Filter readings among which nothing happens; return the mean after the last one.
@@ -121,36 +156,60 @@ class Chain:
         It is that of `apply`, which has the parameters, and the means after the others count as equal to it. Only for a
         growing mean.
         """
-        if max(lost) >= self._longest:
-            return self.apply(values, lost).at(np.array([len(values) - 1]))
-        rows, _ = with_lost(values, np.array(lost))
+        rows, _ = self._with_lost(values, lost)
         return self._apply(rows, len(rows) - 1)
 
     def _apply(self, values: FloatArray, first: int = 0) -> Filtered:
         """Return the means after the readings from the `first` one on."""
-        signal, stages, looked, past = means.signal_of(values), list(self.state.stages), *self.state[1:]
-        seen = None
-        if self._look and len(values):
-            seen, looked = self._look.step(values, looked, first)
-        for index, stage in enumerate(self._stages):
-            if stage.step:
-                signal, stages[index] = stage.step(signal, stages[index])
-            elif seen:
-                there = seen.number > 0
-                signal = np.stack([seen.mean_mm, np.where(there, 1 / np.maximum(seen.number, 1), np.nan)], axis=1)
-        mean, variance = signal[:, 0], signal[:, 1]
+        stream, before, begun, past = self.state
+        readings, begun = np.concatenate([before, values]), begun + len(values)
+        held, spikes = lone_spikes(readings, self._spike_mm)
+        counted = self._counted(readings[self._memory - 1 :])
+        settled, newest, doubtful = counted[:-1], counted[1 + first :], held[self._memory + first :]
+        if spikes.any():
+            settled = np.where(spikes[self._memory - 1 : -1, np.newaxis], 0.0, settled)
+        stream = stream.add(settled)
+        # A doubtful reading waits for the next one, in all channels: a step moves them together.
+        until = stream.before[stream.end - len(newest) : stream.end] + newest * ~doubtful[:, np.newaxis, np.newaxis]
+        sums = Sums(stream.before, until, np.arange(stream.end - len(newest), stream.end) + 1 - doubtful)
+        seen = self._look.at(sums) if self._look else None
+        sizes = seen.sizes if seen and self._mean.grows else np.full(len(newest), self._mean.most)
+        total, number = np.moveaxis(sums.since(sizes[:, np.newaxis])[:, 0], 1, 0)
+        there = (number >= self._needed) & (newest[:, 1] > 0)
+        number = np.maximum(number, 1)
+        mean, variance = (np.where(there, each, np.nan) for each in (total / number * self._quantum_mm, 1 / number))
         if self._motion and past and seen:
-            found, past = self._motion.of(values, mean, variance, seen, past)
+            seen = seen._replace(lags=seen.lags * self._quantum_mm)
+            taken = Taken(readings, begun, spikes, doubtful, mean, variance, seen)
+            filtered, past = self._motion.of(taken, past, first)
         else:
-            nothing = np.zeros(len(values), dtype=np.bool_)
-            found = Moves(nothing, nothing, np.zeros((0, self._channels, self._channels)))
-        self.state = State(tuple(stages), looked, past)
-        return Filtered(mean, variance, self._noise_mm, *found)
+            nothing = np.zeros(len(mean), dtype=np.bool_)
+            exact = np.zeros((0, self._channels, self._channels))
+            filtered = Filtered(mean, variance, self._noise_mm, nothing, nothing, exact)
+        self.state = State(stream, readings[len(values) :], begun, past)
+        return filtered
+
+    def _with_lost(self, values: FloatArray, lost: Sequence[int]) -> tuple[FloatArray, NDArray[np.intp]]:
+        """Return readings with rows of NaN for those lost before each of them, and the places of the readings."""
+        places = np.arange(len(values)) + np.cumsum(np.minimum(lost, self._longest))
+        rows = np.full((places[-1] + 1, values.shape[1]), np.nan)
+        rows[places] = values
+        return rows, places
+
+    def _counted(self, values: FloatArray) -> FloatArray:
+        """Return values (rows, channels) in parts of the noise, and their number: 0 for one that is missing."""
+        counted = np.empty((len(values), 2, values.shape[1]))
+        there = counted[:, 1] = ~np.isnan(values)
+        counted[:, 0] = np.rint(np.where(there, values, 0.0) / self._quantum_mm)
+        return counted
 
 
-def with_lost(values: FloatArray, lost: NDArray[np.intp]) -> tuple[FloatArray, NDArray[np.intp]]:
-    """Return readings with rows of NaN for those lost before each of them, and the places of the readings."""
-    places = np.arange(len(values)) + np.cumsum(lost)
-    rows = np.full((places[-1] + 1, values.shape[1]), np.nan)
-    rows[places] = values
-    return rows, places
+def unit_of(noise_mm: float | FloatArray, step_mm: float | FloatArray, channels: int) -> FloatArray:
+    """Return the deviation (channels,) that readings at rest reach: their noise, or half a step of the ADC."""
+    unit: FloatArray = np.broadcast_to(np.maximum(noise_mm, np.abs(step_mm) / 2), (channels,))
+    return unit
+
+
+def readings_within(time_ms: float, rate_hz: float) -> int:
+    """Return how many readings fit in a time."""
+    return math.floor(time_ms * rate_hz / 1e3 + ROUNDING)

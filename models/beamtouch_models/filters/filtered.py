@@ -7,7 +7,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from beamtouch_models.filters.means import FloatArray
+from beamtouch_models.filters.readings import FloatArray
 
 
 @dataclass(frozen=True)

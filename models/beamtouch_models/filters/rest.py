@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beamtouch_models.filters.filtered import Filtered
-from beamtouch_models.filters.means import FloatArray
+from beamtouch_models.filters.readings import FloatArray
 
 EXPLAINED = 5.0
 """Deviations of a reading from the mean that are explained. Noise leaves them once in two million readings of a

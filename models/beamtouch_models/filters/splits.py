@@ -3,47 +3,18 @@
 All functions take several means at once. Readings are known by their sums, which are exact.
 """
 
-from typing import NamedTuple, Self
-
 import numpy as np
 from numpy.typing import NDArray
 
-from beamtouch_models.filters.means import FloatArray
+from beamtouch_models.filters.readings import FloatArray, Sums
 
 STEP_PART = 0.12
 """Part of what a step explains that a slope must leave: a slope explains three quarters of a step, and of a bend more
 than a step does."""
-PROBES = 16
+PROBES = 48
 """Splits that are compared at once, from coarse to fine. The contrast of a change falls evenly on both sides of it."""
 BINS = 16
 """Sums of readings by which a step is told from a slope; the slope within a sum is 1/256 of its squares."""
-
-
-class Sums(NamedTuple):
-    """Sums of readings, for some means."""
-
-    rows: FloatArray
-    """Sums and numbers of the readings before each row, shape (rows, 2, channels)."""
-    until: FloatArray
-    """The same up to each mean, shape (means, 2, channels)."""
-    starts: NDArray[np.intp]
-    """The row after the last one in each mean, shape (means,)."""
-
-    def of(self, at: NDArray[np.intp]) -> Self:
-        """Return those of some of the means."""
-        return self._replace(until=self.until[at], starts=self.starts[at])
-
-    def since(self, ages: NDArray[np.intp]) -> FloatArray:
-        """Return the sums of the last `ages` (means, n) rows of each mean, shape (means, n, 2, channels)."""
-        before: FloatArray = self.rows[np.minimum(self.starts[:, np.newaxis] - ages, len(self.rows) - 1)]
-        # The newest reading is in no sum of the rows yet.
-        sums: FloatArray = np.where(ages[..., np.newaxis, np.newaxis] > 0, self.until[:, np.newaxis] - before, 0.0)
-        return sums
-
-    def each(self, ages: NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:
-        """Return sums and numbers between successive `ages` (means, n), descending, both (means, n - 1, channels)."""
-        between = -np.diff(self.since(ages), axis=1)
-        return between[:, :, 0], between[:, :, 1]
 
 
 def best_split(sums: Sums, shortest: NDArray[np.intp], fails: NDArray[np.intp]) -> NDArray[np.intp]:
@@ -59,7 +30,7 @@ def best_split(sums: Sums, shortest: NDArray[np.intp], fails: NDArray[np.intp]) 
         first = whole - since
         apart = since[:, :, 0] / np.maximum(since[:, :, 1], 1) - first[:, :, 0] / np.maximum(first[:, :, 1], 1)
         weight = since[:, :, 1] * first[:, :, 1] / np.maximum(whole[:, :, 1], 1)
-        best = (apart * apart * weight).sum(axis=2).argmax(axis=1)
+        best = np.einsum("mnc,mnc,mnc->mn", apart, apart, weight).argmax(axis=1)
         if spacing < PROBES:
             split: NDArray[np.intp] = sizes[means, best]
             return split

@@ -9,7 +9,7 @@ import numpy as np
 
 from beamtouch_common.digits import digits
 from beamtouch_models.errors import SceneError
-from beamtouch_models.filters import Chain, chosen_stages, readings_within, unit_of
+from beamtouch_models.filters import Chain, Mean, readings_within
 from beamtouch_models.metadata import FilterChoice, Noise
 from beamtouch_models.scene import Scene
 
@@ -188,15 +188,8 @@ def window_filter(scene: Scene, window: int, reading_mm: float) -> FilterChoice:
 
 def chain_of(chosen: FilterChoice, channels: int, noise_mm: float, per_count_mm: float, slowest_period: float) -> Chain:
     """Return the filter of a model as the daemon runs it; arguments as those of `Chain`, `per_count_mm` its step."""
-    stages = chosen_stages(
-        chosen.kind,
-        window=chosen.window,
-        longest=chosen.max_readings,
-        spike_mm=chosen.spike_mm,
-        unit_mm=unit_of(noise_mm, per_count_mm, channels),
-        slowest_period=slowest_period,
-    )
-    return Chain(stages, channels, noise_mm, slowest_period, per_count_mm)
+    mean = Mean(chosen.kind, chosen.window, chosen.max_readings, chosen.spike_mm)
+    return Chain(mean, channels, noise_mm, slowest_period, per_count_mm)
 
 
 def check_errors(scene: Scene, errors: ReadingErrors, chosen: FilterChoice, deflection_mm: float) -> None:
