@@ -173,7 +173,7 @@ def test_a_history_is_read_again_as_it_was(drawn: Drawn) -> None:
     assert again.channels() == health.channels()
     assert changed(again) == [(2, "gain")]
     with pytest.raises(ValueError, match="another layout"):
-        Health(drawn.metadata, {"blocks": History(3, [_block(0, 3)]).to_json(), "changes": []})
+        Health(drawn.metadata, {"blocks": History(3, [_block(0, 3)]).to_json()})
 
 
 def test_a_long_history_takes_few_blocks_and_loses_nothing() -> None:

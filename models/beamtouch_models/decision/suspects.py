@@ -23,8 +23,6 @@ class LeftOut(NamedTuple):
 
     misfit: float
     """Misfit of the best single contact."""
-    rest_misfit: float
-    """Misfit of rest."""
     explained: bool
     """Whether rest or a single contact explains the sample."""
 
@@ -65,7 +63,7 @@ class Suspects:
             each = evidence(self._metadata, self._run, coarse.part(row).without(channel))
             for index, place, said in zip(row.tolist(), channel.tolist(), each, strict=True):
                 explained = not is_odd(self._metadata.thresholds, said)
-                found[index][names[place]] = LeftOut(said.misfit, said.rest_misfit, explained)
+                found[index][names[place]] = LeftOut(said.misfit, explained)
         return found
 
     def _coarse(self, samples: Weighed) -> Weighed:

@@ -103,43 +103,26 @@ class Gains:
         return ChangeCandidates(score**2 / information, score / information, information)
 
 
-def found_changes(history: History, floor: Floats, known: Sequence[Change] = ()) -> list[Change]:
-    """Return the changes that are certain, the earlier known ones first; `floor` as for `Gains`.
+def find_changes(history: History, floor: Floats) -> list[Change]:
+    """Return the changes that are certain, the likeliest first; `floor` as for `Gains`.
 
     A change below the floor is none: calibration left as much. Where two channels explain the contacts about as well,
-    none of them is named. A known change stays while it is likely, at the time and of the channel that are likeliest.
+    none of them is named.
     """
     changes: list[Change] = []
     if not history.blocks:
         return changes
     after = history.after()
     certain = CERTAIN + 2 * np.log(max(1.0, len(floor) / 4))
-    for place in range(len(known)):
-        found = Gains(history, floor, [*changes, *known[place + 1 :]]).candidates()
-        again = _again(found, known[place].channel)
-        if found.ratio[again.block, again.channel] > certain / 2:
-            changes.append(again)
     while len(changes) < 2 * len(floor):
         found = Gains(history, floor, changes).candidates()
         ratio = np.where(np.abs(found.gain) >= floor, found.ratio, 0.0)
-        best = _best(ratio)
-        most = ratio[best.block, best.channel]
-        others = np.delete(ratio.max(axis=0), best.channel)
+        block, channel = (int(place) for place in np.unravel_index(int(ratio.argmax()), ratio.shape))
+        most = ratio[block, channel]
+        others = np.delete(ratio.max(axis=0), channel)
         # A contact near a support says little of any gain, so the change may as well have begun before it.
-        likely = np.flatnonzero(ratio[:, best.channel] > most - NEAR)
+        likely = np.flatnonzero(ratio[:, channel] > most - NEAR)
         if most <= certain or most - others.max(initial=0.0) < APART or after[likely[0]] < MIN_CONTACTS:
             break
-        changes.append(best)
+        changes.append(Change(block, channel))
     return changes
-
-
-def _again(found: ChangeCandidates, channel: int) -> Change:
-    """Return a known change of a channel as it looks now: that of another channel if that is much likelier."""
-    best, block = _best(found.ratio), int(found.ratio[:, channel].argmax())
-    is_other = found.ratio[best.block, best.channel] - found.ratio[block, channel] >= APART
-    return best if is_other else Change(block, channel)
-
-
-def _best(ratio: Floats) -> Change:
-    block, channel = np.unravel_index(int(ratio.argmax()), ratio.shape)
-    return Change(int(block), int(channel))

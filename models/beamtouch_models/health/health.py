@@ -1,6 +1,5 @@
 """The health of the channels of a surface: how each gain and zero has changed since a baseline, with intervals."""
 
-from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -10,7 +9,7 @@ import numpy as np
 from beamtouch_models.arrays import Bools, Floats
 from beamtouch_models.curve import InfluenceCurve
 from beamtouch_models.error_model import floor_mm2
-from beamtouch_models.health.changes import CERTAIN, Change, Gains, found_changes
+from beamtouch_models.health.changes import CERTAIN, Change, Gains, find_changes
 from beamtouch_models.health.history import Block, History
 from beamtouch_models.health.residuals import UNKNOWN, Residuals
 from beamtouch_models.health.zeros import Estimate, interval, zero_of
@@ -73,16 +72,12 @@ class Health:
         """
         self._metadata, self._curve = metadata, InfluenceCurve.of(metadata)
         self._floor, self._zero_mm = np.array(metadata.floor.gain), np.array(metadata.floor.zero_mm)
-        kept = {"blocks": [], "changes": []} if kept is None else kept
         try:
-            self._history = History.from_json(len(metadata.layout), kept["blocks"])
-            self._known: list[tuple[int, int]] = [(int(at_us), int(channel)) for at_us, channel in kept["changes"]]
-            """Time of the first contact and channel of each change."""
+            self._history = History.from_json(len(metadata.layout), [] if kept is None else kept["blocks"])
         except (TypeError, KeyError) as error:
             message = f"what was kept cannot be read ({error!r})"
             raise ValueError(message) from None
-        self._changes: list[Change] = []
-        self._search()
+        self._changes = find_changes(self._history, self._floor)
 
     @property
     def contacts(self) -> int:
@@ -90,8 +85,8 @@ class Health:
         return self._history.contacts
 
     def to_json(self) -> dict[str, Any]:
-        """Return the blocks and the changes as JSON values."""
-        return {"blocks": self._history.to_json(), "changes": [list(one) for one in self._known]}
+        """Return the blocks as JSON values."""
+        return {"blocks": self._history.to_json()}
 
     def add(self, samples: Sequence[BestSample]) -> None:
         """Add the best samples of contacts, in any order of their times.
@@ -105,12 +100,12 @@ class Health:
         gains, covariance = Gains(self._history, self._floor, self._changes).now()
         shape, left = self._equations(samples, gains)
         weight = self._weights(shape, left, np.array([sample.is_contact for sample in samples]), gains, covariance)
-        boundaries = {at_us for at_us, _ in self._known}
+        boundaries = {self._history.blocks[one.block].first_us for one in self._changes}
         for row in np.flatnonzero(weight).tolist():
             own = weight[row] * shape[row].T
             block = Block(samples[row].at_us, 1, own @ shape[row], own @ left[row], *self._rest(samples[row]))
             self._history.add(block, boundaries)
-        self._search()
+        self._changes = find_changes(self._history, self._floor)
 
     def _equations(self, samples: Sequence[BestSample], gains: Floats) -> tuple[Floats, Floats]:
         """Return contacts as equations of the gain errors g, `shape` g = `left` + noise of deviation 1.
@@ -141,13 +136,6 @@ class Health:
             return np.zeros(len(self._zero_mm)), np.zeros(len(self._zero_mm))
         weight: Floats = 1 / (np.square(sample.rest_deviation_mm) + (SCATTER * self._zero_mm) ** 2)
         return weight, weight * (np.array(sample.rest_mm) - self._curve.departures.offset_mm)
-
-    def _search(self) -> None:
-        """Find the changes again, beginning with the known ones."""
-        begins = [block.first_us for block in self._history.blocks]
-        known = [Change(max(0, bisect_right(begins, at_us) - 1), channel) for at_us, channel in self._known]
-        self._changes = found_changes(self._history, self._floor, known)
-        self._known = [(begins[one.block], one.channel) for one in self._changes]
 
     def _weights(self, shape: Floats, left: Floats, is_contact: Bools, gains: Floats, covariance: Floats) -> Floats:
         """Return the weights of contacts: bounded, and 0 for one that no change of a single channel explains.

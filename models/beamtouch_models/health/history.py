@@ -12,8 +12,6 @@ NEW = 64
 """Number of newest contacts that are kept apart."""
 RESOLUTION = 8
 """An old block holds at most one in this many of the contacts after it; the time of a change is known as closely."""
-MANY = 32
-"""Number of blocks beyond the last merge that starts another."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +44,6 @@ class History:
     def __init__(self, channels: int, blocks: list[Block] | None = None) -> None:
         self.channels = channels
         self.blocks = list(blocks or [])
-        self._merge_at = NEW + MANY
 
     def add(self, block: Block, boundaries: set[int]) -> None:
         """Add a contact; `boundaries` are first times of blocks that never become part of the block before."""
@@ -54,9 +51,8 @@ class History:
         while place and self.blocks[place - 1].first_us > block.first_us:
             place -= 1
         self.blocks.insert(place, block)
-        if len(self.blocks) > self._merge_at:
+        if len(self.blocks) > NEW:
             self.blocks = _merged(self.blocks, boundaries)
-            self._merge_at = max(len(self.blocks), NEW) + MANY
 
     @property
     def contacts(self) -> int:
