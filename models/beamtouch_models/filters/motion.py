@@ -172,7 +172,7 @@ class Motion:
         size, number = self._rows, len(taken.mean)
         window = windows(taken.readings, size, number)
         if taken.spikes.any():
-            spiky = windows(taken.spikes.any(axis=1), 2 * size, number)[:, :-1].sum(axis=1)
+            spiky = windows(np.any(taken.spikes, axis=1), 2 * size, number)[:, :-1].sum(axis=1)
             spikes = windows(taken.spikes, size, number)
             spikes[spiky + taken.doubtful > LONE] = False
             spikes[:, -1] = False  # of the newest, the next one says it
@@ -230,7 +230,7 @@ class Motion:
         if near.missing is None:
             unproven[:] = False
         elif unproven.any():
-            came = ~np.isnan(taken.readings).all(axis=1)
+            came = ~np.all(np.isnan(taken.readings), axis=1)
             unproven &= windows(came, self.memory, len(unproven)).sum(axis=1) < self._rows
             square = np.nansum((taken.mean / self._unit_mm) ** 2 / np.maximum(taken.variance, 1e-9), axis=1)
             unproven &= square > self._newest[(~np.isnan(taken.mean)).sum(axis=1)]

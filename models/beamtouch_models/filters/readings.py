@@ -101,4 +101,5 @@ def lone_spikes(readings: FloatArray, spike_mm: float) -> tuple[NDArray[np.bool_
 
 def windows(rows: NDArray[Scalar], size: int, number: int) -> NDArray[Scalar]:
     """Return the last `size` rows up to each of the last `number` rows, shape (number, size, ...)."""
-    return rows[len(rows) - number - size + 1 + np.arange(number)[:, np.newaxis] + np.arange(size)]
+    found: NDArray[Scalar] = rows[len(rows) - number - size + 1 + np.arange(number)[:, np.newaxis] + np.arange(size)]
+    return found
