@@ -21,7 +21,7 @@ from beamtouch_models.commands.options import (
     shown_progress,
     surface_name,
 )
-from beamtouch_models.commands.printing import note, show
+from beamtouch_models.printing import note, show
 
 if TYPE_CHECKING:
     from beamtouch_models.building.build import Built, Choices
@@ -52,9 +52,8 @@ def run(options: argparse.Namespace) -> None:
     """Build, write the requested files, and print the metadata of the model."""
     from beamtouch_common.files import require_writable
     from beamtouch_models import loading
-    from beamtouch_models.building.build import build_model
+    from beamtouch_models.building.build import build_model, write_products
     from beamtouch_models.building.daemon_config import write_token_if_absent
-    from beamtouch_models.building.products import write_products
     from beamtouch_models.building.remarks import missed_requirement, remarks, weak_spot
     from beamtouch_models.description import unseen
 

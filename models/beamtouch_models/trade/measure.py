@@ -8,6 +8,7 @@ from typing import Literal
 
 import numpy as np
 
+from beamtouch_models.accuracy.contacts import Reached
 from beamtouch_models.accuracy.limit import accuracy_limit
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.statistics import Measurement
@@ -53,20 +54,14 @@ class Task:
 class Model:
     """A measured model, not timed yet."""
 
-    varied: Varied
-    estimator: Name
+    task: Task
     positions_mm: tuple[float, ...]
     reading_mm: float
     """Noise of a reading."""
     filter: FilterChoice
-    latency_ms: float | None
-    """As the scene, or the changed one, states it."""
     length_mm: float
-    error_mm: Measurement
-    """Mean |position error| for a mean of `filter.window` readings at rest, as `build` states it."""
-    limit_mm: Measurement
-    """Accuracy limit, on the same contacts."""
-    ratio: Measurement
+    reached: Reached
+    """For a mean of `filter.window` readings at rest, as `build` states it."""
     answers: tuple[Answer, ...]
     """For plain means of the readings of a touch."""
     graph: bytes
@@ -79,6 +74,11 @@ class Model:
     def sensors(self) -> int:
         """The number of sensors."""
         return len(self.positions_mm)
+
+    @property
+    def latency_ms(self) -> float | None:
+        """The latency that the scene, or the changed one, states."""
+        return self.task.scene.requirements.latency_ms
 
 
 @dataclass(frozen=True)
@@ -96,17 +96,12 @@ class Failure:
 
 
 @dataclass(frozen=True)
-class Curve:
-    """The error of the scene's own model by the time since a touch, behind the filter that `build` writes."""
+class Moment:
+    """The answer of the scene's own model at a time since a touch, behind the filter that `build` writes."""
 
-    readings: tuple[int, ...]
-    since_ms: tuple[float, ...]
-    error_mm: tuple[Measurement, ...]
-    """On a beam that follows the touch at once."""
-    ringing_mm: tuple[Measurement, ...]
-    """After a sudden force, after which the beam rings; none if the scene does not state the beam's mass."""
-    limit_mm: tuple[Measurement, ...]
-    """Accuracy limit for the mean of all these readings, on a beam at rest."""
+    answer: Answer
+    limit_mm: Measurement
+    """Accuracy limit for the mean of all its readings, on a beam at rest."""
 
 
 def numbers_of_sensors(scene: Scene) -> list[int]:
@@ -160,16 +155,12 @@ def _measure(task: Task) -> Model:
     run = runner(graph)
     reached = reach(made, prior, run, task.draws, seed + 2)
     return Model(
-        task.varied,
-        task.estimator,
+        task,
         sensors.placement.positions_mm,
         noise.reading_mm,
         chosen,
-        scene.requirements.latency_ms,
         prior.length_mm,
-        reached.error_mm,
-        reached.limit_mm,
-        reached.ratio,
+        reached,
         tuple(answers_of_means(prior, run, surface, sensors.world, reached.error_mm, seed + 2)),
         graph,
         *_sample(prior),
@@ -183,40 +174,28 @@ def _sample(prior: Prior) -> tuple[Floats32, Floats32]:
     return clean.astype(np.float32), prior.whitening(clean).astype(np.float32)
 
 
-def follow(task: tuple[Scene, Model, int, int]) -> Curve:
-    """Return the curve of a scene's own model; the task is the scene, the model, the draws and the seed."""
+def follow(task: tuple[Scene, Model, int, int]) -> list[Moment]:
+    """Return the answers of a scene's own model; the task is the scene, the model, the draws and the seed."""
     scene, model, draws, seed = task
     sensors = place_sensors(Surface.of(scene, model.filter), seed=seed, kept_mm=model.positions_mm)
-    prior, run, percent = sensors.prior, runner(model.graph), model.length_mm / 100
-    answers = answers_since_touch(model.answers, prior, run, sensors.surface, sensors.world, seed + 2)
-    limits = [
-        accuracy_limit(replace(prior, noise_mm=model.reading_mm / math.sqrt(answer.readings)), draws, seed + 2)
-        for answer in answers
-    ]
-    return Curve(
-        tuple(one.readings for one in answers),
-        tuple(one.since_ms for one in answers),
-        tuple(one.error_mm for one in answers),
-        tuple(one.ringing_mm for one in answers if one.ringing_mm is not None),
-        tuple(Measurement(one.percent * percent, one.standard_error * percent) for one in limits),
-    )
+    prior, run = sensors.prior, runner(model.graph)
+    moments = []
+    for answer in answers_since_touch(model.answers, prior, run, sensors.surface, sensors.world, seed + 2):
+        noise_mm = model.reading_mm / math.sqrt(answer.readings)
+        limit = accuracy_limit(replace(prior, noise_mm=noise_mm), draws, seed + 2)
+        limit_mm = Measurement(limit.percent, limit.standard_error).scaled(model.length_mm / 100)
+        moments.append(Moment(answer, limit_mm))
+    return moments
 
 
 ROUNDS, CALLS = 40, 50
 
 
-@dataclass(frozen=True)
-class Times:
-    """Times of an inference of a single sample in microseconds."""
+def inference_times(graphs: Sequence[tuple[bytes, Floats32, Floats32]]) -> list[Measurement]:
+    """Return the median time of an inference of a single sample in µs, with the standard error of the rounds.
 
-    p50_us: float
-    p50_standard_error_us: float
-    """From the scatter of the rounds."""
-    p99_us: float
-
-
-def inference_times(graphs: Sequence[tuple[bytes, Floats32, Floats32]]) -> list[Times]:
-    """Time graphs, each with the deflection (1, channels) of a contact and its whitening (1, channels, channels)."""
+    Each graph comes with the deflection (1, channels) of a contact and its whitening (1, channels, channels).
+    """
     runs = [(open_session(content), dict(zip(INPUTS, feed, strict=True))) for content, *feed in graphs]
     times = np.empty((len(runs), ROUNDS, CALLS))
     for turn in range(ROUNDS):
@@ -226,10 +205,5 @@ def inference_times(graphs: Sequence[tuple[bytes, Floats32, Floats32]]) -> list[
                 session.run(None, feed)
                 taken[call] = (time.perf_counter_ns() - start) / 1e3
     return [
-        Times(
-            float(np.median(one)),
-            float(np.median(one, axis=1).std(ddof=1) / ROUNDS**0.5),
-            float(np.quantile(one, 0.99)),
-        )
-        for one in times
+        Measurement(float(np.median(one)), float(np.median(one, axis=1).std(ddof=1) / ROUNDS**0.5)) for one in times
     ]
