@@ -29,11 +29,11 @@ from beamtouch_models.metadata import (
     Noise,
     Ranges,
 )
-from beamtouch_models.session import Answers, GraphError, graph_errors
+from beamtouch_models.session import Answers
 
 __all__ = [
     "INPUTS", "LOG_ODDS", "MISFIT", "Accuracy", "Answers", "BestSample", "Calibration", "ChannelChange", "Drawn",
-    "Evidence", "GraphError", "Health", "Hypotheses", "InfluenceCurve", "Judgement", "LeftOut", "Memory", "Metadata",
-    "ModelFile", "ModelFileError", "Noise", "Ranges", "State", "Suspects", "Weighed", "Wirings", "evidence",
-    "graph_errors", "is_odd", "is_overload", "is_unchecked", "load", "load_bytes", "memories_after", "read",
+    "Evidence", "Health", "Hypotheses", "InfluenceCurve", "Judgement", "LeftOut", "Memory", "Metadata", "ModelFile",
+    "ModelFileError", "Noise", "Ranges", "State", "Suspects", "Weighed", "Wirings", "evidence", "is_odd",
+    "is_overload", "is_unchecked", "load", "load_bytes", "memories_after", "read",
 ]  # fmt: skip
