@@ -8,7 +8,7 @@ from beamtouch_common.digits import digits
 from beamtouch_models.metadata import POSITION_OUTPUTS, Metadata
 from beamtouch_models.numbers import three_digits
 
-NARROW = 0.02
+NARROW = 0.015
 """Share of the range of contacts that a stretch at one of its ends must exceed to be told."""
 
 
