@@ -40,7 +40,7 @@ def test_each_kind_of_support_has_its_own_symbol_and_words(bench: ModelFile) -> 
         first, _ = tags.of("path", "support")
         symbols.add(first["d"])
         for told in (caption, tags.of("svg")[0]["aria-label"]):
-            assert f"Supports: {words} at 0 mm, roller: can turn and slide at 400 mm" in told
+            assert f"Supports: {words} at 0 mm; roller: can turn and slide at 400 mm" in told
     assert len(symbols) == len(SUPPORTS)
 
 

@@ -204,7 +204,7 @@ def _thickness_in_words(px: Scale) -> str:
 
 def _supports_in_words(beam: Beam) -> str:
     """Return where and how a beam is held, in the words of an engineer."""
-    return "Supports: " + (", ".join(f"{_in_words(one)} at {one.at_mm:g} mm" for one in beam.support_list) or "none")
+    return "Supports: " + ("; ".join(f"{_in_words(one)} at {one.at_mm:g} mm" for one in beam.support_list) or "none")
 
 
 def _in_words(support: Support) -> str:
