@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from beamtouch_models.accuracy.evaluation import Errors, Evaluation
     from beamtouch_models.accuracy.statistics import Measurement
     from beamtouch_models.building.accuracy import Limit, accuracy_limit, error_along_mm, evaluate
-    from beamtouch_models.building.build import build
+    from beamtouch_models.building.products import build
     from beamtouch_models.building.sensors import place
     from beamtouch_models.loading import ModelFile, estimate, load_model
     from beamtouch_models.physics.beam import influence_matrix, interpolate_influence
@@ -31,7 +31,7 @@ _HOMES = {
     "accuracy.evaluation": ("Errors", "Evaluation"),
     "accuracy.statistics": ("Measurement",),
     "building.accuracy": ("Limit", "accuracy_limit", "error_along_mm", "evaluate"),
-    "building.build": ("build",),
+    "building.products": ("build",),
     "building.sensors": ("place",),
     "loading": ("ModelFile", "estimate", "load_model"),
     "physics.beam": ("influence_matrix", "interpolate_influence"),

@@ -52,8 +52,9 @@ def run(options: argparse.Namespace) -> None:
     """Build, write the requested files, and print the metadata of the model."""
     from beamtouch_common.files import require_writable
     from beamtouch_models import loading
-    from beamtouch_models.building.build import build_model, write_products
+    from beamtouch_models.building.build import build_model
     from beamtouch_models.building.daemon_config import write_token_if_absent
+    from beamtouch_models.building.products import write_products
     from beamtouch_models.building.remarks import missed_requirement, remarks, weak_spot
     from beamtouch_models.description import unseen
 

@@ -10,17 +10,14 @@ import numpy as np
 
 from beamtouch_models.accuracy.contacts import Reached
 from beamtouch_models.accuracy.limit import accuracy_limit
-from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.statistics import Measurement
-from beamtouch_models.arrays import Floats32
 from beamtouch_models.building.measure import reach
 from beamtouch_models.building.sensors import place_sensors
 from beamtouch_models.building.since_touch import Answer, answers_of_means, answers_since_touch
 from beamtouch_models.errors import NotGoodEnoughError, SceneError
-from beamtouch_models.estimators.estimator import NAMES, Name, estimator_of
+from beamtouch_models.estimators.estimator import NAMES, Name
 from beamtouch_models.estimators.onnx_graph import to_bytes
 from beamtouch_models.metadata import INPUTS, FilterChoice
-from beamtouch_models.progress import silent
 from beamtouch_models.scene import Scene, change_scene
 from beamtouch_models.scene.sensors import MIN_SENSORS
 from beamtouch_models.session import open_session, runner
@@ -65,10 +62,6 @@ class Model:
     answers: tuple[Answer, ...]
     """For plain means of the readings of a touch."""
     graph: bytes
-    deflection_mm: Floats32
-    """(1, channels), a contact to time the graph with."""
-    whitening_per_mm: Floats32
-    """(1, channels, channels)"""
 
     @property
     def sensors(self) -> int:
@@ -140,49 +133,34 @@ def measure(task: Task) -> Model | Failure:
 
 
 def _measure(task: Task) -> Model:
-    scene, seed, surface = task.scene, task.seed, Surface.of(task.scene)
+    seed, surface = task.seed, Surface.of(task.scene)
     sensors = place_sensors(surface, count=task.sensors, seed=seed, kept_mm=task.kept_mm)
-    prior, noise, chosen = sensors.prior, surface.noise, surface.filter
-    made = estimator_of(
-        task.estimator,
-        prior,
-        min_noise_mm=chosen.min_noise_mm(noise),
-        with_force=scene.wants_force,
-        seed=seed,
-        progress=silent,
-    )
+    prior = sensors.prior
+    made = sensors.make_estimator(task.estimator, seed)
     graph = to_bytes(made.graph)
     run = runner(graph)
     reached = reach(made, prior, run, task.draws, seed + 2)
     return Model(
         task,
         sensors.placement.positions_mm,
-        noise.reading_mm,
-        chosen,
+        surface.noise.reading_mm,
+        surface.filter,
         prior.length_mm,
         reached,
         tuple(answers_of_means(prior, run, surface, sensors.world, reached.error_mm, seed + 2)),
         graph,
-        *_sample(prior),
     )
 
 
-def _sample(prior: Prior) -> tuple[Floats32, Floats32]:
-    """Return the deflection of a contact at a third of the range, with the middle force, and its whitening."""
-    low, high = prior.position_mm
-    clean = sum(prior.force_n) / 2 * prior.influence_at(np.array([low + (high - low) / 3]))
-    return clean.astype(np.float32), prior.whitening(clean).astype(np.float32)
-
-
-def follow(task: tuple[Scene, Model, int, int]) -> list[Moment]:
-    """Return the answers of a scene's own model; the task is the scene, the model, the draws and the seed."""
-    scene, model, draws, seed = task
-    sensors = place_sensors(Surface.of(scene, model.filter), seed=seed, kept_mm=model.positions_mm)
+def follow(model: Model) -> list[Moment]:
+    """Return the answers of a model by the time since a touch."""
+    task, seed = model.task, model.task.seed + 2
+    sensors = place_sensors(Surface.of(task.scene, model.filter), kept_mm=model.positions_mm)
     prior, run = sensors.prior, runner(model.graph)
     moments = []
-    for answer in answers_since_touch(model.answers, prior, run, sensors.surface, sensors.world, seed + 2):
+    for answer in answers_since_touch(model.answers, prior, run, sensors.surface, sensors.world, seed):
         noise_mm = model.reading_mm / math.sqrt(answer.readings)
-        limit = accuracy_limit(replace(prior, noise_mm=noise_mm), draws, seed + 2)
+        limit = accuracy_limit(replace(prior, noise_mm=noise_mm), task.draws, seed)
         limit_mm = Measurement(limit.percent, limit.standard_error).scaled(model.length_mm / 100)
         moments.append(Moment(answer, limit_mm))
     return moments
@@ -191,12 +169,15 @@ def follow(task: tuple[Scene, Model, int, int]) -> list[Moment]:
 ROUNDS, CALLS = 40, 50
 
 
-def inference_times(graphs: Sequence[tuple[bytes, Floats32, Floats32]]) -> list[Measurement]:
+def inference_times(models: Sequence[Model]) -> list[Measurement]:
     """Return the median time of an inference of a single sample in µs, with the standard error of the rounds.
 
-    Each graph comes with the deflection (1, channels) of a contact and its whitening (1, channels, channels).
+    A graph takes as long for a beam at rest as for a contact: it computes the same.
     """
-    runs = [(open_session(content), dict(zip(INPUTS, feed, strict=True))) for content, *feed in graphs]
+    runs = []
+    for model in models:
+        at_rest = np.zeros((1, model.sensors), np.float32), np.eye(model.sensors, dtype=np.float32)[None]
+        runs.append((open_session(model.graph), dict(zip(INPUTS, at_rest, strict=True))))
     times = np.empty((len(runs), ROUNDS, CALLS))
     for turn in range(ROUNDS):
         for (session, feed), taken in zip(runs, times[:, turn], strict=True):

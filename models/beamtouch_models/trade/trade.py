@@ -159,9 +159,9 @@ def trade(
     variations += [Task(with_twice_the_latency(scene), "latency", own.sensors, draws, seed)]
     tried += measured(variations)
     progress("following touches", (planned - 1) / planned)
-    (moments,) = spread(follow, [(scene, own, draws, seed)])
+    (moments,) = spread(follow, [own])
     models = tuple(one for one in tried if isinstance(one, Model))
-    times = tuple(inference_times([(one.graph, one.deflection_mm, one.whitening_per_mm) for one in models]))
+    times = tuple(inference_times(models))
     points = [
         point
         for model, time in zip(models, times, strict=True)

@@ -1,0 +1,115 @@
+"""The products of a build: the model, the daemon's configuration and the report."""
+
+import re
+from pathlib import Path
+from typing import Literal
+
+from beamtouch_common.files import require_writable, write_atomically
+from beamtouch_models.building.build import Built, Choices, build_model
+from beamtouch_models.building.daemon_config import daemon_config as daemon_config_of
+from beamtouch_models.building.sensors import count_of
+from beamtouch_models.errors import SceneError
+from beamtouch_models.estimators.estimator import NAMES, Name
+from beamtouch_models.metadata.fields import NAME
+from beamtouch_models.numbers import require, whole
+from beamtouch_models.placement.placing import DEFAULT_AIM, Aim, Criterion
+from beamtouch_models.progress import Progress, silent
+from beamtouch_models.scene import Scene, format_scene, load_scene, read_scene
+from beamtouch_models.scene.scene import path_of
+
+
+def build(  # noqa: PLR0913  # one for each option of the command
+    scene: Path | str | Scene,
+    name: str = "surface",
+    *,
+    sensors: int | None = None,
+    criterion: Criterion = DEFAULT_AIM.criterion,
+    spare: Literal[0, 1] = 0,
+    estimator: Name = NAMES[0],
+    daemon_config: Path | str | None = None,
+    report: Path | str | None = None,
+    seed: int = 0,
+) -> bytes:
+    """Build the model of a scene, as `design-sensors build` does.
+
+    Parameters
+    ----------
+    scene : path of a TOML file, TOML text, or a scene; as that of `read_scene`
+    name : name of the surface
+    sensors : number of sensors; default: as the scene states
+    criterion, spare : as those of `place`
+    estimator : "posterior", "small-network" or "paper-network"
+    daemon_config, report : files to write beside: a configuration for the daemon (TOML), and a report (HTML)
+    seed : seed of all random numbers; the same seed gives the same bytes
+
+    Returns
+    -------
+    The content of the model file.
+
+    Raises
+    ------
+    InputError
+        It is not a scene, or a file cannot be written.
+    SceneError
+        The scene cannot be built; the message says why.
+    NotGoodEnoughError
+        The model misses the accuracy limit.
+    """
+    stated, text = _stated(scene)
+    require(name, str, "name", "text")
+    if not re.fullmatch(NAME, name):
+        message = f"name = {name!r} must have 1 to 64 letters, digits, '_', '.' or '-'"
+        raise SceneError(message)
+    if estimator not in NAMES:
+        message = f"estimator = {estimator!r} must be one of {', '.join(NAMES)}"
+        raise SceneError(message)
+    config_file, report_file = (None if one is None else Path(one) for one in (daemon_config, report))
+    require_writable((config_file, report_file), () if isinstance(scene, Scene) else (path_of(scene),))
+    built = build_model(
+        stated,
+        text,
+        name,
+        count=count_of(sensors),
+        seed=whole(seed, "seed", 0),
+        progress=silent,
+        choices=Choices(estimator=estimator, aim=Aim(criterion, spare)),
+    )
+    write_products(stated, built, config=config_file, report=report_file)
+    return built.content
+
+
+def write_products(
+    scene: Scene,
+    built: Built,
+    *,
+    model: Path | None = None,
+    config: Path | None = None,
+    report: Path | None = None,
+    progress: Progress = silent,
+) -> None:
+    """Write the model, the daemon's configuration and the report of a build, each where a file is given for it."""
+    # The report is measured before anything is written: a build that is interrupted leaves no file.
+    text = None if report is None else _report(scene, built, progress)
+    for path, content in (
+        (model, built.content),
+        (report, None if text is None else text.encode()),
+        (config, None if config is None else daemon_config_of(built.metadata).encode()),
+    ):
+        if path is not None and content is not None:
+            write_atomically(path, content)
+
+
+def _report(scene: Scene, built: Built, progress: Progress) -> str:
+    # Most builds write none, and its drawings and its template are a tenth of what a build would import.
+    from beamtouch_models.building.report.facts import gather  # noqa: PLC0415
+    from beamtouch_models.building.report.page import page  # noqa: PLC0415
+
+    return page(gather(scene, built, progress))
+
+
+def _stated(scene: Path | str | Scene) -> tuple[Scene, str]:
+    """Return a scene and its TOML text."""
+    if isinstance(scene, Scene):
+        return scene, format_scene(scene)
+    path = path_of(scene)
+    return (read_scene(scene), str(scene)) if path is None else load_scene(path)
