@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from dataclasses import fields
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from beamtouch_common.commands import whole_number
 from beamtouch_common.files import require_writable, write_atomically
@@ -58,7 +58,7 @@ def run(options: argparse.Namespace) -> None:
         raise SceneError(message)
     refuse_existing(target, force=options.force)
     given = {field.name: getattr(options, field.name) for field in fields(Answers)}
-    stated = {
+    stated: dict[str, Any] = {
         name: tuple(value) if isinstance(value, list) else value for name, value in given.items() if value is not None
     }
     text = _check(Answers(**stated), target)
