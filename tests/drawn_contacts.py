@@ -62,7 +62,7 @@ class Drawn:
         return [one.misfit <= (limits.misfit[-1] or np.inf) or one.rest_misfit <= limits.rest[-1] for one in each]
 
     def _run(self, deflection_mm: NDArray[np.floating], whitening_per_mm: NDArray[np.floating]) -> Answers:
-        return self.model.estimate(deflection_mm.astype(np.float32), whitening_per_mm.astype(np.float32))
+        return self.model.run(deflection_mm, whitening_per_mm)
 
     def _noise(self, count: int, deviation_mm: float) -> Floats:
         noise: Floats = self.random.normal(size=(count, len(self.metadata.layout))) * deviation_mm

@@ -5,7 +5,6 @@ from functools import cache, lru_cache
 
 import numpy as np
 import onnx
-import onnxruntime as ort
 from numpy.typing import NDArray
 from onnx import TensorProto, helper, numpy_helper
 
@@ -21,7 +20,7 @@ from beamtouch_models.metadata import INPUTS
 from beamtouch_models.physics.beam import influence_of, travel_of
 from beamtouch_models.placement.placing import place
 from beamtouch_models.scene import load_scene
-from beamtouch_models.session import Run, runner, session_options
+from beamtouch_models.session import Run, open_session, runner
 from example_scenes import SCENES
 from stated_problems import problem_in
 
@@ -101,7 +100,7 @@ def in_double(model: onnx.ModelProto) -> onnx.ModelProto:
 def double_answers(graph: onnx.ModelProto, prior: Prior, deflection_mm: Floats) -> dict[str, Floats]:
     """Answers of the same graph computed in float64, to the same inputs as float32 gives."""
     content = to_bytes(in_double(graph))
-    session = ort.InferenceSession(content, session_options(), providers=["CPUExecutionProvider"])
+    session = open_session(content)
     names = [output.name for output in session.get_outputs()]
     inputs = deflection_mm, prior.whitening(deflection_mm)
     rounded = [values.astype(np.float32).astype(np.float64) for values in inputs]

@@ -260,23 +260,19 @@ def _line(series: Series) -> str:
     return f'{paint} stroke-linejoin="round"{dashes}'
 
 
-def flow(widths: Iterable[float], room: float, gap: float) -> list[tuple[int, float]]:
-    """Return row and offset of entries of these widths that follow each other in rows, with a gap between two."""
-    places, row, offset = [], 0, 0.0
-    for width in widths:
-        if offset and offset + width > room:
-            row, offset = row + 1, 0.0
-        places.append((row, offset))
-        offset += width + gap
-    return places
-
-
 def _legend(series: Sequence[Series], width: float) -> tuple[list[str], int]:
     """Return the elements of the legend and its number of rows."""
-    named = [one for one in series if one.label]
-    places = flow((34 + len(one.label) * CHARACTER for one in named), width - LEFT - RIGHT, 14)
-    parts = [_key(one, LEFT + offset, TOP + row * LEGEND_ROW) for one, (row, offset) in zip(named, places, strict=True)]
-    return parts, places[-1][0] + 1 if places else 0
+    parts: list[str] = []
+    row, offset = 0, 0.0
+    for one in series:
+        if not one.label:
+            continue
+        needed = 34 + len(one.label) * CHARACTER
+        if offset and offset + needed > width - LEFT - RIGHT:
+            row, offset = row + 1, 0.0
+        parts.append(_key(one, LEFT + offset, TOP + row * LEGEND_ROW))
+        offset += needed + 14
+    return parts, row + 1 if parts else 0
 
 
 def _key(series: Series, x: float, y: float) -> str:

@@ -15,7 +15,7 @@ COMMANDS = {
     "evaluate": "measure a model and compare it with the accuracy limit",
     "explain": "print how much each physical effect matters in a scene",
     "inspect": "print the metadata of a model file",
-    "new": "write a commented scene, from arguments or from the answers to a few questions",
+    "new": "write a commented scene of a beam",
     "place": "choose sensor positions and state how much better any other layout could be",
     "reproduce": "recompute the paper's figures and compare them with the paper",
     "scenes": "list the scenes that come with the program, or copy one",

@@ -1,15 +1,14 @@
 """A model file in words, for every command that describes one."""
 
 import math
-from collections.abc import Iterator, Sequence
-from itertools import groupby, pairwise
+from collections.abc import Callable, Iterator, Sequence
+from itertools import groupby
 
 from beamtouch_common.digits import digits
-from beamtouch_models.detection import extremes
 from beamtouch_models.metadata import POSITION_OUTPUTS, Metadata
 from beamtouch_models.numbers import three_digits
 
-NARROW = 1 / 64
+NARROW = 0.015
 """Share of the range of contacts that a stretch at one of its ends must exceed to be told."""
 
 
@@ -102,62 +101,53 @@ def _touch(metadata: Metadata) -> str:
     return f"{needed}; false contacts at rest: {often}"
 
 
+def extremes(smallest_n: Sequence[float | None]) -> tuple[float | None, float | None]:
+    """Return the least and the largest of smallest forces; None, where nothing is seen, is larger than any."""
+    seen = [force for force in smallest_n if force is not None]
+    return min(seen, default=None), max(seen, default=None) if len(seen) == len(smallest_n) else None
+
+
 def unseen(metadata: Metadata) -> str:
     """Say where the smallest force of the scene is not seen, and where nothing is; empty if it is seen everywhere.
 
     Right beside a support every force is missed. Where that is only a narrow stretch at an end of the range, with the
     support outside it, it is not told.
     """
-    seen, weakest, (low, high) = metadata.smallest_force, metadata.ranges.force_n[0], metadata.ranges.position_mm
-    needed = list(zip(seen.position_mm, seen.force_n, strict=True))
+    weakest, (low, high) = metadata.ranges.force_n[0], metadata.ranges.position_mm
     where, forces_n = [], []
-    for start, end in _missed(needed, weakest):
-        most = extremes([force for at, force in needed if start <= at <= end])[1]
-        if most is None or end - start > NARROW * (high - low) or low < start < end < high:
+    for run in _runs(metadata, lambda force: force is None or force > weakest):
+        start, end, most = run[0][0], run[-1][0], extremes([force for _, force in run])[1]
+        if most is None or end - start > NARROW * (high - low) or low < start <= end < high:
             where.append((start, end))
             forces_n += [most] if most is not None else []
     if not where:
         return ""
-    words = [blind] if (blind := nothing_seen(metadata, needed)) else []
+    words = [blind] if (blind := nothing_seen(metadata)) else []
     words += [f"up to {digits(max(forces_n), 2)} N is needed {'elsewhere' if blind else 'there'}"] if forces_n else []
     return (
-        f"the scene's smallest force, {weakest:g} N, is missed in more than 5 % of samples at {_in_words(where)}: "
-        f"{', and '.join(words)}"
+        f"the scene's smallest force, {weakest:g} N, is missed in more than 5 % of samples at "
+        f"{' and '.join(_in_words(*one) for one in where)}: {', and '.join(words)}"
     )
 
 
-Needed = Sequence[tuple[float, float | None]]
-"""Positions with the force that is needed at each; None: nothing is seen there."""
-
-
-def nothing_seen(metadata: Metadata, needed: Needed) -> str:
+def nothing_seen(metadata: Metadata) -> str:
     """Say where nothing is seen: at a support, or elsewhere; empty if there is no such place."""
-    runs = [[at for at, _ in run] for is_blind, run in groupby(needed, lambda pair: pair[1] is None) if is_blind]
-    supports = [support.at_mm for support in metadata.drawn.supports]
     words = []
-    for run in runs:
-        held = [f"the support at {digits(at, 4)} mm" for at in supports if run[0] <= at <= run[-1]]
-        words += held or [_in_words([(run[0], run[-1])])]
+    for run in _runs(metadata, lambda force: force is None):
+        start, end = run[0][0], run[-1][0]
+        held = [support.at_mm for support in metadata.drawn.supports if start <= support.at_mm <= end]
+        words += [f"the support at {digits(at, 4)} mm" for at in held] or [_in_words(start, end)]
     return f"nothing is seen at {' and '.join(words)}" if words else ""
 
 
-def _missed(needed: Needed, force_n: float) -> Iterator[tuple[float, float]]:
-    """Yield the stretches where more than a force is needed; 1 over the needed force is straight between two places."""
-    seen = [(at, 0.0 if force is None else force_n / force) for at, force in needed]
-    start = seen[0][0]
-    for (left, before), (right, after) in pairwise(seen):
-        if (before < 1) != (after < 1):
-            edge = left + (right - left) * (1 - before) / (after - before)
-            if before < 1:
-                yield start, edge
-            start = edge
-    if seen[-1][1] < 1:
-        yield start, seen[-1][0]
+def _runs(metadata: Metadata, is_wanted: Callable[[float | None], bool]) -> Iterator[list[tuple[float, float | None]]]:
+    """Yield the runs of places whose smallest force is wanted, as position and force."""
+    pairs = zip(metadata.smallest_force.position_mm, metadata.smallest_force.force_n, strict=True)
+    yield from (list(run) for wanted, run in groupby(pairs, lambda pair: is_wanted(pair[1])) if wanted)
 
 
-def _in_words(stretches: Sequence[tuple[float, float]]) -> str:
-    words = [digits(low, 4) if low == high else f"{digits(low, 4)}..{digits(high, 4)}" for low, high in stretches]
-    return " and ".join(f"{one} mm" for one in words)
+def _in_words(low_mm: float, high_mm: float) -> str:
+    return f"{digits(low_mm, 4)} mm" if low_mm == high_mm else f"{digits(low_mm, 4)}..{digits(high_mm, 4)} mm"
 
 
 def _placed(metadata: Metadata) -> list[tuple[str, str]]:

@@ -3,24 +3,21 @@
 import hashlib
 import os
 import stat
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import onnxruntime as ort
 from numpy.typing import ArrayLike, NDArray
 
 from beamtouch_common.digits import digits
-from beamtouch_models import description, session
-from beamtouch_models.arrays import Floats, Floats32
+from beamtouch_models import description
+from beamtouch_models.arrays import Floats
 from beamtouch_models.error_model import whitening
 from beamtouch_models.errors import ModelFileError, SceneError
 from beamtouch_models.metadata import INPUTS, THIS_FILE, Metadata
 from beamtouch_models.numbers import array_of, require
-from beamtouch_models.session import Answers
+from beamtouch_models.session import Answers, Graph, GraphError, graph_errors
 
 GOLDEN_TOLERANCE = 1e-3
 """Largest difference between a golden answer and the file's, in mm, N and nats; float32 needs a tenth of it."""
@@ -39,9 +36,13 @@ class ModelFile:
     metadata: Metadata
     identity: str
     """`name@` and the first six hex digits of the file's SHA-256."""
-    outputs: tuple[str, ...]
-    session: Any
-    """The onnxruntime session; onnxruntime ships no types."""
+    graph: Graph
+    """What runs in onnxruntime."""
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """Names of the outputs."""
+        return self.graph.outputs
 
     @cached_property
     def channels(self) -> list[str]:
@@ -62,24 +63,19 @@ class ModelFile:
         """Return the metadata as text, each number with its unit and reference."""
         return description.summary(self.metadata, self.identity, self.outputs)
 
-    def estimate(self, deflection_mm: Floats32, whitening_per_mm: Floats32) -> Answers:
-        """Answer a batch.
+    def run(self, deflection_mm: NDArray[np.floating], whitening_per_mm: NDArray[np.floating]) -> Answers:
+        """Answer any number of samples, of any precision.
 
         Parameters
         ----------
-        deflection_mm : (batch, channels) float32, in the order of the layout, 0 for a channel that is missing
-        whitening_per_mm : (batch, channels, channels) float32, as `whitening` returns it
+        deflection_mm : (samples, channels), in the order of the layout, 0 for a channel that is missing
+        whitening_per_mm : (samples, channels, channels), as `whitening` returns it
 
         Returns
         -------
-        One float32 array (batch,) per output name.
+        One float32 array (samples,) per output name.
         """
-        values = self.session.run(None, dict(zip(INPUTS, (deflection_mm, whitening_per_mm), strict=True)))
-        return dict(zip(self.outputs, values, strict=True))
-
-    def run(self, deflection_mm: NDArray[np.floating], whitening_per_mm: NDArray[np.floating]) -> Answers:
-        """Answer any number of samples of any precision, in chunks; otherwise as `estimate`."""
-        return session.run_in_chunks(self.estimate, deflection_mm, whitening_per_mm)
+        return self.graph.run(deflection_mm, whitening_per_mm)
 
     def answer(self, deflection_mm: Floats, noise_mm: float | None = None) -> dict[str, Floats]:
         """Answer samples of all channels as the service does, with the floor of the file.
@@ -153,8 +149,8 @@ def load(path: Path | str) -> ModelFile:
     Raises
     ------
     ModelFileError
-        The file cannot be read, is too large or damaged, is not a Beamtouch model, defines functions, needs too much
-        memory or time, or does not give its own golden answers.
+        The file cannot be read, is too large or damaged, is not a Beamtouch model, or does not give its own golden
+        answers.
     """
     return load_bytes(read(path), str(path))
 
@@ -169,10 +165,11 @@ def read(path: Path | str) -> bytes:
     """
     path = Path(path)
     try:
-        # Check before opening: opening a device can act on it, and opening a pipe can wait.
-        _require_readable(path.stat(), path)
-        with os.fdopen(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb") as file:
-            _require_readable(os.fstat(file.fileno()), path)
+        # Opening a pipe for reading waits for a writer, unless told otherwise.
+        with open(path, "rb", opener=lambda name, flags: os.open(name, flags | os.O_NONBLOCK)) as file:
+            if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+                message = f"{path}: it is not a regular file; give a model file"
+                raise ModelFileError(message)
             content = file.read(MAX_BYTES + 1)
     except OSError as error:
         message = f"{path}: {error.strerror}"
@@ -189,13 +186,6 @@ def read(path: Path | str) -> bytes:
     return content
 
 
-def _require_readable(status: os.stat_result, path: Path) -> None:
-    if not stat.S_ISREG(status.st_mode):
-        message = f"{path}: it is not a regular file; give a model file"
-        raise ModelFileError(message)
-    _require_size(status.st_size, str(path))
-
-
 def _require_size(size_bytes: int, origin: str) -> None:
     if size_bytes > MAX_BYTES:
         message = f"{origin}: it is larger than {MAX_BYTES >> 20} MiB, so `design-sensors build` did not write it"
@@ -208,32 +198,23 @@ def load_bytes(content: bytes, origin: str) -> ModelFile:
     if not content:
         message = f"{origin}: the file is empty; build it again with `design-sensors build`"
         raise ModelFileError(message)
-    if session.has_functions(content):
-        message = f"{origin}: its graph defines functions, so `design-sensors build` did not write it"
-        raise ModelFileError(message)
     try:
-        trial = _open(session.open_trial, content)
-        metadata = Metadata.from_entries(trial.get_modelmeta().custom_metadata_map)
-        model = ModelFile(
-            metadata=metadata,
-            identity=f"{metadata.name}@{hashlib.sha256(content).hexdigest()[:6]}",
-            outputs=tuple(output.name for output in trial.get_outputs()),
-            session=trial,
-        )
+        graph = _open(content)
+        metadata = Metadata.from_entries(graph.session.get_modelmeta().custom_metadata_map)
+        model = ModelFile(metadata, f"{metadata.name}@{hashlib.sha256(content).hexdigest()[:6]}", graph)
         _check_signature(model)
         _check_golden(model)
-        trusted = _open(session.open_session, content)
     except ModelFileError as error:
         message = f"{origin}: {error}".replace(THIS_FILE, origin)
         raise ModelFileError(message) from None
-    return replace(model, session=trusted)
+    return model
 
 
-def _open(make: Callable[[bytes], ort.InferenceSession], content: bytes) -> ort.InferenceSession:
+def _open(content: bytes) -> Graph:
     try:
-        with session.graph_errors():
-            return make(content)
-    except session.GraphError as error:
+        with graph_errors():
+            return Graph(content)
+    except GraphError as error:
         if "xternal" in str(error) and " data" in str(error):
             message = "its weights are in another file, but a model is one file; rebuild it with `design-sensors build`"
         else:
@@ -243,9 +224,8 @@ def _open(make: Callable[[bytes], ort.InferenceSession], content: bytes) -> ort.
 
 
 def _check_signature(model: ModelFile) -> None:
-    inputs = tuple(entry.name for entry in model.session.get_inputs())
-    if inputs != INPUTS:
-        message = f"inputs {', '.join(inputs)}; expected {', '.join(INPUTS)}"
+    if model.graph.inputs != INPUTS:
+        message = f"inputs {', '.join(model.graph.inputs)}; expected {', '.join(INPUTS)}"
         raise ModelFileError(message)
     if "position_mm" not in model.outputs:
         message = "output position_mm is missing"
@@ -253,33 +233,21 @@ def _check_signature(model: ModelFile) -> None:
 
 
 def _check_golden(model: ModelFile) -> None:
+    """Raise ModelFileError unless the graph gives its golden answers, sample by sample as in the service."""
     golden = model.metadata.golden
-    with session.limited() as options:
-        inputs = zip(golden.deflection_mm, golden.whitening_per_mm, strict=True)
-        rows = [_one_row(model, options, *row) for row in inputs]
-    for name in model.outputs:
-        found = np.array([row[name] for row in rows], np.float32)
-        expected = np.array(golden.answers.get(name, []), np.float32)
-        if expected.shape != found.shape or not np.allclose(
+    try:
+        with graph_errors():
+            given = [np.array(values, np.float32) for values in (golden.deflection_mm, golden.whitening_per_mm)]
+            samples = ([values[index : index + 1] for values in given] for index in range(len(golden.deflection_mm)))
+            rows = [model.graph.estimate(*sample) for sample in samples]
+            answers = {name: [float(row[name].reshape(())) for row in rows] for name in model.outputs}
+    except GraphError as error:
+        message = f"its graph fails on a single sample ({error})"
+        raise ModelFileError(message) from None
+    for name, found in answers.items():
+        expected = golden.answers.get(name, [])
+        if len(expected) != len(found) or not np.allclose(
             found, expected, rtol=GOLDEN_TOLERANCE, atol=GOLDEN_TOLERANCE
         ):
             message = f"its golden answers for {name} are not reproduced on this machine"
             raise ModelFileError(message)
-
-
-def _one_row(
-    model: ModelFile, options: ort.RunOptions, deflection_mm: list[float], whitening_per_mm: list[list[float]]
-) -> dict[str, float]:
-    """Answer one sample as the service does; raises ModelFileError if the graph cannot."""
-    given = (np.array([values], np.float32) for values in (deflection_mm, whitening_per_mm))
-    inputs = dict(zip(INPUTS, given, strict=True))
-    try:
-        with session.graph_errors():
-            values = model.session.run(None, inputs, options)
-            return {name: float(value.reshape(())) for name, value in zip(model.outputs, values, strict=True)}
-    except session.GraphError as error:
-        if options.terminate:
-            message = f"computing its golden answers takes longer than {session.LIMIT_S:g} s"
-            raise ModelFileError(message) from None
-        message = f"its graph fails on a single sample ({error})"
-        raise ModelFileError(message) from None

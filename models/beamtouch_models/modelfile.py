@@ -15,25 +15,17 @@ from beamtouch_models.decision.evidence import (
     is_overload,
     is_unchecked,
 )
-from beamtouch_models.decision.suspects import LeftOut, Suspects
+from beamtouch_models.decision.suspects import Suspects
 from beamtouch_models.decision.wiring import Wirings
 from beamtouch_models.errors import ModelFileError
 from beamtouch_models.health.health import BestSample, ChannelChange, Health
 from beamtouch_models.loading import ModelFile, load, load_bytes, read
-from beamtouch_models.metadata import (
-    INPUTS,
-    Accuracy,
-    Calibration,
-    Drawn,
-    Metadata,
-    Noise,
-    Ranges,
-)
-from beamtouch_models.session import Answers, GraphError, graph_errors
+from beamtouch_models.metadata import Accuracy, Calibration, Drawn, Metadata, Noise, Ranges
+from beamtouch_models.session import Answers
 
 __all__ = [
-    "INPUTS", "LOG_ODDS", "MISFIT", "Accuracy", "Answers", "BestSample", "Calibration", "ChannelChange", "Drawn",
-    "Evidence", "GraphError", "Health", "Hypotheses", "InfluenceCurve", "Judgement", "LeftOut", "Memory", "Metadata",
-    "ModelFile", "ModelFileError", "Noise", "Ranges", "State", "Suspects", "Weighed", "Wirings", "evidence",
-    "graph_errors", "is_odd", "is_overload", "is_unchecked", "load", "load_bytes", "memories_after", "read",
+    "LOG_ODDS", "MISFIT", "Accuracy", "Answers", "BestSample", "Calibration", "ChannelChange", "Drawn",
+    "Evidence", "Health", "Hypotheses", "InfluenceCurve", "Judgement", "Memory", "Metadata", "ModelFile",
+    "ModelFileError", "Noise", "Ranges", "State", "Suspects", "Weighed", "Wirings", "evidence", "is_odd",
+    "is_overload", "is_unchecked", "load", "load_bytes", "memories_after", "read",
 ]  # fmt: skip

@@ -93,7 +93,7 @@ def measured(model: ModelFile, real: Imperfections, number: int, kind: Kind, see
     truth = true_prior(metadata, real)
     fresh = limit.draw(truth, DRAWS, seed)
     reading = truth.measured(fresh.deflection_mm)
-    old = answered(model.estimate, prior_of_model(metadata), reading)
+    old = answered(model.run, prior_of_model(metadata), reading)
     new = answered(made, prior, reading)
     best = limit.posterior_median_mm(truth, fresh.deflection_mm)
 

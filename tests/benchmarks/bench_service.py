@@ -239,7 +239,7 @@ def estimates(model: modelfile.ModelFile) -> dict[str, object]:
             model.run(values, weights)
         middle_s = perf_counter()
         for _ in range(ESTIMATES):
-            model.session.run(None, feed)
+            model.graph.session.run(None, feed)
         mine.append((middle_s - begin_s) / ESTIMATES)
         bare.append((perf_counter() - middle_s) / ESTIMATES)
     return {

@@ -6,7 +6,6 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-import onnxruntime as ort
 from numpy.typing import NDArray
 
 from beamtouch_models.accuracy import limit
@@ -20,7 +19,7 @@ from beamtouch_models.physics.beam import influence_of, travel_of
 from beamtouch_models.placement.placing import place
 from beamtouch_models.progress import silent
 from beamtouch_models.scene import Scene, load_scene
-from beamtouch_models.session import runner, session_options
+from beamtouch_models.session import open_session, runner
 from beamtouch_models.surface import Surface
 from example_scenes import SCENES
 from stated_problems import problem_in, real_prior
@@ -146,7 +145,7 @@ def latency_rows() -> list[dict[str, object]]:
 
 def answer_of(content: bytes, reading: Array, whitening: Array) -> Callable[[], object]:
     """A call that answers one sample."""
-    session = ort.InferenceSession(content, session_options(), providers=["CPUExecutionProvider"])
+    session = open_session(content)
     feed = {"deflection_mm": reading.astype(np.float32), "whitening_per_mm": whitening.astype(np.float32)}
     return lambda: session.run(None, feed)
 

@@ -31,9 +31,6 @@ MODBUS_SERVER = ("beamtouch_service.outputs.modbus.requests", "beamtouch_service
 MQTT, OPCUA = ("beamtouch_service.outputs.mqtt.",), ("beamtouch_service.outputs.opcua.",)
 """What needs a client or a server of these: whole folders. `outputs` imports their sections, which need none."""
 
-CLUSTER = "beamtouch_models.workers.cluster"
-"""What needs Dask."""
-
 
 DISTRIBUTIONS = cache(packages_distributions)
 """Those of each module that is installed; it takes a second to ask."""
@@ -64,8 +61,7 @@ def needed(distribution: str, extras: frozenset[str]) -> set[str]:
         ("service,modbus-server", "beamtouch_service.outputs", (*MQTT, *OPCUA)),
         ("service,mqtt", "beamtouch_service.outputs", (*MODBUS_SERVER, *OPCUA)),
         ("service,opcua", "beamtouch_service.outputs", (*MODBUS_SERVER, *MQTT)),
-        ("design", "beamtouch_models", ("beamtouch_models.rig", CLUSTER)),
-        ("design,cluster", "beamtouch_models.workers", ()),
+        ("design", "beamtouch_models", ("beamtouch_models.rig",)),
         ("rig", "beamtouch_models.rig", ()),
     ],
 )

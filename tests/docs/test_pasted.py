@@ -45,7 +45,7 @@ CONSOLE = {
     "docs/how-to/design.md": 1,  # minutes on all cores
     "docs/how-to/mqtt.md": 2,  # a broker
     "docs/how-to/opcua.md": 1,  # the name of a host
-    "docs/how-to/sweeps.md": 2,  # hours, and a cluster
+    "docs/how-to/sweeps.md": 1,  # a cluster
     "docs/how-to/troubleshooting.md": 1,  # systemd
     "docs/how-to/two-hosts.md": 5,  # systemd and root
     "docs/how-to/upgrade.md": 1,  # systemd and root

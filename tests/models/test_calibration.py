@@ -54,7 +54,7 @@ def error_over_limit(model: ModelFile, real: Imperfections) -> tuple[float, floa
     prior = true_prior(model.metadata, real)
     drawn = limit.draw(prior, 3000, 9)
     stated = prior.measured(drawn.deflection_mm).astype(np.float32)
-    answers = model.estimate(
+    answers = model.graph.estimate(
         stated, prior_of_model(model.metadata).whitening(stated.astype(np.float64)).astype(np.float32)
     )
     best = np.abs(limit.posterior_median_mm(prior, drawn.deflection_mm) - drawn.position_mm).mean()

@@ -36,7 +36,7 @@ class World:
         self.decider = Hypotheses(model.metadata.thresholds, [AT_REST])
 
     def run(self, deflection_mm: NDArray[np.floating], whitening_per_mm: NDArray[np.floating]) -> Answers:
-        return self.model.estimate(deflection_mm.astype(np.float32), whitening_per_mm.astype(np.float32))
+        return self.model.run(deflection_mm, whitening_per_mm)
 
     def load(self, *loads: tuple[float, float]) -> Floats:
         """Deflection (channels,) under loads of (position_mm, force_n)."""

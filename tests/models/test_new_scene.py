@@ -1,10 +1,6 @@
 """`design-sensors new` and `scenes`: what they write loads and builds, and nothing is overwritten."""
 
 import json
-import os
-import select
-import subprocess
-import sys
 import tomllib
 from itertools import product
 from pathlib import Path
@@ -19,7 +15,6 @@ from beamtouch_models.scene.materials import MaterialName
 from beamtouch_models.surface import Surface
 from example_scenes import SCENES
 from in_process import Command
-from waiting import wait_until
 
 STRIP = ("--length-mm", 650, "--width-mm", 40, "--thickness-mm", 2)
 STANDING = [pair for pair in product(("clamped", "pinned", "roller", "free"), repeat=2) if "clamped" in pair]
@@ -65,7 +60,7 @@ def _keys(part: str) -> set[str]:
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (("a.toml",), "give --length-mm, --width-mm, --thickness-mm; on a terminal, `design-sensors new a.toml`"),
+        (("a.toml",), "arguments are required: --length-mm, --width-mm, --thickness-mm"),
         (("a.txt", *STRIP), "a.txt: give the scene a name that ends in .toml"),
         (("a.toml", *STRIP[:4], "--thickness-mm", 0.002), "beam.thickness_mm = 0.002 is too small for a beam; if it"),
         (("a.toml", *STRIP[:4], "--thickness-mm", "nan"), "--thickness-mm nan: give millimetres, more than 0"),
@@ -120,46 +115,3 @@ def test_scenes_are_listed_with_what_they_are(design_sensors_here: Command, tmp_
         done = design_sensors_here("scenes", "--copy", *wrong)
         assert (done.returncode, done.stderr.count("\n")) == (2, 1)
         assert said in done.stderr
-
-
-def asked(answers: list[str], folder: Path) -> tuple[int, str]:
-    """Answer the questions of the command at a pseudo-terminal, each when it is asked; return exit code and errors."""
-    near, far = os.openpty()
-    command = [sys.executable, "-m", "beamtouch_models.cli", "new", "asked.toml"]
-    with subprocess.Popen(command, stdin=far, stdout=subprocess.PIPE, stderr=subprocess.PIPE, cwd=folder) as process:
-        errors = process.stderr
-        assert errors is not None
-        told = b""
-
-        def asks_again() -> bool:
-            nonlocal told
-            told += os.read(errors.fileno(), 65536) if select.select([errors], [], [], 0)[0] else b""
-            return told.endswith(b": ") or process.poll() is not None
-
-        for answer in answers:
-            wait_until(asks_again)
-            told += b"|"
-            os.write(near, f"{answer}\n".encode())
-        process.wait(timeout=100)
-        told += errors.read() or b""
-    for end in (near, far):
-        os.close(end)
-    return process.returncode, told.decode()
-
-
-def test_on_a_terminal_it_asks(tmp_path: Path) -> None:
-    code, told = asked(["650", "forty", "40", "2", "stainless", "clamped", "", "", ""], tmp_path)
-    assert code == 0, told
-    assert "that must be a number" in told
-    assert "its left end (clamped, pinned, roller, free) [pinned]: " in told
-    scene, _ = load_scene(tmp_path / "asked.toml")
-    assert (scene.beam.length_mm, scene.beam.width_mm, scene.beam.material) == (650, 40, "stainless")
-    assert [one.kind for one in scene.beam.support_list] == ["fixed", "simple"]
-    assert (scene.sensors.count, scene.sensors.noise_mm) == (4, 0.005)
-
-
-def test_who_does_not_answer_is_told_so(tmp_path: Path) -> None:
-    code, told = asked(["a", "b", "c"], tmp_path)
-    assert code == 2
-    assert "no answer to: length of the beam, mm; give it as an argument instead" in told
-    assert not list(tmp_path.iterdir())

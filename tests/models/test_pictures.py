@@ -38,7 +38,7 @@ def test_a_chart_has_its_colours_without_a_browser(chart: Path) -> None:
 def test_the_drawing_of_a_beam_has_its_colours_without_a_browser(bench: ModelFile, tmp_path: Path) -> None:
     scene, _ = load_scene(SCENES / "bench.toml")
     path = tmp_path / "beam.svg"
-    path.write_text(standalone(beam_drawing(scene, bench.metadata)))
+    path.write_text(standalone(beam_drawing(scene, bench.metadata)[0]))
     pixels = drawn(path)
     assert share_of_black(pixels) < 0.01
     for colour in (LIGHT["ground"], LIGHT["ink"], LIGHT["muted"], LIGHT["s0"], LIGHT["s1"]):

@@ -52,7 +52,7 @@ def test_200_contacts_bring_the_error_to_the_limit(
     best = np.abs(limit.posterior_median_mm(prior, fresh.deflection_mm) - fresh.position_mm).mean()
 
     def seen(one: ModelFile) -> dict[str, np.ndarray]:
-        return one.estimate(
+        return one.graph.estimate(
             reading.astype(np.float32), prior_of_model(one.metadata).whitening(reading).astype(np.float32)
         )
 

@@ -15,15 +15,15 @@ import pytest
 
 from beamtouch_common.errors import FailedError
 from beamtouch_models import cli
-from beamtouch_models.workers.cluster import cluster_at
+from beamtouch_models.workers import cluster_at
 from example_scenes import PAPER
-from in_process import Command, Outcome, command_of
+from in_process import Command, command_of
 from sweeping import COMMAND, QUICKLY_TIMED, WITHIN_S, at_work, dask, group, sweeping
 from waiting import wait_until
 
 LONG = ("--draws", 2000)
 """Enough work for workers to be interrupted."""
-MEASURED = ("times", "latency_ms", "on_front", "sentences")
+MEASURED = ("inference_us", "latency_ms", "on_front", "sentences")
 """Fields of a trade that are measured times, or follow from them."""
 
 
@@ -40,17 +40,6 @@ def untimed(found: Any) -> Any:  # noqa: ANN401  # JSON
     return [untimed(one) for one in found] if isinstance(found, list) else found
 
 
-def scenes_in(folder: Path) -> Path:
-    """Make a folder with two small scenes, one of whose layouts cannot be placed."""
-    folder.mkdir()
-    # Few places for sensors, and few readings in a mean.
-    text = PAPER.replace("[sensors]", "[sensors]\nrate_hz = 50") + "\n[requirements]\nlatency_ms = 40\n"
-    (folder / "plain.toml").write_text(text.replace("count = 2", "count = [2, 2]\ngrid_mm = 57"))
-    narrow = "count = [3, 4]\nmin_distance_mm = 150\ngrid_mm = 25"  # three sensors go on 400 mm, four do not
-    (folder / "narrow.toml").write_text(text.replace("count = 2", narrow))
-    return folder
-
-
 def test_an_evaluation_prints_the_same_bytes_at_any_number_of_workers(
     design_sensors_here: Command, spread_here: Command, quick_model: Path
 ) -> None:
@@ -60,45 +49,22 @@ def test_an_evaluation_prints_the_same_bytes_at_any_number_of_workers(
     assert alone == spread_here(*arguments, "--workers", 2).stdout
 
 
-TRADED = ("--draws", "100", "--estimators", "posterior", "--json")
-
-
-def objects_traded(done: Outcome | subprocess.CompletedProcess[str], scenes: Path, folder: Path) -> list[Any]:
-    """Check that each scene has been traded into a folder of its own; returns the objects printed, without these."""
-    assert done.returncode == 0, done.stderr
-    assert "min_distance_mm" in done.stderr
-    objects = [json.loads(line) for line in done.stdout.splitlines()]
-    assert [one.pop("output") for one in objects] == [str(folder / name) for name in ("narrow", "plain")]
-    assert [one["scene"] for one in objects] == [str(scenes / f"{name}.toml") for name in ("narrow", "plain")]
-    for one, name in zip(objects, ("narrow", "plain"), strict=True):
-        assert one["points"]
-        assert json.loads((folder / name / "trade.json").read_text())["points"]
-    return objects
-
-
-@pytest.mark.usefixtures("short_work")
-def test_a_folder_of_scenes_is_traded_into_a_folder_each(design_sensors_here: Command, tmp_path: Path) -> None:
-    scenes, folder = scenes_in(tmp_path / "scenes"), tmp_path / "folder"
-    for path in scenes.iterdir():  # noise that comes from the ADC alone is not varied, so that there are fewer models
-        path.write_text(path.read_text().replace("noise_percent_of_max = 2", "noise_mm = 0\nadc_bits = 6"))
-    objects_traded(design_sensors_here("trade", scenes, *TRADED, "-o", folder), scenes, folder)
-
-
 @pytest.mark.soak
-def test_scenes_of_a_folder_are_traded_by_two_workers_as_one_is_alone(
-    design_sensors_here: Command, tmp_path: Path
-) -> None:
-    scenes, folder, alone = scenes_in(tmp_path / "scenes"), tmp_path / "folder", tmp_path / "alone"
-    command = [*QUICKLY_TIMED, "trade", str(scenes), *TRADED, "-o", str(folder), "--workers", "2"]
+def test_two_workers_trade_as_one_alone(design_sensors_here: Command, tmp_path: Path) -> None:
+    scene, folder, alone = tmp_path / "plain.toml", tmp_path / "folder", tmp_path / "alone"
+    # Few places for sensors, and few readings in a mean.
+    text = PAPER.replace("[sensors]", "[sensors]\nrate_hz = 50").replace("count = 2", "count = [2, 2]\ngrid_mm = 57")
+    scene.write_text(text + "\n[requirements]\nlatency_ms = 40\n")
+    asked = ("trade", str(scene), "--draws", "100", "--estimators", "posterior", "--json")
+    command = [*QUICKLY_TIMED, *asked, "-o", str(folder), "--workers", "2"]
     done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=WITHIN_S)
-    objects = objects_traded(done, scenes, folder)
-
-    # In this process; times are no part of what is compared.
-    told = design_sensors_here("trade", scenes / "plain.toml", *TRADED, "-o", alone)
+    assert done.returncode == 0, done.stderr
+    told = design_sensors_here(*asked, "-o", alone)
     assert told.returncode == 0, told.stderr
-    one = json.loads(told.stdout)
-    assert one.pop("output") == str(alone)
-    assert untimed([one]) == untimed(objects[1:])
+    one, other = json.loads(told.stdout), json.loads(done.stdout)
+    assert (one.pop("output"), other.pop("output")) == (str(alone), str(folder))
+    assert one["points"]
+    assert untimed(one) == untimed(other)
 
 
 def interrupt_the_group(process: subprocess.Popen[str]) -> None:
@@ -132,24 +98,10 @@ def test_what_ends_a_sweep_ends_its_workers(
         wait_until(lambda: not group(process.pid), WITHIN_S)
 
 
-def test_a_folder_without_scenes_and_a_wrong_scene_are_refused_before_any_work(
-    design_sensors_here: Command, tmp_path: Path
-) -> None:
-    (tmp_path / "empty").mkdir()
-    scenes = scenes_in(tmp_path / "scenes")
-    (scenes / "wrong.toml").write_text(PAPER.replace("count = 2", "count = 0"))
-    for folder, said in ((tmp_path / "empty", "no scenes (*.toml)"), (scenes, "wrong.toml")):
-        done = design_sensors_here("trade", folder, "-o", tmp_path / "out")
-        assert (done.returncode, done.stderr.count("\n")) == (2, 1)
-        assert said in done.stderr
-    assert not (tmp_path / "out").exists()
-
-
 def test_a_cluster_without_its_extra_names_the_extra(
     spread_here: Command, quick_model: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "distributed", None)  # as if it were not installed
-    monkeypatch.delitem(sys.modules, "beamtouch_models.workers.cluster")
     done = spread_here("evaluate", quick_model, "--cluster", "tcp://127.0.0.1:1")
     expected = "design-sensors: --cluster needs distributed; run: pip install 'beamtouch[design,cluster]'\n"
     assert (done.returncode, done.stdout, done.stderr) == (2, "", expected)

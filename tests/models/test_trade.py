@@ -1,15 +1,15 @@
-"""`design-sensors trade`: the front, the choice, and the command."""
+"""`design-sensors trade`: the front, the models, and the command."""
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from beamtouch_models import modelfile
+from beamtouch_models.accuracy.contacts import Reached
 from beamtouch_models.accuracy.statistics import Measurement
 from beamtouch_models.estimators import paper_network
 from beamtouch_models.metadata import FilterChoice
@@ -17,19 +17,17 @@ from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.scene import change_scene, load_scene, parse_scene
 from beamtouch_models.surface import Surface
 from beamtouch_models.trade.measure import Model, Task, follow, measure, numbers_of_sensors
-from beamtouch_models.trade.trade import NotToBeHadError, Point, most_accurate, pareto_front, quickest
+from beamtouch_models.trade.trade import Point, pareto_front
 from example_scenes import PAPER, SCENES
 from in_process import Command
 
-NONE = Measurement(0.0, 0.0)
+NONE, PLAIN = Measurement(0.0, 0.0), parse_scene(PAPER, "plain")
 
 
 def point(latency_ms: float, error_mm: float, sensors: int, standard_error_mm: float = 0.0) -> Point:
-    empty = np.zeros((1, sensors), np.float32)
-    model = Model(
-        "sensors", "posterior", tuple(map(float, range(sensors))), 1e-3, FilterChoice(), None, 400.0, NONE, NONE, NONE,
-        (), b"", empty, empty,
-    )  # fmt: skip
+    task = Task(PLAIN, "sensors", sensors, 100, 0)
+    places, reached = tuple(map(float, range(sensors))), Reached(NONE, NONE, NONE)
+    model = Model(task, places, 1e-3, FilterChoice(), 400.0, reached, (), b"")
     return Point(model, 1, Measurement(error_mm, standard_error_mm), latency_ms, round(latency_ms))
 
 
@@ -53,24 +51,6 @@ def test_a_sensor_more_that_saves_less_than_its_standard_error_is_not_on_the_fro
     assert pareto_front([three, four, five]) == [three, five]
 
 
-@given(POINTS, st.sampled_from([0.5, 1.0, 2.5]))
-def test_a_requirement_picks_the_best_point_that_meets_it(points: list[Point], wish: float) -> None:
-    kept = [one for one in points if one.latency_ms <= wish]
-    if kept:
-        assert most_accurate(points, wish).error_mm.value == min(one.error_mm.value for one in kept)
-        assert most_accurate(points, wish).latency_ms <= wish
-    else:
-        with pytest.raises(NotToBeHadError, match="the fastest takes"):
-            most_accurate(points, wish)
-    kept = [one for one in points if one.error_mm.value <= wish]
-    if kept:
-        assert quickest(points, wish).latency_ms == min(one.latency_ms for one in kept)
-        assert quickest(points, wish).error_mm.value <= wish
-    else:
-        with pytest.raises(NotToBeHadError, match="the best has"):
-            quickest(points, wish)
-
-
 def test_numbers_of_sensors_follow_the_scene() -> None:
     bench, _ = load_scene(SCENES / "bench.toml")
     assert numbers_of_sensors(bench) == [2, 3, 4, 5]
@@ -87,34 +67,35 @@ def test_a_model_has_the_layout_and_the_figures_of_build(bench: ModelFile) -> No
     assert isinstance(found, Model)
     stated = bench.metadata.accuracy
     percent = 100 / scene.beam.length_mm
-    assert found.error_mm.value * percent == pytest.approx(stated.error_percent, rel=1e-9)
-    assert found.error_mm.standard_error * percent == pytest.approx(stated.error_standard_error, rel=1e-9)
-    assert found.limit_mm.value * percent == pytest.approx(stated.limit_percent, rel=1e-9)
+    assert found.reached.error_mm.value * percent == pytest.approx(stated.error_percent, rel=1e-9)
+    assert found.reached.error_mm.standard_error * percent == pytest.approx(stated.error_standard_error, rel=1e-9)
+    assert found.reached.limit_mm.value * percent == pytest.approx(stated.limit_percent, rel=1e-9)
     assert found.filter == bench.metadata.filter
     assert [one.readings for one in found.answers] == [one.readings for one in stated.since_touch]
     # The filter only adds to the error of the plain means, and little once it has settled.
     for answer, since in zip(found.answers, stated.since_touch, strict=True):
         assert answer.error_mm.value * percent < since.error_percent + 4 * (since.error_standard_error or 0.0)
     (window,) = (one for one in found.answers if one.readings == found.filter.window)
-    assert window.error_mm == found.error_mm
+    assert window.error_mm == found.reached.error_mm
 
 
 @pytest.mark.usefixtures("short_work")
-def test_a_curve_is_of_the_filter_that_build_writes() -> None:
+def test_the_answers_since_a_touch_are_of_the_filter_that_build_writes() -> None:
     stated, _ = load_scene(SCENES / "bench.toml")
     scene = change_scene(stated, requirements={"max_mean_ms": 10.0})  # less than the latency of 20 ms
     model = measure(Task(scene, "sensors", 2, 128, 0, kept_mm=(110.0, 290.0)))
     assert isinstance(model, Model)
-    curve = follow((scene, model, 128, 0))
-    assert curve.readings[-1] == Surface.of(scene).filter.max_readings == 4
-    assert len(curve.ringing_mm) == len(curve.limit_mm) == len(curve.readings)
+    answers = [one.answer for one in follow(model)]
+    assert answers[-1].readings == Surface.of(scene).filter.max_readings == 4
+    assert all(answer.ringing_mm is not None for answer in answers)
     without_mass = change_scene(scene, beam={"density_kg_m3": None})
-    assert follow((without_mass, model, 128, 0)).ringing_mm == ()
+    other = replace(model, task=replace(model.task, scene=without_mass))
+    assert all(one.answer.ringing_mm is None for one in follow(other))
 
 
 @pytest.mark.long
 @pytest.mark.usefixtures("short_work")
-def test_the_command_writes_the_folder_names_what_fails_and_builds_the_choice(
+def test_the_command_writes_the_folder_names_what_fails_and_how_to_build(
     design_sensors_here: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(paper_network, "PATIENCE", 10)  # its error is not asked for
@@ -123,10 +104,10 @@ def test_the_command_writes_the_folder_names_what_fails_and_builds_the_choice(
     text = PAPER.replace("count = 2", "count = [2, 4]\nmin_distance_mm = 150\ngrid_mm = 25")
     text = text.replace("[sensors]", "[sensors]\nrate_hz = 50")
     scene.write_text(text + "\n[requirements]\nlatency_ms = 40\nposition_error_mm = 1000\n")
-    options = ("--draws", 128, "--estimators", "posterior", "paper-network", "--latency-ms", 60)
+    options = ("--draws", 128, "--estimators", "posterior", "paper-network")
     done = design_sensors_here("trade", scene, "-o", out, *options)
     assert done.returncode == 0
-    assert {path.name for path in out.iterdir()} == {"trade.json", "trade.md", "trade.svg", "narrow.onnx"}
+    assert {path.name for path in out.iterdir()} == {"trade.json", "trade.md", "trade.svg"}
     found = json.loads((out / "trade.json").read_text())
     changes = [model["changed"] for model in found["models"]]
     # The own model has the fewest sensors that meet the requirement.
@@ -134,7 +115,6 @@ def test_the_command_writes_the_folder_names_what_fails_and_builds_the_choice(
     (failure,) = found["failures"]
     assert (failure["sensors"], failure["varied"]) == (4, "sensors")
     assert "min_distance_mm" in failure["reason"]
-    assert found["planned_points"] == len(changes) + 1
     assert all(model["ratio"]["value"] > 0.97 for model in found["models"])
     noisy = [model for model in found["models"] if model["changed"] == "noise"]
     assert [model["error_mm"] for model in noisy] == sorted(model["error_mm"] for model in noisy)
@@ -143,24 +123,21 @@ def test_the_command_writes_the_folder_names_what_fails_and_builds_the_choice(
     assert found["models"][-1]["filter"]["window"] == 4
     points, front = len(found["points"]), sum(one["on_front"] for one in found["points"])
     page = (out / "trade.md").read_text()
-    assert failure["reason"] in page
     assert failure["reason"] in done.stderr
-    assert all(sentence in page for sentence in found["sentences"])
+    build = f"design-sensors build {scene} --sensors 2 -o narrow.onnx"
+    for told in (page, done.stdout):
+        assert all(f"- {sentence}\n" in told for sentence in found["sentences"])
+        assert f"\n{build}\n" in told
+        assert f"\n{front} of {points} points" in told
+    assert found["sentences"][0].startswith("2 sensors give a mean error of ")
     assert any("more (3)" in sentence for sentence in found["sentences"])
-    assert f"design-sensors build {scene} --sensors 2 -o narrow.onnx" in page
-    assert page.count("\n| *") == front
+    assert page.partition("## The front")[2].count("\n| ") == 2 + front
+    since_touch = found["since_touch"]
+    assert [one["readings"] for one in since_touch] == sorted(one["readings"] for one in since_touch)
+    assert all(one["limit_mm"]["value"] > 0 for one in since_touch)
     picture = (out / "trade.svg").read_text()
     labels = ("sensors", "since a touch, ms", "noise of a reading, µm", "an inference, µs", "accuracy limit")
     assert all(f">{label}</text>" in picture for label in labels)
-    first, *lines, command, last = done.stdout.strip().splitlines()
-    assert first.startswith("2 sensors give a mean error of ")
-    assert f"narrow: the front, {front} of {points} points" in map(str.rstrip, lines)
+    lines = done.stdout.partition("the front")[2].splitlines()
     assert sum(bool(re.match(r"\s+[23]\s+(posterior|paper-network)\s", line)) for line in lines) == front
-    assert command == f"Build one: design-sensors build {scene} --sensors 2 -o {out / 'narrow.onnx'}"
-    assert f"all {points} points are in {out}: trade.md, " in done.stderr
-    quick = [one for one in found["points"] if one["latency_ms"] <= 60]
-    best = min(quick, key=lambda one: (one["error_mm"], one["latency_ms"]))
-    assert last.startswith(f"built {out / 'narrow.onnx'}: {best['estimator']}, {best['sensors']} sensors, ")
-    assert last.endswith(f" mm, {best['latency_ms']:.3g} ms")
-    built = modelfile.load(out / "narrow.onnx").metadata
-    assert (built.estimator, len(built.layout)) == (best["estimator"], best["sensors"])
+    assert f"all {points} points are in {out}: trade.svg, " in done.stderr

@@ -6,7 +6,6 @@ from typing import TypedDict, Unpack
 
 import numpy as np
 import onnx
-import onnxruntime as ort
 from onnx import TensorProto, helper
 
 from beamtouch_models import modelfile
@@ -29,7 +28,7 @@ from beamtouch_models.metadata import (
     Thresholds,
 )
 from beamtouch_models.modelfile import ModelFile
-from beamtouch_models.session import session_options
+from beamtouch_models.session import open_session
 
 Rows = list[list[float]]
 BEAM = "beam-1"
@@ -99,8 +98,7 @@ def _graph(channels: int, outputs: tuple[str, ...], spoiled: str) -> onnx.ModelP
 def _golden(model: onnx.ModelProto, channels: int) -> Golden:
     deflection: Rows = [[0.1] * channels, [0.0] * channels]
     whitening = (np.eye(channels) * 100).tolist()
-    options = session_options()
-    session = ort.InferenceSession(model.SerializeToString(), options, providers=["CPUExecutionProvider"])
+    session = open_session(model.SerializeToString())
     values = session.run(
         None,
         {

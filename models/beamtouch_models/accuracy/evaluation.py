@@ -9,15 +9,9 @@ from beamtouch_models.accuracy.contacts import Reached, simulated
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.rest import rest_like_contact
 from beamtouch_models.accuracy.statistics import SCRAMBLINGS, Measurement, mean_of, quantile_of, ratio_of, share_of
-from beamtouch_models.accuracy.touch_thresholds import (
-    directions,
-    noise_at_rest,
-    shapes_at_rest,
-    size_per_n,
-    smallest_forces,
-)
+from beamtouch_models.accuracy.touch_thresholds import directions, noise_at_rest, shapes_at_rest, smallest_forces
 from beamtouch_models.arrays import Floats
-from beamtouch_models.detection import Detection, detection, extremes
+from beamtouch_models.description import extremes
 from beamtouch_models.loading import ModelFile
 from beamtouch_models.progress import Fraction, silent
 from beamtouch_models.sweeps import Spread, in_turn
@@ -69,8 +63,6 @@ class Evaluation:
     smallest_force_n: tuple[float | None, float | None] | None
     """Smallest force of which 95 % of settled samples are a contact: where it is least, and where it is largest; None:
     nothing is seen there."""
-    detection: Detection | None
-    """What a settled sample shows along the beam, at the threshold of the model."""
     unexplained: Measurement | None
     """Share of contacts whose misfit exceeds its threshold; None for a model that states none."""
 
@@ -94,7 +86,6 @@ def evaluate(
     error, best = contacts.error_mm(answers["position_mm"]), contacts.least_error_mm()
     low, high = (end * prior.length_mm for end in MIDDLE)
     inside, drawn_inside = ((low <= position) & (position <= high) for position in (likely, drawn.position_mm))
-    along = seen_along(model, prior)
     return Evaluation(
         noise_mm=prior.noise_mm,
         draws=len(worst),
@@ -114,20 +105,17 @@ def evaluate(
         if "contact_log_odds" in answers
         else None,
         false_alarms=_false_alarms(model, prior, seed + 1),
-        smallest_force_n=None if along is None else extremes(along.smallest_force_n),
-        detection=along,
+        smallest_force_n=_smallest_forces(model, prior),
         unexplained=_unexplained(model, answers, counts),
     )
 
 
-def seen_along(model: ModelFile, prior: Prior) -> Detection | None:
-    """Return the smallest force and the missed contacts along the beam; None without noise or odds of a contact."""
+def _smallest_forces(model: ModelFile, prior: Prior) -> tuple[float | None, float | None] | None:
+    """Return `smallest_force_n` of an evaluation; None without noise or odds of a contact."""
     if "contact_log_odds" not in model.outputs or prior.noise_mm == 0:
         return None
     supports_mm = [support.at_mm for support in model.metadata.drawn.supports]
-    seen = smallest_forces(prior, model.metadata.thresholds.touch[-1], supports_mm)
-    size = size_per_n(prior, np.array(seen.position_mm))
-    return detection(seen, prior.force_n[0], size, model.metadata.thresholds.false_contacts_per_day)
+    return extremes(smallest_forces(prior, model.metadata.thresholds.touch[-1], supports_mm).force_n)
 
 
 def at_noise(prior: Prior, noise_mm: float) -> Prior:

@@ -20,7 +20,6 @@ from scipy.special import logsumexp, ndtr, ndtri
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.rest import exceeded_with, reach_of
 from beamtouch_models.arrays import Floats
-from beamtouch_models.detection import SURELY
 from beamtouch_models.metadata import SmallestForce
 from beamtouch_models.rates import MAX_FALSE, SECONDS_PER_DAY
 
@@ -30,6 +29,8 @@ BLIND = 10.0
 """Where more than this many times the largest force is needed, nothing is seen: at a support, or right beside it."""
 FLAT = 1e-9
 """Deflection over the largest one below which a place does not move: a support, where only rounding is left."""
+SURELY = 1.645
+"""Deviations of a sample that a force must exceed the threshold by, so that 95 % of the samples do."""
 MIN_NOISE = 1e-5
 """Smallest part of the noise in the error of a sample; below it, the zeros alone decide what rest exceeds."""
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from beamtouch_models.building.measure import Measured, measure
 from beamtouch_models.building.sensors import PlacedSensors, layout_errors, place_sensors
-from beamtouch_models.estimators.estimator import NAMES, Estimator, Name, estimator_of
+from beamtouch_models.estimators.estimator import NAMES, Estimator, Name
 from beamtouch_models.estimators.onnx_graph import to_bytes
 from beamtouch_models.metadata import Channel, Drawn, DrawnSupport, Metadata, Ranges
 from beamtouch_models.physics.beam import influence
@@ -83,13 +83,8 @@ def build_model(
         progress=lambda _, done: progress("placing the sensors", 0.3 * done),
     )
     surface, prior = sensors.surface, sensors.prior
-    made = estimator_of(
-        choices.estimator,
-        prior,
-        min_noise_mm=surface.filter.min_noise_mm(surface.noise),
-        with_force=scene.wants_force,
-        seed=seed,
-        progress=lambda done: progress("making the estimator", 0.3 + 0.5 * done),
+    made = sensors.make_estimator(
+        choices.estimator, seed, lambda done: progress("making the estimator", 0.3 + 0.5 * done)
     )
     progress("measuring the accuracy against the limit", 0.8)
     fields = measure(made, prior, surface, sensors.world, seed)

@@ -21,7 +21,7 @@ from beamtouch_models.commands.options import (
     shown_progress,
     surface_name,
 )
-from beamtouch_models.commands.printing import note, show
+from beamtouch_models.printing import note, show
 
 if TYPE_CHECKING:
     from beamtouch_models.building.build import Built, Choices

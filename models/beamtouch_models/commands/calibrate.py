@@ -13,14 +13,12 @@ from beamtouch_common.commands import whole_number
 from beamtouch_common.digits import digits
 from beamtouch_common.errors import InputError
 from beamtouch_models.commands.options import add_json, shown_progress
-from beamtouch_models.commands.printing import Result, show
+from beamtouch_models.printing import Result, show
 
 if TYPE_CHECKING:
     from beamtouch_models.arrays import Floats
     from beamtouch_models.calibration.calibrate import Calibrated
-    from beamtouch_models.calibration.contacts import UnlabelledContacts
     from beamtouch_models.calibration.self_calibrate import SelfCalibrated
-    from beamtouch_models.health.residuals import LoadErrors
     from beamtouch_models.loading import ModelFile
     from beamtouch_models.metadata import Departures, Metadata
 
@@ -69,14 +67,8 @@ def run(options: argparse.Namespace) -> None:
 
     model = loading.load(options.model)
     require_writable([options.output], [options.readings, options.events])
-    calibrated: Calibrated | SelfCalibrated
-    if options.events is None:
-        calibrated = _with_loads(model, options)
-        errors = calibrated.fit.theory.standard_errors(calibrated.fit.vector, calibrated.fit.spread)
-        fields, rows = _told_of_loads(calibrated, errors, options.leave_out)
-    else:
-        calibrated, contacts = _with_contacts(model, options)
-        fields, rows = _told_of_contacts(calibrated, contacts, model)
+    calibrate = _calibrate_with_loads if options.events is None else _calibrate_with_contacts
+    calibrated, fields, rows = calibrate(model, options)
     write_atomically(options.output, calibrated.content)
     identity, metadata = loading.load(options.output).identity, calibrated.metadata
     shown = {
@@ -89,34 +81,26 @@ def run(options: argparse.Namespace) -> None:
     show(Result(shown, [[("model", identity), *rows]]), as_json=options.json)
 
 
-def _with_loads(model: ModelFile, options: argparse.Namespace) -> Calibrated:
+Told = tuple["Calibrated | SelfCalibrated", dict[str, Any], list[tuple[str, str]]]
+"""What was calibrated, with fields for programs, and rows for people."""
+
+
+def _calibrate_with_loads(model: ModelFile, options: argparse.Namespace) -> Told:
     """Calibrate a model with recorded loads."""
     from beamtouch_models.calibration.calibrate import calibrate
     from beamtouch_models.calibration.loads import read_loads
-
-    errors = _errors(options.placing_mm, options.force_percent)
-    loads = replace(read_loads(options.readings, model.metadata, options.leave_out), errors=errors)
-    with shown_progress() as progress:
-        return calibrate(model, loads, progress)
-
-
-def _errors(placing_mm: float, force_percent: float) -> LoadErrors:
-    """Return the stated errors of the loads; InputError if nobody can place or weigh loads so well or so badly."""
     from beamtouch_models.health.residuals import LoadErrors
 
-    for option, value in (("--placing-mm", placing_mm), ("--force-percent", force_percent)):
-        if not MIN_ERROR <= value <= MAX_ERROR:
+    for option, value in (("--placing-mm", options.placing_mm), ("--force-percent", options.force_percent)):
+        if not MIN_ERROR <= value <= MAX_ERROR:  # nobody can place or weigh loads so well or so badly
             message = f"{option} {value:g} is not from {MIN_ERROR:g} to {MAX_ERROR:g}"
             raise InputError(message)
-    return LoadErrors(placing_mm, force_percent / 100)
-
-
-Told = tuple[dict[str, Any], list[tuple[str, str]]]
-"""Fields for programs, and rows for people."""
-
-
-def _told_of_loads(calibrated: Calibrated, errors: Mapping[str, Floats], left_out: Sequence[int]) -> Told:
+    stated = LoadErrors(options.placing_mm, options.force_percent / 100)
+    loads = replace(read_loads(options.readings, model.metadata, options.leave_out), errors=stated)
+    with shown_progress() as progress:
+        calibrated = calibrate(model, loads, progress)
     fit, before, after, limit_mm = calibrated.fit, calibrated.before_mm, calibrated.after_mm, calibrated.limit_mm
+    errors = fit.theory.standard_errors(fit.vector, fit.spread)
     words = _departures_in_words(calibrated.metadata, fit.departures, errors)
     fields = {
         "standard_errors": {kind: values.tolist() for kind, values in errors.items()},
@@ -125,7 +109,7 @@ def _told_of_loads(calibrated: Calibrated, errors: Mapping[str, Floats], left_ou
         "limit_mm": limit_mm,
         "placing_mm": fit.errors.placing_mm,
         "force_percent": 100 * fit.errors.force,
-        "loads_left_out": sorted(set(left_out)),
+        "loads_left_out": sorted(set(options.leave_out)),
     }
     rows = [
         (
@@ -141,15 +125,15 @@ def _told_of_loads(calibrated: Calibrated, errors: Mapping[str, Floats], left_ou
         ),
         ("limit", f"{digits(limit_mm, 3)} mm mean error of single samples of these loads, at best"),
     ]
-    return fields, rows
+    return calibrated, fields, rows
 
 
-def _with_contacts(model: ModelFile, options: argparse.Namespace) -> tuple[SelfCalibrated, UnlabelledContacts]:
+def _calibrate_with_contacts(model: ModelFile, options: argparse.Namespace) -> Told:
     """Calibrate a model with unlabelled contacts; says which contacts are left out, and which zeros moved."""
     import numpy as np
 
     from beamtouch_models.calibration.contacts import read_contacts
-    from beamtouch_models.calibration.self_calibrate import self_calibrate
+    from beamtouch_models.calibration.self_calibrate import KINDS, self_calibrate
     from beamtouch_models.health.zeros import DRIFT
 
     contacts = read_contacts(options.events, model.metadata)
@@ -165,14 +149,7 @@ def _with_contacts(model: ModelFile, options: argparse.Namespace) -> tuple[SelfC
             file=sys.stderr,
         )
     with shown_progress() as progress:
-        return self_calibrate(model, contacts, progress), contacts
-
-
-def _told_of_contacts(calibrated: SelfCalibrated, contacts: UnlabelledContacts, given: ModelFile) -> Told:
-    import numpy as np
-
-    from beamtouch_models.calibration.self_calibrate import KINDS
-
+        calibrated = self_calibrate(model, contacts, progress)
     metadata, fit = calibrated.metadata, calibrated.found.fit
     held, left_open = calibrated.found.held_out, calibrated.found.left_open
     # Errors of gains without the common scale, which is the force's.
@@ -181,7 +158,7 @@ def _told_of_contacts(calibrated: SelfCalibrated, contacts: UnlabelledContacts, 
     single, changed_mm = float(fit.single.sum()), left_open.shift_mm
     open_mm = float(np.sqrt((left_open.position_mm**2).mean()))
     force = metadata.calibration.force_error if metadata.calibration else 0.0
-    before, after = (_percent(one.floor.gain) for one in (given.metadata, metadata))
+    before, after = (_percent(one.floor.gain) for one in (model.metadata, metadata))
     fields = {
         "standard_errors": {kind: values.tolist() for kind, values in errors.items() if kind in KINDS},
         "misfit": {"before": held.before, "after": held.after, "expected": held.expected},
@@ -206,7 +183,7 @@ def _told_of_contacts(calibrated: SelfCalibrated, contacts: UnlabelledContacts, 
         *([("force", f"its scale stays open by {digits(100 * force, 2)} %")] if force else []),
         ("floor", f"gains +- {before} before, +- {after} now"),
     ]
-    return fields, rows
+    return calibrated, fields, rows
 
 
 def _departures_in_words(metadata: Metadata, found: Departures, errors: Mapping[str, Floats]) -> dict[str, str]:

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from beamtouch_common.commands import whole_number
 from beamtouch_common.digits import digits
 from beamtouch_common.errors import InputError
 from beamtouch_models.commands.options import add_json, add_seed, add_workers, shown_progress
-from beamtouch_models.commands.printing import Result, Table, show
+from beamtouch_models.printing import Result, Table, show
 
 if TYPE_CHECKING:
     from beamtouch_models.challenge.scoring import Row
@@ -21,8 +21,6 @@ MAX_PLAYS = 10_000
 """Bounds memory: each course takes about 100 kB."""
 NEEDED = ("position_low_mm", "position_high_mm", "contact_log_odds")
 """Outputs without which a model cannot say what it does not know."""
-
-Column = tuple[str, "Callable[[Row], str]"]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -57,71 +55,45 @@ def run(options: argparse.Namespace) -> None:
     told = [asdict(row) | {"naming": _naming(row), "misses": misses(row)} for row in rows]
     fields = {"model": model.identity, "draws": options.draws, "seed": options.seed, "rows": told}
     title = f"{model.identity}, {options.draws} draws"
-    missed = [f"{row.name} ({', '.join(misses(row))})" for row in rows if misses(row)]
+    missed = [f"{row['name']} ({', '.join(row['misses'])})" for row in told if row["misses"]]
     tables = (
-        _table(f"{title}: one contact, honestly measured", rows, _HONEST, honest=True),
-        _table(f"{title}: faults and other worlds", rows, _FAULTS, honest=False),
+        _table(f"{title}: one contact, honestly measured", [row for row in told if row["honest"]], HONEST),
+        _table(f"{title}: faults and other worlds", [row for row in told if not row["honest"]], FAULTS),
         _LEGEND,
         f"Rows that miss the goals: {'; '.join(missed) or 'none'}.",
     )
     show(Result(fields, tables), as_json=options.json)
 
 
-def _table(title: str, rows: Sequence[Row], columns: Sequence[Column], *, honest: bool) -> Table:
-    from beamtouch_models.challenge.challenge import misses
+FIRST = {"samples": "samples", "error mm": "error_mm", "held": "held"}
+SAID = {name: name for name in ("unexplained", "noted", "clear", "silent", "misleading")}
+HONEST = {
+    **FIRST, "unsteady": "held_unsteady", "other": "held_noted", **SAID, "ghosts": "ghosts",
+    "interval mm": "interval_mm", "over exact": "width",
+}  # fmt: skip
+"""The figures of a row under each heading."""
+FAULTS = {**FIRST, **SAID, "noticed": "noticed", "power": "power", "named": "named", "misnamed": "misnamed"}
+NO_SHARES = ("error_mm", "interval_mm", "width")
 
-    some = [row for row in rows if row.honest is honest]
-    return Table(
-        ("case", *(heading for heading, _ in columns)),
-        [(row.name, *(cell(row) for _, cell in columns)) for row in some],
-        title,
-        bold=[place for place, row in enumerate(some) if misses(row)],
-    )
+
+def _table(title: str, rows: Sequence[dict[str, Any]], columns: dict[str, str]) -> Table:
+    cells = [(row["name"], *(_cell(row | (row["naming"] or {}), key) for key in columns.values())) for row in rows]
+    return Table(("case", *columns), cells, title, bold=[place for place, row in enumerate(rows) if row["misses"]])
+
+
+def _cell(row: dict[str, Any], key: str) -> str:
+    value = row.get(key)
+    if value is None or key == "samples":
+        return "-" if value is None else str(value)
+    if key in NO_SHARES:
+        return digits(value, 3)
+    return "<0.01" if 0 < value < 1e-4 else digits(100 * value, 3)
 
 
 def _naming(row: Row) -> dict[str, float | None] | None:
     return row.naming and {"named": row.naming.named, "misnamed": row.naming.misnamed}
 
 
-def _percent(share: float | None) -> str:
-    if share is None:
-        return "-"
-    return "<0.01" if 0 < share < 1e-4 else digits(100 * share, 3)
-
-
-def _number(value: float | None) -> str:
-    return "-" if value is None else digits(value, 3)
-
-
-_FIRST: tuple[Column, ...] = (
-    ("samples", lambda row: str(row.samples)),
-    ("error mm", lambda row: _number(row.error_mm)),
-    ("held", lambda row: _percent(row.held)),
-)
-_SAID: tuple[Column, ...] = (
-    ("unexplained", lambda row: _percent(row.unexplained)),
-    ("noted", lambda row: _percent(row.noted)),
-    ("clear", lambda row: _percent(row.clear)),
-    ("silent", lambda row: _percent(row.silent)),
-    ("misleading", lambda row: _percent(row.misleading)),
-)
-_HONEST: tuple[Column, ...] = (
-    *_FIRST,
-    ("unsteady", lambda row: _percent(row.held_unsteady)),
-    ("other", lambda row: _percent(row.held_noted)),
-    *_SAID,
-    ("ghosts", lambda row: _percent(row.ghosts)),
-    ("interval mm", lambda row: _number(row.interval_mm)),
-    ("over exact", lambda row: _number(row.width)),
-)
-_FAULTS: tuple[Column, ...] = (
-    *_FIRST,
-    *_SAID,
-    ("noticed", lambda row: _percent(row.noticed)),
-    ("power", lambda row: _percent(row.power)),
-    ("named", lambda row: _percent(row.naming and row.naming.named)),
-    ("misnamed", lambda row: _percent(row.naming and row.naming.misnamed)),
-)
 _LEGEND = """\
 All shares are in percent, and of all samples unless another number is named.
 held: intervals that hold the truth, of contacts without a note; unsteady, other: of those with this note, or another

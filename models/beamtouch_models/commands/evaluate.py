@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from beamtouch_common.digits import digits
 from beamtouch_common.errors import InputError
 from beamtouch_models.commands.options import add_contacts, add_json, add_seed, add_workers, shown_progress
-from beamtouch_models.commands.printing import Result, Table, note, show
+from beamtouch_models.printing import Result, Table, note, show
 
 if TYPE_CHECKING:
     from beamtouch_models.accuracy.evaluation import Errors, Evaluation
@@ -108,8 +108,6 @@ _ROWS: tuple[tuple[str, Callable[[Errors], Measurement | float | None]], ...] = 
 
 def _lines(found: Evaluation, model: ModelFile) -> list[tuple[str, str, str]]:
     """Return results other than position errors as label, value and remark, without those that the model lacks."""
-    from beamtouch_models.description import nothing_seen
-
     share = [
         ("position interval", found.position_coverage, "% of contacts lie inside; nominally 95 %", 100.0),
         ("its width", found.position_width_mm, "mm, mean", 1.0),
@@ -122,16 +120,10 @@ def _lines(found: Evaluation, model: ModelFile) -> list[tuple[str, str, str]]:
     lines = [
         (label, _text(value.scaled(factor)), remark) for label, value, remark, factor in share if value is not None
     ]
-    if found.smallest_force_n is not None and found.detection is not None:
+    if found.smallest_force_n is not None:
         best, worst = ("" if force is None else digits(force, 3) for force in found.smallest_force_n)
         forces = f"{best}..{worst}" if worst else f"{best} and more" if best else "-"
-        needed = list(zip(found.detection.position_mm, found.detection.smallest_force_n, strict=True))
-        words = "N, seen in 95 % of samples along the range", nothing_seen(model.metadata, needed)
-        lines.append(("smallest force", forces, "; ".join(filter(None, words))))
-        most = 100 * max(found.detection.missed)
-        lines.append(
-            ("missed at most", digits(most, 3), f"% of samples of {found.detection.force_n:g} N, where it is worst")
-        )
+        lines.append(("smallest force", forces, "N, seen in 95 % of samples along the range"))
     if found.cramer_rao_mean_mm is None:
         return [*lines, ("without noise", "", "the limit is 0, so there is no ratio")]
     return [*lines, ("Cramer-Rao", digits(found.cramer_rao_mean_mm, 4), "mm, mean |error| of an unbiased estimate")]

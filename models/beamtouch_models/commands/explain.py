@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from beamtouch_common.digits import digits
 from beamtouch_models.commands.options import add_json
-from beamtouch_models.commands.printing import Block, Result, Table, note, show
+from beamtouch_models.printing import Block, Result, Table, note, show
 
 if TYPE_CHECKING:
     from beamtouch_models.pricing.effect import Effect

@@ -13,7 +13,7 @@ from beamtouch_common.files import load_toml
 from beamtouch_common.zones import MAX_ZONES, Zone, ZoneName
 from beamtouch_models.accuracy.zone_bands import band_at
 from beamtouch_models.building.sensors import place_sensors
-from beamtouch_models.commands.printing import Block, Table
+from beamtouch_models.printing import Block, Table
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from beamtouch_models.commands.options import add_json
-from beamtouch_models.commands.printing import Result, show
+from beamtouch_models.printing import Result, show
 
 if TYPE_CHECKING:
     from beamtouch_models.loading import ModelFile
@@ -29,10 +28,7 @@ def run(options: argparse.Namespace) -> None:
 
 def describe(model: ModelFile) -> Result:
     """Return a model file with all its metadata, as `inspect` and `build` print it."""
-    from beamtouch_models.detection import detection_of
-
     metadata = model.metadata
-    along = detection_of(metadata) if "contact_log_odds" in model.outputs else None
     dumped = metadata.model_dump(mode="json", exclude={"golden", "layout", "accuracy", "drawn"})
     fields = {
         **dumped,
@@ -40,7 +36,6 @@ def describe(model: ModelFile) -> Result:
         "positions_mm": [channel.position_mm for channel in metadata.layout],
         "channels": model.channels,
         "noise_mm": metadata.noise.sample_mm,
-        "detection": along and asdict(along),
         "outputs": list(model.outputs),
         "lacks": model.lacks,
         "accuracy": {**metadata.accuracy.model_dump(), "ratio": metadata.accuracy.ratio},

@@ -1,17 +1,14 @@
-"""`design-sensors new`: writes a commented scene, from flags or from the answers to a few questions."""
+"""`design-sensors new`: writes a commented scene."""
 
 from __future__ import annotations
 
 import argparse
-import sys
-from collections.abc import Callable
 from dataclasses import fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 from beamtouch_common.commands import whole_number
 from beamtouch_common.files import require_writable, write_atomically
-from beamtouch_common.typed import is_terminal, typed_line
 from beamtouch_models.commands.options import surface_name
 from beamtouch_models.errors import SceneError
 from beamtouch_models.scene.materials import MATERIALS
@@ -19,12 +16,9 @@ from beamtouch_models.scene.materials import MATERIALS
 if TYPE_CHECKING:
     from beamtouch_models.building.new_scene import Answers
 
-_T = TypeVar("_T")
 ENDS = ("clamped", "pinned", "roller", "free")
 """The kinds of `building.new_scene.End`, which takes too long to import for --help."""
 NEEDED = ("length_mm", "width_mm", "thickness_mm")
-TRIES = 3
-"""Answers to one question before the command gives up."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -35,7 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         ("--width-mm", "its width"),
         ("--thickness-mm", "its thickness"),
     ):
-        parser.add_argument(name, type=float, metavar="MM", help=text)
+        parser.add_argument(name, type=float, required=True, metavar="MM", help=text)
     parser.add_argument("--material", choices=tuple(MATERIALS), help="its material (default: steel)")
     parser.add_argument("--left", choices=ENDS, help="how its left end is held (default: pinned)")
     parser.add_argument("--right", choices=ENDS, help="how its right end is held (default: roller)")
@@ -63,18 +57,11 @@ def run(options: argparse.Namespace) -> None:
         message = f"{target}: give the scene a name that ends in .toml"
         raise SceneError(message)
     refuse_existing(target, force=options.force)
-    names = [field.name for field in fields(Answers)]
-    stated = {name: value for name in names if (value := getattr(options, name)) is not None}
-    if not stated and is_terminal():
-        stated = _ask_all()
-    missing = [f"--{name.replace('_', '-')}" for name in NEEDED if name not in stated]
-    if missing:
-        message = f"give {', '.join(missing)}; on a terminal, `design-sensors new {target}` alone asks"
-        raise SceneError(message)
-    answers: dict[str, Any] = {
-        name: tuple(value) if isinstance(value, list) else value for name, value in stated.items()
+    given = {field.name: getattr(options, field.name) for field in fields(Answers)}
+    stated: dict[str, Any] = {
+        name: tuple(value) if isinstance(value, list) else value for name, value in given.items() if value is not None
     }
-    text = _check(Answers(**answers), target)
+    text = _check(Answers(**stated), target)
     write_atomically(target, text.encode())
     print(
         f"{target}: next, design-sensors explain {target}, "
@@ -112,48 +99,3 @@ def _check(answers: Answers, target: Path) -> str:
     scene = parse_scene(text, str(target))
     Surface.of(scene).check()
     return text
-
-
-def _ask_all() -> dict[str, Any]:
-    """Return the answers to a few questions; an empty answer takes what stands in brackets."""
-    from beamtouch_models.building.new_scene import Answers
-
-    plain, ends = Answers(0, 0, 0), ", ".join(ENDS)
-    return {
-        "length_mm": _ask("length of the beam, mm", float),
-        "width_mm": _ask("its width, mm", float),
-        "thickness_mm": _ask("its thickness, mm", float),
-        "material": _ask(f"its material ({', '.join(MATERIALS)})", _one_of(tuple(MATERIALS)), plain.material),
-        "left": _ask(f"its left end ({ends})", _one_of(ENDS), plain.left),
-        "right": _ask(f"its right end ({ends})", _one_of(ENDS), plain.right),
-        "sensors": _ask("number of sensors", int, plain.sensors),
-        "noise_mm": _ask("noise of a reading, mm", float, plain.noise_mm),
-    }
-
-
-def _one_of(names: tuple[str, ...]) -> Callable[[str], str]:
-    def choose(text: str) -> str:
-        if text not in names:
-            message = f"one of {', '.join(names)}"
-            raise ValueError(message)
-        return text
-
-    return choose
-
-
-def _ask(question: str, kind: Callable[[str], _T], default: _T | None = None) -> _T:
-    """Return the answer to a question; SceneError if there is none."""
-    for _ in range(TRIES):
-        print(f"{question}{'' if default is None else f' [{default}]'}: ", end="", file=sys.stderr, flush=True)
-        text = typed_line()
-        if not text:
-            break
-        if not text.strip() and default is not None:
-            return default
-        try:
-            return kind(text.strip())
-        except ValueError as error:
-            names = str(error) if str(error).startswith("one of") else "a number"
-            print(f"  that must be {names}", file=sys.stderr)
-    message = f"no answer to: {question}; give it as an argument instead (design-sensors new --help)"
-    raise SceneError(message)

@@ -37,20 +37,20 @@ def add_contacts(parser: argparse.ArgumentParser, what: str, default: int) -> No
     )
 
 
-def add_workers(parser: argparse.ArgumentParser, what: str = "the work") -> None:
+def add_workers(parser: argparse.ArgumentParser) -> None:
     """Add where the tasks of a sweep run."""
     workers = parser.add_mutually_exclusive_group()
     workers.add_argument(
         "--workers",
         type=whole_number(1, MAX_WORKERS),
         metavar="N",
-        help=f"number of processes that {what} is spread over (default: one per core); the results are the same",
+        help="number of processes that the work is spread over (default: one per core); the results are the same",
     )
     workers.add_argument(
         "--cluster",
         type=_address,
         metavar="tcp://HOST:PORT",
-        help=f"spread {what} over the workers of this Dask scheduler instead",
+        help="spread the work over the workers of this Dask scheduler instead",
     )
 
 
@@ -105,10 +105,16 @@ def add_layout(parser: argparse.ArgumentParser) -> None:
 
 
 def aim_of(options: argparse.Namespace) -> Aim:
-    """Return the aim of `build`; raises SceneError if the options contradict each other."""
+    """Return the aim of a layout; leading components, which only `place` has, are those of the eigenvalue product.
+
+    Raises SceneError if the options contradict each other.
+    """
     from beamtouch_models.placement.placing import DEFAULT_AIM, Aim
 
-    return Aim(options.criterion or DEFAULT_AIM.criterion, options.spare or 0)
+    leading = getattr(options, "components", None)
+    usual = DEFAULT_AIM.criterion if leading is None else "eigenvalue-product"
+    search = getattr(options, "search", DEFAULT_AIM.search)
+    return Aim(options.criterion or usual, options.spare or 0, leading, search)
 
 
 def folder_of(path: Path) -> Path:

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 from beamtouch_common.commands import whole_number
 from beamtouch_common.digits import digits
-from beamtouch_models.commands.options import add_json, add_layout, add_seed, shown_progress
-from beamtouch_models.commands.printing import Result, note, show
+from beamtouch_models.commands.options import add_json, add_layout, add_seed, aim_of, shown_progress
+from beamtouch_models.printing import Result, note, show
 
 if TYPE_CHECKING:
     from beamtouch_models.building.sensors import PlacedSensors
@@ -45,7 +45,7 @@ def run(options: argparse.Namespace) -> None:
     started = time.perf_counter()
     scene, _ = load_scene(options.scene)
     note(*remarks(scene))
-    aim = _aim_of(options)
+    aim = aim_of(options)
     with shown_progress() as progress:
         sensors = place_sensors(Surface.of(scene), count=options.sensors, seed=options.seed, aim=aim, progress=progress)
         progress("measuring the accuracy limit", 0.95)
@@ -53,14 +53,6 @@ def run(options: argparse.Namespace) -> None:
     found["wall_s"] = time.perf_counter() - started
     note(missed_error("accuracy limit", found["accuracy_limit_percent"], scene))
     show(Result(found, [_rows(found, sensors)]), as_json=options.json)
-
-
-def _aim_of(options: argparse.Namespace) -> Aim:
-    """Return the aim; leading components are those of the eigenvalue product. SceneError if options contradict."""
-    from beamtouch_models.placement.placing import DEFAULT_AIM, Aim
-
-    usual = DEFAULT_AIM.criterion if options.components is None else "eigenvalue-product"
-    return Aim(options.criterion or usual, options.spare or 0, options.components, options.search)
 
 
 def _rows(found: dict[str, Any], sensors: PlacedSensors) -> list[tuple[str, str]]:

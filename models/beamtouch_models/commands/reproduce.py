@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 
 from beamtouch_models.commands.options import add_json, add_seed, folder_of, shown_progress
-from beamtouch_models.commands.printing import Result, Table, show
+from beamtouch_models.printing import Result, Table, show
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -6,8 +6,8 @@ from pathlib import Path
 from beamtouch_common.files import write_atomically
 from beamtouch_models.commands.new import refuse_existing
 from beamtouch_models.commands.options import add_json
-from beamtouch_models.commands.printing import Result, show
 from beamtouch_models.errors import SceneError
+from beamtouch_models.printing import Result, show
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

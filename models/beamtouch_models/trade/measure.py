@@ -8,18 +8,16 @@ from typing import Literal
 
 import numpy as np
 
+from beamtouch_models.accuracy.contacts import Reached
 from beamtouch_models.accuracy.limit import accuracy_limit
-from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.statistics import Measurement
-from beamtouch_models.arrays import Floats32
 from beamtouch_models.building.measure import reach
 from beamtouch_models.building.sensors import place_sensors
 from beamtouch_models.building.since_touch import Answer, answers_of_means, answers_since_touch
 from beamtouch_models.errors import NotGoodEnoughError, SceneError
-from beamtouch_models.estimators.estimator import NAMES, Name, estimator_of
+from beamtouch_models.estimators.estimator import NAMES, Name
 from beamtouch_models.estimators.onnx_graph import to_bytes
 from beamtouch_models.metadata import INPUTS, FilterChoice
-from beamtouch_models.progress import silent
 from beamtouch_models.scene import Scene, change_scene
 from beamtouch_models.scene.sensors import MIN_SENSORS
 from beamtouch_models.session import open_session, runner
@@ -53,32 +51,27 @@ class Task:
 class Model:
     """A measured model, not timed yet."""
 
-    varied: Varied
-    estimator: Name
+    task: Task
     positions_mm: tuple[float, ...]
     reading_mm: float
     """Noise of a reading."""
     filter: FilterChoice
-    latency_ms: float | None
-    """As the scene, or the changed one, states it."""
     length_mm: float
-    error_mm: Measurement
-    """Mean |position error| for a mean of `filter.window` readings at rest, as `build` states it."""
-    limit_mm: Measurement
-    """Accuracy limit, on the same contacts."""
-    ratio: Measurement
+    reached: Reached
+    """For a mean of `filter.window` readings at rest, as `build` states it."""
     answers: tuple[Answer, ...]
     """For plain means of the readings of a touch."""
     graph: bytes
-    deflection_mm: Floats32
-    """(1, channels), a contact to time the graph with."""
-    whitening_per_mm: Floats32
-    """(1, channels, channels)"""
 
     @property
     def sensors(self) -> int:
         """The number of sensors."""
         return len(self.positions_mm)
+
+    @property
+    def latency_ms(self) -> float | None:
+        """The latency that the scene, or the changed one, states."""
+        return self.task.scene.requirements.latency_ms
 
 
 @dataclass(frozen=True)
@@ -96,17 +89,12 @@ class Failure:
 
 
 @dataclass(frozen=True)
-class Curve:
-    """The error of the scene's own model by the time since a touch, behind the filter that `build` writes."""
+class Moment:
+    """The answer of the scene's own model at a time since a touch, behind the filter that `build` writes."""
 
-    readings: tuple[int, ...]
-    since_ms: tuple[float, ...]
-    error_mm: tuple[Measurement, ...]
-    """On a beam that follows the touch at once."""
-    ringing_mm: tuple[Measurement, ...]
-    """After a sudden force, after which the beam rings; none if the scene does not state the beam's mass."""
-    limit_mm: tuple[Measurement, ...]
-    """Accuracy limit for the mean of all these readings, on a beam at rest."""
+    answer: Answer
+    limit_mm: Measurement
+    """Accuracy limit for the mean of all its readings, on a beam at rest."""
 
 
 def numbers_of_sensors(scene: Scene) -> list[int]:
@@ -145,79 +133,51 @@ def measure(task: Task) -> Model | Failure:
 
 
 def _measure(task: Task) -> Model:
-    scene, seed, surface = task.scene, task.seed, Surface.of(task.scene)
+    seed, surface = task.seed, Surface.of(task.scene)
     sensors = place_sensors(surface, count=task.sensors, seed=seed, kept_mm=task.kept_mm)
-    prior, noise, chosen = sensors.prior, surface.noise, surface.filter
-    made = estimator_of(
-        task.estimator,
-        prior,
-        min_noise_mm=chosen.min_noise_mm(noise),
-        with_force=scene.wants_force,
-        seed=seed,
-        progress=silent,
-    )
+    prior = sensors.prior
+    made = sensors.make_estimator(task.estimator, seed)
     graph = to_bytes(made.graph)
     run = runner(graph)
     reached = reach(made, prior, run, task.draws, seed + 2)
     return Model(
-        task.varied,
-        task.estimator,
+        task,
         sensors.placement.positions_mm,
-        noise.reading_mm,
-        chosen,
-        scene.requirements.latency_ms,
+        surface.noise.reading_mm,
+        surface.filter,
         prior.length_mm,
-        reached.error_mm,
-        reached.limit_mm,
-        reached.ratio,
+        reached,
         tuple(answers_of_means(prior, run, surface, sensors.world, reached.error_mm, seed + 2)),
         graph,
-        *_sample(prior),
     )
 
 
-def _sample(prior: Prior) -> tuple[Floats32, Floats32]:
-    """Return the deflection of a contact at a third of the range, with the middle force, and its whitening."""
-    low, high = prior.position_mm
-    clean = sum(prior.force_n) / 2 * prior.influence_at(np.array([low + (high - low) / 3]))
-    return clean.astype(np.float32), prior.whitening(clean).astype(np.float32)
-
-
-def follow(task: tuple[Scene, Model, int, int]) -> Curve:
-    """Return the curve of a scene's own model; the task is the scene, the model, the draws and the seed."""
-    scene, model, draws, seed = task
-    sensors = place_sensors(Surface.of(scene, model.filter), seed=seed, kept_mm=model.positions_mm)
-    prior, run, percent = sensors.prior, runner(model.graph), model.length_mm / 100
-    answers = answers_since_touch(model.answers, prior, run, sensors.surface, sensors.world, seed + 2)
-    limits = [
-        accuracy_limit(replace(prior, noise_mm=model.reading_mm / math.sqrt(answer.readings)), draws, seed + 2)
-        for answer in answers
-    ]
-    return Curve(
-        tuple(one.readings for one in answers),
-        tuple(one.since_ms for one in answers),
-        tuple(one.error_mm for one in answers),
-        tuple(one.ringing_mm for one in answers if one.ringing_mm is not None),
-        tuple(Measurement(one.percent * percent, one.standard_error * percent) for one in limits),
-    )
+def follow(model: Model) -> list[Moment]:
+    """Return the answers of a model by the time since a touch."""
+    task, seed = model.task, model.task.seed + 2
+    sensors = place_sensors(Surface.of(task.scene, model.filter), kept_mm=model.positions_mm)
+    prior, run = sensors.prior, runner(model.graph)
+    moments = []
+    for answer in answers_since_touch(model.answers, prior, run, sensors.surface, sensors.world, seed):
+        noise_mm = model.reading_mm / math.sqrt(answer.readings)
+        limit = accuracy_limit(replace(prior, noise_mm=noise_mm), task.draws, seed)
+        limit_mm = Measurement(limit.percent, limit.standard_error).scaled(model.length_mm / 100)
+        moments.append(Moment(answer, limit_mm))
+    return moments
 
 
 ROUNDS, CALLS = 40, 50
 
 
-@dataclass(frozen=True)
-class Times:
-    """Times of an inference of a single sample in microseconds."""
+def inference_times(models: Sequence[Model]) -> list[Measurement]:
+    """Return the median time of an inference of a single sample in µs, with the standard error of the rounds.
 
-    p50_us: float
-    p50_standard_error_us: float
-    """From the scatter of the rounds."""
-    p99_us: float
-
-
-def inference_times(graphs: Sequence[tuple[bytes, Floats32, Floats32]]) -> list[Times]:
-    """Time graphs, each with the deflection (1, channels) of a contact and its whitening (1, channels, channels)."""
-    runs = [(open_session(content), dict(zip(INPUTS, feed, strict=True))) for content, *feed in graphs]
+    A graph takes as long for a beam at rest as for a contact: it computes the same.
+    """
+    runs = []
+    for model in models:
+        at_rest = np.zeros((1, model.sensors), np.float32), np.eye(model.sensors, dtype=np.float32)[None]
+        runs.append((open_session(model.graph), dict(zip(INPUTS, at_rest, strict=True))))
     times = np.empty((len(runs), ROUNDS, CALLS))
     for turn in range(ROUNDS):
         for (session, feed), taken in zip(runs, times[:, turn], strict=True):
@@ -226,10 +186,5 @@ def inference_times(graphs: Sequence[tuple[bytes, Floats32, Floats32]]) -> list[
                 session.run(None, feed)
                 taken[call] = (time.perf_counter_ns() - start) / 1e3
     return [
-        Times(
-            float(np.median(one)),
-            float(np.median(one, axis=1).std(ddof=1) / ROUNDS**0.5),
-            float(np.quantile(one, 0.99)),
-        )
-        for one in times
+        Measurement(float(np.median(one)), float(np.median(one, axis=1).std(ddof=1) / ROUNDS**0.5)) for one in times
     ]

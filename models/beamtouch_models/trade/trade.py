@@ -4,8 +4,6 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from math import hypot
 
-from beamtouch_common.digits import digits
-from beamtouch_common.errors import InputError
 from beamtouch_models.accuracy.statistics import Measurement
 from beamtouch_models.errors import SceneError
 from beamtouch_models.estimators.estimator import NAMES, Name
@@ -14,11 +12,10 @@ from beamtouch_models.scene import Scene
 from beamtouch_models.surface import Surface
 from beamtouch_models.sweeps import Spread
 from beamtouch_models.trade.measure import (
-    Curve,
     Failure,
     Model,
+    Moment,
     Task,
-    Times,
     Varied,
     follow,
     inference_times,
@@ -30,10 +27,6 @@ from beamtouch_models.trade.measure import (
 
 SERIAL_BAUD, FRAME_BYTES, BYTE_BITS = 1_000_000, 13, 10
 """Transfer of a reading by PROTOCOL.md: FRAME_BYTES and two bytes per channel, of ten bits each."""
-
-
-class NotToBeHadError(InputError):
-    """No point of the trade meets the requirement."""
 
 
 @dataclass(frozen=True)
@@ -49,20 +42,15 @@ class Point:
     periods: int
     """The same in reading periods. A touch comes at any time within one, so a fraction of it is no difference."""
 
-    def __str__(self) -> str:
-        """Return the point in words."""
-        mean = "one reading" if self.readings == 1 else f"mean of {self.readings} readings"
-        return f"{self.model.estimator}, {self.model.sensors} sensors, {mean}"
-
 
 def transfer_ms(sensors: int) -> float:
     """Return the time in which a reading comes over a serial line, in ms."""
     return (FRAME_BYTES + 2 * sensors) * BYTE_BITS / SERIAL_BAUD * 1e3
 
 
-def points_of(model: Model, times: Times) -> list[Point]:
+def points_of(model: Model, inference_us: Measurement) -> list[Point]:
     """Return a point for each answer of a model."""
-    after_ms = transfer_ms(model.sensors) + times.p50_us / 1e3
+    after_ms = transfer_ms(model.sensors) + inference_us.value / 1e3
     return [
         Point(
             model,
@@ -99,32 +87,6 @@ def _beats(one: Point, other: Point) -> bool:
     return ours != theirs or is_smaller(one.error_mm, other.error_mm)
 
 
-def most_accurate(points: Sequence[Point], latency_ms: float) -> Point:
-    """Return the point with the smallest error within a latency; otherwise NotToBeHadError names the nearest."""
-    kept = [point for point in points if point.latency_ms <= latency_ms]
-    if not kept:
-        nearest = min(points, key=lambda point: point.latency_ms)
-        message = (
-            f"no point answers within {latency_ms:g} ms; the fastest takes {digits(nearest.latency_ms, 3)} ms "
-            f"({nearest}); raise sensors.rate_hz"
-        )
-        raise NotToBeHadError(message)
-    return min(kept, key=lambda point: (point.error_mm.value, point.latency_ms))
-
-
-def quickest(points: Sequence[Point], error_mm: float) -> Point:
-    """Return the fastest point within an error, ties by sensors; otherwise NotToBeHadError names the nearest."""
-    kept = [point for point in points if point.error_mm.value <= error_mm]
-    if not kept:
-        nearest = min(points, key=lambda point: point.error_mm.value)
-        message = (
-            f"no point has a mean error of {error_mm:g} mm; the best has {digits(nearest.error_mm.value, 3)} mm "
-            f"({nearest}); allow more sensors or a larger requirements.max_mean_ms, or use sensors with less noise"
-        )
-        raise NotToBeHadError(message)
-    return min(kept, key=lambda point: (point.periods, point.model.sensors, point.latency_ms))
-
-
 @dataclass(frozen=True, eq=False)
 class Trade:
     """The measured models of a scene, with the figures that a buyer compares."""
@@ -133,24 +95,30 @@ class Trade:
     """The model that `build` makes of the scene."""
     models: tuple[Model, ...]
     """All models, the own one among them."""
-    times: tuple[Times, ...]
-    """Of an inference, per model."""
+    inference_us: tuple[Measurement, ...]
+    """Median time of an inference of a single sample, per model."""
     failures: tuple[Failure, ...]
-    curve: Curve
+    since_touch: tuple[Moment, ...]
+    """The answers of the own model by the time since a touch."""
     points: tuple[Point, ...]
     """The answers of the models that `build` makes of the scene without a change in it."""
     front: tuple[Point, ...]
 
+    @property
+    def usual(self) -> Moment:
+        """The answer for the mean that layout and thresholds are chosen for."""
+        return next(one for one in self.since_touch if one.answer.readings == self.own.filter.window)
+
     def varied(self, varied: Varied) -> list[Model]:
         """Return the models in which one thing differs, with the own one, in order of this thing or as they came."""
-        found = [model for model in self.models if model is self.own or model.varied == varied]
+        found = [model for model in self.models if model is self.own or model.task.varied == varied]
         if varied == "noise":
             return sorted(found, key=lambda model: model.reading_mm)
         return found
 
-    def time_of(self, model: Model) -> Times:
-        """Return the times of an inference of a model."""
-        return self.times[self.models.index(model)]
+    def time_of(self, model: Model) -> Measurement:
+        """Return the median time of an inference of a model, in µs."""
+        return self.inference_us[self.models.index(model)]
 
 
 def trade(
@@ -191,17 +159,17 @@ def trade(
     variations += [Task(with_twice_the_latency(scene), "latency", own.sensors, draws, seed)]
     tried += measured(variations)
     progress("following touches", (planned - 1) / planned)
-    (curve,) = spread(follow, [(scene, own, draws, seed)])
+    (moments,) = spread(follow, [own])
     models = tuple(one for one in tried if isinstance(one, Model))
-    times = tuple(inference_times([(one.graph, one.deflection_mm, one.whitening_per_mm) for one in models]))
+    times = tuple(inference_times(models))
     points = [
         point
         for model, time in zip(models, times, strict=True)
-        if model.varied in ("sensors", "estimator")
+        if model.task.varied in ("sensors", "estimator")
         for point in points_of(model, time)
     ]
     failures = tuple(one for one in tried if isinstance(one, Failure))
-    return Trade(own, models, times, failures, curve, tuple(points), tuple(pareto_front(points)))
+    return Trade(own, models, times, failures, tuple(moments), tuple(points), tuple(pareto_front(points)))
 
 
 def _own_of(scene: Scene, models: Sequence[Model]) -> Model:
@@ -210,5 +178,5 @@ def _own_of(scene: Scene, models: Sequence[Model]) -> Model:
     if stated == most:
         return next((model for model in models if model.sensors == stated), models[-1])
     wanted_mm = scene.requirements.position_error_mm
-    enough = (model for model in models if wanted_mm is not None and model.limit_mm.value <= wanted_mm)
+    enough = (model for model in models if wanted_mm is not None and model.reached.limit_mm.value <= wanted_mm)
     return next(enough, models[-1])

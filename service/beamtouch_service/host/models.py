@@ -5,12 +5,10 @@ import logging
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-import numpy as np
-
 from beamtouch_common.errors import InputError
 from beamtouch_common.zones import Zone
 from beamtouch_models import modelfile
-from beamtouch_models.modelfile import GraphError, ModelFile, ModelFileError, graph_errors
+from beamtouch_models.modelfile import ModelFile, ModelFileError
 from beamtouch_service.api.surfaces import describe
 from beamtouch_service.surfaces.surface import Surface
 
@@ -46,14 +44,6 @@ def _parse(content: bytes, origin: str) -> ModelFile:
             f"({model.metadata.estimator} lacks {', '.join(model.lacks)})"
         )
         raise ModelFileError(message)
-    golden = model.metadata.golden
-    try:
-        with graph_errors():
-            inputs = golden.deflection_mm[:1], golden.whitening_per_mm[:1]
-            model.run(*(np.array(values, np.float32) for values in inputs))
-    except GraphError as error:
-        message = f"{origin}: its graph cannot be run as a service does ({error})"
-        raise ModelFileError(message) from None
     return model
 
 

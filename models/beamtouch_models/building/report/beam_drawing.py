@@ -1,62 +1,56 @@
 """The beam with its supports and sensors, drawn to scale as SVG.
 
 Lengths, thickness and gaps share one scale, but a thin beam is drawn thicker, and bent further, by a factor that the
-legend states. Sensors are as wide as their housings. Supports, and the height of sensors, are symbols. Every symbol and
-every colour has its words in the legend.
+caption states. Sensors are as wide as their housings. Supports, and the height of sensors, are symbols. The caption
+has words for them.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable
 from html import escape
 
 import numpy as np
 
 from beamtouch_common.digits import digits
-from beamtouch_models.charts import CHARACTER, fill, flow, opening, round_ticks, stroke
-from beamtouch_models.metadata import Channel, Metadata
+from beamtouch_models.charts import fill, opening, round_ticks, stroke
+from beamtouch_models.metadata import Metadata
 from beamtouch_models.scene import Scene
 from beamtouch_models.scene.beam import Beam, Support
 
 WIDTH, HEIGHT, MARGIN = 900, 236, 48
-"""Size of the drawing without its legend, and space beside the beam."""
+"""Size of the drawing, and space beside the beam."""
 BEAM_Y = 92
 """Underside of the beam."""
 THINNEST_PX, THICKEST_PX = 3.0, 40.0
 """A thin beam is drawn thicker until its thinnest section has the first or its thickest the second."""
 SENSOR_HEIGHT = 24.0
-LABEL_WIDTH = 48.0
-"""Labels closer than this stand in two rows."""
 KEEP_OUT_LABEL_WIDTH = 52.0
-"""A narrower stretch has no label; the legend explains its colour."""
+"""A narrower stretch has no label."""
 SCALE_Y = 200
 BENT_PX = 24.0
 """Largest deflection of the bent beam as drawn, unless it is larger to scale."""
-LEGEND_Y = 252
-"""Middle of the first row of the legend."""
 
 _LEAD = stroke("faint", "lead")
 _THIN = stroke("muted", "thin")
 _TOUCH, _TIP = stroke("s1", "touch", width=1.6), fill("s1", "tip")
 WALL = 28
 """Height of a wall above the underside of the beam, in px."""
-ROW, KEY, GAP = 30, 40, 24
-"""Height of a row, width of a symbol, and space between two entries, in px."""
 BENT = stroke("s1", "bent", width=1.4) + ' stroke-dasharray="5 3"'
 SPRING = stroke("ink", "support", width=1.4)
 
-_Entry = tuple[str, str]
-"""A symbol drawn about the origin, and its words."""
 
+def beam_drawing(scene: Scene, metadata: Metadata) -> tuple[str, str]:
+    """Draw a scene with the layout of its model.
 
-def beam_drawing(scene: Scene, metadata: Metadata) -> str:
-    """Draw a scene with the layout of its model as an `<svg>` element, without a background."""
+    Returns
+    -------
+    The drawing as an `<svg>` element, without a background, and its caption.
+    """
     px = Scale(scene.beam)
     places = ", ".join(f"{channel.name} at {channel.position_mm:g} mm" for channel in metadata.layout)
-    supports = ", ".join(f"{support_in_words(one)} at {one.at_mm:g} mm" for one in scene.beam.support_list)
-    says = f"The beam, {scene.beam.length_mm:g} mm long, to scale. Supports: {supports or 'none'}. Sensors: {places}."
-    bent, told = _bent(scene, metadata, px)
-    below, rows = _legend([*_keys(scene, metadata, px), *told], MARGIN, WIDTH - 4, LEGEND_Y)
+    says = f"The beam, {scene.beam.length_mm:g} mm long, to scale. {_supports_in_words(scene.beam)}. Sensors: {places}."
+    bent, bent_in_words = _bend(scene, metadata, px)
     parts = [
-        opening("drawing", WIDTH, HEIGHT + rows * ROW, says),
+        opening("drawing", WIDTH, HEIGHT, says),
         *_keep_outs(scene, px),
         *_sensors(scene, metadata, px),
         *_foundation(scene.beam, px),
@@ -65,10 +59,12 @@ def beam_drawing(scene: Scene, metadata: Metadata) -> str:
         *bent,
         *_contact(scene, px),
         *_scale(px),
-        *below,
         "</svg>",
     ]
-    return "\n".join(parts)
+    foundation = [] if scene.beam.foundation_n_mm2 is None else ["it lies on an elastic foundation"]
+    ruled = ["shaded: no sensors there"] if scene.sensors.keep_out_mm else []
+    told = [_thickness_in_words(px), *foundation, *ruled, *bent_in_words, _supports_in_words(scene.beam)]
+    return "\n".join(parts), ". ".join(f"{one[0].upper()}{one[1:]}" for one in told)
 
 
 class Scale:
@@ -126,11 +122,11 @@ def _beam(beam: Beam, px: Scale) -> Iterable[str]:
 def _supports(beam: Beam, px: Scale) -> Iterable[str]:
     for support in beam.support_list:
         top, at_start = px.top(support.at_mm, beam), support.at_mm == 0
-        yield support_symbol(support, px.x(support.at_mm), BEAM_Y, top, at_start=at_start, name="support")
+        yield _support(support, px.x(support.at_mm), top, at_start=at_start)
 
 
-def _bent(scene: Scene, metadata: Metadata, px: Scale) -> tuple[list[str], list[_Entry]]:
-    """Return the beam as the largest force bends it where it yields most, and the entry of the legend."""
+def _bend(scene: Scene, metadata: Metadata, px: Scale) -> tuple[list[str], list[str]]:
+    """Return the beam as the largest force bends it where it yields most, drawn and in words."""
     drawn, force_n = metadata.drawn, scene.contact.force_range_n[1]
     deflection_mm = np.array(drawn.deflection_mm_per_n) * force_n
     load = int(np.abs(deflection_mm).max(axis=1).argmax())
@@ -140,9 +136,9 @@ def _bent(scene: Scene, metadata: Metadata, px: Scale) -> tuple[list[str], list[
     times = max(1.0, _round_down(BENT_PX / largest_px))
     pairs = zip(drawn.at_mm, deflection_mm[load], strict=True)
     points = " ".join(f"{px.x(at):.1f},{BEAM_Y + times * mm * px.factor:.1f}" for at, mm in pairs)
-    larger = "to scale" if times == 1 else f"{times:g} times larger"
-    words = f"bent by {force_n:g} N at {digits(drawn.load_mm[load], 4)} mm, {larger}"
-    return [f'<polyline {BENT} points="{points}"/>'], [(f'<path {BENT} d="M-16 -4 q16 12 32 0"/>', words)]
+    larger = "to scale" if times == 1 else f"drawn {times:g} times larger"
+    words = f"dashed: bent by {force_n:g} N at {digits(drawn.load_mm[load], 4)} mm, {larger}"
+    return [f'<polyline {BENT} points="{points}"/>'], [words]
 
 
 def _round_down(value: float) -> float:
@@ -160,25 +156,15 @@ def _foundation(beam: Beam, px: Scale) -> Iterable[str]:
 def _sensors(scene: Scene, metadata: Metadata, px: Scale) -> Iterable[str]:
     gap = max(2.0, metadata.sensor.standoff_mm * px.factor)
     fixed, width = set(scene.sensors.fixed_mm), max(THINNEST_PX, scene.sensors.size_mm * px.factor)
-    for channel, row in _label_rows(metadata.layout, px):
+    for index, channel in enumerate(metadata.layout):
         x, top = px.x(channel.position_mm), BEAM_Y + gap
         held = channel.position_mm in fixed
-        label_y = BEAM_Y + 56 + 30 * row
+        label_y = BEAM_Y + 56 + 30 * (index % 2)  # labels of close neighbours would overlap
         yield f'<line {_LEAD} x1="{x:.1f}" x2="{x:.1f}" y1="{top + SENSOR_HEIGHT:.1f}" y2="{label_y - 11}"/>'
         paint = fill("s3", "sensor", "fixed") if held else fill("s0", "sensor")
         yield rect(paint, x - width / 2, top, width, SENSOR_HEIGHT)
         yield text_at(x, label_y, f"{channel.name}{' (fixed)' if held else ''}")
         yield text_at(x, label_y + 14, f"{channel.position_mm:g}")
-
-
-def _label_rows(layout: list[Channel], px: Scale) -> Iterable[tuple[Channel, int]]:
-    """Yield each channel with the row of its label; close neighbours alternate between two rows."""
-    before, row = -float("inf"), 0
-    for channel in layout:
-        x = px.x(channel.position_mm)
-        row = 1 - row if x - before < LABEL_WIDTH else 0
-        before = x
-        yield channel, row
 
 
 def _keep_outs(scene: Scene, px: Scale) -> Iterable[str]:
@@ -208,16 +194,29 @@ def _scale(px: Scale) -> Iterable[str]:
     yield f'<text x="{WIDTH - 4}" y="{SCALE_Y + 19}" text-anchor="end">mm</text>'
 
 
-def support_in_words(support: Support) -> str:
-    """Return a kind of support in the words of an engineer."""
+def _thickness_in_words(px: Scale) -> str:
+    known = [one for one in px.thickness_mm if one]
+    if not known:
+        return "its thickness is not stated"
+    each = " and ".join(f"{one:g}" for one in sorted(set(known))) if len(set(known)) < 4 else "in steps"
+    return f"{each} mm thick" + (f", drawn {digits(px.thicker, 2)} times thicker" if px.thicker != 1 else "")
+
+
+def _supports_in_words(beam: Beam) -> str:
+    """Return where and how a beam is held, in the words of an engineer."""
+    return "Supports: " + ("; ".join(f"{_in_words(one)} at {one.at_mm:g} mm" for one in beam.support_list) or "none")
+
+
+def _in_words(support: Support) -> str:
     if support.kind == "fixed":
         return "clamped" if support.holds_lengthwise else "clamped, can slide"
     turns = "can turn against a spring" if support.fixity else "can turn"
     return f"pinned: {turns}, not slide" if support.holds_lengthwise else f"roller: {turns} and slide"
 
 
-def support_symbol(support: Support, x: float, underside: float, top: float, *, at_start: bool, name: str) -> str:
-    """Draw a support of a beam between two heights as a single path; `name` is its class."""
+def _support(support: Support, x: float, top: float, *, at_start: bool) -> str:
+    """Draw a support of a beam, whose upper edge is `top`, as a single path."""
+    underside = float(BEAM_Y)
     if support.kind == "fixed" and support.holds_lengthwise:
         # A wall at the left end stands left of the beam, any other wall right of its position.
         side = -1 if at_start else 1
@@ -234,7 +233,7 @@ def support_symbol(support: Support, x: float, underside: float, top: float, *, 
         parts = f"{_circle(x, underside + 8, 8)} {_ground(x, underside + 16, 5)}"
     if support.fixity:
         parts += f" M{x - 14:.1f} {underside + 2:.1f} a14 14 0 0 0 28 0 l4 4 m-4 -4 l-5 3"
-    return f'<path {stroke("ink", name, width=1.4)} d="{parts}"/>'
+    return f'<path {stroke("ink", "support", width=1.4)} d="{parts}"/>'
 
 
 def _ground(x: float, y: float, depth: float) -> str:
@@ -244,44 +243,3 @@ def _ground(x: float, y: float, depth: float) -> str:
 
 def _circle(x: float, y: float, r: float) -> str:
     return f"M{x - r:.1f} {y:.1f} a{r:g} {r:g} 0 1 0 {2 * r:g} 0 a{r:g} {r:g} 0 1 0 {-2 * r:g} 0"
-
-
-def _keys(scene: Scene, metadata: Metadata, px: Scale) -> Iterator[_Entry]:
-    """Yield the entries of the legend, for what the drawing shows."""
-    known = [one for one in px.thickness_mm if one]
-    each = " and ".join(f"{one:g}" for one in sorted(set(known))) if len(set(known)) < 4 else "in steps"
-    thick = f"{each} mm thick" if each else "thickness not stated"
-    drawn = f", drawn {digits(px.thicker, 2)} times thicker" if known and px.thicker != 1 else ""
-    yield rect(fill("muted", "key"), -16, -2, 32, 4), thick + drawn
-    for words, support in {support_in_words(one): one for one in scene.beam.support_list}.items():
-        yield _support_key(support), words
-    fixed = set(scene.sensors.fixed_mm)
-    kinds = {channel.position_mm in fixed for channel in metadata.layout}
-    wide = f", {scene.sensors.size_mm:g} mm wide" if scene.sensors.size_mm else ""
-    for is_fixed, words in ((False, f"sensor{wide}"), (True, f"sensor{wide}, fixed by the scene")):
-        if is_fixed in kinds:
-            yield rect(fill("s3" if is_fixed else "s0", "key"), -5, -9, 10, 18), words
-    if scene.sensors.keep_out_mm:
-        yield rect(f'{fill("s1", "key")} opacity=".16"', -16, -9, 32, 18), "no sensors here"
-    if scene.beam.foundation_n_mm2 is not None:
-        spring = f'<path {stroke("ink", "key", width=1.4)} d="M0 -6 l3 3 l-6 3 l6 3 l-3 3" opacity=".45"/>'
-        yield spring, "elastic foundation"
-
-
-def _support_key(support: Support) -> str:
-    beam, at = rect(fill("muted", "key"), -16, -11, 32, 3), -16 if support.kind == "fixed" else 0
-    symbol = support_symbol(support, at, -8, -11, at_start=True, name="key")
-    return f'<g transform="translate(0 3) scale(0.75)">{beam}{symbol}</g>'
-
-
-def _legend(entries: Sequence[_Entry], left: float, right: float, top: float) -> tuple[list[str], int]:
-    """Return the elements of a legend between two edges, and its number of rows."""
-    places = flow((KEY + 4 + len(words) * CHARACTER for _, words in entries), right - left, GAP)
-    parts = []
-    for (symbol, words), (row, offset) in zip(entries, places, strict=True):
-        x, y = left + offset, top + row * ROW
-        parts += [
-            f'<g transform="translate({x + KEY / 2:.1f} {y:.1f})">{symbol}</g>',
-            f'<text x="{x + KEY + 4:.1f}" y="{y + 4:.1f}">{escape(words)}</text>',
-        ]
-    return parts, places[-1][0] + 1

@@ -1,12 +1,10 @@
-"""The data of a report beyond the metadata: error along the beam, components, other layouts, prices of errors."""
+"""The data of a report beyond the metadata: error along the beam, components, and other layouts."""
 
-import math
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from beamtouch_common.digits import digits
 from beamtouch_models.accuracy.contacts import simulated
 from beamtouch_models.accuracy.evaluation import estimates
 from beamtouch_models.accuracy.limit import MeanError, compare_limits
@@ -22,48 +20,6 @@ from beamtouch_models.placement.placing import Aim, Placement, place, place_by_p
 from beamtouch_models.pricing.effect import Effect
 from beamtouch_models.progress import Progress
 from beamtouch_models.scene import Scene
-from beamtouch_models.surface import Surface
-
-
-@dataclass(frozen=True)
-class ErrorPrice:
-    """What one kind of error adds to the accuracy limit of a layout."""
-
-    name: str
-    size: str
-    """Its standard deviation, with its unit."""
-    without: MeanError
-    """The limit without it."""
-    more_percent: Measurement
-    """Excess of the limit with all errors over that without this one, which share their contacts."""
-
-
-def error_prices(surface: Surface, positions_mm: Floats, draws: int, seed: int) -> tuple[ErrorPrice, ...]:
-    """Price each kind of error of the sensors but the noise, on the same contacts.
-
-    The part of the zeros' errors that comes with the temperature is priced by itself as well.
-    """
-    errors, warmth_mm = surface.errors, surface.modelled_readings.warmth_mm
-    at_one_temperature = replace(errors, zero_mm=math.sqrt(max(0.0, errors.zero_mm**2 - warmth_mm**2)))
-    kinds = [
-        ("gain error", f"{digits(100 * errors.gain, 3)} %", replace(errors, gain=0.0)),
-        ("zero drift", f"{digits(1000 * errors.zero_mm, 3)} µm", replace(errors, zero_mm=0.0)),
-        ("mounting tolerance", f"{digits(errors.mounting_mm, 3)} mm", replace(errors, mounting_mm=0.0)),
-    ]
-    if warmth_mm:
-        kinds.insert(2, ("of this, with the temperature", f"{digits(1000 * warmth_mm, 3)} µm", at_one_temperature))
-    priors = [Prior.real(surface.influence, positions_mm, some) for _, _, some in kinds]
-    found = compare_limits(Prior.real(surface.influence, positions_mm, errors), priors, draws, seed)
-    return tuple(
-        ErrorPrice(name, size, one.limit, _excess_percent(one.ratio))
-        for (name, size, _), one in zip(kinds, found, strict=True)
-    )
-
-
-def _excess_percent(ratio: Measurement) -> Measurement:
-    """Return by how much a figure exceeds another one, in percent, from the ratio of the other one to it."""
-    return Measurement(100 * (1 / ratio.value - 1), 100 * ratio.standard_error / ratio.value**2)
-
 
 PROFILE_DRAWS = 8_192
 PROFILE_BINS = 24
@@ -82,10 +38,9 @@ class Profile:
     """Mean |error| of the model."""
     limit_mm: Floats
     """Mean |error| of the posterior median."""
-    held: Floats | None
-    """Share of contacts inside their interval; None if the model gives no interval."""
     held_in: tuple[Measurement, ...] | None
-    """This share over the whole range, in the first stretch and in the last."""
+    """Share of contacts inside their interval over the whole range, in the first stretch and in the last; None if the
+    model gives no interval."""
     width_mm: Floats | None
     """Mean width of the interval."""
 
@@ -116,8 +71,6 @@ class Facts:
     """Principal components of the influence matrix of the layout, in mm/N."""
     profile: Profile
     layouts: tuple[OtherLayout, ...]
-    prices: tuple[ErrorPrice, ...]
-    """The accuracy limit with and without each kind of error of the sensors."""
     effects: tuple[Effect, ...]
     """Physical effects with their prices."""
 
@@ -143,7 +96,6 @@ def gather(scene: Scene, built: Built, progress: Progress) -> Facts:
         principal_components(surface.influence.matrix(positions)),
         _profile(surface.prior(positions), model, seed),
         _layouts(built),
-        error_prices(surface, positions, LAYOUT_DRAWS, seed + SEED_SHIFT + 1),
         surface.effects,
     )
 
@@ -160,16 +112,16 @@ def _profile(prior: Prior, model: ModelFile, seed: int) -> Profile:
         whole = np.bincount(stretch.ravel(), (weight * values).ravel(), PROFILE_BINS)
         return whole / np.bincount(stretch.ravel(), weight.ravel(), PROFILE_BINS)
 
-    held = held_in = width_mm = None
+    held_in = width_mm = None
     if "position_low_mm" in answers:
         low, high = answers["position_low_mm"], answers["position_high_mm"]
         inside = contacts.held(low, high)
-        held, width_mm = means(inside.astype(np.float64)), means(np.broadcast_to((high - low)[:, None], inside.shape))
+        width_mm = means(np.broadcast_to((high - low)[:, None], inside.shape))
         ends = (np.True_, stretch == 0, stretch == PROFILE_BINS - 1)
         held_in = tuple(mean_of(inside.astype(np.float64), weight * end) for end in ends)
     model_mm = means(contacts.error_mm(answers["position_mm"]))
     limit_mm = np.zeros(PROFILE_BINS) if best is None else means(best)
-    return Profile((edges[1:] + edges[:-1]) / 2, model_mm, limit_mm, held, held_in, width_mm)
+    return Profile((edges[1:] + edges[:-1]) / 2, model_mm, limit_mm, held_in, width_mm)
 
 
 def _layouts(built: Built) -> tuple[OtherLayout, ...]:

@@ -10,14 +10,11 @@ from beamtouch_models.building.report.beam_drawing import beam_drawing
 from beamtouch_models.building.report.facts import PROFILE_BINS, Facts
 from beamtouch_models.charts import STYLE, Chart, Series, draw
 from beamtouch_models.description import answers, nothing_seen, per_day, unseen
-from beamtouch_models.detection import detection_of
 from beamtouch_models.numbers import three_digits
 from beamtouch_models.pricing.effect import NEGLIGIBLE
 from beamtouch_models.pricing.ringing import told
 from beamtouch_models.surface import Surface
 
-MIN_MISSED = 1e-4
-"""Share of contacts from which missed ones are drawn; below it, the page says that there are hardly any."""
 MAX_CHARTED = 8
 """Number of components that are drawn: a chart has as many colours."""
 
@@ -28,21 +25,22 @@ def page(facts: Facts) -> str:
     environment = Environment(autoescape=True, undefined=StrictUndefined)
     environment.filters |= {"digits": digits, "three_digits": three_digits}
     template = environment.from_string(here.joinpath("page.html").read_text(encoding="utf-8"))
-    charts: dict[str, str] = {"search": "", "missed": ""}
+    charts: dict[str, str] = {}
     for name, chart, remark in _charts(facts):
         charts |= {name: draw(chart), f"{name}_caption": f"{chart.says}{remark}."}
     ringing = Surface.of(facts.scene, facts.model.metadata.filter).ringing
     width_mm = facts.profile.width_mm
     third = slice(PROFILE_BINS // 3, 2 * PROFILE_BINS // 3)
+    drawing, caption = beam_drawing(facts.scene, facts.model.metadata)
     return template.render(
         facts=facts,
         css=here.joinpath("style.css").read_text(encoding="utf-8") + STYLE,
-        drawing=beam_drawing(facts.scene, facts.model.metadata),
+        drawing=drawing,
+        drawn=caption,
         charts=charts,
         marked=next(index for index, layout in enumerate(facts.layouts) if layout.taken),
         widths=None if width_mm is None else {"ends_mm": width_mm[[0, -1]].mean(), "middle_mm": width_mm[third].mean()},
         negligible=NEGLIGIBLE,
-        detection=detection_of(facts.model.metadata),
         answers=answers(facts.model.metadata),
         rings=[] if ringing is None else told(ringing),
         missed=unseen(facts.model.metadata),
@@ -61,29 +59,16 @@ def _charts(facts: Facts) -> list[tuple[str, Chart, str]]:
         Series("accuracy limit", x, profile.limit_mm.tolist(), 0, "dashed"),
     ]
     charts = [("error", Chart(says, at, "mean |error|, mm", curves, y_from_zero=True), stretches)]
-    if profile.held is not None:
-        says = "Share of contacts inside their interval, over the position of the contact"
-        curves = [
-            Series("held", x, (profile.held * 100).tolist(), 1),
-            Series("stated", x, [95.0] * len(x), 0, "dashed"),
-        ]
-        charts.append(("held", Chart(says, at, "held, %", curves), stretches))
     seen = facts.model.metadata.smallest_force
     says = "Smallest force that is seen over the position of the contact"
     strongest = facts.model.metadata.ranges.force_n[1]
     forces = [strongest if force is None else min(force, strongest) for force in seen.force_n]
     remarks = [f"even {strongest:g} N, the largest force of the scene, is not seen where the curve reaches it"]
-    remarks += [nothing_seen(facts.model.metadata, list(zip(seen.position_mm, seen.force_n, strict=True)))]
+    remarks += [nothing_seen(facts.model.metadata)]
     remark = "".join(f"; {one}" for one in remarks if one) if strongest in forces else ""
     curve = Series("", seen.position_mm, forces)
     chart = Chart(says, at, "force, N", [curve], y_from_zero=True)
     charts.append(("seen", chart, remark))
-    along = detection_of(facts.model.metadata)
-    if max(along.missed) >= MIN_MISSED:
-        says = f"Contacts of {along.force_n:g} N, the smallest force of the scene, that are missed along the beam"
-        curve = Series("", along.position_mm, [100 * share for share in along.missed])
-        remark = f"; at most {digits(100 * max(along.missed), 3)} % of settled samples"
-        charts.append(("missed", Chart(says, at, "missed, %", [curve], y_from_zero=True), remark))
     scaled = facts.components.transformed * (facts.middle_force_n / facts.model.metadata.noise.sample_mm)
     says = "Components over the position of the contact, in units of the noise of a sample"
     curves = [
@@ -91,11 +76,4 @@ def _charts(facts: Facts) -> list[tuple[str, Chart, str]]:
         for k, column in enumerate(scaled.T[:MAX_CHARTED])
     ]
     charts.append(("components", Chart(says, at, "over the noise", curves), ""))
-    course = [value for value in facts.placement.convergence if value > float("-inf")]
-    if len(course) > 1:
-        by_error = facts.aim.criterion == "position-error"
-        says = "The best score over the steps of the search"
-        curves = [Series("", list(range(len(course))), [-value for value in course] if by_error else course)]
-        name = "mean position error, mm" if by_error else "ln of eigenvalue product"
-        charts.append(("search", Chart(says, "step", name, curves, whole_x=True), ""))
     return charts

@@ -1,10 +1,12 @@
-"""The form of a command's result, its one printer, and notes beside it."""
+"""The form of a command's result, its one printer, the same in Markdown, and notes beside it."""
 
 import json
 import sys
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
+
+from beamtouch_common.table import aligned_markdown
 
 WIDTH_WITHOUT_TERMINAL = 180
 """Characters in a line of a table that goes to a file or a pipe."""
@@ -58,6 +60,19 @@ def note(*texts: str, kind: str = "note") -> None:
     for text in texts:
         if text:
             print(f"{kind + ':':<8} {text}", file=sys.stderr)
+
+
+def markdown(title: str, blocks: Iterable[Block]) -> str:
+    """Return blocks as a page in Markdown; lines in columns become a block of code."""
+    parts = [f"# {title}"]
+    for block in blocks:
+        if isinstance(block, Table):
+            parts += [f"## {block.title[:1].upper()}{block.title[1:]}", aligned_markdown(block.head, block.rows)]
+        elif isinstance(block, str):
+            parts.append(block)
+        else:
+            parts.append("\n".join(["```", *_in_columns(block), "```"]))
+    return "\n\n".join(parts) + "\n"
 
 
 def _in_columns(lines: Sequence[tuple[str, ...]]) -> Iterable[str]:
