@@ -43,7 +43,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> None:
     """Challenge the model and print the rows of both groups."""
     from beamtouch_models import loading
-    from beamtouch_models.challenge.challenge import challenge, misses
+    from beamtouch_models.challenge.challenge import challenge
+    from beamtouch_models.challenge.scoring import misses
     from beamtouch_models.workers import spread_over
 
     content = loading.read(options.model)
@@ -54,7 +55,7 @@ def run(options: argparse.Namespace) -> None:
         raise InputError(message)
     with spread_over(options.workers, options.cluster) as spread, shown_progress() as progress:
         rows = challenge(content, draws=options.draws, seed=options.seed, progress=progress, spread=spread)
-    told = [asdict(row) | {"naming": _naming(row), "misses": misses(row)} for row in rows]
+    told = [asdict(row) | {"misses": misses(row)} for row in rows]
     fields = {"model": model.identity, "draws": options.draws, "seed": options.seed, "rows": told}
     title = f"{model.identity}, {options.draws} draws"
     missed = [f"{row.name} ({', '.join(misses(row))})" for row in rows if misses(row)]
@@ -68,7 +69,7 @@ def run(options: argparse.Namespace) -> None:
 
 
 def _table(title: str, rows: Sequence[Row], columns: Sequence[Column], *, honest: bool) -> Table:
-    from beamtouch_models.challenge.challenge import misses
+    from beamtouch_models.challenge.scoring import misses
 
     some = [row for row in rows if row.honest is honest]
     return Table(
@@ -77,10 +78,6 @@ def _table(title: str, rows: Sequence[Row], columns: Sequence[Column], *, honest
         title,
         bold=[place for place, row in enumerate(some) if misses(row)],
     )
-
-
-def _naming(row: Row) -> dict[str, float | None] | None:
-    return row.naming and {"named": row.naming.named, "misnamed": row.naming.misnamed}
 
 
 def _percent(share: float | None) -> str:
@@ -112,21 +109,17 @@ _HONEST: tuple[Column, ...] = (
     *_SAID,
     ("ghosts", lambda row: _percent(row.ghosts)),
     ("interval mm", lambda row: _number(row.interval_mm)),
-    ("over exact", lambda row: _number(row.width)),
 )
 _FAULTS: tuple[Column, ...] = (
     *_FIRST,
     *_SAID,
     ("noticed", lambda row: _percent(row.noticed)),
     ("power", lambda row: _percent(row.power)),
-    ("named", lambda row: _percent(row.naming and row.naming.named)),
-    ("misnamed", lambda row: _percent(row.naming and row.naming.misnamed)),
 )
 _LEGEND = """\
 All shares are in percent, and of all samples unless another number is named.
 held: intervals that hold the truth, of contacts without a note; unsteady, other: of those with this note, or another
 silent: no answer, as too few channels are within their range; ghosts: contacts that begin again, of the draws
 misleading: a contact without a note that is not there, or is further off than twice the half-interval
-interval: the median, with or without a note; over exact: without `unsteady`, over that of the exact posterior
-noticed: unexplained, or a contact with a note; power: of the test that knows what happened, at the same false rate
-named: `check-NAME` names the channel that is wrong, of samples that are unexplained for long; misnamed: another one"""
+interval: the median, with or without a note
+noticed: unexplained, or a contact with a note; power: of the test that knows what happened, at the same false rate"""
