@@ -170,11 +170,13 @@ def _with_contacts(model: ModelFile, options: argparse.Namespace) -> tuple[SelfC
 
 def _told_of_contacts(calibrated: SelfCalibrated, contacts: UnlabelledContacts, given: ModelFile) -> Told:
     import numpy as np
+    from scipy.stats import chi2
 
     from beamtouch_models.calibration.self_calibrate import KINDS
 
     metadata, fit = calibrated.metadata, calibrated.found.fit
-    held, left_open = calibrated.found.held_out, calibrated.found.left_open
+    found, left_open = calibrated.found, calibrated.found.left_open
+    expected = float(chi2.median(fit.theory.degrees))
     # Errors of gains without the common scale, which is the force's.
     errors = fit.theory.standard_errors(fit.vector, np.sqrt(np.diag(left_open.relative)))
     words = _departures_in_words(metadata, fit.departures, errors)
@@ -184,7 +186,7 @@ def _told_of_contacts(calibrated: SelfCalibrated, contacts: UnlabelledContacts, 
     before, after = (_percent(one.floor.gain) for one in (given.metadata, metadata))
     fields = {
         "standard_errors": {kind: values.tolist() for kind, values in errors.items() if kind in KINDS},
-        "misfit": {"before": held.before, "after": held.after, "expected": held.expected},
+        "misfit": {"before": found.misfit_before, "after": found.misfit_after, "expected": expected},
         "changed_mm": changed_mm,
         "open_mm": open_mm,
         "single_contacts": single,
@@ -196,8 +198,8 @@ def _told_of_contacts(calibrated: SelfCalibrated, contacts: UnlabelledContacts, 
         *((kind, words[kind]) for kind in KINDS),
         (
             "misfit",
-            f"{digits(held.before, 3)} before, {digits(held.after, 3)} after, each by a fit without the contact "
-            f"(medians; {digits(held.expected, 3)} from noise alone)",
+            f"{digits(found.misfit_before, 3)} before, {digits(found.misfit_after, 3)} after (medians; "
+            f"{digits(expected, 3)} from noise alone)",
         ),
         (
             "position",
