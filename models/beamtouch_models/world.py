@@ -36,12 +36,6 @@ class SensorErrors:
     noise: Floats
     """Noise over that of the model."""
     missing: Bools
-    correlation: float = 0.0
-    """Correlation of the noise of consecutive readings."""
-    step_mm: float | None = None
-    """Step of the ADC, instead of the model's."""
-    tare_mm: Floats | float = 0.0
-    """Deflection that the sensors showed at rest, and that the tare takes out."""
 
     @classmethod
     def none(cls, draws: int, channels: int) -> Self:
@@ -186,12 +180,6 @@ class World:
     def outputs(self, deflection_mm: Floats, errors: SensorErrors, rng: np.random.Generator) -> Floats:
         """Return the noisy outputs of the sensors, 0 to 1 of the ADC's scale; both (draws, readings, channels)."""
         white = rng.normal(size=deflection_mm.shape)
-        if errors.correlation:
-            from scipy.signal import lfilter  # noqa: PLC0415  # slow to import, and few surfaces need it
-
-            # Begin in the steady state, so that the variance is the same at every reading.
-            white[:, 1:] *= np.sqrt(1 - errors.correlation**2)
-            white = lfilter([1.0], [1.0, -errors.correlation], white, axis=1)
         noisy = self.measured(deflection_mm, errors) + self.noise_mm * errors.noise[:, None] * white
         return output_of_gap(self.sensor, self.sensor.standoff_mm - noisy)
 
@@ -201,12 +189,11 @@ class World:
         NaN marks a reading that is missing or beyond the sensor's range.
         """
         sensor, (low, high) = self.sensor, self.sensor.range_mm
-        step_mm = errors.step_mm or sensor.gain_mm_per_count
-        full_scale = (high - low) / (LINEAR[1] - LINEAR[0]) / step_mm
-        gap = sensor.offset_mm + step_mm * np.rint(self.outputs(deflection_mm, errors, rng) * full_scale)
+        full_scale = (high - low) / (LINEAR[1] - LINEAR[0]) / sensor.gain_mm_per_count
+        counts = np.rint(self.outputs(deflection_mm, errors, rng) * full_scale)
+        gap = sensor.offset_mm + sensor.gain_mm_per_count * counts
         good = (gap >= low) & (gap <= high) & ~errors.missing[:, None]
-        tare_mm = errors.tare_mm[:, None] if isinstance(errors.tare_mm, np.ndarray) else errors.tare_mm
-        return np.where(good, sensor.standoff_mm - gap - tare_mm, np.nan)
+        return np.where(good, sensor.standoff_mm - gap, np.nan)
 
 
 class Motion:

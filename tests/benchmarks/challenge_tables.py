@@ -52,16 +52,8 @@ def _rounded(percent: float) -> str:
     return f"{percent:.0f}" if percent >= TEN else f"{round(percent, 2):.2g}"
 
 
-def _naming(row: Row) -> str:
-    named, wrong = row["naming"]["named"], row["naming"]["misnamed"]
-    return "" if named is None else f"{_rounded(100 * named)} / {_rounded(100 * wrong)}"
-
-
 def _interval(row: Row) -> str:
-    if row["interval_mm"] is None:
-        return ""
-    over = "" if row["width"] is None else f" ({row['width']:.2f})"
-    return f"{digits(row['interval_mm'], 3)}{over}"
+    return "" if row["interval_mm"] is None else digits(row["interval_mm"], 3)
 
 
 def _is_lifted(row: Row) -> bool:
@@ -84,7 +76,6 @@ TABLES: tuple[tuple[str, Callable[[Row], bool], Cell], ...] = (
     ),
     ("After a lift", _is_lifted, lambda row: _shares(row, "clear", "noted", "ghosts")),
     ("Faults and other worlds", _is_fault, lambda row: _shares(row, "noticed", "power")),
-    ("The channel that is wrong", lambda row: row["naming"] is not None, _naming),
     ("Width of the intervals", _is_honest, _interval),
 )
 

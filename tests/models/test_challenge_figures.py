@@ -8,28 +8,27 @@ from scipy.optimize import minimize
 from scipy.stats import chi2, norm
 
 from beamtouch_models.challenge import faults
-from beamtouch_models.challenge.challenge import misses
 from beamtouch_models.challenge.judge import Judged, Said
-from beamtouch_models.challenge.play import Case, drawn
-from beamtouch_models.challenge.power import distances, power_of_noise, power_of_shift
-from beamtouch_models.challenge.scoring import Naming, Row, ghosts, scored
+from beamtouch_models.challenge.play import Case, Drawn
+from beamtouch_models.challenge.power import distances, power_of_shift
+from beamtouch_models.challenge.scoring import Row, ghosts, misses, scored
 from beamtouch_models.challenge.surface import SimulatedSurface
 from beamtouch_models.error_model import whitening
 
 
 def test_scores_of_samples_by_hand() -> None:
-    judged = Judged.silent(np.zeros((1, 10, 4)), np.ones((1, 10, 4), np.bool_)).at(list(range(10)))
+    judged = Judged.silent(np.ones((1, 10, 4), np.bool_)).at(list(range(10)))
     judged.said[:9] = [Said.CONTACT] * 7 + [Said.CLEAR, Said.UNEXPLAINED]  # and no statement on the last
     judged.unsteady[[4, 5, 6, 8]], judged.other_note[6] = True, True
     judged.position_mm[:7], judged.low_mm[:7], judged.high_mm[:7] = 100.0, 90.0, 120.0
     # 100 + 20 holds 115; 135 is within twice the half of 20, 141 is not; 79 is more than twice 10 below.
     # 300 is far off, and said to be unsteady.
     truth = np.array([115.0, 135.0, 141.0, 79.0, 300.0, 100.0, 100.0, 50.0, 50.0, 50.0])
-    row = scored("by hand", judged, truth, honest=True, exact_mm=np.full(10, 20.0))
+    row = scored("by hand", judged, truth, honest=True)
     assert row == Row(
         name="by hand", honest=True, quiet=False, samples=10, error_mm=(15 + 35 + 41 + 21 + 200) / 7,
         held=0.25, plain=4, held_unsteady=0.5, unsteady=2, held_noted=1.0, unexplained=0.1, noted=0.3, clear=0.1,
-        silent=0.1, misleading=0.2, interval_mm=30.0, width=1.5,
+        silent=0.1, misleading=0.2, interval_mm=30.0,
     )  # fmt: skip
     nowhere = scored("a fault", judged, np.full(10, np.nan), honest=False)
     assert (nowhere.held, nowhere.error_mm, nowhere.misleading) == (None, None, 0.4)
@@ -53,9 +52,8 @@ def test_a_contact_that_begins_twice_is_a_ghost() -> None:
     assert ghosts(np.array(once + twice)) == pytest.approx(1 / 3)
 
 
-GOOD = Row("row", True, True, 400, 1.0, 0.95, 400, 0.95, 400, None, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0)
+GOOD = Row("row", True, True, 400, 1.0, 0.95, 400, 0.95, 400, None, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 FAULT = replace(GOOD, honest=False, noticed=0.8, power=1.0)
-NAMED = replace(FAULT, noticed=1.0)
 
 
 @pytest.mark.parametrize(
@@ -69,12 +67,9 @@ NAMED = replace(FAULT, noticed=1.0)
         (replace(GOOD, noted=0.04), ["noted 4.0%"]),
         (replace(GOOD, ghosts=0.04), ["ghosts 4.0%"]),
         (replace(GOOD, quiet=False, noted=0.04), []),
-        (replace(GOOD, width=1.2), ["interval 1.20 of the exact one"]),
         (FAULT, ["noticed 80% of 100%"]),
         (replace(FAULT, power=0.85), []),
         (replace(FAULT, noticed=0.0, power=0.5), []),
-        (replace(NAMED, naming=Naming(0.9, 0.04, 25)), []),  # one of 25
-        (replace(NAMED, naming=Naming(0.9, 0.2, 25)), ["another channel named 20%"]),
     ],
 )
 def test_a_goal_is_missed_only_by_more_than_chance(row: Row, missed: list[str]) -> None:
@@ -98,7 +93,7 @@ CASES = (
 def test_the_distance_of_a_fault_is_that_of_the_nearest_contact_or_of_rest(
     surface: SimulatedSurface, case: Case
 ) -> None:
-    fault = case.make(surface, 6, np.random.default_rng(7)).fault_mm
+    fault = case.play(surface, 6, np.random.default_rng(7)).fault_mm
     assert fault is not None
     found = distances(surface, fault, np.ones(fault.shape, np.bool_))
     for row, weights, distance in zip(fault, whitened(surface, fault), found, strict=True):
@@ -114,7 +109,7 @@ def test_the_distance_of_a_fault_is_that_of_the_nearest_contact_or_of_rest(
 
 def test_the_power_is_that_of_the_likelihood_ratio_and_no_misfit_does_better(surface: SimulatedSurface) -> None:
     alpha, random = 1e-3, np.random.default_rng(8)
-    fault = faults.two_contacts(surface, 40, random, apart=0.5, ratio=1.0).fault_mm
+    fault = faults.two_contacts(Drawn.of(surface, 100, random), apart=0.5, ratio=1.0).fault_mm
     assert fault is not None
     every = np.ones(fault.shape, np.bool_)
     distance = distances(surface, fault, every)
@@ -130,30 +125,9 @@ def test_the_power_is_that_of_the_likelihood_ratio_and_no_misfit_does_better(sur
         along = unit @ moved
         nearest = np.argmax(along)
         between = moved - max(along[nearest], 0.0) * unit[nearest]
-        sample = moved + random.normal(size=(400, 4))
+        sample = moved + random.normal(size=(160, 4))
         ratio.append((sample - (moved - between)) @ between / np.linalg.norm(between) > norm.isf(alpha))
         best = np.maximum(sample @ unit.T, 0.0).max(axis=1)
         misfit.append((sample**2).sum(axis=1) - best**2 > chi2.isf(alpha, 2))
     assert np.mean(ratio) == pytest.approx(power, abs=0.01)
     assert np.mean(misfit) < power + 0.01
-
-
-def test_the_power_for_a_noisy_channel_is_that_of_its_direction(surface: SimulatedSurface) -> None:
-    alpha, random, draws = 1e-2, np.random.default_rng(9), 60
-    position, force = drawn(surface, draws, random)
-    clean = surface.world.under(position, force)
-    noise = np.ones(clean.shape)
-    noise[np.arange(draws), random.integers(4, size=draws)] = 30.0
-    power = power_of_noise(surface, clean, noise, alpha)
-    assert 0.2 < power < 0.9
-    seen = []
-    least_mm, floor = surface.min_noise_mm, surface.metadata.floor
-    for at, row, loud, weight in zip(position, clean, noise, whitened(surface, clean), strict=True):
-        deviation = np.sqrt((loud * least_mm) ** 2 + (np.array(floor.gain) * row) ** 2 + np.square(floor.zero_mm))
-        error = random.normal(size=(1000, 4)) * deviation @ weight.T
-        tangent = np.stack([surface.world.influence(at), surface.world.influence(at, 1)], axis=1)
-        basis = np.linalg.qr(weight @ tangent)[0]
-        left = weight[:, np.argmax(loud)]
-        left = left - basis @ (basis.T @ left)
-        seen.append(np.abs(error @ left / np.linalg.norm(left)) > norm.isf(alpha / 2))
-    assert np.mean(seen) == pytest.approx(power, abs=0.02)

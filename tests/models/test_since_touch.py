@@ -11,6 +11,7 @@ from beamtouch_models.accuracy.limit import accuracy_limit
 from beamtouch_models.building.since_touch import Touches
 from beamtouch_models.challenge.contacts import rings
 from beamtouch_models.challenge.judge import judge
+from beamtouch_models.challenge.play import Drawn
 from beamtouch_models.challenge.surface import SimulatedSurface
 from beamtouch_models.loading import ModelFile, load
 from beamtouch_models.surface import prior_of_model
@@ -66,7 +67,7 @@ def test_a_mean_of_perfect_sensors_errs_by_what_the_noise_of_its_readings_leaves
 
 def test_a_sudden_touch_errs_as_in_the_challenge(slow: ModelFile) -> None:
     surface, rng = SimulatedSurface.of(slow.metadata), np.random.default_rng(1)
-    play = rings(surface, 64, rng)
+    play = rings(Drawn.of(surface, 64, rng))
     (reading,) = [at for name, at in play.rows if name == "sudden force, 200 ms"]
     said = judge(surface, slow.run, surface.world.readings(play.deflection_mm, play.errors, rng), reading).at([reading])
     off = np.abs(said.position_mm - play.truth_mm[:, reading]) / surface.world.beam.length_mm * 100

@@ -8,8 +8,8 @@ import pytest
 from scipy.signal import lsim, lti
 
 from beamtouch_models.arrays import Floats
-from beamtouch_models.challenge import contacts, sensor_cases
-from beamtouch_models.challenge.play import drawn
+from beamtouch_models.challenge import contacts
+from beamtouch_models.challenge.play import Drawn
 from beamtouch_models.challenge.power import distances
 from beamtouch_models.challenge.surface import SimulatedSurface
 from beamtouch_models.errors import SceneError
@@ -56,17 +56,12 @@ def test_the_characteristic_is_linear_from_1_to_4_mm_and_levels_off_beyond(bits:
 
 def test_readings_have_the_errors_that_are_asked_for(surface: SimulatedSurface) -> None:
     draws, random, world = 200, np.random.default_rng(5), surface.world
-    clean = np.repeat(world.under(*drawn(surface, draws, random))[:, None], 60, axis=1)
-    exact, stated_mm = surface.perfect(draws), surface.metadata.noise.reading_mm
+    drawn = Drawn.of(surface, draws, random)
+    clean = np.repeat(drawn.deflection_mm[:, None], 60, axis=1)
+    exact, stated_mm = drawn.perfect, surface.metadata.noise.reading_mm
     noise = world.readings(clean, exact, random) - clean
     assert noise.std() == pytest.approx(stated_mm, rel=0.015)
     assert abs(np.mean(noise[:, 1:] * noise[:, :-1])) < 0.02 * stated_mm**2
-    coloured = world.readings(clean, replace(exact, correlation=0.7), random) - clean
-    assert coloured[:, 0].std() == pytest.approx(stated_mm, rel=0.08)
-    assert np.mean(coloured[:, 1:] * coloured[:, :-1]) == pytest.approx(0.7 * stated_mm**2, rel=0.06)
-    coarse = world.readings(clean, replace(exact, step_mm=0.05), random)
-    assert len(np.unique(np.round(coarse, 9))) < 60
-    assert np.abs(coarse - clean).max() < 0.025 + 7 * stated_mm
     gone = np.zeros((draws, 4), np.bool_)
     gone[:, 2] = True
     assert (np.isnan(world.readings(clean, replace(exact, missing=gone), random)).all(axis=1) == gone).all()
@@ -75,19 +70,6 @@ def test_readings_have_the_errors_that_are_asked_for(surface: SimulatedSurface) 
     apart = (world.measured(clean, surface.honest(draws, random)) - clean)[:, 0].std(axis=0)
     expected = np.sqrt(((0.003 * clean[:, 0]) ** 2 + 0.001**2).mean(axis=0))
     np.testing.assert_allclose(apart, expected, rtol=0.2)
-    away_mm = np.array([0.1, 0.0, -0.2, 0.3]) * np.ones((draws, 1))
-    tared = replace(exact, zero_mm=away_mm, tare_mm=away_mm)
-    plain, same = (world.readings(clean, errors, np.random.default_rng(2)) for errors in (exact, tared))
-    np.testing.assert_allclose(plain, same, atol=1e-4)  # a count is 0.06 um
-
-
-def test_the_noise_of_a_mean_of_alike_readings() -> None:
-    # By hand: of four readings, three pairs are one apart, two are two apart and one is three apart.
-    by_hand = (4 + 2 * (3 * 0.7 + 2 * 0.49 + 0.343)) / 4
-    assert sensor_cases.coloured_times(0.7, 4) == pytest.approx(np.sqrt(by_hand))
-    assert sensor_cases.coloured_times(0.7, 1) == 1
-    # A mean of very many readings: the sum of all correlations, (1 + r) / (1 - r).
-    assert sensor_cases.coloured_times(0.7, 100_000) == pytest.approx(np.sqrt(1.7 / 0.3), rel=1e-4)
 
 
 def test_departures_undo_what_they_do() -> None:
@@ -144,10 +126,11 @@ def test_a_calibrated_surface_measures_what_its_model_expects(bench: ModelFile) 
     metadata = bench.metadata.model_copy(update={"calibration": calibration})
     calibrated, prior = SimulatedSurface.of(metadata), prior_of_model(metadata)
     np.testing.assert_allclose(calibrated.world.sensor_mm - metadata.layout_mm, [1.0, -2.0, 0.5, 0.0])
-    position, force = drawn(calibrated, 20, np.random.default_rng(10))
-    clean = calibrated.world.under(position, force)
-    measured = calibrated.world.measured(clean[:, None], calibrated.perfect(20))[:, 0]
-    np.testing.assert_allclose(measured, prior.measured(force[:, None] * prior.influence_at(position)), rtol=1e-5)
+    drawn = Drawn.of(calibrated, 20, np.random.default_rng(10))
+    clean = drawn.deflection_mm
+    measured = calibrated.world.measured(clean[:, None], drawn.perfect)[:, 0]
+    linear = drawn.force_n[:, None] * prior.influence_at(drawn.position_mm)
+    np.testing.assert_allclose(measured, prior.measured(linear), rtol=1e-5)
     every = np.ones(measured.shape, np.bool_)
     assert distances(calibrated, measured, every).max() < 0.05
     assert distances(calibrated, clean, every).min() > 1
@@ -241,7 +224,7 @@ def test_a_rig_that_cannot_be_as_stated_is_refused(bench: ModelFile) -> None:
 
 def test_a_slow_load_is_where_it_is_at_rest_and_a_fast_one_swings_around_it(surface: SimulatedSurface) -> None:
     def away_mm(speed_mm_per_s: float) -> float:
-        play = contacts.moves(surface, 20, np.random.default_rng(6), speed_mm_per_s=speed_mm_per_s)
+        play = contacts.moves(Drawn.of(surface, 20, np.random.default_rng(6)), speed_mm_per_s=speed_mm_per_s)
         # The force is the same at all times, so the deflection of the first reading tells it.
         shape = surface.world.influence(play.truth_mm)
         force = np.linalg.norm(play.deflection_mm[:, :1], axis=2) / np.linalg.norm(shape[:, :1], axis=2)

@@ -11,11 +11,10 @@ import tomli_w
 from beamtouch_daemon.config.settings import Surface as Settings
 from beamtouch_daemon.processing.at_rest import select_rest
 from beamtouch_daemon.processing.characteristic import Characteristic
-from beamtouch_daemon.processing.noise import Keys, keys_of, measure_noise
+from beamtouch_daemon.processing.noise import HIDDEN, Keys, keys_of, measure_noise
 from beamtouch_daemon.processing.pipeline import Pipeline
 from beamtouch_daemon.sources.reading import Reading
 from beamtouch_models.arrays import Floats
-from beamtouch_models.challenge.sensor_cases import COARSE, HIDDEN, coloured_times
 from beamtouch_models.error_model import whitening
 from beamtouch_models.estimators.onnx_graph import to_bytes
 from beamtouch_models.metadata import Sensor
@@ -138,16 +137,19 @@ def layout() -> Floats:
 
 
 @pytest.mark.parametrize(("steps", "alike"), [(16, 0.7), (8, 0.0)], ids=["coloured", "coarse ADC"])
-def test_the_challenge_states_what_noise_prints(steps: int, alike: float) -> None:
+def test_noise_prints_what_a_mean_of_such_readings_is_worth(steps: int, alike: float) -> None:
     count_mm = step_mm((1.0, 4.0), steps)
-    noise_mm = 0.0045 if alike else count_mm / COARSE
+    noise_mm = 0.0045 if alike else count_mm / 3
     real = scene_with(noise_mm=noise_mm, adc_bits=steps)
     line = Line(Surface.of(real).sensor, noise_mm, alike, 3)
     unmeasured = surface_of(real, line.sensor)
     recording = line.counts(np.zeros(CHANNELS), RECORDED, np.random.default_rng(5).uniform(-0.05, 0.05, CHANNELS))
     keys = keys_of(measure_noise(select_rest(recording, unmeasured, {}), unmeasured), unmeasured)
     if alike:
-        expected = noise_mm * coloured_times(alike, Surface.of(real).filter.window)
+        # Readings that are k apart are alike by r^k, and a mean of n holds n - k such pairs.
+        window = Surface.of(real).filter.window
+        apart = np.arange(1, window)
+        expected = noise_mm * np.sqrt(1 + 2 * np.sum((1 - apart / window) * alike**apart))
         assert keys.daemon_noise_mm == pytest.approx(expected, rel=0.12)  # the noisiest of four channels
         assert keys.adc_bits is None
     else:

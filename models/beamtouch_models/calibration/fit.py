@@ -10,11 +10,10 @@ loads that are left out of the fit.
 from dataclasses import astuple, dataclass
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from beamtouch_models.arrays import Floats
 from beamtouch_models.calibration.loads import Loads
-from beamtouch_models.calibration.theory import Fitted, Theory
+from beamtouch_models.calibration.theory import Fitted, Theory, best_step
 from beamtouch_models.health.residuals import LoadErrors, Residuals, leave_out
 from beamtouch_models.progress import Fraction
 
@@ -22,6 +21,10 @@ WORTH = 0.95
 """A kind of departure is added if it lowers the error of left-out loads to at most this fraction."""
 ROUNDS = 3
 """Largest number of times that the residual is estimated."""
+STEPS = 8
+"""Largest number of steps of a fit for one estimate of the residual."""
+CLOSE = 1e-3
+"""A fit ends with a step below this, in units of plausible departures."""
 PSEUDO_LOADS = 0.25
 """Weight of the stated errors, in loads; they matter where the loads tell little."""
 UPDATES = 10
@@ -109,29 +112,16 @@ def _covariance(weighed: Floats) -> Floats:
 def _solve(theory: Theory, loads: Loads, kinds: tuple[str, ...], vector: Floats, whitening: Floats) -> Floats:
     """Return the vector with the likeliest departures for this whitening of the residuals."""
     free = theory.free_of(kinds)
-    if not len(free):
-        return vector
-    is_measured = np.isfinite(loads.measured_mm)
-
-    def with_free(part: Floats) -> Floats:
-        moved = vector.copy()
-        moved[free] = part
-        return moved
-
-    def residuals(part: Floats) -> Floats:
-        expected_mm = theory.curve(with_free(part)).measured_mm(loads.position_mm, loads.force_n)
-        left_mm = np.where(is_measured, loads.measured_mm - expected_mm, 0.0)
-        return np.concatenate([(whitening @ left_mm[..., None]).ravel(), part])
-
-    def jacobian(part: Floats) -> Floats:
-        weighed = whitening @ _slopes(theory, loads, kinds, with_free(part))
-        return np.concatenate([-weighed.reshape(-1, len(free)), np.eye(len(part))])
-
     low, high = theory.bounds_of(free)
-    # The default method, "trf", cannot leave a start on a bound, and fixities start at 0.
-    start = np.clip(vector[free], low, high)
-    found = least_squares(residuals, start, jacobian, bounds=(low, high), method="dogbox", ftol=1e-5, max_nfev=30)
-    return with_free(found.x)
+    for _ in range(STEPS if len(free) else 0):
+        weighed = whitening @ _slopes(theory, loads, kinds, vector)
+        left = (whitening @ residuals_of(theory, loads, vector).left_mm[..., None])[..., 0]
+        step, _ = best_step(weighed, left, vector[free], 1.0, (low - vector[free], high - vector[free]))
+        vector = vector.copy()
+        vector[free] += step
+        if np.abs(step).max() < CLOSE:
+            break
+    return vector
 
 
 def _likely_errors(residuals: Residuals, about: LoadErrors, start: LoadErrors, freedom: float) -> LoadErrors:

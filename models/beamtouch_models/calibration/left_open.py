@@ -1,19 +1,16 @@
-"""The uncertainty that a fit to unlabelled contacts leaves: misfits of left-out contacts, and errors of the position.
+"""The uncertainty that a fit to unlabelled contacts leaves, as errors of the position.
 
 The errors of a fit are correlated across channels, and the largest of them lie along the influence curve, where
 residuals do not see them. The floor of a model is independent per channel. So it is scaled until it states the position
 error.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
 
 from beamtouch_models.arrays import Floats
-from beamtouch_models.calibration.contacts import UnlabelledContacts
-from beamtouch_models.calibration.unlabelled import ContactFit, locate
-from beamtouch_models.health.residuals import leave_out
+from beamtouch_models.calibration.unlabelled import ContactFit
 
 PLACES = 61
 """Number of contacts over the range at which errors are computed."""
@@ -23,37 +20,6 @@ ENOUGH = 0.75
 """Share of these contacts at which the floor states at least the position error that the fit leaves."""
 MIN_GAIN = 5e-4
 """Smallest floor of a gain: sensors and amplifiers are not steadier than that."""
-
-
-@dataclass(frozen=True)
-class HeldOut:
-    """Misfits of left-out contacts: sums of squares in units of noise and zero."""
-
-    before: float
-    """Median by the given model."""
-    after: float
-    """Median by fits without the contact."""
-    expected: float
-    """Median of contacts on a surface that is exactly as the model says."""
-
-
-def hold_out(fit: ContactFit, contacts: UnlabelledContacts, zero_mm: Floats) -> HeldOut:
-    """Leave out one contact at a time, by the leverages of the fit to all.
-
-    `zero_mm` (channels,) is the standard deviation of the zeros.
-    """
-    theory, errors = fit.theory, fit.theory.contact_errors
-    at = locate(theory, fit.vector, contacts, zero_mm, fit.left_error)
-    slopes = theory.slopes(fit.vector, at.position_mm, at.force_n, fit.kinds)
-    whitening = np.sqrt(fit.single)[:, None, None] * at.residuals.whitening(errors)
-    weighed = whitening @ slopes
-    left = leave_out((whitening @ at.residuals.left_mm[..., None])[..., 0], weighed, fit.covariance)
-    moved = np.einsum("lcv,vw,luw,lu->lc", slopes, fit.covariance, weighed, left)
-    noise_mm = contacts.noise_mm(zero_mm, 0.0)
-    without = replace(at.residuals, left_mm=at.residuals.left_mm + moved, noise_mm=noise_mm)
-    before = locate(theory, fit.start, contacts, zero_mm).residuals
-    given, fitted = (float(np.median(residuals.misfit(errors))) for residuals in (before, without))
-    return HeldOut(given, fitted, float(chi2.median(theory.degrees)))
 
 
 @dataclass(frozen=True)

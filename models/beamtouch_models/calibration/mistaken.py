@@ -6,7 +6,7 @@ Weisberg, Residuals and Influence in Regression, 1982, sec. 2.2). Two wrong load
 out as well if the rest disagrees.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -105,14 +105,12 @@ def mistaken(theory: Theory, loads: Loads, progress: Fraction = silent) -> tuple
     the mistaken one.
     """
     count = len(loads.number)
-    singles = []
-    for index in range(count):
-        progress(index / count)
-        singles.append(_without(theory, loads, (index,), rounds=1))
-    singles.sort(key=lambda trial: trial.fitted.scatter)
+    singles = _rank(theory, loads, [(index,) for index in range(count)], progress)
     best = _without(theory, loads, singles[0].left_out)
     if best.fitted.scatter > AGREED and count > MIN_FOR_PAIRS:
-        pair = _best_pair(theory, loads, [trial.left_out[0] for trial in singles[:PAIRED]], progress)
+        likely = {index for trial in singles[:PAIRED] for index in trial.left_out}
+        pairs = [pair for pair in combinations(range(count), 2) if not likely.isdisjoint(pair)]
+        pair = _without(theory, loads, _rank(theory, loads, pairs, progress)[0].left_out)
         if pair.contradicts(loads):
             return tuple(_suspect(pair.fitted, loads, index, certain=True) for index in pair.left_out)
     if not best.contradicts(loads):
@@ -126,14 +124,13 @@ def mistaken(theory: Theory, loads: Loads, progress: Fraction = silent) -> tuple
     return tuple(_suspect(trial.fitted, loads, *trial.left_out, certain=certain) for trial in like_it)
 
 
-def _best_pair(theory: Theory, loads: Loads, indices: list[int], progress: Fraction) -> _Trial:
-    every = combinations(range(len(loads.number)), 2)
-    pairs = [pair for pair in every if not set(pair).isdisjoint(indices)]
+def _rank(theory: Theory, loads: Loads, groups: Sequence[tuple[int, ...]], progress: Fraction) -> list[_Trial]:
+    """Return quick fits without each group of loads, that with the smallest scatter first."""
     trials = []
-    for number, pair in enumerate(pairs):
-        progress(number / len(pairs))
-        trials.append(_without(theory, loads, pair, rounds=1))
-    return _without(theory, loads, min(trials, key=lambda trial: trial.fitted.scatter).left_out)
+    for number, group in enumerate(groups):
+        progress(number / len(groups))
+        trials.append(_without(theory, loads, group, rounds=1))
+    return sorted(trials, key=lambda trial: trial.fitted.scatter)
 
 
 def _without(theory: Theory, loads: Loads, left_out: tuple[int, ...], rounds: int = ROUNDS) -> _Trial:

@@ -6,6 +6,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from scipy.optimize import lsq_linear
 
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.arrays import Floats, Indices
@@ -40,6 +41,8 @@ FIELDS = {
 """Kinds of departures, in the order of the vector, with their fields."""
 FACTORS = ("rigidity", "gain")
 """Kinds that enter the vector by their logarithm."""
+MAX_STEP = 2.0
+"""Bound of a step of a fit, in units of plausible departures: far off, the slopes are those of another surface."""
 STEP = 1e-4
 """Step of numerical derivatives, in units of the vector."""
 
@@ -188,6 +191,24 @@ class Theory:
         if "fixity" in self.kinds:
             low[self.kinds["fixity"]], high[self.kinds["fixity"]] = 0.0, MAX_FIXITY / FIXITY
         return low[free], high[free]
+
+
+def best_step(
+    weighed: Floats, left: Floats, off: Floats, about: Floats | float, bounds: tuple[Floats, Floats]
+) -> tuple[Floats, Floats]:
+    """Return the best step (departures,) of a fit from where it is, and the covariance of the departures.
+
+    Parameters
+    ----------
+    weighed, left : whitened slopes (loads, channels, departures), and whitened residuals (loads, channels)
+    off, about : how far the departures are from their prior means, and the standard deviations of their priors
+    bounds : smallest and largest step; it is at most MAX_STEP
+    """
+    precision = np.einsum("lcv,lcw->vw", weighed, weighed) + np.diag(np.ones(len(off)) / about**2)
+    pull, root = np.einsum("lcv,lc->v", weighed, left) - off / about**2, np.linalg.cholesky(precision)
+    low, high = np.clip(bounds[0], -MAX_STEP, -1e-9), np.clip(bounds[1], 1e-9, MAX_STEP)
+    step: Floats = lsq_linear(root.T, np.linalg.solve(root, pull), (low, high), method="bvls").x
+    return step, np.linalg.inv(precision)
 
 
 @dataclass(frozen=True)

@@ -11,11 +11,11 @@ things are estimated together with the departures, by expectation and maximisati
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import brentq, lsq_linear
+from scipy.optimize import brentq
 
 from beamtouch_models.arrays import Floats
 from beamtouch_models.calibration.contacts import UnlabelledContacts
-from beamtouch_models.calibration.theory import GAIN, OFFSET_NOISES, Fitted, Theory
+from beamtouch_models.calibration.theory import GAIN, OFFSET_NOISES, Fitted, Theory, best_step
 from beamtouch_models.health.residuals import Residuals
 
 MISFITS = (4.0, 16.0, 64.0, 256.0)
@@ -24,8 +24,6 @@ SHARES = (0.01, 0.5)
 """Bounds of the share of samples that are not a single contact."""
 MAX_FORCE_RATIO = 100.0
 """Largest force of a contact, over the largest of its scene. At a support, the best force may be any."""
-MAX_STEP = 2.0
-"""Bound of a step of a departure, in units of plausible ones: far off, the slopes are those of another surface."""
 ROUNDS = 12
 """Number of rounds of a fit; after eight, nothing changes by a tenth of its error."""
 MIN_SIZE, MAX_SIZE = 0.02, 1.5
@@ -129,10 +127,8 @@ def fit_contacts(
         about = np.maximum(np.where(sized, size, zeros[free]), MIN_SIZE**2)
         whitening = np.sqrt(single)[:, None, None] * at.residuals.whitening(errors)
         weighed, left = whitening @ slopes, (whitening @ at.residuals.left_mm[..., None])[..., 0]
-        precision = np.einsum("lcv,lcw->vw", weighed, weighed) + np.diag(about**-2)
-        pull = np.einsum("lcv,lc->v", weighed, left) - (vector - start)[free] / about**2
-        step = _step(precision, pull, *(bound - vector[free] for bound in bounds))
-        covariance = np.linalg.inv(precision)
+        room = bounds[0] - vector[free], bounds[1] - vector[free]
+        step, covariance = best_step(weighed, left, (vector - start)[free], about, room)
         vector = vector.copy()
         vector[free] += step
         used = len(free) - float((np.diag(covariance) / about**2).sum())
@@ -147,14 +143,6 @@ def fit_contacts(
     penalty = float((((vector - start)[free] / about) ** 2).sum())
     misfit = at.residuals.misfit(errors)
     return ContactFit(theory, kinds, vector, whole, start, size, left_error, at.position_mm, single, misfit, penalty)
-
-
-def _step(precision: Floats, pull: Floats, low: Floats, high: Floats) -> Floats:
-    """Return the best step between bounds."""
-    root = np.linalg.cholesky(precision)
-    bounds = np.clip(low, -MAX_STEP, -1e-9), np.clip(high, 1e-9, MAX_STEP)
-    step: Floats = lsq_linear(root.T, np.linalg.solve(root, pull), bounds, method="bvls").x
-    return step
 
 
 def _left_error(

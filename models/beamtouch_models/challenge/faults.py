@@ -9,8 +9,7 @@ from functools import partial
 import numpy as np
 
 from beamtouch_models.arrays import Floats
-from beamtouch_models.challenge.play import Case, Make, Play, drawn, settled
-from beamtouch_models.challenge.surface import SimulatedSurface
+from beamtouch_models.challenge.play import Case, Drawn, Make, Play
 from beamtouch_models.physics.beam import influence
 from beamtouch_models.world import SensorErrors
 
@@ -34,11 +33,9 @@ def fault_cases() -> list[Case]:
     """Return faults of single sensors, and loads that are not one contact."""
     makes: list[Make] = [
         stuck,
-        partial(wedged, touched=False),
-        partial(wedged, touched=True),
+        *(partial(wedged, touched=touched) for touched in (False, True)),
         noisy,
-        partial(drifted, touched=False),
-        partial(drifted, touched=True),
+        *(partial(drifted, touched=touched) for touched in (False, True)),
         *(partial(pulled, times=times) for times in PULLS),
         two_at_the_quarters,
         partial(two_contacts, apart=APART, ratio=1.0),
@@ -49,106 +46,74 @@ def fault_cases() -> list[Case]:
     return [Case(False, make) for make in makes]
 
 
-def stuck(surface: SimulatedSurface, draws: int, rng: np.random.Generator) -> Play:
+def _fault(at: Drawn, name: str, deflection_mm: Floats, fault: SensorErrors | None = None) -> Play:
+    """Return a play of a fault, on sensors that have their honest errors as well."""
+    fault = fault or at.perfect
+    errors = replace(fault, gain=fault.gain * at.honest.gain, zero_mm=fault.zero_mm + at.honest.zero_mm)
+    return at.settle(name, deflection_mm, errors, truth_mm=np.full(at.draws, np.nan), fault=fault)
+
+
+def _words(*, touched: bool) -> str:
+    return "contact" if touched else "no contact"
+
+
+def stuck(at: Drawn) -> Play:
     """Return contacts while one sensor shows rest, with its noise."""
-    position, force = drawn(surface, draws, rng)
-    one = _one(surface, draws, rng)
-    clean = np.where(one, 0.0, surface.world.under(position, force))
-    return _fault(surface, "one channel stuck at rest", clean, rng, one=one)
+    return _fault(at, "one channel stuck at rest", np.where(at.one, 0.0, at.deflection_mm))
 
 
-def wedged(surface: SimulatedSurface, draws: int, rng: np.random.Generator, *, touched: bool) -> Play:
+def wedged(at: Drawn, *, touched: bool) -> Play:
     """Return a sensor that shows a deflection of its own, with or without a contact."""
-    one = _one(surface, draws, rng)
-    clean = one * WEDGE * surface.metadata.max_deflection_mm + _clean(surface, draws, rng, touched=touched)
-    return _fault(surface, f"one channel wedged, {'contact' if touched else 'no contact'}", clean, rng, one=one)
+    wedge_mm = WEDGE * at.surface.metadata.max_deflection_mm * at.one
+    return _fault(at, f"one channel wedged, {_words(touched=touched)}", at.deflection_mm * touched + wedge_mm)
 
 
-def drifted(surface: SimulatedSurface, draws: int, rng: np.random.Generator, *, touched: bool) -> Play:
+def drifted(at: Drawn, *, touched: bool) -> Play:
     """Return a sensor whose zero has drifted, in either direction, with or without a contact."""
-    either = rng.choice([-1.0, 1.0], size=(draws, 1))
-    one = _one(surface, draws, rng)
-    off = replace(surface.perfect(draws), zero_mm=one * either * DRIFT * surface.metadata.noise.reading_mm)
-    name = f"one channel drifted, {'contact' if touched else 'no contact'}"
-    return _fault(surface, name, _clean(surface, draws, rng, touched=touched), rng, off, one)
+    either = at.rng.choice([-1.0, 1.0], size=(at.draws, 1))
+    off = replace(at.perfect, zero_mm=at.one * either * DRIFT * at.surface.metadata.noise.reading_mm)
+    return _fault(at, f"one channel drifted, {_words(touched=touched)}", at.deflection_mm * touched, off)
 
 
-def noisy(surface: SimulatedSurface, draws: int, rng: np.random.Generator) -> Play:
+def noisy(at: Drawn) -> Play:
     """Return contacts while one channel is many times as noisy as stated."""
-    one = _one(surface, draws, rng)
-    louder = np.where(one, NOISY, 1.0)
-    off, clean = replace(surface.perfect(draws), noise=louder), _clean(surface, draws, rng, touched=True)
-    return replace(_fault(surface, f"one channel {NOISY:g} times as noisy", clean, rng, off, one), noisy=louder)
+    louder = replace(at.perfect, noise=np.where(at.one, NOISY, 1.0))
+    return _fault(at, f"one channel {NOISY:g} times as noisy", at.deflection_mm, louder)
 
 
-def pulled(surface: SimulatedSurface, draws: int, rng: np.random.Generator, *, times: float) -> Play:
+def pulled(at: Drawn, *, times: float) -> Play:
     """Return forces away from the sensors."""
-    position, _ = drawn(surface, draws, rng)
-    force = np.full(draws, -times * surface.metadata.ranges.force_n[0])
-    name = f"pull of {times:g} times the smallest force"
-    return _fault(surface, name, surface.world.under(position, force), rng)
+    force = np.full(at.draws, -times * at.surface.metadata.ranges.force_n[0])
+    return _fault(at, f"pull of {times:g} times the smallest force", at.surface.world.under(at.position_mm, force))
 
 
-def two_contacts(
-    surface: SimulatedSurface, draws: int, rng: np.random.Generator, *, apart: float, ratio: float
-) -> Play:
+def two_contacts(at: Drawn, *, apart: float, ratio: float) -> Play:
     """Return two contacts at once, some part of the range apart, the second with `ratio` times the force."""
-    low, high = surface.metadata.ranges.position_mm
-    _, force = drawn(surface, draws, rng)
-    first = rng.uniform(low, high - apart * (high - low), size=draws)
+    low, high = at.surface.metadata.ranges.position_mm
+    first = at.rng.uniform(low, high - apart * (high - low), size=at.draws)
     second = first + apart * (high - low)
-    swapped = rng.random(draws) < 0.5
+    swapped = at.rng.random(at.draws) < 0.5
     first, second = np.where(swapped, second, first), np.where(swapped, first, second)
-    shares = force / (1 + ratio), force * ratio / (1 + ratio)
-    clean = surface.world.under(first, shares[0]) + surface.world.under(second, shares[1])
+    share = at.force_n / (1 + ratio)
+    clean = at.surface.world.under(first, share) + at.surface.world.under(second, ratio * share)
     name = f"two contacts {apart:g} of the range apart" + (f", 1:{ratio:g}" if ratio != 1 else "")
-    return _fault(surface, name, clean, rng)
+    return _fault(at, name, clean)
 
 
-def two_at_the_quarters(surface: SimulatedSurface, draws: int, rng: np.random.Generator) -> Play:
+def two_at_the_quarters(at: Drawn) -> Play:
     """Return two equal contacts, each a quarter of the range from an end."""
-    low, high = surface.metadata.ranges.position_mm
-    force = np.full(draws, AT_THE_QUARTERS * surface.metadata.ranges.force_n[1])
-    places = (np.full(draws, low + part * (high - low)) for part in (0.25, 0.75))
-    clean: Floats = np.sum([surface.world.under(place, force) for place in places], axis=0)
-    return _fault(surface, "two contacts at the quarters", clean, rng)
+    low, high = at.surface.metadata.ranges.position_mm
+    force_n = AT_THE_QUARTERS * at.surface.metadata.ranges.force_n[1]
+    places = low + np.array([0.25, 0.75]) * (high - low)
+    both = at.surface.world.under(places, np.full(2, force_n)).sum(axis=0)
+    return _fault(at, "two contacts at the quarters", np.tile(both, (at.draws, 1)))
 
 
-def distributed(surface: SimulatedSurface, draws: int, rng: np.random.Generator, *, part: float) -> Play:
+def distributed(at: Drawn, *, part: float) -> Play:
     """Return loads that press evenly on a part of the beam."""
-    width_mm = part * surface.world.beam.length_mm
-    low, high = surface.metadata.ranges.position_mm
-    middle = rng.uniform(min(low + width_mm / 2, (low + high) / 2), max(high - width_mm / 2, (low + high) / 2), draws)
-    _, force = drawn(surface, draws, rng)
-    clean = influence(surface.world.beam, surface.world.sensor_mm, middle, width_mm) * force[:, None]
-    name = f"load spread over {100 * part:g} % of the beam"
-    return _fault(surface, name, clean, rng)
-
-
-def _fault(
-    surface: SimulatedSurface,
-    name: str,
-    deflection_mm: Floats,
-    rng: np.random.Generator,
-    fault: SensorErrors | None = None,
-    one: Floats | None = None,
-) -> Play:
-    """Return a play of a fault, on sensors that have their honest errors as well.
-
-    `one` is 1 for the channel of each draw that is wrong, and 0 for the others.
-    """
-    draws = len(deflection_mm)
-    honest, fault = surface.honest(draws, rng), fault or surface.perfect(draws)
-    errors = replace(fault, gain=fault.gain * honest.gain, zero_mm=fault.zero_mm + honest.zero_mm)
-    play = settled(surface, name, deflection_mm, errors, faulty=fault)
-    return replace(play, naming=True, wrong=None if one is None else np.argmax(one, axis=1))
-
-
-def _clean(surface: SimulatedSurface, draws: int, rng: np.random.Generator, *, touched: bool) -> Floats:
-    position, force = drawn(surface, draws, rng)
-    return surface.world.under(position, force) * touched
-
-
-def _one(surface: SimulatedSurface, draws: int, rng: np.random.Generator) -> Floats:
-    """Return 1 for one channel of each draw, and 0 for the others."""
-    return np.eye(surface.channels)[rng.integers(surface.channels, size=draws)]
+    world, (low, high) = at.surface.world, at.surface.metadata.ranges.position_mm
+    width_mm = part * world.beam.length_mm
+    margin_mm = min(width_mm, high - low) / 2
+    middle = at.rng.uniform(low + margin_mm, high - margin_mm, at.draws)
+    clean = influence(world.beam, world.sensor_mm, middle, width_mm) * at.force_n[:, None]
+    return _fault(at, f"load spread over {100 * part:g} % of the beam", clean)

@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass, fields
 from enum import IntEnum
-from typing import Self
 
 import numpy as np
 
@@ -10,9 +9,6 @@ from beamtouch_models.arrays import Bools, Floats, Indices
 from beamtouch_models.challenge.surface import SimulatedSurface
 from beamtouch_models.decision.decider import AT_REST, Hypotheses, State
 from beamtouch_models.decision.evidence import Weighed, evidence, is_overload, is_unchecked
-from beamtouch_models.decision.suspects import Suspects
-from beamtouch_models.filters import Chain
-from beamtouch_models.metadata import Metadata
 from beamtouch_models.pricing.noise import chain_of
 from beamtouch_models.session import Run
 
@@ -25,10 +21,6 @@ class Said(IntEnum):
     CLEAR = 1
     CONTACT = 2
     UNEXPLAINED = 3
-
-
-NOBODY = -1
-"""Index of a channel where none is said to be wrong."""
 
 
 _SAID = {State.CLEAR: Said.CLEAR, State.CONTACT: Said.CONTACT, State.UNEXPLAINED: Said.UNEXPLAINED}
@@ -47,21 +39,16 @@ class Judged:
     low_mm: Floats
     high_mm: Floats
     """NaN where nothing is said."""
-    suspect: Indices
-    """Index of the channel that `check-NAME` names; NOBODY if there is none."""
-    mean_mm: Floats
-    """(draws, samples, channels); 0 for a channel that takes no part."""
     valid: Bools
     """(draws, samples, channels), which channels take part."""
 
     @classmethod
-    def silent(cls, mean_mm: Floats, valid: Bools) -> Self:
+    def silent(cls, valid: Bools) -> "Judged":
         """Return statements of which there are none yet."""
-        shape = mean_mm.shape[:2]
+        shape = valid.shape[:2]
         position, low, high = np.full((3, *shape), np.nan)
         unsteady, other = np.zeros((2, *shape), np.bool_)
-        nothing, nobody = np.full(shape, Said.NOTHING), np.full(shape, NOBODY)
-        return cls(nothing, unsteady, other, position, low, high, nobody, mean_mm, valid)
+        return cls(np.full(shape, Said.NOTHING), unsteady, other, position, low, high, valid)
 
     def at(self, readings: list[int]) -> "Judged":
         """Return the statements at some readings of each draw, as one axis of samples."""
@@ -69,75 +56,52 @@ class Judged:
         return Judged(*(part.reshape(-1, *part.shape[2:]) for part in parts))
 
 
-def _chain_of(surface: SimulatedSurface) -> Chain:
-    """Return the filters of a surface's model."""
-    stated = surface.metadata
-    per_count_mm = stated.sensor.gain_mm_per_count
-    return chain_of(stated.filter, surface.channels, stated.noise.reading_mm, per_count_mm, surface.slowest_period)
-
-
 def judge(
-    surface: SimulatedSurface,
-    run: Run,
-    readings_mm: Floats,
-    first: int = 0,
-    *,
-    lost: Bools | None = None,
-    naming: bool = False,
+    surface: SimulatedSurface, run: Run, readings_mm: Floats, first: int = 0, *, lost: Bools | None = None
 ) -> Judged:
     """Return the statements of a surface's model on each reading (draws, readings, channels); draws begin anew.
 
-    There is none on the readings before number `first`, and on those that are `lost` (draws, readings). With `naming`,
-    suspects are sought as in the service, which takes time.
+    There is none on the readings before number `first`, and on those that are `lost` (draws, readings).
     """
-    metadata, chain = surface.metadata, _chain_of(surface)
+    metadata, length = surface.metadata, readings_mm.shape[1]
     came = np.ones(readings_mm.shape[:2], np.bool_) if lost is None else ~lost
-    filtered = []
-    for readings, there in zip(readings_mm, came, strict=True):
-        chain.restart()
-        skipped = np.diff(np.flatnonzero(there), prepend=-1) - 1
-        filtered.append(chain.apply(readings[there], skipped.tolist()))
-    mean, variance = np.full(readings_mm.shape, np.nan), np.full(readings_mm.shape, np.nan)
-    covariance = np.zeros((*readings_mm.shape, surface.channels))
-    mean[came] = np.concatenate([one.mean_mm for one in filtered])
-    variance[came] = np.concatenate([one.relative_variance for one in filtered])
-    covariance[came] = np.concatenate([one.covariance_mm2 for one in filtered])
-    # A channel whose newest reading is not good takes no part, whatever its filter still holds.
-    valid = ~(np.isnan(mean) | np.isnan(readings_mm))
-    mean = np.where(valid, mean, 0.0)
-    samples = Weighed(
-        np.concatenate(mean),
-        np.concatenate(covariance),
-        np.nan_to_num(np.concatenate(variance)) * metadata.noise.reading_mm**2,
-        np.concatenate(valid),
-    )
-    length, before, decider = readings_mm.shape[1], -1, Hypotheses(metadata.thresholds, [AT_REST])
-    judged = Judged.silent(mean, valid)
+    samples = _filter(surface, readings_mm, came)
+    judged = Judged.silent(samples.valid.reshape(readings_mm.shape))
     asked = np.arange(len(samples.valid)) % length >= first
     enough = np.flatnonzero(asked & came.ravel() & (samples.valid.sum(axis=1) >= metadata.min_channels))
     found = evidence(metadata, run, samples.part(enough)) if len(enough) else []
+    draw, decider = -1, Hypotheses(metadata.thresholds, [AT_REST])
     for index, one in zip(enough.tolist(), found, strict=True):
-        if index // length != before:
-            before, decider = index // length, Hypotheses(metadata.thresholds, [AT_REST])
+        if index // length != draw:
+            draw, decider = index // length, Hypotheses(metadata.thresholds, [AT_REST])
         verdict, at = decider.step(one), divmod(index, length)
         judged.said[at], judged.unsteady[at] = _SAID[verdict.state], verdict.unsteady
         if verdict.state is State.CONTACT:
             judged.other_note[at] = is_overload(metadata, one) or is_unchecked(one)
             judged.position_mm[at] = one.answer["position_mm"]
             judged.low_mm[at], judged.high_mm[at] = one.answer["position_low_mm"], one.answer["position_high_mm"]
-    if naming:
-        _name_suspects(metadata, run, samples, judged)
     return judged
 
 
-def _name_suspects(metadata: Metadata, run: Run, samples: Weighed, judged: Judged) -> None:
-    """Add the suspect of each unexplained sample."""
-    suspects, names = Suspects(metadata, run), [channel.name for channel in metadata.layout]
-    unexplained = np.flatnonzero(judged.said == Said.UNEXPLAINED).tolist()
-    without = suspects.leave_out(samples.part(np.array(unexplained, np.intp)))
-    for before, index, left in zip([NOBODY, *unexplained], unexplained, without, strict=False):
-        if index != before + 1 or index % judged.said.shape[1] == 0:
-            suspects.clear()
-        suspects.add(left)
-        if suspects.suspect is not None:
-            judged.suspect.flat[index] = names.index(suspects.suspect)
+def _filter(surface: SimulatedSurface, readings_mm: Floats, came: Bools) -> Weighed:
+    """Return the samples of all readings (draws x readings), behind the filters of the surface's model."""
+    metadata, channels = surface.metadata, surface.channels
+    noise_mm, per_count_mm = metadata.noise.reading_mm, metadata.sensor.gain_mm_per_count
+    chain = chain_of(metadata.filter, channels, noise_mm, per_count_mm, surface.slowest_period)
+    mean, variance = np.full((2, *readings_mm.shape), np.nan)
+    covariance = np.zeros((*readings_mm.shape, channels))
+    for draw, (readings, there) in enumerate(zip(readings_mm, came, strict=True)):
+        chain.restart()
+        skipped = np.diff(np.flatnonzero(there), prepend=-1) - 1
+        filtered = chain.apply(readings[there], skipped.tolist())
+        mean[draw, there], variance[draw, there] = filtered.mean_mm, filtered.relative_variance
+        covariance[draw, there] = filtered.covariance_mm2
+    # A channel whose newest reading is not good takes no part, whatever its filter still holds.
+    valid = ~(np.isnan(mean) | np.isnan(readings_mm))
+    every = (-1, channels)
+    return Weighed(
+        np.where(valid, mean, 0.0).reshape(every),
+        covariance.reshape(-1, channels, channels),
+        np.nan_to_num(variance).reshape(every) * noise_mm**2,
+        valid.reshape(every),
+    )

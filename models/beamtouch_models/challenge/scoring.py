@@ -1,59 +1,25 @@
-"""Scores of a model's statements on samples, against the truth, and of the channels that it names."""
+"""Scores of a model's statements on samples, against the truth and against the goals."""
 
-import math
-from dataclasses import dataclass, replace
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import bdtrc
 
-from beamtouch_models.accuracy.forces import MAX_FORCE_RATIO, TAIL
-from beamtouch_models.accuracy.posterior import posterior_quantiles
-from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.arrays import Bools, Floats, Indices
-from beamtouch_models.challenge.judge import NOBODY, Judged, Said, judge
-from beamtouch_models.challenge.play import Play
-from beamtouch_models.challenge.surface import SimulatedSurface
-from beamtouch_models.decision.suspects import SAMPLES
-from beamtouch_models.session import Run
+from beamtouch_models.challenge.judge import Judged, Said
 
-DRAWS = 25
-"""Number of draws that are followed; each unexplained sample of them is asked about without each of its channels."""
-
-
-class Naming(NamedTuple):
-    """How often a channel is named, as shares of the samples that are unexplained; None if there are none."""
-
-    named: float | None
-    """The channel that is wrong."""
-    misnamed: float | None
-    """A channel that is not wrong."""
-    samples: int
-    """Number of samples that are unexplained."""
-
-
-def naming(surface: SimulatedSurface, run: Run, play: Play, rng: np.random.Generator) -> Naming:
-    """Return which channel is named when the last reading of a play has lasted for as long as suspects are sought."""
-    deflection_mm = np.repeat(play.deflection_mm[:DRAWS, -1:], surface.look_back + SAMPLES, axis=1)
-    errors = play.errors
-    some = replace(
-        errors,
-        gain=errors.gain[:DRAWS],
-        zero_mm=errors.zero_mm[:DRAWS],
-        noise=errors.noise[:DRAWS],
-        missing=errors.missing[:DRAWS],
-    )
-    said = judge(surface, run, surface.world.readings(deflection_mm, some, rng), naming=True).at([-1])
-    wrong = np.full(len(said.said), NOBODY) if play.wrong is None else play.wrong[:DRAWS]
-    there = said.said == Said.UNEXPLAINED
-    if not there.any():
-        return Naming(None, None, 0)
-    anyone = said.suspect != NOBODY
-    right = anyone & (said.suspect == wrong)
-    return Naming(float(right[there].mean()), float((anyone & ~right)[there].mean()), int(there.sum()))
-
-
-LOW, HIGH = 0.025, 0.975
-"""Quantiles at the ends of an interval."""
+MISLEADING = 0.005
+"""Largest share of samples of honest contacts that may mislead."""
+GHOSTS = 0.005
+"""Largest share of courses in which a contact may begin more than once."""
+HELD, HELD_UNSTEADY = 0.93, 0.90
+"""Least share of intervals that hold the truth, without a note and with `unsteady`."""
+NOTICED, LIKELY = 0.9, 0.5
+"""Least share of the power that is to be noticed, where the power is above LIKELY."""
+NOTED = 0.01
+"""Largest share of settled contacts within the ranges that may carry a note."""
+CHANCE = 0.01
+"""Probability that a row which just meets a goal is said to miss it."""
 
 
 @dataclass(frozen=True)
@@ -89,21 +55,15 @@ class Row:
     position than twice the half-interval on its side."""
     interval_mm: float | None
     """Median length of the intervals, with and without a note."""
-    width: float | None
-    """Median interval of contacts that are not `unsteady`, over that of the exact posterior under the true errors."""
     ghosts: float | None = None
     """Share of all draws in which a contact begins more than once; stated in the last row of a course."""
     noticed: float | None = None
     """Share of a fault's samples that are unexplained or noted; None for honest contacts."""
     power: float | None = None
     """The same for a test that knows what happened, at the same false rate."""
-    naming: Naming | None = None
-    """Shares of samples that name a channel, where that is scored."""
 
 
-def scored(
-    name: str, said: Judged, truth_mm: Floats, *, honest: bool, quiet: bool = False, exact_mm: Floats | None = None
-) -> Row:
+def scored(name: str, said: Judged, truth_mm: Floats, *, honest: bool, quiet: bool = False) -> Row:
     """Return the row of some samples.
 
     Parameters
@@ -111,7 +71,6 @@ def scored(
     name, honest, quiet : name and group of the row
     said : the statements on the samples (samples,)
     truth_mm : (samples,) positions of the contacts; NaN where there is no single contact
-    exact_mm : (samples,) lengths of the intervals of the exact posterior; None if there is none
     """
     single = ~np.isnan(truth_mm)
     contact = said.said == Said.CONTACT
@@ -121,7 +80,6 @@ def scored(
     unexplained = float((said.said == Said.UNEXPLAINED).mean())
     error = np.abs(said.position_mm - truth_mm)[contact & single]
     length = said.high_mm - said.low_mm
-    steady = contact & ~said.unsteady
     noticed = None if honest else unexplained + float(noted.mean())
     return Row(
         name=name,
@@ -140,7 +98,6 @@ def scored(
         silent=float((said.said == Said.NOTHING).mean()),
         misleading=float((plain & _misleads(said, truth_mm)).mean()),
         interval_mm=float(np.median(length[contact])) if contact.any() else None,
-        width=None if exact_mm is None or not steady.any() else float(np.median((length / exact_mm)[steady])),
         noticed=noticed,
     )
 
@@ -169,21 +126,30 @@ def _share(happened: Bools, among: Bools) -> float | None:
     return float(happened[among].mean()) if among.any() else None
 
 
-def exact_intervals_mm(prior: Prior, said: Judged, *, any_force: bool = False) -> Floats:
-    """Return the lengths (samples,) of the exact intervals of settled samples; NaN where too few channels work.
-
-    Without a known range, the prior of the force is even, up to the largest force that an estimator considers.
-    """
-    tail = 0.0 if any_force else TAIL
-    if any_force:
-        prior = replace(prior, force_n=(0.0, MAX_FORCE_RATIO * prior.force_n[1]))
-    found = np.full(len(said.said), math.nan)
-    answered = np.flatnonzero(said.said != Said.NOTHING)
-    if not len(answered):
+def misses(row: Row) -> list[str]:
+    """Return the goals that a row misses by more than chance explains, each in a few words."""
+    found = []
+    if row.honest:
+        if _exceeds(row.misleading, row.samples, MISLEADING):
+            found.append(f"misleading {row.misleading:.1%}")
+        if row.ghosts is not None and _exceeds(row.ghosts, row.samples, GHOSTS):
+            found.append(f"ghosts {row.ghosts:.1%}")
+        for share, number, goal, when in (
+            (row.held, row.plain, HELD, ""),
+            (row.held_unsteady, row.unsteady, HELD_UNSTEADY, " when unsteady"),
+        ):
+            if share is not None and _exceeds(1 - share, number, 1 - goal):
+                found.append(f"held {share:.0%}{when}")
+        if row.quiet and _exceeds(row.noted, row.samples, NOTED):
+            found.append(f"noted {row.noted:.1%}")
         return found
-    samples, valid = said.mean_mm[answered], said.valid[answered]
-    levels = np.tile([LOW, HIGH], (len(samples), 1))
-    whitening = prior.whitening(samples, valid)
-    quantiles = posterior_quantiles(prior, samples, levels, whitening_per_mm=whitening, tail=tail)[0]
-    found[answered] = quantiles[:, 1] - quantiles[:, 0]
+    power, noticed = row.power or 0.0, row.noticed or 0.0
+    if power > LIKELY and _exceeds(1 - noticed, row.samples, 1 - NOTICED * power):
+        found.append(f"noticed {noticed:.0%} of {power:.0%}")
     return found
+
+
+def _exceeds(share: float, number: int, goal: float) -> bool:
+    """Return whether a share is above its goal by more than chance explains."""
+    count = round(share * number)
+    return count > 0 and bool(bdtrc(count - 1, number, goal) < CHANCE)

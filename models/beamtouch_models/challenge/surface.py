@@ -16,18 +16,6 @@ SPARE = 8
 
 
 @dataclass(frozen=True)
-class Stated:
-    """Figures that `beamtouch-daemon noise` prints for sensors whose noise is not what the model assumes."""
-
-    noise_mm: float
-    """Noise of a reading, in the daemon's configuration."""
-    zero_mm: float
-    """Error of the zero, in the floor of a model that is built again."""
-    step_mm: float
-    """Step of the ADC, in the daemon's configuration."""
-
-
-@dataclass(frozen=True)
 class SimulatedSurface:
     """A surface and its model."""
 
@@ -60,20 +48,6 @@ class SimulatedSurface:
         world = World.of(surface.stated, metadata.sensor, metadata.layout_mm, noise_mm, metadata.departures)
         return cls(metadata, surface.stated, world, surface.slowest_period, gain, zero_mm)
 
-    def stating(self, stated: Stated) -> Self:
-        """Return the surface with the figures that a user states for its sensors."""
-        metadata, channels = self.metadata, self.channels
-        return replace(
-            self,
-            metadata=metadata.model_copy(
-                update={
-                    "noise": metadata.noise.model_copy(update={"reading_mm": stated.noise_mm}),
-                    "floor": metadata.floor.model_copy(update={"zero_mm": [stated.zero_mm] * channels}),
-                    "sensor": metadata.sensor.model_copy(update={"gain_mm_per_count": stated.step_mm}),
-                }
-            ),
-        )
-
     @property
     def channels(self) -> int:
         """Number of channels."""
@@ -94,12 +68,8 @@ class SimulatedSurface:
         """Number of readings after which the state of the surface has followed a settled filter."""
         return 2 * self.metadata.filter.window + int(np.ceil(self.slowest_period)) + SPARE
 
-    def perfect(self, draws: int) -> SensorErrors:
-        """Return sensors without errors."""
-        return SensorErrors.none(draws, self.channels)
-
     def honest(self, draws: int, rng: np.random.Generator) -> SensorErrors:
         """Return errors as large as the scene states, or as the calibration left."""
         shape = (draws, self.channels)
         gain, zero_mm = 1 + rng.normal(size=shape) * self.gain, rng.normal(size=shape) * self.zero_mm
-        return replace(self.perfect(draws), gain=gain, zero_mm=zero_mm)
+        return replace(SensorErrors.none(*shape), gain=gain, zero_mm=zero_mm)

@@ -131,6 +131,7 @@ def _calibrate_with_loads(model: ModelFile, options: argparse.Namespace) -> Told
 def _calibrate_with_contacts(model: ModelFile, options: argparse.Namespace) -> Told:
     """Calibrate a model with unlabelled contacts; says which contacts are left out, and which zeros moved."""
     import numpy as np
+    from scipy.stats import chi2
 
     from beamtouch_models.calibration.contacts import read_contacts
     from beamtouch_models.calibration.self_calibrate import KINDS, self_calibrate
@@ -151,7 +152,8 @@ def _calibrate_with_contacts(model: ModelFile, options: argparse.Namespace) -> T
     with shown_progress() as progress:
         calibrated = self_calibrate(model, contacts, progress)
     metadata, fit = calibrated.metadata, calibrated.found.fit
-    held, left_open = calibrated.found.held_out, calibrated.found.left_open
+    found, left_open = calibrated.found, calibrated.found.left_open
+    expected = float(chi2.median(fit.theory.degrees))
     # Errors of gains without the common scale, which is the force's.
     errors = fit.theory.standard_errors(fit.vector, np.sqrt(np.diag(left_open.relative)))
     words = _departures_in_words(metadata, fit.departures, errors)
@@ -161,7 +163,7 @@ def _calibrate_with_contacts(model: ModelFile, options: argparse.Namespace) -> T
     before, after = (_percent(one.floor.gain) for one in (model.metadata, metadata))
     fields = {
         "standard_errors": {kind: values.tolist() for kind, values in errors.items() if kind in KINDS},
-        "misfit": {"before": held.before, "after": held.after, "expected": held.expected},
+        "misfit": {"before": found.misfit_before, "after": found.misfit_after, "expected": expected},
         "changed_mm": changed_mm,
         "open_mm": open_mm,
         "single_contacts": single,
@@ -173,8 +175,8 @@ def _calibrate_with_contacts(model: ModelFile, options: argparse.Namespace) -> T
         *((kind, words[kind]) for kind in KINDS),
         (
             "misfit",
-            f"{digits(held.before, 3)} before, {digits(held.after, 3)} after, each by a fit without the contact "
-            f"(medians; {digits(held.expected, 3)} from noise alone)",
+            f"{digits(found.misfit_before, 3)} before, {digits(found.misfit_after, 3)} after (medians; "
+            f"{digits(expected, 3)} from noise alone)",
         ),
         (
             "position",

@@ -41,7 +41,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> None:
     """Challenge the model and print the rows of both groups."""
     from beamtouch_models import loading
-    from beamtouch_models.challenge.challenge import challenge, misses
+    from beamtouch_models.challenge.challenge import challenge
+    from beamtouch_models.challenge.scoring import misses
     from beamtouch_models.workers import spread_over
 
     content = loading.read(options.model)
@@ -52,7 +53,7 @@ def run(options: argparse.Namespace) -> None:
         raise InputError(message)
     with spread_over(options.workers, options.cluster) as spread, shown_progress() as progress:
         rows = challenge(content, draws=options.draws, seed=options.seed, progress=progress, spread=spread)
-    told = [asdict(row) | {"naming": _naming(row), "misses": misses(row)} for row in rows]
+    told = [asdict(row) | {"misses": misses(row)} for row in rows]
     fields = {"model": model.identity, "draws": options.draws, "seed": options.seed, "rows": told}
     title = f"{model.identity}, {options.draws} draws"
     missed = [f"{row['name']} ({', '.join(row['misses'])})" for row in told if row["misses"]]
@@ -67,17 +68,15 @@ def run(options: argparse.Namespace) -> None:
 
 FIRST = {"samples": "samples", "error mm": "error_mm", "held": "held"}
 SAID = {name: name for name in ("unexplained", "noted", "clear", "silent", "misleading")}
-HONEST = {
-    **FIRST, "unsteady": "held_unsteady", "other": "held_noted", **SAID, "ghosts": "ghosts",
-    "interval mm": "interval_mm", "over exact": "width",
-}  # fmt: skip
+OTHER = {"unsteady": "held_unsteady", "other": "held_noted"}
+HONEST = {**FIRST, **OTHER, **SAID, "ghosts": "ghosts", "interval mm": "interval_mm"}
 """The figures of a row under each heading."""
-FAULTS = {**FIRST, **SAID, "noticed": "noticed", "power": "power", "named": "named", "misnamed": "misnamed"}
-NO_SHARES = ("error_mm", "interval_mm", "width")
+FAULTS = {**FIRST, **SAID, "noticed": "noticed", "power": "power"}
+NO_SHARES = ("error_mm", "interval_mm")
 
 
 def _table(title: str, rows: Sequence[dict[str, Any]], columns: dict[str, str]) -> Table:
-    cells = [(row["name"], *(_cell(row | (row["naming"] or {}), key) for key in columns.values())) for row in rows]
+    cells = [(row["name"], *(_cell(row, key) for key in columns.values())) for row in rows]
     return Table(("case", *columns), cells, title, bold=[place for place, row in enumerate(rows) if row["misses"]])
 
 
@@ -90,15 +89,10 @@ def _cell(row: dict[str, Any], key: str) -> str:
     return "<0.01" if 0 < value < 1e-4 else digits(100 * value, 3)
 
 
-def _naming(row: Row) -> dict[str, float | None] | None:
-    return row.naming and {"named": row.naming.named, "misnamed": row.naming.misnamed}
-
-
 _LEGEND = """\
 All shares are in percent, and of all samples unless another number is named.
 held: intervals that hold the truth, of contacts without a note; unsteady, other: of those with this note, or another
 silent: no answer, as too few channels are within their range; ghosts: contacts that begin again, of the draws
 misleading: a contact without a note that is not there, or is further off than twice the half-interval
-interval: the median, with or without a note; over exact: without `unsteady`, over that of the exact posterior
-noticed: unexplained, or a contact with a note; power: of the test that knows what happened, at the same false rate
-named: `check-NAME` names the channel that is wrong, of samples that are unexplained for long; misnamed: another one"""
+interval: the median, with or without a note
+noticed: unexplained, or a contact with a note; power: of the test that knows what happened, at the same false rate"""

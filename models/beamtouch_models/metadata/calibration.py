@@ -76,6 +76,6 @@ class Calibration(MetadataPart):
     misfit_before: float | None = None
     """Median misfit of the contacts, without the floor; None without contacts."""
     misfit_after: float | None = None
-    """The same, each by a fit without it."""
+    """The same by the fit."""
     force_error: Deviation = 0.0
     """Relative error of all forces together, which unlabelled contacts leave; part of the intervals of the force."""

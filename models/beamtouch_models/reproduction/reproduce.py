@@ -5,17 +5,20 @@ from collections import Counter
 from dataclasses import asdict, dataclass
 from typing import Any
 
-import numpy as np
-
 from beamtouch_models.charts import draw, standalone
 from beamtouch_models.estimators.paper_network import MAX_EPOCHS
 from beamtouch_models.progress import Progress
-from beamtouch_models.reproduction.components import figure_2, figure_3, figure_4, figure_7
-from beamtouch_models.reproduction.figure_8 import NETWORKS, Layout, figure_8, layouts, performances
-from beamtouch_models.reproduction.finding import Figure, Row
+from beamtouch_models.reproduction.figure_8 import NETWORKS, figure_8, layouts_of, measure
+from beamtouch_models.reproduction.figures import (
+    figure_2,
+    figure_3,
+    figure_4,
+    figure_7,
+    figures_5_and_6,
+    misprints,
+)
 from beamtouch_models.reproduction.paper import TITLE
-from beamtouch_models.reproduction.printed import printed_rows
-from beamtouch_models.reproduction.search import figures_5_and_6
+from beamtouch_models.reproduction.statements import Figure, Row
 
 TABLE, RESULTS = "table.md", "results.json"
 
@@ -26,13 +29,12 @@ class Reproduction:
 
     seed: int
     figures: tuple[Figure, ...]
-    printed: tuple[Row, ...]
-    """Rows on misprints and imprecise statements."""
+    misprints: list[Row]
 
     @property
     def rows(self) -> list[Row]:
         """All rows of the table."""
-        return [row for figure in self.figures for row in figure.rows] + list(self.printed)
+        return [row for figure in self.figures for row in figure.rows] + self.misprints
 
     def files(self) -> dict[str, str]:
         """Return the text of every file, by name."""
@@ -45,7 +47,7 @@ class Reproduction:
             "paper": TITLE,
             "seed": self.seed,
             "rows": [asdict(row) for row in self.rows],
-            "figures": {str(figure.number): figure.results for figure in self.figures},
+            "figures": {str(figure.number): figure.results() for figure in self.figures},
         }
 
     def summary(self) -> str:
@@ -63,7 +65,7 @@ class Reproduction:
                 "",
                 f"![Figure {figure.number}]({figure.file_name})",
                 "",
-                f"Figure {figure.number}. {figure.caption}",
+                f"Figure {figure.number}. {figure.chart.says}.",
             ]
         return "\n".join(lines) + "\n"
 
@@ -82,17 +84,17 @@ def reproduce(seed: int, progress: Progress, *, networks: int = NETWORKS, max_ep
     progress("the paper's search", 0.02)
     search = figures_5_and_6(seed)
     progress("placing two to five sensors", 0.1)
-    placed = layouts(seed)
-    seventh = figure_7(np.array(placed[Layout(4, "optimised")]))
-    found = performances(
-        placed,
+    layouts = layouts_of(seed)
+    seventh = figure_7(layouts[4, "optimised"])
+    measured = measure(
+        layouts,
         seed,
         networks=networks,
         max_epochs=max_epochs,
         progress=lambda done: progress("training the paper's networks", 0.15 + 0.8 * done),
     )
     progress("done", 1.0)
-    return Reproduction(seed, (*first, *search, seventh, figure_8(found)), printed_rows())
+    return Reproduction(seed, (*first, *search, seventh, figure_8(measured)), misprints())
 
 
 def _cells(row: Row) -> tuple[str, str, str, str]:
