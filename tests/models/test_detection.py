@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from beamtouch_models.accuracy.evaluation import at_noise, estimates, seen_along
-from beamtouch_models.accuracy.touch_thresholds import size_per_n
+from beamtouch_models.accuracy.thresholds import size_per_n
 from beamtouch_models.detection import detection_of, extremes, missed_shares
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.surface import prior_of_model

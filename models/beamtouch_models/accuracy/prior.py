@@ -37,7 +37,7 @@ class SampleErrors:
     """Noise of a sample of the most readings; None: `noise_mm`."""
     rate_hz: float = 100.0
     """Readings per second."""
-    windows: tuple[int, ...] = (1, 24)
+    readings: int = 24
     """Readings in the means for which the threshold of misfit holds."""
 
     def variance_mm2(self, deflection_mm: Floats, moved_mm: Floats | float = 0.0) -> Floats:

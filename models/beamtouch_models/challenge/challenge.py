@@ -8,7 +8,7 @@ import numpy as np
 from scipy.special import bdtrc, chdtrc
 
 from beamtouch_models.accuracy.prior import Prior
-from beamtouch_models.accuracy.unexplained_thresholds import left_by_contact
+from beamtouch_models.accuracy.thresholds import left_by_contact
 from beamtouch_models.arrays import Bools, Floats
 from beamtouch_models.challenge.contacts import honest_cases, lossy_cases
 from beamtouch_models.challenge.faults import fault_cases
