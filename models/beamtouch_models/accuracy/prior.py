@@ -161,15 +161,8 @@ class Prior:
         return None if self.uncertain_at is None else CubicSpline(grid, self.uncertain_at(grid))
 
     def without(self, *missing: int) -> Self:
-        """Return the prior of the surface without some channels."""
+        """Return the prior of the surface without some channels; `measured` remains that of all."""
         kept = np.setdiff1d(np.arange(self.channels), missing)
-        whole = self.measured
-
-        def measured(deflection_mm: Floats) -> Floats:
-            every = np.zeros((len(deflection_mm), self.channels))
-            every[:, kept] = deflection_mm
-            return whole(every)[:, kept]
-
         influence = partial(_columns, self.influence_at, kept)
         uncertain = None if self.uncertain_at is None else partial(_columns, self.uncertain_at, kept)
         gain, zero_mm = (np.broadcast_to(value, self.channels)[kept] for value in (self.gain, self.zero_mm))
@@ -177,7 +170,6 @@ class Prior:
             self,
             channels=len(kept),
             influence_at=influence,
-            measured=measured,
             gain=gain,
             zero_mm=zero_mm,
             uncertain_at=uncertain,
