@@ -53,7 +53,7 @@ class Measured:
 
 
 def measure(estimator: Estimator, prior: Prior, surface: Surface, world: World, seed: int) -> Measured:
-    """Measure an estimator on simulated samples of its prior, using the two seeds after the next.
+    """Measure an estimator on simulated samples of its prior, using the seeds `seed` + 2 and `seed` + 3.
 
     `surface` is that of the model, `world` its simulation. Errors are those of `reach`.
     """
