@@ -1,7 +1,7 @@
 """False contacts and false stretches of `unexplained` per day: through a graph, over sequences of overlapping windows.
 
-Importance sampling over sequences, as in `beamtouch_models.accuracy.unexplained_thresholds`: zeros anywhere within
-twice their drift, evenly, and the errors of the gains likewise. A contact lasts from the threshold of touch to an
+Importance sampling over sequences (`rare_rest`): zeros anywhere within twice their drift, evenly, and the errors of the
+gains likewise. A contact lasts from the threshold of touch to an
 eighth of it, a stretch begins with three odd samples in a row.
 """
 
@@ -14,14 +14,14 @@ from scipy.special import gammaln
 
 from beamtouch_models.accuracy import limit
 from beamtouch_models.accuracy.prior import Prior
-from beamtouch_models.accuracy.rest import DRIFTS, log_tilt, overlapping_means, rest_like_contact, tilted
-from beamtouch_models.accuracy.touch_thresholds import (
+from beamtouch_models.accuracy.thresholds import (
+    DRIFTS,
     directions,
     noise_at_rest,
     rate_per_sample,
+    readings_alike,
     shapes_at_rest,
 )
-from beamtouch_models.accuracy.unexplained_thresholds import FARTHEST, Sequences, at_rest, windows_of
 from beamtouch_models.arrays import Floats
 from beamtouch_models.building.measure import thresholds_of
 from beamtouch_models.decision.decider import PERSISTENCE
@@ -33,6 +33,7 @@ from beamtouch_models.session import Run, runner
 from beamtouch_models.surface import Surface
 from example_scenes import SCENES
 from posterior_cases import graph_of
+from rare_rest import FARTHEST, Sequences, at_rest, log_tilt, overlapping_means, rest_like_contact, tilted
 from stated_problems import fewest_mm, real_prior
 
 LIFT = 1 / 8
@@ -66,6 +67,11 @@ class Watched:
         return {name: values.reshape(deflection_mm.shape[:-1]) for name, values in (*found.items(), ("rest", square))}
 
 
+def windows_of(chosen: FilterChoice) -> tuple[int, int]:
+    """Return the numbers of readings in a mean at which stretches are counted."""
+    return max(2, chosen.window), max(2, readings_alike(chosen))
+
+
 @cache
 def surface(name: str) -> Watched:
     """The surface of a shipped scene."""
@@ -73,7 +79,7 @@ def surface(name: str) -> Watched:
     built = Surface.of(scene)
     noise_mm = built.noise.sample_mm
     prior = real_prior(built.scene, fewest_mm(built.scene, noise_mm), noise_mm)
-    return Watched(scene, built.filter, prior, thresholds_of(prior, built, 1), runner(to_bytes(graph_of(prior))))
+    return Watched(scene, built.filter, prior, thresholds_of(prior, built), runner(to_bytes(graph_of(prior))))
 
 
 def false_contacts_per_day(on: Watched, kept: tuple[int, ...], draws: int, seed: int = 5) -> float:
@@ -95,7 +101,7 @@ def false_contacts_per_day(on: Watched, kept: tuple[int, ...], draws: int, seed:
 
 def false_stretches_per_day(on: Watched, kept: tuple[int, ...], draws: int, seed: int = 6) -> float:
     """Stretches per day that begin at rest while only `kept` are valid, in the worst of the filter's windows."""
-    return max(_stretches_at_rest(on, kept, max(2, window), draws, seed) for window in windows_of(on.filter))
+    return max(_stretches_at_rest(on, kept, window, draws, seed) for window in windows_of(on.filter))
 
 
 def _stretches_at_rest(on: Watched, kept: tuple[int, ...], window: int, draws: int, seed: int) -> float:

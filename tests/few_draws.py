@@ -8,23 +8,20 @@ import pytest
 
 @contextmanager
 def few_draws() -> Iterator[None]:
-    """Measure thresholds and accuracy on a few simulated samples."""
+    """Measure the accuracy on a few simulated samples."""
     # Here, as most folders of tests build no model, and each of their processes would take a second to import this.
-    from beamtouch_models.accuracy import unexplained_thresholds  # noqa: PLC0415
     from beamtouch_models.building import measure, since_touch  # noqa: PLC0415
 
     with pytest.MonkeyPatch.context() as fewer:
         fewer.setattr(measure, "ACCURACY_DRAWS", 512)
         fewer.setattr(since_touch, "KNOWN", 512)
-        fewer.setattr(unexplained_thresholds, "DRAWS", 512)
         yield
 
 
 @contextmanager
 def short_work() -> Iterator[None]:
     """Also score few layouts, draw few contacts for every figure, and time few inferences."""
-    from beamtouch_models.accuracy import evaluation  # noqa: PLC0415  # as above
-    from beamtouch_models.building import sensors, since_touch  # noqa: PLC0415
+    from beamtouch_models.building import sensors, since_touch  # noqa: PLC0415  # as above
     from beamtouch_models.building.report import facts  # noqa: PLC0415
     from beamtouch_models.commands import explain, place  # noqa: PLC0415
     from beamtouch_models.estimators import estimator  # noqa: PLC0415
@@ -44,7 +41,6 @@ def short_work() -> Iterator[None]:
             (since_touch, "CONTACTS", 8),
             (since_touch, "MOST", 64),
             (estimator, "DRAWS", 64),
-            (evaluation, "REST_DRAWS", 2**12),
             (facts, "PROFILE_DRAWS", 500),
             (facts, "LAYOUT_DRAWS", 200),
             (measure, "CALLS", 5),

@@ -10,8 +10,7 @@ from onnx import TensorProto, helper, numpy_helper
 
 from beamtouch_models.accuracy.forces import MAX_FORCE_RATIO
 from beamtouch_models.accuracy.prior import Prior
-from beamtouch_models.accuracy.rest import rest_like_contact
-from beamtouch_models.accuracy.touch_thresholds import directions
+from beamtouch_models.accuracy.thresholds import directions
 from beamtouch_models.arrays import Floats
 from beamtouch_models.error_model import whitening
 from beamtouch_models.estimators.onnx_graph import to_bytes
@@ -22,6 +21,7 @@ from beamtouch_models.placement.placing import place
 from beamtouch_models.scene import load_scene
 from beamtouch_models.session import Run, open_session, runner
 from example_scenes import SCENES
+from rare_rest import rest_like_contact
 from stated_problems import problem_in
 
 TINY = np.nextafter(np.float32(0), np.float32(1))

@@ -14,8 +14,7 @@ import numpy as np
 
 from beamtouch_common.digits import digits
 from beamtouch_models.accuracy.prior import Prior, SampleErrors
-from beamtouch_models.accuracy.touch_thresholds import rate_per_sample
-from beamtouch_models.accuracy.unexplained_thresholds import windows_of
+from beamtouch_models.accuracy.thresholds import rate_per_sample, readings_alike
 from beamtouch_models.arrays import Floats
 from beamtouch_models.errors import SceneError
 from beamtouch_models.filters import Chain
@@ -128,7 +127,7 @@ class Surface:
             self.scene.sensors.mounting_tolerance_mm,
             self.filter.min_noise_mm(noise),
             self.scene.sensors.rate_hz,
-            windows_of(self.filter),
+            readings_alike(self.filter),
         )
 
     @cached_property

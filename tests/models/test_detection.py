@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from beamtouch_models.accuracy.evaluation import at_noise, estimates
-from beamtouch_models.accuracy.touch_thresholds import SURELY, size_per_n, smallest_forces
+from beamtouch_models.accuracy.thresholds import SURELY, size_per_n, smallest_forces
 from beamtouch_models.description import extremes
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.surface import prior_of_model

@@ -2,9 +2,8 @@
 
 import numpy as np
 import pytest
-from scipy.special import chdtri
 
-from beamtouch_models.accuracy.unexplained_thresholds import unexplained_thresholds, windows_of
+from beamtouch_models.accuracy.thresholds import misfit_threshold, unexplained_thresholds
 from false_alarms import (
     false_contacts_per_day,
     false_stretches_of_contacts_per_day,
@@ -36,23 +35,24 @@ def test_false_stretches_come_at_most_once_a_day_at_rest_and_during_contacts(
     name: str, kept: tuple[int, ...], draws: int
 ) -> None:
     on = surface(name)
-    assert 0.05 < false_stretches_per_day(on, kept, draws) < 2
-    assert 0.2 < false_stretches_of_contacts_per_day(on, kept, draws) < 2
+    assert 0.01 < false_stretches_per_day(on, kept, draws) < 1
+    assert 0.03 < false_stretches_of_contacts_per_day(on, kept, draws) < 1
 
 
-def test_three_odd_means_of_four_in_a_row_allow_lower_thresholds_than_one() -> None:
-    on = surface("bench")
-    rest, misfit = unexplained_thresholds(on.prior, on.scene.sensors.rate_hz, window=4, seed=1)
-    for size in (1, 2, 3, 4):
-        # The chi-square quantile of one sample a day is 29 on one degree of freedom and 33 on two.
-        assert misfit[size - 1] < chdtri(max(1, size - 2), 1 / on.samples_per_day) - 6
-        assert misfit[size - 1] <= rest[size - 1]
+def test_thresholds_of_noise_alone_follow_the_chi_square_distribution() -> None:
+    # Once in 2e7 samples, the squares of 1, 2 and 6 directions exceed 29.7, 33.6 and 44.9 (tables).
+    for channels, square in ((3, 29.7), (4, 33.6), (8, 44.9)):
+        rate_hz = 0.5 / 86_400 * 2e7
+        # Means of very many readings are all alike.
+        assert misfit_threshold(1.0, channels, rate_hz, readings=63) == pytest.approx(square, rel=0.03)
+        # To raise three means of two readings takes twice the squares that raise one.
+        assert 0.4 * square < misfit_threshold(1.0, channels, rate_hz, readings=2) < 0.65 * square
 
 
-def test_thresholds_of_a_growing_mean_are_no_lower_than_those_of_its_shortest_and_its_long_means() -> None:
-    on = surface("bench")
-    assert len(windows_of(on.filter)) == 2
-    for window in windows_of(on.filter):
-        rest, misfit = unexplained_thresholds(on.prior, on.scene.sensors.rate_hz, window, seed=1)
-        assert all(np.array(on.thresholds.rest) >= rest)
-        assert all(np.array(on.thresholds.misfit) >= misfit)
+def test_thresholds_rise_with_readings_that_successive_means_share_and_rest_is_no_lower_than_misfit() -> None:
+    prior = surface("bench").prior
+    short, long = (unexplained_thresholds(prior, 100.0, readings) for readings in (4, 24))
+    for few, many in zip(short, long, strict=True):
+        assert np.all(np.array(few) < many)
+    for rest, misfit in (short, long):
+        assert np.all(np.array(rest) >= misfit)

@@ -7,7 +7,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from beamtouch_models.accuracy.touch_thresholds import (
+from beamtouch_models.accuracy.thresholds import (
     directions,
     noise_at_rest,
     rate_per_sample,
@@ -120,7 +120,7 @@ def test_fewer_false_contacts_cost_a_little_force() -> None:
     scene, _ = load_scene(SCENES / "bench.toml")
     prior = prior_of("bench", 3, 0.1, known=False)
     monthly, daily = (
-        thresholds_of(prior, Surface.of(change_scene(scene, requirements={"false_contacts_per_day": per_day})), 1)
+        thresholds_of(prior, Surface.of(change_scene(scene, requirements={"false_contacts_per_day": per_day})))
         for per_day in (1 / 30, 1.0)
     )
     # The odds of rest fall by e for each unit of the log odds, nearly.

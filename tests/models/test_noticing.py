@@ -7,7 +7,7 @@ import pytest
 
 from beamtouch_models.accuracy.limit import accuracy_limit
 from beamtouch_models.accuracy.prior import Prior, SampleErrors
-from beamtouch_models.accuracy.unexplained_thresholds import unexplained_thresholds
+from beamtouch_models.accuracy.thresholds import unexplained_thresholds
 from beamtouch_models.arrays import Floats
 from beamtouch_models.placement.noticing import FORCES, PLACES, OtherLoads, other_loads
 from beamtouch_models.placement.placing import place, place_by_position_error
@@ -70,14 +70,14 @@ def test_the_share_is_that_of_simulated_samples_with_a_fit_each(layout: list[flo
     assert pairs > 0.05
 
 
-@pytest.mark.parametrize(("rate_hz", "windows"), [(1.0, (1,)), (100.0, (2, 24))])
-def test_the_threshold_is_that_of_a_model_at_the_same_rate_and_window(rate_hz: float, windows: tuple[int, ...]) -> None:
+@pytest.mark.parametrize(("rate_hz", "readings"), [(1.0, 1), (100.0, 24)])
+def test_the_threshold_is_that_of_a_model_at_the_same_rate_and_readings(rate_hz: float, readings: int) -> None:
     influence, rules = problem_in(scene_of())
-    errors = replace(ERRORS, rate_hz=rate_hz, windows=windows)
+    errors = replace(ERRORS, rate_hz=rate_hz, readings=readings)
     prior = Prior.real(influence, np.array(LAYOUTS[0]), errors)
-    expected = np.max([unexplained_thresholds(prior, rate_hz, window, 7)[1] for window in windows], axis=0)
+    _, expected = unexplained_thresholds(prior, rate_hz, readings)
     found = [other_loads(influence, rules, errors).threshold(count) for count in range(1, 5)]
-    assert found == pytest.approx(expected, rel=0.1)
+    assert found == pytest.approx(expected)
 
 
 def test_one_or_two_sensors_notice_nothing_however_precise_they_are() -> None:

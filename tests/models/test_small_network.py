@@ -12,7 +12,7 @@ from scipy.special import chdtri
 
 from beamtouch_models.accuracy import limit
 from beamtouch_models.accuracy.prior import Prior
-from beamtouch_models.accuracy.touch_thresholds import rate_per_sample, touch_thresholds
+from beamtouch_models.accuracy.thresholds import rate_per_sample, touch_thresholds
 from beamtouch_models.arrays import Floats
 from beamtouch_models.error_model import whitening
 from beamtouch_models.estimators.onnx_graph import to_bytes

@@ -7,9 +7,8 @@ import numpy as np
 from beamtouch_models.accuracy import cramer_rao
 from beamtouch_models.accuracy.contacts import Reached, simulated
 from beamtouch_models.accuracy.prior import Prior
-from beamtouch_models.accuracy.rest import rest_like_contact
 from beamtouch_models.accuracy.statistics import SCRAMBLINGS, Measurement, mean_of, quantile_of, ratio_of, share_of
-from beamtouch_models.accuracy.touch_thresholds import directions, noise_at_rest, shapes_at_rest, smallest_forces
+from beamtouch_models.accuracy.thresholds import smallest_forces
 from beamtouch_models.arrays import Floats
 from beamtouch_models.description import extremes
 from beamtouch_models.loading import ModelFile
@@ -18,8 +17,6 @@ from beamtouch_models.sweeps import Spread, in_turn
 
 MIDDLE = (0.2, 0.8)
 """Bounds of the middle of the beam, over its length."""
-REST_DRAWS, REST_RATE = 2**14, 1e-8
-"""Number and rarity of the simulated samples at rest that look like a contact."""
 MIN_SHARE = 1e-3
 """Smallest share of contacts for which a stretch gets its own errors; each part of the draws needs one there, too."""
 
@@ -58,8 +55,6 @@ class Evaluation:
     force_error_n: Measurement | None
     missed: Measurement | None
     """Share of contacts that are not detected."""
-    false_alarms: Measurement | None
-    """Share of samples at rest that are taken for a contact."""
     smallest_force_n: tuple[float | None, float | None] | None
     """Smallest force of which 95 % of settled samples are a contact: where it is least, and where it is largest; None:
     nothing is seen there."""
@@ -104,7 +99,6 @@ def evaluate(
         missed=share_of(answers["contact_log_odds"] <= model.metadata.thresholds.touch[-1], counts)
         if "contact_log_odds" in answers
         else None,
-        false_alarms=_false_alarms(model, prior, seed + 1),
         smallest_force_n=_smallest_forces(model, prior),
         unexplained=_unexplained(model, answers, counts),
     )
@@ -161,15 +155,6 @@ def _width(answers: dict[str, Floats], weight: Floats) -> Measurement | None:
     if "position_low_mm" not in answers:
         return None
     return mean_of(answers["position_high_mm"] - answers["position_low_mm"], weight)
-
-
-def _false_alarms(model: ModelFile, prior: Prior, seed: int) -> Measurement | None:
-    if "contact_log_odds" not in model.outputs or prior.noise_mm == 0:
-        return None
-    unit = directions(shapes_at_rest(prior))
-    rest = rest_like_contact(unit, noise_at_rest(prior), REST_RATE, REST_DRAWS, seed)
-    odds = estimates(model, prior, rest.sample * prior.rest_mm)["contact_log_odds"]
-    return mean_of(np.where(odds > model.metadata.thresholds.touch[-1], rest.weight, 0.0))
 
 
 def _unexplained(model: ModelFile, answers: dict[str, Floats], weight: Floats) -> Measurement | None:

@@ -37,7 +37,7 @@ class SampleErrors:
     """Noise of a sample of the most readings; None: `noise_mm`."""
     rate_hz: float = 100.0
     """Readings per second."""
-    windows: tuple[int, ...] = (1, 24)
+    readings: int = 24
     """Readings in the means for which the threshold of misfit holds."""
 
     def variance_mm2(self, deflection_mm: Floats, moved_mm: Floats | float = 0.0) -> Floats:
@@ -161,15 +161,8 @@ class Prior:
         return None if self.uncertain_at is None else CubicSpline(grid, self.uncertain_at(grid))
 
     def without(self, *missing: int) -> Self:
-        """Return the prior of the surface without some channels."""
+        """Return the prior of the surface without some channels; `measured` remains that of all."""
         kept = np.setdiff1d(np.arange(self.channels), missing)
-        whole = self.measured
-
-        def measured(deflection_mm: Floats) -> Floats:
-            every = np.zeros((len(deflection_mm), self.channels))
-            every[:, kept] = deflection_mm
-            return whole(every)[:, kept]
-
         influence = partial(_columns, self.influence_at, kept)
         uncertain = None if self.uncertain_at is None else partial(_columns, self.uncertain_at, kept)
         gain, zero_mm = (np.broadcast_to(value, self.channels)[kept] for value in (self.gain, self.zero_mm))
@@ -177,7 +170,6 @@ class Prior:
             self,
             channels=len(kept),
             influence_at=influence,
-            measured=measured,
             gain=gain,
             zero_mm=zero_mm,
             uncertain_at=uncertain,

@@ -13,8 +13,13 @@ from beamtouch_models.accuracy import limit
 from beamtouch_models.accuracy.contacts import Reached, simulated_enough
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.statistics import share_of
-from beamtouch_models.accuracy.touch_thresholds import PLACES, smallest_forces, touch_thresholds
-from beamtouch_models.accuracy.unexplained_thresholds import unexplained_thresholds, windows_of
+from beamtouch_models.accuracy.thresholds import (
+    PLACES,
+    readings_alike,
+    smallest_forces,
+    touch_thresholds,
+    unexplained_thresholds,
+)
 from beamtouch_models.building.since_touch import answers_of_means, answers_since_touch
 from beamtouch_models.error_model import whitening
 from beamtouch_models.errors import NotGoodEnoughError
@@ -48,7 +53,7 @@ class Measured:
 
 
 def measure(estimator: Estimator, prior: Prior, surface: Surface, world: World, seed: int) -> Measured:
-    """Measure an estimator on simulated samples of its prior, using the three seeds after `seed`.
+    """Measure an estimator on simulated samples of its prior, using the seeds `seed` + 2 and `seed` + 3.
 
     `surface` is that of the model, `world` its simulation. Errors are those of `reach`.
     """
@@ -58,7 +63,7 @@ def measure(estimator: Estimator, prior: Prior, surface: Surface, world: World, 
     except NotGoodEnoughError as error:
         message = f"nothing was written: {error}"
         raise NotGoodEnoughError(message) from None
-    thresholds = thresholds_of(prior, surface, seed + 1)
+    thresholds = thresholds_of(prior, surface)
     supports_mm = [support.at_mm for support in surface.stated.beam.support_list]
     gain, zero_mm = (np.broadcast_to(value, prior.channels).tolist() for value in (prior.gain, prior.zero_mm))
     return Measured(
@@ -81,11 +86,9 @@ def _influence(prior: Prior) -> Influence:
     return Influence(mm_per_n=[[float(f"{value:.{DIGITS}g}") for value in row] for row in table])
 
 
-def thresholds_of(prior: Prior, surface: Surface, seed: int) -> Thresholds:
+def thresholds_of(prior: Prior, surface: Surface) -> Thresholds:
     """Return the thresholds for the false contacts per day that the scene of a surface allows."""
-    rate_hz = surface.stated.sensors.rate_hz
-    each = [unexplained_thresholds(prior, rate_hz, window, seed) for window in windows_of(surface.filter)]
-    rest, misfit = ([max(limits) for limits in zip(*kind, strict=True)] for kind in zip(*each, strict=True))
+    rest, misfit = unexplained_thresholds(prior, surface.stated.sensors.rate_hz, readings_alike(surface.filter))
     return Thresholds(
         touch=touch_thresholds(prior, surface.touch_rate),
         rest=rest,

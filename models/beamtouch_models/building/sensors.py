@@ -10,7 +10,7 @@ import numpy as np
 from beamtouch_common.digits import digits
 from beamtouch_models.accuracy.limit import MeanError, limits_without
 from beamtouch_models.accuracy.prior import Prior
-from beamtouch_models.accuracy.touch_thresholds import (
+from beamtouch_models.accuracy.thresholds import (
     PLACES,
     directions,
     noise_at_rest,

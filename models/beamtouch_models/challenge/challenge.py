@@ -6,7 +6,7 @@ from functools import lru_cache
 import numpy as np
 from scipy.special import chdtrc
 
-from beamtouch_models.accuracy.unexplained_thresholds import left_by_contact
+from beamtouch_models.accuracy.thresholds import left_by_contact
 from beamtouch_models.challenge.contacts import honest_cases, lossy_cases
 from beamtouch_models.challenge.faults import fault_cases
 from beamtouch_models.challenge.judge import judge

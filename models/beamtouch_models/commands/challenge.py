@@ -15,7 +15,7 @@ from beamtouch_models.commands.options import add_json, add_seed, add_workers, s
 from beamtouch_models.printing import Result, Table, show
 
 if TYPE_CHECKING:
-    from beamtouch_models.challenge.scoring import Row
+    pass
 
 MAX_PLAYS = 10_000
 """Bounds memory: each course takes about 100 kB."""

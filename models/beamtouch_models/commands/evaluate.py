@@ -115,7 +115,6 @@ def _lines(found: Evaluation, model: ModelFile) -> list[tuple[str, str, str]]:
         ("force error", found.force_error_n, "N, mean", 1.0),
         ("missed contacts", found.missed, "% of contacts", 100.0),
         ("unexplained", found.unexplained, "% of contacts exceed the threshold of the misfit", 100.0),
-        ("false contacts", found.false_alarms, "samples a day at rest", 86_400 * model.metadata.sensor.rate_hz),
     ]
     lines = [
         (label, _text(value.scaled(factor)), remark) for label, value, remark, factor in share if value is not None

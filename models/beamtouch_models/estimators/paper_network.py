@@ -9,7 +9,7 @@ doi 10.1038/323533a0.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -33,8 +33,8 @@ TARGET_LOW, TARGET_HIGH = 0.1, 0.9
 MAX_EPOCHS = 3000
 CHECK_EVERY = 10
 """Epochs between two evaluations of the composite error."""
-PATIENCE = 600
-"""Epochs without a 1 % lower composite error after which training counts as stalled."""
+GAIN, PATIENCE = 0.01, 600
+"""Smallest relative gain of the composite error, and epochs without one after which training counts as stalled."""
 
 Outcome = Literal["reached", "stood still", "out of epochs"]
 
@@ -67,8 +67,6 @@ class PaperNetwork:
 class _Stack:
     """Networks in training; those with fewer sensors have inputs that are always zero."""
 
-    index: Indices
-    """(networks,) index of each network among all that are trained."""
     patterns: Floats
     """(patterns, networks, inputs), the last input being 1."""
     hidden: Floats
@@ -79,14 +77,8 @@ class _Stack:
     output_step: Floats
 
     def keep(self, wanted: Bools) -> "_Stack":
-        return _Stack(
-            self.index[wanted],
-            np.ascontiguousarray(self.patterns[:, wanted]),
-            self.hidden[wanted],
-            self.output[wanted],
-            self.hidden_step[wanted],
-            self.output_step[wanted],
-        )
+        weights = (one[wanted] for one in (self.hidden, self.output, self.hidden_step, self.output_step))
+        return _Stack(np.ascontiguousarray(self.patterns[:, wanted]), *weights)
 
     def composite_error(self, target: Floats) -> Floats:
         """Return the mean squared error of the output of each network."""
@@ -118,12 +110,12 @@ def train(
 
     Returns
     -------
-    A network for each set, with the weights of its lowest composite error.
+    A network for each set, with the weights of its last gain.
     """
     target = TARGET_LOW + (TARGET_HIGH - TARGET_LOW) * position_mm / length_mm
     scales = [deflection.max(axis=0) for deflection in deflections_mm]
-    stack = _initial(deflections_mm, scales, seed)
-    record = _Record(scales, length_mm)
+    stack, training = _initial(deflections_mm, scales, seed), np.arange(len(scales))
+    best: dict[int, PaperNetwork] = {}
     order = np.random.default_rng(seed)
     # A second thread would cost more than it saves on matrices this small.
     with threadpool_limits(1, user_api="blas"):
@@ -131,11 +123,21 @@ def train(
             _present(stack, target, order.permutation(len(target)))
             if epoch % CHECK_EVERY and epoch != max_epochs:
                 continue
-            stack = stack.keep(~record.look(stack, target, epoch))
+            errors = stack.composite_error(target).tolist()
+            for row, (index, error) in enumerate(zip(training.tolist(), errors, strict=True)):
+                if index not in best or error < (1 - GAIN) * best[index].composite_error or error <= COMPOSITE_ERROR:
+                    outcome: Outcome = "reached" if error <= COMPOSITE_ERROR else "out of epochs"
+                    inputs = [*range(len(scales[index])), -1]
+                    weights = stack.hidden[row][inputs], stack.output[row].copy()
+                    best[index] = PaperNetwork(scales[index], length_mm, *weights, error, epoch, outcome)
+                elif epoch - best[index].epochs >= PATIENCE:
+                    best[index] = replace(best[index], outcome="stood still")
+            lasting = np.array([best[index].outcome == "out of epochs" for index in training.tolist()])
+            stack, training = stack.keep(lasting), training[lasting]
             progress(epoch / max_epochs)
-            if not len(stack.index):
+            if not len(training):
                 break
-    return [record.best[index] for index in range(len(scales))]
+    return [best[index] for index in range(len(scales))]
 
 
 def _initial(deflections_mm: Sequence[Floats], scales: Sequence[Floats], seed: int) -> _Stack:
@@ -152,7 +154,7 @@ def _initial(deflections_mm: Sequence[Floats], scales: Sequence[Floats], seed: i
         rows = [*range(sensors), -1]
         hidden[index, rows] = rng.uniform(-INITIAL_WEIGHT, INITIAL_WEIGHT, size=(sensors + 1, HIDDEN))
         output[index] = rng.uniform(-INITIAL_WEIGHT, INITIAL_WEIGHT, size=HIDDEN + 1)
-    return _Stack(np.arange(count), patterns, hidden, output, np.zeros_like(hidden), np.zeros_like(output))
+    return _Stack(patterns, hidden, output, np.zeros_like(hidden), np.zeros_like(output))
 
 
 def _present(stack: _Stack, target: Floats, order: Indices) -> None:
@@ -171,36 +173,6 @@ def _present(stack: _Stack, target: Floats, order: Indices) -> None:
         stack.hidden_step *= MOMENTUM
         stack.hidden_step += inputs[:, :, None] * inner[:, None, :]
         stack.hidden += stack.hidden_step
-
-
-@dataclass
-class _Record:
-    """The best state of each network so far."""
-
-    scales: Sequence[Floats]
-    length_mm: float
-    best: dict[int, PaperNetwork] = field(default_factory=dict)
-    since: dict[int, int] = field(default_factory=dict)
-    """Epoch of each network's last gain of 1 %."""
-
-    def look(self, stack: _Stack, target: Floats, epoch: int) -> Bools:
-        """Record the networks that have improved; returns whether each network of the stack is finished."""
-        errors = stack.composite_error(target).tolist()
-        for row, (index, error) in enumerate(zip(stack.index.tolist(), errors, strict=True)):
-            lowest = self.best[index].composite_error if index in self.best else np.inf
-            if error < 0.99 * lowest:
-                self.since[index] = epoch
-            if error < lowest:
-                self.best[index] = self._network(stack, row, error, epoch)
-            if self.best[index].outcome != "reached" and epoch - self.since[index] >= PATIENCE:
-                self.best[index] = replace(self.best[index], outcome="stood still")
-        return np.array([self.best[index].outcome != "out of epochs" for index in stack.index.tolist()])
-
-    def _network(self, stack: _Stack, row: int, error: float, epoch: int) -> PaperNetwork:
-        scale = self.scales[stack.index[row]]
-        hidden = stack.hidden[row][[*range(len(scale)), -1]]
-        outcome: Outcome = "reached" if error <= COMPOSITE_ERROR else "out of epochs"
-        return PaperNetwork(scale, self.length_mm, hidden, stack.output[row].copy(), error, epoch, outcome)
 
 
 PATTERNS = 399

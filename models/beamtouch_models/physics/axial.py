@@ -1,19 +1,15 @@
-"""Axial force in a beam that is held lengthwise while its temperature changes, and its effect on the deflection.
+"""Axial force in a beam that is held lengthwise while its temperature changes, and the warming at which it buckles.
 
 A beam held at two places cannot lengthen between them. A change of temperature T leaves it with the axial force
 
     N = alpha T L / sum of h / (E A)
 
 over its sections of length h, compression positive (Gere & Goodno, Mechanics of Materials, sec. 2.5). If more supports
-hold it, each stretch between two of them has its own force. For a rectangular
-section of thickness t, E A = 12 E I / t^2. Compression softens the beam against bending, tension stiffens it: with the
-flexibility G of the beam and the stiffness B'B of a string under unit tension, forces f deflect it by
-
-    w = (1/G - N B'B)^-1 f = G f + N G B' (1 - N B G B')^-1 B G f
-
-(Timoshenko & Gere, Theory of Elastic Stability, 2nd ed. 1961, ch. 1). It buckles where N reaches one over the largest
-eigenvalue of B G B'. G is the influence matrix, so this holds for any beam. The string is a polygon, so short that it
-follows the beam within 1e-4.
+hold it, each stretch between two of them has its own force. For a rectangular section of thickness t, E A = 12 E I /
+t^2. Compression softens the beam against bending, tension stiffens it (Timoshenko & Gere, Theory of Elastic Stability,
+2nd ed. 1961, ch. 1). With the flexibility G of the beam and the stiffness B'B of a string under unit tension, it
+buckles where N reaches one over the largest eigenvalue of B G B'. G is the influence matrix, so this holds for any
+beam. The string is a polygon, so short that it follows the beam within 1e-4.
 """
 
 from dataclasses import dataclass
@@ -21,7 +17,6 @@ from itertools import pairwise
 
 import numpy as np
 
-from beamtouch_models.arrays import Floats
 from beamtouch_models.errors import SceneError
 from beamtouch_models.physics.beam import influence
 from beamtouch_models.scene.beam import Beam
@@ -46,6 +41,14 @@ class Held:
         """Warming at which it buckles."""
         return self.critical_n / self.force_n_per_k
 
+    def change(self, warming_k: float) -> float:
+        """Return the relative change of the largest deflection, for a warming below that at which it buckles.
+
+        It is that of a deflection in the shape in which the beam buckles, 1 / (1 - N / critical) - 1, and that of a
+        load in the middle within a few percent of the deflection (Timoshenko & Gere, sec. 1.11).
+        """
+        return warming_k / (self.buckles_k - warming_k)
+
 
 def held_stretch_mm(beam: Beam) -> tuple[float, float] | None:
     """Return the ends of the stretch that cannot lengthen; None if at most one support holds the beam lengthwise."""
@@ -67,7 +70,7 @@ def held(beam: Beam) -> Held | None:
     critical_n = 0.0
     if all(0 < force < np.inf for _, _, force in forces):
         with np.errstate(all="ignore"):
-            critical_n = 1 / float(np.linalg.eigvalsh(_bent_by_string(beam)[2])[-1])
+            critical_n = 1 / _softest_per_n(beam, forces)
     if not 0 < critical_n < np.inf:
         message = "beam: its axial force cannot be computed; check length, thickness and expansion_um_per_m_k"
         raise SceneError(message)
@@ -98,34 +101,18 @@ def _forces_n_per_k(beam: Beam) -> list[tuple[float, float, float]] | None:
     return found
 
 
-def influence_change(
-    beam: Beam, force_n: float, sensor_mm: Floats, load_mm: Floats, width_mm: float = 0.0
-) -> Floats | None:
-    """Return how an axial force changes the influence of contacts, (loads, sensors) in mm/N; None if the beam buckles.
+def _softest_per_n(beam: Beam, forces: list[tuple[float, float, float]]) -> float:
+    """Return the largest eigenvalue of B G B', in 1/N.
 
-    `force_n` is the force of the stretch where it is largest; compression is positive.
-    """
-    node_mm, slopes, bent = _bent_by_string(beam)
-    if not force_n * float(np.linalg.eigvalsh(bent)[-1]) < 1:
-        return None
-    loads = influence(beam, node_mm, load_mm, width_mm) @ slopes.T
-    sensors = slopes @ influence(beam, sensor_mm, node_mm)
-    change: Floats = force_n * loads @ np.linalg.solve(np.eye(len(bent)) - force_n * bent, sensors)
-    return change
-
-
-def _bent_by_string(beam: Beam) -> tuple[Floats, Floats, Floats]:
-    """Return the nodes of the string (nodes,), B (sides, nodes) in mm^(-1/2), and B G B' (sides, sides) in 1/N.
-
-    The tension in each side is over that where it is largest, and 0 beyond the supports that hold.
+    The tension in each side of the string is over that where it is largest, and 0 beyond the supports that hold.
     """
     steps = [section.to_mm for section in beam.sections]
     supports = [support.at_mm for support in beam.support_list]
     node_mm = np.unique(np.concatenate([np.linspace(0.0, beam.length_mm, SEGMENTS + 1), steps, supports]))
-    middle_mm, forces = (node_mm[:-1] + node_mm[1:]) / 2, _forces_n_per_k(beam) or []
+    middle_mm = (node_mm[:-1] + node_mm[1:]) / 2
     share = np.zeros(len(middle_mm))
     for start, end, force in forces:
         share[(start < middle_mm) & (middle_mm < end)] = force / max(one for _, _, one in forces)
     slopes = np.diff(np.eye(len(node_mm)), axis=0) * np.sqrt(share / np.diff(node_mm))[:, None]
     bent = slopes @ influence(beam, node_mm, node_mm) @ slopes.T
-    return node_mm, slopes, (bent + bent.T) / 2
+    return float(np.linalg.eigvalsh((bent + bent.T) / 2)[-1])

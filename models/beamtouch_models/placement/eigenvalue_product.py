@@ -7,6 +7,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import qr
 
 from beamtouch_models.arrays import Floats, Indices
 from beamtouch_models.errors import SceneError
@@ -105,7 +106,7 @@ def eigenvalue_product_of(
 
 
 def _reduced(matrix: Floats, leading: int) -> tuple[Floats, Floats, Indices]:
-    """Reduce columns to coordinates in an orthogonal basis, by Gram-Schmidt with the longest remainder first.
+    """Reduce columns to coordinates in an orthogonal basis, by a QR with the longest remainder first.
 
     Parameters
     ----------
@@ -116,21 +117,11 @@ def _reduced(matrix: Floats, leading: int) -> tuple[Floats, Floats, Indices]:
     -------
     The coordinates (coordinates, candidates), the squared lengths left out (candidates,), and the pivots.
     """
-    remainder, most = matrix.copy(), min(matrix.shape)
-    basis, features = np.empty((most, len(matrix))), np.empty((most, matrix.shape[1]))
-    pivots: list[int] = []
-    squares = np.einsum("ij,ij->j", remainder, remainder)
-    floor = rounding = squares.max() * (np.finfo(np.float64).eps * max(matrix.shape)) ** 2
-    while len(pivots) < most and squares.max() > floor:
-        k, pivot = len(pivots), int(squares.argmax())
-        if k == leading - 1:
-            floor = max(rounding, TAIL * squares[pivot])
-        direction = remainder[:, pivot].copy()
-        for _ in range(2):
-            direction -= (basis[:k] @ direction) @ basis[:k]
-            direction /= np.linalg.norm(direction)
-        basis[k], features[k] = direction, direction @ remainder
-        remainder -= np.outer(direction, features[k])
-        squares = np.einsum("ij,ij->j", remainder, remainder)
-        pivots.append(pivot)
-    return features[: len(pivots)], squares, np.array(pivots, dtype=np.intp)
+    triangle, order = qr(matrix, mode="r", pivoting=True)
+    square = np.diag(triangle) ** 2
+    floor = square[0] * (np.finfo(np.float64).eps * max(matrix.shape)) ** 2
+    if leading <= len(square):
+        floor = max(floor, TAIL * square[leading - 1])
+    count, columns = int((square > floor).sum()), np.empty_like(triangle)
+    columns[:, order] = triangle
+    return columns[:count], (columns[count:] ** 2).sum(axis=0), order[:count]

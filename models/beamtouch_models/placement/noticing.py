@@ -12,21 +12,19 @@ mounting.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 from scipy.special import chndtr
 
 from beamtouch_models.accuracy.prior import SampleErrors
-from beamtouch_models.accuracy.unexplained_thresholds import left_by_contact, misfit_threshold
+from beamtouch_models.accuracy.thresholds import left_by_contact, misfit_threshold
 from beamtouch_models.arrays import Floats, Indices
 from beamtouch_models.curve import Curve
 from beamtouch_models.physics.influence import InfluenceFunction
 from beamtouch_models.placement.layout import Candidates
 
-DRAWS = 1024
-"""Draws of the threshold, which scatters by a fiftieth; a model has eight times as many."""
 KINDS, PLACES, FORCES = 2, 8, 4
 """Kinds of loads; for each, places along the range and forces."""
 PARTS = 64
@@ -50,8 +48,6 @@ class OtherLoads:
     shapes: Floats
     """(contacts, candidates), deflection per newton under them, in mm/N."""
     errors: SampleErrors
-    thresholds: dict[int, float] = field(default_factory=dict, repr=False)
-    """Largest misfit of one contact by number of sensors, as far as it was asked for."""
 
     def noticed(self, layout: Indices) -> Floats:
         """Return the share of each kind (kinds,) that a layout (sensors,) notices."""
@@ -63,12 +59,8 @@ class OtherLoads:
 
     def threshold(self, sensors: int) -> float:
         """Return the misfit that a model of this many sensors takes for that of one contact at most."""
-        if sensors not in self.thresholds:
-            errors = self.errors
-            noise = errors.noise_mm / float(np.hypot(errors.noise_mm, errors.zero_mm))
-            each = (misfit_threshold(noise, sensors, errors.rate_hz, one, 0, DRAWS) for one in errors.windows)
-            self.thresholds[sensors] = max(each)
-        return self.thresholds[sensors]
+        noise = self.errors.noise_mm / float(np.hypot(self.errors.noise_mm, self.errors.zero_mm))
+        return misfit_threshold(noise, sensors, self.errors.rate_hz, self.errors.readings)
 
     def unexplained(self, layout: Indices) -> Floats:
         """Return d^2 of each load (loads,) for a layout (sensors,)."""

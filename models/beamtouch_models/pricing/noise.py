@@ -146,12 +146,13 @@ def choose_filter(scene: Scene, reading_mm: float) -> FilterChoice:
     latency = scene.requirements.latency_ms
     if latency is None:
         return FilterChoice()
-    period_ms = 1000 / scene.sensors.rate_hz
+    rate_hz = scene.sensors.rate_hz
+    period_ms = 1000 / rate_hz
     readings = latency / period_ms
     if not readings <= MAX_READINGS:
         message = (
             f"requirements.latency_ms = {latency:g} holds more than {MAX_READINGS} readings at sensors.rate_hz = "
-            f"{scene.sensors.rate_hz:g}; lower one of them"
+            f"{rate_hz:g}; lower one of them"
         )
         raise SceneError(message)
     window = math.floor(readings + 1e-9)
@@ -161,29 +162,14 @@ def choose_filter(scene: Scene, reading_mm: float) -> FilterChoice:
             "raise sensors.rate_hz"
         )
         raise SceneError(message)
-    return growing(scene, window_filter(scene, window, reading_mm), reading_mm)
-
-
-def growing(scene: Scene, fixed: FilterChoice, reading_mm: float) -> FilterChoice:
-    """Return a filter whose mean grows on from that of a fixed one; without noise or a latency, the fixed one."""
-    if fixed.kind == "none" or reading_mm == 0:
-        return fixed
-    return fixed.model_copy(update={"kind": "growing-mean", "longest": longest_mean(scene, fixed.window)})
-
-
-def longest_mean(scene: Scene, window: int) -> int:
-    """Return the largest number of readings in a mean that grows on from one of `window` readings."""
-    rate_hz = scene.sensors.rate_hz
-    return max(window, readings_within(min(scene.requirements.max_mean_ms, MAX_READINGS * 1e3 / rate_hz), rate_hz))
-
-
-def window_filter(scene: Scene, window: int, reading_mm: float) -> FilterChoice:
-    """Return a spike filter with the mean of `window` readings; without a stated latency, 1 means no filter."""
-    if window == 1 and scene.requirements.latency_ms is None:
-        return FilterChoice()
-    spike = SPIKE_SIGMAS * reading_mm or None
-    settling_ms = window * 1000 / scene.sensors.rate_hz
-    return FilterChoice(kind="moving-average", window=window, spike_mm=spike, settling_ms=settling_ms)
+    longest = max(window, readings_within(min(scene.requirements.max_mean_ms, MAX_READINGS * 1e3 / rate_hz), rate_hz))
+    return FilterChoice(
+        kind="growing-mean" if reading_mm else "moving-average",
+        window=window,
+        longest=longest if reading_mm else None,
+        spike_mm=SPIKE_SIGMAS * reading_mm or None,
+        settling_ms=window * 1000 / rate_hz,
+    )
 
 
 def chain_of(chosen: FilterChoice, channels: int, noise_mm: float, per_count_mm: float, slowest_period: float) -> Chain:

@@ -17,7 +17,7 @@ from beamtouch_models.arrays import Floats
 from beamtouch_models.errors import SceneError
 from beamtouch_models.metadata import FilterChoice
 from beamtouch_models.physics import motion
-from beamtouch_models.physics.axial import Held, held, held_stretch_mm, influence_change
+from beamtouch_models.physics.axial import held, held_stretch_mm
 from beamtouch_models.physics.beam import influence_of
 from beamtouch_models.pricing.effect import (
     NEGLIGIBLE,
@@ -194,35 +194,23 @@ def _expansion(pricing: Pricing) -> Effect:
     where = f"held at {stretch[0]:g} and {stretch[1]:g} mm, {buckles}"
     if range_k is None:
         return Effect(name, None, "not stated", f"give environment.temperature_range_k; {where}")
-    change = [_change(pricing, found, one_k) for one_k in range_k]
-    still = pricing.stated_mm
-    price = max(pricing.in_noise(one) for one in change)
-    share = [100 * float(one.flat[peak] / still.flat[peak]) for one in change for peak in [np.abs(still).argmax()]]
+    if range_k[1] >= found.buckles_k:
+        message = (
+            f"environment.temperature_range_k: {range_k[1]:g} K above its mounting the beam buckles, as it is held at "
+            f"{found.start_mm:g} and {found.end_mm:g} mm and bears {digits(found.buckles_k, 3)} K; let one support "
+            "slide (slides = true), or mount it warmer"
+        )
+        raise SceneError(message)
+    change = [found.change(one_k) for one_k in range_k]
+    price = pricing.price_of_all * max(map(abs, change))
     forces = "..".join(digits(found.force_n_per_k * one_k, 3) for one_k in range_k)
-    reason = f"{where}; {forces} N of compression change the largest deflection by {share[0]:+.2g}..{share[1]:+.2g} %"
+    percent = "..".join(f"{100 * one:+.2g}" for one in change)
+    reason = f"{where}; {forces} N of compression change the largest deflection by {percent} %"
     if price < NEGLIGIBLE:
         return Effect(name, price, "out", reason)
     if range_k[1] > NEAR * found.buckles_k:
         reason += "; buckling is near, so let one support slide"
     return Effect(name, price, "not modelled", reason, scene)
-
-
-def _change(pricing: Pricing, found: Held, warming_k: float) -> Floats:
-    """Return the change of the deflection at the largest force, (loads, sensors) in mm."""
-    scene, force_n = pricing.scene, found.force_n_per_k * warming_k
-    change = influence_change(scene.beam, force_n, pricing.sensor_mm, pricing.load_mm, scene.contact.width_mm)
-    if change is None:
-        raise SceneError(_buckles(scene, found))
-    return scene.contact.force_range_n[1] * change
-
-
-def _buckles(scene: Scene, found: Held) -> str:
-    warmest = scene.environment.temperature_range_k or (0.0, 0.0)
-    return (
-        f"environment.temperature_range_k: {warmest[1]:g} K above its mounting the beam buckles, as it is held at "
-        f"{found.start_mm:g} and {found.end_mm:g} mm and bears {digits(found.buckles_k, 3)} K; let one support slide "
-        "(slides = true), or mount it warmer"
-    )
 
 
 def _sensor_drift(pricing: Pricing) -> Effect:

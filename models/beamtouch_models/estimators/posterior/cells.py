@@ -1,7 +1,6 @@
 """The cells of the position range on which the posterior is computed."""
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -24,19 +23,8 @@ FLOOR = 1e-4
 """Smallest deflection, relative to the largest, whose direction counts."""
 
 
-class Resolution(NamedTuple):
-    """How finely cells must lie for sums over them to be right."""
-
-    largest_step: float
-    """Largest cell, in deviations of the posterior."""
-    resolvable: float
-    """Up to this many distinguishable positions each gets a cell."""
-    power: float
-    """Beyond it, the number of cells grows by this power of their number."""
-
-
-KNOWN, OPEN = Resolution(1.2, 384.0, 0.36), Resolution(2.5, 192.0, 0.28)
-"""For a known and for an open force."""
+KNOWN_STEP, OPEN_STEP = 1.2, 2.5
+"""Largest cell in deviations of the posterior, for a known and an open force, for sums over cells to be right."""
 
 
 @dataclass(frozen=True)
@@ -68,16 +56,12 @@ class Path:
 def resolving_cells(prior: Prior) -> int | None:
     """Return how many cells keep the error at the limit (measured: docs/decisions/013); None if MAX_CELLS do not.
 
-    The reading follows a curve as the contact moves. The length of this curve in its deviations is the number of
-    distinguishable positions. Each gets a cell, up to a number from which on the cells may grow.
+    The reading follows a curve as the contact moves; no cell may be a longer piece of it than its step.
     """
-    path, needed = path_of(prior), KNOWN if prior.force_is_known else OPEN
-    told_apart = float(path.moved.sum())
+    path, largest = path_of(prior), KNOWN_STEP if prior.force_is_known else OPEN_STEP
     least = MIN_CELLS[int(np.searchsorted(LOUDNESS, float(path.size.max())))]
-    wanted = min(told_apart, needed.resolvable) * max(1.0, told_apart / needed.resolvable) ** needed.power
-    wanted = min(max(wanted, least), MAX_CELLS)
-    for count in range(STEP * int(np.ceil(wanted / STEP)), MAX_CELLS + 1, STEP):
-        if _largest_step(prior, path, count) <= needed.largest_step:
+    for count in range(least, MAX_CELLS + 1, STEP):
+        if _largest_step(prior, path, count) <= largest:
             return count
     return None
 

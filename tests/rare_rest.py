@@ -1,20 +1,21 @@
-"""Samples at rest, drawn where they matter: zeros within their drift, and means of overlapping windows.
+"""Samples at rest that are drawn where they matter, by importance sampling, for the rates at which thresholds fail.
 
-Zeros of whitened samples are uniform within twice their drift. Importance sampling tilts their density by
-exp(tilt . zero) (Kahn & Marshall 1953, doi 10.1287/opre.1.5.263).
+Zeros of whitened samples are uniform within twice their drift, and are drawn with a density that exp(tilt . zero) tilts
+(Kahn & Marshall 1953, doi 10.1287/opre.1.5.263). The noise that the samples of a stretch have in common is drawn in any
+direction, at any distance r from the origin, evenly; the zeros are drawn along it.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import log_ndtr, ndtri
+from scipy.special import gammaln
 
+from beamtouch_models.accuracy.thresholds import DRIFTS, MIN_EXPONENT, exceeded_with
 from beamtouch_models.arrays import Floats
+from beamtouch_models.decision.decider import PERSISTENCE
 
-DRIFTS = 2.0
-"""Farthest a zero lies, in its drifts."""
-MIN_EXPONENT = 1e-6
-"""Smallest exponent; below it a tilt makes no difference."""
+FARTHEST = 14.0
+"""Largest r, in deviations."""
 MAX_LOG = 700.0
 """Largest exponent of float64."""
 
@@ -49,38 +50,6 @@ def tilted(tilt: Floats, reach: Floats, rng: np.random.Generator) -> Floats:
     part = 1 + np.log(share + (1 - share) * np.exp(-2 * power)) / power
     zero: Floats = np.sign(tilt) * part * reach
     return zero
-
-
-def exceeded_with(rate: float, reach: Floats, noise: Floats) -> tuple[Floats, Floats]:
-    """Return the heights (sums,) that sums of zeros and noise exceed with probability `rate`, and their tilts.
-
-    A tilt makes the sum that height on average. Both are those of the saddlepoint approximation, which is exact without
-    zeros (Daniels, Saddlepoint approximations in statistics, 1954, doi 10.1214/aoms/1177728652).
-
-    Parameters
-    ----------
-    rate : probability, below a half
-    reach : (sums, channels), farthest zeros, which are uniform
-    noise : (sums,), standard deviation of the noise in a sum; positive
-    """
-    low, high = np.zeros(len(noise)), -ndtri(rate) / noise
-    for _ in range(50):
-        tilt = (low + high) / 2
-        height, log_share = _saddlepoint(tilt, reach, noise)
-        low, high = np.where(log_share > np.log(rate), tilt, low), np.where(log_share > np.log(rate), high, tilt)
-    return height, tilt
-
-
-def _saddlepoint(tilt: Floats, reach: Floats, noise: Floats) -> tuple[Floats, Floats]:
-    """Return the mean (sums,) of tilted sums, and the log of the probability that sums exceed it."""
-    power = np.maximum(tilt[:, None] * reach, MIN_EXPONENT)
-    log_mean = power + np.log(-np.expm1(-2 * power)) - np.log(2 * power)
-    middle = 1 / np.tanh(power) - 1 / power
-    spread = 1 + 1 / power**2 - 1 / np.tanh(power) ** 2
-    height = (reach * middle).sum(axis=1) + tilt * noise**2
-    deviation = tilt * np.sqrt((reach**2 * spread).sum(axis=1) + noise**2)
-    log_share = log_mean.sum(axis=1) + (tilt * noise) ** 2 / 2 - tilt * height + deviation**2 / 2
-    return height, log_share + log_ndtr(-deviation)
 
 
 def log_tilt(zero: Floats, tilt: Floats, reach: Floats) -> Floats:
@@ -138,3 +107,30 @@ def rest_like_contact(unit: Floats, noise: Floats, rate: float, draws: int, seed
     white = rng.normal(size=zero.shape) + np.take_along_axis(shift, at[:, None], axis=1) * along[at]
     drawn = shift * (white @ along.T) - shift**2 / 2 + log_tilt(zero[:, None], tilt, reach)
     return Rest(zero, white * noise, 1 / np.exp(np.minimum(drawn, MAX_LOG)).mean(axis=1))
+
+
+@dataclass(frozen=True)
+class Sequences:
+    """Whitened samples of sequences."""
+
+    sample: Floats
+    """(draws, samples, dimensions)"""
+    weight: Floats
+    """(draws,), true density over that of the draws."""
+    first: int
+    """Index of the first of the samples that are drawn large."""
+
+
+def at_rest(noise: Floats, window: int, draws: int, seed: int) -> Sequences:
+    """Draw sequences at rest whose means are large together; `noise` are deviations (channels,)."""
+    rng, channels = np.random.default_rng([seed, len(noise)]), len(noise)
+    radius = FARTHEST * (np.arange(draws) + rng.random(draws)) / draws
+    toward = rng.normal(size=(draws, channels))
+    toward /= np.linalg.norm(toward, axis=1, keepdims=True)
+    tilt, reach = radius[:, None] * toward / noise, reach_of(noise)
+    zero = tilted(tilt, reach, rng)
+    means, first = overlapping_means(radius[:, None] * toward, window, PERSISTENCE, rng)
+    density = (channels - 1) * np.log(radius) - radius**2 / 2
+    density -= (channels / 2 - 1) * np.log(2) + gammaln(channels / 2)
+    weight = FARTHEST * np.exp(density - log_tilt(zero, tilt, reach))
+    return Sequences(zero[:, None] + noise * means, weight, first)
