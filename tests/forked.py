@@ -2,7 +2,7 @@
 
 Libraries and modules take most of a second of a processor to import, and tests start hundreds of processes. A forked
 process has arguments, folder, environment, standard streams and signals of its own. It ends without the teardown of an
-interpreter. The tests of the whole system start each command as a user does.
+interpreter. Tutorial, guides and demo start each command as a user does.
 """
 
 import contextlib
@@ -14,7 +14,7 @@ import sys
 from collections.abc import Sequence
 from multiprocessing.connection import Connection
 from pathlib import Path
-from signal import SIGKILL
+from signal import SIGKILL, SIGTERM
 from subprocess import TimeoutExpired
 from threading import Lock, Thread
 from typing import TextIO
@@ -27,6 +27,7 @@ MODULES = (
     *("beamtouch_service.cli", "beamtouch_service.host.setup", "beamtouch_service.api.app"),
     *("beamtouch_daemon.cli", "beamtouch_daemon.running.daemon"),
     *(f"beamtouch_daemon.commands.{name}" for name in ("check", "noise", "record", "run", "scan", "tare")),
+    *("beamtouch_models.loading", "beamtouch_models.rig.cli", "beamtouch_models.rig.run"),
 )
 """Those that take long to import. With a thread for numbers, as tests have it, none of them starts another one."""
 
@@ -77,6 +78,9 @@ class Forked:
         if self.poll() is None:
             with contextlib.suppress(ProcessLookupError):
                 os.kill(self.pid, number)
+
+    def terminate(self) -> None:
+        self.send_signal(SIGTERM)
 
     def kill(self) -> None:
         self.send_signal(SIGKILL)

@@ -16,7 +16,7 @@ from toolchain import made_once, run
 from waiting import wait_until
 
 SOURCE = Path(__file__).with_name("libmodbus_client.c")
-POLLS, PAUSE_US = 10_000_000, 1000
+POLLS, PAUSE_US = 10_000_000, 5000
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 """Cases of the estimator benchmark, and the default estimator on them."""
 
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -46,13 +46,11 @@ class Case(NamedTuple):
         return f"{self.scene}, {self.sensors} sensors, {self.noise_percent:g} %, force {force}"
 
 
-def cases(scenes: Iterable[str] | None = None, counts: Iterable[int] = (2, 3, 4, 5)) -> list[Case]:
-    """Every combination."""
-    names = sorted(path.stem for path in SCENES.glob("*.toml")) if scenes is None else list(scenes)
+def cases() -> list[Case]:
+    """Every combination of three scenes, four noises, and a force that is known or open, with four sensors."""
     return [
-        Case(name, count, noise, known)
-        for name in names
-        for count in counts
+        Case(name, 4, noise, known)
+        for name in ("bench", "cantilever", "two-spans")
         for noise in (10.0, 1.0, 0.1, 0.01)
         for known in (True, False)
     ]

@@ -1,9 +1,10 @@
 """The record through faults: `python tests/benchmarks/record_faults.py --rounds 3 [--surfaces 8] [-o FILE]`.
 
 Rigs, one daemon, three services behind HAProxy with the configuration of `deploy/`, and PostgreSQL, as processes. In
-each round a service is killed, one is frozen, the database is killed, HAProxy
-and the daemon are restarted, and the network is dropped. A fresh service without faults then gets the samples that left
-the daemon, in order, and both records are compared event by event. Returns 1 if they differ.
+each round a service is killed, one is frozen, the database is killed, HAProxy and the daemon are restarted, and the
+network is dropped. Meanwhile each surface is asked for its contact, which is held against the truth of its rig. A fresh
+service without faults then gets the samples that left the daemon, in order, and both records are compared event by
+event. Returns 1 if they differ.
 """
 
 import argparse
@@ -22,9 +23,15 @@ sys.path.insert(0, str(Path(__file__).parent.parent))
 sys.path.insert(0, str(Path(__file__).parents[2] / "demo"))
 
 import httpx2
+import numpy as np
 from plant_watch import Watched, watch
-from replicas import plant
 
+from beamtouch_models import modelfile
+from beamtouch_models.building.build import build_model
+from beamtouch_models.building.daemon_config import daemon_config
+from beamtouch_models.progress import silent
+from beamtouch_models.scene import load_scene
+from example_scenes import SCENES
 from line import Line, Surface
 from plant import PlantLine
 from postgres import Postgres, running
@@ -68,6 +75,31 @@ class TeedLine(PlantLine):
         super().stop()
         if hasattr(self, "tee"):
             self.tee.stop()
+
+
+def script(path: Path, seed: int) -> Path:
+    """Write loads that rest for a while, and lift."""
+    rng = np.random.default_rng(seed)
+    steps = [
+        f"[[step]]\nseconds = 0.7\n[[step]]\nseconds = 1.3\nposition_mm = {position:.2f}\nforce_n = {force:.2f}\n"
+        for position, force in zip(rng.uniform(20, 380, 20), rng.uniform(5, 20, 20), strict=True)
+    ]
+    path.write_text("".join(steps))
+    return path
+
+
+def plant(folder: Path, surfaces: int, events_url: str) -> TeedLine:
+    """Return a plant that has yet to be started."""
+    scene, text = load_scene(SCENES / "bench.toml")
+    model, config = folder / "bench.onnx", folder / "generated.toml"
+    model.write_bytes(build_model(scene, text, "bench", count=None, seed=0, progress=silent).content)
+    config.write_text(daemon_config(modelfile.load(model).metadata))
+    names = [f"s{number}" for number in range(surfaces)]
+    still = ("--no-ringing",)
+    rigs = [
+        Surface(name, "modbus-tcp", script(folder / f"{name}.toml", seed), still) for seed, name in enumerate(names)
+    ]
+    return TeedLine(folder, SCENES / "bench.toml", model, config, rigs, events_url=events_url, services=3)
 
 
 def faults(line: TeedLine, database: Postgres) -> dict[str, Callable[[int], None]]:
@@ -201,6 +233,7 @@ def report(line: TeedLine, found: dict[str, Watched], sent: dict[str, list[Boot]
         },
         "contacts older than their limit": sum(len(one.too_old) for one in every),
         "contacts held against the truth": sum(one.compared for one in every),
+        "of them outside the 95 % interval": sum(one.outside for one in every),
         "of them contact for clear, or the other way round": sum(len(one.mistakes) for one in every),
         "the same, without the note unsteady": sum(
             "unsteady" not in contact["notes"] for one in every for contact in one.mistakes
@@ -223,7 +256,7 @@ def main() -> int:
     with running() as database, tempfile.TemporaryDirectory() as place:
         folder = Path(place)
         (folder / "reference").mkdir()
-        line = plant(folder, options.surfaces, database.create(), TeedLine)
+        line = plant(folder, options.surfaces, database.create())
         found = {surface.name: Watched() for surface in line.surfaces}
         stop = threading.Event()
         with line:

@@ -1,7 +1,5 @@
 """Configurations written for real modules read the rig, as long as the rig plays their registers."""
 
-import subprocess
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -9,6 +7,8 @@ from pathlib import Path
 import pytest
 
 from example_scenes import SCENES
+from forked import Forked
+from forked_line import MODULES
 
 from .configs import write
 from .process import command
@@ -23,13 +23,13 @@ RTU = 'kind = "modbus-rtu"\nport = "{path}"\ntimeout_ms = {timeout_ms}\n'
 @contextmanager
 def rig(bench_model: Path, *options: str | Path) -> Iterator[str]:
     """Run the rig until the end of the block; gives the port or path that it listens on."""
-    words = [sys.executable, "-m", "beamtouch_models.rig.cli", SCENES / "bench.toml", "--model", bench_model, *options]
-    with subprocess.Popen(list(map(str, words)), stdout=subprocess.PIPE, text=True) as process:
-        try:
-            assert process.stdout is not None
-            yield process.stdout.readline().strip().rpartition(" ")[2].rpartition(":")[2]
-        finally:
-            process.terminate()
+    words = [str(word) for word in (SCENES / "bench.toml", "--model", bench_model, *options)]
+    process = Forked(MODULES["beamtouch-rig"], words, Path.cwd())
+    try:
+        yield process.stdout.readline().strip().rpartition(" ")[2].rpartition(":")[2]
+    finally:
+        process.terminate()
+        process.communicate(timeout=60)
 
 
 def configuration(folder: Path, source: str, channel: str) -> Path:

@@ -54,12 +54,12 @@ def test_what_waited_is_seen_beside_the_quickest_whatever_the_clocks_say(senders
     assert senders.waited_s(apart_s + 0.202) == pytest.approx(0.2, abs=1e-3)
 
 
-@pytest.mark.parametrize("outage_s", [0.6, 5.0, 29.0, 31.0, 61.0, 600.0])
-@pytest.mark.parametrize("before_s", [1, 45, 70])
+@pytest.mark.parametrize("outage_s", [0.6, 5.0, 31.0, 600.0])
+@pytest.mark.parametrize("before_s", [1, 70])
 def test_a_batch_that_was_held_over_an_outage_is_no_contact(before_s: int, outage_s: float) -> None:
     senders = Senders(500)
-    for _ in range(before_s):
-        senders.bench.now_s += 1.0
+    for _ in range(max(1, before_s // 5)):
+        senders.bench.now_s += 5.0
         senders.send(0.0)
     senders.bench.now_s += outage_s
     senders.send(outage_s)
@@ -71,7 +71,7 @@ def test_a_batch_that_was_held_over_an_outage_is_no_contact(before_s: int, outag
 def test_clocks_that_drift_apart_are_met_anew(senders: Senders) -> None:
     drift, begin_s, waited_s = 100e-6, senders.bench.now_s, 0.0  # of the worst oscillators
     while senders.bench.now_s < begin_s + 10 * WINDOW_S:
-        senders.bench.now_s += 3.0
+        senders.bench.now_s += 6.0
         waited_s = max(waited_s, senders.waited_s((senders.bench.now_s - begin_s) * drift))
     assert 0 < waited_s <= 2.1 * WINDOW_S * drift
     # After a rest of an hour they may be that far apart.

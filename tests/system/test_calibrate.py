@@ -2,11 +2,7 @@
 
 import json
 import re
-import subprocess
-import sys
 import tomllib
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -17,10 +13,11 @@ from beamtouch_models import cli, modelfile
 from beamtouch_models.building.daemon_config import daemon_config
 from example_scenes import SCENES
 from few_draws import few_draws
+from forked import Forked
+from forked_line import MODULES, Rig, rig
 
 pytestmark = [pytest.mark.long, pytest.mark.timeout(300)]
 
-PROGRAMS = Path(sys.executable).parent
 SCENE = SCENES / "bench.toml"
 POSITIONS = np.linspace(20, 380, 10)
 FORCE_N = 12.0
@@ -34,54 +31,14 @@ fixity = [0.05, 0.0]
 """
 
 
-class Beam:
-    """An imperfect surface on Modbus TCP, and a hand that puts loads on it."""
-
-    def __init__(self, process: subprocess.Popen[str]) -> None:
-        self._process = process
-        port = int(self._said().rpartition(":")[2])
-        self.source = {"kind": "modbus-tcp", "host": "127.0.0.1", "port": port, "timeout_ms": 5000.0}
-        """The daemon's table."""
-
-    def put(self, position_mm: float, force_n: float) -> None:
-        """Put a load on in place of the last one; it is on when this returns."""
-        assert self._process.stdin is not None
-        self._process.stdin.write(f"{position_mm} {force_n}\n")
-        self._process.stdin.flush()
-        assert self._said() == f"{force_n:g} N at {position_mm:g} mm is on"
-
-    def _said(self) -> str:
-        assert self._process.stdout is not None
-        return self._process.stdout.readline().strip()
-
-
-@contextmanager
-def imperfect_beam(folder: Path, model: Path) -> Iterator[Beam]:
-    """The surface, at rest at first."""
-    (folder / "imperfections.toml").write_text(IMPERFECT)
-    command: list[str | Path] = [PROGRAMS / "beamtouch-rig", SCENE, "--model", model, "--by-hand"]
-    command += ["--modbus-tcp", "127.0.0.1:0", "--imperfections", folder / "imperfections.toml"]
-    process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
-    try:
-        yield Beam(process)
-    finally:
-        process.terminate()
-        process.communicate(timeout=60)
-
-
-def record(config: Path, path: Path, beam: Beam) -> None:
+def record(config: Path, path: Path, beam: Rig) -> None:
     """Play the person: put each load on, press Enter, and leave it on until it is recorded."""
     given = [option for position in POSITIONS for option in ("--at", str(position), str(FORCE_N))]
-    command: list[str | Path] = [PROGRAMS / "beamtouch-daemon", "record", config, "-o", path]
-    command += ["--seconds", str(RECORDED_S), *given]
-    process = subprocess.Popen(
-        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    )
-    assert process.stdin is not None
-    assert process.stderr is not None
+    words = ("record", str(config), "-o", str(path), "--seconds", str(RECORDED_S), *given)
+    process = Forked(MODULES["beamtouch-daemon"], words, Path.cwd())
     try:
         for number, position in enumerate(POSITIONS, start=1):
-            beam.put(position, FORCE_N)
+            beam.put(f"{position} {FORCE_N}")
             process.stdin.write("\n")
             process.stdin.flush()
             # Two seconds are 100 samples, of which a busy machine may miss some.
@@ -102,14 +59,17 @@ def test_ten_recorded_loads_make_a_model_of_the_real_surface(
 ) -> None:
     token = tmp_path / "beamtouch.token"
     token.write_text("a-token-that-nobody-asks-for")
-    with imperfect_beam(tmp_path, bench_model) as beam:
+    (tmp_path / "off.toml").write_text(IMPERFECT)
+    with rig(SCENE, bench_model, "--by-hand", "--imperfections", tmp_path / "off.toml") as beam:
         config = tomllib.loads(daemon_config(modelfile.load(bench_model).metadata))
         (surface,) = config["surfaces"].values()
-        surface["source"], surface["rate_hz"] = beam.source, RATE_HZ
+        surface["source"] |= {"port": beam.port, "timeout_ms": 5000.0}
+        surface["rate_hz"] = RATE_HZ
         path = tmp_path / "daemon.toml"
         path.write_text(tomli_w.dumps(config))
-        tare: list[str | Path] = [PROGRAMS / "beamtouch-daemon", "tare", path, "--accept-change"]
-        subprocess.run(tare, check=True, capture_output=True, timeout=60)
+        tare = Forked(MODULES["beamtouch-daemon"], ("tare", str(path), "--accept-change"), Path.cwd())
+        tare.communicate(timeout=60)
+        assert tare.wait() == 0
         record(path, tmp_path / "loads.csv", beam)
     # Its thresholds and its accuracy are not asked for.
     words = ("calibrate", str(bench_model), str(tmp_path / "loads.csv"), "-o", str(tmp_path / "real.onnx"), "--json")

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +13,8 @@ from beamtouch_models import modelfile
 from beamtouch_models.building.daemon_config import daemon_config
 from beamtouch_service.commissioning.course import marks
 from example_scenes import SCENES
-from line import Line, Surface
+from forked_line import ForkedLine, put_on
+from line import Surface
 
 if TYPE_CHECKING:
     from browser import OpenPage, Watched
@@ -26,39 +25,22 @@ PHONE: ViewportSize = {"width": 390, "height": 844}
 FORCE_N = 10
 
 
-class LineByHand(Line):
+class LineByHand(ForkedLine):
     """A line with one surface, on which the test presses."""
 
     def hand(self, load: str) -> None:
         """Put a load on in place of the last one, or nothing; it is so when this returns."""
-        rig = self._processes["rig-bench"]
-        assert rig.stdin is not None
-        assert rig.stdout is not None
-        rig.stdin.write(f"{load}\n")
-        rig.stdin.flush()
-        assert rig.stdout.readline().endswith(" on\n")
+        put_on(self._processes["rig-bench"], load)
 
     def end(self, name: str) -> int:
         """End one process; the hand of the rig is withdrawn first."""
-        rig = self._processes[name]
-        if rig.stdin is not None:
-            rig.stdin.close()
+        stdin = self._processes[name].stdin
+        if stdin is not None:
+            stdin.close()
         return super().end(name)
 
     def _start_rig(self, surface: Surface) -> dict[str, Any]:
-        program = Path(sys.executable).parent / "beamtouch-rig"
-        command: list[str | Path] = [program, self._scene, "--model", self._model, "--by-hand"]
-        command += ["--modbus-tcp", "127.0.0.1:0", *surface.rig_options]
-        with (self.folder / "rig-bench.log").open("w") as log:
-            self._processes["rig-bench"] = subprocess.Popen(
-                command,
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                stderr=log,
-                text=True,
-            )
-        port = int(self._first_line("rig-bench").rpartition(":")[2])
-        return {"kind": "modbus-tcp", "host": "127.0.0.1", "port": port, "timeout_ms": 5000.0}
+        return super()._start_rig(surface) | {"timeout_ms": 5000.0}
 
 
 def press(seen: Watched, line: LineByHand, prompt: str, at_mm: float) -> None:
@@ -76,7 +58,7 @@ def test_the_page_finds_swapped_cables_an_inverted_sensor_and_a_dead_one(
     config = tmp_path / "generated.toml"
     config.write_text(daemon_config(metadata).replace("rate_hz = 200", "rate_hz = 50"))
     faults = ("--fault", "swapped:s1,s4", "--fault", "inverted:s2", "--fault", "unplugged:s3")
-    surface = Surface("bench", "modbus-tcp", rig_options=faults)
+    surface = Surface("bench", "modbus-tcp", rig_options=("--by-hand", *faults))
     sections = {"surfaces": {"bench": {"model": str(bench_model), "stale_ms": 5000}}}
     with LineByHand(tmp_path, SCENES / "bench.toml", bench_model, config, [surface], sections) as line:
         seen = open_page(line.url, size=(1280, 900))

@@ -16,6 +16,7 @@ from beamtouch_models import modelfile
 from beamtouch_models.building.daemon_config import daemon_config
 from contact_registers import decoded
 from example_scenes import SCENES
+from forked_line import ForkedLine
 from free_ports import free_port
 from line import Line, Surface
 from modbus_client import modbus_port
@@ -81,7 +82,8 @@ class Watched:
 @pytest.fixture
 def watched(tmp_path: Path, bench_model: Path, broker: Broker) -> Iterator[Watched]:
     config, port = tmp_path / "generated.toml", free_port()
-    config.write_text(f"{daemon_config(modelfile.load(bench_model).metadata)}\n[metrics]\nport = {port}\n")
+    built = daemon_config(modelfile.load(bench_model).metadata).replace("rate_hz = 200", "rate_hz = 50")
+    config.write_text(f"{built}\n[metrics]\nport = {port}\n")
     sections = {
         "surfaces": {"bench": {"model": str(bench_model), "stale_ms": 5000, "degraded_after_s": 1}},
         "modbus_server": {"port": 0},
@@ -89,7 +91,7 @@ def watched(tmp_path: Path, bench_model: Path, broker: Broker) -> Iterator[Watch
     }
     (tmp_path / "rest.toml").write_text("[[step]]\nseconds = 60\n")
     surfaces = [Surface("bench", "modbus-tcp", tmp_path / "rest.toml")]
-    with Line(tmp_path, SCENES / "bench.toml", bench_model, config, surfaces, sections) as line:
+    with ForkedLine(tmp_path, SCENES / "bench.toml", bench_model, config, surfaces, sections) as line:
         wait_until(lambda: '"clear"' in httpx2.get(f"{line.url}/contact", trust_env=False, timeout=TIMEOUT_S).text)
         yield Watched(line, port)
 

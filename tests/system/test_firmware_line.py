@@ -8,7 +8,8 @@ import pytest
 
 from beamtouch_models import modelfile
 from beamtouch_models.building.daemon_config import daemon_config
-from line import Line, Surface
+from forked_line import ForkedLine
+from line import Surface
 from plain_http import NO_TLS, TIMEOUT_S
 from simulated_board import Board
 from waiting import wait_until
@@ -21,7 +22,7 @@ def test_a_touch_is_found_through_the_firmware(board: Board, ten_bits: tuple[Pat
     config.write_text(daemon_config(modelfile.load(model).metadata))
     (tmp_path / "script.toml").write_text(SCRIPT)
     surface = Surface("bench", "serial", tmp_path / "script.toml", ("--firmware", *board.command))
-    with Line(tmp_path, scene, model, config, [surface]) as line:
+    with ForkedLine(tmp_path, scene, model, config, [surface]) as line:
         contact: dict[str, Any] = {}
 
         def rests() -> bool:

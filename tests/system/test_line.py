@@ -16,19 +16,20 @@ from scipy.stats import binom
 from beamtouch_models import modelfile
 from beamtouch_models.building.daemon_config import daemon_config
 from example_scenes import SCENES
+from forked_line import ForkedLine
 from line import Kind, Line, Surface, Truth
 from plain_http import TIMEOUT_S
 
 pytestmark = [pytest.mark.long, pytest.mark.timeout(600)]
 
 SCENE = SCENES / "bench.toml"
-RESTS = 14
+RESTS = 8
 REST_S, LIFTED_S = 0.9, 0.3
 SCRIPT_S = RESTS * (REST_S + LIFTED_S) + 1.5
 """One pass of the script, and the time until the first load."""
 MAX_PASSES = 20
 """A busy machine misses some loads in each pass."""
-ENOUGH, CONTACTS = RESTS - 2, 50
+ENOUGH, CONTACTS = RESTS - 2, 28
 """Positions and contacts that must be compared."""
 SETTLED_S = 0.1
 """How long a load must have rested before its contact is compared; the filter takes 20 ms of it."""
@@ -63,7 +64,7 @@ def start(tmp_path: Path, bench_model: Path, generated_config: Path) -> Iterator
     def start_line(kind: Kind, script: str) -> Line:
         (tmp_path / "script.toml").write_text(script)
         surface = Surface("bench", kind, tmp_path / "script.toml", ("--no-ringing",))  # it rests sooner
-        line = Line(tmp_path, SCENE, bench_model, generated_config, [surface])
+        line = ForkedLine(tmp_path, SCENE, bench_model, generated_config, [surface])
         line.__enter__()
         started.append(line)
         return line

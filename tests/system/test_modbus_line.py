@@ -16,18 +16,21 @@ from beamtouch_models import modelfile
 from beamtouch_models.building.daemon_config import daemon_config
 from contact_registers import FIGURES, decoded, expected, single
 from example_scenes import SCENES
+from forked_line import ForkedLine
 from line import Line, Surface
 from modbus_client import Poll, compiled, modbus_port, polls
 from plain_http import TIMEOUT_S
 
 pytestmark = pytest.mark.long
 
-ENOUGH = 200
+ENOUGH = 60
 """Contacts to compare, at least: those that both doors gave of the same sample."""
 BOTH = {"contact", "clear"}
 """States that must be among them: a fast machine compares enough before the load is first lifted."""
 LATER = 200
 """Polls after which the other door has been asked for the same sample, if it is ever."""
+ASK_S = 0.005
+"""Between two questions; so both doors are asked several times for each sample."""
 STALE_MS = 500
 STALE = 18
 
@@ -42,14 +45,17 @@ def client(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def line(tmp_path: Path, bench_model: Path) -> Iterator[Line]:
     """A line whose load moves all the time and is lifted now and then."""
     config, script = tmp_path / "generated.toml", tmp_path / "script.toml"
-    config.write_text(daemon_config(modelfile.load(bench_model).metadata))
+    built = daemon_config(modelfile.load(bench_model).metadata)
+    config.write_text(built.replace("rate_hz = 200", "rate_hz = 50"))
     moved = "".join(
         f"[[step]]\nseconds = 0.02\nposition_mm = {200 + 180 * np.sin(step / 20):.2f}\nforce_n = {8 + step % 9}\n"
         for step in range(100)
     )
     script.write_text(f"{moved}[[step]]\nseconds = 0.5\n")
     surfaces = [Surface("bench", "modbus-tcp", script)]
-    with Line(tmp_path, SCENES / "bench.toml", bench_model, config, surfaces, {"modbus_server": {"port": 0}}) as line:
+    with ForkedLine(
+        tmp_path, SCENES / "bench.toml", bench_model, config, surfaces, {"modbus_server": {"port": 0}}
+    ) as line:
         yield line
 
 
@@ -65,7 +71,7 @@ class Contacts(threading.Thread):
     def run(self) -> None:
         """Ask until told to stop."""
         with httpx2.Client(base_url=self._url, trust_env=False, timeout=TIMEOUT_S) as http:
-            while not self.stop.is_set():
+            while not self.stop.wait(ASK_S):
                 answer = http.get("/contact")
                 if answer.is_success:
                     self.said[answer.json()["sequence"]] = answer.json()

@@ -11,7 +11,7 @@ import tomli_w
 from beamtouch_daemon.config.settings import Surface as Settings
 from beamtouch_daemon.processing.at_rest import select_rest
 from beamtouch_daemon.processing.characteristic import Characteristic
-from beamtouch_daemon.processing.noise import HIDDEN, Keys, keys_of, measure_noise
+from beamtouch_daemon.processing.noise import Keys, keys_of, measure_noise
 from beamtouch_daemon.processing.pipeline import Pipeline
 from beamtouch_daemon.sources.reading import Reading
 from beamtouch_models.arrays import Floats
@@ -20,7 +20,6 @@ from beamtouch_models.estimators.onnx_graph import to_bytes
 from beamtouch_models.metadata import Sensor
 from beamtouch_models.physics.beam import influence_matrix
 from beamtouch_models.placement.placing import place
-from beamtouch_models.pricing.noise import step_mm
 from beamtouch_models.scene import Scene, parse_scene
 from beamtouch_models.session import Run, runner
 from beamtouch_models.surface import Surface
@@ -136,32 +135,10 @@ def layout() -> Floats:
     return np.array(place(*problem_in(scene_with(noise_mm=0.0045)), CHANNELS, 0).positions_mm)
 
 
-@pytest.mark.parametrize(("steps", "alike"), [(16, 0.7), (8, 0.0)], ids=["coloured", "coarse ADC"])
-def test_noise_prints_what_a_mean_of_such_readings_is_worth(steps: int, alike: float) -> None:
-    count_mm = step_mm((1.0, 4.0), steps)
-    noise_mm = 0.0045 if alike else count_mm / 3
-    real = scene_with(noise_mm=noise_mm, adc_bits=steps)
-    line = Line(Surface.of(real).sensor, noise_mm, alike, 3)
-    unmeasured = surface_of(real, line.sensor)
-    recording = line.counts(np.zeros(CHANNELS), RECORDED, np.random.default_rng(5).uniform(-0.05, 0.05, CHANNELS))
-    keys = keys_of(measure_noise(select_rest(recording, unmeasured, {}), unmeasured), unmeasured)
-    if alike:
-        # Readings that are k apart are alike by r^k, and a mean of n holds n - k such pairs.
-        window = Surface.of(real).filter.window
-        apart = np.arange(1, window)
-        expected = noise_mm * np.sqrt(1 + 2 * np.sum((1 - apart / window) * alike**apart))
-        assert keys.daemon_noise_mm == pytest.approx(expected, rel=0.12)  # the noisiest of four channels
-        assert keys.adc_bits is None
-    else:
-        assert keys.daemon_noise_mm == pytest.approx(np.hypot(HIDDEN, 12**-0.5) * count_mm, rel=0.01)
-        assert keys.scene_noise_mm == pytest.approx(HIDDEN * count_mm, rel=0.01)
-        assert keys.adc_bits == steps
-
-
 @pytest.mark.long
 @pytest.mark.parametrize(
     ("steps", "noise_mm", "alike"),
-    [(16, 0.0045, 0.95), (8, 0.0002, 0.0), (9, 0.003, 0.9)],
+    [(16, 0.0045, 0.95), (8, 0.0002, 0.0), pytest.param(9, 0.003, 0.9, marks=pytest.mark.soak)],
     ids=["slow", "coarse ADC", "coloured and coarse"],
 )
 def test_measured_noise_gives_intervals_that_hold(steps: int, noise_mm: float, alike: float, layout: Floats) -> None:

@@ -14,7 +14,8 @@ import pytest
 from beamtouch_models import modelfile
 from beamtouch_models.building.daemon_config import daemon_config
 from example_scenes import SCENES
-from line import Line, Surface
+from forked_line import ForkedLine
+from line import Surface
 from plain_http import NO_TLS, TIMEOUT_S
 from waiting import wait_until
 
@@ -25,8 +26,9 @@ if TYPE_CHECKING:
 
 pytestmark = pytest.mark.long
 
-PRESSED_S, LIFTED_S = 0.6, 0.5
-KILLS = 6
+PRESSED_S, LIFTED_S = 2.0, 1.5
+"""So long that a starved daemon reads some of each."""
+KILLS = 3
 SCRIPT = f"""
 [[step]]
 seconds = {LIFTED_S}
@@ -39,10 +41,11 @@ force_n = 12
 
 def test_each_press_is_one_event_whatever_happens_to_the_service(tmp_path: Path, bench_model: Path) -> None:
     config, script = tmp_path / "built.toml", tmp_path / "script.toml"
-    config.write_text(daemon_config(modelfile.load(bench_model).metadata))
+    built = daemon_config(modelfile.load(bench_model).metadata)
+    config.write_text(built.replace("rate_hz = 200", "rate_hz = 100"))
     script.write_text(SCRIPT)
     surface = Surface("bench", "modbus-tcp", script, ("--no-ringing",))
-    with Line(tmp_path, SCENES / "bench.toml", bench_model, config, [surface]) as line:
+    with ForkedLine(tmp_path, SCENES / "bench.toml", bench_model, config, [surface]) as line:
 
         def answer(path: str) -> dict[str, Any]:
             found: dict[str, Any] = httpx2.get(line.url + path, verify=NO_TLS, timeout=TIMEOUT_S).json()

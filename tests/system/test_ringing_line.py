@@ -1,13 +1,12 @@
 """A rig that rings, the samples of the daemon and the answers of the service, also while readings are lost."""
 
 import tomllib
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 from beamtouch_daemon.config.settings import Surface as Config
 from beamtouch_daemon.processing.pipeline import Pipeline
@@ -22,7 +21,7 @@ from beamtouch_service.surfaces.contact import Contact
 from beamtouch_service.surfaces.surface import Surface
 from example_scenes import SCENES
 
-TOUCHES = 4
+TOUCHES = 3
 TOUCHED_S, LIFTED_S = 0.8, 1.2
 DAMPING = 0.01
 
@@ -45,14 +44,14 @@ class Answer:
     """In the sample."""
 
 
-def answers(name: str, path: Path, pause: int = 0) -> Iterator[Answer]:
+def answers(path: Path, pause: int = 0) -> Iterator[Answer]:
     """Yield the answers of a service to the samples of a rig with a beam that rings; pauses are in readings."""
-    model, (scene, _) = modelfile.load(path), load_scene(SCENES / f"{name}.toml")
+    model, (scene, _) = modelfile.load(path), load_scene(SCENES / "bench.toml")
     (table,) = tomllib.loads(daemon_config(model.metadata))["surfaces"].values()
     table["source"] = {"kind": "modbus-tcp", "host": "127.0.0.1"}
     config = Config.model_validate(table)
     rig = VirtualSurface(scene, model.metadata, 1, Imperfections(damping_ratio=DAMPING))
-    daemon, service = Pipeline(config), Surface(name, model)
+    daemon, service = Pipeline(config), Surface("bench", model)
     random = np.random.default_rng(3)
     low, high = scene.contact.force_range_n
     channels, number, lost = [channel.name for channel in config.channels], count(), 0
@@ -74,11 +73,10 @@ def answers(name: str, path: Path, pause: int = 0) -> Iterator[Answer]:
             lost = 0
 
 
-@pytest.mark.parametrize("name", ["bench", "cantilever"])
-def test_a_beam_that_rings_is_touched_once_by_each_touch(name: str, built_model: Callable[[str], Path]) -> None:
-    """On the bench, the heavier loads make the beam swing beyond the range of the sensors."""
+def test_a_beam_that_rings_is_touched_once_by_each_touch(bench_model: Path) -> None:
+    """The heavier loads make the beam swing beyond the range of the sensors."""
     begins, state = [list[float]() for _ in range(TOUCHES)], "clear"
-    for answer in answers(name, built_model(name)):
+    for answer in answers(bench_model):
         before, state = state, answer.contact.state.value
         if (before, state) == ("clear", "contact"):
             begins[answer.touch].append(round(answer.since_s, 3))
@@ -90,7 +88,7 @@ def test_a_beam_that_rings_is_touched_once_by_each_touch(name: str, built_model:
 def test_no_contact_on_a_reading_or_two_is_sure_of_itself_while_a_module_pauses_and_the_beam_rings(
     bench_model: Path,
 ) -> None:
-    said = [one for one in answers("bench", bench_model, PAUSE) if one.contact.state == "contact"]
+    said = [one for one in answers(bench_model, PAUSE) if one.contact.state == "contact"]
     touched = [one for one in said if one.load.force_n]
     sure = [one for one in touched if "unsteady" not in one.contact.notes]
     assert [one for one in sure if (one.readings or 0) < 4] == []
@@ -99,5 +97,5 @@ def test_no_contact_on_a_reading_or_two_is_sure_of_itself_while_a_module_pauses_
         for one in touched
         if one.contact.position_low_mm is not None and one.contact.position_high_mm is not None
     ]
-    assert len(held) > 300
+    assert len(held) > 200
     assert np.mean(held) > 0.95

@@ -13,7 +13,7 @@ from pasted import ROOT, blocks_of, paste
 from toolchain import need
 from unlabelled_contacts import missed_mm
 
-pytestmark = [pytest.mark.long, pytest.mark.timeout(900)]
+pytestmark = [pytest.mark.long, pytest.mark.soak, pytest.mark.timeout(900)]
 
 GUIDE = "docs/how-to/calibrate-without-loads.md"
 ENOUGH = 40

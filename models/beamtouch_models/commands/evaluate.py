@@ -74,7 +74,7 @@ def run(options: argparse.Namespace) -> None:
         "estimator": model.metadata.estimator,
         "evaluations": [asdict(one) for one in found],
     }
-    rows = [block for one in found for block in (_table(model, one), _lines(one, model))]
+    rows = [block for one in found for block in (_table(model, one), _lines(one))]
     show(Result(fields, rows), as_json=options.json)
 
 
@@ -106,7 +106,7 @@ _ROWS: tuple[tuple[str, Callable[[Errors], Measurement | float | None]], ...] = 
 )
 
 
-def _lines(found: Evaluation, model: ModelFile) -> list[tuple[str, str, str]]:
+def _lines(found: Evaluation) -> list[tuple[str, str, str]]:
     """Return results other than position errors as label, value and remark, without those that the model lacks."""
     share = [
         ("position interval", found.position_coverage, "% of contacts lie inside; nominally 95 %", 100.0),

@@ -1,0 +1,72 @@
+"""The line of the demo, and a rig on which a test presses by hand, in processes that are forked.
+
+To import their modules takes rig, service and daemon five seconds of a core together. Tutorial, guides and demo start
+the same commands as a user does.
+"""
+
+import subprocess
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import cast
+
+from forked import Forked
+from line import Line
+
+MODULES = {
+    "beamtouch-daemon": "beamtouch_daemon.cli",
+    "beamtouch-rig": "beamtouch_models.rig.cli",
+    "beamtouch-service": "beamtouch_service.cli",
+}
+BY_HAND = "--by-hand"
+
+
+class ForkedLine(Line):
+    """The same line."""
+
+    def _start(self, name: str, command: list[str]) -> None:
+        program, *words = command
+        log = self.folder / f"{name}.log"
+        log.write_text("")
+        code = f"import os; os.dup2(os.open({str(log)!r}, os.O_WRONLY | os.O_APPEND), 2)"
+        process = Forked(MODULES[program], words, Path.cwd(), code)
+        process.stderr.close()
+        if BY_HAND not in words:
+            process.stdin.close()
+        # It does all that a line asks of one.
+        self._processes[name] = cast("subprocess.Popen[str]", process)
+
+
+class Rig:
+    """A rig by itself, on which a test presses if it is by hand."""
+
+    def __init__(self, rig: Forked) -> None:
+        self._rig = rig
+        self.port = int(rig.stdout.readline().rpartition(":")[2])
+        """Of Modbus TCP, on loopback."""
+
+    def put(self, load: str) -> None:
+        """Put a load on in place of the last one, or nothing; it is so when this returns."""
+        put_on(self._rig, load)
+
+
+def put_on(rig: Forked | subprocess.Popen[str], load: str) -> None:
+    """Put a load on a rig by hand in place of the last one, or nothing; it is so when this returns."""
+    assert rig.stdin is not None
+    assert rig.stdout is not None
+    rig.stdin.write(f"{load}\n")
+    rig.stdin.flush()
+    said = rig.stdout.readline()
+    assert said.endswith(" on\n"), said
+
+
+@contextmanager
+def rig(scene: Path, model: Path, *options: str | Path) -> Iterator[Rig]:
+    """Run a rig on a free port of Modbus TCP until the end of the block."""
+    words = [str(word) for word in (scene, "--model", model, "--modbus-tcp", "127.0.0.1:0", *options)]
+    process = Forked(MODULES["beamtouch-rig"], words, Path.cwd())
+    try:
+        yield Rig(process)
+    finally:
+        process.terminate()
+        process.communicate(timeout=60)
