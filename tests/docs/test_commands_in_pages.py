@@ -57,7 +57,10 @@ def test_every_file_that_a_page_writes_has_the_keys_of_its_kind(page: str) -> No
     kinds = {name: jsonschema.Draft202012Validator(editor_schema(*FILES[name])) for name in FILES}
     for block in blocks_of(page):
         for name, text in _FILE.findall(block.text):
-            assert any(kind.is_valid(tomllib.loads(text)) for kind in kinds.values()), f"{page}: {name}"
+            keys = tomllib.loads(text)
+            if set(keys) == {"zones"}:  # a file for `explain --zones` has the zones of a surface
+                keys = {"surfaces": {"strip": keys}}
+            assert any(kind.is_valid(keys) for kind in kinds.values()), f"{page}: {name}"
 
 
 def test_every_command_has_a_row_in_the_table() -> None:

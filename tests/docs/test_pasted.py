@@ -25,7 +25,8 @@ GUIDES = {
     "docs/how-to/design.md": ["zero drift", "golden   9 answers reproduced"],
     "docs/how-to/several-surfaces.md": ['"surface":"left"', '"surface":"right"'],
     "docs/how-to/two-hosts.md": ['"surface":"strip"', "urn:beamtouch:problem:unauthorized"],
-    "docs/how-to/plc.md": [r"\| `identity` ", "\nstate c(lear|ontact\nposition_mm 1)"],
+    "docs/how-to/plc.md": [r"\| `identity` ", r"old: contact.*\nposition .* to .*\nforce .* to .*\ngate [iu]"],
+    "docs/how-to/zones.md": [r"gate +120 ", '"gate": "inside"'],
     "docs/how-to/python.md": ["( N at 1|nothing touches)"],
     "docs/how-to/upgrade.md": ["golden   9 answers reproduced", "posterior"],
 }

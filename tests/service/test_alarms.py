@@ -168,7 +168,7 @@ def test_a_loose_cable_is_out_if_it_is_off_for_more_than_half_of_the_time(
     assert not cable.is_out
     assert [message.partition(" since ")[0] for message in caplog.messages] == [
         "surface press-7: channel s3 has been missing",
-        "surface press-7: channel s3 is good again; it had been missing",
+        "surface press-7: channel s3 is good again; it had been out",
     ]
 
 

@@ -307,12 +307,13 @@ def test_the_beam_is_drawn_with_its_zones() -> None:
     assert (zones["gate"]["from_mm"], zones["slow"]["dwell_ms"]) == (120.0, 20.0)
 
 
-def test_the_register_map_numbers_the_zones(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_register_map_says_where_each_zone_is(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "service.toml"
     zones = "zones.gate = { from_mm = 0, to_mm = 9 }\nzones.end = { from_mm = 9, to_mm = 20 }\n"
-    path.write_text(f"[surfaces.press-7]\n{zones}")
+    path.write_text(f"[surfaces.press-6]\n[surfaces.press-7]\n{zones}")
     assert cli.main(["registers", "--config", str(path)]) == 0
-    assert "| `press-7` | 2    | `end`  |" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert "| `press-7` | 2    | `end`  | bits 2 and 3 of address 92 are both set | address 94 |" in printed
 
 
 @pytest.mark.parametrize(

@@ -138,7 +138,7 @@ def test_a_dead_sensor_is_told_at_every_door_and_so_is_its_return(watched: Watch
     wait_until(lambda: watched.ask("/health/ready?health=true").status_code == 200)
     wait_until(lambda: status.of("beamtouch/bench/status")[-1] == ready)
     assert "degraded" not in watched.ask("/contact").json()["notes"]
-    back = f"surface bench: channel {DEAD} is good again; it had been out of range since {since}"
+    back = f"surface bench: channel {DEAD} is good again; it had been out since {since}"
     assert [line for line in watched.log("INFO") if DEAD in line] == [back]
     require_metrics_of_alerts(watched)
 

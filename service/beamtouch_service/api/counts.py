@@ -121,12 +121,11 @@ class Counts:
     def _channels_out(self, surface: Surface) -> None:
         """Log the channels that went out, and those that are back, once each."""
         for name, out, is_back in surface.channels_out.take_turns():
-            word, advice = _OUT[out.quality]
             if is_back:
-                _log.info(
-                    "surface %s: channel %s is good again; it had been %s since %s", surface.name, name, word, out.since
-                )
+                words = "surface %s: channel %s is good again; it had been out since %s"
+                _log.info(words, surface.name, name, out.since)
             else:
+                word, advice = _OUT[out.quality]
                 words = "surface %s: channel %s has been %s since %s (over %g s); %s"
                 _log.warning(words, surface.name, name, word, out.since, surface.channels_out.after_s, advice)
 

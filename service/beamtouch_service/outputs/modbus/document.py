@@ -54,14 +54,25 @@ def as_text(surfaces: Mapping[str, Collection[str]], word_order: str) -> str:
             (f"`{name}`", _range(place * BLOCK, BLOCK), str(identity(name))) for place, name in enumerate(surfaces)
         ]
         parts += [aligned_markdown(("surface", "addresses", "identity"), blocks), f"Word order: {word_order}."]
-    rows = [
-        (f"`{name}`", str(number), f"`{zone}`")
-        for name, zones in surfaces.items()
-        for number, zone in enumerate(zones, start=1)
-    ]
-    if rows:
-        parts.append(aligned_markdown(("surface", "zone", "name"), rows))
+    if rows := _zones(surfaces):
+        parts.append(aligned_markdown(("surface", "zone", "name", "inside if", "entries"), rows))
     return "\n\n".join(parts)
+
+
+def _zones(surfaces: Mapping[str, Collection[str]]) -> list[tuple[str, ...]]:
+    """Return a row for each zone: which bits are set while it is inside, and the address of its counter."""
+    offsets = {one.name: one.offset for one in REGISTERS}
+    return [
+        (
+            f"`{name}`",
+            str(place + 1),
+            f"`{zone}`",
+            f"bits {2 * place} and {2 * place + 1} of address {block * BLOCK + offsets['zones']} are both set",
+            f"address {block * BLOCK + offsets[f'zone_{place + 1}_entries']}",
+        )
+        for block, (name, zones) in enumerate(surfaces.items())
+        for place, zone in enumerate(zones)
+    ]
 
 
 def _state_name(state: object) -> str:

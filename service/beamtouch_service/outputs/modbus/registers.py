@@ -176,7 +176,7 @@ REGISTERS = (
         42,
         "zones",
         Type.ZONES,
-        "2 bits a zone, zone 1 lowest: 1 outside, 2 unsure, 3 inside, 0 no answer",
+        "2 bits a zone, zone 1 lowest: 1 outside, 2 unsure, 3 inside, 0 no answer or no such zone",
         _zones,
     ),
     *(_entries(place) for place in range(MAX_ZONES)),
