@@ -77,7 +77,7 @@ def drifted(at: Drawn, *, touched: bool) -> Play:
 
 def noisy(at: Drawn) -> Play:
     """Return contacts while one channel is many times as noisy as stated."""
-    louder = replace(at.perfect, noise=np.where(at.one, NOISY, 1.0))
+    louder = replace(at.perfect, noise=1 + (NOISY - 1) * at.one)
     return _fault(at, f"one channel {NOISY:g} times as noisy", at.deflection_mm, louder)
 
 

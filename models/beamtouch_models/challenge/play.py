@@ -67,10 +67,10 @@ class Drawn:
         return self.surface.world.under(self.position_mm, self.force_n)
 
     @cached_property
-    def one(self) -> Bools:
-        """(draws, channels), true for one channel of each draw, any of them."""
+    def one(self) -> Floats:
+        """(draws, channels), 1 for one channel of each draw, any of them, and 0 for the others."""
         channels = self.surface.channels
-        return np.arange(channels) == self.rng.integers(channels, size=(self.draws, 1))
+        return np.eye(channels)[self.rng.integers(channels, size=self.draws)]
 
     def settle(
         self,

@@ -227,9 +227,11 @@ def figure_7(optimised_mm: Floats) -> Figure:
     series = []
     for k in range(4):
         # Divide each by its own peak at equal pitch: on one scale the third and fourth would be flat lines.
-        for words, style, component in (("equal pitch", "dashed", equal), ("optimised", "line", best)):
-            curve = rounded(component[:, k] / equal_peak[k])
-            series.append(Series(f"component {k + 1}, {words}", LOADS_MM.tolist(), curve, k, style))
+        pitched, chosen = (rounded(one[:, k] / equal_peak[k]) for one in (equal, best))
+        series += [
+            Series(f"component {k + 1}, equal pitch", LOADS_MM.tolist(), pitched, k, "dashed"),
+            Series(f"component {k + 1}, optimised", LOADS_MM.tolist(), chosen, k),
+        ]
     says = "The components of four sensors, at equal pitch and optimised, each relative to its peak at equal pitch"
     chart = Chart(says, "position of the load, mm", "relative to the peak at equal pitch", series)
     return Figure(7, "components-optimised", chart, rounded(numbers), checks)
