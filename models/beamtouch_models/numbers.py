@@ -79,3 +79,11 @@ def at_most(value: float) -> float:
         return 0.0
     digit = 10.0 ** (math.floor(math.log10(value)) - 1)
     return math.floor(value / digit) * digit
+
+
+def at_least(value: float) -> float:
+    """Return the smallest number with two digits that is not less than a positive value; infinity for over 1e300."""
+    if value > 1e300:
+        return math.inf
+    digit = 10.0 ** (math.floor(math.log10(value)) - 1)
+    return math.ceil(value / digit) * digit

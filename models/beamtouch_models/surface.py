@@ -19,7 +19,7 @@ from beamtouch_models.arrays import Floats
 from beamtouch_models.errors import SceneError
 from beamtouch_models.filters import Chain
 from beamtouch_models.metadata import Departures, FilterChoice, Metadata, Noise, Sensor
-from beamtouch_models.numbers import at_most
+from beamtouch_models.numbers import at_least, at_most
 from beamtouch_models.physics.beam import Travel, influence, influence_of, sensor_positions_mm, travel_of
 from beamtouch_models.physics.influence import InfluenceFunction
 from beamtouch_models.physics.motion import slowest_period_ms
@@ -184,7 +184,7 @@ class Surface:
             drift of zeros is out of proportion to the deflection, or no layout keeps the rules of sensors.
         """
         scene, sensors = self.stated, self.stated.sensors
-        self.travel.check_small_angles()
+        self.travel.check_small_angles(sensors.range_mm[1] - sensors.range_mm[0])
         if self.readings.reading_mm == 0:
             message = "sensors: with a noise of 0 there are no intervals; state the noise of a reading"
             raise SceneError(message)
@@ -221,10 +221,11 @@ def _sensor_of(scene: Scene, travel: Travel) -> Sensor:
     lift, fall = travel.lift_mm, travel.fall_mm
     centred_mm, stated_mm = (low + high) / 2 + (fall - lift) / 2, scene.sensors.standoff_mm
     if fall + lift > high - low:
-        force_n = at_most(travel.force_n * (high - low) / (fall + lift))
+        excess = (fall + lift) / (high - low)
         message = (
-            f"the beam travels {digits(fall + lift, 4)} mm and leaves sensors.range_mm = [{low:g}, {high:g}]; end "
-            f"contact.force_n at {force_n:g} N, make the beam stiffer, or use a sensor with a longer range"
+            f"at {travel.force_n:g} N the beam travels {digits(fall + lift, 4)} mm and leaves sensors.range_mm = "
+            f"[{low:g}, {high:g}]; end contact.force_n at {at_most(travel.force_n / excess):g} N, make the beam "
+            f"{at_least(excess):g} times as stiff, or use a sensor with a longer range"
         )
         raise SceneError(message)
     if stated_mm is not None and (stated_mm - fall < low or stated_mm + lift > high):

@@ -42,6 +42,17 @@ def test_a_roller_between_the_ends_carries_the_beam(
     assert text.count("on a roller") == 3
 
 
+def test_places_of_contacts_and_housings_are_those_of_the_command(
+    design_sensors_here: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    done = design_sensors_here("new", "a.toml", *STRIP, "--position-mm", 60, 400, "--size-mm", 18, "--noise-mm", 0.003)
+    assert done.returncode == 0, done.stderr
+    scene, text = load_scene(Path("a.toml"))
+    assert (scene.contact.position_mm, scene.sensors.size_mm) == ((60, 400), 18)
+    assert "# zero_drift_mm = 0.0006 " in text
+
+
 def test_every_commented_key_is_one() -> None:
     text = scene_text(Answers(*(650.0, 40.0, 2.0)), "x")
     bare = [line.removeprefix("# ") for line in text.splitlines() if line.startswith(("# [", "#")) and " = " in line]
@@ -71,6 +82,7 @@ def _keys(part: str) -> set[str]:
         ),
         (("a.toml", *STRIP, "--roller-mm", "nan"), "--roller-mm nan: must be a finite number"),
         (("a.toml", *STRIP, "--force-n", 1, 1e6), "at 1e+06 N the beam slopes by"),
+        (("a.toml", *STRIP, "--position-mm", 60, 700), "contact.position_mm = [60.0, 700.0] reaches beyond the beam"),
         (("a.toml", *STRIP, "--material", "steal"), "invalid choice: 'steal' (choose from steel, "),
     ],
 )

@@ -87,7 +87,7 @@ def test_the_paper_search_by_position_error_shows_a_table(design_sensors_here: C
     assert done.returncode == 0, done.stderr
     lines = dict(line.split(maxsplit=1) for line in done.stdout.splitlines())
     assert lines["sensors"] == "100, 300 mm from the left end"
-    assert lines["bound"] == "none: this criterion has no bound"
+    assert lines["bound"] == "none for this criterion; --criterion eigenvalue-product has one"
     assert lines["search"] == "paper, by position-error, seed 1"
 
 

@@ -19,6 +19,32 @@ def test_a_recording_that_a_spreadsheet_saved_is_read(bench: ModelFile, tmp_path
     without_time = "".join(line.partition(",")[2] for line in path.read_text().splitlines(keepends=True))
     path.write_text(without_time, encoding="utf-8-sig")  # with a byte order mark before the first column
     assert np.array_equal(read_loads(path, bench.metadata).measured_mm, honest.measured_mm)
+    path.write_text(without_time.replace(",", ", "))
+    assert np.array_equal(read_loads(path, bench.metadata).measured_mm, honest.measured_mm)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (
+            lambda text: re.sub(r"([-\d.e]+),good", lambda cell: f"{-float(cell[1])},good", text),
+            "deflections are -1.0 times what the model expects: a deflection is positive in the direction of the load",
+        ),
+        (
+            lambda text: text.replace(".0,12.0,", ".0,1.2232,"),  # in kg
+            "deflections are 9.8 times what the model expects: check the units of deflections and forces (1 kg weighs",
+        ),
+    ],
+)
+def test_a_recording_that_is_wrong_by_a_factor_is_refused_with_the_factor(
+    design_sensors_here: Command, bench_model: Path, bench: ModelFile, tmp_path: Path, change: object, said: str
+) -> None:
+    path = readings(tmp_path, bench, Imperfections())
+    assert callable(change)
+    path.write_text(change(path.read_text()))
+    done = design_sensors_here("calibrate", bench_model, path, "-o", tmp_path / "out.onnx")
+    assert (done.returncode, done.stdout) == (1, "")
+    assert said in done.stderr
 
 
 def test_a_load_number_that_was_used_twice_is_refused(bench: ModelFile, tmp_path: Path) -> None:
@@ -34,10 +60,25 @@ def without_most_of_load_3(text: str) -> str:
     return "".join([*lines[:405], *lines[601:]])
 
 
+def once_each(text: str) -> str:
+    """The recording with one sample of each load, as somebody types it who does not know better."""
+    head, *rows = text.splitlines()
+    return "\n".join([head, *rows[::200]])
+
+
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (lambda text: text.replace("s3_deflection_mm", "s9_deflection_mm"), "column s3_deflection_mm is missing"),
+        (
+            lambda text: text.replace("s3_deflection_mm", "s9_deflection_mm"),
+            "s3_deflection_mm is missing; this model needs",
+        ),
+        (
+            lambda text: text.replace(",", ";").replace(".", ","),
+            "semicolons separate the columns; separate them",
+        ),
+        (lambda text: text.replace(",", "\t"), "tabs separate the columns"),
+        (once_each, "no load has 5 good samples of a channel; each load needs 5 rows or more"),
         (lambda text: text.splitlines()[0] + "\n", "no samples"),
         (lambda text: text.replace(",20.0,12.0,", ",20.0,-1,"), "has a force of -1 N"),
         (lambda text: text.replace(",20.0,12.0,", ",20.0,1e300,"), "load 1 (lines 2 to 201) has a force of 1e+300 N"),

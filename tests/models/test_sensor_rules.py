@@ -2,6 +2,7 @@
 
 import pytest
 
+from beamtouch_models import change_scene
 from beamtouch_models.errors import SceneError
 from beamtouch_models.numbers import at_most
 from beamtouch_models.physics.beam import travel_of
@@ -25,10 +26,16 @@ def bench(force_n: float, sensors: str = "") -> Scene:
     )
 
 
+def stiffened(scene: Scene, times: float) -> Scene:
+    assert scene.beam.thickness_mm is not None
+    return change_scene(scene, beam={"thickness_mm": scene.beam.thickness_mm * times ** (1 / 3)})
+
+
 def test_the_force_that_a_refusal_names_keeps_the_beam_within_the_range_of_the_sensors() -> None:
     with pytest.raises(SceneError, match=r"travels 3.386 mm and leaves sensors.range_mm = \[1, 4\]; end .* at 26 N"):
         Surface.of(bench(30)).check()
     Surface.of(bench(26)).check()
+    Surface.of(stiffened(bench(30), 1.2)).check()
     with pytest.raises(SceneError, match="leaves"):
         Surface.of(bench(27)).check()
 
@@ -40,10 +47,18 @@ def test_the_stand_off_that_a_refusal_names_is_in_the_middle() -> None:
     assert Surface.of(bench(20)).sensor.standoff_mm == pytest.approx(3.629, abs=5e-4)
 
 
+def test_one_refusal_names_the_force_that_keeps_to_small_angles_and_to_the_range_of_the_sensors() -> None:
+    with pytest.raises(SceneError, match=r"slopes by .* and travels 33.86 mm, .* end contact.force_n at 26 N, .* 12 "):
+        Surface.of(bench(300)).check()
+    Surface.of(bench(26)).check()
+    Surface.of(stiffened(bench(300), 12)).check()
+
+
 def test_the_force_that_a_refusal_names_keeps_to_small_angles() -> None:
     with pytest.raises(SceneError, match=r"at 300 N the beam slopes by 0.261 rad.* end contact.force_n at 110 N"):
         travel_of(bench(300)).check_small_angles()
     travel_of(bench(110)).check_small_angles()
+    travel_of(stiffened(bench(300), 2.7)).check_small_angles()
     with pytest.raises(SceneError, match="slopes"):
         travel_of(bench(120)).check_small_angles()
 

@@ -7,6 +7,7 @@ from typing import Literal
 import numpy as np
 
 from beamtouch_models.physics.beam import influence
+from beamtouch_models.pricing.noise import ZERO_SHARE
 from beamtouch_models.scene.beam import Beam
 from beamtouch_models.scene.materials import MATERIALS, MaterialName
 
@@ -37,10 +38,12 @@ class Answers:
     roller_mm: tuple[float, ...] = ()
     """Rollers between the ends."""
     force_n: tuple[float, float] | None = None
+    position_mm: tuple[float, float] | None = None
     sensors: int = 4
     noise_mm: float = 0.005
     rate_hz: float = 200.0
     range_mm: tuple[float, float] = (1.0, 4.0)
+    size_mm: float | None = None
     latency_ms: float = 20.0
     position_error_mm: float | None = None
 
@@ -59,7 +62,7 @@ def scene_text(answers: Answers, name: str) -> str:
     ends: list[tuple[float, End]] = [(0.0, answers.left), (length, answers.right)]
     rows = [f"    {{ at_mm = {at:.12g}, {SUPPORTS[end][0]} }},  # {SUPPORTS[end][1]}" for at, end in _held(answers)]
     edge = [MARGIN * length if end != "free" else 0.0 for _, end in ends]
-    places = edge[0], length - edge[1]
+    places = answers.position_mm or (edge[0], length - edge[1])
     wanted = answers.position_error_mm
     assumed = "assumed: it uses up to a third of range_mm; state yours"
     stated = asdict(answers) | {
@@ -67,6 +70,9 @@ def scene_text(answers: Answers, name: str) -> str:
         "known": MATERIALS[answers.material],
         "supports": "\n".join(rows),
         "position_mm": places,
+        "where": "where contacts may be" if answers.position_mm else "near a support the beam moves too little",
+        "drift_mm": answers.noise_mm * ZERO_SHARE,
+        "size": "# size_mm = 8" if answers.size_mm is None else f"size_mm = {answers.size_mm:.12g}",
         "force_n": answers.force_n or _assumed_force_n(answers, places),
         "told": "smallest and largest" if answers.force_n else assumed,
         "middle_mm": (length / 2 - 10, length / 2 + 10),

@@ -9,7 +9,7 @@ from beamtouch_models.accuracy import limit
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.arrays import Floats
 from beamtouch_models.calibration.fit import Fit, fit, supported_fit
-from beamtouch_models.calibration.loads import Loads, LoadsError
+from beamtouch_models.calibration.loads import Loads, LoadsError, lines
 from beamtouch_models.calibration.mistaken import Suspect, mistaken, swapped
 from beamtouch_models.calibration.rebuilt import rebuilt
 from beamtouch_models.calibration.theory import Theory
@@ -26,6 +26,7 @@ Above it, the recording is of another surface.
 """
 MOVED = 0.01
 """Deflection, in noises of a sample, below which a load moves no sensor."""
+UNRELATED = "Check that model, sensors, positions and forces belong together"
 WORSE = 1.05
 """Factor by which the error of single samples may grow. Where a model is already right, the errors of the recording
 decide whether a fit locates its loads a little better or a little worse."""
@@ -105,7 +106,8 @@ def checked_fit(model: ModelFile, loads: Loads, progress: Progress) -> CheckedFi
         )
     left = found.error_mm / float(np.sqrt((expected_mm**2).mean()))
     if not left <= MAX_LEFT:
-        raise NotGoodEnoughError(_another_surface(f"leaves {left:.0%} of the expected deflections unexplained"))
+        hint = _scale_hint(loads.measured_mm[np.isfinite(loads.measured_mm)], expected_mm)
+        raise NotGoodEnoughError(_another_surface(f"leaves {left:.0%} of the expected deflections unexplained", hint))
     before = _errors_mm(prior_of_model(model.metadata), model.metadata.departures, loads)
     after = np.empty(len(loads.number))
     for index in range(len(after)):
@@ -153,14 +155,12 @@ def limit_mm(prior: Prior, loads: Loads, seed: int, draws: int = 400) -> float:
 
 def _contradiction(loads: Loads, suspects: tuple[Suspect, ...]) -> str:
     """Return the message that names the loads that contradict the others, and where the others place them."""
-    told = []
-    for one in suspects:
-        start, end = loads.lines[one.index]
-        told.append(
-            f"load {loads.number[one.index]} (lines {start} to {end}) says {loads.position_mm[one.index]:g} mm and "
-            f"{loads.force_n[one.index]:g} N, but the other loads place it at {digits(one.position_mm, 4)} mm with "
-            f"{digits(one.force_n, 3)} N"
-        )
+    told = [
+        f"load {loads.number[one.index]} ({lines(loads.lines[one.index])}) says {loads.position_mm[one.index]:g} mm "
+        f"and {loads.force_n[one.index]:g} N, but the other loads place it at {digits(one.position_mm, 4)} mm with "
+        f"{digits(one.force_n, 3)} N"
+        for one in suspects
+    ]
     alternatives = not all(one.certain for one in suspects)
     what = "either load may be wrong: " if alternatives and len(suspects) > 1 else ""
     numbers = " ".join(f"--leave-out {loads.number[one.index]}" for one in suspects)
@@ -168,12 +168,25 @@ def _contradiction(loads: Loads, suspects: tuple[Suspect, ...]) -> str:
     return f"{what}{'; '.join(told)}; {end}; nothing was written"
 
 
-def _another_surface(shown: str) -> str:
+def _another_surface(shown: str, hint: str = UNRELATED) -> str:
     """Return the message that a recording is not of this surface; `shown` says what the best fit does."""
     return (
         f"nothing was written: the recording does not fit this model's surface. The best fit {shown}. "
-        "Check that model, sensors, positions and forces belong together, and record again"
+        f"{hint}, and record again"
     )
+
+
+def _scale_hint(measured_mm: Floats, expected_mm: Floats) -> str:
+    """Return the advice on deflections (samples,) that a fit does not explain; they may all be wrong by a factor."""
+    factor = float(measured_mm @ expected_mm) / float(expected_mm @ expected_mm)
+    rest = np.linalg.norm(measured_mm - factor * expected_mm)
+    if not rest <= MAX_LEFT * np.linalg.norm(measured_mm):
+        return UNRELATED
+    if factor < 0:
+        cause = "a deflection is positive in the direction of the load, so check the signs"
+    else:
+        cause = "check the units of deflections and forces (1 kg weighs 9.81 N), and the beam's dimensions"
+    return f"All deflections are {digits(factor, 2)} times what the model expects: {cause}"
 
 
 def _worse(loads: Loads, before: Floats, after: Floats) -> str:
@@ -181,6 +194,6 @@ def _worse(loads: Loads, before: Floats, after: Floats) -> str:
     return (
         "nothing was written: a model fitted to these loads would be worse. A fit locates left-out loads to "
         f"{digits(after.mean(), 4)} mm, the given model to {digits(before.mean(), 4)} mm. The largest error is that "
-        f"of load {loads.number[worst]} (lines {loads.lines[worst, 0]} to {loads.lines[worst, 1]}), "
+        f"of load {loads.number[worst]} ({lines(loads.lines[worst])}), "
         f"{digits(after[worst], 3)} mm. Keep the model, or check the loads and record more over the whole beam"
     )

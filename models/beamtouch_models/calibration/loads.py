@@ -65,7 +65,7 @@ def read_loads(path: Path, metadata: Metadata, leave_out: Sequence[int] = ()) ->
     wanted = ["load", "position_mm", "force_n", *(f"{name}_deflection_mm" for name in channels)]
     missing = [column for column in wanted if column not in rows[0]]
     if missing:
-        raise LoadsError(f"{path}: column {missing[0]} is missing; record with the config of this model's surface")
+        raise LoadsError(f"{path}: column {missing[0]} is missing; this model needs the columns {', '.join(wanted)}")
     try:
         loads = _averaged(rows, channels, metadata)
     except LoadsError as error:
@@ -86,10 +86,20 @@ def read_rows(path: Path, refuse: type[InputError]) -> tuple[list[dict[str, str]
     """Return the rows and the columns of a CSV file; raises `refuse` if it is none."""
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
-            reader = csv.DictReader(file)
-            return list(reader), reader.fieldnames or []
+            reader = csv.DictReader(file, skipinitialspace=True)
+            rows, columns = list(reader), reader.fieldnames or []
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise refuse(f"{path}: {error.strerror if isinstance(error, OSError) else 'not a CSV file'}") from None
+    if len(columns) == 1 and (other := next((mark for mark in ";\t" if mark in columns[0]), "")):
+        name = {";": "semicolons", "\t": "tabs"}[other]
+        raise refuse(f"{path}: {name} separate the columns; separate them by commas, and write decimals with a point")
+    return rows, columns
+
+
+def lines(first_last: Indices) -> str:
+    """Return where a load is in its file, in words."""
+    first, last = first_last
+    return f"line {first}" if first == last else f"lines {first} to {last}"
 
 
 def _averaged(rows: list[dict[str, str]], channels: list[str], metadata: Metadata) -> Loads:
@@ -135,19 +145,24 @@ def _check(path: Path, loads: Loads, metadata: Metadata) -> None:
     """Raise LoadsError if no fit could use the loads."""
     low, high = metadata.ranges.position_mm
     weakest, strongest = metadata.ranges.force_n
-    for number, (start, end), position, force, measured in zip(
+    short = np.isnan(loads.measured_mm).all(axis=1)
+    if len(short) and short.all():
+        raise LoadsError(
+            f"{path}: no load has {MIN_SAMPLES} good samples of a channel; each load needs {MIN_SAMPLES} rows or more"
+        )
+    for number, where, position, force, measured in zip(
         loads.number, loads.lines, loads.position_mm, loads.force_n, loads.measured_mm, strict=True
     ):
         if not low <= position <= high:
             raise LoadsError(f"{path}: load {number} at {position:g} mm is not within {low:g}..{high:g} mm")
         if force <= 0 or not weakest / FORCE_FACTOR <= force <= strongest * FORCE_FACTOR:
             raise LoadsError(
-                f"{path}: load {number} (lines {start} to {end}) has a force of {force:g} N, but the model is for "
+                f"{path}: load {number} ({lines(where)}) has a force of {force:g} N, but the model is for "
                 f"{weakest:g}..{strongest:g} N; correct it, or use --leave-out {number}"
             )
         if np.isnan(measured).all():
             raise LoadsError(
-                f"{path}: load {number} (lines {start} to {end}) has fewer than {MIN_SAMPLES} good samples of each "
+                f"{path}: load {number} ({lines(where)}) has fewer than {MIN_SAMPLES} good samples of each "
                 f"channel; record it again, or use --leave-out {number}"
             )
     positions = np.unique(loads.position_mm)

@@ -37,12 +37,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--roller-mm", type=float, action="append", metavar="MM", help=words)
     words = "smallest and largest force of a contact (default: what uses a third of --range-mm)"
     parser.add_argument("--force-n", type=float, nargs=2, metavar=("LOW", "HIGH"), help=words)
+    words = "where contacts may be (default: from end to end, save next to one that is held)"
+    parser.add_argument("--position-mm", type=float, nargs=2, metavar=("LOW", "HIGH"), help=words)
     parser.add_argument("--sensors", type=whole_number(1, 64), metavar="N", help="number of sensors (default: 4)")
     words = "standard deviation of a reading (default: 0.005)"
     parser.add_argument("--noise-mm", type=float, metavar="MM", help=words)
     parser.add_argument("--rate-hz", type=float, metavar="HZ", help="readings per second (default: 200)")
     words = "gaps over which the sensors are linear (default: 1 4)"
     parser.add_argument("--range-mm", type=float, nargs=2, metavar=("LOW", "HIGH"), help=words)
+    words = "width of a sensor's housing along the beam (default: 8)"
+    parser.add_argument("--size-mm", type=float, metavar="MM", help=words)
     parser.add_argument("--latency-ms", type=float, metavar="MS", help="time of filtering (default: 20)")
     parser.add_argument("--position-error-mm", type=float, metavar="MM", help="largest mean error (default: any)")
     parser.add_argument("--force", action="store_true", help="replace a file that exists")

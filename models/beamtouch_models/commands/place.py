@@ -71,7 +71,7 @@ def _rows(found: dict[str, Any], sensors: PlacedSensors) -> list[tuple[str, str]
         *([("failed", _failed_line(found))] if found["limit_without_percent"] else []),
         ("search", f"{found['search']}, by {found['criterion']}, seed {found['seed']}"),
         ("cost", f"{found['evaluations']} layouts scored, {found['wall_s']:.2f} s"),
-        ("advice", f"{recommended} sensors: one per component that exceeds the noise, at least two"),
+        ("paper", f"{recommended} sensors by the paper's rule, one per component above the noise, at least two"),
     ]
 
 
@@ -128,7 +128,7 @@ def _failed_line(found: dict[str, Any]) -> str:
 
 def _bound_line(gap: float | None) -> str:
     if gap is None:
-        return "none: this criterion has no bound"
+        return "none for this criterion; --criterion eigenvalue-product has one"
     if gap == 0:
         return "no layout on the grid has a larger product"
     return f"no layout on the grid scores more than {digits(gap, 3)} above this one, in ln of the product"

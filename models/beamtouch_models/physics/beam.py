@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from beamtouch_common.digits import digits
 from beamtouch_models.arrays import Floats
 from beamtouch_models.errors import SceneError
-from beamtouch_models.numbers import array_of, at_most, places_in, require
+from beamtouch_models.numbers import array_of, at_least, at_most, places_in, require
 from beamtouch_models.physics.assembly import element_influence
 from beamtouch_models.physics.closed_forms import patch_influence, point_influence, span_of
 from beamtouch_models.physics.influence import InfluenceFunction
@@ -220,13 +220,21 @@ class Travel:
         """Largest deflection in either direction."""
         return max(self.lift_mm, self.fall_mm)
 
-    def check_small_angles(self) -> None:
-        """Raise SceneError if the deflection is beyond small-angle theory."""
+    def check_small_angles(self, room_mm: float = math.inf) -> None:
+        """Raise SceneError if the deflection is beyond small-angle theory.
+
+        Parameters
+        ----------
+        room_mm : travel that the sensors allow; the force and the stiffness that the error names keep to it as well
+        """
         if not self.slope <= MAX_SLOPE:
+            travel_mm = self.lift_mm + self.fall_mm
+            excess = max(self.slope / MAX_SLOPE, travel_mm / room_mm)
+            also = f", and travels {digits(travel_mm, 4)} mm, beyond sensors.range_mm" if travel_mm > room_mm else ""
             message = (
                 f"at {self.force_n:g} N the beam slopes by {digits(self.slope, 3)} rad, beyond the {MAX_SLOPE:g} rad "
-                f"of small-angle theory; end contact.force_n at {at_most(self.force_n * MAX_SLOPE / self.slope):g} N, "
-                "or make the beam stiffer"
+                f"of small-angle theory{also}; end contact.force_n at {at_most(self.force_n / excess):g} N, "
+                f"or make the beam {at_least(excess):g} times as stiff"
             )
             raise SceneError(message)
 
