@@ -2,7 +2,6 @@
 
 import asyncio
 import json
-import os
 import signal
 import subprocess
 import sys
@@ -67,9 +66,9 @@ class Daemon:
         return Outcome(self._process.wait(), out, err)
 
 
-def _start(words: list[str], code: str, environment: dict[str, str] | None, prefix: tuple[str, ...]) -> Process:
+def _start(words: list[str], code: str, prefix: tuple[str, ...]) -> Process:
     # What is missing must not have been imported before.
-    if not (environment or prefix or "sys.modules" in code):
+    if not (prefix or "sys.modules" in code):
         return Forked(COMMAND, words, Path.cwd(), code)
     program = ("-c", f"import sys; {code}; from {COMMAND} import main; sys.exit(main())")
     pipe = subprocess.PIPE
@@ -79,19 +78,16 @@ def _start(words: list[str], code: str, environment: dict[str, str] | None, pref
         stdout=pipe,
         stderr=pipe,
         text=True,
-        env=os.environ | (environment or {}),
     )
 
 
 @asynccontextmanager
-async def started(
-    *arguments: str | Path, code: str = "", environment: dict[str, str] | None = None, prefix: tuple[str, ...] = ()
-) -> AsyncIterator[Daemon]:
+async def started(*arguments: str | Path, code: str = "", prefix: tuple[str, ...] = ()) -> AsyncIterator[Daemon]:
     """Start the daemon, with Python `code` run before it, by `prefix`; it is gone at the end of the block.
 
-    With a prefix or an environment it is started anew, otherwise forked.
+    With a prefix it is started anew, otherwise forked.
     """
-    process = await asyncio.to_thread(_start, [str(one) for one in arguments], code, environment, prefix)
+    process = await asyncio.to_thread(_start, [str(one) for one in arguments], code, prefix)
     try:
         yield Daemon(process)
     finally:

@@ -9,8 +9,6 @@ from random import Random
 
 import pytest
 
-from beamtouch_daemon.commands.check import counts_text, decimals_of, rounded
-
 from . import configs
 from .conftest import Refused
 from .devices import Pieces, SerialDevice, StampingUnit, pymodbus_server, rtu_units
@@ -37,32 +35,6 @@ async def test_check_prints_every_channel_with_the_digits_of_its_sensor(tmp_path
     assert last == "The service was not asked whether it takes these samples; check --wait 5 asks it."
     assert '"counts": 21001, "gap_mm": 2.3999, "deflection_mm": 0.1001' in as_json.out
     assert json.loads(as_json.out)["surfaces"]["bench"]["service"] is None
-
-
-@pytest.mark.parametrize(
-    ("step_mm", "noise_mm", "decimals"),
-    [(1e-4, None, 4), (1e-4, 0.001, 3), (7.3e-4, 2e-4, 4), (2e-7, 3e-5, 5), (1e-12, None, 6), (5.0, None, 0)],
-)
-def test_a_length_has_the_decimals_of_the_step_or_of_the_noise(
-    step_mm: float, noise_mm: float | None, decimals: int
-) -> None:
-    assert decimals_of(step_mm, noise_mm) == decimals
-
-
-@pytest.mark.parametrize(
-    ("counts", "text"),
-    [
-        (20_000, "20000"),
-        (4_294_967_295.0, "4294967295"),
-        (20_000.333333333332, "20000.33"),
-        (0.1 + 0.2, "0.3"),
-        (12_345_678.5, "12345678"),
-        (0.00002, "0.00002"),
-    ],
-)
-def test_counts_read_as_numbers(counts: float, text: str) -> None:
-    assert counts_text(counts) == text
-    assert str(rounded(-0.00001, 4)) == "0.0"
 
 
 async def test_check_fails_when_a_channel_is_not_good_or_a_surface_cannot_be_read(tmp_path: Path) -> None:

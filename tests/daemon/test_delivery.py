@@ -140,7 +140,7 @@ async def test_the_service_tells_a_batch_that_was_held_from_one_that_was_not() -
     assert min(waited) == 0.0
 
 
-@pytest.mark.parametrize("status", [500, 401, 302])
+@pytest.mark.parametrize("status", [500, 302])
 async def test_a_live_batch_that_fails_is_not_repeated_and_the_backlog_brings_it(status: int) -> None:
     service = Service()
     service.statuses = [status, status]
@@ -296,10 +296,7 @@ PROXY = ""
         (401, "unauthorized"),
         (404, "unknown-surface"),
         (413, PROXY),
-        (422, PROXY),
         (422, "missing-channels"),
-        (429, "too-many-requests"),
-        (502, PROXY),
         (503, "other-beam"),
     ],
 )
@@ -316,7 +313,7 @@ async def test_what_is_refused_for_now_waits(tmp_path: Path, status: int, kind: 
     assert bench.logs.counts.dropped == bench.logs.refused == 0
 
 
-@pytest.mark.parametrize(("status", "kind"), [(422, "invalid-request"), (400, "malformed-json"), (413, "too-large")])
+@pytest.mark.parametrize(("status", "kind"), [(422, "invalid-request"), (413, "too-large")])
 async def test_a_sample_that_is_refused_alone_is_dropped_and_counted_and_the_others_are_recorded(
     tmp_path: Path, caplog: pytest.LogCaptureFixture, status: int, kind: str
 ) -> None:

@@ -13,7 +13,7 @@ import pytest
 from beamtouch_daemon.commands.noise import Measurement, Recording, report
 from beamtouch_daemon.config.settings import Surface
 from beamtouch_daemon.processing import noise as daemon_noise
-from beamtouch_daemon.processing.noise import ChannelNoise, keys_of, measure_noise, readings_needed, round_up
+from beamtouch_daemon.processing.noise import ChannelNoise, keys_of, measure_noise, readings_needed
 from beamtouch_models.challenge import sensor_cases
 from beamtouch_models.pricing import noise as priced_noise
 
@@ -149,16 +149,6 @@ def test_noise_that_a_mean_does_not_take_away_is_remarked_on(noise: float, alike
     lines = report([Measurement("bench", surface, recording, channels, keys_of(channels, surface))])
     remarks = [line for line in lines if line.startswith("  s1, s2, s3, s4: ")]
     assert [words in line for words, line in zip(said, remarks, strict=True)] == [True] * len(said)
-
-
-def test_values_are_rounded_up_to_three_digits() -> None:
-    assert [round_up(value) for value in (0.0, 0.0012301, 0.00123, 9.991, 1e-12)] == [
-        0.0,
-        0.00124,
-        0.00123,
-        10.0,
-        1e-12,
-    ]
 
 
 def test_daemon_and_models_take_the_same_for_hidden_noise_and_for_zeros() -> None:

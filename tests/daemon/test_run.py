@@ -6,7 +6,6 @@ import re
 import signal
 import socket
 import sqlite3
-import subprocess
 from collections.abc import Callable
 from contextlib import closing, suppress
 from pathlib import Path
@@ -26,7 +25,7 @@ from beamtouch_daemon.tasks import RESTART_S, cancel, keep_going
 from beamtouch_service.samples import Quality
 from free_ports import free_port
 from own_names import own_names_in
-from parts import require
+from service_manager import Manager
 
 from . import configs
 from .conftest import Refused
@@ -39,7 +38,7 @@ from .service import TOKEN, Service, serving
 
 pytestmark = pytest.mark.anyio
 
-UNIT = Path(__file__).parents[2] / "daemon" / "beamtouch-daemon.service"
+WAITING = "STATUS=reading bench; waiting for the device of late"
 
 
 def whole_log(outcome: Outcome) -> list[dict[str, Any]]:
@@ -305,45 +304,16 @@ async def test_metrics_are_those_of_the_summary_and_only_on_this_machine(tmp_pat
     assert found["beamtouch_rate_wrong", ""] in {0, 1}
 
 
-class Manager:
-    """Hears what a service manager would."""
-
-    def __init__(self, folder: Path) -> None:
-        self.path = folder / "notify"
-        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
-        self._socket.bind(str(self.path))
-        self._socket.setblocking(False)
-        self.heard: list[str] = []
-
-    async def until(self, word: str, more: int = 1) -> None:
-        """Wait for a word to be heard so many more times."""
-        wanted = self._count(word) + more
-        async with asyncio.timeout(60):
-            while self._count(word) < wanted:
-                try:
-                    self.heard += self._socket.recv(4096).decode().splitlines()
-                except BlockingIOError:
-                    await asyncio.sleep(0.02)
-
-    def close(self) -> None:
-        self._socket.close()
-
-    def _count(self, word: str) -> int:
-        return sum(line.startswith(word) for line in self.heard)
-
-
 async def test_the_service_manager_is_told_of_start_progress_missing_devices_and_stop(tmp_path: Path) -> None:
     with closing(Manager(tmp_path)) as manager:
-        environment = {"NOTIFY_SOCKET": str(manager.path), "WATCHDOG_USEC": "400000"}
         async with serving(Service()) as service, pymodbus_server([21_000, 65_535]) as port:
             late = configs.surface("late", source=configs.serial("/dev/none"))
             config = configs.write(tmp_path, configs.surface(source=configs.tcp(port)), late, url=service.url)
-            async with started("run", config, environment=environment) as daemon:
-                await manager.until("READY=1")
-                await manager.until("WATCHDOG=1", more=5)
-                await manager.until("STATUS=reading bench; waiting for the device of late")
+            async with started("run", config, code=manager.code) as daemon:
+                for word, times in (("READY=1", 1), ("WATCHDOG=1", 5), (WAITING, 1)):
+                    assert await asyncio.to_thread(manager.until, word, times)
                 outcome = await daemon.stop()
-                await manager.until("STOPPING=1")
+                assert await asyncio.to_thread(manager.until, "STOPPING=1")
     assert outcome.code == 0
     assert manager.heard[0] == "READY=1"
 
@@ -358,25 +328,10 @@ def test_a_line_without_progress_hangs_and_one_without_a_device_does_not() -> No
     hangs: Callable[[Acquisition, float], bool] = Acquisition.hangs
     assert not hangs(line(now_s), now_s)
     assert hangs(line(long_ago_s), now_s)  # reading stands still
+    assert PATIENCE_S * 2 <= 30  # before the watchdog of the unit
     assert not hangs(line(long_ago_s, rate_hz=0.1), now_s)  # it reads that seldom
     rested_s = now_s - (REST_TIMEOUTS + 1) * 4.0
     assert not hangs(line(rested_s, timeout_ms=4000.0), now_s)  # a unit that is off is asked that seldom
-
-
-def test_the_unit_file_is_hardened() -> None:
-    analyze = require("systemd-analyze", "systemd")
-    done = subprocess.run(
-        [analyze, "security", "--offline=yes", str(UNIT)], capture_output=True, text=True, check=False, timeout=60
-    )
-    exposure = re.search(r"Overall exposure level for beamtouch-daemon.service: ([0-9.]+) ", done.stdout)
-    assert exposure is not None
-    assert float(exposure[1]) <= 1.5
-    text = UNIT.read_text()
-    assert "WatchdogSec=30" in text
-    assert {"Restart=always", "RestartPreventExitStatus=2", "StartLimitIntervalSec=0"} <= set(text.splitlines())
-    # systemd finds the number of a name only if its driver is loaded when the unit starts.
-    assert all(line.split("-")[1].split()[0].isdecimal() for line in text.splitlines() if "DeviceAllow=char-" in line)
-    assert PATIENCE_S * 2 <= 30
 
 
 async def test_a_task_is_cancelled_though_it_swallows_a_cancellation_and_restarted_after_an_unexpected_error(

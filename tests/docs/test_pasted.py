@@ -156,16 +156,6 @@ def test_every_page_with_commands_is_run_by_a_test() -> None:
         assert all(block.word for block in blocks_of(name)), f"{name}: a block without a word"
 
 
-def test_the_flow_of_node_red_is_whole() -> None:
-    (flow,) = [block.text for block in blocks_of("docs/how-to/node-red.md") if block.word == "json"]
-    nodes = {node["id"]: node for node in json.loads(flow)}
-    wires = {target for node in nodes.values() for port in node.get("wires", []) for target in port}
-
-    assert wires <= set(nodes)
-    assert {node["type"] for node in nodes.values()} >= {"inject", "http request", "function"}
-    assert len(nodes["beamtouch-decide"]["wires"]) == nodes["beamtouch-decide"]["outputs"] == 2
-
-
 def figures_in(line: str) -> list[float]:
     return [float(number) for number in NUMBER.findall(line)]
 

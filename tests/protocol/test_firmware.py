@@ -10,7 +10,7 @@ from beamtouch_protocol.messages import Hello, HelloRequest, Identify, Message, 
 from simulated_board import Board, Boards, at, count_of
 
 VOLTAGES = (1000, 2000, 3000, 4000, 500, 0, 5000, 4500)
-CHANNELS = (1, 4, 8)
+CHANNELS = (1, 8)
 
 
 def assert_counts(reading: Reading, millivolts: tuple[int, ...]) -> None:
@@ -64,9 +64,9 @@ def test_a_start_during_a_stream_changes_it_without_a_gap(board: Board, tmp_path
     assert {reading.oversampling for reading in seen.readings} == {1, 2, 3}
 
 
-@pytest.mark.parametrize(("rate_hz", "seconds"), [(7, 2), (999, 1), (3001, 1)])
-def test_any_rate_is_kept_in_the_long_run(board: Board, tmp_path: Path, rate_hz: int, seconds: int) -> None:
-    seen = board.record(tmp_path, seconds + 0.1, at(0.05, Start(rate_hz, 1)))
+@pytest.mark.parametrize("rate_hz", [7, 3001])
+def test_any_rate_is_kept_in_the_long_run(board: Board, tmp_path: Path, rate_hz: int) -> None:
+    seen = board.record(tmp_path, 1.1, at(0.05, Start(rate_hz, 1)))
     assert seen.lost == 0
     assert sum(seen.steps_us) / len(seen.steps_us) == pytest.approx(1e6 / rate_hz, rel=1e-4)
 
@@ -118,7 +118,7 @@ def test_hello_states_a_highest_rate_at_which_nothing_is_lost_while_the_device_a
         assert_counts(reading, VOLTAGES[:channels])
 
 
-@pytest.mark.parametrize(("channels", "rate_hz", "oversampling"), [(1, 5625, 4), (4, 478, 16), (8, 60, 64)])
+@pytest.mark.parametrize(("channels", "rate_hz", "oversampling"), [(1, 5625, 4), (8, 60, 64)])
 def test_every_accepted_oversampling_is_kept(
     board_for: Boards, tmp_path: Path, channels: int, rate_hz: int, oversampling: int
 ) -> None:
@@ -162,7 +162,7 @@ def test_garbage_on_the_line_does_no_harm(board: Board, tmp_path: Path) -> None:
 
 
 def test_a_flood_of_garbage_neither_stops_readings_nor_ends_in_a_reset(board: Board, tmp_path: Path) -> None:
-    for byte in (b"\0", b"\x55", b"\x01\0"):
+    for byte in (b"\0", b"\x55"):
         flood = byte * (60_000 // len(byte))  # 0.6 s of the line
         seen = board.record(tmp_path, 0.9, at(0.1, Start(500, 1)), at(0.11, flood), at(0.8, b"\0" + encode(Ping(7))))
         assert [pong.token for pong in seen.pongs] == [7]

@@ -15,7 +15,7 @@ from beamtouch_service.api.stream import Pace
 from beamtouch_service.sections import SurfaceSection
 from beamtouch_service.surfaces.surface import Surface
 from service.conftest import Bench, batch_of, surface_of
-from service.event_story import ODD, RESTING, Story
+from service.event_story import Story
 from service.touches import Touches
 
 if TYPE_CHECKING:
@@ -103,14 +103,6 @@ def test_a_wall_clock_that_goes_back_within_a_batch_delays_no_alarm(soon: Bench)
         soon.send(*[WEDGED] * 10, sequence=sequence)
     assert metrics(soon)["beamtouch_unexplained.press-7"] == 1
     assert metrics(soon)["beamtouch_unexplained_seconds_total.press-7"] == pytest.approx(1.5, abs=0.1)
-
-
-def test_without_a_suspect_the_line_says_what_to_look_for(caplog: pytest.LogCaptureFixture) -> None:
-    bench = Bench(surface_of(section=SurfaceSection(unexplained_after_s=0.1)))
-    # The stretch has ended by the end of the batch.
-    Story(bench, [RESTING, *[ODD] * 50, *[RESTING] * 5]).deliver(0, 56)
-    (line,) = caplog.messages
-    assert line.endswith("anything that touches the beam from below, for swapped cables, and for a damaged sensor")
 
 
 def test_contact_summary_and_stream_carry_the_state_and_its_suspect(soon: Bench) -> None:
@@ -239,16 +231,6 @@ def test_other_faults_are_not_taken_for_a_wrong_wiring(bench_model: Path) -> Non
     assert line.touch(lambda one: one * [1, 0.6, 1, 1]) is None
     again = line.touch(lambda one: one + one[::-1])  # as heavy a load at the other end
     assert again is None
-
-
-def test_before_anything_has_happened_nothing_is_counted(bench: Bench) -> None:
-    found = metrics(bench)
-    assert found["beamtouch_samples_accepted_total.press-7"] == 0
-    assert found["beamtouch_refusals_total.unauthorized"] == 0
-    assert found["beamtouch_record_outages_total"] == 0
-    assert found["beamtouch_contacts_total.press-7.clear"] == 0
-    assert found["beamtouch_batch_seconds_count.press-7"] == 0
-    assert "beamtouch_sample_age_seconds.press-7" not in found
 
 
 def test_samples_contacts_problems_and_durations_are_counted_for_each_surface() -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from datetime import UTC, datetime, timedelta
+from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -86,15 +86,3 @@ def test_another_characteristic_begins_anew(line: Line) -> None:
     line.touches.characteristic = "tared-again"
     line.touch(4, DAY)
     assert {(one["contacts"], one["since"][:10]) for one in line.health.values()} == {(4, "2026-03-03")}
-
-
-def test_a_zero_that_creeps_is_no_gain(line: Line) -> None:
-    line.touches.readings = 4
-    line.touch(60, BEGIN)
-    for step in range(10):
-        line.touches.zero_mm[2] = 0.0008 * (step + 1)
-        line.touch(2, DAY + timedelta(minutes=10 * step))
-    line.touch(20, DAY + timedelta(days=1))
-    found = line.health
-    assert found["s3"]["zero_low_mm"] < 0.008 < found["s3"]["zero_high_mm"]
-    assert {name: one["changes"] for name, one in found.items()} == {"s1": [], "s2": [], "s3": ["zero"], "s4": []}

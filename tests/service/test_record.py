@@ -226,7 +226,7 @@ def test_without_a_model_there_is_no_record() -> None:
     assert (receipt["durable"], receipt["expected"]) == (None, None)
 
 
-@pytest.mark.parametrize("cut", range(1, len(LONG), 2))
+@pytest.mark.parametrize("cut", range(1, len(LONG), 4))
 def test_an_event_is_the_same_wherever_another_service_goes_on(services: Services, tmp_path: Path, cut: int) -> None:
     first, second = (services.story(LONG, tmp_path / "events.db") for _ in range(2))
     first.deliver(0, cut)
@@ -283,7 +283,7 @@ def deliver_some(story: Story, first: int, last: int, rng: random.Random) -> Non
 
 
 @pytest.mark.usefixtures("_shared")
-@settings(max_examples=4, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
+@settings(max_examples=3, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
 @given(rng=st.randoms(use_true_random=True))
 def test_services_that_die_take_turns_and_race_record_what_one_service_would(rng: random.Random) -> None:
     services: Services = _given["services"]
@@ -410,7 +410,7 @@ def test_a_record_that_is_deleted_begins_anew_with_what_the_sender_keeps(
     assert story.ask()["durable"] == 10
 
 
-@pytest.mark.parametrize("after_s", [0.6, 1.9, 2.1, 3600.0])
+@pytest.mark.parametrize("after_s", [1.9, 2.1])
 @pytest.mark.parametrize("restarts", [False, True])
 def test_a_contact_before_a_pause_of_the_device_is_not_that_after_it(
     services: Services, tmp_path: Path, *, after_s: float, restarts: bool

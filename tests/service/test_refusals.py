@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 import onnx
 import pytest
 
-from beamtouch_common.commands import version
 from beamtouch_models import cli as design_sensors
 from beamtouch_service import cli
 from in_process import command_of
@@ -42,10 +41,6 @@ def refused(service: Command) -> Callable[..., str]:
         return line
 
     return refuse
-
-
-def test_version_names_the_program_and_its_version(service: Command) -> None:
-    assert service("--version").stdout == f"beamtouch-service {version()}\n"
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from hypothesis import example, given
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from pydantic import ValidationError
@@ -246,6 +246,7 @@ factors = st.integers(1, 8).flatmap(
 )
 
 
+@settings(max_examples=25)
 @given(factor=factors, scale=st.sampled_from([1e-18, 1e-6, 1.0, 1e6]), digits=st.sampled_from([12, 17]))
 @example(factor=np.array([[0.00668995], [0.875]]), scale=1e-18, digits=12)
 def test_a_product_of_a_factor_with_itself_is_taken_even_if_rounded(
@@ -256,6 +257,7 @@ def test_a_product_of_a_factor_with_itself_is_taken_even_if_rounded(
     assert sample(np.round(matrix / quantum) * quantum).covariance_mm2 is not None
 
 
+@settings(max_examples=25)
 @given(factor=factors, share=st.floats(0.001, 1.0))
 def test_a_matrix_with_a_negative_eigenvalue_is_refused(
     factor: np.ndarray[tuple[int, int], np.dtype[np.float64]], share: float

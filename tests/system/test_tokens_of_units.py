@@ -1,4 +1,4 @@
-"""The tokens that units load: what the guide for Debian does, and the programs with the credentials of the units."""
+"""The units: hardened, and the tokens that they load, by the guide for Debian and in the programs."""
 
 import os
 import re
@@ -19,6 +19,27 @@ GUIDE = (ROOT / "docs" / "how-to" / "debian.md").read_text()
 UNITS = {name: ROOT / name / f"beamtouch-{name}.service" for name in ("daemon", "service")}
 CREDENTIALS = "/run/credentials/beamtouch-service.service"
 TOKENS = {"token": "token-that-writes-of-the-tests", "read-token": "token-that-reads-of-the-tests"}
+
+
+ALWAYS = {"Restart=always", "RestartPreventExitStatus=2", "StartLimitIntervalSec=0"}
+
+
+@pytest.mark.parametrize(
+    ("name", "least", "lines"),
+    [("daemon", 1.5, {"WatchdogSec=30"}), ("service", 1.2, {"Type=notify", "WatchdogSec=10"})],
+)
+def test_the_unit_is_hardened_and_starts_its_program_again(name: str, least: float, lines: set[str]) -> None:
+    command = [require("systemd-analyze", "systemd"), "security", "--offline=yes", str(UNITS[name])]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+    exposure = re.search(rf"Overall exposure level for beamtouch-{name}.service: ([0-9.]+) ", done.stdout)
+    assert exposure is not None
+    assert float(exposure[1]) <= least
+    text = set(UNITS[name].read_text().splitlines())
+    assert ALWAYS | lines <= text
+    # It hides /proc/cpuinfo, without which onnxruntime warns that it could be slow.
+    assert ("ProcSubset=pid" in text) is (name == "daemon")
+    # systemd finds the number of a name only if its driver is loaded when the unit starts.
+    assert all(line.split("-")[1].split()[0].isdecimal() for line in text if "DeviceAllow=char-" in line)
 
 
 def drop_ins() -> dict[str, str]:

@@ -1,10 +1,8 @@
 """Real service processes on free ports of loopback."""
 
 import json
-import os
 import subprocess
-import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -59,32 +57,13 @@ StartService = Callable[..., Service]
 def commands_in(folder: Path) -> Iterator[Command]:
     """Give a function that starts `beamtouch-service` with these arguments in a folder; at the end all are ended.
 
-    With an environment or a program of its own it is started anew, otherwise forked, with Python `code` run before it.
+    They are forked, with Python `code` run before them.
     """
-    started: list[Process] = []
+    started: list[Forked] = []
 
-    def start(
-        *arguments: str | Path,
-        environment: dict[str, str] | None = None,
-        program: Sequence[str] = CLI,
-        code: str = PATIENT,
-    ) -> Process:
-        words = [str(one) for one in arguments]
-        if environment is None and program is CLI:
-            started.append(Forked(COMMAND, words, folder, code))
-            return started[-1]
-        search = [str(Path(entry).resolve()) for entry in os.environ.get("PYTHONPATH", "").split(":") if entry]
-        process = subprocess.Popen(
-            [sys.executable, *program, *words],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-            cwd=folder,
-            env={**os.environ, "PYTHONPATH": ":".join(search), **(environment or {})},
-            close_fds=program is CLI,
-        )
-        started.append(process)
-        return process
+    def start(*arguments: str | Path, code: str = PATIENT) -> Forked:
+        started.append(Forked(COMMAND, [str(one) for one in arguments], folder, code))
+        return started[-1]
 
     yield start
     for process in started:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import signal
 import time
 from typing import TYPE_CHECKING
@@ -61,7 +60,7 @@ def test_events_of_an_outage_arrive_when_the_broker_is_back(line: Line) -> None:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("is_long", [False, True])
+@pytest.mark.parametrize("is_long", [False, pytest.param(True, marks=pytest.mark.soak)])
 def test_a_frozen_broker_finds_no_old_contact_when_it_goes_on(line: Line, *, is_long: bool) -> None:
     """Neither in an outage that is too short for the service to give the connection up, nor in a longer one."""
     subscriber = line.broker.subscribe("-t", "beamtouch/#")
@@ -89,24 +88,6 @@ def test_a_frozen_broker_finds_no_old_contact_when_it_goes_on(line: Line, *, is_
     assert len({one["sequence"] for one in contacts if begin < one["sequence"] < end}) <= 1
     wait_for(lambda: {one["id"] for one in events(service)} == {one["id"] for one in subscriber.of(EVENT)})
     assert subscriber.texts(STATUS)[-1] == "online"
-
-
-def test_events_go_on_in_a_file_that_replaced_another(line: Line) -> None:
-    subscriber = line.broker.subscribe("-t", EVENT)
-    service = line.start()
-    wait_connected(service)
-    service.post(now_batch(RESTING, TOUCHING, RESTING, sequence=1))
-    wait_for(lambda: len(subscriber.of(EVENT)) == 1)
-    for path in line.folder.glob("events.db*"):
-        path.unlink()
-    # The record begins anew with a later batch, and learns then where its events go.
-    sequence = itertools.count(4, 3)
-
-    def arrives() -> bool:
-        service.post(now_batch(RESTING, TOUCHING, RESTING, sequence=next(sequence)))
-        return len(subscriber.of(EVENT)) > 1
-
-    wait_for(arrives)
 
 
 @pytest.mark.long

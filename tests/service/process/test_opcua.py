@@ -221,25 +221,14 @@ def test_a_deadband_is_refused_as_it_would_hide_the_end_of_a_contact(
     asyncio.run(subscribe())
 
 
-def test_names_with_dots_are_nodes_of_their_own(start_service: StartService, tmp_path: Path) -> None:
+def test_only_the_user_reads_and_names_with_dots_are_nodes_of_their_own(
+    start_service: StartService, tmp_path: Path
+) -> None:
+    (tmp_path / "password").write_text("a long password\n")
     zone = "[surfaces.press-7.zones.state]\nfrom_mm = 0\nto_mm = 9"
     others = '[surfaces."press-7.model"]\n[surfaces."press-7.zones"]'
-    _, url = start(start_service, tmp_path, 2000, f"{zone}\n{others}")
-
-    async def browse() -> None:
-        async with connected(url) as client:
-            index = await client.get_namespace_index("urn:beamtouch")
-            for name in ("press-7/model", "press-7/zones/state", "press-7.zones/state", "press-7.model/model"):
-                assert await client.get_node(ua.NodeId(name, index)).read_node_class() is ua.NodeClass.Variable
-            for name in ("press-7", "press-7.model", "press-7.zones"):
-                assert await client.get_node(ua.NodeId(name, index)).read_node_class() is ua.NodeClass.Object
-
-    asyncio.run(browse())
-
-
-def test_only_the_user_reads(start_service: StartService, tmp_path: Path) -> None:
-    (tmp_path / "password").write_text("a long password\n")
-    _, url = start(start_service, tmp_path, 2000, 'username = "scada"\npassword_file = "password"')
+    account = 'username = "scada"\npassword_file = "password"'
+    _, url = start(start_service, tmp_path, 2000, f"{account}\n{zone}\n{others}")
 
     async def connect() -> None:
         for user, password in ((None, ""), ("scada", "wrong"), ("admin", "a long password")):
@@ -248,6 +237,11 @@ def test_only_the_user_reads(start_service: StartService, tmp_path: Path) -> Non
                     pass
         async with connected(url, "scada", "a long password") as client:
             assert await read(client)
+            index = await client.get_namespace_index("urn:beamtouch")
+            for name in ("press-7/model", "press-7/zones/state", "press-7.zones/state", "press-7.model/model"):
+                assert await client.get_node(ua.NodeId(name, index)).read_node_class() is ua.NodeClass.Variable
+            for name in ("press-7", "press-7.model", "press-7.zones"):
+                assert await client.get_node(ua.NodeId(name, index)).read_node_class() is ua.NodeClass.Object
 
     asyncio.run(connect())
 

@@ -55,6 +55,8 @@ def test_another_service_takes_over_the_surfaces_of_a_dead_one(plant: Plant) -> 
     assert not first & second
     assert first
     assert second
+    require_one_service_in_whatever_form_an_address_comes(plant)
+    require_questions_about_all_surfaces_answered_for_all_or_refused(plant)
 
     plant.services[0].stop(signal.SIGKILL)
     for name in second:
@@ -72,9 +74,7 @@ def test_another_service_takes_over_the_surfaces_of_a_dead_one(plant: Plant) -> 
     wait_until(lambda: recorded() == whole)
 
 
-def test_a_surface_is_at_one_service_in_whatever_form_its_address_comes(plant: Plant) -> None:
-    for name in SURFACES:
-        plant.deliver(name, *CONTACT)
+def require_one_service_in_whatever_form_an_address_comes(plant: Plant) -> None:
     host = plant.balancer.url.removeprefix("http://")
     for name in SURFACES:
         path = f"/surfaces/{name}/contact"
@@ -85,9 +85,7 @@ def test_a_surface_is_at_one_service_in_whatever_form_its_address_comes(plant: P
                 assert (target, connection.getresponse().status) == (target, 200)
 
 
-def test_questions_about_all_surfaces_are_answered_for_all_or_refused(plant: Plant) -> None:
-    for name in SURFACES:
-        plant.deliver(name, *CONTACT)
+def require_questions_about_all_surfaces_answered_for_all_or_refused(plant: Plant) -> None:
     for path in WHOLE:
         refusal = plant.get(path)
         assert (refusal.status_code, kind(refusal)) == (421, "one-of-several")

@@ -1,10 +1,8 @@
-"""What keeps the service going for a year: the service manager, its watchdog, the unit file."""
+"""What keeps the service going for a year: the service manager and its watchdog."""
 
 from __future__ import annotations
 
-import re
 import signal
-import socket
 import subprocess
 import sys
 import threading
@@ -15,8 +13,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from parts import require
 from service.conftest import batch_of
+from service_manager import Manager
 from waiting import wait_until
 
 if TYPE_CHECKING:
@@ -26,35 +24,6 @@ if TYPE_CHECKING:
 
     from service.conftest import BuildModel
     from service.process.conftest import StartService
-
-FOLDER = Path(__file__).parents[3] / "service"
-UNIT = FOLDER / "beamtouch-service.service"
-
-
-class Manager:
-    """Hears what a service manager would."""
-
-    def __init__(self, folder: Path) -> None:
-        self.path = folder / "notify"
-        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
-        self._socket.bind(str(self.path))
-        self._socket.settimeout(0.1)
-        self.heard: list[str] = []
-
-    def until(self, word: str, times: int = 1, within_s: float = 60) -> bool:
-        """Listen until a word was heard so many times more; returns whether it was."""
-        deadline_s = time.monotonic() + within_s
-        while times and time.monotonic() < deadline_s:
-            try:
-                lines = self._socket.recv(4096).decode().splitlines()
-            except TimeoutError:
-                continue
-            self.heard += lines
-            times -= sum(line.startswith(word) for line in lines)
-        return times <= 0
-
-    def close(self) -> None:
-        self._socket.close()
 
 
 @pytest.fixture
@@ -66,8 +35,7 @@ def manager(tmp_path: Path) -> Iterator[Manager]:
 def test_the_manager_hears_of_the_start_of_progress_and_of_the_end(
     start_service: StartService, build_model: BuildModel, manager: Manager
 ) -> None:
-    environment = {"NOTIFY_SOCKET": str(manager.path), "WATCHDOG_USEC": "400000"}
-    service = start_service("--model", build_model(), environment=environment)
+    service = start_service("--model", build_model(), code=manager.code)
 
     assert manager.until("READY=1")
     assert manager.until("WATCHDOG=1", times=5)
@@ -80,20 +48,17 @@ def test_the_manager_hears_of_the_start_of_progress_and_of_the_end(
 def test_a_service_that_stands_still_is_not_alive(
     start_service: StartService, build_model: BuildModel, manager: Manager, tmp_path: Path
 ) -> None:
-    environment = {"NOTIFY_SOCKET": str(manager.path), "WATCHDOG_USEC": "400000"}
     sign = tmp_path / "stand still"
     stuck = (
-        "import os, sys, time\n"
-        "from beamtouch_service import cli\n"
+        "import os, time\n"
         "from beamtouch_service.surfaces import surface\n"
         "held = surface.Surface.standing\n"
         "def hang(self, now_s):\n"
         f"    if os.path.exists({str(sign)!r}): time.sleep(60)\n"
         "    return held(self, now_s)\n"
         "surface.Surface.standing = hang\n"
-        "sys.exit(cli.main())\n"
     )
-    start_service("--model", build_model(), environment=environment, program=("-c", stuck))
+    start_service("--model", build_model(), code=f"{manager.code}\n{stuck}")
     assert manager.until("READY=1")
     assert manager.until("WATCHDOG=1")
     sign.touch()
@@ -151,16 +116,9 @@ def test_it_stops_with_a_sender_connected(
 def test_readiness_names_a_part_that_ended_in_an_unexpected_error(
     start_service: StartService, build_model: BuildModel, token_file: Path, section: str, broken: str
 ) -> None:
-    program = (
-        "import sys\n"
-        "from beamtouch_service import cli\n"
-        "def fail(*_): return 1 / 0\n"
-        "async def end(*_): return 1 / 0\n"
-        f"{broken}\n"
-        "sys.exit(cli.main())\n"
-    )
+    code = f"def fail(*_): return 1 / 0\nasync def end(*_): return 1 / 0\n{broken}"
     options = ("--write-token-file", token_file, "--stale-ms", "60000")
-    service = start_service("--model", build_model(), *options, program=("-c", program))
+    service = start_service("--model", build_model(), *options, code=code)
 
     assert service.post(batch_of()).status_code == 200
 
@@ -169,20 +127,6 @@ def test_readiness_names_a_part_that_ended_in_an_unexpected_error(
     assert f'beamtouch_missing{{section="{section}"}} 1.0' in service.get("/metrics").text
     # The others go on.
     assert service.get("/surfaces/press-7/contact").status_code == 200
-
-
-def test_the_unit_file_is_hardened() -> None:
-    analyze = require("systemd-analyze", "systemd")
-    done = subprocess.run(
-        [analyze, "security", "--offline=yes", str(UNIT)], capture_output=True, text=True, check=False, timeout=60
-    )
-    exposure = re.search(r"Overall exposure level for beamtouch-service.service: ([0-9.]+) ", done.stdout)
-    assert exposure is not None
-    assert float(exposure[1]) <= 1.2
-    lines = set(UNIT.read_text().splitlines())
-    assert {"Type=notify", "WatchdogSec=10", "Restart=always", "RestartPreventExitStatus=2"} <= lines
-    assert "StartLimitIntervalSec=0" in lines
-    assert "ProcSubset=pid" not in lines  # it hides /proc/cpuinfo: onnxruntime warns that it could be slow
 
 
 def test_the_service_runs_where_no_memory_may_become_code(build_model: BuildModel) -> None:
