@@ -17,9 +17,7 @@ TOGETHER = (
     "process/test_page.py",
     "process/test_page_beam.py",
     "process/test_page_doubt.py",
-    "process/test_page_parser.py",
     "process/test_page_token.py",
-    "system/test_page.py",
 )
 
 

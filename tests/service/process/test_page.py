@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import re
+import signal
 import time
-from itertools import pairwise
+from itertools import count, pairwise
 from typing import TYPE_CHECKING
 
 import pytest
 
 from browser import NO_FIGURE
 from service.conftest import batch_of
+from waiting import wait_until
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -207,6 +209,11 @@ def test_the_contact_of_a_sender_that_fell_silent_is_shown_as_ended(
     seen.wait_for_text("headline", "Stale")
     seen.wait_for_text("events", "≥")
     assert durations(seen) == ["≥ 0.0"]
+    title, detail, channels, *figures = seen.texts_in("problem", "detail", "channels", "position", "force")
+    assert title.startswith("Stale")
+    assert "ms old" in detail
+    assert "not known" in channels
+    assert figures == [NO_FIGURE, NO_FIGURE]
 
 
 def test_without_a_connection_no_contact_is_shown_as_going_on(fresh: Service, open_page: OpenPage) -> None:
@@ -216,3 +223,68 @@ def test_without_a_connection_no_contact_is_shown_as_going_on(fresh: Service, op
     fresh.process.kill()
     seen.wait_for_state("lost")
     assert durations(seen) == ["≥ 0.0"]
+    assert re.fullmatch(r"No connection since \d\d:\d\d:\d\d", seen.text("headline"))
+    assert seen.page.title().startswith("No connection")
+    assert (seen.text("position"), seen.text("age")) == (NO_FIGURE, NO_FIGURE)
+
+
+def test_no_figure_stays_while_the_service_hangs_whether_or_not_the_page_gives_it_up(
+    start_service: StartService, build_model: BuildModel, token_file: Path, open_page: OpenPage
+) -> None:
+    service = start_service("--model", build_model(), "--write-token-file", token_file, "--stale-ms", "3000")
+    seen = {"silent": open_page(service.url), "lost": open_page(service.url, is_patient=False)}
+    numbers = count(1)
+
+    def is_touched() -> bool:
+        """Send a sample; return whether all pages show a contact."""
+        assert service.post(batch_of(sequence=next(numbers))).status_code == 200
+        return all(one.figures()["state"] == "contact" for one in seen.values())
+
+    wait_until(is_touched, pause_s=0.2)
+    for one in seen.values():
+        one.watch()
+    service.process.send_signal(signal.SIGSTOP)
+    try:
+        for state, one in seen.items():
+            one.wait_for_state(state)
+            assert one.text("position") == NO_FIGURE
+    finally:
+        service.process.send_signal(signal.SIGCONT)
+    wait_until(is_touched, pause_s=0.2)
+    assert [one.wrongs() for one in seen.values()] == [[], []]
+
+
+SCREENS: dict[str, tuple[tuple[int, int], str]] = {
+    "light": ((1000, 900), "light"),
+    "dark": ((1000, 900), "dark"),
+    "panel": ((800, 480), "light"),
+    "phone": ((390, 844), "dark"),
+}
+DIGITS_PX = "() => parseFloat(getComputedStyle(document.getElementById('position')).fontSize)"
+LOWEST_PX = """() => Math.max(...["position", "force", "age", "beam", "position-strip", "force-strip"]
+  .map(id => document.getElementById(id).getBoundingClientRect().bottom))"""
+CUT_OFF_PX = "name => { const one = document.querySelector(name); return one.scrollWidth - one.clientWidth; }"
+
+
+def test_a_contact_fits_on_every_screen(fresh: Service, open_page: OpenPage) -> None:
+    resting, touching = [0.0, 0.0, 0.0], [0.5, 0.25, 0.125]
+    fresh.post(batch_of(resting, touching, resting, touching))
+    for name, (size, scheme) in SCREENS.items():
+        seen = open_page(fresh.url, size=size, color_scheme=scheme)
+        seen.wait_for_state("contact")
+        seen.page.wait_for_selector("#events tr")
+        seen.picture(name)
+        assert seen.overflow() <= 0, name
+        if name == "phone":
+            # No column of a table is cut off.
+            for table in ("#channels", ".scroll"):
+                assert seen.page.evaluate(CUT_OFF_PX, table) <= 0, table
+        if name == "panel":
+            # At arm's length: digits have more than 5 mm on a panel of 7 inches, and both charts are on it.
+            assert seen.page.evaluate(DIGITS_PX) >= 48
+            assert seen.page.evaluate(LOWEST_PX) <= 480
+            fresh.post(batch_of(resting, sequence=5))
+            seen.wait_for_state("clear")
+            assert seen.page.evaluate(LOWEST_PX) <= 480
+            fresh.post(batch_of(touching, sequence=6))
+        seen.page.close()

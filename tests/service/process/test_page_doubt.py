@@ -113,29 +113,6 @@ def test_doubt_can_be_read_on_every_screen(start_bench: StartBench, open_page: O
         seen.page.close()
 
 
-def test_events_of_a_real_service_say_what_is_kept_and_what_is_uncertain(
-    start_bench: StartBench, open_page: OpenPage
-) -> None:
-    bench = start_bench()
-    bench.load()
-    bench.wedge(2)
-    bench.load()
-    bench.moving((100, 8))
-    bench.load()
-    found = {event["kind"]: event for event in bench.service.get("/events").json()["events"]}
-    assert {kind: event["unsteady"] for kind, event in found.items()} == {"contact": True, "unexplained": False}
-    whole = {kind: bench.service.get(f"/events/{event['id']}").json()["capture"] for kind, event in found.items()}
-    assert [len(whole["contact"]), len(whole["unexplained"])] == [0, 5]
-    row = bench.service.get("/events?format=csv&kind=unexplained").text.splitlines()[1]
-    assert row.split(",")[13] == "false"
-
-    seen = open_page(bench.service.url)
-    seen.page.wait_for_selector("#events tr")
-    last = "rows => rows.map(row => row.lastElementChild.textContent)"
-    lasted = sorted(seen.page.eval_on_selector_all("#events tr", last), key=lambda text: "unsteady" in text)
-    assert [text.endswith(", unsteady") for text in lasted] == [False, True]
-
-
 def test_a_page_that_is_older_than_its_service_or_fails_shows_no_figure_and_recovers(
     start_bench: StartBench, open_page: OpenPage
 ) -> None:
