@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from beamtouch_models import modelfile
 from beamtouch_models.accuracy.contacts import Reached
 from beamtouch_models.accuracy.statistics import Measurement
 from beamtouch_models.estimators import paper_network
@@ -17,7 +18,7 @@ from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.scene import change_scene, load_scene, parse_scene
 from beamtouch_models.surface import Surface
 from beamtouch_models.trade.measure import Model, Task, follow, measure, numbers_of_sensors
-from beamtouch_models.trade.trade import Point, pareto_front
+from beamtouch_models.trade.trade import NotToBeHadError, Point, most_accurate, pareto_front, quickest
 from example_scenes import PAPER, SCENES
 from in_process import Command
 
@@ -49,6 +50,24 @@ def test_the_front_has_the_points_that_no_other_dominates(points: list[Point]) -
 def test_a_sensor_more_that_saves_less_than_its_standard_error_is_not_on_the_front() -> None:
     three, four, five = point(10.0, 1.0, 3, 0.02), point(10.0, 0.98, 4, 0.02), point(10.0, 0.9, 5, 0.02)
     assert pareto_front([three, four, five]) == [three, five]
+
+
+@given(POINTS, st.sampled_from([0.5, 1.0, 2.5]))
+def test_a_requirement_picks_the_best_point_that_meets_it(points: list[Point], wish: float) -> None:
+    kept = [one for one in points if one.latency_ms <= wish]
+    if kept:
+        assert most_accurate(points, wish).error_mm.value == min(one.error_mm.value for one in kept)
+        assert most_accurate(points, wish).latency_ms <= wish
+    else:
+        with pytest.raises(NotToBeHadError, match="the fastest takes"):
+            most_accurate(points, wish)
+    kept = [one for one in points if one.error_mm.value <= wish]
+    if kept:
+        assert quickest(points, wish).latency_ms == min(one.latency_ms for one in kept)
+        assert quickest(points, wish).error_mm.value <= wish
+    else:
+        with pytest.raises(NotToBeHadError, match="the best has"):
+            quickest(points, wish)
 
 
 def test_numbers_of_sensors_follow_the_scene() -> None:
@@ -95,7 +114,7 @@ def test_the_answers_since_a_touch_are_of_the_filter_that_build_writes() -> None
 
 @pytest.mark.long
 @pytest.mark.usefixtures("short_work")
-def test_the_command_writes_the_folder_names_what_fails_and_how_to_build(
+def test_the_command_writes_the_folder_names_what_fails_and_builds_the_choice(
     design_sensors_here: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(paper_network, "PATIENCE", 10)  # its error is not asked for
@@ -104,10 +123,10 @@ def test_the_command_writes_the_folder_names_what_fails_and_how_to_build(
     text = PAPER.replace("count = 2", "count = [2, 4]\nmin_distance_mm = 150\ngrid_mm = 25")
     text = text.replace("[sensors]", "[sensors]\nrate_hz = 50")
     scene.write_text(text + "\n[requirements]\nlatency_ms = 40\nposition_error_mm = 1000\n")
-    options = ("--draws", 128, "--estimators", "posterior", "paper-network")
+    options = ("--draws", 128, "--estimators", "posterior", "paper-network", "--latency-ms", 60)
     done = design_sensors_here("trade", scene, "-o", out, *options)
     assert done.returncode == 0
-    assert {path.name for path in out.iterdir()} == {"trade.json", "trade.md", "trade.svg"}
+    assert {path.name for path in out.iterdir()} == {"trade.json", "trade.md", "trade.svg", "narrow.onnx"}
     found = json.loads((out / "trade.json").read_text())
     changes = [model["changed"] for model in found["models"]]
     # The own model has the fewest sensors that meet the requirement.
@@ -141,3 +160,10 @@ def test_the_command_writes_the_folder_names_what_fails_and_how_to_build(
     lines = done.stdout.partition("the front")[2].splitlines()
     assert sum(bool(re.match(r"\s+[23]\s+(posterior|paper-network)\s", line)) for line in lines) == front
     assert f"all {points} points are in {out}: trade.svg, " in done.stderr
+    quick = [one for one in found["points"] if one["latency_ms"] <= 60]
+    best = min(quick, key=lambda one: (one["error_mm"], one["latency_ms"]))
+    last = done.stdout.strip().splitlines()[-1]
+    assert last.startswith(f"built {out / 'narrow.onnx'}: {best['estimator']}, {best['sensors']} sensors, ")
+    assert last.endswith(f" mm, {best['latency_ms']:.3g} ms")
+    built = modelfile.load(out / "narrow.onnx").metadata
+    assert (built.estimator, len(built.layout)) == (best["estimator"], best["sensors"])

@@ -8,7 +8,7 @@ from beamtouch_models import cli
 from example_scenes import PAPER
 from in_process import command_of
 
-BUILD, EVALUATE = "build scene.toml -o m.onnx", "evaluate bench.onnx"
+BUILD, EVALUATE, TRADE = "build scene.toml -o m.onnx", "evaluate bench.onnx", "trade scene.toml -o out"
 REQUESTS = [
     ("", "the following arguments are required: COMMAND"),
     ("guess", "argument COMMAND: invalid choice: 'guess' (choose from build, "),
@@ -33,6 +33,9 @@ REQUESTS = [
     ("challenge", "required: MODEL"),
     ("challenge absent.onnx", "No such file"),
     ("challenge absent.onnx --draws 9", "from 10 to 10000"),
+    (f"{TRADE} --latency-ms 0", "--latency-ms 0: give a positive number"),
+    (f"{TRADE} --error-mm nan", "--error-mm nan: give a positive number"),
+    (f"{TRADE} --error-mm 1 --latency-ms 1", "not allowed with argument --error-mm"),
     ("calibrate bench.onnx -o new.onnx", "READINGS.csv"),
     ("calibrate bench.onnx loads.csv --events contacts.csv -o new.onnx", "READINGS.csv"),
     *(

@@ -146,7 +146,7 @@ def _check(path: Path, loads: Loads, metadata: Metadata) -> None:
     low, high = metadata.ranges.position_mm
     weakest, strongest = metadata.ranges.force_n
     short = np.isnan(loads.measured_mm).all(axis=1)
-    if len(short) and short.all():
+    if short.size and short.all():
         raise LoadsError(
             f"{path}: no load has {MIN_SAMPLES} good samples of a channel; each load needs {MIN_SAMPLES} rows or more"
         )

@@ -1,10 +1,16 @@
 """`design-sensors trade`: measures what sensors, time, noise and estimators are worth in accuracy."""
 
+from __future__ import annotations
+
 import argparse
 import json
+import math
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
+from beamtouch_common.digits import digits
+from beamtouch_common.errors import InputError
 from beamtouch_common.files import write_atomically
 from beamtouch_models.commands.options import (
     ESTIMATORS,
@@ -17,12 +23,23 @@ from beamtouch_models.commands.options import (
 )
 from beamtouch_models.printing import Result, markdown, note, show
 
+if TYPE_CHECKING:
+    from beamtouch_models.scene import Scene
+    from beamtouch_models.trade.trade import Point, Trade
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the command."""
     parser.add_argument("scene", type=Path, metavar="SCENE", help="scene file (TOML)")
     parser.add_argument(
         "-o", "--output", type=Path, required=True, metavar="DIR", help="folder for the tables, picture and JSON"
+    )
+    wish = parser.add_mutually_exclusive_group()
+    wish.add_argument(
+        "--latency-ms", type=float, metavar="L", help="build the most accurate model that answers within L ms"
+    )
+    wish.add_argument(
+        "--error-mm", type=float, metavar="E", help="build the quickest model with a mean error of at most E mm"
     )
     parser.add_argument(
         "--estimators",
@@ -37,7 +54,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--json",
         action="store_true",
         help="print one JSON object on standard output; measured times (inference_us, latency_ms) differ from run to "
-        "run, and on_front and sentences may differ with them",
+        "run, and on_front, picked and sentences may differ with them",
     )
 
 
@@ -50,7 +67,11 @@ def run(options: argparse.Namespace) -> None:
     from beamtouch_models.trade.trade import trade
     from beamtouch_models.workers import spread_over
 
-    scene, _ = load_scene(options.scene)
+    for option, value in (("--latency-ms", options.latency_ms), ("--error-mm", options.error_mm)):
+        if value is not None and not 0 < value < math.inf:
+            message = f"{option} {value:g}: give a positive number"
+            raise InputError(message)
+    scene, text = load_scene(options.scene)
     note(*remarks(scene))
     folder, name = folder_of(options.output), surface_name(options.scene)
     with spread_over(options.workers, options.cluster) as spread, shown_progress() as progress:
@@ -66,12 +87,42 @@ def run(options: argparse.Namespace) -> None:
     rows, fields = blocks(found, str(options.scene), options.seed, f"{name}.onnx"), json_of(found)
     title = f"Accuracy against speed: {name}"
     page = markdown(title, ["![error over sensors, time, noise and inference](trade.svg)", *rows])
-    for file, text in (
+    for file, content in (
         ("trade.json", json.dumps(fields, indent=1) + "\n"),
         ("trade.md", page),
         ("trade.svg", picture(name, found)),
     ):
-        write_atomically(folder / file, text.encode())
-    show(Result({"scene": str(options.scene), "output": str(folder), **fields}, rows), as_json=options.json)
+        write_atomically(folder / file, content.encode())
+    picked, built = _pick(found, options), None
+    if picked is not None:
+        model = folder / f"{name}.onnx"
+        write_atomically(model, _built(picked, scene, text, name, options.seed))
+        built = {"index": found.points.index(picked), "model": str(model)}
+        rows.append(f"built {model}: {_in_words(picked)}")
+    fields = {"scene": str(options.scene), "output": str(folder), "picked": built, **fields}
+    show(Result(fields, rows), as_json=options.json)
     if not options.json:
         print(f"the picture and all {len(found.points)} points are in {folder}: trade.svg, trade.json", file=sys.stderr)
+
+
+def _pick(found: Trade, options: argparse.Namespace) -> Point | None:
+    from beamtouch_models.trade.trade import most_accurate, quickest
+
+    if options.latency_ms is not None:
+        return most_accurate(found.points, options.latency_ms)
+    return None if options.error_mm is None else quickest(found.points, options.error_mm)
+
+
+def _built(picked: Point, scene: Scene, text: str, name: str, seed: int) -> bytes:
+    from beamtouch_models.building.build import Choices, build_model
+
+    count, choices = picked.model.sensors, Choices(picked.model.task.estimator)
+    with shown_progress() as progress:
+        return build_model(scene, text, name, count=count, seed=seed, progress=progress, choices=choices).content
+
+
+def _in_words(picked: Point) -> str:
+    return (
+        f"{picked.model.task.estimator}, {picked.model.sensors} sensors, {digits(picked.error_mm.value, 3)} mm, "
+        f"{digits(picked.latency_ms, 3)} ms"
+    )

@@ -4,6 +4,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from math import hypot
 
+from beamtouch_common.digits import digits
+from beamtouch_common.errors import InputError
 from beamtouch_models.accuracy.statistics import Measurement
 from beamtouch_models.errors import SceneError
 from beamtouch_models.estimators.estimator import NAMES, Name
@@ -27,6 +29,10 @@ from beamtouch_models.trade.measure import (
 
 SERIAL_BAUD, FRAME_BYTES, BYTE_BITS = 1_000_000, 13, 10
 """Transfer of a reading by PROTOCOL.md: FRAME_BYTES and two bytes per channel, of ten bits each."""
+
+
+class NotToBeHadError(InputError):
+    """No point of the trade meets the requirement."""
 
 
 @dataclass(frozen=True)
@@ -85,6 +91,32 @@ def _beats(one: Point, other: Point) -> bool:
     if any(a > b for a, b in zip(ours, theirs, strict=True)) or is_smaller(other.error_mm, one.error_mm):
         return False
     return ours != theirs or is_smaller(one.error_mm, other.error_mm)
+
+
+def most_accurate(points: Sequence[Point], latency_ms: float) -> Point:
+    """Return the point with the smallest error within a latency; otherwise NotToBeHadError names the nearest."""
+    kept = [point for point in points if point.latency_ms <= latency_ms]
+    if not kept:
+        nearest_ms = min(point.latency_ms for point in points)
+        message = (
+            f"no point answers within {latency_ms:g} ms; the fastest takes {digits(nearest_ms, 3)} ms; raise "
+            "sensors.rate_hz"
+        )
+        raise NotToBeHadError(message)
+    return min(kept, key=lambda point: (point.error_mm.value, point.latency_ms))
+
+
+def quickest(points: Sequence[Point], error_mm: float) -> Point:
+    """Return the fastest point within an error, ties by sensors; otherwise NotToBeHadError names the nearest."""
+    kept = [point for point in points if point.error_mm.value <= error_mm]
+    if not kept:
+        nearest_mm = min(point.error_mm.value for point in points)
+        message = (
+            f"no point has a mean error of {error_mm:g} mm; the best has {digits(nearest_mm, 3)} mm; allow more "
+            "sensors or a larger requirements.max_mean_ms, or use sensors with less noise"
+        )
+        raise NotToBeHadError(message)
+    return min(kept, key=lambda point: (point.periods, point.model.sensors, point.latency_ms))
 
 
 @dataclass(frozen=True, eq=False)
