@@ -58,6 +58,16 @@ def test_a_sender_that_started_anew_is_followed_at_once_but_not_with_older_sampl
     assert not moves(bench, "third-life", 2, age_s=STEP_S)
 
 
+def test_of_the_former_senders_those_that_were_followed_last_are_remembered(bench: Bench) -> None:
+    boots = [f"boot-{number:04}" for number in range(18)]
+    for number, boot_id in enumerate(boots, start=1):
+        bench.now_s += 0.01
+        assert moves(bench, boot_id, number)
+    assert not moves(bench, boots[-2], 101)
+    assert not moves(bench, boots[1], 102)
+    assert moves(bench, boots[0], 103)
+
+
 _OFFER = st.tuples(st.sampled_from("abc"), st.integers(1, 9), st.floats(0, 0.4), st.floats(0, 1))
 
 
@@ -98,6 +108,30 @@ class Numbers:
         return lost
 
 
+def test_gaps_are_losses_until_they_are_filled() -> None:
+    sender = Numbers()
+    assert [sender.send([1, 2, 3]), sender.send([1, 2, 3]), sender.send([2, 3, 4, 5])] == [(3, 0), (0, 3), (2, 2)]
+    assert sender.lost == 0
+    assert (sender.send([11, 13]), sender.lost) == ((2, 0), 6)
+    assert (sender.send([3, 5, 6, 8]), sender.lost) == ((2, 2), 4)
+    assert (sender.send([7, 9, 10, 11, 12]), sender.lost) == ((4, 1), 0)
+
+
+def test_a_sender_or_a_gap_that_is_forgotten_stays_lost() -> None:
+    sender = Numbers()
+    sender.send([100, 102])
+    for number in range(16):
+        assert sender.send([1], f"boot-{number:04}-later") == (1, 0)
+    assert sender.send([100]) == (1, 0)
+    assert sender.lost == 1
+    for first in (201, 2201):
+        sender.send(range(first, first + 2000, 2), "boot-of-gaps")
+    assert sender.lost == 2000
+    assert sender.send([202], "boot-of-gaps") == (0, 1)
+    assert sender.send([4198], "boot-of-gaps") == (1, 0)
+    assert sender.lost == 1999
+
+
 @settings(max_examples=12)
 @given(batches=st.lists(st.sets(st.integers(1, 60), min_size=1), min_size=1, max_size=12))
 def test_any_order_of_batches_gives_what_a_set_gives(batches: list[set[int]]) -> None:
@@ -108,7 +142,7 @@ def test_any_order_of_batches_gives_what_a_set_gives(batches: list[set[int]]) ->
         assert sender.lost == max(known) - min(known) + 1 - len(known)
 
 
-@pytest.mark.parametrize("age_s", [0.0, 0.4])
+@pytest.mark.parametrize("age_s", [0.0, 0.05, 0.4])
 def test_two_daemons_that_send_in_turn_are_told_until_one_stops(
     bench: Bench, caplog: pytest.LogCaptureFixture, age_s: float
 ) -> None:

@@ -134,6 +134,15 @@ def follower_of(zone: Zone) -> ZoneFollower:
     return follower
 
 
+def test_with_another_sender_the_dwell_begins_anew() -> None:
+    follower = follower_of(SLOW)
+    for seen in seen_in(steps(*[150] * 5)):
+        follower.step(seen)
+    assert follower.answers["gate"] is I
+    follower.step(seen_in(steps(*[150] * 6))[-1]._replace(boot_id="boot-2"))
+    assert follower.answers["gate"] is U
+
+
 @pytest.mark.parametrize("name", STORIES)
 def test_answers_of_consecutive_samples(name: str) -> None:
     zone, story, expected, entries = STORIES[name]
@@ -157,6 +166,12 @@ def test_the_time_inside_is_the_same_through_any_restart(name: str) -> None:
         follower = follower_of(zone)
         follower.remember(memory)
     assert found == expected
+
+
+def test_the_dwell_is_part_of_the_time_inside() -> None:
+    follower = follower_of(SLOW)
+    each = [follower.step(seen).get("gate") for seen in seen_in(steps(*[150] * 6, 100))]
+    assert each == [None, None, None, None, 20_000, 5000, None]
 
 
 def test_a_zone_that_is_defined_anew_begins_anew() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import socket
 import ssl
 import subprocess
@@ -177,3 +178,56 @@ def test_a_line_gets_its_answers_while_others_hold_connections_and_flood(proxy: 
         line.require_answers()
     assert line.wrong == []
     assert answers(service.url)
+
+
+HIDDEN = b"GET /hidden HTTP/1.1\r\nHost: x\r\n\r\n"
+SMUGGLED = [
+    b"POST /contact HTTP/1.1\r\nHost: x\r\nContent-Length: 5\r\nTransfer-Encoding: chunked\r\n\r\n0\r\n\r\n" + HIDDEN,
+    b"POST /contact HTTP/1.1\r\nHost: x\r\nContent-Length: %d\r\nContent-Length: 0\r\n\r\n" % len(HIDDEN) + HIDDEN,
+    b"POST /contact HTTP/1.1\r\nHost: x\r\nTransfer-Encoding: xchunked\r\nContent-Length: 0\r\n\r\n" + HIDDEN,
+    b"POST /contact HTTP/1.1\r\nHost: x\r\nTransfer-Encoding : chunked\r\n\r\n0\r\n\r\n" + HIDDEN,
+    b"POST /contact HTTP/1.1\r\nHost: x\r\nContent-Length: +%d\r\n\r\n" % len(HIDDEN) + HIDDEN,
+    b"GET /contact HTTP/1.1\r\nHost: x\r\nHost: y\r\n\r\n" + HIDDEN,
+    b"GET /contact HTTP/1.1\r\nHost: x\r\nX: a\nTransfer-Encoding: chunked\r\n\r\n0\r\n\r\n" + HIDDEN,
+]
+"""Requests of whose end a proxy and a server may have different opinions, with another request behind it."""
+
+
+def _heard(connection: socket.socket) -> bytes:
+    """Return what has come since."""
+    connection.settimeout(0.05)
+    found = b""
+    with suppress(OSError):  # also that nothing comes any more
+        while part := connection.recv(65536):
+            found += part
+    return found
+
+
+def test_no_request_is_hidden_in_another(proxy: tuple[Proxy, Service]) -> None:
+    front, service = proxy
+    with Line(front) as line, ExitStack() as stack:
+        connections = [stack.enter_context(front.connect("127.0.0.11")) for _ in SMUGGLED]
+        heard = [b"" for _ in SMUGGLED]
+        for connection, words in zip(connections, SMUGGLED, strict=True):
+            connection.sendall(words)
+
+        def agree() -> bool:
+            """Whether all are answered, and each that the service has seen to the one who sent it, not to others."""
+            for index, connection in enumerate(connections):
+                heard[index] += _heard(connection)
+            statuses = [re.findall(rb"HTTP/1\.1 (\d+)", content) for content in heard]
+            counted = re.search(r'beamtouch_problems_total{kind="not-found"} (\S+)', service.get("/metrics").text)
+            seen = sum(found.count(b"404") for found in statuses)
+            return all(statuses) and seen == float(counted[1] if counted else 0)
+
+        wait_until(agree)
+        line.require_answers()
+        assert agree()
+    assert line.wrong == []
+
+
+def test_a_body_that_is_too_large_is_refused(proxy: tuple[Proxy, Service]) -> None:
+    front, _ = proxy
+    with front.connect("127.0.0.12") as connection:
+        connection.sendall(b"POST /surfaces/press-7/samples HTTP/1.1\r\nHost: x\r\nContent-Length: 2000000\r\n\r\n")
+        assert connection.recv(4096).startswith(b"HTTP/1.1 413 ")

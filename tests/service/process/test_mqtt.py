@@ -65,6 +65,22 @@ def test_a_contact_is_the_answer_of_get_contact(line: Line) -> None:
     assert not [one for one in later.messages if one.is_retained and one.topic == CONTACT]
 
 
+def test_every_change_of_state_is_sent_however_low_the_rate(line: Line) -> None:
+    subscriber = line.broker.subscribe("-t", CONTACT)
+    service = line.start("max_rate_hz = 1")
+    wait_connected(service)
+    told = ["no-samples"]
+    wait_for(lambda: states(subscriber) == told)
+    for sequence, row in enumerate([RESTING, TOUCHING, RESTING, TOUCHING], start=1):
+        service.post(now_batch(row, sequence=sequence))
+        told.append("clear" if row is RESTING else "contact")
+        wait_for(lambda: states(subscriber) == told)  # called in this turn only
+    # A quiet surface is told all the same.
+    count = len(subscriber.of(CONTACT))
+    wait_for(lambda: len(subscriber.of(CONTACT)) >= count + 2)
+    assert {one["sequence"] for one in subscriber.of(CONTACT)[count:]} == {4}
+
+
 def test_events_are_those_of_get_events_and_open_ones_wait(line: Line) -> None:
     subscriber = line.broker.subscribe("-t", EVENT)
     service = line.start()

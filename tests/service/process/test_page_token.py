@@ -115,6 +115,19 @@ def test_nothing_is_shown_once_the_token_is_forgotten_even_without_an_answer(
     assert seen.page.evaluate(KEPT) == [0, 0]
 
 
+def test_what_cannot_be_a_token_is_not_sent(start_page: StartService, open_page: OpenPage) -> None:
+    seen = open_page(start_page().url)
+    seen.wait_for_state("locked")
+    for text in ("", "   ", "two words that are long enough", "tökén-ünd-nöch-étwas-😀"):
+        asked = len(seen.requests)
+        enter(seen, text)
+        if text:
+            seen.wait_for_text("token-error", "This token is not accepted")
+        assert_locked(seen)
+        assert len(seen.requests) == asked, text
+    assert_only_refusals(seen)
+
+
 def test_it_is_kept_for_the_session_or_for_the_device(start_page: StartService, open_page: OpenPage) -> None:
     service = start_page()
     service.post(batch_of())
@@ -162,6 +175,26 @@ def test_a_service_that_comes_back_with_another_token(start_page: StartService, 
     assert_open(seen)
 
 
+def test_without_a_token_for_reading_there_is_no_form(start_page: StartService, open_page: OpenPage) -> None:
+    service = start_page(read=None)
+    service.post(batch_of())
+    seen = open_page(service.url)
+    seen.page.evaluate(
+        f"() => {{ window.forms = 0; new MutationObserver(() => forms++)"
+        f".observe(document.querySelector('{FORM}'), {{attributes: true}}); }}"
+    )
+    seen.watch()
+    assert_open(seen)
+    restarted = again(start_page, service, None)
+    seen.wait_for_text("headline", "no samples yet")
+    restarted.post(batch_of())
+    assert_open(seen)
+    assert seen.page.evaluate("() => window.forms") == 0
+    assert "locked" not in seen.states()
+    assert not seen.page.is_visible("#forget")
+    assert not seen.page.is_visible("#with-token")
+
+
 def test_by_keyboard_alone(start_page: StartService, open_page: OpenPage) -> None:
     service = start_page()
     service.post(batch_of())
@@ -191,3 +224,35 @@ def test_by_keyboard_alone(start_page: StartService, open_page: OpenPage) -> Non
     seen.page.focus("#forget")
     seen.page.keyboard.press("Enter")
     seen.page.wait_for_function(f"() => ({where})() === 'token'")
+
+
+def test_the_form_and_the_button_fit_and_can_be_read(start_page: StartService, open_page: OpenPage) -> None:
+    service = start_page()
+    service.post(batch_of())
+    for name, size, scheme in SCREENS:
+        seen = open_page(service.url, size=size, color_scheme=scheme)
+        seen.wait_for_state("locked")
+        seen.picture(f"token-{name}-{scheme}")
+        enter(seen, WRONG)
+        seen.wait_for_text("token-error", "not accepted")
+        seen.picture(f"token-wrong-{name}-{scheme}")
+        found = seen.contrasts()
+        assert len(found) >= 6
+        assert [(text, ratio) for text, ratio in found if ratio < 4.5] == [], (name, scheme)
+        assert seen.overflow() <= 0, (name, scheme)
+        for element in ("headline", "token", "token-error", "keep", "token-form"):
+            box = seen.page.locator(f"#{element}").bounding_box()
+            assert box is not None
+            assert box["x"] >= 0, (name, scheme, element)
+            assert box["x"] + box["width"] <= size[0], (name, scheme, element)
+            assert box["y"] + box["height"] <= size[1], (name, scheme, element)
+
+        enter(seen, READ_TOKEN)
+        assert_open(seen)
+        seen.picture(f"token-used-{name}-{scheme}")
+        assert seen.overflow() <= 0, (name, scheme)
+        # The button takes no room from what matters.
+        box = seen.page.locator("#force-strip").bounding_box()
+        assert box is not None
+        assert name == "phone" or box["y"] + box["height"] <= size[1], (name, scheme)
+        seen.page.close()

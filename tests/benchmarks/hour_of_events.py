@@ -1,0 +1,123 @@
+"""What fewer samples at rest cost the record: `python tests/benchmarks/hour_of_events.py [--minutes 60]`.
+
+The scene `bench` at 200 Hz, its beam ringing. The same readings become samples with `publish.rest_ms` of 0 and of 100;
+a service has each stream for its record. Said are how many events each has, how many of one lie on one of the other,
+how far their beginnings, ends and best contacts are apart, and the size of the records.
+"""
+
+import argparse
+import json
+import sys
+from datetime import datetime
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).parent.parent))
+sys.path.insert(0, str(Path(__file__).parent))
+
+import httpx2
+import numpy as np
+from bench_service import TOKEN, server
+from rest_trade import NO_LOAD, Taking, Trade
+
+from beamtouch_daemon.processing.filters import rest_of
+from beamtouch_daemon.processing.pipeline import Pipeline, Taken
+from beamtouch_models.rig.loads import Load
+from beamtouch_models.rig.surface import VirtualSurface
+
+RATE_HZ, BEGIN_UNIX_S = 200, 1.7e9
+REST_MS = {"each reading": 0, "rest_ms = 100": 100}
+LASTS_S, FORCE_N = (0.2, 2.0), (1.0, 20.0)
+IN_BATCH = 1000
+
+
+def course(seconds: float, touches: int, length_mm: float) -> list[Load]:
+    """Return the load of each reading: touches that begin at any time, one after the other."""
+    random, loads = np.random.default_rng(0), [NO_LOAD] * round(seconds * RATE_HZ)
+    share = len(loads) / touches
+    for number in range(touches):
+        count = round(random.uniform(*LASTS_S) * RATE_HZ)
+        begin = round((number + random.uniform(0, 0.5)) * share)
+        load = Load(float(random.uniform(0.1, 0.9) * length_mm), float(random.uniform(*FORCE_N)))
+        end = min(begin + count, round((number + 1) * share) - RATE_HZ, len(loads))
+        loads[begin:end] = [load] * (end - begin)
+    return loads
+
+
+def recorded(trade: Trade, folder: Path, loads: list[Load], rest_ms: int) -> dict[str, Any]:
+    """Return the events of a service that is given the samples, how many these are, and the size of its record."""
+    folder.mkdir()
+    (folder / "token").write_text(TOKEN)
+    config = folder / "service.toml"
+    config.write_text(
+        f'[server]\nport = 0\nwrite_token_file = "token"\n[events]\nfile = "events.sqlite"\n'
+        f'[surfaces.bench]\nmodel = "{folder.parent / "bench.onnx"}"\n'
+    )
+    trade.beam = VirtualSurface(trade.scene, trade.model.metadata, seed=0)
+    pipeline = Pipeline(trade.settings, rest=rest_of(trade.settings) if rest_ms else None)
+    taking, waiting, sent, events = Taking(pipeline, rest_ms / 1e3, []), list[Taken](), 0, list[dict[str, Any]]()
+    with (
+        server("-m", "beamtouch_service.cli", "run", "--config", config) as (_, port),
+        httpx2.Client(base_url=f"http://127.0.0.1:{port}", timeout=300, trust_env=False) as http,
+    ):
+        head = {"boot_id": "benchmark-1", "channels": trade.settings.channel_names, "backlog": True, "oldest": 1}
+        for number, load in enumerate(loads):
+            waiting += taking.take(trade.reading(number, load))
+            if len(waiting) >= IN_BATCH or number == len(loads) - 1:
+                body = {**head, "samples": [one.sample.model_dump(mode="json") for one in waiting]}
+                answer = http.post("/surfaces/bench/samples", json=body, headers={"Authorization": f"Bearer {TOKEN}"})
+                assert answer.status_code == 200, answer.text
+                sent, waiting = sent + len(waiting), []
+        after: str | None = ""
+        while after is not None:
+            page = (http.get("/events", params={"limit": 1000} | ({"after": after} if after else {}))).json()
+            events, after = events + page["events"], page["next"]
+    size = sum(path.stat().st_size for path in folder.glob("events.sqlite*"))
+    events.sort(key=lambda event: str(event["touched_at"]))
+    return {"events": [event for event in events if event["kind"] == "contact"], "samples": sent, "MB": size / 1e6}
+
+
+def seconds_of(event: dict[str, Any]) -> tuple[float, float]:
+    """Return when a contact began and ended, in seconds of the course."""
+    begin, end = (datetime.fromisoformat(event[key]).timestamp() for key in ("touched_at", "lifted_at"))
+    return begin - BEGIN_UNIX_S, end - BEGIN_UNIX_S
+
+
+def compare(found: dict[str, dict[str, Any]]) -> dict[str, object]:
+    """Return how the contacts of two streams of the same readings differ."""
+    every, few = (one["events"] for one in found.values())
+    spans = [seconds_of(event) for event in few]
+    pairs, apart = 0, dict[str, list[float]]()
+    for event in every:
+        begin_s, end_s = seconds_of(event)
+        same = [at for at, span in enumerate(spans) if span[0] < end_s and begin_s < span[1]]
+        if len(same) != 1:
+            continue
+        pairs, other = pairs + 1, few[same[0]]
+        apart.setdefault("touch ms", []).append(1e3 * abs(spans[same[0]][0] - begin_s))
+        apart.setdefault("lift ms", []).append(1e3 * abs(spans[same[0]][1] - end_s))
+        for key in ("peak_force_n", "mean_position_mm"):
+            apart.setdefault(key, []).append(abs(other[key] - event[key]))
+    quantiles = {key: np.percentile(values, (50, 90, 100)).round(2).tolist() for key, values in apart.items()}
+    return {"one contact of each in the other": pairs, "apart, p50, p90 and largest": quantiles}
+
+
+def main() -> None:
+    """Run."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--minutes", type=float, default=60.0)
+    parser.add_argument("--touches", type=int, default=300)
+    given = parser.parse_args()
+    with TemporaryDirectory() as name:
+        folder = Path(name)
+        trade, found = Trade(folder, RATE_HZ), dict[str, dict[str, Any]]()
+        loads = course(given.minutes * 60, given.touches, trade.scene.beam.length_mm)
+        for number, (title, rest_ms) in enumerate(REST_MS.items()):
+            found[title] = one = recorded(trade, folder / str(number), loads, rest_ms)
+            print(f"{title}: {one['samples']} samples, {len(one['events'])} contacts, {one['MB']:.2f} MB", flush=True)
+    print(json.dumps(compare(found), indent=1))
+
+
+if __name__ == "__main__":
+    main()
