@@ -82,7 +82,7 @@ def _keys(part: str) -> set[str]:
         ),
         (("a.toml", *STRIP, "--roller-mm", "nan"), "--roller-mm nan: must be a finite number"),
         (("a.toml", *STRIP, "--force-n", 1, 1e6), "at 1e+06 N the beam slopes by"),
-        (("a.toml", *STRIP, "--position-mm", 60, 700), "contact.position_mm = [60.0, 700.0] reaches beyond the beam"),
+        (("a.toml", *STRIP, "--position-mm", 60, 700), "--position-mm 60 700: give two places on the beam, 0..650 mm"),
         (("a.toml", *STRIP, "--material", "steal"), "invalid choice: 'steal' (choose from steel, "),
     ],
 )

@@ -28,7 +28,7 @@ def test_a_recording_that_a_spreadsheet_saved_is_read(bench: ModelFile, tmp_path
     [
         (
             lambda text: re.sub(r"([-\d.e]+),good", lambda cell: f"{-float(cell[1])},good", text),
-            "deflections are -1.0 times what the model expects: a deflection is positive in the direction of the load",
+            "deflections are -1 times what the model expects: a deflection is positive in the direction of the load",
         ),
         (
             lambda text: text.replace(".0,12.0,", ".0,1.2232,"),  # in kg

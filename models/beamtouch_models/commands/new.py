@@ -94,6 +94,13 @@ def _check(answers: Answers, target: Path) -> str:
         if not 0 < getattr(answers, name) < float("inf"):
             message = f"--{name.replace('_', '-')} {getattr(answers, name):g}: give millimetres, more than 0"
             raise SceneError(message)
+    if answers.position_mm is not None:
+        low, high = answers.position_mm
+        if not 0 <= low < high <= answers.length_mm:
+            message = (
+                f"--position-mm {low:g} {high:g}: give two places on the beam, 0..{answers.length_mm:g} mm, in order"
+            )
+            raise SceneError(message)
     try:
         text = scene_text(answers, surface_name(target))
     except ValidationError as error:
