@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 from beamtouch_models.accuracy import limit
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.statistics import ratio_of
-from beamtouch_models.estimators.estimator import NAMES, estimator_of
+from beamtouch_models.estimators.estimator import estimator_of
 from beamtouch_models.estimators.onnx_graph import to_bytes
 from beamtouch_models.estimators.posterior.cells import resolving_cells
 from beamtouch_models.estimators.posterior.graph import posterior_graph
+from beamtouch_models.names import ESTIMATORS
 from beamtouch_models.physics.beam import influence_of, travel_of
 from beamtouch_models.placement.placing import place
 from beamtouch_models.progress import silent
@@ -114,7 +115,7 @@ def latency_rows() -> list[dict[str, object]]:
         prior = real_prior(scene, np.array(placed(name, count)[1]), noise.sample_mm)
         reading = limit.draw(prior, 1, SEED).deflection_mm
         calls: dict[str, Callable[[], object]] = {}
-        for estimator in NAMES:
+        for estimator in ESTIMATORS:
             made = estimator_of(
                 estimator,
                 prior,
@@ -126,8 +127,8 @@ def latency_rows() -> list[dict[str, object]]:
             calls[estimator] = answer_of(to_bytes(made.graph), reading, prior.whitening(reading))
         times = in_turns(calls)
         ten = times["paper-network"]
-        for estimator in NAMES[:-1]:
-            goal = "at most 4" if estimator == NAMES[0] else None
+        for estimator in ESTIMATORS[:-1]:
+            goal = "at most 4" if estimator == ESTIMATORS[0] else None
             rows.append(
                 {
                     "name": f"{estimator}: {name}, one sample, over ten units",

@@ -2,22 +2,15 @@
 
 import json
 from pathlib import Path
-from typing import get_args
 
 import numpy as np
 import pytest
 
 from beamtouch_models import modelfile
-from beamtouch_models.commands import options
-from beamtouch_models.estimators.estimator import NAMES, Name
 from beamtouch_models.estimators.paper_network import paper_graph, trained_as_in_the_paper
 from example_scenes import SCENES
 from in_process import Command
 from posterior_cases import answers_of, prior_of
-
-
-def test_the_command_knows_the_names() -> None:
-    assert options.ESTIMATORS == NAMES == get_args(Name)
 
 
 def test_the_papers_network_as_a_graph(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -6,9 +6,10 @@ import numpy as np
 
 from beamtouch_models.building.measure import Measured, measure
 from beamtouch_models.building.sensors import PlacedSensors, layout_errors, place_sensors
-from beamtouch_models.estimators.estimator import NAMES, Estimator, Name
+from beamtouch_models.estimators.estimator import Estimator
 from beamtouch_models.estimators.onnx_graph import to_bytes
 from beamtouch_models.metadata import Channel, Drawn, DrawnSupport, Metadata, Ranges
+from beamtouch_models.names import ESTIMATORS, EstimatorName
 from beamtouch_models.physics.beam import influence
 from beamtouch_models.placement.placing import DEFAULT_AIM, Aim, Placement
 from beamtouch_models.progress import Progress
@@ -25,7 +26,7 @@ DIGITS = 4
 class Choices:
     """Choices of a build that the scene does not make."""
 
-    estimator: Name = NAMES[0]
+    estimator: EstimatorName = ESTIMATORS[0]
     aim: Aim = DEFAULT_AIM
     """Criterion of the layout."""
     kept_mm: tuple[float, ...] = ()

@@ -9,10 +9,10 @@ from beamtouch_models.building.build import Built, Choices, build_model
 from beamtouch_models.building.daemon_config import daemon_config as daemon_config_of
 from beamtouch_models.building.sensors import count_of
 from beamtouch_models.errors import SceneError
-from beamtouch_models.estimators.estimator import NAMES, Name
 from beamtouch_models.metadata.fields import NAME
+from beamtouch_models.names import ESTIMATORS, Criterion, EstimatorName
 from beamtouch_models.numbers import require, whole
-from beamtouch_models.placement.placing import DEFAULT_AIM, Aim, Criterion
+from beamtouch_models.placement.placing import DEFAULT_AIM, Aim
 from beamtouch_models.progress import Progress, silent
 from beamtouch_models.scene import Scene, format_scene, load_scene, read_scene
 from beamtouch_models.scene.scene import path_of
@@ -25,7 +25,7 @@ def build(  # noqa: PLR0913  # one for each option of the command
     sensors: int | None = None,
     criterion: Criterion = DEFAULT_AIM.criterion,
     spare: Literal[0, 1] = 0,
-    estimator: Name = NAMES[0],
+    estimator: EstimatorName = ESTIMATORS[0],
     daemon_config: Path | str | None = None,
     report: Path | str | None = None,
     seed: int = 0,
@@ -60,8 +60,8 @@ def build(  # noqa: PLR0913  # one for each option of the command
     if not re.fullmatch(NAME, name):
         message = f"name = {name!r} must have 1 to 64 letters, digits, '_', '.' or '-'"
         raise SceneError(message)
-    if estimator not in NAMES:
-        message = f"estimator = {estimator!r} must be one of {', '.join(NAMES)}"
+    if estimator not in ESTIMATORS:
+        message = f"estimator = {estimator!r} must be one of {', '.join(ESTIMATORS)}"
         raise SceneError(message)
     config_file, report_file = (None if one is None else Path(one) for one in (daemon_config, report))
     require_writable((config_file, report_file), () if isinstance(scene, Scene) else (path_of(scene),))

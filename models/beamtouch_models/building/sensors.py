@@ -20,11 +20,12 @@ from beamtouch_models.accuracy.thresholds import (
 )
 from beamtouch_models.arrays import Floats
 from beamtouch_models.errors import SceneError
-from beamtouch_models.estimators.estimator import Estimator, Name, estimator_of
+from beamtouch_models.estimators.estimator import Estimator, estimator_of
 from beamtouch_models.metadata import Accuracy, LayoutErrors
+from beamtouch_models.names import Criterion, EstimatorName
 from beamtouch_models.numbers import require, whole
 from beamtouch_models.physics.influence import InfluenceFunction
-from beamtouch_models.placement.placing import DEFAULT_AIM, Aim, Criterion, Placement, fewest_sensors, score_positions
+from beamtouch_models.placement.placing import DEFAULT_AIM, Aim, Placement, fewest_sensors, score_positions
 from beamtouch_models.progress import Fraction, Progress, silent
 from beamtouch_models.scene import Scene
 from beamtouch_models.surface import Surface
@@ -57,7 +58,7 @@ class PlacedSensors:
         surface = self.surface
         return World.of(surface.stated, surface.sensor, self.positions_mm, surface.modelled_readings.sensor_mm)
 
-    def make_estimator(self, name: Name, seed: int, progress: Fraction = silent) -> Estimator:
+    def make_estimator(self, name: EstimatorName, seed: int, progress: Fraction = silent) -> Estimator:
         """Make an estimator for the samples of these sensors; `progress` is called with the fraction done."""
         surface = self.surface
         return estimator_of(

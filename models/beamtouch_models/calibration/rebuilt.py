@@ -8,9 +8,10 @@ from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.building.measure import measure
 from beamtouch_models.building.sensors import layout_errors
 from beamtouch_models.errors import ModelFileError
-from beamtouch_models.estimators.estimator import NAMES, Estimator, estimator_of
+from beamtouch_models.estimators.estimator import Estimator, estimator_of
 from beamtouch_models.estimators.onnx_graph import to_bytes, with_force_error, with_linear_input
 from beamtouch_models.metadata import Calibration, Metadata
+from beamtouch_models.names import ESTIMATORS
 from beamtouch_models.progress import Fraction, Progress, silent
 from beamtouch_models.surface import Surface
 from beamtouch_models.world import World
@@ -44,7 +45,7 @@ def rebuilt(metadata: Metadata, prior: Prior, calibration: Calibration, progress
 
 def remade(metadata: Metadata, prior: Prior, calibration: Calibration, progress: Fraction = silent) -> Estimator:
     """Return the estimator of a model for another prior; raises as `rebuilt`."""
-    name = next((known for known in NAMES if known == metadata.estimator), None)
+    name = next((known for known in ESTIMATORS if known == metadata.estimator), None)
     if name is None:
         message = f"this version has no estimator {metadata.estimator!r}; build the model again"
         raise ModelFileError(message)

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING
 from beamtouch_common.digits import digits
 from beamtouch_models.commands.inspect import describe
 from beamtouch_models.commands.options import (
-    ESTIMATORS,
     add_json,
     add_layout,
     add_seed,
@@ -21,6 +20,7 @@ from beamtouch_models.commands.options import (
     shown_progress,
     surface_name,
 )
+from beamtouch_models.names import ESTIMATORS
 from beamtouch_models.printing import note, show
 
 if TYPE_CHECKING:

@@ -12,13 +12,12 @@ from urllib.parse import urlsplit
 
 from beamtouch_common.commands import whole_number
 from beamtouch_common.errors import InputError
+from beamtouch_models.names import CRITERIA
 
 if TYPE_CHECKING:
     from beamtouch_models.placement.placing import Aim
     from beamtouch_models.progress import Progress
 
-ESTIMATORS = ("posterior", "small-network", "paper-network")
-"""The names in `estimators.estimator`, which takes too long to import for --help."""
 MAX_DRAWS = 1_000_000
 """Bounds memory: each contact takes about 2 kB."""
 MAX_WORKERS = 1024
@@ -90,7 +89,7 @@ def add_layout(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--criterion",
-        choices=("position-error", "eigenvalue-product"),
+        choices=CRITERIA,
         help="what the layout makes best: the mean position error (least, of the layouts that notice two contacts and "
         "spread loads as often as the other one), or the paper's product of eigenvalues (largest) (default: "
         "position-error)",

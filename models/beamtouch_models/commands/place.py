@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from beamtouch_common.commands import whole_number
 from beamtouch_common.digits import digits
 from beamtouch_models.commands.options import add_json, add_layout, add_seed, aim_of, shown_progress
+from beamtouch_models.names import SEARCHES
 from beamtouch_models.printing import Result, note, show
 
 if TYPE_CHECKING:
@@ -30,7 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="K",
         help="number of leading eigenvalues in the product (default: all)",
     )
-    parser.add_argument("--search", choices=("exact", "paper"), default="exact", help="search method (default: exact)")
+    parser.add_argument("--search", choices=SEARCHES, default=SEARCHES[0], help="search method (default: exact)")
     add_seed(parser)
     add_json(parser)
 

@@ -13,7 +13,6 @@ from beamtouch_common.digits import digits
 from beamtouch_common.errors import InputError
 from beamtouch_common.files import write_atomically
 from beamtouch_models.commands.options import (
-    ESTIMATORS,
     add_contacts,
     add_seed,
     add_workers,
@@ -21,6 +20,7 @@ from beamtouch_models.commands.options import (
     shown_progress,
     surface_name,
 )
+from beamtouch_models.names import ESTIMATORS
 from beamtouch_models.printing import Result, markdown, note, show
 
 if TYPE_CHECKING:
@@ -61,7 +61,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> None:
     """Trade the scene, write the folder, and print what changes are worth, the front, and how to build its models."""
     from beamtouch_models.building.remarks import remarks
-    from beamtouch_models.estimators.estimator import NAMES
     from beamtouch_models.scene import load_scene
     from beamtouch_models.trade.results import blocks, json_of, picture
     from beamtouch_models.trade.trade import trade
@@ -77,7 +76,7 @@ def run(options: argparse.Namespace) -> None:
     with spread_over(options.workers, options.cluster) as spread, shown_progress() as progress:
         found = trade(
             scene,
-            options.estimators or NAMES,
+            options.estimators or ESTIMATORS,
             draws=options.draws,
             seed=options.seed,
             spread=spread,

@@ -1,9 +1,8 @@
-"""The estimators by name. Each is a function from a prior to a graph; the first is the default."""
+"""The estimators by name. Each is a function from a prior to a graph."""
 
 from dataclasses import dataclass, replace
 from itertools import combinations
 from math import comb
-from typing import Literal, get_args
 
 import onnx
 
@@ -13,6 +12,7 @@ from beamtouch_models.estimators.paper_network import paper_graph, trained_as_in
 from beamtouch_models.estimators.posterior.graph import posterior_graph
 from beamtouch_models.estimators.posterior.window import windowed_graph
 from beamtouch_models.estimators.small_network import first_stage, train
+from beamtouch_models.names import EstimatorName
 from beamtouch_models.progress import Fraction
 
 ENOUGH = 0.5
@@ -42,15 +42,11 @@ def fewest_channels(prior: Prior, seed: int) -> int:
     return prior.channels
 
 
-Name = Literal["posterior", "small-network", "paper-network"]
-NAMES: tuple[Name, ...] = get_args(Name)
-
-
 @dataclass(frozen=True)
 class Estimator:
     """A finished estimator."""
 
-    name: Name
+    name: EstimatorName
     graph: onnx.ModelProto
     """Without metadata."""
     min_channels: int
@@ -58,7 +54,7 @@ class Estimator:
 
 
 def estimator_of(
-    name: Name, prior: Prior, *, min_noise_mm: float, with_force: bool, seed: int, progress: Fraction
+    name: EstimatorName, prior: Prior, *, min_noise_mm: float, with_force: bool, seed: int, progress: Fraction
 ) -> Estimator:
     """Make an estimator for a prior; the same seed gives the same graph.
 

@@ -1,10 +1,11 @@
 """The figures of a model: its thresholds, the smallest force that passes them, accuracy, layout and golden answers."""
 
-from typing import Annotated, Literal, Self
+from typing import Annotated, Self
 
 from pydantic import Field, FiniteFloat, NonNegativeFloat, PositiveFloat, model_validator
 
 from beamtouch_models.metadata.fields import MetadataPart
+from beamtouch_models.names import Criterion
 
 _OfSquares = Annotated[float, Field(ge=1, le=1e6)]
 """Rest exceeds 1 in most samples, whatever the scene allows."""
@@ -84,7 +85,7 @@ class Golden(MetadataPart):
 class LayoutErrors(MetadataPart):
     """The placement of a layout; errors are accuracy limits in percent of the length."""
 
-    criterion: Literal["position-error", "eigenvalue-product"]
+    criterion: Criterion
     spare: int = Field(ge=0, le=1)
     """1: placed so that the largest error with one sensor failed is least."""
     limit_without_percent: list[NonNegativeFloat]

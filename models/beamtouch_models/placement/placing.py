@@ -3,7 +3,6 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, get_args
 
 import numpy as np
 
@@ -12,12 +11,13 @@ from beamtouch_models.accuracy.limit import accuracy_limit, limits_without
 from beamtouch_models.accuracy.prior import Prior, SampleErrors
 from beamtouch_models.arrays import Floats, Indices
 from beamtouch_models.errors import NotGoodEnoughError, SceneError
+from beamtouch_models.names import CRITERIA, Criterion, SearchName
 from beamtouch_models.physics.influence import InfluenceFunction
 from beamtouch_models.placement.components import discernible, log_eigenvalue_product, principal_components
 from beamtouch_models.placement.eigenvalue_product import eigenvalue_product_of
 from beamtouch_models.placement.layout import Candidates, equal_layout, equal_pitch_mm
 from beamtouch_models.placement.position_error import PositionError, position_error_of
-from beamtouch_models.placement.search import SearchName, SearchRun, first_best, search_from
+from beamtouch_models.placement.search import SearchRun, first_best, search_from
 from beamtouch_models.progress import Progress, silent
 from beamtouch_models.sweeps import one_thread
 
@@ -28,8 +28,6 @@ CLEAR = 1.015
 between layouts, and by more where few sensors stand close together, or errors are smaller than a cell."""
 FINAL_DRAWS = 2_000
 """Contacts of the limits that decide otherwise; with a spare, the limits of all failures share them."""
-
-Criterion = Literal["position-error", "eigenvalue-product"]
 
 
 @dataclass(frozen=True)
@@ -50,8 +48,8 @@ class Aim:
     search: SearchName = "exact"
 
     def __post_init__(self) -> None:
-        if self.criterion not in get_args(Criterion):
-            message = f"criterion = {self.criterion!r} must be one of {', '.join(get_args(Criterion))}"
+        if self.criterion not in CRITERIA:
+            message = f"criterion = {self.criterion!r} must be one of {', '.join(CRITERIA)}"
             raise SceneError(message)
         if self.spare not in (0, 1) or (self.spare and self.criterion != "position-error"):
             message = (
@@ -61,7 +59,7 @@ class Aim:
             raise SceneError(message)
 
 
-DEFAULT_AIM = Aim("position-error")
+DEFAULT_AIM = Aim(CRITERIA[0])
 """Its error is smaller, and it notices loads that are not one contact as often (decision 024)."""
 
 

@@ -9,15 +9,15 @@ some clones move one or two sensors instead of all.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations, pairwise
-from typing import Literal, Protocol
+from typing import Protocol
 
 import numpy as np
 
 from beamtouch_models.arrays import Floats, Indices
+from beamtouch_models.names import SearchName
 from beamtouch_models.placement.layout import Candidates
 from beamtouch_models.progress import Fraction, silent
 
-SearchName = Literal["exact", "paper"]
 """Exchange by steps, and the paper's search."""
 
 MAX_EVALUATIONS = 2_000

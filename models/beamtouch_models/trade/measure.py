@@ -15,9 +15,9 @@ from beamtouch_models.building.measure import reach
 from beamtouch_models.building.sensors import place_sensors
 from beamtouch_models.building.since_touch import Answer, answers_of_means, answers_since_touch
 from beamtouch_models.errors import NotGoodEnoughError, SceneError
-from beamtouch_models.estimators.estimator import NAMES, Name
 from beamtouch_models.estimators.onnx_graph import to_bytes
 from beamtouch_models.metadata import INPUTS, FilterChoice
+from beamtouch_models.names import ESTIMATORS, EstimatorName
 from beamtouch_models.scene import Scene, change_scene
 from beamtouch_models.scene.sensors import MIN_SENSORS
 from beamtouch_models.session import open_session, runner
@@ -42,7 +42,7 @@ class Task:
     sensors: int
     draws: int
     seed: int
-    estimator: Name = NAMES[0]
+    estimator: EstimatorName = ESTIMATORS[0]
     kept_mm: tuple[float, ...] = ()
     """A layout that is placed already; none: the sensors are placed as `build` places them."""
 
@@ -80,7 +80,7 @@ class Failure:
 
     varied: Varied
     sensors: int
-    estimator: Name
+    estimator: EstimatorName
     reason: str
 
     def __str__(self) -> str:

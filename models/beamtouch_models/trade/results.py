@@ -8,7 +8,7 @@ from typing import Any
 from beamtouch_common.digits import digits
 from beamtouch_models.accuracy.statistics import Measurement
 from beamtouch_models.charts import Chart, Series, Style, draw_row, standalone
-from beamtouch_models.estimators.estimator import NAMES
+from beamtouch_models.names import ESTIMATORS
 from beamtouch_models.printing import Block, Table
 from beamtouch_models.trade.measure import Model, Moment
 from beamtouch_models.trade.trade import Point, Trade, transfer_ms
@@ -118,7 +118,7 @@ def _estimators_in_words(trade: Trade) -> Iterator[str]:
 def _command(point: Model, scene: str, seed: int, model: str) -> str:
     """Return the command that builds a model of a scene."""
     words = ["design-sensors build", scene, f"--sensors {point.sensors}"]
-    words += [f"--estimator {point.task.estimator}"] if point.task.estimator != NAMES[0] else []
+    words += [f"--estimator {point.task.estimator}"] if point.task.estimator != ESTIMATORS[0] else []
     words += [f"--seed {seed}"] if seed else []
     return " ".join([*words, f"-o {model}"])
 

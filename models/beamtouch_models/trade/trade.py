@@ -8,7 +8,7 @@ from beamtouch_common.digits import digits
 from beamtouch_common.errors import InputError
 from beamtouch_models.accuracy.statistics import Measurement
 from beamtouch_models.errors import SceneError
-from beamtouch_models.estimators.estimator import NAMES, Name
+from beamtouch_models.names import ESTIMATORS, EstimatorName
 from beamtouch_models.progress import Progress
 from beamtouch_models.scene import Scene
 from beamtouch_models.surface import Surface
@@ -154,7 +154,7 @@ class Trade:
 
 
 def trade(
-    scene: Scene, estimators: Sequence[Name], *, draws: int, seed: int, spread: Spread, progress: Progress
+    scene: Scene, estimators: Sequence[EstimatorName], *, draws: int, seed: int, spread: Spread, progress: Progress
 ) -> Trade:
     """Measure the models of a scene: other numbers of sensors, estimators and noises, and twice the latency.
 
@@ -185,7 +185,9 @@ def trade(
     own = _own_of(scene, placed)
     kept_mm, variations = own.positions_mm, list[Task]()
     variations += [
-        Task(scene, "estimator", own.sensors, draws, seed, name, kept_mm) for name in estimators if name != NAMES[0]
+        Task(scene, "estimator", own.sensors, draws, seed, name, kept_mm)
+        for name in estimators
+        if name != ESTIMATORS[0]
     ]
     variations += [Task(other, "noise", own.sensors, draws, seed) for other in with_noises(scene)]
     variations += [Task(with_twice_the_latency(scene), "latency", own.sensors, draws, seed)]
