@@ -64,11 +64,10 @@ def measure(estimator: Estimator, prior: Prior, surface: Surface, world: World, 
         message = f"nothing was written: {error}"
         raise NotGoodEnoughError(message) from None
     thresholds = thresholds_of(prior, surface)
-    supports_mm = [support.at_mm for support in surface.stated.beam.support_list]
     gain, zero_mm = (np.broadcast_to(value, prior.channels).tolist() for value in (prior.gain, prior.zero_mm))
     return Measured(
         thresholds,
-        smallest_forces(prior, thresholds.touch[-1], supports_mm),
+        smallest_forces(prior, thresholds.touch[-1], surface.stated.beam.held_mm),
         Floor(gain=gain, zero_mm=zero_mm),
         _influence(prior),
         _accuracy(prior, run, reached, surface, world, seed + 2),

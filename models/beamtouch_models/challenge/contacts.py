@@ -179,8 +179,8 @@ def moves(at: Drawn, *, speed_mm_per_s: float, motion: Motion = BEGINS, least: i
 
 def _crosses(surface: SimulatedSurface, path_mm: Floats) -> Bools:
     """Return which paths (draws, steps) cross a support, (draws,)."""
-    supports_mm = np.array([support.at_mm for support in surface.world.beam.support_list])[:, None]
-    crossed: Bools = ((path_mm.min(axis=1) < supports_mm) & (supports_mm < path_mm.max(axis=1))).any(axis=0)
+    held_mm = np.array(surface.world.beam.held_mm)[:, None]
+    crossed: Bools = ((path_mm.min(axis=1) < held_mm) & (held_mm < path_mm.max(axis=1))).any(axis=0)
     return crossed
 
 

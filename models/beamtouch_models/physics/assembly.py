@@ -25,9 +25,8 @@ def element_influence(beam: Beam, sensor_mm: Floats, low_mm: Floats, high_mm: Fl
     matrix = solve(mesh, loads.T).T @ sensors.T if few else loads @ solve(mesh, sensors.T)
     _add_within_elements(mesh, matrix, sensor_mm, low_mm, high_mm)
     # Rounding leaves a trace of deflection at a support, where it must be exactly zero.
-    supports = [support.at_mm for support in beam.support_list]
-    matrix[:, np.isin(sensor_mm, supports)] = 0.0
-    matrix[(low_mm == high_mm) & np.isin(low_mm, supports)] = 0.0
+    matrix[:, np.isin(sensor_mm, beam.held_mm)] = 0.0
+    matrix[(low_mm == high_mm) & np.isin(low_mm, beam.held_mm)] = 0.0
     return matrix
 
 

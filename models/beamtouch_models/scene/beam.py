@@ -190,6 +190,11 @@ class Beam(Strict):
         return tuple(Support(at_mm=at_mm, kind=kind) for at_mm, kind in ends if kind is not None)
 
     @property
+    def held_mm(self) -> tuple[float, ...]:
+        """Places from left to right at which a support holds the deflection at zero."""
+        return tuple(support.at_mm for support in self.support_list)
+
+    @property
     def sections(self) -> tuple[Section, ...]:
         """The sections from left to right; a prismatic beam has one."""
         segments = self.segments or (Segment(to_mm=self.length_mm),)

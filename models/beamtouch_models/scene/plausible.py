@@ -64,8 +64,8 @@ def taken_mm(beam: Beam, sensors: Sensors) -> Iterator[tuple[str, float, float]]
     near = ROUNDING * length
     yield "reaches beyond the end of the beam at 0 mm", -math.inf, half - near
     yield f"reaches beyond the end of the beam at {length:g} mm", length - half + near, math.inf
-    for support in beam.support_list:
-        at, beside = support.at_mm, max(half - near, near)  # nothing moves at a support: no point stands there either
+    for at in beam.held_mm:
+        beside = max(half - near, near)  # nothing moves at a support: no point stands there either
         yield f"stands on the support at {at:g} mm", at - beside, at + beside
     for start, end in sensors.keep_out_mm:
         yield f"reaches into [{start:g}, {end:g}] of keep_out_mm", start - half + near, end + half - near
