@@ -18,7 +18,6 @@ from beamtouch_common.errors import FailedError, InputError
 from beamtouch_common.table import aligned
 from beamtouch_daemon.config.file import load_config
 from beamtouch_daemon.config.settings import Config, Surface
-from beamtouch_daemon.config.signal import GrowingMean, MovingAverage
 from beamtouch_daemon.processing.at_rest import NotAtRestError, select_rest
 from beamtouch_daemon.processing.noise import ChannelNoise, Keys, keys_of, measure_noise, readings_needed
 from beamtouch_daemon.processing.pipeline import counts_of
@@ -146,7 +145,7 @@ def _as_json(measurement: Measurement) -> dict[str, object]:
         "readings": len(measurement.recording.counts),
         "readings_lost": measurement.recording.lost,
         "seconds": measurement.recording.seconds,
-        "filter": filter_name(measurement.settings),
+        "filter": measurement.settings.filter.in_words,
         "channels": [
             {
                 "channel": channel.channel,
@@ -189,7 +188,7 @@ def _lines_to_paste(measurement: Measurement) -> list[str]:
     taken = f"{len(counts)} readings in {digits(seconds, 3)} s{f', {lost} lost' if lost else ''}"
     return [
         "",
-        f"{name}: {taken}; effective noise for {filter_name(measurement.settings)}",
+        f"{name}: {taken}; effective noise for {measurement.settings.filter.in_words}",
         *_remarks(measurement),
         "",
         f"[surfaces.{json.dumps(name)}]        # in the daemon's configuration",
@@ -217,16 +216,6 @@ def _remarks(measurement: Measurement) -> list[str]:
         times = max(channel.effective_noise_mm / channel.noise_mm for channel in alike)
         remarks.append(
             f"  {', '.join(channel.channel for channel in alike)}: successive readings are alike, so "
-            f"{filter_name(measurement.settings)} is up to {digits(times, 2)} times as noisy as with white noise"
+            f"{measurement.settings.filter.in_words} is up to {digits(times, 2)} times as noisy as with white noise"
         )
     return remarks
-
-
-def filter_name(surface: Surface) -> str:
-    """Return the configured filter in words."""
-    chosen = surface.filter
-    if isinstance(chosen, MovingAverage):
-        return f"the mean of {chosen.window} readings"
-    if isinstance(chosen, GrowingMean):
-        return "a growing mean"
-    return "single readings"

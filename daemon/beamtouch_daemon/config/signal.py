@@ -35,6 +35,11 @@ class NoFilter(_Spike):
     kind: Literal["none"] = "none"
     """No filter, the default."""
 
+    @property
+    def in_words(self) -> str:
+        """The filter in words."""
+        return "single readings"
+
 
 class MovingAverage(_Spike):
     """Mean of the last `window` readings."""
@@ -43,6 +48,11 @@ class MovingAverage(_Spike):
     """Mean of the last readings."""
     window: Annotated[int, Field(ge=1, le=10_000)] = 4
     """Number of readings in the mean."""
+
+    @property
+    def in_words(self) -> str:
+        """The filter in words."""
+        return f"the mean of {self.window} readings"
 
 
 class GrowingMean(_Spike):
@@ -55,6 +65,11 @@ class GrowingMean(_Spike):
 
     window: Annotated[int, Field(ge=1, le=10_000)] = 4
     """Smallest number of readings in the mean while the beam moves."""
+
+    @property
+    def in_words(self) -> str:
+        """The filter in words."""
+        return "a growing mean"
 
     def longest(self, rate_hz: float) -> int:
         """Return the largest number of readings in a mean."""
