@@ -8,6 +8,7 @@ import json
 import tomllib
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import get_args
 
 import pytest
 from pydantic import ValidationError
@@ -15,8 +16,8 @@ from pydantic import ValidationError
 from beamtouch_common.errors import FailedError, InputError
 from beamtouch_daemon.config.file import load_config
 from beamtouch_daemon.config.settings import Config
-from beamtouch_daemon.config.signal import GrowingMean, NoFilter, ZeroTracking
-from beamtouch_daemon.config.sources import ModbusTcp
+from beamtouch_daemon.config.signal import Filter, GrowingMean, NoFilter, ZeroTracking
+from beamtouch_daemon.config.sources import ModbusTcp, Source
 from unprivileged import without_root
 from wrong_numbers import with_wrong_numbers
 
@@ -26,13 +27,11 @@ from .process import command
 
 EXAMPLE = Path(__file__).parents[2] / "daemon" / "daemon.example.toml"
 KINDS = [
-    ("source", "modbus-tcp"),
-    ("source", "modbus-rtu"),
-    ("source", "serial"),
-    ("filter", "moving-average"),
-    ("filter", "growing-mean"),
-    ("filter", "none"),
+    (table, get_args(kind.model_fields["kind"].annotation)[0])
+    for table, kinds in (("source", Source), ("filter", Filter))
+    for kind in get_args(get_args(kinds)[0])
 ]
+"""Each kind that a table can have; the example shows all of them."""
 TRACKING = "# [surfaces.bench.zero_tracking]"
 
 
