@@ -54,8 +54,9 @@ check: $(INSTALLED)  ## lint, format, types, imports, reference
 	$(BIN)/lint-imports
 	$(BIN)/python docs/generator/reference.py --check
 
-reference: $(INSTALLED)  ## write the parts of the pages in docs/ that come from the code, and the schemas
+reference: $(INSTALLED)  ## write the parts of the pages in docs/ that come from the code, the schemas, and docs/mistakes.md
 	$(BIN)/python docs/generator/reference.py
+	$(BIN)/python tests/mistakes.py
 
 docs: $(INSTALLED)  ## build the site in build/site; a warning is an error
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
