@@ -26,7 +26,11 @@ def identity_of(beam: Beam, sensors_mm: Mapping[str, float]) -> str:
         ],
         "shear_modulus_gpa": _text(shear),
         "foundation_n_mm2": _text(beam.foundation_n_mm2),
-        "supports": [[_text(one.at_mm), one.kind, _text(one.fixity)] for one in beam.support_list],
+        # Sliding lengthwise moves no sensor.
+        "supports": [
+            [value if key == "kind" else _text(value) for key, value in support if key != "slides"]
+            for support in beam.support_list
+        ],
         "sensors_mm": {name: _text(position_mm) for name, position_mm in sensors_mm.items()},
     }
     return hashlib.sha256(json.dumps(stated, sort_keys=True).encode()).hexdigest()[:DIGITS]
