@@ -6,6 +6,9 @@ the same rows in the same order.
 
 NaN marks a reading of a channel that is not good. Its result is NaN, and it never affects a later value: a mean
 continues with the good readings in its window. A lost reading is a row of NaN in all channels.
+
+A kind of filter is a kind of `Mean`, which `Chain` runs. Samples state 1 / `relative_variance` as their number of
+readings, so it is a whole number for every kind.
 """
 
 from beamtouch_models.filters.chain import Chain, Mean, readings_within, unit_of

@@ -1,1 +1,4 @@
-"""Noise, filter, and the price of each physical effect in a scene."""
+"""Noise, filter, and the price of each physical effect in a scene.
+
+`prices` has the effects, each a function; `effect`, what they share. `noise` chooses the filter that fits the latency.
+"""

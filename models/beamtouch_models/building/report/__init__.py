@@ -1,1 +1,4 @@
-"""The report of a build: one HTML page that needs nothing but itself."""
+"""The report of a build: one HTML page that needs nothing but itself.
+
+`facts` measures what the metadata does not have, `page` makes the charts and fills `page.html`.
+"""
