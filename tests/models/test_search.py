@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from beamtouch_models.accuracy.prior import SampleErrors
-from beamtouch_models.arrays import Indices
+from beamtouch_models.arrays import Floats, Indices
 from beamtouch_models.errors import SceneError
 from beamtouch_models.placement.layout import Candidates, equal_layout
 from beamtouch_models.placement.placing import Aim, place, place_by_position_error
@@ -54,6 +54,26 @@ def test_the_searches_reach_the_least_error_of_all_layouts(supports: str, spare:
         found = first_best(search_from([reference, reference], objective, search, 0))
         assert found.score == pytest.approx(best, rel=0.002), search
         assert list(found.scores) == sorted(found.scores), search
+
+
+class Valley:
+    """Two hills with a support between them, where no sensor sees anything; the farther hill is the higher one."""
+
+    at_once = 7
+    rules = Candidates(np.arange(200.0), np.array([], np.intp), 5.0)
+
+    def scores(self, layouts: Indices, above: float = -np.inf, /) -> Floats:
+        assert above < np.inf
+        near, far = (np.exp(-(((layouts - top) / 8.0) ** 2)) for top in (30, 170))
+        each = np.where(np.abs(layouts - 100) < 40, 0.0, np.maximum(near, 2 * far))
+        return np.where(self.rules.allowed(layouts), each.sum(axis=1), -np.inf)
+
+
+def test_the_exchange_carries_a_sensor_over_a_support() -> None:
+    (found,) = search_from([np.array([28, 34])], Valley(), "exact", 0)
+    assert found.layout.tolist() in ([167, 172], [168, 173])
+    (found,) = search_from([found.layout], Valley(), "exact", 0)
+    assert len(found.scores) == 1
 
 
 def test_layouts_against_the_rules_or_that_notice_less_than_the_reference_have_no_score() -> None:

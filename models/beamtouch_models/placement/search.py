@@ -1,6 +1,8 @@
 """The searches for a layout: exchange by steps, and the paper's. Each takes any objective.
 
 The exchange moves one sensor or two by a step, takes a gain where it finds one, and halves the step when no move gains.
+Steps do not lead over a support, beside which no sensor sees much; so at the end it tries each sensor at places all
+along the beam, and goes on from a gain.
 The paper's search clones the best layout, varies the clones, keeps the best, and varies less when nothing gains. Its
 scores are logarithms here. Two additions make it reach the optimum from every seed: it begins from several layouts, and
 some clones move one or two sensors instead of all.
@@ -23,6 +25,8 @@ from beamtouch_models.progress import Fraction, silent
 MAX_EVALUATIONS = 2_000
 """Layouts, over `Objective.at_once`, after which an exchange tries no smaller step: it bounds the time of many
 sensors."""
+JUMPS = 24
+"""Places along the beam at which each sensor is tried once no step gains."""
 MAX_PAIRS_OF = 8
 """Number of sensors up to which any two move at once; of more, only neighbours."""
 POPULATION = 36
@@ -97,7 +101,40 @@ def first_best(runs: Sequence[SearchRun]) -> SearchRun:
 
 
 def exchange(objective: Objective, run: SearchRun) -> SearchRun:
-    """Move one sensor or two by a step, on and on while it gains, and halve the step when no move does."""
+    """Move one sensor or two by a step, on and on while it gains, and halve the step when no move does.
+
+    At the end each sensor is tried along the whole beam; the steps begin anew from a gain.
+    """
+    run = _by_steps(objective, run)
+    while run.evaluations < MAX_EVALUATIONS * objective.at_once:
+        jumped = _by_jump(objective, run)
+        if jumped.score == run.score:
+            return jumped
+        run = _by_steps(objective, jumped)
+    return run
+
+
+def _by_jump(objective: Objective, run: SearchRun) -> SearchRun:
+    """Move the one sensor that gains the most to another place along the beam."""
+    count = len(run.layout)
+    places = np.linspace(0, len(objective.rules.position_mm) - 1, JUMPS).round().astype(np.intp)
+    trials = np.repeat(run.layout[None, :], JUMPS * count, axis=0)
+    trials[np.arange(len(trials)), np.repeat(np.arange(count), JUMPS)] = np.tile(places, count)
+    trials = np.sort(trials, axis=1)
+    best, best_score = run.layout, run.score
+    for first in range(0, len(trials), objective.at_once):
+        tried = trials[first : first + objective.at_once]
+        values = objective.scores(tried, best_score)
+        winner = int(values.argmax())
+        if _gains(values[winner], best_score):
+            best, best_score = tried[winner], float(values[winner])
+    evaluations = run.evaluations + len(trials)
+    if best_score == run.score:
+        return SearchRun(run.layouts, run.scores, evaluations)
+    return SearchRun((*run.layouts, best), (*run.scores, best_score), evaluations)
+
+
+def _by_steps(objective: Objective, run: SearchRun) -> SearchRun:
     layouts, scores, evaluations = list(run.layouts), list(run.scores), run.evaluations
     candidates, group = len(objective.rules.position_mm), objective.at_once
     step, moves = max(1, candidates // (4 * len(run.layout))), _moves(len(run.layout))
