@@ -23,6 +23,8 @@ ROUNDS = 3
 """Largest number of times that the residual is estimated."""
 STEPS = 8
 """Largest number of steps of a fit for one estimate of the residual."""
+HALVINGS = 6
+"""Largest number of times that a step is halved until it gains."""
 CLOSE = 1e-3
 """A fit ends with a step below this, in units of plausible departures."""
 PSEUDO_LOADS = 0.25
@@ -113,12 +115,28 @@ def _solve(theory: Theory, loads: Loads, kinds: tuple[str, ...], vector: Floats,
     """Return the vector with the likeliest departures for this whitening of the residuals."""
     free = theory.free_of(kinds)
     low, high = theory.bounds_of(free)
+
+    def price(vector: Floats) -> float:
+        left = whitening @ residuals_of(theory, loads, vector).left_mm[..., None]
+        price = float((left**2).sum() + (vector[free] ** 2).sum())
+        return price if np.isfinite(price) else np.inf
+
+    here = price(vector)
     for _ in range(STEPS if len(free) else 0):
         weighed = whitening @ _slopes(theory, loads, kinds, vector)
         left = (whitening @ residuals_of(theory, loads, vector).left_mm[..., None])[..., 0]
         step, _ = best_step(weighed, left, vector[free], 1.0, (low - vector[free], high - vector[free]))
-        vector = vector.copy()
-        vector[free] += step
+        # Far from the truth, as with a wrong wiring, a whole step may lead to a worse place.
+        for _ in range(HALVINGS):
+            nearer = vector.copy()
+            nearer[free] += step
+            there = price(nearer)
+            if there <= here:
+                break
+            step = step / 2
+        else:
+            break
+        vector, here = nearer, there
         if np.abs(step).max() < CLOSE:
             break
     return vector
