@@ -25,6 +25,8 @@ STEPS = 8
 """Largest number of steps of a fit for one estimate of the residual."""
 HALVINGS = 6
 """Largest number of times that a step is halved until it gains."""
+BEYOND_MM = 1e6
+"""Farther than any deflection."""
 CLOSE = 1e-3
 """A fit ends with a step below this, in units of plausible departures."""
 PSEUDO_LOADS = 0.25
@@ -117,9 +119,12 @@ def _solve(theory: Theory, loads: Loads, kinds: tuple[str, ...], vector: Floats,
     low, high = theory.bounds_of(free)
 
     def price(vector: Floats) -> float:
-        left = whitening @ residuals_of(theory, loads, vector).left_mm[..., None]
+        residuals = residuals_of(theory, loads, vector)
+        left = whitening @ residuals.left_mm[..., None]
         price = float((left**2).sum() + (vector[free] ** 2).sum())
-        return price if np.isfinite(price) else np.inf
+        # Where the curve of a sensor turns back, what it shows has no bounds.
+        is_possible = np.isfinite(price) and np.abs(residuals.moved_mm).max() < BEYOND_MM
+        return price if is_possible else np.inf
 
     here = price(vector)
     for _ in range(STEPS if len(free) else 0):
