@@ -84,6 +84,7 @@ async def test_a_board_is_found_and_its_source_reads_it(tmp_path: Path) -> None:
         SerialDevice(line)
         told = await command("scan", line.path, "--units", "1")
         as_json = await command("scan", line.path, "--units", "1", "--json")
+        assert as_json.code == 0, as_json.err
         board = json.loads(as_json.out)["board"]
         assert await can_be_read(tmp_path, board["source"])
     assert "a Beamtouch board at 1000000 baud: 2 channels, 16 ADC bits, at most 1000 readings per second" in told.out
