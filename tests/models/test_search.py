@@ -8,10 +8,11 @@ import pytest
 from beamtouch_models.accuracy.prior import SampleErrors
 from beamtouch_models.arrays import Floats, Indices
 from beamtouch_models.errors import SceneError
+from beamtouch_models.names import SEARCHES
 from beamtouch_models.placement.layout import Candidates, equal_layout
 from beamtouch_models.placement.placing import Aim, place, place_by_position_error
 from beamtouch_models.placement.position_error import SPARE_NOTICES, PositionError, position_error_of
-from beamtouch_models.placement.search import SearchName, first_best, search_from
+from beamtouch_models.placement.search import first_best, search_from
 from beamtouch_models.scene import Scene
 from example_scenes import paper_scene
 from stated_problems import problem_in
@@ -20,7 +21,6 @@ pytestmark = pytest.mark.long
 
 ERRORS = SampleErrors(0.002, 0.003, 0.001)
 LENGTH_MM = 400
-SEARCHES: tuple[SearchName, ...] = ("exact", "paper")
 
 
 def scene_of(supports: str = "simply-supported", **sensors: object) -> Scene:

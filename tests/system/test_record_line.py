@@ -51,7 +51,7 @@ def test_each_press_is_one_event_whatever_happens_to_the_service(tmp_path: Path,
             found: dict[str, Any] = httpx2.get(line.url + path, verify=NO_TLS, timeout=TIMEOUT_S).json()
             return found
 
-        wait_until(lambda: len(answer("/events")["events"]) >= 2)
+        wait_until(lambda: len(answer("/events")["events"]) >= 3)
         for _ in range(KILLS):
             wait_until(lambda: answer("/contact").get("state") == "contact")
             time.sleep(0.2)
