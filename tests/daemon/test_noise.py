@@ -72,6 +72,15 @@ def test_the_shortest_recording_gives_the_noise_within_some_percent() -> None:
     assert readings_needed(four_channels(mean_of(400))) == 40_000
 
 
+def test_spikes_of_two_channels_one_after_the_other_leave_a_noise() -> None:
+    # While the second one may be a touch, single readings without spikes leave the first channel without a value.
+    values = NOISE_MM * autoregressive(0.0)
+    values[MINUTE // 2, 0] += 10 * NOISE_MM
+    values[MINUTE // 2 + 1, 1] += 10 * NOISE_MM
+    for one in measure_noise(counts_of(values), four_channels({"kind": "none", "spike_mm": 7 * NOISE_MM})):
+        assert one.effective_noise_mm == pytest.approx(NOISE_MM, rel=0.03)
+
+
 @pytest.mark.parametrize(("noise", "hides"), [(0.0, True), (0.1, True), (0.3, True), (0.5, False), (2.0, False)])
 def test_steps_hide_a_noise_of_less_than_half_a_step(noise: float, hides: bool) -> None:
     between = np.random.default_rng(4).uniform(size=CHANNELS)

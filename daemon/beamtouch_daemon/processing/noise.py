@@ -193,7 +193,7 @@ def _effective_mm2(residual: FloatArray, number: int, of_block: FloatArray, surf
     values = filtered.mean_mm.copy()
     values[:settled] = np.nan
     scatter = np.nanvar(_blocks(values, number), axis=1).mean(axis=0) + of_block
-    effective: FloatArray = scatter / relative[settled:].mean(axis=0)
+    effective: FloatArray = scatter / np.nanmean(relative[settled:], axis=0)
     return effective
 
 
