@@ -2,7 +2,8 @@
 
 Values have shape (readings, channels), oldest first. Any split of the stream gives the same result, to the bit, and
 nothing drifts: means come from running sums of whole numbers, which are exact, and every other value is computed from
-the same rows in the same order.
+the same rows in the same order. Only readings of neither noise nor step are counted so finely that sums of many are
+rounded: then splits differ, by far less than a nanometre.
 
 NaN marks a reading of a channel that is not good. Its result is NaN, and it never affects a later value: a mean
 continues with the good readings in its window. A lost reading is a row of NaN in all channels.
