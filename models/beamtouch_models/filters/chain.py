@@ -116,7 +116,7 @@ class Chain:
         self._memory = memory
         self._longest = max(mean.most, memory)
         self._kept = max(mean.most + 2, self._look.rows if self._look else 0)
-        self._block = max(1, BLOCK_VALUES // (self._longest * channels))
+        self._block = max(1, BLOCK_VALUES // (memory * channels))
         self.restart()
 
     def restart(self) -> None:
