@@ -200,7 +200,7 @@ def load_bytes(content: bytes, origin: str) -> ModelFile:
         raise ModelFileError(message)
     try:
         graph = _open(content)
-        metadata = Metadata.from_entries(graph.session.get_modelmeta().custom_metadata_map)
+        metadata = Metadata.from_entries(graph.entries)
         model = ModelFile(metadata, f"{metadata.name}@{hashlib.sha256(content).hexdigest()[:6]}", graph)
         _check_signature(model)
         _check_golden(model)

@@ -45,7 +45,8 @@ def open_session(content: bytes) -> ort.InferenceSession:
     options.log_severity_level = 4
     # Without a folder, onnxruntime refuses weights in other files.
     options.add_session_config_entry("session.model_external_initializers_file_folder_path", os.devnull)
-    return ort.InferenceSession(content, options, providers=["CPUExecutionProvider"])
+    # Its fallback to another device, of which there is none, would print to standard output.
+    return ort.InferenceSession(content, options, providers=["CPUExecutionProvider"], enable_fallback=0)
 
 
 class Graph:
@@ -56,6 +57,7 @@ class Graph:
         self.session = open_session(content)
         self.inputs = tuple(entry.name for entry in self.session.get_inputs())
         self.outputs = tuple(output.name for output in self.session.get_outputs())
+        self.entries: dict[str, str] = self.session.get_modelmeta().custom_metadata_map
 
     def estimate(self, deflection_mm: Floats32, whitening_per_mm: Floats32) -> Answers:
         """Answer a batch.

@@ -69,6 +69,19 @@ def test_a_file_that_is_cut_off_is_refused(bench_model: Path, tmp_path: Path, ke
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize("named", [b"beamtouch.length_mm", b"MatMul"])
+def test_a_file_with_a_byte_that_is_no_text_is_refused(
+    bench_model: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], named: bytes
+) -> None:
+    content = bench_model.read_bytes()
+    damaged = tmp_path / "damaged.onnx"
+    damaged.write_bytes(content.replace(named, b"\xff" + named[1:]))
+    with pytest.raises(ModelFileError, match=r"damaged\.onnx: damaged or not an ONNX file") as caught:
+        modelfile.load(damaged)
+    assert "\n" not in str(caught.value)
+    assert capsys.readouterr() == ("", "")
+
+
 def test_other_files_are_refused(tmp_path: Path, bench_model: Path) -> None:
     with pytest.raises(ModelFileError, match="No such file"):
         modelfile.load(str(tmp_path / "absent.onnx"))
