@@ -64,6 +64,7 @@ def test_contacts_whose_zeros_moved_are_told(
         (lambda text: text.replace("s3_sd_mm", "other"), "column s3_sd_mm is missing"),
         (lambda text: text.replace("s4_mm", "s5_mm").replace("s4_sd", "s5_sd"), "column s4_mm is missing"),
         (lambda text: _with_column(text, "s5"), "a channel s5, which this model has not"),
+        (lambda text: _with_column(text, "s1_rest", "inf"), "line 2: the rest before it is larger than any deflection"),
         (lambda text: text.replace("bench@", "press@"), "line 2: it is of the model press@"),
         (lambda text: text.replace("2026-11-22T00:00:01.000Z", "yesterday"), "line 2: a value is missing, or not a"),
         (lambda text: text.replace(".000Z", ".000"), "has no zone"),
@@ -102,9 +103,9 @@ def _with_first(text: str, value: str) -> str:
     return text.replace(",4,0.100000000,", f",4,{value},", 1)
 
 
-def _with_column(text: str, channel: str) -> str:
+def _with_column(text: str, channel: str, value: str = "0.1") -> str:
     head, *rows = text.splitlines()
-    return "\n".join([f"{head},{channel}_mm,{channel}_sd_mm", *(f"{row},0.1,0.001" for row in rows)])
+    return "\n".join([f"{head},{channel}_mm,{channel}_sd_mm", *(f"{row},{value},0.001" for row in rows)])
 
 
 def test_a_binary_or_missing_file_is_refused(design_sensors_here: Command, bench_model: Path, tmp_path: Path) -> None:

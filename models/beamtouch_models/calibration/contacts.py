@@ -134,6 +134,8 @@ def _checked(row: dict[str, str], channels: list[str], metadata: Metadata) -> _R
                 f"{name} states {value:g} +- {error:g} mm, but this surface deflects by "
                 f"{digits(metadata.max_deflection_mm, 3)} mm at most; check the unit and the daemon's config"
             )
+    if np.nanmax(np.abs(rest), initial=0.0) > MAX_DEFLECTIONS * metadata.max_deflection_mm:
+        raise ContactsError("the rest before it is larger than any deflection; check the unit and the daemon's config")
     return _Row((row["event"] or "", row["time"]), time, row["characteristic"] or "", measured, deviation, rest)
 
 
