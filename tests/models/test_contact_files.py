@@ -8,6 +8,8 @@ import pytest
 from numpy.typing import NDArray
 
 from beamtouch_models.calibration.contacts import ContactsError, UnlabelledContacts, read_contacts
+from beamtouch_models.calibration.self_calibrate import MIN_CONTACTS
+from beamtouch_models.loading import load
 from beamtouch_models.modelfile import ModelFile
 from in_process import Command
 from unlabelled_contacts import OFF, drawn, surface, write_contacts
@@ -96,6 +98,22 @@ def test_wrong_files_are_refused_in_one_line(
     assert reason in done.stderr
     assert done.stderr.count("\n") == 1
     assert not (tmp_path / "new.onnx").exists()
+
+
+def test_deviations_that_no_sensor_has_end_in_words(
+    design_sensors_here: Command, built_model: Callable[[str], Path], tmp_path: Path
+) -> None:
+    model = load(built_model("paper"))
+    real = surface(model.metadata, OFF, np.random.default_rng(1))
+    contacts = drawn(model.metadata, real, OFF, np.random.default_rng(2), MIN_CONTACTS)
+    path = write_contacts(tmp_path / "contacts.csv", model, contacts)
+    deviation = f",{contacts.deviation_mm[0, 0]:.9f},{contacts.deviation_mm[0, 1]:.9f}"
+    text = path.read_text()
+    assert text.count(deviation) == MIN_CONTACTS
+    path.write_text(text.replace(deviation, ",1e-300,1e-300"))
+    done = design_sensors_here("calibrate", built_model("paper"), "--events", path, "-o", tmp_path / "new.onnx")
+    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (1, "", 1)
+    assert "the contacts do not fit this model's surface" in done.stderr
 
 
 def _with_first(text: str, value: str) -> str:

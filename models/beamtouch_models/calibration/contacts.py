@@ -18,6 +18,9 @@ MAX_CONTACTS = 2000
 """Largest number of contacts that are used, the newest; it bounds the time of a fit."""
 SURELY = 4.0
 """Deviations of each rest that may be noise."""
+MIN_DEVIATION = 1e-6
+"""Smallest deviation of a mean, over the largest deflection of the model: no sensor is so steady, and rounding would
+hide it beside the errors of a contact."""
 MAX_BYTES = 64 << 20
 """Largest file; a row takes about 200 bytes."""
 
@@ -136,6 +139,7 @@ def _checked(row: dict[str, str], channels: list[str], metadata: Metadata) -> _R
             )
     if np.nanmax(np.abs(rest), initial=0.0) > MAX_DEFLECTIONS * metadata.max_deflection_mm:
         raise ContactsError("the rest before it is larger than any deflection; check the unit and the daemon's config")
+    deviation = [max(error, MIN_DEVIATION * metadata.max_deflection_mm) for error in deviation]
     return _Row((row["event"] or "", row["time"]), time, row["characteristic"] or "", measured, deviation, rest)
 
 
