@@ -22,7 +22,7 @@ from beamtouch_models.reproduction.figures import (
     misprints,
     noise_errors,
 )
-from beamtouch_models.reproduction.paper import LOADS_MM, TITLE, dimensionless, equal_pitch_mm
+from beamtouch_models.reproduction.paper import LOADS_MM, SOURCE, TITLE, dimensionless, equal_pitch_mm
 from beamtouch_models.reproduction.reproduce import Reproduction, reproduce
 from beamtouch_models.reproduction.statements import Figure, Row
 from in_process import Command
@@ -204,7 +204,7 @@ def test_the_command_writes_the_folder_and_the_same_seed_gives_the_same_files(
     assert sorted(results["figures"]) == list("2345678")
     assert all(row["why"] for row in results["rows"] if row["verdict"] == "differs")
     assert printed["rows"] == results["rows"]
-    assert printed["paper"] == results["paper"] == TITLE
+    assert printed["paper"] == results["paper"] == f"{TITLE}. {SOURCE}"
     assert TITLE in (first / "table.md").read_text()
     assert TITLE in told.stdout
     assert (first / "table.md").read_text().count("\n| ") == len(results["rows"]) + 1

@@ -20,7 +20,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> None:
     """Compute everything, write the folder, print the table."""
     from beamtouch_common.files import write_atomically
-    from beamtouch_models.reproduction.paper import TITLE
+    from beamtouch_models.reproduction.paper import SOURCE, TITLE
     from beamtouch_models.reproduction.reproduce import reproduce
 
     folder = folder_of(options.output)
@@ -34,6 +34,9 @@ def run(options: argparse.Namespace) -> None:
     differing = [place for place, row in enumerate(found.rows) if row.verdict == "differs"]
     table = Table(head, rows, text=head, bold=differing, ruled=True)
     fields = {"output": str(folder), "files": sorted(files), **found.results()}
-    show(Result(fields, [f"The paper: {TITLE}", table, f"{found.summary()} (seed {found.seed})"]), as_json=options.json)
+    show(
+        Result(fields, [f"The paper: {TITLE}. {SOURCE}", table, f"{found.summary()} (seed {found.seed})"]),
+        as_json=options.json,
+    )
     if not options.json:
         print(f"{len(files)} files in {folder}: plots, results.json, table.md", file=sys.stderr)

