@@ -23,13 +23,13 @@ from plain_http import TIMEOUT_S
 pytestmark = [pytest.mark.long, pytest.mark.timeout(600)]
 
 SCENE = SCENES / "bench.toml"
-RESTS = 8
+RESTS = 14
 REST_S, LIFTED_S = 0.9, 0.3
 SCRIPT_S = RESTS * (REST_S + LIFTED_S) + 1.5
 """One pass of the script, and the time until the first load."""
 MAX_PASSES = 20
 """A busy machine misses some loads in each pass."""
-ENOUGH, CONTACTS = RESTS - 2, 28
+ENOUGH, CONTACTS = RESTS - 2, 50
 """Positions and contacts that must be compared."""
 SETTLED_S = 0.1
 """How long a load must have rested before its contact is compared; the filter takes 20 ms of it."""
