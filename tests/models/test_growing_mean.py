@@ -180,18 +180,6 @@ def test_a_gap_forgets_nothing_that_is_still_true() -> None:
     assert filtered.readings[149:151] == pytest.approx([150, 151])
 
 
-@pytest.mark.parametrize("mean", [Mean(), Mean("moving-average", 8), Mean("growing-mean", 4, LONGEST)])
-@pytest.mark.parametrize("came", [0, 300])
-def test_after_a_gap_that_leaves_nothing_known_the_filter_says_what_a_new_one_says(mean: Mean, came: int) -> None:
-    values = noise(came + 200, 31)
-    chain, new = (Chain(mean, CHANNELS, 1.0, PERIOD) for _ in "ab")
-    chain.apply(values[:came] if came else np.full((50, CHANNELS), math.nan))
-    after, begun = chain.apply(values[came:], [10_000 if came else 0] + [0] * 199), new.apply(values[came:])
-    np.testing.assert_array_equal(after.mean_mm, begun.mean_mm)
-    np.testing.assert_array_equal(after.moves, begun.moves)
-    np.testing.assert_array_equal(after.covariance_mm2, begun.covariance_mm2)
-
-
 @pytest.mark.parametrize("lost", [0, 3])
 @pytest.mark.parametrize("spike_at", [None, 419])
 def test_a_mean_of_readings_at_rest_is_the_last_of_all_and_a_touch_after_them_is_seen_alike(

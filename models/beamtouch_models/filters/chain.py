@@ -61,6 +61,8 @@ class State(NamedTuple):
     """Sums of all readings but the newest one, in parts of the noise."""
     readings: FloatArray
     """The last readings as they came, shape (rows, channels)."""
+    begun: int
+    """Number of readings so far."""
     past: Past | None
     """Of the search for motion; None without it."""
 
@@ -124,6 +126,7 @@ class Chain:
         self.state = State(
             Stream.fresh(self._kept, self._channels),
             np.full((self._memory, self._channels), np.nan),
+            0,
             self._motion.fresh() if self._motion else None,
         )
 
@@ -158,8 +161,8 @@ class Chain:
 
     def _apply(self, values: FloatArray, first: int = 0) -> Filtered:
         """Return the means after the readings from the `first` one on."""
-        stream, before, past = self.state
-        readings = np.concatenate([before, values])
+        stream, before, begun, past = self.state
+        readings, begun = np.concatenate([before, values]), begun + len(values)
         held, spikes = lone_spikes(readings, self._spike_mm)
         counted = self._counted(readings[self._memory - 1 :])
         settled, newest, doubtful = counted[:-1], counted[1 + first :], held[self._memory + first :]
@@ -177,13 +180,13 @@ class Chain:
         mean, variance = (np.where(there, each, np.nan) for each in (total / number * self._quantum_mm, 1 / number))
         if self._motion and past and seen:
             seen = seen._replace(lags=seen.lags * self._quantum_mm)
-            taken = Taken(readings, spikes, doubtful, mean, variance, seen)
+            taken = Taken(readings, begun, spikes, doubtful, mean, variance, seen)
             filtered, past = self._motion.of(taken, past, first)
         else:
             nothing = np.zeros(len(mean), dtype=np.bool_)
             exact = np.zeros((0, self._channels, self._channels))
             filtered = Filtered(mean, variance, self._noise_mm, nothing, nothing, exact)
-        self.state = State(stream, readings[len(values) :], past)
+        self.state = State(stream, readings[len(values) :], begun, past)
         return filtered
 
     def _with_lost(self, values: FloatArray, lost: Sequence[int]) -> tuple[FloatArray, NDArray[np.intp]]:

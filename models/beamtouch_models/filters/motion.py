@@ -44,6 +44,8 @@ class Taken(NamedTuple):
 
     readings: FloatArray
     """Unfiltered, shape (rows, channels): some rows before the first mean, and up to the last one."""
+    begun: int
+    """Number of rows since the filter began."""
     spikes: NDArray[np.bool_]
     """Which readings are spikes, shape (rows, channels)."""
     doubtful: NDArray[np.bool_]
@@ -215,12 +217,8 @@ class Motion:
         return (alone & there).any(axis=1) | (few if self._grows else unseen), unseen
 
     def _begun(self, taken: Taken) -> NDArray[np.bool_]:
-        """Return which of the last rows up to each mean came since the readings began, shape (means, rows).
-
-        They begin again after a gap that leaves nothing to look at.
-        """
-        came = windows(~np.all(np.isnan(taken.readings), axis=1), self.memory, len(taken.mean))
-        begun: NDArray[np.bool_] = np.logical_or.accumulate(came, axis=1)[:, -self._rows :]
+        """Return which of the last rows up to each mean came since the filter began, shape (means, rows)."""
+        begun: NDArray[np.bool_] = self._ages < (taken.begun - np.arange(len(taken.mean))[::-1])[:, np.newaxis]
         return begun
 
     def _unproven(self, taken: Taken, near: Near) -> NDArray[np.bool_]:
