@@ -120,9 +120,9 @@ def cluster_at(address: str, without_workers_s: float = WITHOUT_WORKERS_S) -> It
     FailedError
         The cluster ended before the work was done.
     """
-    try:  # here, because it is an extra of its own
-        from distributed import Client, KilledWorker  # noqa: PLC0415  # as above
-        from distributed.versions import VersionMismatchWarning  # noqa: PLC0415
+    try:
+        from distributed import Client, KilledWorker  # noqa: PLC0415  # it is an extra of its own
+        from distributed.versions import VersionMismatchWarning  # noqa: PLC0415  # likewise
     except ModuleNotFoundError as error:
         message = f"--cluster needs {error.name}; run: pip install 'beamtouch[design,cluster]'"
         raise InputError(message) from None
