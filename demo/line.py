@@ -179,20 +179,17 @@ class Line:
         """Wait for the first line of a process, which states its address."""
         process = self._processes[name]
         if process.stdout is None:
-            message = f"{name} has no stdout"
-            raise AssertionError(message)
+            raise AssertionError(f"{name} has no stdout")
         received = b""
         with selectors.DefaultSelector() as selector:
             selector.register(process.stdout, selectors.EVENT_READ)
             deadline = time.monotonic() + START_TIMEOUT_S
             while b"\n" not in received:
                 if not selector.select(max(0.0, deadline - time.monotonic())):
-                    message = f"{name} did not start within {START_TIMEOUT_S:g} s: {self.log(name)}"
-                    raise RuntimeError(message)
+                    raise RuntimeError(f"{name} did not start within {START_TIMEOUT_S:g} s: {self.log(name)}")
                 chunk = os.read(process.stdout.fileno(), 4096)
                 if not chunk:
-                    message = f"{name} did not start: {self.log(name)}"
-                    raise RuntimeError(message)
+                    raise RuntimeError(f"{name} did not start: {self.log(name)}")
                 received += chunk
         return received.decode().splitlines()[0].strip()
 

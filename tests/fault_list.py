@@ -31,6 +31,5 @@ def read_faults(path: Path = LIST) -> list[Fault]:
     faults = [Fault.model_validate(entry) for entry in tomllib.loads(path.read_text())["fault"]]
     for fault in faults:
         if (count := (ROOT / fault.file).read_text().count(fault.before)) != 1:
-            message = f"{fault.promise!r}: {fault.file} has the lines before the fault {count} times"
-            raise ValueError(message)
+            raise ValueError(f"{fault.promise!r}: {fault.file} has the lines before the fault {count} times")
     return faults

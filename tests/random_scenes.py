@@ -236,8 +236,7 @@ def run_here(arguments: list[str]) -> str:
 
 
 def _refuse(constant: str) -> float:
-    message = f"{constant} is no JSON"
-    raise ValueError(message)
+    raise ValueError(f"{constant} is no JSON")
 
 
 def _loads(seed: int, path: Path, folder: Path) -> Path:

@@ -109,8 +109,7 @@ class Boot:
         for sample in batch["samples"]:
             number = sample["sequence"]
             if self.samples.setdefault(number, sample) != sample:
-                message = f"sample {number} was sent with two contents"
-                raise AssertionError(message)
+                raise AssertionError(f"sample {number} was sent with two contents")
             self.notes[number] = batch.get("notes", [])
 
     def missing(self) -> list[int]:

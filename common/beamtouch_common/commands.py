@@ -64,8 +64,7 @@ def whole_number(low: int, high: int) -> Callable[[str], int]:
 
     def number(text: str) -> int:
         if not (text.isascii() and text.isdecimal() and len(text) < 20 and low <= int(text) <= high):
-            message = f"{text!r} is not a whole number from {low} to {high}"
-            raise argparse.ArgumentTypeError(message)
+            raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from {low} to {high}")
         return int(text)
 
     return number

@@ -31,19 +31,15 @@ def read_text(path: Path) -> str:
         with path.open("rb") as file:
             content = file.read(MAX_BYTES + 1)
     except OSError as error:
-        message = f"{path}: {error.strerror}"
-        raise InputError(message) from None
+        raise InputError(f"{path}: {error.strerror}") from None
     except ValueError:  # a null character
-        message = f"{str(path)!r} cannot be the path of a file"
-        raise InputError(message) from None
+        raise InputError(f"{str(path)!r} cannot be the path of a file") from None
     if len(content) > MAX_BYTES:
-        message = f"{path}: larger than {MAX_BYTES >> 20} MiB; is it the right file?"
-        raise InputError(message)
+        raise InputError(f"{path}: larger than {MAX_BYTES >> 20} MiB; is it the right file?")
     try:
         return content.decode("utf-8-sig")  # some editors begin a file with a byte order mark
     except UnicodeDecodeError:
-        message = f"{path}: not a text file in UTF-8"
-        raise InputError(message) from None
+        raise InputError(f"{path}: not a text file in UTF-8") from None
 
 
 def parse_toml(kind: type[Model], text: str, origin: str, *, context: Context = None) -> Model:
@@ -64,8 +60,7 @@ def parse_toml(kind: type[Model], text: str, origin: str, *, context: Context = 
         content = tomllib.loads(text)
     except (ValueError, RecursionError) as error:
         # These include numbers and nesting beyond the limits of the parser.
-        message = f"{origin}: not valid TOML: {parser_complaint(error)}"
-        raise InputError(message) from None
+        raise InputError(f"{origin}: not valid TOML: {parser_complaint(error)}") from None
     return validate(kind, content, origin, context=context)
 
 
@@ -74,15 +69,13 @@ def validate(kind: type[Model], content: Mapping[str, Any], origin: str, *, cont
     try:
         return kind.model_validate(content, context=context)
     except ValidationError as error:
-        message = f"{origin}: {complaint(error, kind, content)}"
-        raise InputError(message) from None
+        raise InputError(f"{origin}: {complaint(error, kind, content)}") from None
 
 
 def file_path(path: Path) -> Path:
     """Return a path that a person states; ValueError if no file can have it."""
     if path == Path() or "\0" in str(path):
-        message = "must be the path of a file"
-        raise ValueError(message)
+        raise ValueError("must be the path of a file")
     return path
 
 
@@ -128,8 +121,7 @@ def require_writable(outputs: Sequence[Path | None], inputs: Sequence[Path | Non
             raise InputError(problem)
         for others, does in ((read, "reads this file as well"), (written, "would write this file twice")):
             if path.resolve() in others:
-                message = f"{path}: the command {does}; name another one"
-                raise InputError(message)
+                raise InputError(f"{path}: the command {does}; name another one")
         written.add(path.resolve())
 
 

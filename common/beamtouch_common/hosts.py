@@ -9,8 +9,7 @@ _NOT_IN_NAMES = frozenset(" :/\\@[]?#*,")
 def host_name(text: str) -> str:
     """Return the name or address of a host; ValueError if no host can have it."""
     if not (_is_address(text) or _is_name(text)):
-        message = "must be the name or address of a host, such as 192.168.0.20"
-        raise ValueError(message)
+        raise ValueError("must be the name or address of a host, such as 192.168.0.20")
     return text
 
 

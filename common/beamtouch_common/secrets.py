@@ -37,8 +37,7 @@ def read_token(path: Path, remedy: str = NEW_TOKEN) -> str:
         problem = f"only {len(token)} character{'s' if len(token) > 1 else ''}"
     else:
         return token
-    message = f"token file {path}: {problem}; {remedy}"
-    raise InputError(message)
+    raise InputError(f"token file {path}: {problem}; {remedy}")
 
 
 def read_password(path: Path) -> str:
@@ -47,8 +46,7 @@ def read_password(path: Path) -> str:
     content = _read(path, "password", remedy)
     password = content.decode(errors="replace").removesuffix("\n").removesuffix("\r")
     if not password.isprintable() or not password or "\ufffd" in password or len(content) > MAX_BYTES:
-        message = f"password file {path}: not one line of text; {remedy}"
-        raise InputError(message)
+        raise InputError(f"password file {path}: not one line of text; {remedy}")
     return password
 
 
@@ -58,5 +56,4 @@ def _read(path: Path, kind: str, remedy: str) -> bytes:
         with path.open("rb") as file:
             return file.read(MAX_BYTES + 1)
     except OSError as error:
-        message = f"{kind} file {path}: {error.strerror}; {remedy}"
-        raise FailedError(message) from None
+        raise FailedError(f"{kind} file {path}: {error.strerror}; {remedy}") from None

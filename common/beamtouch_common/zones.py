@@ -62,12 +62,10 @@ class Zone(BaseModel):
     @model_validator(mode="after")
     def _ascends(self) -> Self:
         if self.from_mm >= self.to_mm:
-            message = f"from_mm = {self.from_mm:g} must be less than to_mm = {self.to_mm:g}"
-            raise ValueError(message)
+            raise ValueError(f"from_mm = {self.from_mm:g} must be less than to_mm = {self.to_mm:g}")
         least, largest = self.least_force_n, self.largest_force_n
         if least is not None and largest is not None and least >= largest:
-            message = f"least_force_n = {least:g} must be less than largest_force_n = {largest:g}"
-            raise ValueError(message)
+            raise ValueError(f"least_force_n = {least:g} must be less than largest_force_n = {largest:g}")
         return self
 
     @property

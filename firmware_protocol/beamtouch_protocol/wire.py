@@ -30,15 +30,13 @@ class Unsigned:
     def pack(self, name: str, value: object) -> bytes:
         """Return the bytes of `value`; ValueError with the field's name if it is out of range."""
         if not isinstance(value, int) or not 0 <= value < 1 << self.bits:
-            message = f"{name} must be a whole number from 0 to {(1 << self.bits) - 1}, not {value!r}"
-            raise ValueError(message)
+            raise ValueError(f"{name} must be a whole number from 0 to {(1 << self.bits) - 1}, not {value!r}")
         return value.to_bytes(self.max_bytes, "little")
 
     def unpack(self, name: str, data: bytes) -> int:
         """Return the value of `data`; ValueError with the field's name if the length is wrong."""
         if len(data) != self.max_bytes:
-            message = f"{name} is cut off: {len(data)} of {self.max_bytes} bytes"
-            raise ValueError(message)
+            raise ValueError(f"{name} is cut off: {len(data)} of {self.max_bytes} bytes")
         return int.from_bytes(data, "little")
 
 
@@ -59,15 +57,13 @@ class Run:
     def pack(self, name: str, values: Sequence[int]) -> bytes:
         """Return the bytes of `values`; ValueError with the field's name if a value or their number is out of range."""
         if not 1 <= len(values) <= self.max_count:
-            message = f"{name} must hold 1 to {self.max_count} values, not {len(values)}"
-            raise ValueError(message)
+            raise ValueError(f"{name} must hold 1 to {self.max_count} values, not {len(values)}")
         return b"".join(Unsigned(16).pack(f"{name}[{index}]", value) for index, value in enumerate(values))
 
     def unpack(self, name: str, data: bytes) -> tuple[int, ...]:
         """Return the values in `data`; ValueError with the field's name if it is empty or of odd length."""
         if not data or len(data) % 2:
-            message = f"{name} cannot be {len(data)} bytes long"
-            raise ValueError(message)
+            raise ValueError(f"{name} cannot be {len(data)} bytes long")
         return struct.unpack(f"<{len(data) // 2}H", data)
 
 
@@ -106,8 +102,7 @@ class Payload:
             values.append(kind.unpack(name, payload[: kind.max_bytes]))
             payload = payload[kind.max_bytes :]
         if payload:
-            message = f"{cls.__name__} is {len(payload)} bytes too long"
-            raise ValueError(message)
+            raise ValueError(f"{cls.__name__} is {len(payload)} bytes too long")
         return cls(*values)
 
     @classmethod

@@ -78,8 +78,7 @@ def _of_all(covariance_mm2: Floats, floor_mm2: Floats) -> Floats:
     stated = covariance_mm2.reshape(cells)[:, variances]
     variance = stated + floor_mm2
     if not (variance.min(initial=np.inf) > 0 and variance.max(initial=0.0) < np.inf):  # False for NaN
-        message = "covariance_mm2: every variance must be a positive finite number"
-        raise ValueError(message)
+        raise ValueError("covariance_mm2: every variance must be a positive finite number")
     deviation = np.sqrt(variance)
     if np.count_nonzero(covariance_mm2) == np.count_nonzero(stated):
         whole = np.zeros((samples, channels * channels))
@@ -99,8 +98,7 @@ def _factor(correlation: Floats) -> Floats:
     try:
         return np.linalg.cholesky(correlation).astype(np.float64, copy=False)
     except np.linalg.LinAlgError:
-        message = "covariance_mm2: it must be positive definite"
-        raise ValueError(message) from None
+        raise ValueError("covariance_mm2: it must be positive definite") from None
 
 
 NORMAL_975 = 1.959964

@@ -108,8 +108,7 @@ def load_model(model: Path | str | bytes) -> ModelFile:
     if isinstance(model, bytes):
         return load_bytes(model, "the model")
     if not isinstance(model, Path | str):
-        message = f"the model: give a path or the content of a file, not {type(model).__name__}"
-        raise ModelFileError(message)
+        raise ModelFileError(f"the model: give a path or the content of a file, not {type(model).__name__}")
     return load(model)
 
 
@@ -135,11 +134,9 @@ def estimate(model: ModelFile, deflection_mm: ArrayLike) -> dict[str, Floats]:
     samples = np.atleast_2d(array_of(deflection_mm, "deflection_mm"))
     names = model.channels
     if samples.ndim != 2 or samples.shape[1] != len(names) or not np.all(np.isfinite(samples)):
-        message = f"deflection_mm: give finite numbers, {len(names)} for each sample: {', '.join(names)}"
-        raise SceneError(message)
+        raise SceneError(f"deflection_mm: give finite numbers, {len(names)} for each sample: {', '.join(names)}")
     if np.abs(samples).max(initial=0.0) > model.largest_mm:
-        message = f"deflection_mm: no load deflects this beam by more than {digits(model.largest_mm, 3)} mm"
-        raise SceneError(message)
+        raise SceneError(f"deflection_mm: no load deflects this beam by more than {digits(model.largest_mm, 3)} mm")
     return model.answer(samples)
 
 
@@ -168,21 +165,17 @@ def read(path: Path | str) -> bytes:
         # Opening a pipe for reading waits for a writer, unless told otherwise.
         with open(path, "rb", opener=lambda name, flags: os.open(name, flags | os.O_NONBLOCK)) as file:
             if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
-                message = f"{path}: it is not a regular file; give a model file"
-                raise ModelFileError(message)
+                raise ModelFileError(f"{path}: it is not a regular file; give a model file")
             content = file.read(MAX_BYTES + 1)
     except OSError as error:
-        message = f"{path}: {error.strerror}"
-        raise ModelFileError(message) from None
+        raise ModelFileError(f"{path}: {error.strerror}") from None
     except ModelFileError:
         raise
     except ValueError:  # a null character
-        message = f"{str(path)!r} cannot be the path of a file"
-        raise ModelFileError(message) from None
+        raise ModelFileError(f"{str(path)!r} cannot be the path of a file") from None
     _require_size(len(content), str(path))
     if path.suffix == ".toml":
-        message = f"{path}: this is no model; give the .onnx file that `design-sensors build` wrote"
-        raise ModelFileError(message)
+        raise ModelFileError(f"{path}: this is no model; give the .onnx file that `design-sensors build` wrote")
     return content
 
 
@@ -196,8 +189,7 @@ def load_bytes(content: bytes, origin: str) -> ModelFile:
     """Load a model from memory; `origin` is named in errors. Raises ModelFileError as `load` does."""
     _require_size(len(content), origin)
     if not content:
-        message = f"{origin}: the file is empty; build it again with `design-sensors build`"
-        raise ModelFileError(message)
+        raise ModelFileError(f"{origin}: the file is empty; build it again with `design-sensors build`")
     try:
         graph = _open(content)
         metadata = Metadata.from_entries(graph.entries)
@@ -225,11 +217,9 @@ def _open(content: bytes) -> Graph:
 
 def _check_signature(model: ModelFile) -> None:
     if model.graph.inputs != INPUTS:
-        message = f"inputs {', '.join(model.graph.inputs)}; expected {', '.join(INPUTS)}"
-        raise ModelFileError(message)
+        raise ModelFileError(f"inputs {', '.join(model.graph.inputs)}; expected {', '.join(INPUTS)}")
     if "position_mm" not in model.outputs:
-        message = "output position_mm is missing"
-        raise ModelFileError(message)
+        raise ModelFileError("output position_mm is missing")
 
 
 def _check_golden(model: ModelFile) -> None:
@@ -242,12 +232,10 @@ def _check_golden(model: ModelFile) -> None:
             rows = [model.graph.estimate(*sample) for sample in samples]
             answers = {name: [float(row[name].reshape(())) for row in rows] for name in model.outputs}
     except GraphError as error:
-        message = f"its graph fails on a single sample ({error})"
-        raise ModelFileError(message) from None
+        raise ModelFileError(f"its graph fails on a single sample ({error})") from None
     for name, found in answers.items():
         expected = golden.answers.get(name, [])
         if len(expected) != len(found) or not np.allclose(
             found, expected, rtol=GOLDEN_TOLERANCE, atol=GOLDEN_TOLERANCE
         ):
-            message = f"its golden answers for {name} are not reproduced on this machine"
-            raise ModelFileError(message)
+            raise ModelFileError(f"its golden answers for {name} are not reproduced on this machine")

@@ -14,15 +14,13 @@ def numbers(values: ArrayLike, name: str, *, least: float = -math.inf, most: flo
     """Return numbers as an array (values,); SceneError unless they are finite and from `least` to `most`."""
     found = np.atleast_1d(array_of(values, name))
     if found.ndim != 1 or found.size == 0:
-        message = f"{name}: must be one number, or a list of them that is not empty"
-        raise SceneError(message)
+        raise SceneError(f"{name}: must be one number, or a list of them that is not empty")
     wrong = found[~(np.isfinite(found) & (found >= least) & (found <= most))]
     if wrong.size:
         bounds = (
             f" from {least:g} to {most:g}" if most < math.inf else f", at least {least:g}" if least > -math.inf else ""
         )
-        message = f"{name}: must be finite{bounds} (given: {wrong[0]:g})"
-        raise SceneError(message)
+        raise SceneError(f"{name}: must be finite{bounds} (given: {wrong[0]:g})")
     return found
 
 
@@ -34,16 +32,14 @@ def array_of(values: ArrayLike, name: str) -> Floats:
             return given.astype(np.float64)
     except (TypeError, ValueError):  # rows of several lengths
         pass
-    message = f"{name}: must be numbers"
-    raise SceneError(message)
+    raise SceneError(f"{name}: must be numbers")
 
 
 def number(value: object, name: str) -> float:
     """Return a number; SceneError unless it is a single one, and finite."""
     found = numbers(value, name)  # type: ignore[arg-type]  # it says what is wrong with others
     if found.size != 1:
-        message = f"{name}: must be one number"
-        raise SceneError(message)
+        raise SceneError(f"{name}: must be one number")
     return float(found[0])
 
 
@@ -56,16 +52,14 @@ def whole(value: object, name: str, least: int) -> int:
     """Return a whole number; SceneError unless it is one, and at least `least`."""
     found = int(value) if isinstance(value, int | np.integer) and not isinstance(value, bool) else None
     if found is None or found < least:
-        message = f"{name} = {value!r}: give a whole number, {least} or more"
-        raise SceneError(message)
+        raise SceneError(f"{name} = {value!r}: give a whole number, {least} or more")
     return found
 
 
 def require(value: object, kind: type, name: str, wanted: str) -> None:
     """Raise SceneError unless an argument is of this kind; `wanted` says in words which."""
     if not isinstance(value, kind):
-        message = f"{name}: give {wanted}, not {type(value).__name__} {str(value)[:40]!r}"
-        raise SceneError(message)
+        raise SceneError(f"{name}: give {wanted}, not {type(value).__name__} {str(value)[:40]!r}")
 
 
 def three_digits(value: float) -> str:

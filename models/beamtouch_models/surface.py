@@ -186,8 +186,7 @@ class Surface:
         scene, sensors = self.stated, self.stated.sensors
         self.travel.check_small_angles(sensors.range_mm[1] - sensors.range_mm[0])
         if self.readings.reading_mm == 0:
-            message = "sensors: with a noise of 0 there are no intervals; state the noise of a reading"
-            raise SceneError(message)
+            raise SceneError("sensors: with a noise of 0 there are no intervals; state the noise of a reading")
         check_errors(scene, self.readings, self.filter, self.travel.largest_mm)
         _sensor_of(scene, self.travel)
         fewest = min(sensors.fewest, sensors.count_range[1])

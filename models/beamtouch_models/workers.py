@@ -124,8 +124,7 @@ def cluster_at(address: str, without_workers_s: float = WITHOUT_WORKERS_S) -> It
         from distributed import Client, KilledWorker  # noqa: PLC0415  # it is an extra of its own
         from distributed.versions import VersionMismatchWarning  # noqa: PLC0415  # likewise
     except ModuleNotFoundError as error:
-        message = f"--cluster needs {error.name}; run: pip install 'beamtouch[design,cluster]'"
-        raise InputError(message) from None
+        raise InputError(f"--cluster needs {error.name}; run: pip install 'beamtouch[design,cluster]'") from None
     logging.disable(logging.CRITICAL)  # `distributed` also logs, at length, the errors that it raises
     try:
         with warnings.catch_warnings():
@@ -139,8 +138,7 @@ def cluster_at(address: str, without_workers_s: float = WITHOUT_WORKERS_S) -> It
         # Not pure: Dask would have to hash all data to find out whether it has done the same task before.
         yield partial(_submit, client.get_executor(pure=False), partial(_result, client, without_workers_s))
     except (KilledWorker, CancelledError):
-        message = f"--cluster {address}: its scheduler or its workers ended before the work was done"
-        raise FailedError(message) from None
+        raise FailedError(f"--cluster {address}: its scheduler or its workers ended before the work was done") from None
     finally:
         client.close(timeout=REACHED_S)
 
@@ -157,8 +155,7 @@ def _check(client: "Client", address: str) -> None:
             if not isinstance(theirs, str) or _relevant(name, theirs) != _relevant(name, ours):
                 has = f"{name} {theirs}" if isinstance(theirs, str) else f"no {name}"
                 remedy = f"install 'beamtouch[design,cluster]' there, with {name} {ours}"
-                message = f"--cluster {address}: its worker {worker} has {has}; {remedy}"
-                raise InputError(message)
+                raise InputError(f"--cluster {address}: its worker {worker} has {has}; {remedy}")
 
 
 def _relevant(name: str, version: str) -> str:

@@ -151,8 +151,7 @@ class World:
         """
         modes = self.modes
         if modes is None:
-            message = "a beam without a mass does not ring"
-            raise ValueError(message)
+            raise ValueError("a beam without a mass does not ring")
         weight_kg, shapes = force_n / GRAVITY * weighs, modes.under(position_mm)
         loaded = swings(modes.at(self.sensor_mm), shapes, modes.square_s2, force_n, weight_kg)
         return loaded.ringing_mm(seconds, damping_of(self.beam), lasting_s)

@@ -41,12 +41,10 @@ class Settings(Section):
     @model_validator(mode="after")
     def _share_one_record(self) -> Self:
         if self.server.replica and not self.events.url:
-            message = "server.replica: all replicas need one record of events; set events.url"
-            raise ValueError(message)
+            raise ValueError("server.replica: all replicas need one record of events; set events.url")
         for output in self.outputs:
             if output.not_shared and self.events.url:
-                message = f"[{output.name}] does not work with events.url, {output.not_shared}; set events.file"
-                raise ValueError(message)
+                raise ValueError(f"[{output.name}] does not work with events.url, {output.not_shared}; set events.file")
         return self
 
     @property
@@ -99,12 +97,10 @@ def load_settings(config: Path | None, options: Mapping[str, object]) -> Setting
     try:
         require_pair(server.certificate_file, server.key_file, "HTTPS")
     except ValueError as error:
-        message = f"server.{error}"
-        raise InputError(message) from None
+        raise InputError(f"server.{error}") from None
     if "model" in of_surface and len(settings.surfaces) > 1:
         names = ", ".join(settings.surfaces)
-        message = f"--model is for a single surface, but the config has {names}; set `model` in the config"
-        raise InputError(message)
+        raise InputError(f"--model is for a single surface, but the config has {names}; set `model` in the config")
     sections = settings.surfaces or ({"": SurfaceSection()} if "model" in of_surface else {})
     surfaces = {name: section.model_copy(update=of_surface) for name, section in sections.items()}
     return settings.model_copy(update={"server": server, "surfaces": surfaces})
@@ -123,6 +119,5 @@ def read_access(server: ServerSection) -> Access:
     write, read = server.write_token_file, server.read_token_file
     access = Access(read_token(write) if write else None, read_token(read) if read else None)
     if access.write is not None and access.write == access.read:
-        message = f"token files {write} and {read} hold the same token; each purpose needs its own token"
-        raise InputError(message)
+        raise InputError(f"token files {write} and {read} hold the same token; each purpose needs its own token")
     return access

@@ -99,11 +99,9 @@ class Sample(BaseModel):
     @model_validator(mode="after")
     def _consistent(self) -> Self:
         if len(self.quality) != len(self.deflection_mm):
-            message = f"{len(self.deflection_mm)} deflections with {len(self.quality)} qualities"
-            raise ValueError(message)
+            raise ValueError(f"{len(self.deflection_mm)} deflections with {len(self.quality)} qualities")
         if None in self.deflection_mm and (None, Quality.GOOD) in zip(self.deflection_mm, self.quality, strict=True):
-            message = "a channel without a deflection cannot be good"
-            raise ValueError(message)
+            raise ValueError("a channel without a deflection cannot be good")
         if self.covariance_mm2 is not None:
             self._require_possible(self.covariance_mm2)
         return self
@@ -112,8 +110,7 @@ class Sample(BaseModel):
         """Raise ValueError unless this can be the covariance of the deflections."""
         channels = len(self.deflection_mm)
         if self.readings is None:
-            message = "covariance_mm2 needs readings"
-            raise ValueError(message)
+            raise ValueError("covariance_mm2 needs readings")
         if len(covariance_mm2) != channels * (channels + 1) // 2:
             message = (
                 f"covariance_mm2 must hold {channels * (channels + 1) // 2} values, the lower triangle of {channels} "
@@ -121,8 +118,7 @@ class Sample(BaseModel):
             )
             raise ValueError(message)
         if reason := _flaw(triangle_rows(covariance_mm2), self.deflection_mm):
-            message = f"covariance_mm2 {reason}"
-            raise ValueError(message)
+            raise ValueError(f"covariance_mm2 {reason}")
 
 
 def triangle_rows(triangle: list[float]) -> list[list[float]]:
@@ -211,24 +207,18 @@ class Batch(BaseModel):
     @model_validator(mode="after")
     def _consistent(self) -> Self:
         if len(set(self.channels)) != len(self.channels):
-            message = "a channel name occurs twice"
-            raise ValueError(message)
+            raise ValueError("a channel name occurs twice")
         if self.newest_age_ms is None and self.samples and not self.backlog:
-            message = "newest_age_ms is missing; only a backlog has no age"
-            raise ValueError(message)
+            raise ValueError("newest_age_ms is missing; only a backlog has no age")
         if self.backlog and self.newest_age_ms is not None:
-            message = "a backlog has no newest_age_ms"
-            raise ValueError(message)
+            raise ValueError("a backlog has no newest_age_ms")
         if not {len(sample.deflection_mm) for sample in self.samples} <= {len(self.channels)}:
-            message = f"every sample must hold {len(self.channels)} values, one per channel"
-            raise ValueError(message)
+            raise ValueError(f"every sample must hold {len(self.channels)} values, one per channel")
         if self.noise_mm is not None and len(self.noise_mm) != len(self.channels):
-            message = f"noise_mm must hold {len(self.channels)} values, one per channel"
-            raise ValueError(message)
+            raise ValueError(f"noise_mm must hold {len(self.channels)} values, one per channel")
         sequences = [sample.sequence for sample in self.samples]
         if any(map(le, sequences[1:], sequences)):
-            message = "sequence numbers must increase"
-            raise ValueError(message)
+            raise ValueError("sequence numbers must increase")
         return self
 
 

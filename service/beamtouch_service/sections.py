@@ -50,8 +50,7 @@ def require_pair(certificate: Path | None, key: Path | None, purpose: str) -> No
     """Raise ValueError unless there are both files of a certificate, or none."""
     if (certificate is None) != (key is None):
         missing = "certificate_file" if certificate is None else "key_file"
-        message = f"{missing} is missing; {purpose} needs a certificate and its key"
-        raise ValueError(message)
+        raise ValueError(f"{missing} is missing; {purpose} needs a certificate and its key")
 
 
 class ServerSection(Section):
@@ -93,12 +92,10 @@ class EventsSection(Section):
     @model_validator(mode="after")
     def _name_one_place(self) -> Self:
         if self.url and self.file:
-            message = "file and url are both given; events are in a file or in a database"
-            raise ValueError(message)
+            raise ValueError("file and url are both given; events are in a file or in a database")
         if self.url and not _DATABASE.fullmatch(self.url):
             # Not at the field: a complaint there quotes the value, which may hold a password.
-            message = "url must look like postgresql://beamtouch@127.0.0.1/beamtouch"
-            raise ValueError(message)
+            raise ValueError("url must look like postgresql://beamtouch@127.0.0.1/beamtouch")
         return self
 
 

@@ -127,8 +127,7 @@ def readings_needed(settings: Surface, beam: VirtualSurface, model: modelfile.Mo
         surface.receive(batch, count * period_s)
         if surface.contact(count * period_s).state is State.CONTACT:
             return count
-    message = "the load is no contact"
-    raise AssertionError(message)
+    raise AssertionError("the load is no contact")
 
 
 if __name__ == "__main__":

@@ -108,8 +108,7 @@ def soak(folder: Path, seconds: float, rate_hz: int) -> tuple[Seen, dict[str, in
         truth.close()
         seen.processor = {name: processor_s(pid) / (time.monotonic() - begin_s) for name, pid in line.pids().items()}
         if dead := line.dead():
-            message = f"{', '.join(dead)} ended by itself"
-            raise RuntimeError(message)
+            raise RuntimeError(f"{', '.join(dead)} ended by itself")
         line.end("daemon")
         seen.at_service = counts(client)
     summary: dict[str, int] = json.loads(line.summary.read_text())["surfaces"]["soak"]
@@ -121,8 +120,7 @@ def wait_until_ready(client: httpx2.Client) -> None:
     deadline_s = time.monotonic() + 60
     while not client.get("/health/ready").is_success:
         if time.monotonic() > deadline_s:
-            message = "the line is not ready"
-            raise RuntimeError(message)
+            raise RuntimeError("the line is not ready")
         time.sleep(ASK_S)
 
 

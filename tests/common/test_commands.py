@@ -102,8 +102,7 @@ def test_ctrl_c_in_the_import_of_compiled_code_is_130(capsys: pytest.CaptureFixt
         try:
             raise KeyboardInterrupt  # in the initialisation of an extension module
         except KeyboardInterrupt as stop:
-            message = "initialization failed"
-            raise ImportError(message) from stop
+            raise ImportError("initialization failed") from stop
 
     assert exit_code("press", "design", work) == 130
     assert capsys.readouterr() == ("", "press: interrupted\n")

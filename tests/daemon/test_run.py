@@ -352,8 +352,7 @@ async def test_a_task_is_cancelled_though_it_swallows_a_cancellation_and_restart
         nonlocal turns
         turns += 1
         if turns == 1:
-            message = "unexpected"
-            raise ValueError(message)
+            raise ValueError("unexpected")
 
     assert RESTART_S > 1
     monkeypatch.setattr("beamtouch_daemon.tasks.RESTART_S", 0.0)

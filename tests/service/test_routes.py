@@ -138,12 +138,10 @@ def test_a_wrong_method_is_a_problem_that_names_the_right_one(bench: Bench) -> N
 def test_a_failure_inside_is_a_problem_without_its_traceback() -> None:
     class Broken(Surface):
         def answer(self, now_s: float) -> Answer | Problem:
-            message = f"secret at {now_s}"
-            raise RuntimeError(message)
+            raise RuntimeError(f"secret at {now_s}")
 
         def receive(self, batch: ReceivedBatch, arrival_s: float, address: str = "") -> Received:
-            message = f"secret at {arrival_s} from {address} in {batch}"
-            raise RuntimeError(message)
+            raise RuntimeError(f"secret at {arrival_s} from {address} in {batch}")
 
     bench = Bench(Broken("press-7"))
     for response in (bench.get("/surfaces"), bench.post(batch_of())):

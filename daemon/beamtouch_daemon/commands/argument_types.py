@@ -24,8 +24,7 @@ def address_of(text: str) -> tuple[str, int]:
     except ValueError:
         parts, port = urlsplit(""), None
     if parts.scheme != "tcp" or not parts.hostname or parts.path.strip("/") or parts.query or port == 0:
-        message = f"{text!r} is not an address; give tcp://HOST[:PORT], such as tcp://192.168.0.20:502"
-        raise InputError(message)
+        raise InputError(f"{text!r} is not an address; give tcp://HOST[:PORT], such as tcp://192.168.0.20:502")
     return parts.hostname, port or MODBUS_PORT
 
 
@@ -57,8 +56,7 @@ def bauds(text: str) -> tuple[int, ...]:
     """Return the baud rates in a list such as 9600,19200; ArgumentTypeError if it is not one."""
     parts = [part.strip() for part in text.split(",")]
     if not all(part.isascii() and part.isdecimal() and len(part) < 10 and int(part) in BAUDS for part in parts):
-        message = f"{text!r} is not a list of baud rates, such as 9600,19200"
-        raise argparse.ArgumentTypeError(message)
+        raise argparse.ArgumentTypeError(f"{text!r} is not a list of baud rates, such as 9600,19200")
     return tuple(dict.fromkeys(map(int, parts)))
 
 
@@ -66,8 +64,7 @@ def parities(text: str) -> tuple[str, ...]:
     """Return the parities in a list such as none,even; ArgumentTypeError if it is not one."""
     parts = [part.strip() for part in text.split(",")]
     if not set(parts) <= {"none", "even", "odd"}:
-        message = f"{text!r} is not a list of parities; choose of none,even,odd"
-        raise argparse.ArgumentTypeError(message)
+        raise argparse.ArgumentTypeError(f"{text!r} is not a list of parities; choose of none,even,odd")
     return tuple(dict.fromkeys(parts))
 
 
@@ -80,8 +77,7 @@ def between(low: float, high: float, unit: str) -> Callable[[str], float]:
         except ValueError:
             value = low - 1
         if not low <= value <= high:
-            message = f"{text!r} is not a number of {unit} from {low:g} to {high:g}"
-            raise argparse.ArgumentTypeError(message)
+            raise argparse.ArgumentTypeError(f"{text!r} is not a number of {unit} from {low:g} to {high:g}")
         return value
 
     return number

@@ -37,14 +37,12 @@ def run(arguments: argparse.Namespace) -> int:
     path: Path = arguments.config
     require_writable([path])
     if path.exists() and not arguments.force:
-        message = f"{path}: already exists; add --force to replace it, or name another file"
-        raise InputError(message)
+        raise InputError(f"{path}: already exists; add --force to replace it, or name another file")
     text, config = _configuration(arguments, path)
     try:
         write_atomically(path, text.encode(), mode=MODE)
     except OSError as error:
-        message = f"{path}: not written: {error.strerror}"
-        raise FailedError(message) from None
+        raise FailedError(f"{path}: not written: {error.strerror}") from None
     ((name, surface),) = config.surfaces.items()
     channels = ", ".join(surface.channel_names)
     print(f"{path}: {name}, channels {channels}, {surface.rate_hz:g} readings per second from {arguments.source}")
@@ -60,8 +58,7 @@ def _configuration(arguments: argparse.Namespace, path: Path) -> tuple[str, Conf
     """Return the text of the file, and the configuration; InputError if the options do not give one."""
     template: Path | None = arguments.model_config
     if template is None:
-        message = "--model-config: give the configuration that design-sensors build --daemon-config wrote"
-        raise InputError(message)
+        raise InputError("--model-config: give the configuration that design-sensors build --daemon-config wrote")
     model_config = _template(template)
     source = _source(arguments)
     token = arguments.token_file or path.parent / model_config.publish.token_file
@@ -78,8 +75,7 @@ def _configuration(arguments: argparse.Namespace, path: Path) -> tuple[str, Conf
         message = f"{template}: has no table {error.args[0]}; give what design-sensors build --daemon-config wrote"
         raise InputError(message) from None
     except UnicodeEncodeError:  # names of files may be any bytes
-        message = "the source and the files must have names in UTF-8"
-        raise InputError(message) from None
+        raise InputError("the source and the files must have names in UTF-8") from None
     return text, parse_toml(Config, text, str(path), context={"directory": path.absolute().parent})
 
 
@@ -90,8 +86,7 @@ def _template(path: Path) -> Config:
         raise InputError(message)
     model_config = load_config(path)
     if len(model_config.surfaces) > 1 or model_config.include:
-        message = f"{path}: has several surfaces; give a configuration with the surface of one model"
-        raise InputError(message)
+        raise InputError(f"{path}: has several surfaces; give a configuration with the surface of one model")
     return model_config
 
 
@@ -99,18 +94,15 @@ def _source(arguments: argparse.Namespace) -> Keys:
     """Return the keys of the table of the source; InputError if the options do not give it."""
     address: str | None = arguments.source
     if not address:
-        message = f"--source: give {SOURCES}; beamtouch-daemon scan finds it"
-        raise InputError(message)
+        raise InputError(f"--source: give {SOURCES}; beamtouch-daemon scan finds it")
     kind, _, where = address.partition(":")
     if kind not in OPTIONS or not where:
-        message = f"{address!r} is not a source; give {SOURCES}"
-        raise InputError(message)
+        raise InputError(f"{address!r} is not a source; give {SOURCES}")
     options: dict[str, str | float] = {
         key: value for key in OPTIONS["rtu"] if (value := getattr(arguments, key)) is not None
     }
     for key in options.keys() - OPTIONS[kind]:
-        message = f"--{key.replace('_', '-')}: a source such as {address} has none; leave it out"
-        raise InputError(message)
+        raise InputError(f"--{key.replace('_', '-')}: a source such as {address} has none; leave it out")
     keys: dict[str, str | float] = {"kind": "modbus-rtu" if kind == "rtu" else "serial", "port": where}
     if kind == "tcp":
         host, port = address_of(address)

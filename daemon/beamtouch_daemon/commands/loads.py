@@ -77,8 +77,7 @@ class LoadFile:
         """Position in the file, and load, of each load that was added."""
         header = [*LOAD_COLUMNS, *(f"{name}_{column}" for name in channels for column in CHANNEL_COLUMNS)]
         if path.exists() and not append:
-            message = f"{path}: already exists; add --append or name another file"
-            raise InputError(message)
+            raise InputError(f"{path}: already exists; add --append or name another file")
         require_writable([path])
         if path.exists():
             self.loads = _last_load(path, header)
@@ -108,8 +107,7 @@ class LoadFile:
             with self.path.open("a", newline="", encoding="utf-8") as file:
                 file.write(text.getvalue())
         except OSError as error:
-            message = f"{self.path}: {error.strerror}; {self.loads} loads are in it"
-            raise FailedError(message) from None
+            raise FailedError(f"{self.path}: {error.strerror}; {self.loads} loads are in it") from None
 
 
 def _last_load(path: Path, header: Sequence[str]) -> int:

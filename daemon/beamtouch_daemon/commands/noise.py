@@ -83,12 +83,10 @@ def _seconds(asked: float | None, surface: Surface) -> float:
     needed_s = readings_needed(surface) / surface.rate_hz
     longest_s = min(MAX_SECONDS, MAX_READINGS / surface.rate_hz)
     if needed_s > longest_s:
-        message = f"its filter needs {needed_s:g} s of readings, and at most {longest_s:g} s are recorded"
-        raise InputError(message)
+        raise InputError(f"its filter needs {needed_s:g} s of readings, and at most {longest_s:g} s are recorded")
     seconds = min(max(DEFAULT_S, MARGIN * needed_s), longest_s) if asked is None else asked
     if not needed_s <= seconds <= longest_s:
-        message = f"--seconds: give {needed_s:g} to {longest_s:g}, as its rate and its filter require"
-        raise InputError(message)
+        raise InputError(f"--seconds: give {needed_s:g} to {longest_s:g}, as its rate and its filter require")
     return seconds
 
 
@@ -126,8 +124,7 @@ async def _record(source: Source, seconds: float, surface: Surface) -> Recording
             if passed_s >= seconds + (0.0 if taken >= needed else max(PATIENCE_S, seconds)):
                 break
     if taken < needed:
-        message = f"{taken} readings arrived and its filter needs {needed}; give a longer --seconds"
-        raise NotAtRestError(message)
+        raise NotAtRestError(f"{taken} readings arrived and its filter needs {needed}; give a longer --seconds")
     return Recording(np.concatenate(parts), lost, passed_s)
 
 

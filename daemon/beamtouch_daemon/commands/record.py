@@ -59,17 +59,14 @@ def run(arguments: argparse.Namespace) -> int:
     config = load_config(arguments.config)
     names, path = config.choose_surfaces(arguments.surface), arguments.output
     if len(names) > 1:
-        message = f"--surface: choose one of {', '.join(names)}"
-        raise InputError(message)
+        raise InputError(f"--surface: choose one of {', '.join(names)}")
     if not 0 < arguments.seconds <= MAX_SECONDS:
-        message = f"--seconds: give more than 0 and at most {MAX_SECONDS:g}"
-        raise InputError(message)
+        raise InputError(f"--seconds: give more than 0 and at most {MAX_SECONDS:g}")
     name, surface = names[0], config.surfaces[names[0]]
     try:
         given = [parse_load(words, surface.loads, is_accepted=arguments.accept) for words in arguments.at or ()]
     except ValueError as error:
-        message = f"--at: {error}"
-        raise InputError(message) from None
+        raise InputError(f"--at: {error}") from None
     rest_gap_mm = config.read_rest_gaps([name])[name]
     file = LoadFile(path, surface.channel_names, append=arguments.append)
     if surface.loads is None:
@@ -85,12 +82,10 @@ def run(arguments: argparse.Namespace) -> int:
         else:
             dialogue.record_stated()
     except SourceError as error:
-        message = f"{name}: {error}; {file.loads} loads are in {path}"
-        raise FailedError(message) from None
+        raise FailedError(f"{name}: {error}; {file.loads} loads are in {path}") from None
     print(f"{file.loads} loads in {path}; next: design-sensors calibrate MODEL {path} -o MODEL")
     if dialogue.refused:
-        message = f"{name}: not recorded: {', '.join(map(str, dialogue.refused))}; put them on again"
-        raise FailedError(message)
+        raise FailedError(f"{name}: not recorded: {', '.join(map(str, dialogue.refused))}; put them on again")
     return DONE if file.loads else FAILED
 
 
@@ -213,8 +208,7 @@ async def _settle(stream: AsyncIterator[list[Reading]], pipeline: Pipeline, surf
                     reason = str(error).partition(";")[0]
                 else:
                     return
-    message = f"not settled within {GIVE_UP_S:g} s: {reason}"
-    raise LoadRefusedError(message)
+    raise LoadRefusedError(f"not settled within {GIVE_UP_S:g} s: {reason}")
 
 
 def _require_still_and_seen(readings: Sequence[Reading], surface: Surface, rest_gap_mm: dict[str, float]) -> None:
@@ -229,8 +223,7 @@ def _require_still_and_seen(readings: Sequence[Reading], surface: Surface, rest_
         if len(values) < 2:
             continue
         if moved := describe_motion(values, step, surface.noise_mm):
-            message = f"the load moved while it was recorded: {name}, {moved}"
-            raise LoadRefusedError(message)
+            raise LoadRefusedError(f"the load moved while it was recorded: {name}, {moved}")
         mean, noise_mm = float(np.mean(values)), noise_of(values, surface.noise_mm)
         is_seen = is_seen or abs(mean) > SEEN * noise_mm + step
         if not channel or abs(mean) > abs(largest):

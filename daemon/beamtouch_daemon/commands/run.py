@@ -28,8 +28,7 @@ def run(arguments: argparse.Namespace) -> int:
         try:
             write_atomically(path, (json.dumps(content, indent=2) + "\n").encode(), mode=0o644)
         except OSError as error:
-            message = f"--summary: cannot write {path}: {error.strerror}"
-            raise FailedError(message) from None
+            raise FailedError(f"--summary: cannot write {path}: {error.strerror}") from None
     return INTERRUPTED if is_interrupted else DONE
 
 

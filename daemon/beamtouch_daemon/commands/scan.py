@@ -84,8 +84,7 @@ class Scan:
     async def network(self) -> str:
         """Ask the units behind an address; return what to check if none answers, SourceError without a connection."""
         if self._arguments.baud is not None or self._arguments.parity is not None:
-            message = "--baud and --parity are for a serial line; leave them out with tcp://"
-            raise InputError(message)
+            raise InputError("--baud and --parity are for a serial line; leave them out with tcp://")
         target, (host, port) = self._arguments.target, address_of(self._arguments.target)
         units = self._arguments.units or (*FIRST_UNITS, *DEVICE_ITSELF)
         timeout_ms = self._arguments.timeout_ms or TCP_TIMEOUT_MS
@@ -96,8 +95,7 @@ class Scan:
                 _, writer = await asyncio.open_connection(host, port)
             writer.close()
         except OSError as error:  # also a timeout
-            message = f"no connection to {host}:{port}; is the device on, and is the address right?"
-            raise SourceError(message) from error
+            raise SourceError(f"no connection to {host}:{port}; is the device on, and is the address right?") from error
 
         async def ask(unit: int, block: Block) -> Answer:
             link = TcpLink(settings, host, unit)
@@ -223,8 +221,7 @@ def _require_line(path: str, units: Sequence[int]) -> None:
 def _require_port(path: str, name: str, error: SourceError) -> None:
     """Say what failed, such as line settings that the port does not have; SourceError if the port is gone."""
     if not Path(path).exists():
-        message = f"{path} is gone"
-        raise SourceError(message)
+        raise SourceError(f"{path} is gone")
     _say(f"{name}: {error}")
 
 

@@ -55,15 +55,12 @@ def _tare(config: Config, name: str, *, accept_change: bool) -> None:
         gaps = _measure_rest(counts_of(readings), surface, last_mm, accept_change=accept_change)
         contact = asyncio.run(_ask_for_contact(config, name))
         if contact and not accept_change:
-            message = f"the service sees {contact}; {REMEDY}"
-            raise NotAtRestError(message)
+            raise NotAtRestError(f"the service sees {contact}; {REMEDY}")
         tare_file.save(path, name, len(readings), gaps)
     except (SourceError, NotAtRestError) as error:
-        message = f"{name}: not tared: {error}"
-        raise FailedError(message) from error
+        raise FailedError(f"{name}: not tared: {error}") from error
     except OSError as error:
-        message = f"{name}: cannot write {path}: {error.strerror}"
-        raise FailedError(message) from error
+        raise FailedError(f"{name}: cannot write {path}: {error.strerror}") from error
     text = ", ".join(f"{channel} {gap:.4f} mm" for channel, gap in gaps.items())
     print(f"{name}: rest gaps {text}, mean of {len(readings)} readings, in {path}")
     answers = {None: "the service could not be asked, or has no contact to give", "": "the service sees a beam at rest"}
@@ -78,13 +75,11 @@ def _measure_rest(
     """Return the rest gaps [mm] by channel name; NotAtRestError if the beam moves, or they contradict earlier ones."""
     lengths = stuck.Runs(len(surface.channels)).lengths(counts)
     for index in np.flatnonzero((lengths > stuck.longest_runs(surface)).any(axis=0)).tolist():
-        message = f"{surface.channel_names[index]} is stuck: its counts do not change; check the sensor"
-        raise NotAtRestError(message)
+        raise NotAtRestError(f"{surface.channel_names[index]} is stuck: its counts do not change; check the sensor")
     gaps = at_rest.rest_gaps(counts, surface)
     contradictions = at_rest.find_contradictions(gaps, last_mm, surface)
     if contradictions and not accept_change:
-        message = f"{', '.join(contradictions)}; {REMEDY if last_mm else FIRST_REMEDY}"
-        raise NotAtRestError(message)
+        raise NotAtRestError(f"{', '.join(contradictions)}; {REMEDY if last_mm else FIRST_REMEDY}")
     return gaps
 
 

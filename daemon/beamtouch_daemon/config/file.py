@@ -68,8 +68,7 @@ def _add_included(content: dict[str, Any], path: Path) -> dict[str, Path]:
         surfaces: dict[str, Any] = content.setdefault("surfaces", {})
         for name, surface in _surfaces_in(file, path).items():
             if name in surfaces:
-                message = f"{file}: surfaces.{name} is also in {files[name]}; remove one of the two"
-                raise InputError(message)
+                raise InputError(f"{file}: surfaces.{name} is also in {files[name]}; remove one of the two")
             surfaces[name], files[name] = surface, file
     return files
 

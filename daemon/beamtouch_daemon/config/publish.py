@@ -15,14 +15,11 @@ from beamtouch_daemon.config.sources import RelativePath, Strict
 def _http_url(value: str) -> str:
     parts = urlsplit(value)
     if parts.scheme not in {"http", "https"} or not parts.hostname or parts.query or parts.fragment or not _port(parts):
-        message = "must look like http://127.0.0.1:8420"
-        raise ValueError(message)
+        raise ValueError("must look like http://127.0.0.1:8420")
     if parts.username is not None:
-        message = "must name no user; the service knows the daemon by its token"
-        raise ValueError(message)
+        raise ValueError("must name no user; the service knows the daemon by its token")
     if parts.path.strip("/"):
-        message = "must have no path; end it after the port"
-        raise ValueError(message)
+        raise ValueError("must have no path; end it after the port")
     host_name(parts.hostname)
     return value.rstrip("/")
 
@@ -71,8 +68,6 @@ def trust(path: Path) -> ssl.SSLContext:
     try:
         return ssl.create_default_context(cafile=path)
     except ssl.SSLError as error:
-        message = f"publish.certificate_file: {path} contains no PEM certificate; name the service's"
-        raise InputError(message) from error
+        raise InputError(f"publish.certificate_file: {path} contains no PEM certificate; name the service's") from error
     except OSError as error:
-        message = f"publish.certificate_file: cannot read {path} ({error.strerror})"
-        raise FailedError(message) from error
+        raise FailedError(f"publish.certificate_file: cannot read {path} ({error.strerror})") from error

@@ -80,8 +80,7 @@ class Surface(Strict):
         ((_, _, register), same_place), *_ = Counter(map(self.place_of, self.channels)).most_common(1)
         if same_name > 1 or same_place > 1:
             what = f"name {name}" if same_name > 1 else f"register {register}"
-            message = f"two channels have the same {what}"
-            raise ValueError(message)
+            raise ValueError(f"two channels have the same {what}")
         return self
 
     @model_validator(mode="after")
@@ -143,8 +142,7 @@ class Surface(Strict):
         elif channel.input is not None and module is not None and channel.input >= module.inputs:
             message = f"the module has inputs 0 to {module.inputs - 1}"
         if message:
-            message = f"channel {channel.name}: {message}"
-            raise ValueError(message)
+            raise ValueError(f"channel {channel.name}: {message}")
         register = channel.register_
         if register is None and module is not None and channel.input is not None:
             register = module.register_of(channel.input)
@@ -213,8 +211,7 @@ class Config(Strict):
     def choose_surfaces(self, name: str | None) -> list[str]:
         """Return the names of the surfaces that --surface means, all without it; InputError if there is none."""
         if name is not None and name not in self.surfaces:
-            message = f"--surface: there is no surface {name}; choose one of {', '.join(self.surfaces)}"
-            raise InputError(message)
+            raise InputError(f"--surface: there is no surface {name}; choose one of {', '.join(self.surfaces)}")
         return list(self.surfaces) if name is None else [name]
 
     def file_of(self, name: str) -> Path:

@@ -14,8 +14,7 @@ from beamtouch_service.samples import ChannelName
 
 def _nonzero(value: float) -> float:
     if value == 0:
-        message = "must not be 0: every count would give the same gap"
-        raise ValueError(message)
+        raise ValueError("must not be 0: every count would give the same gap")
     return value
 
 
@@ -129,8 +128,7 @@ class Channel(Strict):
     def _ranges_in_order(self) -> Self:
         for name, ends in (("range_mm", self.range_mm), ("counts_range", self.counts_range)):
             if ends is not None and not ends[0] < ends[1]:
-                message = f"{name} must be [smaller, larger], not [{ends[0]}, {ends[1]}]"
-                raise ValueError(message)
+                raise ValueError(f"{name} must be [smaller, larger], not [{ends[0]}, {ends[1]}]")
         return self
 
     @model_validator(mode="after")
@@ -138,11 +136,9 @@ class Channel(Strict):
         line = {"gain_mm_per_count": self.gain_mm_per_count, "offset_mm": self.offset_mm}
         missing = [key for key, value in line.items() if value is None]
         if self.table is not None and len(missing) < len(line):
-            message = "give a table, or gain_mm_per_count with offset_mm, not both"
-            raise ValueError(message)
+            raise ValueError("give a table, or gain_mm_per_count with offset_mm, not both")
         if self.table is None and missing:
-            message = f"{' and '.join(missing)} missing; give gain_mm_per_count with offset_mm, or a table"
-            raise ValueError(message)
+            raise ValueError(f"{' and '.join(missing)} missing; give gain_mm_per_count with offset_mm, or a table")
         if self.table is not None:
             _check_table(self.table)
         return self
@@ -163,15 +159,12 @@ class Channel(Strict):
 
 def _check_table(table: tuple[tuple[float, float], ...]) -> None:
     if len(table) < 2:
-        message = f"table needs at least 2 points [counts, gap_mm], not {len(table)}"
-        raise ValueError(message)
+        raise ValueError(f"table needs at least 2 points [counts, gap_mm], not {len(table)}")
     for before, after in pairwise(table):
         if not before[0] < after[0]:
-            message = f"table: counts must increase, but {after[0]:g} follows {before[0]:g}"
-            raise ValueError(message)
+            raise ValueError(f"table: counts must increase, but {after[0]:g} follows {before[0]:g}")
         if after[1] == before[1] or (after[1] > before[1]) != (table[1][1] > table[0][1]):
             message = f"table: gaps must all increase or all decrease, but {after[1]:g} mm follows {before[1]:g} mm"
             raise ValueError(message)
         if not 0 < abs(after[1] - before[1]) / (after[0] - before[0]) < math.inf:
-            message = f"table: no slope can be computed from {before[0]:g} to {after[0]:g} counts"
-            raise ValueError(message)
+            raise ValueError(f"table: no slope can be computed from {before[0]:g} to {after[0]:g} counts")

@@ -69,8 +69,7 @@ class Modbus(SourceKind):
     def _module_is_of_this_kind(self) -> Self:
         kind = self.known_module.kind if self.known_module else None
         if kind is not None and kind != getattr(self, "kind", kind):
-            message = f"module {self.module} speaks {kind}"
-            raise ValueError(message)
+            raise ValueError(f"module {self.module} speaks {kind}")
         return self
 
     @property

@@ -44,12 +44,9 @@ def load(path: Path, channels: Sequence[str]) -> dict[str, float]:
     except FileNotFoundError:
         return {}
     except OSError as error:
-        message = f"{path}: {error.strerror}"
-        raise FailedError(message) from error
+        raise FailedError(f"{path}: {error.strerror}") from error
     except ValidationError as error:
-        message = f"{path}: not a tare file; delete it or run beamtouch-daemon tare again"
-        raise InputError(message) from error
+        raise InputError(f"{path}: not a tare file; delete it or run beamtouch-daemon tare again") from error
     if set(content.rest_gap_mm) != set(channels):
-        message = f"{path}: made for other channels; delete it or run beamtouch-daemon tare again"
-        raise InputError(message)
+        raise InputError(f"{path}: made for other channels; delete it or run beamtouch-daemon tare again")
     return content.rest_gap_mm

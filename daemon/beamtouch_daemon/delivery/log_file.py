@@ -164,12 +164,10 @@ class LogFile:
     def _use(self, doing: str) -> Iterator[sqlite3.Connection]:
         """Use the open file in a transaction."""
         if self._database is None:
-            message = f"{self._path} is not open"
-            raise LogFileError(message)
+            raise LogFileError(f"{self._path} is not open")
         if _identity_of(self._path) != self._identity:
             self._lose()
-            message = f"{self._path} was deleted or replaced while in use; the samples in it are lost"
-            raise LogFileError(message)
+            raise LogFileError(f"{self._path} was deleted or replaced while in use; the samples in it are lost")
         with self._errors(doing), self._database as database:
             yield database
 
@@ -185,8 +183,7 @@ class LogFile:
             if {code, code & 0xFF} & _DAMAGE:
                 raise self._set_aside(str(error)) from error
             reason = "in use by another process" if code == sqlite3.SQLITE_BUSY else str(error)
-            message = f"{self._path} cannot be {doing} ({reason})"
-            raise LogFileError(message) from error
+            raise LogFileError(f"{self._path} cannot be {doing} ({reason})") from error
 
     def _lose(self) -> None:
         self.close()
@@ -220,8 +217,7 @@ def _read(database: sqlite3.Connection, row: int) -> Batch:
     # SQLite keeps whatever type a column was given.
     batch = Batch.model_validate_json(content) if isinstance(content, bytes) else None
     if batch is None or _columns(columns[0], batch, content) != columns:
-        message = "a checksum does not match"
-        raise ValueError(message)
+        raise ValueError("a checksum does not match")
     return batch
 
 

@@ -165,8 +165,7 @@ class LogStore:
     async def _call(self, work: Callable[[LogFile], _T]) -> _T:
         """Do something with the file in the thread."""
         if self._file is None:
-            message = "there is no log file"
-            raise LogFileError(message)
+            raise LogFileError("there is no log file")
         return await asyncio.get_running_loop().run_in_executor(self._thread, work, self._file)
 
     def _failed(self, error: LogFileError) -> None:

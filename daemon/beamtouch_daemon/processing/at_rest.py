@@ -83,8 +83,7 @@ def rest_gaps(counts: FloatArray, surface: Surface) -> dict[str, float]:
     gaps = characteristic.gap(counts)
     for name, gap, step_mm in zip(surface.channel_names, gaps.T, characteristic.steepest.tolist(), strict=True):
         if moved := describe_motion(gap, step_mm, surface.noise_mm):
-            message = f"{name} moved: {moved}; take everything off the beam and try again"
-            raise NotAtRestError(message)
+            raise NotAtRestError(f"{name} moved: {moved}; take everything off the beam and try again")
     return dict(zip(surface.channel_names, np.mean(gaps, axis=0).tolist(), strict=True))
 
 
@@ -171,8 +170,7 @@ def select_rest(counts: FloatArray, surface: Surface, last_mm: Mapping[str, floa
     good = _require_good(characteristic.quality(counts), names, MAX_BAD)
     counts = counts[good.all(axis=1)]
     if frozen := _find_stuck(counts, surface):
-        message = f"{', '.join(frozen)} stuck: the counts do not change; check the sensor"
-        raise NotAtRestError(message)
+        raise NotAtRestError(f"{', '.join(frozen)} stuck: the counts do not change; check the sensor")
     gaps = characteristic.gap(counts)
     rest = dict(zip(names, gaps.mean(axis=0).tolist(), strict=True))
     if contradictions := find_contradictions(rest, last_mm, surface):
@@ -181,8 +179,7 @@ def select_rest(counts: FloatArray, surface: Surface, last_mm: Mapping[str, floa
         )
         raise NotAtRestError(message)
     if moved := _find_jump(gaps, surface, characteristic) or _find_vibration(gaps, surface):
-        message = f"{moved}; take everything off the beam, leave it alone and try again"
-        raise NotAtRestError(message)
+        raise NotAtRestError(f"{moved}; take everything off the beam, leave it alone and try again")
     return counts
 
 
@@ -203,8 +200,7 @@ def _require_good(codes: NDArray[np.int8], channels: Sequence[str], max_share: f
         if len(wrong) > max_share * len(codes)
     ]
     if bad:
-        message = f"{', '.join(bad)}; check the sensor"
-        raise NotAtRestError(message)
+        raise NotAtRestError(f"{', '.join(bad)}; check the sensor")
     return good
 
 

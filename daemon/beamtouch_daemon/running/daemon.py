@@ -181,7 +181,6 @@ async def _opened_store(config: Config) -> AsyncIterator[LogStore]:
         await store.open()
         yield store
     except ForeignFileError as error:
-        message = f"publish.log_file: {error}"
-        raise InputError(message) from error
+        raise InputError(f"publish.log_file: {error}") from error
     finally:
         await store.close()

@@ -89,8 +89,7 @@ class BoardPort(SerialPort):
                     if isinstance(arrival.message, Hello):
                         return arrival.message
         advice = f"is it a beamtouch device, and is {self._baud} its baud rate?"
-        message = f"{self.path}: no hello within {HELLO_TIMEOUT_S:g} s{self.damage}; {advice}"
-        raise SourceError(message)
+        raise SourceError(f"{self.path}: no hello within {HELLO_TIMEOUT_S:g} s{self.damage}; {advice}")
 
 
 class Session:
@@ -203,8 +202,7 @@ class BoardSource:
                     yield readings
                 elif uptime_s() - heard_s >= self._silence_s:
                     asked = f"{self._rate_hz} Hz, oversampling {self._oversampling}"
-                    message = f"{self._path}: no reading for {self._silence_s:g} s{port.damage} ({asked})"
-                    raise SourceError(message)
+                    raise SourceError(f"{self._path}: no reading for {self._silence_s:g} s{port.damage} ({asked})")
         finally:
             with suppress(SourceError):  # the port may be gone
                 port.tell(Stop())
@@ -218,8 +216,7 @@ class BoardSource:
                 if session.knows_the_clocks:
                     return
         doubt = "so the age of its readings is unknown"
-        message = f"{self._path}: no answer to a ping within {HELLO_TIMEOUT_S:g} s, {doubt}"
-        raise SourceError(message)
+        raise SourceError(f"{self._path}: no answer to a ping within {HELLO_TIMEOUT_S:g} s, {doubt}")
 
     def _require(self, hello: Hello) -> None:
         """Raise SourceError unless the device fits the configuration."""
@@ -238,5 +235,4 @@ class BoardSource:
         elif self._oversampling * (2**hello.adc_bits - 1) > MAX_COUNT:
             wrong = f"sums of {self._oversampling} conversions of {hello.adc_bits} bits do not fit; lower oversampling"
         if wrong:
-            message = f"{self._path}: {wrong}"
-            raise SourceError(message)
+            raise SourceError(f"{self._path}: {wrong}")

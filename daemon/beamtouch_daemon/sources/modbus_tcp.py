@@ -73,8 +73,7 @@ class TcpLink:
             raise
         if answer is None:
             self._close()
-            message = f"{self.name} answered another request"
-            raise NoAnswerError(message)
+            raise NoAnswerError(f"{self.name} answered another request")
         return answer
 
     async def _receive(self, reader: asyncio.StreamReader) -> bytes:

@@ -193,8 +193,7 @@ class Unit:
         if bool(answer.exception) is not probes[0].is_refused:
             self._probes = None
             self.restart()
-            message = f"unit {self.address} answers otherwise than before"
-            raise NoAnswerError(message)
+            raise NoAnswerError(f"unit {self.address} answers otherwise than before")
         probes.reverse()
 
     async def _leave_alone(self, line: Line) -> None:
@@ -203,6 +202,5 @@ class Unit:
         left_s = self._asked_s + silence_s - self._clock()
         if left_s > 0 and self._owed < Owed.UNKNOWN:
             reason = "so that no late answer counts as a new one"
-            message = f"unit {self.address} is left alone for {silence_s:g} s, {reason}"
-            raise NoAnswerError(message)
+            raise NoAnswerError(f"unit {self.address} is left alone for {silence_s:g} s, {reason}")
         await asyncio.sleep(max(0.0, left_s))

@@ -116,5 +116,4 @@ def _open(path: str, baud: int, parity: str, stop_bits: int) -> serial.Serial:
         code = error.errno if isinstance(error, OSError) else None
         advice = _ADVICE.get(code or 0, "does it exist, and is no other program using it?")
         reason = os.strerror(code) if code in _ADVICE else error
-        message = f"{path} cannot be opened ({reason}); {advice}"
-        raise SourceError(message) from error
+        raise SourceError(f"{path} cannot be opened ({reason}); {advice}") from error

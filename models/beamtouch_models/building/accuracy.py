@@ -152,7 +152,6 @@ def _prior_of(scene: Scene, sensor_mm: ArrayLike, noise_mm: float | None, influe
         return prior
     stated_mm = number(noise_mm, "noise_mm")
     if stated_mm <= 0:
-        message = f"noise_mm = {stated_mm:g}: must be more than 0; without noise there is no accuracy limit"
-        raise SceneError(message)
+        raise SceneError(f"noise_mm = {stated_mm:g}: must be more than 0; without noise there is no accuracy limit")
     check_scale(stated_mm, surface.travel.largest_mm)
     return replace(prior, noise_mm=stated_mm)

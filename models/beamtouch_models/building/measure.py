@@ -61,8 +61,7 @@ def measure(estimator: Estimator, prior: Prior, surface: Surface, world: World, 
     try:
         reached = reach(estimator, prior, run, ACCURACY_DRAWS, seed + 2)
     except NotGoodEnoughError as error:
-        message = f"nothing was written: {error}"
-        raise NotGoodEnoughError(message) from None
+        raise NotGoodEnoughError(f"nothing was written: {error}") from None
     thresholds = thresholds_of(prior, surface)
     gain, zero_mm = (np.broadcast_to(value, prior.channels).tolist() for value in (prior.gain, prior.zero_mm))
     return Measured(
@@ -108,12 +107,10 @@ def reach(made: Estimator, prior: Prior, run: Run, draws: int, seed: int) -> Rea
     deflection = prior.measured(contacts.drawn.deflection_mm)
     answers = run(deflection, prior.whitening(deflection))
     if not all(np.isfinite(values).all() for values in answers.values()):
-        message = "some answers of the model are not finite; check the scene for extreme values"
-        raise NotGoodEnoughError(message)
+        raise NotGoodEnoughError("some answers of the model are not finite; check the scene for extreme values")
     reached = contacts.reached(answers["position_mm"])
     if reached is None:
-        message = "without noise there is no accuracy limit"
-        raise ValueError(message)
+        raise ValueError("without noise there is no accuracy limit")
     if made.name != "posterior":  # the other estimators are trained and may miss the limit
         return reached
     inside = contacts.held(answers["position_low_mm"], answers["position_high_mm"])

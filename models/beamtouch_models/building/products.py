@@ -58,11 +58,9 @@ def build(  # noqa: PLR0913  # one for each option of the command
     stated, text = _stated(scene)
     require(name, str, "name", "text")
     if not re.fullmatch(NAME, name):
-        message = f"name = {name!r} must have 1 to 64 letters, digits, '_', '.' or '-'"
-        raise SceneError(message)
+        raise SceneError(f"name = {name!r} must have 1 to 64 letters, digits, '_', '.' or '-'")
     if estimator not in ESTIMATORS:
-        message = f"estimator = {estimator!r} must be one of {', '.join(ESTIMATORS)}"
-        raise SceneError(message)
+        raise SceneError(f"estimator = {estimator!r} must be one of {', '.join(ESTIMATORS)}")
     config_file, report_file = (None if one is None else Path(one) for one in (daemon_config, report))
     require_writable((config_file, report_file), () if isinstance(scene, Scene) else (path_of(scene),))
     built = build_model(

@@ -47,8 +47,7 @@ def remade(metadata: Metadata, prior: Prior, calibration: Calibration, progress:
     """Return the estimator of a model for another prior; raises as `rebuilt`."""
     name = next((known for known in ESTIMATORS if known == metadata.estimator), None)
     if name is None:
-        message = f"this version has no estimator {metadata.estimator!r}; build the model again"
-        raise ModelFileError(message)
+        raise ModelFileError(f"this version has no estimator {metadata.estimator!r}; build the model again")
     with_force = "force_n" in metadata.golden.answers
     min_noise_mm = metadata.filter.min_noise_mm(metadata.noise)
     made = estimator_of(

@@ -157,8 +157,7 @@ def moves(at: Drawn, *, speed_mm_per_s: float, motion: Motion = BEGINS, least: i
     surface, (low, high) = at.surface, at.surface.metadata.ranges.position_mm
     moving, before = motion.readings(surface, speed_mm_per_s, least), surface.look_back
     if moving is None:
-        message = f"no load moves at {speed_mm_per_s:g} mm/s within {low:g}..{high:g} mm"
-        raise ValueError(message)
+        raise ValueError(f"no load moves at {speed_mm_per_s:g} mm/s within {low:g}..{high:g} mm")
     step_s = 1 / surface.metadata.sensor.rate_hz / STEPS
     way = speed_mm_per_s * step_s * np.arange(moving * STEPS + 1)
     path = at.rng.uniform(low, high - way[-1], size=(at.draws, 1)) + way

@@ -128,6 +128,5 @@ def _scene_of(options: argparse.Namespace) -> tuple[Scene, str, str, Choices]:
     except ModelFileError:
         raise
     except Exception:  # noqa: BLE001  # protobuf's errors have no common base but Exception
-        message = f"{path}: it is not a model file that holds its scene; give a scene (TOML)"
-        raise SceneError(message) from None
+        raise SceneError(f"{path}: it is not a model file that holds its scene; give a scene (TOML)") from None
     return parse_scene(text, f"the scene in {path}"), text, str(name), choices

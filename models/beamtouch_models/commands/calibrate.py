@@ -93,8 +93,7 @@ def _calibrate_with_loads(model: ModelFile, options: argparse.Namespace) -> Told
 
     for option, value in (("--placing-mm", options.placing_mm), ("--force-percent", options.force_percent)):
         if not MIN_ERROR <= value <= MAX_ERROR:  # nobody can place or weigh loads so well or so badly
-            message = f"{option} {value:g} is not from {MIN_ERROR:g} to {MAX_ERROR:g}"
-            raise InputError(message)
+            raise InputError(f"{option} {value:g} is not from {MIN_ERROR:g} to {MAX_ERROR:g}")
     stated = LoadErrors(options.placing_mm, options.force_percent / 100)
     loads = replace(read_loads(options.readings, model.metadata, options.leave_out), errors=stated)
     with shown_progress() as progress:

@@ -51,8 +51,7 @@ def run(options: argparse.Namespace) -> None:
     model = loading.load(options.model)
     for noise_mm in options.noise:
         if not 0 <= noise_mm < math.inf:
-            message = f"--noise {noise_mm:g}: give a standard deviation in mm, 0 or more"
-            raise InputError(message)
+            raise InputError(f"--noise {noise_mm:g}: give a standard deviation in mm, 0 or more")
         check_scale(noise_mm, model.metadata.max_deflection_mm)
     noises = options.noise or [model.metadata.noise.sample_mm]
     found = []

@@ -54,8 +54,7 @@ def load_zones(path: Path, scene: Scene) -> dict[str, Zone]:
             least_n, most_n = scene.contact.force_range_n
             misfit = f"no contact of the scene has such a force; its forces are {least_n:g} to {most_n:g} N"
         if misfit:
-            message = f"{path}: zones.{name}: {misfit}"
-            raise InputError(message)
+            raise InputError(f"{path}: zones.{name}: {misfit}")
     return zones
 
 

@@ -58,8 +58,7 @@ def run(options: argparse.Namespace) -> None:
 
     target: Path = options.scene
     if target.suffix != ".toml":
-        message = f"{target}: give the scene a name that ends in .toml"
-        raise SceneError(message)
+        raise SceneError(f"{target}: give the scene a name that ends in .toml")
     refuse_existing(target, force=options.force)
     given = {field.name: getattr(options, field.name) for field in fields(Answers)}
     stated: dict[str, Any] = {
@@ -76,8 +75,7 @@ def run(options: argparse.Namespace) -> None:
 def refuse_existing(target: Path, *, force: bool) -> None:
     """Raise SceneError if a file is there and may not be replaced, InputError if it cannot be written."""
     if target.is_file() and not force:
-        message = f"{target} exists already; give --force to replace it"
-        raise SceneError(message)
+        raise SceneError(f"{target} exists already; give --force to replace it")
     require_writable([target])
 
 
@@ -92,8 +90,7 @@ def _check(answers: Answers, target: Path) -> str:
 
     for name in NEEDED:  # before anything is computed with them
         if not 0 < getattr(answers, name) < float("inf"):
-            message = f"--{name.replace('_', '-')} {getattr(answers, name):g}: give millimetres, more than 0"
-            raise SceneError(message)
+            raise SceneError(f"--{name.replace('_', '-')} {getattr(answers, name):g}: give millimetres, more than 0")
     if answers.position_mm is not None:
         low, high = answers.position_mm
         if not 0 <= low < high <= answers.length_mm:

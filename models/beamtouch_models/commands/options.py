@@ -61,8 +61,7 @@ def _address(text: str) -> str:
     except ValueError:  # of the port
         is_one = False
     if not is_one:
-        message = f"{text!r} is not tcp://HOST:PORT"
-        raise argparse.ArgumentTypeError(message)
+        raise argparse.ArgumentTypeError(f"{text!r} is not tcp://HOST:PORT")
     return text
 
 
@@ -119,8 +118,7 @@ def aim_of(options: argparse.Namespace) -> Aim:
 def folder_of(path: Path) -> Path:
     """Create the output folder if it is missing; raises InputError if the path is a file."""
     if path.exists() and not path.is_dir():
-        message = f"{path}: is a file; give a folder"
-        raise InputError(message)
+        raise InputError(f"{path}: is a file; give a folder")
     path.mkdir(parents=True, exist_ok=True)
     return path
 

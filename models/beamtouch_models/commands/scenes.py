@@ -32,11 +32,9 @@ def run(options: argparse.Namespace) -> None:
 def _copy(scenes: dict[str, Path], copy: list[str], *, force: bool) -> Path:
     name, folder, *more = [*copy, "."] if len(copy) == 1 else copy
     if more:
-        message = f"--copy takes a name and a folder; {more[0]} is one too many"
-        raise SceneError(message)
+        raise SceneError(f"--copy takes a name and a folder; {more[0]} is one too many")
     if name not in scenes:
-        message = f"--copy {name}: there is no such scene; choose from {', '.join(scenes)}"
-        raise SceneError(message)
+        raise SceneError(f"--copy {name}: there is no such scene; choose from {', '.join(scenes)}")
     target = Path(folder) / scenes[name].name
     refuse_existing(target, force=force)
     write_atomically(target, scenes[name].read_bytes())

@@ -68,8 +68,7 @@ def run(options: argparse.Namespace) -> None:
 
     for option, value in (("--latency-ms", options.latency_ms), ("--error-mm", options.error_mm)):
         if value is not None and not 0 < value < math.inf:
-            message = f"{option} {value:g}: give a positive number"
-            raise InputError(message)
+            raise InputError(f"{option} {value:g}: give a positive number")
     scene, text = load_scene(options.scene)
     note(*remarks(scene))
     folder, name = folder_of(options.output), surface_name(options.scene)

@@ -78,8 +78,7 @@ class Filtered:
     def covariances_mm2(self, rows: NDArray[np.intp]) -> FloatArray:
         """Return the covariances of some of the means [mm^2], shape (rows, channels, channels); errors as above."""
         if self.noise_mm is None:
-            message = "the covariance needs the noise of a reading"
-            raise ValueError(message)
+            raise ValueError("the covariance needs the noise of a reading")
         missing = np.isnan(self.mean_mm[rows])
         white = np.where(missing, 0.0, self.relative_variance[rows]) * self.noise_mm**2
         covariances: FloatArray = white[:, :, np.newaxis] * np.eye(white.shape[1])

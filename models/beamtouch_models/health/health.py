@@ -75,8 +75,7 @@ class Health:
         try:
             self._history = History.from_json(len(metadata.layout), [] if kept is None else kept["blocks"])
         except (TypeError, KeyError) as error:
-            message = f"what was kept cannot be read ({error!r})"
-            raise ValueError(message) from None
+            raise ValueError(f"what was kept cannot be read ({error!r})") from None
         self._changes = find_changes(self._history, self._floor)
 
     @property

@@ -83,8 +83,7 @@ class History:
         for first_us, contacts, *values in rows:
             sums: list[NDArray[np.float64]] = [np.array(value, np.float64) for value in values]
             if [one.shape for one in sums] != shapes:
-                message = "the history is that of another layout"
-                raise ValueError(message)
+                raise ValueError("the history is that of another layout")
             blocks.append(Block(int(first_us), int(contacts), *sums))
         return cls(channels, blocks)
 

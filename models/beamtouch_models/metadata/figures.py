@@ -37,8 +37,7 @@ class SmallestForce(MetadataPart):
     @model_validator(mode="after")
     def _consistent(self) -> Self:
         if len(self.force_n) != len(self.position_mm):
-            message = f"{len(self.position_mm)} positions with {len(self.force_n)} forces"
-            raise ValueError(message)
+            raise ValueError(f"{len(self.position_mm)} positions with {len(self.force_n)} forces")
         return self
 
 

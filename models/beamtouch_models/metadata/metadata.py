@@ -69,11 +69,9 @@ class Metadata(MetadataPart):
     def _consistent(self) -> Self:
         names = [channel.name for channel in self.layout]
         if len(set(names)) != len(names):
-            message = "layout: two channels have the same name"
-            raise ValueError(message)
+            raise ValueError("layout: two channels have the same name")
         if self.min_channels > len(names):
-            message = f"min_channels: {self.min_channels} of {len(names)} channels"
-            raise ValueError(message)
+            raise ValueError(f"min_channels: {self.min_channels} of {len(names)} channels")
         golden, limits, placed = self.golden, self.thresholds, self.placed
         found = self.calibration.departures if self.calibration else None
         lists: dict[str, list[list[Any]]] = {
@@ -85,11 +83,9 @@ class Metadata(MetadataPart):
         }
         for where, each in lists.items():
             if any(len(values) != len(names) for values in each):
-                message = f"{where}: each list must have {len(names)} entries"
-                raise ValueError(message)
+                raise ValueError(f"{where}: each list must have {len(names)} entries")
         if len(lists["golden"]) != len(golden.deflection_mm) * (len(names) + 1):
-            message = f"golden: each input must have {len(names)} channels"
-            raise ValueError(message)
+            raise ValueError(f"golden: each input must have {len(names)} channels")
         return self
 
     @model_validator(mode="after")
@@ -97,8 +93,7 @@ class Metadata(MetadataPart):
         ranges, drawn, seen = self.ranges, self.drawn, self.smallest_force
         for name, values in (("position_mm", ranges.position_mm), ("force_n", ranges.force_n)):
             if values[0] > values[1]:
-                message = f"ranges.{name}: the first must not exceed the second"
-                raise ValueError(message)
+                raise ValueError(f"ranges.{name}: the first must not exceed the second")
         placed = {
             "layout": [channel.position_mm for channel in self.layout],
             "ranges.position_mm": list(ranges.position_mm),
@@ -107,8 +102,7 @@ class Metadata(MetadataPart):
         }
         for name, positions in placed.items():
             if not all(0 <= position <= self.length_mm for position in positions):
-                message = f"{name}: every position must lie on the beam, 0..{self.length_mm:g} mm"
-                raise ValueError(message)
+                raise ValueError(f"{name}: every position must lie on the beam, 0..{self.length_mm:g} mm")
         return self
 
     @model_validator(mode="after")
@@ -117,13 +111,11 @@ class Metadata(MetadataPart):
             message = f"thresholds.false_contacts_per_day: at {self.sensor.rate_hz:g} Hz at most {digits(most, 6)}"
             raise ValueError(message)
         if min(self.noise.reading_mm, self.noise.sample_mm) == 0:
-            message = "noise: without noise there are no intervals"
-            raise ValueError(message)
+            raise ValueError("noise: without noise there are no intervals")
         errors = {"noise": [self.noise.reading_mm, self.noise.sample_mm], "floor.zero_mm": self.floor.zero_mm}
         for name, values_mm in errors.items():
             if max(values_mm) > MAX_ERROR * self.max_deflection_mm:
-                message = f"{name} hides the largest deflection, {digits(self.max_deflection_mm, 3)} mm"
-                raise ValueError(message)
+                raise ValueError(f"{name} hides the largest deflection, {digits(self.max_deflection_mm, 3)} mm")
         return self
 
     @property
@@ -148,8 +140,7 @@ class Metadata(MetadataPart):
             key.removeprefix(METADATA_PREFIX): text for key, text in entries.items() if key.startswith(METADATA_PREFIX)
         }
         if not ours:
-            message = "it is an ONNX file but not a Beamtouch model: it has no beamtouch metadata"
-            raise ModelFileError(message)
+            raise ModelFileError("it is an ONNX file but not a Beamtouch model: it has no beamtouch metadata")
         if (version := ours.get("schema_version", "0")) != str(SCHEMA_VERSION):
             message = (
                 f"metadata entry {METADATA_PREFIX}schema_version: {version[:20]!r}, but this version reads "
@@ -161,8 +152,7 @@ class Metadata(MetadataPart):
             values = {key: json.loads(text) for key, text in ours.items()}
         except (ValueError, RecursionError):
             # These include numbers and nesting beyond what the parser takes.
-            message = "its metadata is not JSON"
-            raise ModelFileError(message) from None
+            raise ModelFileError("its metadata is not JSON") from None
         try:
             return cls.model_validate(values)
         except ValidationError as error:

@@ -113,9 +113,7 @@ class Drawn(MetadataPart):
     def _consistent(self) -> Self:
         rows = [len(row) for row in self.deflection_mm_per_n]
         if rows != [len(self.at_mm)] * len(self.load_mm):
-            message = f"deflection_mm_per_n must hold {len(self.load_mm)} rows of {len(self.at_mm)} values"
-            raise ValueError(message)
+            raise ValueError(f"deflection_mm_per_n must hold {len(self.load_mm)} rows of {len(self.at_mm)} values")
         if any(list(values) != sorted(set(values)) for values in (self.at_mm, self.load_mm)):
-            message = "at_mm and load_mm must ascend"
-            raise ValueError(message)
+            raise ValueError("at_mm and load_mm must ascend")
         return self

@@ -72,8 +72,7 @@ def held(beam: Beam) -> Held | None:
         with np.errstate(all="ignore"):
             critical_n = 1 / _softest_per_n(beam, forces)
     if not 0 < critical_n < np.inf:
-        message = "beam: its axial force cannot be computed; check length, thickness and expansion_um_per_m_k"
-        raise SceneError(message)
+        raise SceneError("beam: its axial force cannot be computed; check length, thickness and expansion_um_per_m_k")
     return Held(*stretch, max(force for _, _, force in forces), critical_n)
 
 

@@ -53,8 +53,7 @@ def influence(beam: Beam, sensor_mm: ArrayLike, load_mm: ArrayLike, width_mm: fl
     """
     sensor, load = places_in(sensor_mm, "sensor_mm", beam.length_mm), places_in(load_mm, "load_mm", beam.length_mm)
     if not 0 <= width_mm < math.inf:
-        message = "width_mm must be finite and not negative"
-        raise ValueError(message)
+        raise ValueError("width_mm must be finite and not negative")
     low, high = np.maximum(load - width_mm / 2, 0.0), np.minimum(load + width_mm / 2, beam.length_mm)
     span = span_of(beam, float(min(sensor.min(), low.min())), float(max(sensor.max(), high.max())))
     if span is None:
@@ -67,8 +66,7 @@ def influence(beam: Beam, sensor_mm: ArrayLike, load_mm: ArrayLike, width_mm: fl
     with np.errstate(over="ignore"):
         matrix: Floats = scale * shape
     if not np.all(np.isfinite(matrix)):
-        message = "beam: its deflection is beyond what can be computed; check length and rigidity"
-        raise SceneError(message)
+        raise SceneError("beam: its deflection is beyond what can be computed; check length and rigidity")
     return matrix
 
 
@@ -136,8 +134,7 @@ def interpolate_influence(
             message = f"{name}: give two or more ascending places, the first at {start:g} mm, the last at {end:g} mm"
             raise SceneError(message)
     if table.shape != (len(load), len(sensor)) or not np.isfinite(table).all():
-        message = f"matrix: give {len(load)} rows, one for each load, of {len(sensor)} finite numbers"
-        raise SceneError(message)
+        raise SceneError(f"matrix: give {len(load)} rows, one for each load, of {len(sensor)} finite numbers")
     spline = RectBivariateSpline(load, sensor, table, kx=min(3, len(load) - 1), ky=min(3, len(sensor) - 1), s=0)
 
     def at(sensor_mm: Floats, load_mm: Floats) -> Floats:

@@ -55,8 +55,7 @@ class InfluenceFunction:
 
     def _require(self, name: str, is_kept: bool, wanted: str) -> None:
         if not is_kept:
-            message = f"{name} of an influence function must be {wanted}, not {getattr(self, name)}"
-            raise ValueError(message)
+            raise ValueError(f"{name} of an influence function must be {wanted}, not {getattr(self, name)}")
 
     def _check_at(self) -> None:
         """Ask for a few values, in no order, so that a function with swapped arguments is refused at once."""

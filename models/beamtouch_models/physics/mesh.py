@@ -116,8 +116,7 @@ def _shear_compliance(beam: Beam) -> Floats:
     with np.errstate(all="ignore"):
         compliance: Floats = beam.rigidity_n_mm2 / beam.length_mm / beam.length_mm / rigidity
     if not np.all(np.isfinite(compliance)):
-        message = "beam.shear_modulus_gpa: with this section the shear deflection cannot be computed"
-        raise SceneError(message)
+        raise SceneError("beam.shear_modulus_gpa: with this section the shear deflection cannot be computed")
     return compliance
 
 

@@ -62,8 +62,7 @@ def first_frequency_hz(beam: Beam) -> float | None:
     else:
         frequency = float(_frequencies_hz(beam, mass)[0])
     if not SMALLEST_NORMAL <= frequency < math.inf:
-        message = "beam: its natural frequency cannot be computed; check length, rigidity and density"
-        raise SceneError(message)
+        raise SceneError("beam: its natural frequency cannot be computed; check length, rigidity and density")
     return frequency
 
 
@@ -78,8 +77,7 @@ def frequency_hz(scene: Scene) -> float:
     require(scene, Scene, "scene", "what read_scene returns")
     first_hz = first_frequency_hz(scene.beam)
     if first_hz is None:
-        message = "beam: state density_kg_m3, width_mm and thickness_mm; they set its frequency"
-        raise SceneError(message)
+        raise SceneError("beam: state density_kg_m3, width_mm and thickness_mm; they set its frequency")
     return first_hz
 
 
@@ -137,8 +135,7 @@ def _line_mass(beam: Beam) -> Floats | None:
         return None
     mass = beam.mass_density_kg_m3 * 1e-9 * np.array(areas, dtype=np.float64)
     if not np.all((mass >= SMALLEST_NORMAL) & (mass < np.inf)):
-        message = "beam: its mass cannot be computed; check density, width and thickness"
-        raise SceneError(message)
+        raise SceneError("beam: its mass cannot be computed; check density, width and thickness")
     return mass
 
 

@@ -103,8 +103,7 @@ def _scaled(matrix: Floats) -> tuple[Floats, float]:
     """Return a matrix scaled to entries below 2, and the divisor; raises ValueError if an entry is not finite."""
     size = float(np.abs(matrix).max())
     if not np.isfinite(size):
-        message = "an influence matrix must be finite"
-        raise ValueError(message)
+        raise ValueError("an influence matrix must be finite")
     # A power of two, so that no digit changes.
     unit = float(2.0 ** np.floor(np.log2(size))) if size > 0 else 0.0
     return (matrix / unit if unit else matrix), unit

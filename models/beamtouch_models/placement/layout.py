@@ -114,8 +114,7 @@ def equal_pitch_mm(length_mm: float, count: int) -> Floats:
 def equal_layout(rules: Candidates, length_mm: float, count: int) -> Indices:
     """Return the allowed layout nearest to equal pitch on a beam of this length; SceneError if no layout exists."""
     if count < len(rules.fixed):
-        message = f"sensors.fixed_mm has {len(rules.fixed)} sensors, more than the {count} to be placed"
-        raise SceneError(message)
+        raise SceneError(f"sensors.fixed_mm has {len(rules.fixed)} sensors, more than the {count} to be placed")
     layout = rules.fitted(equal_pitch_mm(length_mm, count))
     if layout is None:
         message = (

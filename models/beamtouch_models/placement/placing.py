@@ -49,8 +49,7 @@ class Aim:
 
     def __post_init__(self) -> None:
         if self.criterion not in CRITERIA:
-            message = f"criterion = {self.criterion!r} must be one of {', '.join(CRITERIA)}"
-            raise SceneError(message)
+            raise SceneError(f"criterion = {self.criterion!r} must be one of {', '.join(CRITERIA)}")
         if self.spare not in (0, 1) or (self.spare and self.criterion != "position-error"):
             message = (
                 f"spare = {self.spare}: give 0, or 1, which places by position error, without another criterion or "
@@ -289,8 +288,7 @@ def fewest_sensors(
     """
     fewest, most = counts
     if fewest != most and wanted_mm is None:
-        message = "sensors.count leaves the number open; give requirements.position_error_mm, or --sensors N"
-        raise SceneError(message)
+        raise SceneError("sensors.count leaves the number open; give requirements.position_error_mm, or --sensors N")
     if wanted_mm is None or fewest == most:
         return place_as(aim, influence, rules, most, seed, errors, progress)
     reached_mm = math.inf

@@ -105,8 +105,7 @@ def ringing_mm(scene: Scene, static_mm: ArrayLike, time_s: ArrayLike, *, damping
     omega = 2 * math.pi * frequency_hz(scene)
     ratio = damping_of(scene.beam) if damping_ratio is None else number(damping_ratio, "damping_ratio")
     if not 0 < ratio < 1:
-        message = f"damping_ratio = {ratio:g} must be more than 0 and less than 1"
-        raise SceneError(message)
+        raise SceneError(f"damping_ratio = {ratio:g} must be more than 0 and less than 1")
     static = numbers(static_mm, "static_mm", least=-MAX_DEFLECTION_MM, most=MAX_DEFLECTION_MM)
     moved = 1 + swing(numbers(time_s, "time_s", least=0.0), omega, ratio)
     return moved[:, None] * static

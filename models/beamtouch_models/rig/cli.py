@@ -57,11 +57,9 @@ def _run(options: argparse.Namespace) -> int:
     surface = VirtualSurface(scene, model.metadata, options.seed, imperfect, faults=faults, rings=rings)
     device.module.check(surface.channels, surface.sensor.adc_bits)
     if firmware and options.serial is None:
-        message = "--firmware needs --serial"
-        raise InputError(message)
+        raise InputError("--firmware needs --serial")
     if firmware and surface.sensor.adc_bits != ADC_BITS:
-        message = f"the firmware's ADC has {ADC_BITS} bits; set sensors.adc_bits = {ADC_BITS} in the scene"
-        raise InputError(message)
+        raise InputError(f"the firmware's ADC has {ADC_BITS} bits; set sensors.adc_bits = {ADC_BITS} in the scene")
     return INTERRUPTED if asyncio.run(run(surface, script, device, faults, options.truth)) else DONE
 
 
@@ -72,8 +70,7 @@ def _module(options: argparse.Namespace) -> Module:
     stated = {field.name: getattr(options, field.name) for field in fields(Module)}
     stated = {name: value for name, value in stated.items() if value is not None}
     if stated and options.serial is not None:
-        message = f"--{next(iter(stated)).replace('_', '-')} needs --modbus-tcp or --modbus-rtu"
-        raise InputError(message)
+        raise InputError(f"--{next(iter(stated)).replace('_', '-')} needs --modbus-tcp or --modbus-rtu")
     return Module(**stated)
 
 
@@ -164,8 +161,7 @@ def _address(text: str) -> tuple[str, int]:
     except ValueError:
         host = ""
     if not host or not port.isdecimal() or int(port) > 65535:
-        message = f"{text!r} is not HOST:PORT, such as 127.0.0.1:5020"
-        raise argparse.ArgumentTypeError(message)
+        raise argparse.ArgumentTypeError(f"{text!r} is not HOST:PORT, such as 127.0.0.1:5020")
     return host, int(port)
 
 

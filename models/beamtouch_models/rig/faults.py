@@ -65,8 +65,7 @@ class Faults:
     def add(self, text: str, seconds: float) -> None:
         """Begin a fault at a time since the start, until `mend`; raises InputError if it is wrong or states times."""
         if "@" in text:
-            message = f"{text}: a fault that is typed begins at once and ends with mend; leave out @"
-            raise InputError(message)
+            raise InputError(f"{text}: a fault that is typed begins at once and ends with mend; leave out @")
         self._faults = (*self._faults, replace(self._read(text), begin_s=seconds))
 
     def mend(self) -> None:
@@ -108,28 +107,23 @@ class Faults:
             if word in SENSORS:
                 fault = Fault(word, channels=self._channels(word, argument))
             elif word not in REPLIES:
-                message = f"no such fault; give {FORMS}"
-                raise ValueError(message)
+                raise ValueError(f"no such fault; give {FORMS}")
             elif not self._own_line:
-                message = "with --firmware or a real serial device, only faults of sensors are played"
-                raise ValueError(message)
+                raise ValueError("with --firmware or a real serial device, only faults of sensors are played")
             else:
                 fault = Fault(word, amount=_amount(word, colon + argument))
             return _timed(fault, times) if at else fault
         except ValueError as error:
-            message = f"fault {text.strip()}: {error}"
-            raise InputError(message) from None
+            raise InputError(f"fault {text.strip()}: {error}") from None
 
     def _channels(self, word: str, argument: str) -> tuple[int, ...]:
         names = argument.split(",") if argument else []
         for name in names:
             if name not in self._sensors:
-                message = f"there is no sensor {name}; the sensors are {', '.join(self._sensors)}"
-                raise ValueError(message)
+                raise ValueError(f"there is no sensor {name}; the sensors are {', '.join(self._sensors)}")
         two = word == "swapped"
         if not len(names) == len(set(names)) == 1 + two:
-            message = f"give {SENSORS[word]}, as in {word}:{'s1,s2' if two else 's1'}"
-            raise ValueError(message)
+            raise ValueError(f"give {SENSORS[word]}, as in {word}:{'s1,s2' if two else 's1'}")
         return tuple(map(self._sensors.index, names))
 
 
@@ -138,8 +132,7 @@ def _amount(word: str, argument: str) -> float:
     limit = REPLIES[word]
     if limit is None:
         if argument:
-            message = f"give times instead, as in {word}@10..12"
-            raise ValueError(message)
+            raise ValueError(f"give times instead, as in {word}@10..12")
         return 0.0
     name, largest = limit
     try:
@@ -147,8 +140,7 @@ def _amount(word: str, argument: str) -> float:
     except ValueError:
         amount = math.nan
     if not 0 < amount <= largest:
-        message = f"give a {name} up to {largest:g}, as in {word}:{'10' if word == 'lost' else '80'}"
-        raise ValueError(message)
+        raise ValueError(f"give a {name} up to {largest:g}, as in {word}:{'10' if word == 'lost' else '80'}")
     return amount
 
 

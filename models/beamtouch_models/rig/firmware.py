@@ -30,13 +30,11 @@ async def start_board(board: Path, elf: Path, line: Path, outputs: Callable[[], 
     process = await asyncio.create_subprocess_exec(str(board), str(elf), "--link", str(line), stdin=PIPE, stdout=PIPE)
     voltages, announced = process.stdin, process.stdout
     if voltages is None or announced is None:
-        message = "the board has no standard input and output"
-        raise AssertionError(message)
+        raise AssertionError("the board has no standard input and output")
     if not await announced.readline():
         voltages.close()
         await process.wait()  # the board has closed its output, so it is about to end
-        message = f"the simulated board {board} did not start"
-        raise SceneError(message)
+        raise SceneError(f"the simulated board {board} did not start")
 
     async def serve() -> None:
         try:
@@ -50,8 +48,7 @@ async def start_board(board: Path, elf: Path, line: Path, outputs: Callable[[], 
             with suppress(BrokenPipeError, ConnectionResetError):
                 voltages.close()  # this ends the board
             await process.wait()
-        message = "the simulated board ended unexpectedly"
-        raise SceneError(message)
+        raise SceneError("the simulated board ended unexpectedly")
 
     return serve()
 

@@ -139,11 +139,9 @@ def named_line(path: Path) -> Iterator[int]:
         try:
             path.symlink_to(name)
         except FileExistsError:
-            message = f"{path}: exists already; choose another path or remove the file"
-            raise SceneError(message) from None
+            raise SceneError(f"{path}: exists already; choose another path or remove the file") from None
         except OSError as error:
-            message = f"{path}: {error.strerror}"
-            raise SceneError(message) from None
+            raise SceneError(f"{path}: {error.strerror}") from None
         try:
             yield master
         finally:

@@ -44,8 +44,7 @@ class Step(Strict):
     @model_validator(mode="after")
     def _both_or_neither(self) -> Self:
         if (self.position_mm is None) != (self.force_n is None):
-            message = "give position_mm and force_n together, or neither for no load"
-            raise ValueError(message)
+            raise ValueError("give position_mm and force_n together, or neither for no load")
         return self
 
     def at(self, fraction: float) -> Load:
@@ -88,8 +87,7 @@ def load_script(path: Path, length_mm: float) -> Script:
     for number, step in enumerate(script.step, start=1):
         ends = step.position_mm if isinstance(step.position_mm, tuple) else (step.position_mm,)
         if any(end is not None and not 0 <= end <= length_mm for end in ends):
-            message = f"{path}: step {number}: position_mm must lie on the beam, 0..{length_mm:g} mm"
-            raise SceneError(message)
+            raise SceneError(f"{path}: step {number}: position_mm must lie on the beam, 0..{length_mm:g} mm")
     return script
 
 
@@ -170,6 +168,5 @@ def load_of(line: str, length_mm: float) -> Load:
         )
         raise ValueError(message) from None
     if not (0 <= position_mm <= length_mm and 0 <= force_n < math.inf):
-        message = f"{force_n:g} N at {position_mm:g} mm is no load on a beam of {length_mm:g} mm"
-        raise ValueError(message)
+        raise ValueError(f"{force_n:g} N at {position_mm:g} mm is no load on a beam of {length_mm:g} mm")
     return Load(position_mm, force_n)

@@ -40,8 +40,7 @@ class Module:
             message = f"counts up to {largest} do not fit --type {self.type}; set sensors.adc_bits = 15 in the scene"
             raise InputError(message) from None
         if self.register + words > 2**16:
-            message = f"--register {self.register}: {words} registers from there go beyond 65535"
-            raise InputError(message)
+            raise InputError(f"--register {self.register}: {words} registers from there go beyond 65535")
 
     def registers_of(self, counts: list[int]) -> list[int]:
         """Return the registers of these counts."""

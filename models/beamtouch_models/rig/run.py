@@ -113,8 +113,7 @@ async def _open(
             front = await relay.listen(host, port, _port_of(tcp.transport))
         except OSError as error:
             await tcp.shutdown()  # type: ignore[no-untyped-call]  # pymodbus leaves it without annotations
-            message = f"cannot listen on {host}:{port}: {remedy(error, '--modbus-tcp')}"
-            raise SceneError(message) from None
+            raise SceneError(f"cannot listen on {host}:{port}: {remedy(error, '--modbus-tcp')}") from None
         resources.callback(front.close)
         _announce(f"modbus-tcp {host}:{_port_of(front)}")
         return tcp.serving
@@ -126,8 +125,7 @@ async def _open(
         _announce(f"modbus-rtu {path}")
         return rtu.serving
     if device.serial is None:
-        message = "no device given"
-        raise AssertionError(message)
+        raise AssertionError("no device given")
     if device.firmware is not None:
         serving = await start_board(*device.firmware, device.serial, lambda: surface.outputs(*touching()))
     else:
@@ -142,15 +140,13 @@ async def _listen(server: ModbusTcpServer | ModbusSerialServer, where: str) -> N
     try:
         await server.serve_forever(background=True)
     except RuntimeError:  # pymodbus raises it when it cannot listen
-        message = f"cannot listen on {where}; it may be in use"
-        raise SceneError(message) from None
+        raise SceneError(f"cannot listen on {where}; it may be in use") from None
 
 
 def _port_of(server: object) -> int:
     """Return the port of a server; with port 0 the system chooses it."""
     if not isinstance(server, asyncio.Server):
-        message = "the server does not listen"
-        raise AssertionError(message)
+        raise AssertionError("the server does not listen")
     port: int = server.sockets[0].getsockname()[1]
     return port
 

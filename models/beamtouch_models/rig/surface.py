@@ -51,8 +51,7 @@ class Imperfections(Strict):
         given = {name: list(getattr(self, name)) for name in ("position_offset_mm", "gain", "offset_mm")}
         for name, values in given.items():
             if len(values) not in (0, channels):
-                message = f"{name} has {len(values)} entries for {channels} channels"
-                raise SceneError(message)
+                raise SceneError(f"{name} has {len(values)} entries for {channels} channels")
         stated = {name: values for name, values in given.items() if values}
         if self.offset_mm:  # a larger gap is a smaller deflection
             stated["offset_mm"] = [-value for value in self.offset_mm]
@@ -87,8 +86,7 @@ class VirtualSurface:
         self.sensor, self.channels = model.sensor, len(model.layout)
         departures, length_mm = imperfections.departures(self.channels), scene.beam.length_mm
         if not all(0 <= mm <= length_mm for mm in model.layout_mm + np.array(departures.position_offset_mm)):
-            message = "position_offset_mm moves a sensor off the beam"
-            raise SceneError(message)
+            raise SceneError("position_offset_mm moves a sensor off the beam")
         if imperfections.damping_ratio is not None:
             damped = scene.beam.model_copy(update={"damping_ratio": imperfections.damping_ratio})
             scene = scene.model_copy(update={"beam": damped})

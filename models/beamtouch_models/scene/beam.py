@@ -44,15 +44,13 @@ class Support(Strict):
     def _in_words_of_a_scene(cls, value: object) -> object:
         meant = MEANT.get(value.lower()) if isinstance(value, str) else None
         if meant is not None:
-            message = f'must be "simple" or "fixed"; for {value}, write {meant}'
-            raise ValueError(message)
+            raise ValueError(f'must be "simple" or "fixed"; for {value}, write {meant}')
         return value
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
         if self.kind == "fixed" and self.fixity:
-            message = "a fixed support has no fixity; make it simple, or leave fixity out"
-            raise ValueError(message)
+            raise ValueError("a fixed support has no fixity; make it simple, or leave fixity out")
         return self
 
     @property
@@ -138,25 +136,21 @@ class Beam(Strict):
     @model_validator(mode="after")
     def _consistent(self) -> Self:
         if self.flexural_rigidity_n_mm2 is not None and self.youngs_modulus_gpa is not None:
-            message = "give youngs_modulus_gpa or flexural_rigidity_n_mm2, not both"
-            raise ValueError(message)
+            raise ValueError("give youngs_modulus_gpa or flexural_rigidity_n_mm2, not both")
         if self.segments:
             self._check_segments()
         for section in self.sections:
             if not SMALLEST_NORMAL <= section.rigidity_n_mm2 < math.inf:
-                message = f"a flexural rigidity of {section.rigidity_n_mm2:g} N mm^2 cannot be computed with"
-                raise ValueError(message)
+                raise ValueError(f"a flexural rigidity of {section.rigidity_n_mm2:g} N mm^2 cannot be computed with")
             if self.shear_modulus_gpa is not None and section.area_mm2 is None:
-                message = "shear_modulus_gpa needs width_mm and thickness_mm as well"
-                raise ValueError(message)
+                raise ValueError("shear_modulus_gpa needs width_mm and thickness_mm as well")
         self._check_supports()
         return self
 
     def _check_segments(self) -> None:
         ends = [segment.to_mm for segment in self.segments]
         if any(start >= end for start, end in pairwise(ends)):
-            message = f"segments: to_mm = {ends} must ascend"
-            raise ValueError(message)
+            raise ValueError(f"segments: to_mm = {ends} must ascend")
         if ends[-1] != self.length_mm:
             message = f"segments end at {ends[-1]:g} mm, the beam at {self.length_mm:g} mm; they must cover it exactly"
             raise ValueError(message)
@@ -165,21 +159,17 @@ class Beam(Strict):
         """Raise ValueError if supports are off the beam, coincide, or leave the beam free to move."""
         places = [support.at_mm for support in self.support_list]
         if any(not 0 <= place <= self.length_mm for place in places):
-            message = f"supports at {places} mm: one lies off the beam, 0..{self.length_mm:g} mm"
-            raise ValueError(message)
+            raise ValueError(f"supports at {places} mm: one lies off the beam, 0..{self.length_mm:g} mm")
         if len(set(places)) < len(places):
-            message = f"supports at {places} mm: two stand at the same place; keep one"
-            raise ValueError(message)
+            raise ValueError(f"supports at {places} mm: two stand at the same place; keep one")
         if self.foundation_n_mm2 is not None or any(
             support.kind == "fixed" or support.fixity for support in self.support_list
         ):
             return
         if not places:
-            message = "supports: nothing carries the beam; add supports or a foundation"
-            raise ValueError(message)
+            raise ValueError("supports: nothing carries the beam; add supports or a foundation")
         if len(places) == 1:
-            message = "supports: one simple support lets the beam rotate: add a support or make it fixed"
-            raise ValueError(message)
+            raise ValueError("supports: one simple support lets the beam rotate: add a support or make it fixed")
 
     @property
     def support_list(self) -> tuple[Support, ...]:
@@ -207,8 +197,7 @@ class Beam(Strict):
         own = segment.width_mm is not None or segment.thickness_mm is not None
         rigidity = segment.flexural_rigidity_n_mm2
         if own and rigidity is not None:
-            message = "segments: give width_mm and thickness_mm or flexural_rigidity_n_mm2, not both"
-            raise ValueError(message)
+            raise ValueError("segments: give width_mm and thickness_mm or flexural_rigidity_n_mm2, not both")
         if rigidity is None and not own:
             rigidity = self.flexural_rigidity_n_mm2
         if rigidity is None:
@@ -265,17 +254,14 @@ def changed_beam(beam: Beam, rigidity: float, fixity: tuple[float, float]) -> Be
     if any(fixity):
         supports = [support.model_dump() for support in beam.support_list]
         if len(supports) < (2 if fixity[1] else 1):
-            message = f"fixity: the beam has {len(supports) or 'no'} support; give 0 for those that it lacks"
-            raise SceneError(message)
+            raise SceneError(f"fixity: the beam has {len(supports) or 'no'} support; give 0 for those that it lacks")
         for index, value in zip((0, -1), fixity, strict=True):
             if value and supports[index]["kind"] == "fixed":
-                message = "fixity: that support is already fixed; give it 0"
-                raise SceneError(message)
+                raise SceneError("fixity: that support is already fixed; give it 0")
             if value:
                 supports[index]["fixity"] = value
         fields["supports"] = supports
     try:
         return Beam.model_validate(fields)
     except ValidationError as error:
-        message = f"rigidity: {reason_of(error.errors()[0])}"
-        raise SceneError(message) from None
+        raise SceneError(f"rigidity: {reason_of(error.errors()[0])}") from None

@@ -20,11 +20,9 @@ class Contact(Strict):
     @model_validator(mode="after")
     def _ordered(self) -> Self:
         if self.force_range_n[0] > self.force_range_n[1]:
-            message = f"force_n = {list(self.force_range_n)}: the first must not exceed the second"
-            raise ValueError(message)
+            raise ValueError(f"force_n = {list(self.force_range_n)}: the first must not exceed the second")
         if self.position_mm[0] >= self.position_mm[1]:
-            message = f"position_mm = {list(self.position_mm)}: the first must be less than the second"
-            raise ValueError(message)
+            raise ValueError(f"position_mm = {list(self.position_mm)}: the first must be less than the second")
         return self
 
     @property
@@ -47,8 +45,7 @@ class Environment(Strict):
     def _ordered(self) -> Self:
         low, high = self.temperature_range_k or (0.0, 0.0)
         if low > high:
-            message = f"temperature_range_k = {[low, high]}: the first must not exceed the second"
-            raise ValueError(message)
+            raise ValueError(f"temperature_range_k = {[low, high]}: the first must not exceed the second")
         if low > FARTHEST_K:
             message = (
                 f"temperature_range_k = {[low, high]}: state it relative to the temperature of mounting, not absolute; "

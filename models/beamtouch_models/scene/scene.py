@@ -56,15 +56,13 @@ class Scene(Strict):
         if message := misplaced(self.beam, self.contact, self.sensors):
             raise ValueError(message)
         if self.sensors.count != "auto" and self.sensors.count_range[0] > self.sensors.count_range[1]:
-            message = f"sensors.count = {list(self.sensors.count_range)}: the first must not exceed the second"
-            raise ValueError(message)
+            raise ValueError(f"sensors.count = {list(self.sensors.count_range)}: the first must not exceed the second")
         return self
 
     @model_validator(mode="after")
     def _within_reason(self) -> Self:
         if self.sensors.drift_um_per_k is not None and self.environment.temperature_range_k is None:
-            message = "sensors.drift_um_per_k needs environment.temperature_range_k, as [-10, 15]"
-            raise ValueError(message)
+            raise ValueError("sensors.drift_um_per_k needs environment.temperature_range_k, as [-10, 15]")
         tolerance, fewest = self.sensors.mounting_tolerance_mm, self.sensors.count_range[0]
         if tolerance >= (spacing := self.beam.length_mm / fewest):
             message = (
@@ -100,8 +98,7 @@ def read_scene(scene: Path | str) -> Scene:
         The file cannot be read, or it is not a scene; the message names the key.
     """
     if not isinstance(scene, Path | str):
-        message = f"the scene: give a path or TOML text, not {type(scene).__name__}"
-        raise InputError(message)
+        raise InputError(f"the scene: give a path or TOML text, not {type(scene).__name__}")
     path = path_of(scene)
     return parse_scene(str(scene), "the scene") if path is None else load_scene(path)[0]
 

@@ -55,21 +55,16 @@ class Sensors(Strict):
     @model_validator(mode="after")
     def _consistent(self) -> Self:
         if (self.noise_mm is None) == (self.noise_percent_of_max is None):
-            message = "give either noise_mm or noise_percent_of_max"
-            raise ValueError(message)
+            raise ValueError("give either noise_mm or noise_percent_of_max")
         if self.range_mm[0] >= self.range_mm[1]:
-            message = f"range_mm = {list(self.range_mm)}: the first must be less than the second"
-            raise ValueError(message)
+            raise ValueError(f"range_mm = {list(self.range_mm)}: the first must be less than the second")
         if self.standoff_mm is not None and not self.range_mm[0] <= self.standoff_mm <= self.range_mm[1]:
-            message = f"standoff_mm = {self.standoff_mm:g} lies outside range_mm = {list(self.range_mm)}"
-            raise ValueError(message)
+            raise ValueError(f"standoff_mm = {self.standoff_mm:g} lies outside range_mm = {list(self.range_mm)}")
         twice = [place for place in self.fixed_mm if self.fixed_mm.count(place) > 1]
         if twice:
-            message = f"fixed_mm names {twice[0]:g} mm twice; two sensors cannot share a position"
-            raise ValueError(message)
+            raise ValueError(f"fixed_mm names {twice[0]:g} mm twice; two sensors cannot share a position")
         if any(start >= end for start, end in self.keep_out_mm):
-            message = "keep_out_mm: the start of a stretch must be less than its end"
-            raise ValueError(message)
+            raise ValueError("keep_out_mm: the start of a stretch must be less than its end")
         return self
 
     @property

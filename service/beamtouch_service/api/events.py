@@ -39,8 +39,7 @@ router = gate.make_router("events", Role.READ)
 def _require_rfc3339(value: object) -> object:
     # pydantic takes a bare number for seconds since 1970, or for milliseconds if it is large.
     if isinstance(value, str) and "T" not in value.upper():
-        message = "expected a time such as 2026-11-20T23:40:46Z"
-        raise ValueError(message)
+        raise ValueError("expected a time such as 2026-11-20T23:40:46Z")
     return value
 
 
@@ -76,8 +75,7 @@ class EventQuery(BaseModel):
     @classmethod
     def _short_with_paths(cls, limit: int, info: ValidationInfo) -> int:
         if limit > _MAX_PATHS and info.data.get("path"):
-            message = f"with path=true, a page has at most {_MAX_PATHS} events"
-            raise ValueError(message)
+            raise ValueError(f"with path=true, a page has at most {_MAX_PATHS} events")
         return limit
 
 

@@ -72,8 +72,7 @@ class Boot:
         number, event = cursor.event or (None, None)
         try:
             if cursor.model != self.model.identity:
-                message = f"another model decided it ({cursor.model})"
-                raise ValueError(message)
+                raise ValueError(f"another model decided it ({cursor.model})")
             self._remember(cursor.memory)
             self.event = OpenEvent(event, number, cursor.memory["means"]) if event else None
         except (KeyError, TypeError, ValueError) as error:

@@ -91,8 +91,7 @@ class Database:
         except OtherFormatError as error:
             raise EventStoreError(self._with_remedy(str(error))) from None
         except (ValueError, LookupError) as error:  # a damaged file may hold anything, and SQLite does not see it
-            message = f"a row cannot be read: {_reason(error)}"
-            raise EventsAwayError(message) from None
+            raise EventsAwayError(f"a row cannot be read: {_reason(error)}") from None
         except (SQLAlchemyError, sqlite3.Error, OSError) as error:
             self._is_prepared = False
             reason = self._with_remedy(_reason(error)) if is_first else _reason(error)
@@ -173,8 +172,7 @@ class ServerDatabase(Database):
         try:
             engine = create_engine(parsed, json_serializer=_compact_json, connect_args=given, pool_pre_ping=True)
         except ModuleNotFoundError:
-            message = "events.url needs psycopg; run: pip install 'beamtouch[postgresql]'"
-            raise EventStoreError(message) from None
+            raise EventStoreError("events.url needs psycopg; run: pip install 'beamtouch[postgresql]'") from None
         remedy = "check events.url, and that its server runs"
         super().__init__(engine, nullcontext(), "the database of events.url", remedy)
 

@@ -177,8 +177,7 @@ class Recorder:
                 await asyncio.shield(self.commit())
                 return await self.look(query)
         except TimeoutError:
-            message = f"it has not answered for {QUERY_S:g} s"
-            raise EventsAwayError(message) from None
+            raise EventsAwayError(f"it has not answered for {QUERY_S:g} s") from None
 
     async def look(self, query: Callable[[Store], _T]) -> _T:
         """Return the answer to a query of what is durable; raises EventsAwayError."""

@@ -138,8 +138,6 @@ def prepare(connection: Connection) -> None:
         _ALL.create_all(connection, checkfirst=False)
         connection.execute(insert(_FORMATS).values(format=FORMAT))
     elif _FORMATS.name not in present:
-        message = "it is the database of another program"
-        raise OtherFormatError(message)
+        raise OtherFormatError("it is the database of another program")
     elif (found := connection.scalar(select(_FORMATS.c.format))) != FORMAT:
-        message = f"another version of the service wrote it (format {found}); move it away"
-        raise OtherFormatError(message)
+        raise OtherFormatError(f"another version of the service wrote it (format {found}); move it away")

@@ -30,8 +30,7 @@ def report(path: Path, *, as_json: bool) -> str:
     try:
         model = load(path)
     except ModelFileError as error:
-        message = f"model {error}"
-        raise InputError(message) from None
+        raise InputError(f"model {error}") from None
     return describe(model).model_dump_json() if as_json else model.summary()
 
 
@@ -82,8 +81,7 @@ class ModelKeeper:
         if old is None or old.identity != model.identity:
             if mismatch := self._mismatch(model):
                 self._waiting = model
-                message = f"{self.path}: {mismatch}"
-                raise ModelFileError(message)
+                raise ModelFileError(f"{self.path}: {mismatch}")
             self.surface.adopt(model)
             former = old.identity if old else "none"
             _log.info("surface %s: model %s instead of %s", self.surface.name, model.identity, former)

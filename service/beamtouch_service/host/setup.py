@@ -112,8 +112,7 @@ def _require_certificate(certificate: Path, key: Path) -> None:
         try:
             path.open("rb").close()
         except OSError as error:
-            message = f"{path}: {error.strerror}"
-            raise FailedError(message) from None
+            raise FailedError(f"{path}: {error.strerror}") from None
     advice = "create them again, or correct server.certificate_file and server.key_file"
     load_pair(ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER), certificate, key, advice)
 
@@ -137,14 +136,12 @@ def _load_surface(name: str, section: SurfaceSection) -> tuple[Surface, ModelKee
         model = models.load(section.model)
     except ModelFileError as error:
         if not name:  # only the model knows it
-            message = f"model {error}"
-            raise InputError(message) from None
+            raise InputError(f"model {error}") from None
         surface = Surface(name, None, section)
         surface.model_error = str(error)
     else:
         if misfit := models.zone_misfit(section.zones, model):
-            message = f"surfaces.{name}.zones.{misfit}"
-            raise InputError(message)
+            raise InputError(f"surfaces.{name}.zones.{misfit}")
         surface = Surface(name or model.metadata.name, model, section)
     return surface, ModelKeeper(surface, section.model, stamp)
 

@@ -129,8 +129,7 @@ def figures_of(answer: Mapping[str, float], length_mm: float) -> Figures:
     # An interval may reach beyond the end of the beam. One that misses the beam is not an answer.
     position = served["position_mm"]
     if served.get("position_high_mm", position) < 0 or served.get("position_low_mm", position) > length_mm:
-        message = f"position_mm is {position:.6g}, off a beam of {length_mm:.6g} mm"
-        raise UnusableEstimateError(message)
+        raise UnusableEstimateError(f"position_mm is {position:.6g}, off a beam of {length_mm:.6g} mm")
     return Figures(**{name: round(value, _DECIMALS) for name, value in served.items()})
 
 
@@ -142,8 +141,7 @@ def require_usable(evidence: Evidence) -> None:
 
 def _require_finite(name: str, value: float) -> None:
     if not isfinite(value):
-        message = f"{name} is not a finite number"
-        raise UnusableEstimateError(message)
+        raise UnusableEstimateError(f"{name} is not a finite number")
 
 
 def rfc3339(unix_us: int) -> str:

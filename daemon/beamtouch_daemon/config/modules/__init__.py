@@ -48,7 +48,6 @@ def names() -> list[str]:
 def module_of(name: str) -> Module:
     """Return a module; ValueError if its name is unknown."""
     if name not in names():
-        message = f"there is no module {name}; choose one of {', '.join(names())}"
-        raise ValueError(message)
+        raise ValueError(f"there is no module {name}; choose one of {', '.join(names())}")
     text = (resources.files(__name__) / f"{name}.toml").read_text(encoding="utf-8")
     return Module.model_validate(tomllib.loads(text))

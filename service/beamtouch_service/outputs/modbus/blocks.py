@@ -35,8 +35,7 @@ class Blocks:
         """
         end = address + count
         if end > BLOCK * len(self._surfaces):
-            message = f"address {end - 1} belongs to no surface"
-            raise NoSuchRegisterError(message)
+            raise NoSuchRegisterError(f"address {end - 1} belongs to no surface")
         first = address // BLOCK
         surfaces = self._surfaces[first : -(-end // BLOCK)]
         words = [word for surface in surfaces for word in self._block(surface, now_s)]

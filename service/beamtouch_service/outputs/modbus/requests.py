@@ -32,8 +32,7 @@ def frame_bytes(head: bytes) -> int:
     """Return the length of the frame that begins with these HEAD_BYTES; raises NotModbusError if none does."""
     protocol, rest_bytes = int.from_bytes(head[2:4]), int.from_bytes(head[4:6])
     if protocol != 0 or not _MIN_REST_BYTES <= rest_bytes <= MAX_FRAME_BYTES - HEAD_BYTES:
-        message = f"protocol {protocol}, length {rest_bytes}"
-        raise NotModbusError(message)
+        raise NotModbusError(f"protocol {protocol}, length {rest_bytes}")
     return HEAD_BYTES + rest_bytes
 
 
@@ -50,8 +49,7 @@ def _answer(function: int, data: bytes, read: Read) -> ModbusPDU:
     request = ReadInputRegistersRequest()
     try:
         if len(data) != 4:
-            message = "an address and a count take 4 bytes"
-            raise ValueError(message)
+            raise ValueError("an address and a count take 4 bytes")
         request.decode(data)
     except ValueError:
         return ExceptionResponse(function, ExcCodes.ILLEGAL_VALUE)

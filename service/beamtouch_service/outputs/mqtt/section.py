@@ -48,11 +48,9 @@ class MqttSection(OutputSection):
         require_pair(self.certificate_file, self.key_file, "a client certificate")
         if (self.ca_file or self.certificate_file) and not self.tls:
             key = "ca_file" if self.ca_file else "certificate_file"
-            message = f"{key} has no effect without TLS; set tls = true"
-            raise ValueError(message)
+            raise ValueError(f"{key} has no effect without TLS; set tls = true")
         if self.password_file and not self.username:
-            message = "password_file has no effect without a user; set username"
-            raise ValueError(message)
+            raise ValueError("password_file has no effect without a user; set username")
         return self
 
     @property

@@ -37,10 +37,8 @@ class OpcUaSection(OutputSection):
     def _require_what_keys_need(self) -> Self:
         require_pair(self.certificate_file, self.key_file, "an encrypted connection")
         if self.trusted_folder and not self.certificate_file:
-            message = "trusted_folder has no effect without a certificate of the server; set certificate_file"
-            raise ValueError(message)
+            raise ValueError("trusted_folder has no effect without a certificate of the server; set certificate_file")
         if (self.username is None) != (self.password_file is None):
             missing = "username" if self.username is None else "password_file"
-            message = f"{missing} is missing; a user needs a name and a password"
-            raise ValueError(message)
+            raise ValueError(f"{missing} is missing; a user needs a name and a password")
         return self

@@ -99,8 +99,7 @@ async def read_security(section: OpcUaSection) -> Security:
     if section.certificate_file and section.key_file:
         own = (await _read_certificate(section.certificate_file), await _read_key(section.key_file))
         if own[0].public_key() != own[1].public_key():
-            message = f"{section.key_file}: not the key of {section.certificate_file}; correct [opcua]"
-            raise InputError(message)
+            raise InputError(f"{section.key_file}: not the key of {section.certificate_file}; correct [opcua]")
     if folder := section.trusted_folder:
         paths = sorted(folder.glob("*")) if folder.is_dir() else []
         if not paths:
@@ -117,8 +116,7 @@ async def _read_certificate(path: Path) -> Certificate:
     try:
         certificate: Certificate = await uacrypto.load_certificate(content, kind)
     except ValueError as error:
-        message = f"{path}: not a PEM or DER certificate ({error}); correct [opcua]"
-        raise InputError(message) from None
+        raise InputError(f"{path}: not a PEM or DER certificate ({error}); correct [opcua]") from None
     return certificate
 
 
@@ -130,8 +128,7 @@ async def _read_key(path: Path) -> RSAPrivateKey:
         message = f"{path}: not a PEM or DER private key without a passphrase ({error}); correct [opcua]"
         raise InputError(message) from None
     if not isinstance(key, RSAPrivateKey):
-        message = f"{path}: not an RSA key, which the security policies of OPC UA need; correct [opcua]"
-        raise InputError(message)
+        raise InputError(f"{path}: not an RSA key, which the security policies of OPC UA need; correct [opcua]")
     return key
 
 
@@ -140,6 +137,5 @@ def _read(path: Path) -> tuple[bytes, str]:
     try:
         content = path.read_bytes()
     except OSError as error:
-        message = f"{path}: {error.strerror}"
-        raise FailedError(message) from None
+        raise FailedError(f"{path}: {error.strerror}") from None
     return content, "pem" if b"-----BEGIN" in content else "der"
