@@ -22,9 +22,9 @@ from beamtouch_models.loading import load, load_bytes
 from beamtouch_models.metadata import Calibration, Departures
 from beamtouch_models.modelfile import ModelFile, ModelFileError
 from beamtouch_models.physics.beam import influence_of
-from beamtouch_models.progress import silent
 from beamtouch_models.session import runner
 from beamtouch_models.surface import prior_of_model
+from beamtouch_models.sweeps import silent
 from example_scenes import paper_scene
 from in_process import Command
 from posterior_cases import graph_of, prior_of

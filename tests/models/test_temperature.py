@@ -8,7 +8,7 @@ import pytest
 from beamtouch_models.errors import SceneError
 from beamtouch_models.physics.axial import held
 from beamtouch_models.physics.beam import influence
-from beamtouch_models.pricing.effect import Effect
+from beamtouch_models.pricing.prices import Effect
 from beamtouch_models.scene import Scene
 from beamtouch_models.scene.beam import Beam
 from beamtouch_models.surface import Surface

@@ -21,7 +21,7 @@ from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.arrays import Bools, Floats, Indices
 from beamtouch_models.estimators.onnx_graph import Graph, model
 from beamtouch_models.metadata import INPUTS
-from beamtouch_models.progress import Fraction, silent
+from beamtouch_models.sweeps import Fraction, silent
 
 HIDDEN = 10
 LEARNING_RATE = 0.9

@@ -150,18 +150,16 @@ def choose_filter(scene: Scene, reading_mm: float) -> FilterChoice:
     period_ms = 1000 / rate_hz
     readings = latency / period_ms
     if not readings <= MAX_READINGS:
-        message = (
+        raise SceneError(
             f"requirements.latency_ms = {latency:g} holds more than {MAX_READINGS} readings at sensors.rate_hz = "
             f"{rate_hz:g}; lower one of them"
         )
-        raise SceneError(message)
     window = math.floor(readings + 1e-9)
     if window < 1:
-        message = (
+        raise SceneError(
             f"requirements.latency_ms = {latency:g} is shorter than one reading ({period_ms:g} ms); "
             "raise sensors.rate_hz"
         )
-        raise SceneError(message)
     longest = max(window, readings_within(min(scene.requirements.max_mean_ms, MAX_READINGS * 1e3 / rate_hz), rate_hz))
     return FilterChoice(
         kind="growing-mean" if reading_mm else "moving-average",
@@ -188,11 +186,10 @@ def check_errors(scene: Scene, errors: ReadingErrors, chosen: FilterChoice, defl
         stated = f"zero_drift_mm = {digits(errors.zero_mm, 3)}"
         if errors.warmth_mm > errors.zero_mm:
             stated = f"drift_um_per_k = {scene.sensors.drift_um_per_k:g}"
-        message = (
+        raise SceneError(
             f"sensors.{stated} hides the largest deflection, {digits(deflection_mm, 3)} mm; "
             "tare more often, use better sensors or a softer beam"
         )
-        raise SceneError(message)
 
 
 def check_scale(noise_mm: float, max_deflection_mm: float) -> None:
@@ -201,21 +198,18 @@ def check_scale(noise_mm: float, max_deflection_mm: float) -> None:
     A noise of 0 passes; the caller decides whether it will do.
     """
     if not MIN_DEFLECTION_MM <= max_deflection_mm <= MAX_DEFLECTION_MM:
-        message = (
+        raise SceneError(
             f"beam: the largest deflection is {digits(max_deflection_mm, 3)} mm, which no sensor measures; check its "
             "length, its rigidity and contact.force_n"
         )
-        raise SceneError(message)
     if noise_mm > MAX_NOISE * max_deflection_mm:
-        message = (
+        raise SceneError(
             f"sensors: a sample's noise of {digits(noise_mm, 3)} mm hides the largest deflection, "
             f"{digits(max_deflection_mm, 3)} mm; use better sensors or a softer beam"
         )
-        raise SceneError(message)
     if 0 < noise_mm < MIN_NOISE * max_deflection_mm:
-        message = (
+        raise SceneError(
             f"sensors: a sample's noise of {digits(noise_mm, 3)} mm is less than 1e-4 % of the largest deflection, "
             f"{digits(max_deflection_mm, 3)} mm, too little for the float32 of a model; state the noise of a real "
             "sensor"
         )
-        raise SceneError(message)

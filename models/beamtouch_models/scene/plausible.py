@@ -6,8 +6,7 @@ from itertools import chain, pairwise
 
 from beamtouch_common.digits import digits
 from beamtouch_models.scene.beam import Beam
-from beamtouch_models.scene.contact import Contact
-from beamtouch_models.scene.sensors import Sensors
+from beamtouch_models.scene.tables import Contact, Sensors
 
 MM_PER_M = 1000
 ROUNDING = 1e-9

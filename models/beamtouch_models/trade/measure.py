@@ -8,8 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from beamtouch_models.accuracy.contacts import Reached
-from beamtouch_models.accuracy.limit import accuracy_limit
+from beamtouch_models.accuracy.limit import Reached, accuracy_limit
 from beamtouch_models.accuracy.statistics import Measurement
 from beamtouch_models.building.measure import reach
 from beamtouch_models.building.sensors import place_sensors
@@ -19,7 +18,7 @@ from beamtouch_models.estimators.onnx_graph import to_bytes
 from beamtouch_models.metadata import INPUTS, FilterChoice
 from beamtouch_models.names import ESTIMATORS, EstimatorName
 from beamtouch_models.scene import Scene, change_scene
-from beamtouch_models.scene.sensors import MIN_SENSORS
+from beamtouch_models.scene.tables import MIN_SENSORS
 from beamtouch_models.session import open_session, runner
 from beamtouch_models.surface import Surface
 

@@ -9,10 +9,9 @@ from beamtouch_common.errors import InputError
 from beamtouch_models.accuracy.statistics import Measurement
 from beamtouch_models.errors import SceneError
 from beamtouch_models.names import ESTIMATORS, EstimatorName
-from beamtouch_models.progress import Progress
 from beamtouch_models.scene import Scene
 from beamtouch_models.surface import Surface
-from beamtouch_models.sweeps import Spread
+from beamtouch_models.sweeps import Progress, Spread
 from beamtouch_models.trade.measure import (
     Failure,
     Model,
@@ -98,11 +97,10 @@ def most_accurate(points: Sequence[Point], latency_ms: float) -> Point:
     kept = [point for point in points if point.latency_ms <= latency_ms]
     if not kept:
         nearest_ms = min(point.latency_ms for point in points)
-        message = (
+        raise NotToBeHadError(
             f"no point answers within {latency_ms:g} ms; the fastest takes {digits(nearest_ms, 3)} ms; raise "
             "sensors.rate_hz"
         )
-        raise NotToBeHadError(message)
     return min(kept, key=lambda point: (point.error_mm.value, point.latency_ms))
 
 
@@ -111,11 +109,10 @@ def quickest(points: Sequence[Point], error_mm: float) -> Point:
     kept = [point for point in points if point.error_mm.value <= error_mm]
     if not kept:
         nearest_mm = min(point.error_mm.value for point in points)
-        message = (
+        raise NotToBeHadError(
             f"no point has a mean error of {error_mm:g} mm; the best has {digits(nearest_mm, 3)} mm; allow more "
             "sensors or a larger requirements.max_mean_ms, or use sensors with less noise"
         )
-        raise NotToBeHadError(message)
     return min(kept, key=lambda point: (point.periods, point.model.sensors, point.latency_ms))
 
 
