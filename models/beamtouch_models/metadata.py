@@ -17,7 +17,6 @@ from pydantic import (
 )
 
 from beamtouch_common.complaints import reason_of
-from beamtouch_common.digits import digits
 from beamtouch_models.arrays import Floats
 from beamtouch_models.errors import ModelFileError
 from beamtouch_models.names import Criterion
@@ -108,13 +107,10 @@ class Noise(MetadataPart):
     """After the filter; the model is made for this noise."""
 
 
-_GainError = Annotated[float, Field(ge=0, le=1)]
-
-
 class Floor(MetadataPart):
     """Errors that calibration leaves and that never average away: standard deviations per channel."""
 
-    gain: list[_GainError]
+    gain: list[Deviation]
     """Relative error of the gain."""
     zero_mm: list[Deviation]
     """Error of the zero."""
@@ -150,30 +146,15 @@ class Drawn(MetadataPart):
     sensor_mm: NonNegativeFloat
     """Width of a sensor's housing along the beam."""
 
-    @model_validator(mode="after")
-    def _consistent(self) -> Self:
-        rows = [len(row) for row in self.deflection_mm_per_n]
-        if rows != [len(self.at_mm)] * len(self.load_mm):
-            raise ValueError(f"deflection_mm_per_n must hold {len(self.load_mm)} rows of {len(self.at_mm)} values")
-        if any(list(values) != sorted(set(values)) for values in (self.at_mm, self.load_mm)):
-            raise ValueError("at_mm and load_mm must ascend")
-        return self
-
-
-_OfSquares = Annotated[float, Field(ge=1, le=1e6)]
-"""Rest exceeds 1 in most samples, whatever the scene allows."""
-_OfOdds = Annotated[float, Field(ge=0, le=1e6)]
-"""The log odds are never below 0. Rest hardly exceeds that where zeros drift far more than readings scatter."""
-
 
 class Thresholds(MetadataPart):
     """Thresholds for any covariance, by the number of valid channels; the first entries are for one channel."""
 
-    touch: list[_OfOdds]
+    touch: list[NonNegativeFloat]
     """A sample is a contact if `contact_log_odds` exceeds this."""
-    rest: list[_OfSquares]
+    rest: list[PositiveFloat]
     """Rest does not explain a sample if the sum of squares of the whitened sample exceeds this."""
-    misfit: list[_OfSquares]
+    misfit: list[PositiveFloat]
     """No single contact explains a sample if `misfit` exceeds this."""
     false_contacts_per_day: PositiveFloat
     """Contacts per day at rest that `touch` was chosen for."""
@@ -186,12 +167,6 @@ class SmallestForce(MetadataPart):
     """Evenly spaced from end to end of the range, and the supports within it."""
     force_n: list[PositiveFloat | None]
     """95 of 100 settled samples at this force are a contact; null: nothing is seen, as at a support."""
-
-    @model_validator(mode="after")
-    def _consistent(self) -> Self:
-        if len(self.force_n) != len(self.position_mm):
-            raise ValueError(f"{len(self.position_mm)} positions with {len(self.force_n)} forces")
-        return self
 
 
 class SinceTouch(MetadataPart):
@@ -324,8 +299,6 @@ SCHEMA_VERSION: Literal[4] = 4
 METADATA_PREFIX = "beamtouch."
 THIS_FILE = "MODEL.onnx"
 """Stands for the name of the file in a message; the loader knows the name."""
-MAX_ERROR = 1e3
-"""Largest error of a sample, noise or zero, over the largest deflection; a sample carries no information then."""
 
 
 class Metadata(MetadataPart):
@@ -384,36 +357,6 @@ class Metadata(MetadataPart):
                 raise ValueError(f"{where}: each list must have {len(names)} entries")
         if len(lists["golden"]) != len(golden.deflection_mm) * (len(names) + 1):
             raise ValueError(f"golden: each input must have {len(names)} channels")
-        return self
-
-    @model_validator(mode="after")
-    def _within_the_beam(self) -> Self:
-        ranges, drawn, seen = self.ranges, self.drawn, self.smallest_force
-        for name, values in (("position_mm", ranges.position_mm), ("force_n", ranges.force_n)):
-            if values[0] > values[1]:
-                raise ValueError(f"ranges.{name}: the first must not exceed the second")
-        placed = {
-            "layout": [channel.position_mm for channel in self.layout],
-            "ranges.position_mm": list(ranges.position_mm),
-            "drawn": [*(support.at_mm for support in drawn.supports), *drawn.at_mm, *drawn.load_mm],
-            "smallest_force": seen.position_mm,
-        }
-        for name, positions in placed.items():
-            if not all(0 <= position <= self.length_mm for position in positions):
-                raise ValueError(f"{name}: every position must lie on the beam, 0..{self.length_mm:g} mm")
-        return self
-
-    @model_validator(mode="after")
-    def _within_reason(self) -> Self:
-        if self.thresholds.false_contacts_per_day > (most := max_false_per_day(self.sensor.rate_hz)):
-            message = f"thresholds.false_contacts_per_day: at {self.sensor.rate_hz:g} Hz at most {digits(most, 6)}"
-            raise ValueError(message)
-        if min(self.noise.reading_mm, self.noise.sample_mm) == 0:
-            raise ValueError("noise: without noise there are no intervals")
-        errors = {"noise": [self.noise.reading_mm, self.noise.sample_mm], "floor.zero_mm": self.floor.zero_mm}
-        for name, values_mm in errors.items():
-            if max(values_mm) > MAX_ERROR * self.max_deflection_mm:
-                raise ValueError(f"{name} hides the largest deflection, {digits(self.max_deflection_mm, 3)} mm")
         return self
 
     @property
