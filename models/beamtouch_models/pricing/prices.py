@@ -19,7 +19,7 @@ from beamtouch_models.arrays import Floats
 from beamtouch_models.errors import SceneError
 from beamtouch_models.metadata import FilterChoice
 from beamtouch_models.physics import motion
-from beamtouch_models.physics.axial import held, held_stretch_mm
+from beamtouch_models.physics.axial import held, holding_mm
 from beamtouch_models.physics.beam import influence_matrix, influence_of, load_positions_mm
 from beamtouch_models.pricing.noise import ReadingErrors
 from beamtouch_models.scene import Scene, change_scene
@@ -103,6 +103,13 @@ def verdict_of(price: float) -> Verdict:
     return "out" if price < NEGLIGIBLE else "in"
 
 
+def _stated(pricing: Pricing, name: str, reason: str, leave_out: Callable[[Scene], Scene]) -> Effect:
+    """Return an effect that the scene states, priced against the scene without it."""
+    lacking = leave_out(pricing.scene)
+    price = pricing.price(pricing.scene, lacking)
+    return Effect(name, price, verdict_of(price), reason, pricing.scene, lacking, leave_out)
+
+
 without_shear = partial(change_scene, beam={"shear_modulus_gpa": None})
 without_width = partial(change_scene, contact={"width_mm": 0.0})
 """The scene with point contacts."""
@@ -135,10 +142,7 @@ POISSON_RATIO = 0.3
 def _shear(pricing: Pricing) -> Effect:
     scene, beam = pricing.scene, pricing.scene.beam
     if beam.shear_modulus_gpa is not None:
-        lacking = without_shear(scene)
-        price = pricing.price(scene, lacking)
-        reason = f"shear modulus {beam.shear_modulus_gpa:g} GPa"
-        return Effect("shear", price, verdict_of(price), reason, scene, lacking, without_shear)
+        return _stated(pricing, "shear", f"shear modulus {beam.shear_modulus_gpa:g} GPa", without_shear)
     if beam.modulus_gpa is None or any(section.area_mm2 is None for section in beam.sections):
         return Effect("shear", None, "not stated", "give shear_modulus_gpa with width_mm and thickness_mm")
     modulus = beam.modulus_gpa / (2 * (1 + POISSON_RATIO))
@@ -152,12 +156,10 @@ def _shear(pricing: Pricing) -> Effect:
 
 
 def _contact_width(pricing: Pricing) -> Effect:
-    scene, width = pricing.scene, pricing.scene.contact.width_mm
+    width = pricing.scene.contact.width_mm
     if width == 0:
         return Effect("contact width", 0.0, "out", "the scene states a point contact")
-    lacking = without_width(scene)
-    price = pricing.price(scene, lacking)
-    return Effect("contact width", price, verdict_of(price), f"{width:g} mm", scene, lacking, without_width)
+    return _stated(pricing, "contact width", f"{width:g} mm", without_width)
 
 
 def _self_weight(pricing: Pricing) -> Effect:
@@ -201,11 +203,10 @@ def _foundation(pricing: Pricing) -> Effect:
         return Effect("foundation", 0.0, "out", "no foundation")
     reason = f"{digits(scene.beam.foundation_n_mm2, 6)} N/mm per mm"
     try:
-        lacking = without_foundation(scene)
+        without_foundation(scene)
     except InputError:
         return Effect("foundation", pricing.price_of_all, "in", f"{reason}; nothing else supports the beam", scene)
-    price = pricing.price(scene, lacking)
-    return Effect("foundation", price, verdict_of(price), reason, scene, lacking, without_foundation)
+    return _stated(pricing, "foundation", reason, without_foundation)
 
 
 def _dynamics(pricing: Pricing) -> Effect:
@@ -273,20 +274,20 @@ def _adc_steps(pricing: Pricing) -> Effect:
 def _expansion(pricing: Pricing) -> Effect:
     """Price the axial force in a held beam, at both ends of the temperature range; SceneError if the beam buckles."""
     name, scene = "expansion", pricing.scene
-    stretch, range_k = held_stretch_mm(scene.beam), scene.environment.temperature_range_k
-    if stretch is None:
+    holding, range_k = holding_mm(scene.beam), scene.environment.temperature_range_k
+    if len(holding) < 2:
         return Effect(name, 0.0, "out", "the beam can lengthen: at most one support holds it lengthwise")
     found = held(scene.beam)
     if found is None:
         return Effect(name, None, "not stated", "give beam.material or expansion_um_per_m_k, and thickness_mm")
     buckles = f"it buckles {digits(found.buckles_k, 3)} K above its mounting"
-    where = f"held at {stretch[0]:g} and {stretch[1]:g} mm, {buckles}"
+    where = f"held at {holding[0]:g} and {holding[-1]:g} mm, {buckles}"
     if range_k is None:
         return Effect(name, None, "not stated", f"give environment.temperature_range_k; {where}")
     if range_k[1] >= found.buckles_k:
         raise SceneError(
             f"environment.temperature_range_k: {range_k[1]:g} K above its mounting the beam buckles, as it is held at "
-            f"{found.start_mm:g} and {found.end_mm:g} mm and bears {digits(found.buckles_k, 3)} K; let one support "
+            f"{holding[0]:g} and {holding[-1]:g} mm and bears {digits(found.buckles_k, 3)} K; let one support "
             "slide (slides = true), or mount it warmer"
         )
     change = [found.change(one_k) for one_k in range_k]

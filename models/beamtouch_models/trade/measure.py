@@ -125,20 +125,16 @@ def measure(task: Task) -> Model | Failure:
 
     A scene of which nothing can be built is returned as a failure.
     """
+    seed = task.seed
     try:
-        return _measure(task)
+        surface = Surface.of(task.scene)
+        sensors = place_sensors(surface, count=task.sensors, seed=seed, kept_mm=task.kept_mm)
+        prior, made = sensors.prior, sensors.make_estimator(task.estimator, seed)
+        graph = to_bytes(made.graph)
+        run = runner(graph)
+        reached = reach(made, prior, run, task.draws, seed + 2)
     except (SceneError, NotGoodEnoughError) as error:
         return Failure(task.varied, task.sensors, task.estimator, str(error))
-
-
-def _measure(task: Task) -> Model:
-    seed, surface = task.seed, Surface.of(task.scene)
-    sensors = place_sensors(surface, count=task.sensors, seed=seed, kept_mm=task.kept_mm)
-    prior = sensors.prior
-    made = sensors.make_estimator(task.estimator, seed)
-    graph = to_bytes(made.graph)
-    run = runner(graph)
-    reached = reach(made, prior, run, task.draws, seed + 2)
     return Model(
         task,
         sensors.placement.positions_mm,
