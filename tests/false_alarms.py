@@ -26,7 +26,8 @@ from beamtouch_models.arrays import Floats
 from beamtouch_models.building.measure import thresholds_of
 from beamtouch_models.decision.decider import PERSISTENCE
 from beamtouch_models.estimators.onnx_graph import to_bytes
-from beamtouch_models.metadata import SECONDS_PER_DAY, FilterChoice, Thresholds
+from beamtouch_models.metadata import FilterChoice, Thresholds
+from beamtouch_models.rates import SECONDS_PER_DAY
 from beamtouch_models.scene import Scene, load_scene
 from beamtouch_models.session import Run, runner
 from beamtouch_models.surface import Surface

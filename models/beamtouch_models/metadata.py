@@ -21,16 +21,6 @@ from beamtouch_models.arrays import Floats
 from beamtouch_models.errors import ModelFileError
 from beamtouch_models.names import Criterion
 
-SECONDS_PER_DAY = 86_400
-MAX_FALSE = 0.01
-"""Largest share of samples at rest that may be taken for a contact; above it, nothing tells a contact from rest."""
-
-
-def max_false_per_day(rate_hz: float) -> float:
-    """Return the largest number of false contacts per day that a threshold can be chosen for."""
-    return MAX_FALSE * SECONDS_PER_DAY * rate_hz
-
-
 NAME = r"^[A-Za-z0-9_.-]{1,64}$"
 Deviation = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Pair = Annotated[tuple[FiniteFloat, FiniteFloat], Field(strict=False)]

@@ -99,24 +99,50 @@ class _Seen:
 
 def _log_density(prior: Prior, seen: _Seen, forces: Forces, grids: Floats, influence: Floats) -> Floats:
     """Return log densities (draws, grid) at the nodes of grids (draws or 1, grid) with their influence."""
-    shapes = np.matmul(seen.whitening, influence.transpose(0, 2, 1))
-    sample = seen.sample[:, :, None]
-    if prior.uncertainty is None and seen.deflection_mm is None:
-        return _fitted(forces, shapes, sample)
+    moved_mm = None if prior.uncertainty is None else prior.uncertainty(grids)
+    if seen.deflection_mm is None:
+        return log_density(forces, seen.whitening, seen.sample, influence, moved_mm)
+    likeliest = _likeliest(forces, np.matmul(seen.whitening, influence.transpose(0, 2, 1)), seen.sample[:, :, None])
+    return _over_forces(prior, seen.deflection_mm, influence, 0.0 if moved_mm is None else moved_mm, *likeliest)
+
+
+def log_density(
+    forces: Forces,
+    whitening: Floats,
+    sample: Floats,
+    influence: Floats,
+    moved_mm: Floats | None = None,
+    negligible: float = NEGLIGIBLE,
+) -> Floats:
+    """Return log densities (draws, grid) of the position, up to a constant per draw, with the force integrated out.
+
+    Parameters
+    ----------
+    forces : the prior of the force
+    whitening, sample : (draws, channels, channels) in 1/mm, and whitened samples (draws, channels)
+    influence : (draws or 1, grid, channels) in mm/N at the positions
+    moved_mm : its deviation by the mounting of the sensors, in the same shape; None: their positions are exact
+    negligible : difference to the largest log density beyond which it need not be exact
+    """
+    shapes, each = np.matmul(whitening, influence.transpose(0, 2, 1)), sample[:, :, None]
+    if moved_mm is None:
+        return _fitted(forces, shapes, each, 0.0, negligible)
     # The likeliest force at a position says how much the mounting adds to each channel's variance there.
+    force, _ = _likeliest(forces, shapes, each)
+    moved = np.matmul(whitening**2, moved_mm.transpose(0, 2, 1) ** 2)
+    wider = np.sqrt(1 + force[:, None, :] ** 2 * moved)
+    return _fitted(forces, shapes / wider, each / wider, np.log(wider).sum(axis=1), negligible)
+
+
+def _likeliest(forces: Forces, shapes: Floats, sample: Floats) -> tuple[Floats, Floats]:
+    """Return the likeliest force at each position and one over the square of its deviation, (draws, grid) both."""
     square = np.einsum("dsg,dsg->dg", shapes, shapes)
     force = (shapes * sample).sum(axis=1) / np.where(square > 0, square, 1.0)
-    force = np.clip(force, forces[0].low_n, forces[-1].high_n)
-    moved_mm = np.zeros_like(influence) if prior.uncertainty is None else prior.uncertainty(grids)
-    if seen.deflection_mm is not None:
-        return _over_forces(prior, seen.deflection_mm, influence, moved_mm, force, square)
-    moved = np.matmul(seen.whitening**2, moved_mm.transpose(0, 2, 1) ** 2)
-    wider = np.sqrt(1 + force[:, None, :] ** 2 * moved)
-    return _fitted(forces, shapes / wider, sample / wider, np.log(wider).sum(axis=1))
+    return np.clip(force, forces[0].low_n, forces[-1].high_n), square
 
 
 def _over_forces(
-    prior: Prior, deflection_mm: Floats, influence: Floats, moved_mm: Floats, force: Floats, square: Floats
+    prior: Prior, deflection_mm: Floats, influence: Floats, moved_mm: Floats | float, force: Floats, square: Floats
 ) -> Floats:
     """Return log densities (draws, grid) with the errors that each contact has, integrated over the force.
 
@@ -144,7 +170,7 @@ def _over_forces(
     return density
 
 
-def _fitted(forces: Forces, shapes: Floats, sample: Floats, log_volume: Floats | float = 0.0) -> Floats:
+def _fitted(forces: Forces, shapes: Floats, sample: Floats, log_volume: Floats | float, negligible: float) -> Floats:
     """Return log densities (draws, grid) of shapes per newton and samples in their deviations.
 
     Shapes are (draws, channels, grid), samples (draws, channels, grid or 1). `log_volume` (draws, grid) is that of the
@@ -161,7 +187,7 @@ def _fitted(forces: Forces, shapes: Floats, sample: Floats, log_volume: Floats |
     nearest = np.clip(projection, forces[0].low_n * size, forces[-1].high_n * size)
     density: Floats = fit - (projection - nearest) ** 2 / 2
     rows, best = np.arange(len(density)), density.argmax(axis=1)
-    least = log_likelihood(forces, size[rows, best], projection[rows, best], fit[rows, best]) - NEGLIGIBLE
+    least = log_likelihood(forces, size[rows, best], projection[rows, best], fit[rows, best]) - negligible
     likely = density >= least[:, None]
     density[likely] = log_likelihood(forces, size[likely], projection[likely], fit[likely])
     return density

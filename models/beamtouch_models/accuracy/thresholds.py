@@ -35,7 +35,8 @@ from scipy.special import chdtri, log_ndtr, logsumexp, ndtr, ndtri
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.arrays import Floats
 from beamtouch_models.decision.decider import PERSISTENCE
-from beamtouch_models.metadata import MAX_FALSE, SECONDS_PER_DAY, FilterChoice, SmallestForce
+from beamtouch_models.metadata import FilterChoice, SmallestForce
+from beamtouch_models.rates import MAX_FALSE, SECONDS_PER_DAY
 
 PLACES = 129
 """Positions at which a contact is looked for; the odds change little between them."""

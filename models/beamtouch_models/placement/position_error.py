@@ -27,7 +27,7 @@ import numpy as np
 from scipy.special import chndtr
 
 from beamtouch_models.accuracy.limit import mean_error_mm, spread_contacts, where_it_errs
-from beamtouch_models.accuracy.posterior import MIN_LOG, log_likelihood
+from beamtouch_models.accuracy.posterior import MIN_LOG, log_density
 from beamtouch_models.accuracy.prior import Prior, SampleErrors, forces_of
 from beamtouch_models.accuracy.thresholds import left_by_contact, misfit_threshold
 from beamtouch_models.arrays import Floats, Indices
@@ -186,39 +186,11 @@ class PositionError:
     def _distances_mm(self, sensors: Indices, part: slice) -> Floats:
         """Return the mean distances from the posterior medians of a part of the contacts."""
         sample = self.clean_mm[part, sensors] + self.deviation_mm[part, sensors] * self.noise[part, : len(sensors)]
-        precision = 1 / self.errors.variance_mm2(sample)
-        shapes = self.shapes[:, sensors]
-        square, along = precision @ (shapes**2).T, (precision * sample) @ shapes.T
-        others = np.zeros_like(square)
-        if self.uncertain is not None:
-            # As in the limit: the likeliest force says how much the mounting adds to each channel's variance.
-            force = np.clip(along / np.maximum(square, TINY), *self.force_n)
-            square, along = np.zeros_like(square), np.zeros_like(square)
-            columns = shapes.T, self.uncertain[:, sensors].T, sample.T[:, :, None], precision.T[:, :, None]
-            for shape, moved, value, weight in zip(*columns, strict=True):
-                wider = 1 + weight * (force * moved) ** 2
-                each = weight / wider
-                square += each * shape**2
-                along += each * value * shape
-                others += each * value**2 + np.log(wider)
-        return mean_distances(self.edges_mm, self._log_density(square, along, others))
-
-    def _log_density(self, square: Floats, along: Floats, others: Floats) -> Floats:
-        """Return log densities (contacts, cells), with the force integrated out; see `posterior.log_likelihood`.
-
-        `square` and `along` are the weighted squares of the shapes and their products with the sample. `others` are the
-        squares of the sample and the logarithm of the variances, as far as they depend on the cell.
-        """
-        low, high = self.force_n
-        size = np.sqrt(square)
-        projection = along / np.where(size > 0, size, 1.0)
-        fit = (projection**2 - others) / 2
-        largest = fit - (projection - np.clip(projection, low * size, high * size)) ** 2 / 2
-        # The integral over the force is at most its largest integrand.
-        likely = largest >= largest.max(axis=1, keepdims=True) - NEGLIGIBLE
-        density = np.full_like(fit, -np.inf)
-        density[likely] = log_likelihood(forces_of(self.force_n, 0.0), size[likely], projection[likely], fit[likely])
-        return density
+        root = 1 / np.sqrt(self.errors.variance_mm2(sample))
+        whitening, shapes = root[:, :, None] * np.eye(len(sensors)), self.shapes[None, :, sensors]
+        moved = None if self.uncertain is None else self.uncertain[None, :, sensors]
+        density = log_density(forces_of(self.force_n, 0.0), whitening, root * sample, shapes, moved, NEGLIGIBLE)
+        return mean_distances(self.edges_mm, density)
 
 
 def position_error_of(
