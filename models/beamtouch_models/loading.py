@@ -64,7 +64,17 @@ class ModelFile:
         return description.summary(self.metadata, self.identity, self.outputs)
 
     def run(self, deflection_mm: NDArray[np.floating], whitening_per_mm: NDArray[np.floating]) -> Answers:
-        """Answer any number of samples, as `Graph.run`."""
+        """Answer any number of samples, of any precision.
+
+        Parameters
+        ----------
+        deflection_mm : (samples, channels), in the order of the layout, 0 for a channel that is missing
+        whitening_per_mm : (samples, channels, channels), as `whitening` returns it
+
+        Returns
+        -------
+        One float32 array (samples,) per output name.
+        """
         return self.graph.run(deflection_mm, whitening_per_mm)
 
     def answer(self, deflection_mm: Floats, noise_mm: float | None = None) -> dict[str, Floats]:

@@ -11,7 +11,7 @@ from beamtouch_common.digits import digits
 from beamtouch_models.accuracy.limit import accuracy_limit, limits_without
 from beamtouch_models.accuracy.prior import Prior, SampleErrors
 from beamtouch_models.arrays import Floats, Indices
-from beamtouch_models.errors import SceneError
+from beamtouch_models.errors import NotGoodEnoughError, SceneError
 from beamtouch_models.names import CRITERIA, Criterion, SearchName
 from beamtouch_models.physics.influence import InfluenceFunction
 from beamtouch_models.placement.eigenvalue_product import (
@@ -22,7 +22,7 @@ from beamtouch_models.placement.eigenvalue_product import (
 )
 from beamtouch_models.placement.layout import Candidates, equal_layout, equal_pitch_mm
 from beamtouch_models.placement.position_error import PositionError, position_error_of
-from beamtouch_models.placement.search import first_best, search_from
+from beamtouch_models.placement.search import SearchRun, first_best, search_from
 from beamtouch_models.sweeps import Progress, one_thread, silent
 
 AT_REST = 1e-12
@@ -138,7 +138,7 @@ def place(
         if not np.isfinite(score):
             message = f"the rules of sensors leave no {count} positions with independent readings; use fewer sensors"
             raise SceneError(message)
-    return Placement(tuple(rules.position_mm[best.layout].tolist()), score, sum(run.evaluations for run in runs))
+    return _checked(rules, best.layout, score, runs)
 
 
 def place_by_position_error(
@@ -187,9 +187,18 @@ def place_by_position_error(
     if size.min() <= AT_REST * size.max():
         message = f"sensors: nothing moves at {positions[size.argmin()]:g} mm; move that sensor, or use fewer sensors"
         raise SceneError(message)
-    return Placement(
-        tuple(positions.tolist()), score_positions(influence, positions), sum(run.evaluations for run in runs)
-    )
+    return _checked(rules, layout, score_positions(influence, positions), runs)
+
+
+def _checked(rules: Candidates, layout: Indices, score: float, runs: Sequence[SearchRun]) -> Placement:
+    """Return the result of a search, whatever made it; NotGoodEnoughError if it breaks a rule."""
+    positions_mm = tuple(rules.position_mm[layout].tolist())
+    if not rules.allowed(layout[None, :])[0]:
+        raise NotGoodEnoughError(
+            f"the search ended at {', '.join(f'{position:g}' for position in positions_mm)} mm, against the rules of "
+            "sensors; please report this scene as a defect"
+        )
+    return Placement(positions_mm, score, sum(run.evaluations for run in runs))
 
 
 def score_positions(influence: InfluenceFunction, positions_mm: Floats, leading: int | None = None) -> float:
