@@ -29,6 +29,10 @@ PositivePair = Annotated[tuple[PositiveFloat, PositiveFloat], Field(strict=False
 INPUTS = ("deflection_mm", "whitening_per_mm")
 POSITION_OUTPUTS = ("position_mm", "position_low_mm", "position_high_mm", "contact_log_odds", "misfit")
 FORCE_OUTPUTS = ("force_n", "force_low_n", "force_high_n")
+SCHEMA_VERSION: Literal[4] = 4
+METADATA_PREFIX = "beamtouch."
+THIS_FILE = "MODEL.onnx"
+"""Stands for the name of the file in a message; the loader knows the name."""
 
 
 class MetadataPart(BaseModel):
@@ -283,12 +287,6 @@ class Calibration(MetadataPart):
     """The same by the fit."""
     force_error: Deviation = 0.0
     """Relative error of all forces together, which unlabelled contacts leave; part of the intervals of the force."""
-
-
-SCHEMA_VERSION: Literal[4] = 4
-METADATA_PREFIX = "beamtouch."
-THIS_FILE = "MODEL.onnx"
-"""Stands for the name of the file in a message; the loader knows the name."""
 
 
 class Metadata(MetadataPart):

@@ -26,6 +26,11 @@ STEP = 3.0
 BELOW, ABOVE = (4.0, 1.7), (0.5, 0.1)
 """Densities of `cautious_forces` below and above the range, over that within it, from the smallest force up; about one
 over the force below, and one over its square above."""
+TABLE = 2001
+"""Number of load positions in an influence table."""
+EXACT_BELOW = 3e-4
+"""Noise over the largest deflection below which the table is not exact enough: at its worst it is off by about a tenth
+of this noise."""
 
 
 @dataclass(frozen=True)
@@ -65,13 +70,6 @@ def cautious_forces(force_n: tuple[float, float]) -> Forces:
     return tuple(
         Piece(least, most, share / sum(shares)) for share, least, most in zip(shares, ends[:-1], ends[1:], strict=True)
     )
-
-
-TABLE = 2001
-"""Number of load positions in an influence table."""
-EXACT_BELOW = 3e-4
-"""Noise over the largest deflection below which the table is not exact enough: at its worst it is off by about a tenth
-of this noise."""
 
 
 @dataclass(frozen=True)

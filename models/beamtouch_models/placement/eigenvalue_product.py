@@ -31,6 +31,19 @@ from beamtouch_models.placement.layout import Candidates, equal_layout
 from beamtouch_models.sweeps import one_thread
 
 EPS = float(np.finfo(np.float64).eps)
+TAIL = 1e-8
+"""Squared length that the coordinates may leave out of any column, relative to the smallest scored component."""
+RANDOM_STARTS = 4
+"""Random layouts to start from, beside equal pitch and the greedy layout."""
+TINY = float(np.finfo(np.float64).tiny)
+MARGIN, MAX_MARGIN = 1e-8, 1e-6
+"""Smallest bound on rounding errors of a bound or a score, in log units; with more than the largest no gap is 0."""
+STEPS = 150
+"""Multiplicative steps, at most."""
+TIGHT = 1e-2
+"""Gap after the first step below which the relaxation is tight."""
+FLOOR = 1e-9
+"""Smallest weight. A weight of 0 could not grow again, and denormal products would be slow."""
 
 
 @dataclass(frozen=True)
@@ -125,13 +138,6 @@ def _scaled(matrix: Floats) -> tuple[Floats, float]:
     # A power of two, so that no digit changes.
     unit = float(2.0 ** np.floor(np.log2(size))) if size > 0 else 0.0
     return (matrix / unit if unit else matrix), unit
-
-
-TAIL = 1e-8
-"""Squared length that the coordinates may leave out of any column, relative to the smallest scored component."""
-RANDOM_STARTS = 4
-"""Random layouts to start from, beside equal pitch and the greedy layout."""
-TINY = float(np.finfo(np.float64).tiny)
 
 
 @dataclass(frozen=True)
@@ -236,16 +242,6 @@ def _reduced(matrix: Floats, leading: int) -> tuple[Floats, Floats, Indices]:
     count, columns = int((square > floor).sum()), np.empty_like(triangle)
     columns[:, order] = triangle
     return columns[:count], (columns[count:] ** 2).sum(axis=0), order[:count]
-
-
-MARGIN, MAX_MARGIN = 1e-8, 1e-6
-"""Smallest bound on rounding errors of a bound or a score, in log units; with more than the largest no gap is 0."""
-STEPS = 150
-"""Multiplicative steps, at most."""
-TIGHT = 1e-2
-"""Gap after the first step below which the relaxation is tight."""
-FLOOR = 1e-9
-"""Smallest weight. A weight of 0 could not grow again, and denormal products would be slow."""
 
 
 def largest_gap(

@@ -43,6 +43,21 @@ CONTACTS = 257
 """Places of the contacts that may explain a load."""
 CERTAIN = 1e3
 """Largest d^2: such a load is always noticed. The noncentral chi-square takes longer for larger ones."""
+SLACK = 0.01
+"""Share of other loads that a layout may notice less than a reference: too little to be told from chance in a hundred
+loads, and more than a layout that notices none of them could lose."""
+SPARE_NOTICES = 0.1
+"""Share of the error that noticing all other loads is worth to a layout with a spare."""
+CELLS = (256, 1024)
+"""Smallest and largest number of cells; between them, one for each mean error of an equal pitch. Twice as many change
+no score by more than its scatter."""
+KNOWN_FORCE_CONTACTS, OPEN_FORCE_CONTACTS = 512, 128
+"""Number of contacts, a power of two."""
+AT_ONCE = 64
+"""Contacts that are scored at once: their densities stay in the processor's cache."""
+NEGLIGIBLE = 15.0
+"""Difference to the largest log density beyond which a cell is not part of a posterior."""
+TINY = float(np.finfo(np.float64).tiny)
 
 
 @dataclass(frozen=True)
@@ -100,23 +115,6 @@ def other_loads(influence: InfluenceFunction, rules: Candidates, errors: SampleE
     places = np.linspace(low, high, CONTACTS)
     shapes = influence.at(rules.position_mm, places)
     return OtherLoads(sample, 1 / settled.variance_mm2(sample, moved), places, shapes, errors)
-
-
-SLACK = 0.01
-"""Share of other loads that a layout may notice less than a reference: too little to be told from chance in a hundred
-loads, and more than a layout that notices none of them could lose."""
-SPARE_NOTICES = 0.1
-"""Share of the error that noticing all other loads is worth to a layout with a spare."""
-CELLS = (256, 1024)
-"""Smallest and largest number of cells; between them, one for each mean error of an equal pitch. Twice as many change
-no score by more than its scatter."""
-KNOWN_FORCE_CONTACTS, OPEN_FORCE_CONTACTS = 512, 128
-"""Number of contacts, a power of two."""
-AT_ONCE = 64
-"""Contacts that are scored at once: their densities stay in the processor's cache."""
-NEGLIGIBLE = 15.0
-"""Difference to the largest log density beyond which a cell is not part of a posterior."""
-TINY = float(np.finfo(np.float64).tiny)
 
 
 @dataclass(frozen=True)

@@ -28,6 +28,12 @@ Verdict = Literal["in", "out", "floor", "not stated", "not modelled"]
 
 NEGLIGIBLE = 0.1
 """Price, in units of the noise, below which effects are left out."""
+MAX_POSITIONS = 401
+"""Largest number of sensor positions at which an effect is priced, evenly chosen from the allowed ones."""
+NEAR = 0.5
+"""Share of the critical force from which buckling is near: an imperfect beam bows there (Southwell)."""
+POISSON_RATIO = 0.3
+"""Value of most metals; it gives the shear modulus if the scene does not state one."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +86,8 @@ class Pricing:
 
     def price(self, having: Scene, lacking: Scene) -> float:
         """Return the largest difference in deflection between two scenes, in units of the noise."""
-        return self.in_noise(self._deflection_mm(having) - self._deflection_mm(lacking))
+        deflection = [self.stated_mm if one is self.scene else self._under_force_mm(one) for one in (having, lacking)]
+        return self.in_noise(deflection[0] - deflection[1])
 
     def in_noise(self, deflection_mm: Floats) -> float:
         """Return the largest deflection in units of the noise; raises SceneError beyond the range of float64."""
@@ -90,9 +97,6 @@ class Pricing:
             message = "sensors: the noise is too small next to the deflection to price effects in; state a larger one"
             raise SceneError(message)
         return price
-
-    def _deflection_mm(self, scene: Scene) -> Floats:
-        return self.stated_mm if scene is self.scene else self._under_force_mm(scene)
 
     def _under_force_mm(self, scene: Scene) -> Floats:
         return scene.contact.force_range_n[1] * influence_matrix(scene, self.sensor_mm, self.load_mm)
@@ -129,14 +133,6 @@ def without_steps(scene: Scene) -> Scene:
     compliance = sum(share / section.rigidity_n_mm2 for share, section in zip(shares, sections, strict=True))
     dropped = dict.fromkeys(("youngs_modulus_gpa", "shear_modulus_gpa", "width_mm", "thickness_mm"))
     return change_scene(scene, beam={**dropped, "segments": (), "flexural_rigidity_n_mm2": 1 / compliance})
-
-
-MAX_POSITIONS = 401
-"""Largest number of sensor positions at which an effect is priced, evenly chosen from the allowed ones."""
-NEAR = 0.5
-"""Share of the critical force from which buckling is near: an imperfect beam bows there (Southwell)."""
-POISSON_RATIO = 0.3
-"""Value of most metals; it gives the shear modulus if the scene does not state one."""
 
 
 def _shear(pricing: Pricing) -> Effect:

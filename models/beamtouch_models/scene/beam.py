@@ -24,6 +24,15 @@ MEANT = {"roller": 'kind = "simple"', "clamped": CLAMPED, "clamp": CLAMPED, "wal
     ("pinned", "pin", "hinge", "hinged"), PINNED
 )
 """Other names of supports, and how a scene states them."""
+END_KINDS: dict[str, tuple[Literal["simple", "fixed"] | None, Literal["simple", "fixed"] | None]] = {
+    "simply-supported": ("simple", "simple"),
+    "cantilever": ("fixed", None),
+    "fixed-fixed": ("fixed", "fixed"),
+    "propped": ("fixed", "simple"),
+}
+"""Supports at the left and the right end, by name."""
+DIGITS = 12
+"""Hex digits of an identity. Two beams of a million have the same one with a probability of 0.002."""
 
 
 class Support(Strict):
@@ -91,13 +100,6 @@ class Section(NamedTuple):
 
 
 SupportName = Literal["simply-supported", "cantilever", "fixed-fixed", "propped"]
-END_KINDS: dict[str, tuple[Literal["simple", "fixed"] | None, Literal["simple", "fixed"] | None]] = {
-    "simply-supported": ("simple", "simple"),
-    "cantilever": ("fixed", None),
-    "fixed-fixed": ("fixed", "fixed"),
-    "propped": ("fixed", "simple"),
-}
-"""Supports at the left and the right end, by name."""
 
 # The tags keep a bad entry of a list from being reported as a bad name. Their hyphen keeps them out of messages.
 Supports = Annotated[
@@ -268,10 +270,6 @@ def changed_beam(beam: Beam, rigidity: float, fixity: tuple[float, float]) -> Be
         return Beam.model_validate(fields)
     except ValidationError as error:
         raise SceneError(f"rigidity: {reason_of(error.errors()[0])}") from None
-
-
-DIGITS = 12
-"""Hex digits of an identity. Two beams of a million have the same one with a probability of 0.002."""
 
 
 def identity_of(beam: Beam, sensors_mm: Mapping[str, float]) -> str:

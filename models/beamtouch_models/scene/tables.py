@@ -4,6 +4,10 @@ from typing import Annotated, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, PositiveInt, model_validator
 
+FARTHEST_K = 150.0
+"""A beam that is always more than this above its mounting temperature was stated in absolute kelvin."""
+MIN_SENSORS, MAX_SENSORS = 1, 64
+
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 PositiveFinite = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 DampingRatio = Annotated[float, Field(gt=0, lt=1)]
@@ -42,10 +46,6 @@ class Contact(Strict):
         return self.force_n if isinstance(self.force_n, tuple) else (self.force_n, self.force_n)
 
 
-FARTHEST_K = 150.0
-"""A beam that is always more than this above its mounting temperature was stated in absolute kelvin."""
-
-
 class Environment(Strict):
     """The surroundings of the surface."""
 
@@ -63,9 +63,6 @@ class Environment(Strict):
                 f"mounted at 293 K, this is {[low - 293, high - 293]}"
             )
         return self
-
-
-MIN_SENSORS, MAX_SENSORS = 1, 64
 
 
 class Sensors(Strict):
