@@ -26,6 +26,7 @@ AROUND = 2
 """If the scene states a number of sensors, fewer ones down to AROUND less are measured, and one more."""
 NOISES = (0.25, 0.5, 2.0, 4.0)
 """Noises of a reading that are measured, over that of the scene."""
+ROUNDS, CALLS = 40, 50
 
 Varied = Literal["sensors", "estimator", "noise", "latency"]
 """The one thing that differs from the model that `build` makes of the scene; "sensors" also of that model itself."""
@@ -159,9 +160,6 @@ def follow(model: Model) -> list[Moment]:
         limit_mm = Measurement(limit.percent, limit.standard_error).scaled(model.length_mm / 100)
         moments.append(Moment(answer, limit_mm))
     return moments
-
-
-ROUNDS, CALLS = 40, 50
 
 
 def inference_times(models: Sequence[Model]) -> list[Measurement]:

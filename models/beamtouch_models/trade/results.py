@@ -21,6 +21,8 @@ MODEL_HEADINGS = (
 )  # fmt: skip
 MOMENT_HEADINGS = ("since touch, ms", "readings", "error, mm", "while the beam rings, mm", "limit, mm")
 POINT_HEADINGS = ("sensors", "estimator", "readings", "known after, ms", "error, mm")
+MODEL, LIMIT, RINGING, OWN = "model", "accuracy limit", "while the beam rings", "the scene as stated"
+ERROR = "mean |position error|, mm"
 
 
 def blocks(trade: Trade, scene: str, seed: int, model: str) -> list[Block]:
@@ -193,10 +195,6 @@ def _mm(error: Measurement) -> str:
 
 def _ratio(ratio: Measurement) -> str:
     return f"{ratio.value:.3f} ± {digits(ratio.standard_error, 1)}"
-
-
-MODEL, LIMIT, RINGING, OWN = "model", "accuracy limit", "while the beam rings", "the scene as stated"
-ERROR = "mean |position error|, mm"
 
 
 def picture(name: str, trade: Trade) -> str:
