@@ -18,8 +18,8 @@ from playwright.sync_api import Browser
 from xdist.remote import Producer
 
 from beamtouch_models import modelfile
-from beamtouch_models.progress import silent
 from beamtouch_models.scene import load_scene
+from beamtouch_models.sweeps import silent
 from browser import OpenPage, chromium, pages
 from example_scenes import SCENES
 from few_draws import few_draws, short_work

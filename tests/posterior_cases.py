@@ -8,13 +8,12 @@ import onnx
 from numpy.typing import NDArray
 from onnx import TensorProto, helper, numpy_helper
 
-from beamtouch_models.accuracy.forces import MAX_FORCE_RATIO
-from beamtouch_models.accuracy.prior import Prior
+from beamtouch_models.accuracy.prior import MAX_FORCE_RATIO, Prior
 from beamtouch_models.accuracy.thresholds import directions
 from beamtouch_models.arrays import Floats
 from beamtouch_models.error_model import whitening
 from beamtouch_models.estimators.onnx_graph import to_bytes
-from beamtouch_models.estimators.posterior.graph import posterior_graph
+from beamtouch_models.estimators.posterior.window import posterior_graph
 from beamtouch_models.metadata import INPUTS
 from beamtouch_models.physics.beam import influence_of, travel_of
 from beamtouch_models.placement.placing import place

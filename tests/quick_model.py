@@ -7,8 +7,8 @@ from pathlib import Path
 
 from beamtouch_models.building.build import Choices, build_model
 from beamtouch_models.placement.placing import Aim
-from beamtouch_models.progress import silent
 from beamtouch_models.scene import parse_scene
+from beamtouch_models.sweeps import silent
 from example_scenes import PAPER
 from few_draws import short_work
 

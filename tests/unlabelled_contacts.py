@@ -14,8 +14,8 @@ from beamtouch_models.calibration.theory import Theory
 from beamtouch_models.calibration.unlabelled import locate
 from beamtouch_models.metadata import Metadata
 from beamtouch_models.modelfile import ModelFile
-from beamtouch_models.progress import silent
 from beamtouch_models.rig.surface import Imperfections
+from beamtouch_models.sweeps import silent
 from imperfect_surface import true_prior
 
 

@@ -29,6 +29,16 @@ STYLE = (
     + "}\n"
 )  # fmt: skip
 """Style sheet for a page with drawings, or for the file of a single one."""
+WIDTH, HEIGHT = 640, 340
+LEFT, RIGHT, TOP, BOTTOM = 64, 16, 14, 46
+LEGEND_ROW = 18
+PANEL_WIDTH, PANEL_HEIGHT, PANEL_GAP = 215, 240, 14
+"""Size of a chart in a row of charts, and the room between two, in px."""
+TICK_ROOM = 30
+"""Least distance of two labels of an axis, in px; a longer number needs more."""
+CHARACTER = 6.4
+"""Width of a character of the legend, in px; an estimate that only spaces the legend."""
+SERIES_COLOURS: tuple[Colour, ...] = ("s0", "s1", "s2", "s3", "s4", "s5", "s6", "s7")
 
 
 def fill(colour: Colour, *names: str) -> str:
@@ -57,19 +67,6 @@ def standalone(svg: str) -> str:
     head, rest = svg.replace("<svg ", '<svg xmlns="http://www.w3.org/2000/svg" ', 1).split("</title>", 1)
     ground = f'<rect {fill("ground")} width="100%" height="100%"/>'
     return f"{head}</title><style>{STYLE}</style>{ground}{rest}\n"
-
-
-WIDTH, HEIGHT = 640, 340
-LEFT, RIGHT, TOP, BOTTOM = 64, 16, 14, 46
-LEGEND_ROW = 18
-PANEL_WIDTH, PANEL_HEIGHT, PANEL_GAP = 215, 240, 14
-"""Size of a chart in a row of charts, and the room between two, in px."""
-TICK_ROOM = 30
-"""Least distance of two labels of an axis, in px; a longer number needs more."""
-CHARACTER = 6.4
-"""Width of a character of the legend, in px; an estimate that only spaces the legend."""
-
-SERIES_COLOURS: tuple[Colour, ...] = ("s0", "s1", "s2", "s3", "s4", "s5", "s6", "s7")
 
 
 Style = Literal["line", "dashed", "points", "ring"]

@@ -15,6 +15,9 @@ from numpy.typing import ArrayLike
 
 from beamtouch_models.arrays import Bools, Floats
 
+NORMAL_975 = 1.959964
+"""97.5 % quantile; an interval of 95 % reaches this many standard deviations to either side."""
+
 
 def floor_mm2(deflection_mm: ArrayLike, gain: ArrayLike, zero_mm: ArrayLike) -> Floats:
     """Return what gains and zeros add to the variances; arguments as those of `variance_mm2`."""
@@ -99,7 +102,3 @@ def _factor(correlation: Floats) -> Floats:
         return np.linalg.cholesky(correlation).astype(np.float64, copy=False)
     except np.linalg.LinAlgError:
         raise ValueError("covariance_mm2: it must be positive definite") from None
-
-
-NORMAL_975 = 1.959964
-"""97.5 % quantile; an interval of 95 % reaches this many standard deviations to either side."""

@@ -2,6 +2,9 @@
 
 from beamtouch_common.errors import FailedError, InputError
 
+WRONG_INPUT_ERRORS = (InputError, OSError)
+"""Wrong input of `design-sensors` and `beamtouch-rig`: all files and devices that they use are given by the user."""
+
 
 class SceneError(InputError):
     """A scene is malformed, contradicts itself, or cannot be modelled; the message says what to change."""
@@ -13,7 +16,3 @@ class ModelFileError(InputError):
 
 class NotGoodEnoughError(FailedError):
     """The result is not fit for use and was not written. The message has the figures."""
-
-
-WRONG_INPUT_ERRORS = (InputError, OSError)
-"""Wrong input of `design-sensors` and `beamtouch-rig`: all files and devices that they use are given by the user."""

@@ -173,53 +173,37 @@ def read(path: Path | str) -> bytes:
         raise
     except ValueError:  # a null character
         raise ModelFileError(f"{str(path)!r} cannot be the path of a file") from None
-    _require_size(len(content), str(path))
+    if len(content) > MAX_BYTES:
+        raise ModelFileError(
+            f"{path}: it is larger than {MAX_BYTES >> 20} MiB, so `design-sensors build` did not write it"
+        )
     if path.suffix == ".toml":
         raise ModelFileError(f"{path}: this is no model; give the .onnx file that `design-sensors build` wrote")
     return content
 
 
-def _require_size(size_bytes: int, origin: str) -> None:
-    if size_bytes > MAX_BYTES:
-        message = f"{origin}: it is larger than {MAX_BYTES >> 20} MiB, so `design-sensors build` did not write it"
-        raise ModelFileError(message)
-
-
 def load_bytes(content: bytes, origin: str) -> ModelFile:
     """Load a model from memory; `origin` is named in errors. Raises ModelFileError as `load` does."""
-    _require_size(len(content), origin)
     if not content:
         raise ModelFileError(f"{origin}: the file is empty; build it again with `design-sensors build`")
     try:
-        graph = _open(content)
+        with graph_errors():
+            graph = Graph(content)
         metadata = Metadata.from_entries(graph.entries)
         model = ModelFile(metadata, f"{metadata.name}@{hashlib.sha256(content).hexdigest()[:6]}", graph)
-        _check_signature(model)
+        if graph.inputs != INPUTS:
+            raise ModelFileError(f"inputs {', '.join(graph.inputs)}; expected {', '.join(INPUTS)}")
+        if "position_mm" not in graph.outputs:
+            raise ModelFileError("output position_mm is missing")
         _check_golden(model)
-    except ModelFileError as error:
-        message = f"{origin}: {error}".replace(THIS_FILE, origin)
-        raise ModelFileError(message) from None
-    return model
-
-
-def _open(content: bytes) -> Graph:
-    try:
-        with graph_errors():
-            return Graph(content)
     except GraphError as error:
+        reason, why = "damaged or not an ONNX file", "" if "INVALID_PROTOBUF" in str(error) else f" ({error})"
         if "xternal" in str(error) and " data" in str(error):
-            message = "its weights are in another file, but a model is one file; rebuild it with `design-sensors build`"
-        else:
-            why = "" if "INVALID_PROTOBUF" in str(error) else f" ({error})"
-            message = f"damaged or not an ONNX file; rebuild it with `design-sensors build`{why}"
-        raise ModelFileError(message) from None
-
-
-def _check_signature(model: ModelFile) -> None:
-    if model.graph.inputs != INPUTS:
-        raise ModelFileError(f"inputs {', '.join(model.graph.inputs)}; expected {', '.join(INPUTS)}")
-    if "position_mm" not in model.outputs:
-        raise ModelFileError("output position_mm is missing")
+            reason, why = "its weights are in another file, but a model is one file", ""
+        raise ModelFileError(f"{origin}: {reason}; rebuild it with `design-sensors build`{why}") from None
+    except ModelFileError as error:
+        raise ModelFileError(f"{origin}: {error}".replace(THIS_FILE, origin)) from None
+    return model
 
 
 def _check_golden(model: ModelFile) -> None:

@@ -24,9 +24,8 @@ from beamtouch_models.physics.beam import Travel, influence, influence_of, senso
 from beamtouch_models.physics.influence import InfluenceFunction
 from beamtouch_models.physics.motion import slowest_period_ms
 from beamtouch_models.placement.layout import Candidates, equal_layout
-from beamtouch_models.pricing.effect import Effect
 from beamtouch_models.pricing.noise import ReadingErrors, chain_of, check_errors, choose_filter, step_mm
-from beamtouch_models.pricing.prices import effects_of, leave_out
+from beamtouch_models.pricing.prices import Effect, effects_of, leave_out
 from beamtouch_models.pricing.ringing import Ringing, ringing_of
 from beamtouch_models.scene import Scene, parse_scene
 from beamtouch_models.scene.beam import Beam, changed_beam
@@ -197,11 +196,10 @@ class Surface:
         tolerance_mm = self.scene.sensors.mounting_tolerance_mm
         spacing_mm = float(np.diff(np.sort(positions_mm)).min(initial=np.inf))
         if tolerance_mm >= spacing_mm:
-            message = (
+            raise SceneError(
                 f"sensors.mounting_tolerance_mm = {tolerance_mm:g}: two of the sensors are {digits(spacing_mm, 3)} mm "
                 "apart; measure their positions to less than that, or state a larger min_distance_mm"
             )
-            raise SceneError(message)
 
     @cached_property
     def _allowed_mm(self) -> Floats:
@@ -221,18 +219,16 @@ def _sensor_of(scene: Scene, travel: Travel) -> Sensor:
     centred_mm, stated_mm = (low + high) / 2 + (fall - lift) / 2, scene.sensors.standoff_mm
     if fall + lift > high - low:
         excess = (fall + lift) / (high - low)
-        message = (
+        raise SceneError(
             f"at {travel.force_n:g} N the beam travels {digits(fall + lift, 4)} mm and leaves sensors.range_mm = "
             f"[{low:g}, {high:g}]; end contact.force_n at {at_most(travel.force_n / excess):g} N, make the beam "
             f"{at_least(excess):g} times as stiff, or use a sensor with a longer range"
         )
-        raise SceneError(message)
     if stated_mm is not None and (stated_mm - fall < low or stated_mm + lift > high):
-        message = (
+        raise SceneError(
             f"from sensors.standoff_mm = {stated_mm:g} the beam leaves sensors.range_mm = [{low:g}, {high:g}]; "
             f"write standoff_mm = {digits(centred_mm, 4)}, or leave it out"
         )
-        raise SceneError(message)
     bits = scene.sensors.adc_bits or DEFAULT_ADC_BITS
     gain = step_mm(scene.sensors.range_mm, bits)
     return Sensor(

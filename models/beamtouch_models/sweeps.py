@@ -1,13 +1,24 @@
-"""The form in which sweeps reach their cores: one function over many tasks, which may run in other processes.
+"""Long work: its progress, and the form in which sweeps reach their cores, one function over many tasks.
 
-A function is one of a module, and a task holds data alone, so that both can be sent. Random numbers are seeded by the
-task, and each task computes on one thread, so that its result is the same wherever it runs.
+The tasks may run in other processes. A function is one of a module, and a task holds data alone, so that both can be
+sent. Random numbers are seeded by the task, and each task computes on one thread, so that its result is the same
+wherever it runs.
 """
 
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager
 from functools import cache
 from typing import TYPE_CHECKING, Protocol, TypeVar
+
+Fraction = Callable[[float], None]
+"""Called with the fraction of a piece of work that is done, 0 to 1."""
+Progress = Callable[[str, float], None]
+"""Called with the current step, and the fraction of the whole that is done."""
+
+
+def silent(*_: object) -> None:
+    """Report no progress."""
+
 
 if TYPE_CHECKING:
     from threadpoolctl import ThreadpoolController

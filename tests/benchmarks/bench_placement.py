@@ -21,8 +21,7 @@ from threadpoolctl import threadpool_limits
 
 from beamtouch_models.names import SearchName
 from beamtouch_models.physics.beam import influence_of
-from beamtouch_models.placement.bound import largest_gap
-from beamtouch_models.placement.eigenvalue_product import eigenvalue_product_of
+from beamtouch_models.placement.eigenvalue_product import eigenvalue_product_of, largest_gap
 from beamtouch_models.placement.placing import place, score_positions
 from beamtouch_models.placement.search import first_best, search_from
 from example_scenes import paper_scene

@@ -25,9 +25,9 @@ from beamtouch_models.calibration.self_calibrate import calibrated_prior, self_f
 from beamtouch_models.errors import NotGoodEnoughError
 from beamtouch_models.estimators.onnx_graph import to_bytes
 from beamtouch_models.modelfile import ModelFile
-from beamtouch_models.progress import silent
 from beamtouch_models.rig.surface import Imperfections
 from beamtouch_models.session import Answers, Run, runner
+from beamtouch_models.sweeps import silent
 from imperfect_surface import true_prior
 from unlabelled_contacts import Kind, drawn, surface
 

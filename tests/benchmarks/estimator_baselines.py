@@ -23,8 +23,8 @@ from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.statistics import ratio_of
 from beamtouch_models.estimators.estimator import estimator_of
 from beamtouch_models.estimators.onnx_graph import to_bytes
-from beamtouch_models.progress import silent
 from beamtouch_models.session import runner
+from beamtouch_models.sweeps import silent
 
 TRAINING, TRAINING_OF_PROCESS, TEST = 20_000, 1500, 4000
 

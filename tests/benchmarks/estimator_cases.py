@@ -14,14 +14,14 @@ from beamtouch_models.accuracy.statistics import ratio_of
 from beamtouch_models.estimators.estimator import estimator_of
 from beamtouch_models.estimators.onnx_graph import to_bytes
 from beamtouch_models.estimators.posterior.cells import resolving_cells
-from beamtouch_models.estimators.posterior.graph import posterior_graph
+from beamtouch_models.estimators.posterior.window import posterior_graph
 from beamtouch_models.names import ESTIMATORS
 from beamtouch_models.physics.beam import influence_of, travel_of
 from beamtouch_models.placement.placing import place
-from beamtouch_models.progress import silent
 from beamtouch_models.scene import Scene, load_scene
 from beamtouch_models.session import open_session, runner
 from beamtouch_models.surface import Surface
+from beamtouch_models.sweeps import silent
 from example_scenes import SCENES
 from stated_problems import problem_in, real_prior
 

@@ -18,8 +18,8 @@ from beamtouch_models import modelfile
 from beamtouch_models.building.build import build_model
 from beamtouch_models.building.daemon_config import daemon_config
 from beamtouch_models.physics.beam import influence_matrix
-from beamtouch_models.progress import silent
 from beamtouch_models.scene import parse_scene
+from beamtouch_models.sweeps import silent
 from beamtouch_service.api.app import Application, create_app
 from beamtouch_service.api.samples import parse_batch
 from beamtouch_service.samples import Batch

@@ -26,10 +26,10 @@ from beamtouch_models import modelfile
 from beamtouch_models.building.build import build_model
 from beamtouch_models.building.daemon_config import daemon_config
 from beamtouch_models.modelfile import State
-from beamtouch_models.progress import silent
 from beamtouch_models.rig.loads import Load
 from beamtouch_models.rig.surface import VirtualSurface
 from beamtouch_models.scene import parse_scene
+from beamtouch_models.sweeps import silent
 from beamtouch_service.samples import Batch
 from beamtouch_service.sections import SurfaceSection
 from beamtouch_service.surfaces.surface import Surface

@@ -25,8 +25,8 @@ import numpy as np
 from beamtouch_models import modelfile
 from beamtouch_models.building.build import build_model
 from beamtouch_models.building.daemon_config import daemon_config
-from beamtouch_models.progress import silent
 from beamtouch_models.scene import load_scene
+from beamtouch_models.sweeps import silent
 from example_scenes import SCENES
 from line import Kind, Line, Surface
 

@@ -19,9 +19,9 @@ from beamtouch_models.calibration.self_calibrate import self_calibrate
 from beamtouch_models.calibration.theory import Theory
 from beamtouch_models.errors import NotGoodEnoughError
 from beamtouch_models.modelfile import Metadata, ModelFile, Weighed, evidence
-from beamtouch_models.progress import silent
 from beamtouch_models.rig.surface import Imperfections
 from beamtouch_models.surface import prior_of_model
+from beamtouch_models.sweeps import silent
 from few_draws import short_work
 from imperfect_surface import imperfections, readings, true_prior
 from in_process import Command

@@ -17,8 +17,7 @@ from beamtouch_models.challenge.play import Case, Drawn
 from beamtouch_models.challenge.scoring import Row, misses
 from beamtouch_models.challenge.surface import SimulatedSurface
 from beamtouch_models.modelfile import ModelFile
-from beamtouch_models.progress import Progress
-from beamtouch_models.sweeps import Spread
+from beamtouch_models.sweeps import Progress, Spread
 from in_process import Command
 
 

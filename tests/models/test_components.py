@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from beamtouch_models.arrays import Floats
 from beamtouch_models.physics.beam import influence
-from beamtouch_models.placement.components import discernible, log_eigenvalue_product, principal_components
+from beamtouch_models.placement.eigenvalue_product import discernible, log_eigenvalue_product, principal_components
 from beamtouch_models.scene.beam import Beam
 from example_scenes import UNIT_BEAM
 

@@ -5,7 +5,7 @@ import pytest
 from scipy.stats import chi2
 
 from beamtouch_models.accuracy import limit, posterior
-from beamtouch_models.accuracy.contacts import LIKELY, simulated, simulated_enough
+from beamtouch_models.accuracy.limit import LIKELY, simulated, simulated_enough
 from beamtouch_models.accuracy.statistics import Measurement, mean_of, quantile_of, ratio_of, share_of
 from posterior_cases import prior_of
 

@@ -16,12 +16,11 @@ from beamtouch_models.metadata import FilterChoice
 from beamtouch_models.physics.beam import influence_of, travel_of
 from beamtouch_models.physics.motion import first_frequency_hz, ringing_after_filter, sag_mm, slowest_period_ms
 from beamtouch_models.placement.placing import Aim
-from beamtouch_models.pricing.effect import Effect
 from beamtouch_models.pricing.noise import ReadingErrors
-from beamtouch_models.pricing.prices import effects_of
-from beamtouch_models.progress import silent
+from beamtouch_models.pricing.prices import Effect, effects_of
 from beamtouch_models.scene import Scene, load_scene
 from beamtouch_models.surface import Surface
+from beamtouch_models.sweeps import silent
 from example_scenes import SCENES, paper_scene
 from plain_error import mean_error
 

@@ -13,7 +13,7 @@ from beamtouch_models.accuracy import limit
 from beamtouch_models.accuracy.prior import Prior, SampleErrors
 from beamtouch_models.arrays import Floats
 from beamtouch_models.errors import SceneError
-from beamtouch_models.estimators.posterior.graph import posterior_graph
+from beamtouch_models.estimators.posterior.window import posterior_graph
 from beamtouch_models.physics.beam import influence_of
 from beamtouch_models.physics.influence import InfluenceFunction
 from beamtouch_models.placement.layout import Candidates

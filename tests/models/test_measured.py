@@ -20,10 +20,11 @@ from beamtouch_models.building.measure import Measured, measure, thresholds_of
 from beamtouch_models.building.sensors import place_sensors
 from beamtouch_models.estimators.estimator import estimator_of
 from beamtouch_models.estimators.onnx_graph import to_bytes
-from beamtouch_models.progress import silent
+from beamtouch_models.placement.placing import DEFAULT_AIM
 from beamtouch_models.scene import change_scene, load_scene
 from beamtouch_models.session import runner
 from beamtouch_models.surface import Surface
+from beamtouch_models.sweeps import silent
 from example_scenes import SCENES
 from few_draws import short_work
 from posterior_cases import answers_of, exceeding, graph_of, prior_of
@@ -136,7 +137,7 @@ def measured(draws: AbstractContextManager[None], times: int) -> list[Measured]:
     prior = replace(sensors.prior, noise_mm=0.0226, gain=0.0, zero_mm=0.0)  # 1 % of the largest deflection
     made = estimator_of("posterior", prior, min_noise_mm=prior.noise_mm, with_force=True, seed=4, progress=silent)
     with draws:
-        return [measure(made, prior, sensors.surface, sensors.world, 4) for _ in range(times)]
+        return [measure(made, prior, sensors.surface, sensors.world, 4, DEFAULT_AIM) for _ in range(times)]
 
 
 def test_the_same_seed_measures_the_same() -> None:

@@ -20,8 +20,8 @@ from beamtouch_models.calibration.mistaken import mistaken
 from beamtouch_models.calibration.theory import Theory
 from beamtouch_models.errors import NotGoodEnoughError
 from beamtouch_models.modelfile import Metadata
-from beamtouch_models.progress import silent
 from beamtouch_models.rig.surface import Imperfections
+from beamtouch_models.sweeps import silent
 from imperfect_surface import true_prior, write_readings
 from in_process import Command
 from recorded_loads import MISTAKES, random_imperfections, recorded, with_mistake

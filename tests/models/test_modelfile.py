@@ -14,7 +14,6 @@ from beamtouch_models import modelfile
 from beamtouch_models.metadata import FORCE_OUTPUTS, POSITION_OUTPUTS
 from beamtouch_models.modelfile import ModelFile, ModelFileError
 
-DRAWN = {"supports": [], "at_mm": [0, 400], "load_mm": [200], "deflection_mm_per_n": [[0, 0]], "sensor_mm": 8}
 """A beam on a foundation."""
 
 
@@ -109,19 +108,7 @@ def test_wrong_golden_answers_are_refused(tmp_path: Path, bench_model: Path, ben
         ("beamtouch.schema_version", "5", r"beamtouch\.schema_version: '5', but this version reads 4; rebuild"),
         ("beamtouch.schema_version", "1", r"rebuild it .* with `design-sensors build .*changed\.onnx -o"),
         ("beamtouch.floor", '{"gain": [0.1], "zero_mm": [0]}', "thresholds and floor: each list must have 4 entries"),
-        ("beamtouch.floor", '{"gain": [1e200, 0, 0, 0], "zero_mm": [0, 0, 0, 0]}', r"floor\.gain\.0: must be at most"),
-        ("beamtouch.floor", '{"gain": [0, 0, 0, 0], "zero_mm": [0, 1e9, 0, 0]}', "floor.zero_mm hides the largest"),
-        ("beamtouch.drawn", json.dumps(DRAWN | {"load_mm": [1, 2]}), "drawn: .* must hold 2 rows of 2 values"),
-        ("beamtouch.drawn", json.dumps(DRAWN | {"at_mm": [400, 0]}), "drawn: at_mm and load_mm must ascend"),
-        ("beamtouch.drawn", json.dumps(DRAWN | {"load_mm": [1e300]}), "drawn: every position must lie on the beam"),
-        ("beamtouch.smallest_force", '{"position_mm": [1, 2], "force_n": [1]}', "smallest_force: 2 positions with 1"),
-        ("beamtouch.noise", '{"reading_mm": 0, "sample_mm": 0}', "noise: without noise there are no intervals"),
         ("beamtouch.noise", '{"reading_mm": "1", "sample_mm": true}', r"noise\.reading_mm: must be a number"),
-        (
-            "beamtouch.ranges",
-            '{"position_mm": [399, 1], "force_n": [2, 20]}',
-            r"ranges\.position_mm: the first",
-        ),
         ("beamtouch.calibration", json.dumps(CALIBRATION), r"calibration\.departures: each list must have 4 entries"),
         ("beamtouch.layout", "[]", "beamtouch.layout"),
         ("beamtouch.layout", json.dumps([{"name": "s1", "position_mm": 9}] * 4), "two channels have the same name"),
@@ -137,8 +124,6 @@ def test_wrong_golden_answers_are_refused(tmp_path: Path, bench_model: Path, ben
         ("beamtouch.seed", "[" * 100_000, "its metadata is not JSON"),
         ("beamtouch.seed", "9" * 5000, "its metadata is not JSON"),
         ("touch", [-5, -5, -5, -5], r"thresholds\.touch\.0: .* at least 0"),
-        ("rest", [1e-300, 30, 30, 30], r"thresholds\.rest\.0: .* at least 1"),
-        ("rest", [30, 30, 30, 1e300], r"thresholds\.rest\.3: .* at most"),
         ("misfit", [None, None, 25, 25], r"thresholds\.misfit\.0: must be a number"),
         ("touch", [17, 17, 17], "thresholds and floor: each list must have 4 entries"),
     ],

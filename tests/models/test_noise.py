@@ -7,8 +7,8 @@ import pytest
 
 from beamtouch_models.errors import SceneError
 from beamtouch_models.metadata import FilterChoice
-from beamtouch_models.pricing.effect import Effect
 from beamtouch_models.pricing.noise import step_mm
+from beamtouch_models.pricing.prices import Effect
 from beamtouch_models.scene import Requirements, Scene
 from beamtouch_models.surface import Surface
 from example_scenes import paper_scene

@@ -9,9 +9,8 @@ from beamtouch_models.accuracy.limit import accuracy_limit
 from beamtouch_models.accuracy.prior import Prior, SampleErrors
 from beamtouch_models.accuracy.thresholds import unexplained_thresholds
 from beamtouch_models.arrays import Floats
-from beamtouch_models.placement.noticing import FORCES, PLACES, OtherLoads, other_loads
 from beamtouch_models.placement.placing import place, place_by_position_error
-from beamtouch_models.placement.position_error import SLACK
+from beamtouch_models.placement.position_error import FORCES, PLACES, SLACK, OtherLoads, other_loads
 from beamtouch_models.scene import Scene, change_scene
 from example_scenes import paper_scene
 from handbook import deflection_per_newton

@@ -41,11 +41,9 @@ def test_eight_sensors_on_four_components_merge_into_four_pairs() -> None:
 
 
 @pytest.mark.parametrize("search", ["exact", "paper"])
-def test_the_same_seed_gives_the_same_search_and_convergence_never_falls(search: SearchName) -> None:
+def test_the_same_seed_gives_the_same_search(search: SearchName) -> None:
     first, second = (place(*problem_in(paper_scene()), 3, 5, search=search) for _ in range(2))
     assert first == second
-    assert list(first.convergence) == sorted(first.convergence)
-    assert first.convergence[-1] == pytest.approx(first.log_eigenvalue_product, abs=1e-7)
     scored = score_positions(influence_of(paper_scene()), np.array(first.positions_mm))
     assert first.log_eigenvalue_product == pytest.approx(scored, abs=1e-12)
 

@@ -12,8 +12,14 @@ from numpy.typing import NDArray
 
 from beamtouch_models.errors import SceneError
 from beamtouch_models.physics.beam import influence_of
-from beamtouch_models.placement.bound import bound_layouts, gap_of, largest_gap, rounding_margin
-from beamtouch_models.placement.eigenvalue_product import EigenvalueProduct, eigenvalue_product_of
+from beamtouch_models.placement.eigenvalue_product import (
+    EigenvalueProduct,
+    bound_layouts,
+    eigenvalue_product_of,
+    gap_of,
+    largest_gap,
+    rounding_margin,
+)
 from beamtouch_models.placement.placing import place
 from beamtouch_models.scene import Scene
 from example_scenes import paper_scene

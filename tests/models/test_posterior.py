@@ -8,18 +8,17 @@ import pytest
 from scipy.special import chdtrc, chdtri
 
 from beamtouch_models.accuracy import limit
-from beamtouch_models.accuracy.forces import Forces, cautious_forces, forces_of
 from beamtouch_models.accuracy.posterior import posterior_quantiles
-from beamtouch_models.accuracy.prior import Prior
+from beamtouch_models.accuracy.prior import Forces, Prior, cautious_forces, forces_of
 from beamtouch_models.arrays import Floats
 from beamtouch_models.error_model import whitening
 from beamtouch_models.estimators.estimator import estimator_of, fewest_channels
 from beamtouch_models.estimators.onnx_graph import to_bytes
 from beamtouch_models.estimators.posterior.cells import resolving_cells
-from beamtouch_models.estimators.posterior.graph import posterior_graph
-from beamtouch_models.progress import silent
+from beamtouch_models.estimators.posterior.window import posterior_graph
 from beamtouch_models.scene import change_scene, load_scene
 from beamtouch_models.session import runner
+from beamtouch_models.sweeps import silent
 from example_scenes import SCENES
 from false_alarms import surface
 from posterior_cases import answers_of, graph_of, prior_of, with_floor

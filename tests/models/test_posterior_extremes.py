@@ -11,12 +11,12 @@ from beamtouch_models.building.measure import reach
 from beamtouch_models.errors import NotGoodEnoughError
 from beamtouch_models.estimators.estimator import estimator_of
 from beamtouch_models.estimators.onnx_graph import to_bytes
-from beamtouch_models.estimators.posterior.graph import fixed_cells_graph
+from beamtouch_models.estimators.posterior.cells import fixed_cells_graph
 from beamtouch_models.physics.beam import travel_of
-from beamtouch_models.progress import silent
 from beamtouch_models.scene import load_scene
 from beamtouch_models.session import runner
 from beamtouch_models.surface import Surface
+from beamtouch_models.sweeps import silent
 from example_scenes import SCENES
 from posterior_cases import answers_of, check_sane, double_answers, graph_of, nonsense, prior_of
 

@@ -18,10 +18,10 @@ from beamtouch_models.calibration.unlabelled import fit_contacts
 from beamtouch_models.errors import NotGoodEnoughError
 from beamtouch_models.estimators.onnx_graph import to_bytes, with_force_error
 from beamtouch_models.modelfile import ModelFile
-from beamtouch_models.progress import silent
 from beamtouch_models.rig.surface import Imperfections
 from beamtouch_models.session import runner
 from beamtouch_models.surface import prior_of_model
+from beamtouch_models.sweeps import silent
 from few_draws import short_work
 from imperfect_surface import true_prior
 from in_process import Command

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from beamtouch_models import modelfile
-from beamtouch_models.accuracy.contacts import Reached
+from beamtouch_models.accuracy.limit import Reached
 from beamtouch_models.accuracy.statistics import Measurement
 from beamtouch_models.estimators import paper_network
 from beamtouch_models.metadata import FilterChoice

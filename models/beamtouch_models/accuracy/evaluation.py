@@ -4,16 +4,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from beamtouch_models.accuracy import cramer_rao
-from beamtouch_models.accuracy.contacts import Reached, simulated
+from beamtouch_models.accuracy.limit import mean_error_mm, simulated
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.statistics import SCRAMBLINGS, Measurement, mean_of, quantile_of, ratio_of, share_of
 from beamtouch_models.accuracy.thresholds import smallest_forces
 from beamtouch_models.arrays import Floats
 from beamtouch_models.description import extremes
 from beamtouch_models.loading import ModelFile
-from beamtouch_models.progress import Fraction, silent
-from beamtouch_models.sweeps import Spread, in_turn
+from beamtouch_models.sweeps import Fraction, Spread, in_turn, silent
 
 MIDDLE = (0.2, 0.8)
 """Bounds of the middle of the beam, over its length."""
@@ -75,41 +73,44 @@ def evaluate(
     contacts = simulated(prior, draws, seed, lambda done: progress(0.8 * done), spread)
     drawn, likely, counts = contacts.drawn, contacts.likely_mm, contacts.drawn.weight
     weight = np.broadcast_to(counts[:, None], likely.shape)
-    answers = estimates(model, prior, drawn.deflection_mm)
+    answers, thresholds = estimates(model, prior, drawn.deflection_mm), model.metadata.thresholds
     progress(0.9)
     worst = np.abs(answers["position_mm"] - drawn.position_mm)
     error, best = contacts.error_mm(answers["position_mm"]), contacts.least_error_mm()
     low, high = (end * prior.length_mm for end in MIDDLE)
     inside, drawn_inside = ((low <= position) & (position <= high) for position in (likely, drawn.position_mm))
+    span, reached = _errors(error, best, weight, worst), contacts.reached(answers["position_mm"])
+    if reached is not None:  # means over each posterior scatter less
+        span = replace(span, mean_mm=reached.error_mm, limit_mean_mm=reached.limit_mm, ratio=reached.ratio)
+    has_middle = drawn_inside.mean() > MIN_SHARE and all(part.any() for part in np.array_split(inside, SCRAMBLINGS))
+    tells_contact, has_interval = "contact_log_odds" in answers, "position_low_mm" in answers
+    tells_force, smallest_n = "force_n" in answers, None
+    if tells_contact and prior.noise_mm > 0:
+        supports_mm = [support.at_mm for support in model.metadata.drawn.supports]
+        smallest_n = extremes(smallest_forces(prior, thresholds.touch[-1], supports_mm).force_n)
     return Evaluation(
         noise_mm=prior.noise_mm,
         draws=len(worst),
         length_mm=prior.length_mm,
-        span=_over_all(_errors(error, best, weight, worst), contacts.reached(answers["position_mm"])),
-        middle=_errors(error, best, weight * inside, worst[drawn_inside])
-        if drawn_inside.mean() > MIN_SHARE and all(part.any() for part in np.array_split(inside, SCRAMBLINGS))
+        span=span,
+        middle=_errors(error, best, weight * inside, worst[drawn_inside]) if has_middle else None,
+        cramer_rao_mean_mm=mean_error_mm(prior) if prior.noise_mm > 0 else None,
+        position_coverage=share_of(contacts.held(answers["position_low_mm"], answers["position_high_mm"]), weight)
+        if has_interval
         else None,
-        cramer_rao_mean_mm=cramer_rao.mean_error_mm(prior) if prior.noise_mm > 0 else None,
-        position_coverage=_coverage(answers, "position", "mm", likely, weight),
-        position_width_mm=_width(answers, counts),
-        force_coverage=None
-        if prior.force_is_known
-        else _coverage(answers, "force", "n", drawn.force_n[:, None], weight[:, :1]),
-        force_error_n=mean_of(np.abs(answers["force_n"] - drawn.force_n), counts) if "force_n" in answers else None,
-        missed=share_of(answers["contact_log_odds"] <= model.metadata.thresholds.touch[-1], counts)
-        if "contact_log_odds" in answers
+        position_width_mm=mean_of(answers["position_high_mm"] - answers["position_low_mm"], counts)
+        if has_interval
         else None,
-        smallest_force_n=_smallest_forces(model, prior),
-        unexplained=_unexplained(model, answers, counts),
+        force_coverage=share_of(
+            (answers["force_low_n"] <= drawn.force_n) & (drawn.force_n <= answers["force_high_n"]), counts
+        )
+        if tells_force and not prior.force_is_known
+        else None,
+        force_error_n=mean_of(np.abs(answers["force_n"] - drawn.force_n), counts) if tells_force else None,
+        missed=share_of(answers["contact_log_odds"] <= thresholds.touch[-1], counts) if tells_contact else None,
+        smallest_force_n=smallest_n,
+        unexplained=share_of(answers["misfit"] > thresholds.misfit[-1], counts) if "misfit" in answers else None,
     )
-
-
-def _smallest_forces(model: ModelFile, prior: Prior) -> tuple[float | None, float | None] | None:
-    """Return `smallest_force_n` of an evaluation; None without noise or odds of a contact."""
-    if "contact_log_odds" not in model.outputs or prior.noise_mm == 0:
-        return None
-    supports_mm = [support.at_mm for support in model.metadata.drawn.supports]
-    return extremes(smallest_forces(prior, model.metadata.thresholds.touch[-1], supports_mm).force_n)
 
 
 def at_noise(prior: Prior, noise_mm: float) -> Prior:
@@ -133,31 +134,3 @@ def _errors(error: Floats, best: Floats | None, weight: Floats, worst: Floats) -
         limit_p95_mm=None if best is None else quantile_of(best, 0.95, weight),
         ratio=None if best is None else ratio_of(error * weight, best * weight),
     )
-
-
-def _over_all(errors: Errors, reached: Reached | None) -> Errors:
-    """Return errors over all contacts, with means over each posterior where that is known."""
-    if reached is None:
-        return errors
-    return replace(errors, mean_mm=reached.error_mm, limit_mean_mm=reached.limit_mm, ratio=reached.ratio)
-
-
-def _coverage(
-    answers: dict[str, Floats], quantity: str, unit: str, truth: Floats, weight: Floats
-) -> Measurement | None:
-    low, high = (answers.get(f"{quantity}_{end}_{unit}") for end in ("low", "high"))
-    if low is None or high is None:
-        return None
-    return share_of((low[:, None] <= truth) & (truth <= high[:, None]), weight)
-
-
-def _width(answers: dict[str, Floats], weight: Floats) -> Measurement | None:
-    if "position_low_mm" not in answers:
-        return None
-    return mean_of(answers["position_high_mm"] - answers["position_low_mm"], weight)
-
-
-def _unexplained(model: ModelFile, answers: dict[str, Floats], weight: Floats) -> Measurement | None:
-    if "misfit" not in answers:
-        return None
-    return share_of(answers["misfit"] > model.metadata.thresholds.misfit[-1], weight)

@@ -1,6 +1,7 @@
 """The prior of a surface: everything that an estimator or an accuracy limit is made from.
 
-Physics ends here: a scene, a calibrated beam and a measured beam all become an influence matrix.
+Physics ends here: a scene, a calibrated beam and a measured beam all become an influence matrix. The prior of the force
+is the range that the scene states; estimators add tails for improbable forces beyond it.
 """
 
 from collections.abc import Callable
@@ -16,11 +17,59 @@ from beamtouch_models.arrays import Bools, Floats, Indices
 from beamtouch_models.error_model import variance_mm2, whitening
 from beamtouch_models.physics.influence import InfluenceFunction
 
+TAIL = 0.01
+"""Share of forces that an estimator expects outside the range of its scene, half of them below and half above it."""
+MAX_FORCE_RATIO = 10.0
+"""Largest force that an estimator considers, over the largest of its scene."""
+STEP = 3.0
+"""Ratio of forces over which the density of `cautious_forces` changes beyond the range."""
+BELOW, ABOVE = (4.0, 1.7), (0.5, 0.1)
+"""Densities of `cautious_forces` below and above the range, over that within it, from the smallest force up; about one
+over the force below, and one over its square above."""
 TABLE = 2001
 """Number of load positions in an influence table."""
 EXACT_BELOW = 3e-4
 """Noise over the largest deflection below which the table is not exact enough: at its worst it is off by about a tenth
 of this noise."""
+
+
+@dataclass(frozen=True)
+class Piece:
+    """A share of all forces, spread evenly over a range; equal ends: one known force."""
+
+    low_n: float
+    high_n: float
+    share: float
+
+
+Forces = tuple[Piece, ...]
+"""Pieces side by side, whose shares sum to 1."""
+
+
+def forces_of(force_n: tuple[float, float], tail: float = TAIL) -> Forces:
+    """Return a prior of the force: its range, and `tail` of the mass from 0 to MAX_FORCE_RATIO times its end."""
+    low, high = force_n
+    core = Piece(low, high, 1.0 - tail)
+    if not tail:
+        return (core,)
+    return Piece(0.0, low, tail / 2), core, Piece(high, MAX_FORCE_RATIO * high, tail / 2)
+
+
+def cautious_forces(force_n: tuple[float, float]) -> Forces:
+    """Return a prior of an open force for intervals, which leans on neither end of the range.
+
+    With `forces_of`, hardly any interval holds the position of a force that is a little outside the range, because
+    there is always a place that a force within the range explains.
+    """
+    low, high = force_n
+    ends = (0.0, low / STEP, low, high, STEP * high, MAX_FORCE_RATIO * high)
+    shares = [
+        density * (most - least)
+        for density, least, most in zip((*BELOW, 1.0, *ABOVE), ends[:-1], ends[1:], strict=True)
+    ]
+    return tuple(
+        Piece(least, most, share / sum(shares)) for share, least, most in zip(shares, ends[:-1], ends[1:], strict=True)
+    )
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ The width is the integral over the place x of the contact of the probability of 
 
 which simulated contacts near the edge estimate: each is answered as the service does, from the interval of its exact
 posterior (`accuracy.posterior`). Contacts are drawn evenly over `REACH` deviations of the Cramer-Rao bound
-(`accuracy.cramer_rao`) to either side of the edge, as the band is that much narrower for a larger force.
+(`accuracy.limit`) to either side of the edge, as the band is that much narrower for a larger force.
 """
 
 from typing import NamedTuple
@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from beamtouch_common.zones import BEGIN, Span, Zone, ZoneState
-from beamtouch_models.accuracy.cramer_rao import position_deviation_mm
+from beamtouch_models.accuracy.limit import position_deviation_mm
 from beamtouch_models.accuracy.posterior import posterior_quantiles
 from beamtouch_models.accuracy.prior import Prior
 

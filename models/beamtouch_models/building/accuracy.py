@@ -16,10 +16,9 @@ from beamtouch_models.loading import ModelFile
 from beamtouch_models.numbers import number, numbers, places_in, require, whole
 from beamtouch_models.physics.influence import InfluenceFunction
 from beamtouch_models.pricing.noise import check_scale
-from beamtouch_models.progress import Fraction, silent
 from beamtouch_models.scene import Scene
 from beamtouch_models.surface import Surface, prior_of_model
-from beamtouch_models.sweeps import Spread, in_turn
+from beamtouch_models.sweeps import Fraction, Spread, in_turn, silent
 
 
 @dataclass(frozen=True)

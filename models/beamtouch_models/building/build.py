@@ -1,20 +1,19 @@
-"""The build of a model: filter, physics, layout, estimator, measured accuracy, golden answers."""
+"""The build of a model: filter, physics, layout, estimator, measured accuracy and golden answers; and its files."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from beamtouch_models.building.measure import Measured, measure
-from beamtouch_models.building.sensors import PlacedSensors, layout_errors, place_sensors
-from beamtouch_models.estimators.estimator import Estimator
+from beamtouch_models.building.measure import measure
+from beamtouch_models.building.sensors import place_sensors
 from beamtouch_models.estimators.onnx_graph import to_bytes
 from beamtouch_models.metadata import Channel, Drawn, DrawnSupport, Metadata, Ranges
 from beamtouch_models.names import ESTIMATORS, EstimatorName
 from beamtouch_models.physics.beam import influence
 from beamtouch_models.placement.placing import DEFAULT_AIM, Aim, Placement
-from beamtouch_models.progress import Progress
 from beamtouch_models.scene import Scene, identity_of
 from beamtouch_models.surface import Surface
+from beamtouch_models.sweeps import Progress
 
 POINTS, LOADS = 41, 33
 """Positions along the drawn beam and of its contact; a page interpolates between them."""
@@ -88,40 +87,26 @@ def build_model(
         choices.estimator, seed, lambda done: progress("making the estimator", 0.3 + 0.5 * done)
     )
     progress("measuring the accuracy against the limit", 0.8)
-    fields = measure(made, prior, surface, sensors.world, seed)
-    metadata = _metadata(name, text, sensors, choices.aim, made, fields, seed)
-    return Built(to_bytes(made.graph, metadata), metadata, sensors.placement, surface, choices.aim)
-
-
-def _metadata(
-    name: str, text: str, sensors: PlacedSensors, aim: Aim, made: Estimator, fields: Measured, seed: int
-) -> Metadata:
-    """Return the metadata of an estimator of a surface, with the TOML text of its scene."""
-    surface, scene = sensors.surface, sensors.surface.scene
-    layout = [Channel(name=f"s{i}", position_mm=x) for i, x in enumerate(sensors.placement.positions_mm, start=1)]
-    return Metadata(
+    fields = measure(made, prior, surface, sensors.world, seed, choices.aim)
+    modelled, placement = surface.scene, sensors.placement
+    layout = [Channel(name=f"s{i}", position_mm=x) for i, x in enumerate(placement.positions_mm, start=1)]
+    metadata = Metadata(
         name=name,
         beam=identity_of(surface.stated.beam, {channel.name: channel.position_mm for channel in layout}),
         estimator=made.name,
-        length_mm=scene.beam.length_mm,
+        length_mm=modelled.beam.length_mm,
         layout=layout,
-        min_channels=made.min_channels,
-        ranges=Ranges(position_mm=scene.contact.position_mm, force_n=scene.contact.force_range_n),
+        ranges=Ranges(position_mm=modelled.contact.position_mm, force_n=modelled.contact.force_range_n),
         max_deflection_mm=surface.modelled_travel.largest_mm,
         noise=surface.noise,
         filter=surface.filter,
         sensor=surface.sensor,
-        floor=fields.floor,
-        thresholds=fields.thresholds,
-        smallest_force=fields.smallest_force,
-        drawn=draw_beam(scene),
-        influence=fields.influence,
-        placed=layout_errors(sensors.prior, fields.accuracy, aim.criterion, aim.spare, seed),
+        drawn=draw_beam(modelled),
         seed=seed,
-        accuracy=fields.accuracy,
-        golden=fields.golden,
         scene=text,
+        **vars(fields),
     )
+    return Built(to_bytes(made.graph, metadata), metadata, placement, surface, choices.aim)
 
 
 def draw_beam(scene: Scene) -> Drawn:

@@ -10,7 +10,7 @@ import numpy as np
 
 from beamtouch_common.digits import digits
 from beamtouch_models.accuracy import limit
-from beamtouch_models.accuracy.contacts import Reached, simulated_enough
+from beamtouch_models.accuracy.limit import MeanError, Reached, simulated_enough
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.statistics import share_of
 from beamtouch_models.accuracy.thresholds import (
@@ -20,12 +20,23 @@ from beamtouch_models.accuracy.thresholds import (
     touch_thresholds,
     unexplained_thresholds,
 )
+from beamtouch_models.building.sensors import limits_with_one_failed
 from beamtouch_models.building.since_touch import answers_of_means, answers_since_touch
 from beamtouch_models.error_model import whitening
 from beamtouch_models.errors import NotGoodEnoughError
 from beamtouch_models.estimators.estimator import Estimator
 from beamtouch_models.estimators.onnx_graph import to_bytes
-from beamtouch_models.metadata import Accuracy, Floor, Golden, Influence, SinceTouch, SmallestForce, Thresholds
+from beamtouch_models.metadata import (
+    Accuracy,
+    Floor,
+    Golden,
+    Influence,
+    LayoutErrors,
+    SinceTouch,
+    SmallestForce,
+    Thresholds,
+)
+from beamtouch_models.placement.placing import Aim
 from beamtouch_models.session import Run, runner
 from beamtouch_models.surface import Surface
 from beamtouch_models.world import World
@@ -44,18 +55,20 @@ SURE = 4.0
 class Measured:
     """Fields of the metadata that are measured, by their names there."""
 
+    min_channels: int
     thresholds: Thresholds
     smallest_force: SmallestForce
     floor: Floor
     influence: Influence
     accuracy: Accuracy
+    placed: LayoutErrors
     golden: Golden
 
 
-def measure(estimator: Estimator, prior: Prior, surface: Surface, world: World, seed: int) -> Measured:
+def measure(estimator: Estimator, prior: Prior, surface: Surface, world: World, seed: int, aim: Aim) -> Measured:
     """Measure an estimator on simulated samples of its prior, using the seeds `seed` + 2 and `seed` + 3.
 
-    `surface` is that of the model, `world` its simulation. Errors are those of `reach`.
+    `surface` is that of the model, `world` its simulation, `aim` that of its layout. Errors are those of `reach`.
     """
     run = runner(to_bytes(estimator.graph))
     try:
@@ -63,25 +76,27 @@ def measure(estimator: Estimator, prior: Prior, surface: Surface, world: World, 
     except NotGoodEnoughError as error:
         raise NotGoodEnoughError(f"nothing was written: {error}") from None
     thresholds = thresholds_of(prior, surface)
+    accuracy = _accuracy(prior, run, reached, surface, world, seed + 2)
+    failed = limits_with_one_failed(prior, MeanError(accuracy.limit_percent, accuracy.limit_standard_error), seed)
+    # Cubic interpolation of this table is off by at most 6e-4 of the largest influence of any shipped scene, at the
+    # kink that shear makes, and by 3e-5 elsewhere.
+    table = prior.influence_at(np.linspace(*prior.position_mm, PLACES))
     gain, zero_mm = (np.broadcast_to(value, prior.channels).tolist() for value in (prior.gain, prior.zero_mm))
     return Measured(
-        thresholds,
-        smallest_forces(prior, thresholds.touch[-1], surface.stated.beam.held_mm),
-        Floor(gain=gain, zero_mm=zero_mm),
-        _influence(prior),
-        _accuracy(prior, run, reached, surface, world, seed + 2),
-        _golden(prior, run, seed + 3),
+        min_channels=estimator.min_channels,
+        thresholds=thresholds,
+        smallest_force=smallest_forces(prior, thresholds.touch[-1], surface.stated.beam.held_mm),
+        floor=Floor(gain=gain, zero_mm=zero_mm),
+        influence=Influence(mm_per_n=[[float(f"{value:.{DIGITS}g}") for value in row] for row in table]),
+        accuracy=accuracy,
+        placed=LayoutErrors(
+            criterion=aim.criterion,
+            spare=aim.spare,
+            limit_without_percent=[one.percent for one in failed],
+            limit_without_standard_error=[one.standard_error for one in failed],
+        ),
+        golden=_golden(prior, run, seed + 3),
     )
-
-
-def _influence(prior: Prior) -> Influence:
-    """Return the influence at `PLACES`.
-
-    Cubic interpolation is off by at most 6e-4 of the largest influence of any shipped scene, at the kink that shear
-    makes, and by 3e-5 elsewhere.
-    """
-    table = prior.influence_at(np.linspace(*prior.position_mm, PLACES))
-    return Influence(mm_per_n=[[float(f"{value:.{DIGITS}g}") for value in row] for row in table])
 
 
 def thresholds_of(prior: Prior, surface: Surface) -> Thresholds:
@@ -120,29 +135,30 @@ def reach(made: Estimator, prior: Prior, run: Run, draws: int, seed: int) -> Rea
         and coverage.value + SURE * coverage.standard_error >= MIN_COVERAGE
     ):
         return reached
-    message = (
+    raise NotGoodEnoughError(
         f"with {digits(prior.noise_mm, 3)} mm of noise the error is {digits(ratio.value, 3)} times the accuracy "
         f"limit, and {coverage.value:.1%} of positions lie in their 95 % intervals; state a larger noise"
     )
-    raise NotGoodEnoughError(message)
 
 
 def _accuracy(prior: Prior, run: Run, reached: Reached, surface: Surface, world: World, seed: int) -> Accuracy:
     """Return the error of the exported graph and the accuracy limit."""
     percent = 100 / prior.length_mm
     error, least = reached.error_mm.scaled(percent), reached.limit_mm.scaled(percent)
+    since_touch = []
     plain = answers_of_means(prior, run, surface, world, reached.error_mm, seed)
-    since_touch = [
-        SinceTouch(
-            since_ms=one.since_ms,
-            readings=one.readings,
-            error_percent=one.error_mm.value * percent,
-            error_standard_error=one.error_mm.standard_error * percent,
-            ringing_percent=None if one.ringing_mm is None else one.ringing_mm.value * percent,
-            ringing_standard_error=None if one.ringing_mm is None else one.ringing_mm.standard_error * percent,
+    for one in answers_since_touch(plain, prior, run, surface, world, seed):
+        at_once, ringing = one.error_mm.scaled(percent), one.ringing_mm
+        since_touch.append(
+            SinceTouch(
+                since_ms=one.since_ms,
+                readings=one.readings,
+                error_percent=at_once.value,
+                error_standard_error=at_once.standard_error,
+                ringing_percent=None if ringing is None else ringing.value * percent,
+                ringing_standard_error=None if ringing is None else ringing.standard_error * percent,
+            )
         )
-        for one in answers_since_touch(plain, prior, run, surface, world, seed)
-    ]
     return Accuracy(
         since_touch=since_touch,
         error_percent=error.value,

@@ -9,13 +9,12 @@ from beamtouch_models.building.build import Built, Choices, build_model
 from beamtouch_models.building.daemon_config import daemon_config as daemon_config_of
 from beamtouch_models.building.sensors import count_of
 from beamtouch_models.errors import SceneError
-from beamtouch_models.metadata.fields import NAME
+from beamtouch_models.metadata import NAME
 from beamtouch_models.names import ESTIMATORS, Criterion, EstimatorName
 from beamtouch_models.numbers import require, whole
 from beamtouch_models.placement.placing import DEFAULT_AIM, Aim
-from beamtouch_models.progress import Progress, silent
-from beamtouch_models.scene import Scene, format_scene, load_scene, read_scene
-from beamtouch_models.scene.scene import path_of
+from beamtouch_models.scene import Scene, format_scene, load_scene, path_of, read_scene
+from beamtouch_models.sweeps import Progress, silent
 
 
 def build(  # noqa: PLR0913  # one for each option of the command
@@ -55,14 +54,18 @@ def build(  # noqa: PLR0913  # one for each option of the command
     NotGoodEnoughError
         The model misses the accuracy limit.
     """
-    stated, text = _stated(scene)
+    path = None if isinstance(scene, Scene) else path_of(scene)
+    if isinstance(scene, Scene):
+        stated, text = scene, format_scene(scene)
+    else:
+        stated, text = (read_scene(scene), str(scene)) if path is None else load_scene(path)
     require(name, str, "name", "text")
     if not re.fullmatch(NAME, name):
         raise SceneError(f"name = {name!r} must have 1 to 64 letters, digits, '_', '.' or '-'")
     if estimator not in ESTIMATORS:
         raise SceneError(f"estimator = {estimator!r} must be one of {', '.join(ESTIMATORS)}")
     config_file, report_file = (None if one is None else Path(one) for one in (daemon_config, report))
-    require_writable((config_file, report_file), () if isinstance(scene, Scene) else (path_of(scene),))
+    require_writable((config_file, report_file), () if path is None else (path,))
     built = build_model(
         stated,
         text,
@@ -87,27 +90,16 @@ def write_products(
 ) -> None:
     """Write the model, the daemon's configuration and the report of a build, each where a file is given for it."""
     # The report is measured before anything is written: a build that is interrupted leaves no file.
-    text = None if report is None else _report(scene, built, progress)
-    for path, content in (
-        (model, built.content),
-        (report, None if text is None else text.encode()),
-        (config, None if config is None else daemon_config_of(built.metadata).encode()),
-    ):
-        if path is not None and content is not None:
-            write_atomically(path, content)
+    page_text = ""
+    if report is not None:
+        # Most builds write none, and its drawings and its template are a tenth of what a build would import.
+        from beamtouch_models.building.report.facts import gather  # noqa: PLC0415
+        from beamtouch_models.building.report.page import page  # noqa: PLC0415
 
-
-def _report(scene: Scene, built: Built, progress: Progress) -> str:
-    # Most builds write none, and its drawings and its template are a tenth of what a build would import.
-    from beamtouch_models.building.report.facts import gather  # noqa: PLC0415
-    from beamtouch_models.building.report.page import page  # noqa: PLC0415
-
-    return page(gather(scene, built, progress))
-
-
-def _stated(scene: Path | str | Scene) -> tuple[Scene, str]:
-    """Return a scene and its TOML text."""
-    if isinstance(scene, Scene):
-        return scene, format_scene(scene)
-    path = path_of(scene)
-    return (read_scene(scene), str(scene)) if path is None else load_scene(path)
+        page_text = page(gather(scene, built, progress))
+    if model is not None:
+        write_atomically(model, built.content)
+    if report is not None:
+        write_atomically(report, page_text.encode())
+    if config is not None:
+        write_atomically(config, daemon_config_of(built.metadata).encode())

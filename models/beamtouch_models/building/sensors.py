@@ -21,14 +21,13 @@ from beamtouch_models.accuracy.thresholds import (
 from beamtouch_models.arrays import Floats
 from beamtouch_models.errors import SceneError
 from beamtouch_models.estimators.estimator import Estimator, estimator_of
-from beamtouch_models.metadata import Accuracy, LayoutErrors
 from beamtouch_models.names import Criterion, EstimatorName
 from beamtouch_models.numbers import require, whole
 from beamtouch_models.physics.influence import InfluenceFunction
 from beamtouch_models.placement.placing import DEFAULT_AIM, Aim, Placement, fewest_sensors, score_positions
-from beamtouch_models.progress import Fraction, Progress, silent
 from beamtouch_models.scene import Scene
 from beamtouch_models.surface import Surface
+from beamtouch_models.sweeps import Fraction, Progress, silent
 from beamtouch_models.world import World
 
 FAILED_DRAWS = 1_024
@@ -98,7 +97,7 @@ def place_sensors(
     """
     surface.check(count or len(kept_mm) or None)
     if kept_mm:
-        placement = Placement(kept_mm, score_positions(surface.influence, np.array(kept_mm)), 0, ())
+        placement = Placement(kept_mm, score_positions(surface.influence, np.array(kept_mm)), 0)
     else:
         placement = fewest_sensors(
             surface.influence,
@@ -112,7 +111,14 @@ def place_sensors(
         )
     surface.check_spacing(placement.positions_mm)
     sensors = PlacedSensors(surface, placement)
-    _check_seen(sensors.prior, surface)
+    prior = sensors.prior
+    threshold = touch_threshold(directions(shapes_at_rest(prior)), noise_at_rest(prior), surface.touch_rate)
+    least = float(smallest_force_n(prior, threshold, np.linspace(*prior.position_mm, PLACES)).min())
+    if least > prior.force_n[1]:
+        raise SceneError(
+            f"sensors: no contact of the scene is seen, as at least {digits(least, 3)} N is needed and contact.force_n "
+            f"ends at {prior.force_n[1]:g} N; state less noise or zero_drift_mm, or allow more false_contacts_per_day"
+        )
     return sensors
 
 
@@ -157,30 +163,6 @@ def count_of(sensors: object) -> int | None:
     return None if sensors is None else whole(sensors, "sensors", 1)
 
 
-def _check_seen(prior: Prior, surface: Surface) -> None:
-    """Raise SceneError if a model with this prior sees no contact of the scene."""
-    threshold = touch_threshold(directions(shapes_at_rest(prior)), noise_at_rest(prior), surface.touch_rate)
-    least = float(smallest_force_n(prior, threshold, np.linspace(*prior.position_mm, PLACES)).min())
-    if least > prior.force_n[1]:
-        message = (
-            f"sensors: no contact of the scene is seen, as at least {digits(least, 3)} N is needed and contact.force_n "
-            f"ends at {prior.force_n[1]:g} N; state less noise or zero_drift_mm, or allow more false_contacts_per_day"
-        )
-        raise SceneError(message)
-
-
-def layout_errors(prior: Prior, accuracy: Accuracy, criterion: Criterion, spare: int, seed: int) -> LayoutErrors:
-    """Return how a layout fares with each sensor failed, beside its limit with all of them."""
-    limit = MeanError(accuracy.limit_percent, accuracy.limit_standard_error)
-    failed = limits_with_one_failed(prior, limit, seed)
-    return LayoutErrors(
-        criterion=criterion,
-        spare=spare,
-        limit_without_percent=[one.percent for one in failed],
-        limit_without_standard_error=[one.standard_error for one in failed],
-    )
-
-
 def limits_with_one_failed(prior: Prior, limit: MeanError, seed: int) -> list[MeanError]:
     """Return the accuracy limits with each sensor failed, from that with all of them; none for a single sensor.
 
@@ -188,13 +170,8 @@ def limits_with_one_failed(prior: Prior, limit: MeanError, seed: int) -> list[Me
     """
     if prior.channels == 1:
         return []
-    ratios = [
-        one.ratio for one in limits_without(prior, [(index,) for index in range(prior.channels)], FAILED_DRAWS, seed)
-    ]
-    return [
-        MeanError(
-            one.value * limit.percent,
-            math.hypot(one.standard_error * limit.percent, one.value * limit.standard_error),
-        )
-        for one in ratios
-    ]
+    found = []
+    for one in limits_without(prior, [(index,) for index in range(prior.channels)], FAILED_DRAWS, seed):
+        scatter = math.hypot(one.ratio.standard_error * limit.percent, one.ratio.value * limit.standard_error)
+        found.append(MeanError(one.ratio.value * limit.percent, scatter))
+    return found

@@ -17,8 +17,6 @@ from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.statistics import Measurement, mean_of, ratio_of
 from beamtouch_models.arrays import Floats
 from beamtouch_models.error_model import whitening
-from beamtouch_models.filters import Chain
-from beamtouch_models.metadata import FilterChoice
 from beamtouch_models.session import Run
 from beamtouch_models.surface import Surface
 from beamtouch_models.world import SensorErrors, World
@@ -87,68 +85,12 @@ class Touches:
         return self.errors_mm(run, sample_mm, np.eye(self.prior.channels) * deviation_mm**2)
 
 
-@dataclass(frozen=True, eq=False)
-class Course:
-    """A rest, and then touches, each at any time before the first loaded reading."""
-
-    touches: Touches
-    chain: Chain
-    before: int
-    """Readings at rest."""
-    since_s: Floats
-    """(contacts, readings) since the touch."""
-    seed: int
-
-    @classmethod
-    def draw(cls, touches: Touches, surface: Surface, longest: int, seed: int) -> Self:
-        """Draw the moments of touches of which `longest` loaded readings come."""
-        before, rng = STILL + min(MOST, math.ceil(surface.slowest_period)), np.random.default_rng([seed, longest])
-        since = np.arange(1 - before, longest + 1) - rng.uniform(size=(len(touches.shown_mm), 1))
-        return cls(touches, surface.chain(touches.prior.channels), before, since / surface.stated.sensors.rate_hz, seed)
-
-    def readings(self, ringing_mm: Floats | float = 0.0) -> Floats:
-        """Return the readings (contacts, readings, channels), with the same noise each time.
-
-        `ringing_mm` is what ringing adds to the deflections at rest under the load.
-        """
-        touches = self.touches
-        true_mm = (self.since_s > 0)[:, :, None] * (touches.shown_mm[:, None] + ringing_mm)
-        return touches.world.readings(true_mm, touches.errors, np.random.default_rng([self.seed, 1]))
-
-    def errors_mm(self, run: Run, readings_mm: Floats, counts: Sequence[int]) -> Floats:
-        """Return the errors (counts, contacts) behind the filter after so many loaded readings."""
-        at, means, covariances = self.before - 1 + np.array(counts), [], []
-        for readings in readings_mm:
-            self.chain.restart()
-            filtered = self.chain.apply(readings)
-            # A channel whose newest reading is not good takes no part.
-            means.append(np.where(np.isnan(readings[at]), np.nan, filtered.mean_mm[at]))
-            covariances.append(filtered.covariances_mm2(at))
-        samples = zip(np.array(means).swapaxes(0, 1), np.array(covariances).swapaxes(0, 1), strict=True)
-        return np.array([self.touches.errors_mm(run, *sample) for sample in samples])
-
-    def plain_errors_mm(self, run: Run, readings_mm: Floats, counts: Sequence[int]) -> Floats:
-        """Return the errors (counts, contacts) of the plain means of the first loaded readings."""
-        touches, variance_mm2 = self.touches, self.touches.world.reading_mm**2 * np.eye(self.touches.world.channels)
-        found = []
-        for count in counts:
-            loaded = readings_mm[:, self.before : self.before + count]
-            with np.errstate(invalid="ignore"):  # a channel that is always beyond its range is missing
-                mean = np.nansum(loaded, axis=1) / np.isfinite(loaded).sum(axis=1)
-            found.append(touches.errors_mm(run, mean, variance_mm2 / count))
-        return np.array(found)
-
-
-def readings_of(chosen: FilterChoice) -> list[int]:
-    """Return the numbers of readings since a touch whose answers are measured, up to the longest mean or `MOST`."""
-    longest = min(chosen.max_readings, max(MOST, chosen.window))
-    return sorted({min(FIRST, longest), chosen.window, min(4 * chosen.window, longest), longest})
-
-
 def answers_of_means(
     prior: Prior, run: Run, surface: Surface, world: World, error_mm: Measurement, seed: int
 ) -> list[Answer]:
     """Return the mean errors of a graph for plain means of loaded readings, on a beam that follows a touch at once.
+
+    They are those of the first answer, of the mean that the model is made for, and of longer ones.
 
     Parameters
     ----------
@@ -157,12 +99,13 @@ def answers_of_means(
     error_mm : mean error of the model for a mean of `filter.window` readings at rest
     seed : seed of contacts and noise
     """
-    chosen, rate_hz = surface.filter, surface.stated.sensors.rate_hz
+    window, rate_hz = surface.filter.window, surface.stated.sensors.rate_hz
+    longest = min(surface.filter.max_readings, max(MOST, window))
     many = Touches.draw(prior, world, KNOWN, seed + 1)
     noise = np.random.default_rng([seed, prior.channels]).normal(size=many.shown_mm.shape)
-    usual = many.plain_errors_mm(run, chosen.window, noise) * many.drawn.weight
+    usual = many.plain_errors_mm(run, window, noise) * many.drawn.weight
     found = []
-    for count in readings_of(chosen):
+    for count in sorted({min(FIRST, longest), window, min(4 * window, longest), longest}):
         ratio = ratio_of(many.plain_errors_mm(run, count, noise) * many.drawn.weight, usual)
         scatter = math.hypot(ratio.standard_error * error_mm.value, ratio.value * error_mm.standard_error)
         found.append(Answer(count, count * 1e3 / rate_hz, Measurement(ratio.value * error_mm.value, scatter)))
@@ -176,21 +119,45 @@ def answers_since_touch(
 
     `plain` are those of `answers_of_means`; so are the other arguments.
     """
-    counts = [answer.readings for answer in plain]
+    counts, chain = [answer.readings for answer in plain], surface.chain(prior.channels)
     touches = Touches.draw(prior, world, CONTACTS, seed)
-    course = Course.draw(touches, surface, counts[-1], seed)
-    still = course.readings()
-    plain_mm = course.plain_errors_mm(run, still, counts)
+    # Readings at rest, and then touches, each at any time before the first loaded reading.
+    before, rng = STILL + min(MOST, math.ceil(surface.slowest_period)), np.random.default_rng([seed, counts[-1]])
+    since = np.arange(1 - before, counts[-1] + 1) - rng.uniform(size=(len(touches.shown_mm), 1))
+    since_s = since / surface.stated.sensors.rate_hz
+
+    def readings_of(ringing_mm: Floats | float = 0.0) -> Floats:
+        """Return readings (contacts, readings, channels), with the same noise each time, of a beam that rings."""
+        true_mm = (since_s > 0)[:, :, None] * (touches.shown_mm[:, None] + ringing_mm)
+        return world.readings(true_mm, touches.errors, np.random.default_rng([seed, 1]))
+
+    still, variance_mm2 = readings_of(), world.reading_mm**2 * np.eye(world.channels)
+    plain_mm = []
+    for count in counts:
+        loaded = still[:, before : before + count]
+        with np.errstate(invalid="ignore"):  # a channel that is always beyond its range is missing
+            mean = np.nansum(loaded, axis=1) / np.isfinite(loaded).sum(axis=1)
+        plain_mm.append(touches.errors_mm(run, mean, variance_mm2 / count))
 
     def measure(readings_mm: Floats) -> list[Measurement]:
-        more = [mean_of(one, touches.drawn.weight) for one in course.errors_mm(run, readings_mm, counts) - plain_mm]
-        return [
-            Measurement(one.error_mm.value + other.value, math.hypot(one.error_mm.standard_error, other.standard_error))
-            for one, other in zip(plain, more, strict=True)
-        ]
+        """Return the error behind the filter after each number of loaded readings."""
+        at, means, covariances = before - 1 + np.array(counts), [], []
+        for readings in readings_mm:
+            chain.restart()
+            filtered = chain.apply(readings)
+            # A channel whose newest reading is not good takes no part.
+            means.append(np.where(np.isnan(readings[at]), np.nan, filtered.mean_mm[at]))
+            covariances.append(filtered.covariances_mm2(at))
+        samples = zip(np.array(means).swapaxes(0, 1), np.array(covariances).swapaxes(0, 1), strict=True)
+        found = []
+        for one, sample, of_mean in zip(plain, samples, plain_mm, strict=True):
+            more = mean_of(touches.errors_mm(run, *sample) - of_mean, touches.drawn.weight)
+            scatter = math.hypot(one.error_mm.standard_error, more.standard_error)
+            found.append(Measurement(one.error_mm.value + more.value, scatter))
+        return found
 
     answers = [replace(one, error_mm=error_mm) for one, error_mm in zip(plain, measure(still), strict=True)]
     if world.modes is None:
         return answers
-    rings = measure(course.readings(world.ringing_mm(touches.drawn.position_mm, touches.drawn.force_n, course.since_s)))
+    rings = measure(readings_of(world.ringing_mm(touches.drawn.position_mm, touches.drawn.force_n, since_s)))
     return [replace(one, ringing_mm=error_mm) for one, error_mm in zip(answers, rings, strict=True)]

@@ -16,8 +16,8 @@ from beamtouch_models.calibration.theory import Theory
 from beamtouch_models.errors import NotGoodEnoughError
 from beamtouch_models.loading import ModelFile
 from beamtouch_models.metadata import Calibration, Departures, Metadata
-from beamtouch_models.progress import Progress
 from beamtouch_models.surface import Surface, prior_of_model
+from beamtouch_models.sweeps import Progress
 
 MAX_LEFT = 0.1
 """Largest error of a fit, over the deflections that the scene predicts, and over the length.

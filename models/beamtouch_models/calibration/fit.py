@@ -15,7 +15,7 @@ from beamtouch_models.arrays import Floats
 from beamtouch_models.calibration.loads import Loads
 from beamtouch_models.calibration.theory import Fitted, Theory, best_step
 from beamtouch_models.health.residuals import LoadErrors, Residuals, leave_out
-from beamtouch_models.progress import Fraction
+from beamtouch_models.sweeps import Fraction
 
 WORTH = 0.95
 """A kind of departure is added if it lowers the error of left-out loads to at most this fraction."""

@@ -17,7 +17,7 @@ from beamtouch_models.calibration.fit import ROUNDS, Fit, fit, residuals_of
 from beamtouch_models.calibration.loads import Loads
 from beamtouch_models.calibration.theory import Theory
 from beamtouch_models.decision.wiring import Wiring, wirings
-from beamtouch_models.progress import Fraction, silent
+from beamtouch_models.sweeps import Fraction, silent
 
 POOR_NOISES = 8.0
 """Residual, in noises of a sample, below which loads agree with the channels as they are."""

@@ -6,14 +6,14 @@ import numpy as np
 
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.building.measure import measure
-from beamtouch_models.building.sensors import layout_errors
 from beamtouch_models.errors import ModelFileError
 from beamtouch_models.estimators.estimator import Estimator, estimator_of
 from beamtouch_models.estimators.onnx_graph import to_bytes, with_force_error, with_linear_input
 from beamtouch_models.metadata import Calibration, Metadata
 from beamtouch_models.names import ESTIMATORS
-from beamtouch_models.progress import Fraction, Progress, silent
+from beamtouch_models.placement.placing import Aim
 from beamtouch_models.surface import Surface
+from beamtouch_models.sweeps import Fraction, Progress, silent
 from beamtouch_models.world import World
 
 
@@ -30,16 +30,9 @@ def rebuilt(metadata: Metadata, prior: Prior, calibration: Calibration, progress
     surface = Surface.of_model(metadata)
     noise_mm, departures = surface.modelled_readings.sensor_mm, calibration.departures
     world = World.of(surface.stated, metadata.sensor, metadata.layout_mm, noise_mm, departures)
-    fields = measure(made, prior, surface, world, metadata.seed)
-    before = metadata.placed
-    fresh = metadata.model_copy(
-        update={
-            **vars(fields),
-            "min_channels": made.min_channels,
-            "placed": layout_errors(prior, fields.accuracy, before.criterion, before.spare, metadata.seed),
-            "calibration": calibration,
-        }
-    )
+    aim = Aim(metadata.placed.criterion, metadata.placed.spare)
+    fields = measure(made, prior, surface, world, metadata.seed, aim)
+    fresh = metadata.model_copy(update={**vars(fields), "calibration": calibration})
     return to_bytes(made.graph, fresh), fresh
 
 

@@ -17,7 +17,7 @@ from beamtouch_models.errors import NotGoodEnoughError
 from beamtouch_models.loading import ModelFile
 from beamtouch_models.metadata import Calibration, Metadata
 from beamtouch_models.pricing.noise import GAIN_ERROR
-from beamtouch_models.progress import Progress
+from beamtouch_models.sweeps import Progress
 
 KINDS = ("gain", "position", "curve", "offset")
 """Departures that unlabelled contacts determine. Rigidity is a scale of the forces, and fixity they hardly tell from

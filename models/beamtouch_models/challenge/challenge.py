@@ -16,8 +16,7 @@ from beamtouch_models.challenge.scoring import Row, ghosts, scored
 from beamtouch_models.challenge.sensor_cases import error_cases
 from beamtouch_models.challenge.surface import SimulatedSurface
 from beamtouch_models.loading import ModelFile, load_bytes
-from beamtouch_models.progress import Progress, silent
-from beamtouch_models.sweeps import Spread, in_turn
+from beamtouch_models.sweeps import Progress, Spread, in_turn, silent
 
 
 @dataclass(frozen=True)

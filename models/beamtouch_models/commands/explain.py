@@ -16,7 +16,7 @@ from beamtouch_models.commands.options import add_json
 from beamtouch_models.printing import Block, Result, Table, note, show
 
 if TYPE_CHECKING:
-    from beamtouch_models.pricing.effect import Effect
+    from beamtouch_models.pricing.prices import Effect
     from beamtouch_models.scene import Scene
 
 REPEATS = 5
@@ -36,7 +36,7 @@ def run(options: argparse.Namespace) -> None:
     """Price the effects, measure the time that each costs, and print both."""
     from beamtouch_models.building.remarks import remarks
     from beamtouch_models.commands.explain_zones import bands_of, load_zones, zone_rows
-    from beamtouch_models.pricing.effect import NEGLIGIBLE
+    from beamtouch_models.pricing.prices import NEGLIGIBLE
     from beamtouch_models.pricing.ringing import told
     from beamtouch_models.scene import load_scene
     from beamtouch_models.surface import Surface

@@ -16,7 +16,7 @@ from beamtouch_models.names import CRITERIA
 
 if TYPE_CHECKING:
     from beamtouch_models.placement.placing import Aim
-    from beamtouch_models.progress import Progress
+    from beamtouch_models.sweeps import Progress
 
 MAX_DRAWS = 1_000_000
 """Bounds memory: each contact takes about 2 kB."""

@@ -80,7 +80,7 @@ def _describe(sensors: PlacedSensors, aim: Aim, seed: int) -> dict[str, Any]:
     """Return everything to print except the time; unknown values are None."""
     from beamtouch_models.accuracy.limit import accuracy_limit
     from beamtouch_models.building.sensors import limits_with_one_failed
-    from beamtouch_models.placement.bound import largest_gap
+    from beamtouch_models.placement.eigenvalue_product import largest_gap
     from beamtouch_models.placement.placing import recommended_count
 
     placement, surface, gap = sensors.placement, sensors.surface, None

@@ -9,11 +9,10 @@ import onnx
 from beamtouch_models.accuracy.limit import limits_without
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.estimators.paper_network import paper_graph, trained_as_in_the_paper
-from beamtouch_models.estimators.posterior.graph import posterior_graph
-from beamtouch_models.estimators.posterior.window import windowed_graph
+from beamtouch_models.estimators.posterior.window import posterior_graph, windowed_graph
 from beamtouch_models.estimators.small_network import first_stage, train
 from beamtouch_models.names import EstimatorName
-from beamtouch_models.progress import Fraction
+from beamtouch_models.sweeps import Fraction
 
 ENOUGH = 0.5
 """A set of channels determines a position if its error is at most this share of the error of a guess without any."""

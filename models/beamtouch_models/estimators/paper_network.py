@@ -21,7 +21,7 @@ from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.arrays import Bools, Floats, Indices
 from beamtouch_models.estimators.onnx_graph import Graph, model
 from beamtouch_models.metadata import INPUTS
-from beamtouch_models.progress import Fraction, silent
+from beamtouch_models.sweeps import Fraction, silent
 
 HIDDEN = 10
 LEARNING_RATE = 0.9
@@ -35,6 +35,8 @@ CHECK_EVERY = 10
 """Epochs between two evaluations of the composite error."""
 GAIN, PATIENCE = 0.01, 600
 """Smallest relative gain of the composite error, and epochs without one after which training counts as stalled."""
+PATTERNS = 399
+"""Number of load positions in training, as in the paper."""
 
 Outcome = Literal["reached", "stood still", "out of epochs"]
 
@@ -173,10 +175,6 @@ def _present(stack: _Stack, target: Floats, order: Indices) -> None:
         stack.hidden_step *= MOMENTUM
         stack.hidden_step += inputs[:, :, None] * inner[:, None, :]
         stack.hidden += stack.hidden_step
-
-
-PATTERNS = 399
-"""Number of load positions in training, as in the paper."""
 
 
 def paper_graph(network: PaperNetwork) -> onnx.ModelProto:

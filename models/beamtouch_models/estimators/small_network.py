@@ -17,9 +17,9 @@ from threadpoolctl import threadpool_limits
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.arrays import Floats
 from beamtouch_models.estimators.onnx_graph import Graph
-from beamtouch_models.estimators.posterior.scoring import Whitened
+from beamtouch_models.estimators.posterior.answers import Whitened
 from beamtouch_models.estimators.posterior.window import FirstStage, Nodes, Table, table_of
-from beamtouch_models.progress import Fraction
+from beamtouch_models.sweeps import Fraction
 
 HIDDEN = (16, 16)
 EXAMPLES = 8000

@@ -11,9 +11,9 @@ from beamtouch_common.digits import digits
 from beamtouch_models.arrays import Floats
 from beamtouch_models.errors import SceneError
 from beamtouch_models.numbers import array_of, at_least, at_most, places_in, require
-from beamtouch_models.physics.assembly import element_influence
 from beamtouch_models.physics.closed_forms import patch_influence, point_influence, span_of
 from beamtouch_models.physics.influence import InfluenceFunction
+from beamtouch_models.physics.mesh import element_influence
 from beamtouch_models.scene import Scene
 from beamtouch_models.scene.beam import SMALLEST_NORMAL, Beam
 from beamtouch_models.scene.plausible import ROUNDING, taken_mm
@@ -154,11 +154,10 @@ def _deflection_unit(length_mm: float, rigidity_n_mm2: float) -> float:
     except OverflowError:
         unit = math.inf
     if not SMALLEST_NORMAL <= unit < math.inf:
-        message = (
+        raise SceneError(
             f"beam: {length_mm:g} mm long with a rigidity of {rigidity_n_mm2:g} N mm^2, it deflects beyond what can be "
             "computed; check length_mm, width_mm, thickness_mm and the modulus"
         )
-        raise SceneError(message)
     return unit
 
 
@@ -179,10 +178,9 @@ def sensor_positions_mm(scene: Scene) -> Floats:
     """
     sensors, length = scene.sensors, scene.beam.length_mm
     if length / sensors.grid_mm > MAX_SENSOR_POSITIONS:
-        message = (
+        raise SceneError(
             f"sensors.grid_mm = {sensors.grid_mm:g} makes more than {MAX_SENSOR_POSITIONS} positions; make it coarser"
         )
-        raise SceneError(message)
     fixed_mm = np.unique(np.asarray(sensors.fixed_mm, dtype=np.float64))
     grid = np.minimum(np.arange(np.floor(length / sensors.grid_mm + ROUNDING) + 1) * sensors.grid_mm, length)
     for _, start, end in taken_mm(scene.beam, sensors):
@@ -191,11 +189,10 @@ def sensor_positions_mm(scene: Scene) -> Floats:
     apart = np.abs(grid[:, None] - fixed_mm).min(axis=1, initial=np.inf) > ROUNDING * length
     position = np.union1d(grid[apart], fixed_mm)
     if len(position) < 2:
-        message = (
+        raise SceneError(
             "sensors: grid_mm, size_mm and keep_out_mm leave fewer than two positions; keep out less, refine the grid, "
             "or correct size_mm"
         )
-        raise SceneError(message)
     return position
 
 
@@ -228,12 +225,11 @@ class Travel:
             travel_mm = self.lift_mm + self.fall_mm
             excess = max(self.slope / MAX_SLOPE, travel_mm / room_mm)
             also = f", and travels {digits(travel_mm, 4)} mm, beyond sensors.range_mm" if travel_mm > room_mm else ""
-            message = (
+            raise SceneError(
                 f"at {self.force_n:g} N the beam slopes by {digits(self.slope, 3)} rad, beyond the {MAX_SLOPE:g} rad "
                 f"of small-angle theory{also}; end contact.force_n at {at_most(self.force_n / excess):g} N, "
                 f"or make the beam {at_least(excess):g} times as stiff"
             )
-            raise SceneError(message)
 
 
 def travel_of(scene: Scene) -> Travel:

@@ -62,11 +62,10 @@ class InfluenceFunction:
         sensor, load = self.length_mm * np.array([0.7, 0.2, 0.5]), self.load_mm[[-1, 0]]
         matrix = np.asarray(self.at(sensor, load))
         if matrix.shape != (2, 3) or not np.isfinite(matrix).all():
-            message = (
+            raise ValueError(
                 "at of an influence function must return finite values of shape (loads, sensors), here (2, 3), not "
                 f"{matrix.tolist()}"
             )
-            raise ValueError(message)
 
     @property
     def position_mm(self) -> tuple[float, float]:

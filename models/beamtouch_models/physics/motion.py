@@ -39,6 +39,11 @@ POINTS = 400
 """Point masses that represent the beam if there is no closed form; they give the frequency to about 1e-4."""
 EXCITED = 4
 """Modes that a sudden load excites noticeably: its deflection in mode k is about 1/k^4 of that in the first."""
+MODES = 24
+"""Modes that are followed; of the rest, a sudden load on a slender beam excites less than 1e-4 of its deflection."""
+MIN_SQUARE = 1e-12
+"""Smallest square of a period, relative to the longest, that rounding leaves of the flexibility."""
+M_PER_MM = 1e-3
 
 
 def damping_of(beam: Beam) -> float:
@@ -180,13 +185,6 @@ def ringing_after_filter(frequency_hz: float, damping_ratio: float, chosen: Filt
     if abs(math.sin(phase)) > 1e-9:
         passed = min(1.0, abs(math.sin(chosen.window * phase) / (chosen.window * math.sin(phase))))
     return decay * passed
-
-
-MODES = 24
-"""Modes that are followed; of the rest, a sudden load on a slender beam excites less than 1e-4 of its deflection."""
-MIN_SQUARE = 1e-12
-"""Smallest square of a period, relative to the longest, that rounding leaves of the flexibility."""
-M_PER_MM = 1e-3
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 """Placement of the sensors.
 
-`placing` places by a criterion, whose names are in `beamtouch_models.names`. A criterion is an objective,
-`position_error` or `eigenvalue_product`, and each search of `search` takes any of them. `layout` has the rules for a
-layout, `noticing` says how often one notices loads that are not one contact, and `bound` how much better another could
-be.
+`placing` places by a criterion, whose names are in `beamtouch_models.names`. A criterion is an objective: in
+`position_error`, also for how often a layout notices loads that are not one contact, or in `eigenvalue_product`, with a
+bound on how much better another layout could be. Each search of `search` takes any of them. `layout` has the rules for
+a layout.
 """

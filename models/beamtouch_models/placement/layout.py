@@ -60,13 +60,17 @@ class Candidates:
         None means that no allowed layout has finite values.
         """
         sums = self._sums_from_left(values)
-        last = self._last_sums(sums)
+        last = sums[-1].copy()
+        if len(self.fixed):
+            last[: self.fixed[-1]] = -np.inf
         if not np.isfinite(last.max()):
             return None
         layout = [int(last.argmax())]
         for row in sums[-2::-1]:
-            low, high = self._window(layout[-1])
-            layout.append(low + int(row[low : high + 1].argmax()))
+            # The one before stands at or after the last fixed sensor on its side.
+            before = self.fixed[self.fixed < layout[-1]]
+            low = int(before[-1]) if len(before) else 0
+            layout.append(low + int(row[low : self.last_before[layout[-1]] + 1].argmax()))
         return np.array(layout[::-1], dtype=np.intp)
 
     def best_through(self, values: Floats) -> Floats:
@@ -94,17 +98,6 @@ class Candidates:
                 sums[k, start:end] = values[k, start:end] + reached
         return sums
 
-    def _last_sums(self, sums: Floats) -> Floats:
-        last: Floats = sums[-1].copy()
-        if len(self.fixed):
-            last[: self.fixed[-1]] = -np.inf
-        return last
-
-    def _window(self, index: int) -> tuple[int, int]:
-        """Return the first and the last candidate that may precede the sensor at `index`."""
-        fixed_before = self.fixed[self.fixed < index]
-        return int(fixed_before[-1]) if len(fixed_before) else 0, int(self.last_before[index])
-
 
 def equal_pitch_mm(length_mm: float, count: int) -> Floats:
     """Return the layout that divides the beam into equal parts; (count,) in mm."""
@@ -117,9 +110,8 @@ def equal_layout(rules: Candidates, length_mm: float, count: int) -> Indices:
         raise SceneError(f"sensors.fixed_mm has {len(rules.fixed)} sensors, more than the {count} to be placed")
     layout = rules.fitted(equal_pitch_mm(length_mm, count))
     if layout is None:
-        message = (
+        raise SceneError(
             f"no layout of {count} sensors keeps the rules of sensors (size_mm, min_distance_mm, keep_out_mm, "
             "fixed_mm, grid_mm, mounting_tolerance_mm); loosen one or use fewer sensors"
         )
-        raise SceneError(message)
     return layout

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,13 +14,16 @@ from beamtouch_models.arrays import Floats, Indices
 from beamtouch_models.errors import NotGoodEnoughError, SceneError
 from beamtouch_models.names import CRITERIA, Criterion, SearchName
 from beamtouch_models.physics.influence import InfluenceFunction
-from beamtouch_models.placement.components import discernible, log_eigenvalue_product, principal_components
-from beamtouch_models.placement.eigenvalue_product import eigenvalue_product_of
+from beamtouch_models.placement.eigenvalue_product import (
+    discernible,
+    eigenvalue_product_of,
+    log_eigenvalue_product,
+    principal_components,
+)
 from beamtouch_models.placement.layout import Candidates, equal_layout, equal_pitch_mm
 from beamtouch_models.placement.position_error import PositionError, position_error_of
 from beamtouch_models.placement.search import SearchRun, first_best, search_from
-from beamtouch_models.progress import Progress, silent
-from beamtouch_models.sweeps import one_thread
+from beamtouch_models.sweeps import Progress, one_thread, silent
 
 AT_REST = 1e-12
 """Largest deflection at a support, over that elsewhere: rounding."""
@@ -28,6 +32,10 @@ CLEAR = 1.015
 between layouts, and by more where few sensors stand close together, or errors are smaller than a cell."""
 FINAL_DRAWS = 2_000
 """Contacts of the limits that decide otherwise; with a spare, the limits of all failures share them."""
+PROBES = 8
+"""Equally pitched sensors whose components are counted, as in the paper."""
+COUNT_DRAWS = 1_000
+"""Simulated contacts for the error of each number of sensors that is tried."""
 
 
 @dataclass(frozen=True)
@@ -51,11 +59,10 @@ class Aim:
         if self.criterion not in CRITERIA:
             raise SceneError(f"criterion = {self.criterion!r} must be one of {', '.join(CRITERIA)}")
         if self.spare not in (0, 1) or (self.spare and self.criterion != "position-error"):
-            message = (
+            raise SceneError(
                 f"spare = {self.spare}: give 0, or 1, which places by position error, without another criterion or "
                 "leading components"
             )
-            raise SceneError(message)
 
 
 DEFAULT_AIM = Aim(CRITERIA[0])
@@ -74,8 +81,6 @@ class Placement:
     which can happen with the position-error criterion only."""
     evaluations: int
     """Number of layouts scored."""
-    convergence: tuple[float, ...]
-    """Best score after each step of the winning run: the logarithm above, or minus the mean position error in mm."""
 
 
 def place_as(
@@ -133,7 +138,7 @@ def place(
         if not np.isfinite(score):
             message = f"the rules of sensors leave no {count} positions with independent readings; use fewer sensors"
             raise SceneError(message)
-    return _placement(rules, best.layout, score, runs)
+    return _checked(rules, best.layout, score, runs)
 
 
 def place_by_position_error(
@@ -168,7 +173,10 @@ def place_by_position_error(
         raise SceneError(message)
     with one_thread():
         equal = equal_layout(rules, influence.length_mm, count)
-        product = _by_product(influence, rules, equal, seed)
+        product = equal
+        with suppress(SceneError):  # there may be fewer components than sensors
+            by_product = eigenvalue_product_of(influence, rules, count)
+            product = first_best(search_from(by_product.starts(seed), by_product, "exact", seed)).layout
         objective = position_error_of(influence, rules, equal, errors, seed, spare=spare, reference=product)
         runs = search_from(
             [product, equal], objective, search, seed, lambda part: progress("placing by position error", part)
@@ -179,22 +187,24 @@ def place_by_position_error(
     if size.min() <= AT_REST * size.max():
         message = f"sensors: nothing moves at {positions[size.argmin()]:g} mm; move that sensor, or use fewer sensors"
         raise SceneError(message)
-    return _placement(rules, layout, score_positions(influence, positions), runs)
+    return _checked(rules, layout, score_positions(influence, positions), runs)
+
+
+def _checked(rules: Candidates, layout: Indices, score: float, runs: Sequence[SearchRun]) -> Placement:
+    """Return the result of a search, whatever made it; NotGoodEnoughError if it breaks a rule."""
+    positions_mm = tuple(rules.position_mm[layout].tolist())
+    if not rules.allowed(layout[None, :])[0]:
+        raise NotGoodEnoughError(
+            f"the search ended at {', '.join(f'{position:g}' for position in positions_mm)} mm, against the rules of "
+            "sensors; please report this scene as a defect"
+        )
+    return Placement(positions_mm, score, sum(run.evaluations for run in runs))
 
 
 def score_positions(influence: InfluenceFunction, positions_mm: Floats, leading: int | None = None) -> float:
     """Return the logarithm of the eigenvalue product of a layout, in the unit of `Placement.log_eigenvalue_product`."""
     score = log_eigenvalue_product(influence.matrix(positions_mm), leading)
     return score - 2 * (leading or len(positions_mm)) * float(np.log(influence.unit_mm_per_n))
-
-
-def _by_product(influence: InfluenceFunction, rules: Candidates, equal: Indices, seed: int) -> Indices:
-    """Return the layout of the eigenvalue product, or equal pitch if there are fewer components than sensors."""
-    try:
-        product = eigenvalue_product_of(influence, rules, len(equal))
-    except SceneError:
-        return equal
-    return first_best(search_from(product.starts(seed), product, "exact", seed)).layout
 
 
 def _least(objective: PositionError, layouts: Sequence[Indices], influence: InfluenceFunction, seed: int) -> Indices:
@@ -206,7 +216,7 @@ def _least(objective: PositionError, layouts: Sequence[Indices], influence: Infl
     distinct = np.unique(layouts, axis=0)
     scores = objective.scores(distinct)
     near = distinct[scores >= CLEAR * scores.max()]
-    if len(near) == 1:
+    if len(near) == 1:  # no limit need be computed
         return np.asarray(near[0])
 
     def limit(layout: Indices) -> float:
@@ -223,22 +233,6 @@ def _limit_percent(prior: Prior, spare: int, draws: int, seed: int) -> float:
         return accuracy_limit(prior, draws, seed).percent
     failed = limits_without(prior, [(index,) for index in range(prior.channels)], draws, seed)
     return max(one.limit.percent for one in failed)
-
-
-def _placement(rules: Candidates, layout: Indices, score: float, runs: Sequence[SearchRun]) -> Placement:
-    """Return the result of every placement, after a last look at the rules; NotGoodEnoughError if it breaks one."""
-    positions_mm = tuple(np.sort(rules.position_mm[layout]).tolist())
-    if not rules.allowed(layout[None, :])[0]:
-        places = ", ".join(f"{position:g}" for position in positions_mm)
-        message = f"the search ended at {places} mm, against the rules of sensors; please report this scene as a defect"
-        raise NotGoodEnoughError(message)
-    return Placement(positions_mm, score, sum(run.evaluations for run in runs), first_best(runs).scores)
-
-
-PROBES = 8
-"""Equally pitched sensors whose components are counted, as in the paper."""
-COUNT_DRAWS = 1_000
-"""Simulated contacts for the error of each number of sensors that is tried."""
 
 
 def recommended_count(influence: InfluenceFunction, noise_mm: float) -> int:
@@ -292,23 +286,22 @@ def fewest_sensors(
     if wanted_mm is None or fewest == most:
         return place_as(aim, influence, rules, most, seed, errors, progress)
     reached_mm = math.inf
+
+    def out_of_reach(count: int, more: str) -> SceneError:
+        """Return the error for the largest number of sensors; `more` ends its line."""
+        limit = "the accuracy limit with one failed" if aim.spare else "the accuracy limit"
+        wanted = f"requirements.position_error_mm = {wanted_mm:g}"
+        return SceneError(f"not even {count} sensors reach {wanted}: {limit} is {digits(reached_mm, 3)} mm; {more}")
+
     for number in range(min(max(fewest, len(rules.fixed), aim.spare + 1, aim.leading or 1), most), most + 1):
         try:
             placement = place_as(aim, influence, rules, number, seed, errors, progress)
         except SceneError as refusal:
             if reached_mm == math.inf:
                 raise
-            raise _out_of_reach(number - 1, wanted_mm, reached_mm, aim, f"and {refusal}") from None
+            raise out_of_reach(number - 1, f"and {refusal}") from None
         prior = Prior.real(influence, np.array(placement.positions_mm), errors)
         reached_mm = _limit_percent(prior, aim.spare, COUNT_DRAWS, seed) / 100 * influence.length_mm
         if reached_mm <= wanted_mm:
             return placement
-    remedy = "use sensors with less noise or allow more latency_ms"
-    raise _out_of_reach(most, wanted_mm, reached_mm, aim, remedy)
-
-
-def _out_of_reach(count: int, wanted_mm: float, reached_mm: float, aim: Aim, more: str) -> SceneError:
-    """Return the error for a requirement that the largest number of sensors misses; `more` ends its line."""
-    limit = "the accuracy limit with one failed" if aim.spare else "the accuracy limit"
-    wanted = f"requirements.position_error_mm = {wanted_mm:g}"
-    return SceneError(f"not even {count} sensors reach {wanted}: {limit} is {digits(reached_mm, 3)} mm; {more}")
+    raise out_of_reach(most, "use sensors with less noise or allow more latency_ms")

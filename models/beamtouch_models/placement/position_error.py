@@ -1,30 +1,48 @@
-"""The mean position error of layouts, quickly: the accuracy limit of a few contacts on a coarse grid.
+"""The mean position error of layouts, quickly, and the shares of other loads that they notice.
 
-It is the mean width of posteriors, which holds all errors of a sample: noise, gains, zeros and the mounting of the
-sensors. If the force is open, the samples themselves are drawn without errors: of layouts on the bench scene, the ratio
-of this width to the limit scatters by 0.4 %; with drawn errors it scatters by 1.2 %, because a layout then fits the
-errors that were drawn. If the force is known, two places may explain a sample alike, and only drawn errors show how
-often; then there are more contacts.
+*Error.* It is the accuracy limit of a few contacts on a coarse grid: the mean width of posteriors, which holds all
+errors of a sample: noise, gains, zeros and the mounting of the sensors. If the force is open, the samples themselves
+are drawn without errors: of layouts on the bench scene, the ratio of this width to the limit scatters by 0.4 %; with
+drawn errors it scatters by 1.2 %, because a layout then fits the errors that were drawn. If the force is known, two
+places may explain a sample alike, and only drawn errors show how often; then there are more contacts. The contacts are
+the same for every layout, and more of them lie where errors are large. The cells of the grid are narrower where an
+equal pitch tells more positions apart. Nothing here bounds how much better another layout could be.
 
-The contacts are the same for every layout, and more of them lie where errors are large. The cells of the grid are
-narrower where an equal pitch tells more positions apart. Nothing here bounds how much better another layout could be.
+*Other loads.* Of loads that are not one contact there are two kinds: two equal contacts half of the range apart, and a
+load spread evenly over half of the range, each at several places and with several forces. A load moves the whitened
+sample by m. The best single contact leaves the distance
+
+    d^2 = min over x and F >= 0 of |m - F W G(x)|^2,
+
+by which the chi-square of the misfit becomes a noncentral one. The load is noticed if the misfit exceeds the threshold
+that a model has at this rate and window. W holds the errors of a settled sample of the load: noise, gains, zeros and
+mounting.
 """
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
+from scipy.special import chndtr
 
-from beamtouch_models.accuracy import cramer_rao
-from beamtouch_models.accuracy.densities import MIN_LOG
-from beamtouch_models.accuracy.forces import forces_of
-from beamtouch_models.accuracy.limit import spread_contacts, where_it_errs
-from beamtouch_models.accuracy.posterior import log_likelihood
-from beamtouch_models.accuracy.prior import Prior, SampleErrors
+from beamtouch_models.accuracy.limit import mean_error_mm, spread_contacts, where_it_errs
+from beamtouch_models.accuracy.posterior import MIN_LOG, log_density
+from beamtouch_models.accuracy.prior import Prior, SampleErrors, forces_of
+from beamtouch_models.accuracy.thresholds import left_by_contact, misfit_threshold
 from beamtouch_models.arrays import Floats, Indices
+from beamtouch_models.curve import Curve
 from beamtouch_models.physics.influence import InfluenceFunction
 from beamtouch_models.placement.layout import Candidates
-from beamtouch_models.placement.noticing import OtherLoads, other_loads
 
+KINDS, PLACES, FORCES = 2, 8, 4
+"""Kinds of loads; for each, places along the range and forces."""
+PARTS = 64
+"""Point loads that stand for a load spread over half of the range."""
+CONTACTS = 257
+"""Places of the contacts that may explain a load."""
+CERTAIN = 1e3
+"""Largest d^2: such a load is always noticed. The noncentral chi-square takes longer for larger ones."""
 SLACK = 0.01
 """Share of other loads that a layout may notice less than a reference: too little to be told from chance in a hundred
 loads, and more than a layout that notices none of them could lose."""
@@ -40,6 +58,63 @@ AT_ONCE = 64
 NEGLIGIBLE = 15.0
 """Difference to the largest log density beyond which a cell is not part of a posterior."""
 TINY = float(np.finfo(np.float64).tiny)
+
+
+@dataclass(frozen=True)
+class OtherLoads:
+    """Loads that are not one contact, and the contacts that may explain them, at all candidates."""
+
+    sample: Floats
+    """(loads, candidates), deflection in mm; for each force, the places of each kind."""
+    precision: Floats
+    """(loads, candidates), 1 over the variance of a sample of it, in 1/mm^2."""
+    places_mm: Floats
+    """(contacts,), places of contacts."""
+    shapes: Floats
+    """(contacts, candidates), deflection per newton under them, in mm/N."""
+    errors: SampleErrors
+
+    def noticed(self, layout: Indices) -> Floats:
+        """Return the share of each kind (kinds,) that a layout (sensors,) notices."""
+        channels = left_by_contact(len(layout))
+        square = np.minimum(self.unexplained(layout), CERTAIN)
+        missed = chndtr(self.threshold(len(layout)), channels, square)
+        share: Floats = 1 - missed.reshape(-1, KINDS, PLACES).mean(axis=(0, 2))
+        return share
+
+    def threshold(self, sensors: int) -> float:
+        """Return the misfit that a model of this many sensors takes for that of one contact at most."""
+        noise = self.errors.noise_mm / float(np.hypot(self.errors.noise_mm, self.errors.zero_mm))
+        return misfit_threshold(noise, sensors, self.errors.rate_hz, self.errors.readings)
+
+    def unexplained(self, layout: Indices) -> Floats:
+        """Return d^2 of each load (loads,) for a layout (sensors,)."""
+        curve = Curve(self.places_mm, self.shapes[:, layout])
+        return curve.unexplained(self.sample[:, layout], self.precision[:, layout])
+
+
+def other_loads(influence: InfluenceFunction, rules: Candidates, errors: SampleErrors) -> OtherLoads:
+    """Return the loads on a structure, for sensors at the candidates of these rules with these errors of a sample."""
+    low, high = influence.position_mm
+    half = (high - low) / 2
+    first = low + half * ((np.arange(PLACES) + 0.5) / PLACES)[:, None]
+    kinds = (first + np.array([0.0, half]), first + half * (np.arange(PARTS) + 0.5) / PARTS)
+    weak, strong = influence.force_n
+    forces = np.unique(weak + (strong - weak) * (np.arange(FORCES) + 0.5) / FORCES)
+
+    def under(at: Callable[[Floats], Floats]) -> Floats:
+        """Return what all loads do, from what 1 N at places (places,) does to the candidates."""
+        each = [at(kind.ravel()).reshape(*kind.shape, -1).mean(axis=1) for kind in kinds]
+        return np.concatenate([force * per_newton for force in forces for per_newton in each])
+
+    sample = under(partial(influence.at, rules.position_mm))
+    settled = errors if errors.min_noise_mm is None else replace(errors, noise_mm=errors.min_noise_mm)
+    moved: Floats | float = 0.0
+    if errors.mounting_mm:
+        moved = under(partial(influence.deviation, rules.position_mm, tolerance_mm=errors.mounting_mm))
+    places = np.linspace(low, high, CONTACTS)
+    shapes = influence.at(rules.position_mm, places)
+    return OtherLoads(sample, 1 / settled.variance_mm2(sample, moved), places, shapes, errors)
 
 
 @dataclass(frozen=True)
@@ -109,39 +184,11 @@ class PositionError:
     def _distances_mm(self, sensors: Indices, part: slice) -> Floats:
         """Return the mean distances from the posterior medians of a part of the contacts."""
         sample = self.clean_mm[part, sensors] + self.deviation_mm[part, sensors] * self.noise[part, : len(sensors)]
-        precision = 1 / self.errors.variance_mm2(sample)
-        shapes = self.shapes[:, sensors]
-        square, along = precision @ (shapes**2).T, (precision * sample) @ shapes.T
-        others = np.zeros_like(square)
-        if self.uncertain is not None:
-            # As in the limit: the likeliest force says how much the mounting adds to each channel's variance.
-            force = np.clip(along / np.maximum(square, TINY), *self.force_n)
-            square, along = np.zeros_like(square), np.zeros_like(square)
-            columns = shapes.T, self.uncertain[:, sensors].T, sample.T[:, :, None], precision.T[:, :, None]
-            for shape, moved, value, weight in zip(*columns, strict=True):
-                wider = 1 + weight * (force * moved) ** 2
-                each = weight / wider
-                square += each * shape**2
-                along += each * value * shape
-                others += each * value**2 + np.log(wider)
-        return mean_distances(self.edges_mm, self._log_density(square, along, others))
-
-    def _log_density(self, square: Floats, along: Floats, others: Floats) -> Floats:
-        """Return log densities (contacts, cells), with the force integrated out; see `posterior.log_likelihood`.
-
-        `square` and `along` are the weighted squares of the shapes and their products with the sample. `others` are the
-        squares of the sample and the logarithm of the variances, as far as they depend on the cell.
-        """
-        low, high = self.force_n
-        size = np.sqrt(square)
-        projection = along / np.where(size > 0, size, 1.0)
-        fit = (projection**2 - others) / 2
-        largest = fit - (projection - np.clip(projection, low * size, high * size)) ** 2 / 2
-        # The integral over the force is at most its largest integrand.
-        likely = largest >= largest.max(axis=1, keepdims=True) - NEGLIGIBLE
-        density = np.full_like(fit, -np.inf)
-        density[likely] = log_likelihood(forces_of(self.force_n, 0.0), size[likely], projection[likely], fit[likely])
-        return density
+        root = 1 / np.sqrt(self.errors.variance_mm2(sample))
+        whitening, shapes = root[:, :, None] * np.eye(len(sensors)), self.shapes[None, :, sensors]
+        moved = None if self.uncertain is None else self.uncertain[None, :, sensors]
+        density = log_density(forces_of(self.force_n, 0.0), whitening, root * sample, shapes, moved, NEGLIGIBLE)
+        return mean_distances(self.edges_mm, density)
 
 
 def position_error_of(
@@ -163,7 +210,7 @@ def position_error_of(
     contacts = KNOWN_FORCE_CONTACTS if prior.force_is_known else OPEN_FORCE_CONTACTS
     drawn, force, noise = spread_contacts(prior, contacts, np.random.default_rng(seed))
     drawn, weight = where_it_errs(prior, drawn)
-    cells = int(np.clip(np.ptp(prior.position_mm) / cramer_rao.mean_error_mm(prior), *CELLS))
+    cells = int(np.clip(np.ptp(prior.position_mm) / mean_error_mm(prior), *CELLS))
     edges = where_it_errs(prior, np.linspace(*prior.position_mm, cells + 1))[0]
     middles = (edges[1:] + edges[:-1]) / 2
     clean = influence.at(rules.position_mm, drawn) * force[:, None]

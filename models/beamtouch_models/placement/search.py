@@ -18,9 +18,7 @@ import numpy as np
 from beamtouch_models.arrays import Floats, Indices
 from beamtouch_models.names import SearchName
 from beamtouch_models.placement.layout import Candidates
-from beamtouch_models.progress import Fraction, silent
-
-"""Exchange by steps, and the paper's search."""
+from beamtouch_models.sweeps import Fraction, silent
 
 MAX_EVALUATIONS = 2_000
 """Layouts, over `Objective.at_once`, after which an exchange tries no smaller step: it bounds the time of many
@@ -103,35 +101,26 @@ def first_best(runs: Sequence[SearchRun]) -> SearchRun:
 def exchange(objective: Objective, run: SearchRun) -> SearchRun:
     """Move one sensor or two by a step, on and on while it gains, and halve the step when no move does.
 
-    At the end each sensor is tried along the whole beam; the steps begin anew from a gain.
+    At the end each sensor is tried along the whole beam; the steps begin anew from the largest gain.
     """
-    run = _by_steps(objective, run)
-    while run.evaluations < MAX_EVALUATIONS * objective.at_once:
-        jumped = _by_jump(objective, run)
-        if jumped.score == run.score:
-            return jumped
-        run = _by_steps(objective, jumped)
-    return run
-
-
-def _by_jump(objective: Objective, run: SearchRun) -> SearchRun:
-    """Move the one sensor that gains the most to another place along the beam."""
-    count = len(run.layout)
+    run, count = _by_steps(objective, run), len(run.layout)
     places = np.linspace(0, len(objective.rules.position_mm) - 1, JUMPS).round().astype(np.intp)
-    trials = np.repeat(run.layout[None, :], JUMPS * count, axis=0)
-    trials[np.arange(len(trials)), np.repeat(np.arange(count), JUMPS)] = np.tile(places, count)
-    trials = np.sort(trials, axis=1)
-    best, best_score = run.layout, run.score
-    for first in range(0, len(trials), objective.at_once):
-        tried = trials[first : first + objective.at_once]
-        values = objective.scores(tried, best_score)
-        winner = int(values.argmax())
-        if _gains(values[winner], best_score):
-            best, best_score = tried[winner], float(values[winner])
-    evaluations = run.evaluations + len(trials)
-    if best_score == run.score:
-        return SearchRun(run.layouts, run.scores, evaluations)
-    return SearchRun((*run.layouts, best), (*run.scores, best_score), evaluations)
+    while run.evaluations < MAX_EVALUATIONS * objective.at_once:
+        trials = np.repeat(run.layout[None, :], JUMPS * count, axis=0)
+        trials[np.arange(len(trials)), np.repeat(np.arange(count), JUMPS)] = np.tile(places, count)
+        trials = np.sort(trials, axis=1)
+        best, best_score = run.layout, run.score
+        for first in range(0, len(trials), objective.at_once):
+            tried = trials[first : first + objective.at_once]
+            values = objective.scores(tried, best_score)
+            winner = int(values.argmax())
+            if _gains(values[winner], best_score):
+                best, best_score = tried[winner], float(values[winner])
+        evaluations = run.evaluations + len(trials)
+        if best_score == run.score:
+            return SearchRun(run.layouts, run.scores, evaluations)
+        run = _by_steps(objective, SearchRun((*run.layouts, best), (*run.scores, best_score), evaluations))
+    return run
 
 
 def _by_steps(objective: Objective, run: SearchRun) -> SearchRun:

@@ -1,4 +1,4 @@
 """Noise, filter, and the price of each physical effect in a scene.
 
-`prices` has the effects, each a function; `effect`, what they share. `noise` chooses the filter that fits the latency.
+`prices` has the effects, each a function. `noise` chooses the filter that fits the latency.
 """

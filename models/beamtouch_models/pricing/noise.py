@@ -1,7 +1,7 @@
 """Noise of a reading and of a sample, and the filter between them that fits the latency of a scene."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Self
 
@@ -60,14 +60,21 @@ class ReadingErrors:
             sensor_mm = (sensors.noise_percent_of_max or 0.0) / 100 * max_deflection_mm
         step = 0.0 if sensors.adc_bits is None else step_mm(sensors.range_mm, sensors.adc_bits)
         gain = GAIN_ERROR if percent is None else percent / 100
-        stated_mm, warmth_mm = sensors.zero_drift_mm, _temperature_drift_mm(scene)
-        zero_mm = ZERO_SHARE * _reading_mm(sensor_mm, step) if stated_mm is None else stated_mm
-        return cls(sensor_mm, step, gain, zero_mm, warmth_mm)
+        warmth_mm, range_k = 0.0, scene.environment.temperature_range_k
+        if range_k is not None and sensors.drift_um_per_k is not None:
+            # The temperatures of the last tare and of a sample are independent and uniform over the range, so their
+            # difference has the standard deviation range / sqrt(6).
+            warmth_mm = 1e-3 * sensors.drift_um_per_k * (range_k[1] - range_k[0]) / math.sqrt(6)
+        errors = cls(sensor_mm, step, gain, sensors.zero_drift_mm or 0.0, warmth_mm)
+        return errors if sensors.zero_drift_mm is not None else replace(errors, zero_mm=ZERO_SHARE * errors.reading_mm)
 
     @property
     def reading_mm(self) -> float:
-        """Noise of a reading: the sensor's, and the ADC's steps if the scene states them."""
-        return _reading_mm(self.sensor_mm, self.step_mm)
+        """Noise of a reading: the sensor's, and that of the ADC's steps if the scene states them.
+
+        A step of q adds q / sqrt(12) (Widrow & Kollar, Quantization Noise, 2008, sec. 1.2).
+        """
+        return math.hypot(self.sensor_mm, self.step_mm / math.sqrt(12))
 
     @property
     def drift_mm(self) -> float:
@@ -76,8 +83,19 @@ class ReadingErrors:
 
     @cached_property
     def rounding_mm(self) -> float:
-        """Error that rounding to counts leaves in the mean of any number of readings."""
-        return rounding_of(self.sensor_mm, self.step_mm)
+        """Error that rounding to counts leaves in the mean of any number of readings, as a standard deviation.
+
+        The mean of rounded readings deviates from the gap by a periodic function of it, with the harmonics
+        q / (pi k) exp(-2 (pi k s / q)^2) for a step of q and noise of s before rounding (Widrow & Kollar, 2008, ch. 4).
+        Without noise it is q / sqrt(12); at s = q / 2 it is gone. It counts twice, as the rest gap, which `tare`
+        measures, is rounded too.
+        """
+        if self.step_mm == 0:
+            return 0.0
+        order = np.arange(1, HARMONICS + 1)
+        decay = np.exp(-np.minimum(2 * (np.pi * order * self.sensor_mm / self.step_mm) ** 2, MAX_EXPONENT))
+        single = self.step_mm * math.sqrt(float(np.sum((decay / (np.pi * order)) ** 2)) / 2)
+        return math.sqrt(2) * single
 
     @property
     def floor_mm(self) -> float:
@@ -87,39 +105,6 @@ class ReadingErrors:
     def behind(self, chosen: FilterChoice) -> Noise:
         """Return the noise of a reading and of a sample: the mean of N independent readings divides it by sqrt(N)."""
         return Noise(reading_mm=self.reading_mm, sample_mm=self.reading_mm / math.sqrt(chosen.window))
-
-
-def _reading_mm(sensor_mm: float, step: float) -> float:
-    """Return the noise of a reading; a step of q adds q / sqrt(12) (Widrow & Kollar, 2008, sec. 1.2)."""
-    return math.hypot(sensor_mm, step / math.sqrt(12))
-
-
-def _temperature_drift_mm(scene: Scene) -> float:
-    """Return the standard deviation of a zero's drift with the temperature, in mm; 0 if the scene does not state it.
-
-    The temperatures of the last tare and of a sample are independent and uniform over the range, so their difference
-    has the standard deviation range / sqrt(6).
-    """
-    range_k, drift_um_per_k = scene.environment.temperature_range_k, scene.sensors.drift_um_per_k
-    if range_k is None or drift_um_per_k is None:
-        return 0.0
-    return 1e-3 * drift_um_per_k * (range_k[1] - range_k[0]) / math.sqrt(6)
-
-
-def rounding_of(noise_mm: float, step_mm: float) -> float:
-    """Return the standard deviation in mm of the error that rounding to counts leaves in the mean of many readings.
-
-    `noise_mm` is that before rounding, `step_mm` the step of the ADC. The mean of rounded readings deviates from the
-    gap by a periodic function of it, with the harmonics q / (pi k) exp(-2 (pi k s / q)^2) for a step of q and noise of
-    s (Widrow & Kollar, 2008, ch. 4). Without noise it is q / sqrt(12); at s = q / 2 it is gone. It counts twice, as the
-    rest gap, which `tare` measures, is rounded too.
-    """
-    if step_mm == 0:
-        return 0.0
-    order = np.arange(1, HARMONICS + 1)
-    decay = np.exp(-np.minimum(2 * (np.pi * order * noise_mm / step_mm) ** 2, MAX_EXPONENT))
-    single = step_mm * math.sqrt(float(np.sum((decay / (np.pi * order)) ** 2)) / 2)
-    return math.sqrt(2) * single
 
 
 def step_mm(range_mm: tuple[float, float], adc_bits: int) -> float:
@@ -150,18 +135,16 @@ def choose_filter(scene: Scene, reading_mm: float) -> FilterChoice:
     period_ms = 1000 / rate_hz
     readings = latency / period_ms
     if not readings <= MAX_READINGS:
-        message = (
+        raise SceneError(
             f"requirements.latency_ms = {latency:g} holds more than {MAX_READINGS} readings at sensors.rate_hz = "
             f"{rate_hz:g}; lower one of them"
         )
-        raise SceneError(message)
     window = math.floor(readings + 1e-9)
     if window < 1:
-        message = (
+        raise SceneError(
             f"requirements.latency_ms = {latency:g} is shorter than one reading ({period_ms:g} ms); "
             "raise sensors.rate_hz"
         )
-        raise SceneError(message)
     longest = max(window, readings_within(min(scene.requirements.max_mean_ms, MAX_READINGS * 1e3 / rate_hz), rate_hz))
     return FilterChoice(
         kind="growing-mean" if reading_mm else "moving-average",
@@ -188,11 +171,10 @@ def check_errors(scene: Scene, errors: ReadingErrors, chosen: FilterChoice, defl
         stated = f"zero_drift_mm = {digits(errors.zero_mm, 3)}"
         if errors.warmth_mm > errors.zero_mm:
             stated = f"drift_um_per_k = {scene.sensors.drift_um_per_k:g}"
-        message = (
+        raise SceneError(
             f"sensors.{stated} hides the largest deflection, {digits(deflection_mm, 3)} mm; "
             "tare more often, use better sensors or a softer beam"
         )
-        raise SceneError(message)
 
 
 def check_scale(noise_mm: float, max_deflection_mm: float) -> None:
@@ -201,21 +183,18 @@ def check_scale(noise_mm: float, max_deflection_mm: float) -> None:
     A noise of 0 passes; the caller decides whether it will do.
     """
     if not MIN_DEFLECTION_MM <= max_deflection_mm <= MAX_DEFLECTION_MM:
-        message = (
+        raise SceneError(
             f"beam: the largest deflection is {digits(max_deflection_mm, 3)} mm, which no sensor measures; check its "
             "length, its rigidity and contact.force_n"
         )
-        raise SceneError(message)
     if noise_mm > MAX_NOISE * max_deflection_mm:
-        message = (
+        raise SceneError(
             f"sensors: a sample's noise of {digits(noise_mm, 3)} mm hides the largest deflection, "
             f"{digits(max_deflection_mm, 3)} mm; use better sensors or a softer beam"
         )
-        raise SceneError(message)
     if 0 < noise_mm < MIN_NOISE * max_deflection_mm:
-        message = (
+        raise SceneError(
             f"sensors: a sample's noise of {digits(noise_mm, 3)} mm is less than 1e-4 % of the largest deflection, "
             f"{digits(max_deflection_mm, 3)} mm, too little for the float32 of a model; state the noise of a real "
             "sensor"
         )
-        raise SceneError(message)

@@ -7,7 +7,9 @@ sum of their prices stays under a tenth. The sum bounds their joint effect.
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from typing import Literal
 
 import numpy as np
 
@@ -17,24 +19,15 @@ from beamtouch_models.arrays import Floats
 from beamtouch_models.errors import SceneError
 from beamtouch_models.metadata import FilterChoice
 from beamtouch_models.physics import motion
-from beamtouch_models.physics.axial import held, held_stretch_mm
-from beamtouch_models.physics.beam import influence_of
-from beamtouch_models.pricing.effect import (
-    NEGLIGIBLE,
-    Effect,
-    Pricing,
-    Verdict,
-    verdict_of,
-    without_adc,
-    without_foundation,
-    without_shear,
-    without_steps,
-    without_tolerance,
-    without_width,
-)
+from beamtouch_models.physics.axial import held, holding_mm
+from beamtouch_models.physics.beam import influence_matrix, influence_of, load_positions_mm
 from beamtouch_models.pricing.noise import ReadingErrors
 from beamtouch_models.scene import Scene, change_scene
 
+Verdict = Literal["in", "out", "floor", "not stated", "not modelled"]
+
+NEGLIGIBLE = 0.1
+"""Price, in units of the noise, below which effects are left out."""
 MAX_POSITIONS = 401
 """Largest number of sensor positions at which an effect is priced, evenly chosen from the allowed ones."""
 NEAR = 0.5
@@ -43,13 +36,109 @@ POISSON_RATIO = 0.3
 """Value of most metals; it gives the shear modulus if the scene does not state one."""
 
 
+@dataclass(frozen=True)
+class Effect:
+    """An effect, priced for a scene."""
+
+    name: str
+    price: float | None
+    """In units of the noise of a sample; None if the scene does not state the data for it."""
+    verdict: Verdict
+    """"in" or "out" of the influence matrix; "floor": part of the covariance of every sample; "not modelled": it
+    matters, but no part of the model can include it."""
+    reason: str
+    having: Scene | None = None
+    lacking: Scene | None = None
+    """The scene with and without the effect, if the two differ."""
+    leave_out: Callable[[Scene], Scene] | None = None
+    """Removes the effect from a scene; None if that changes nothing."""
+
+
+@dataclass(frozen=True, eq=False)
+class Pricing:
+    """The data for pricing the effects of a scene."""
+
+    scene: Scene
+    filter: FilterChoice
+    readings: ReadingErrors
+    sensor_mm: Floats
+    """(sensors,) positions at which effects are priced."""
+
+    @property
+    def noise_mm(self) -> float:
+        """Noise of a sample behind the filter."""
+        return self.readings.behind(self.filter).sample_mm
+
+    @cached_property
+    def load_mm(self) -> Floats:
+        """(loads,) positions of the contacts."""
+        return load_positions_mm(self.scene)
+
+    @cached_property
+    def stated_mm(self) -> Floats:
+        """Deflection (loads, sensors) of the scene as stated, at the largest force."""
+        return self._under_force_mm(self.scene)
+
+    @cached_property
+    def price_of_all(self) -> float:
+        """The largest deflection of the scene as stated, in units of the noise."""
+        return self.in_noise(self.stated_mm)
+
+    def price(self, having: Scene, lacking: Scene) -> float:
+        """Return the largest difference in deflection between two scenes, in units of the noise."""
+        deflection = [self.stated_mm if one is self.scene else self._under_force_mm(one) for one in (having, lacking)]
+        return self.in_noise(deflection[0] - deflection[1])
+
+    def in_noise(self, deflection_mm: Floats) -> float:
+        """Return the largest deflection in units of the noise; raises SceneError beyond the range of float64."""
+        with np.errstate(over="ignore"):
+            price = float(np.abs(deflection_mm).max(initial=0.0) / self.noise_mm)
+        if not math.isfinite(price):
+            message = "sensors: the noise is too small next to the deflection to price effects in; state a larger one"
+            raise SceneError(message)
+        return price
+
+    def _under_force_mm(self, scene: Scene) -> Floats:
+        return scene.contact.force_range_n[1] * influence_matrix(scene, self.sensor_mm, self.load_mm)
+
+
+def verdict_of(price: float) -> Verdict:
+    """Return whether an effect with this price is in the influence matrix."""
+    return "out" if price < NEGLIGIBLE else "in"
+
+
+def _stated(pricing: Pricing, name: str, reason: str, leave_out: Callable[[Scene], Scene]) -> Effect:
+    """Return an effect that the scene states, priced against the scene without it."""
+    lacking = leave_out(pricing.scene)
+    price = pricing.price(pricing.scene, lacking)
+    return Effect(name, price, verdict_of(price), reason, pricing.scene, lacking, leave_out)
+
+
+without_shear = partial(change_scene, beam={"shear_modulus_gpa": None})
+without_width = partial(change_scene, contact={"width_mm": 0.0})
+"""The scene with point contacts."""
+without_foundation = partial(change_scene, beam={"foundation_n_mm2": None})
+"""Raises InputError if nothing else supports the beam."""
+without_tolerance = partial(change_scene, sensors={"mounting_tolerance_mm": 0.0})
+"""The scene with sensors at exactly known positions."""
+without_adc = partial(change_scene, sensors={"adc_bits": None})
+"""The scene without the steps of its ADC."""
+
+
+def without_steps(scene: Scene) -> Scene:
+    """Return the scene with a prismatic beam that has the mean compliance of the beam."""
+    sections = scene.beam.sections
+    starts = [0.0, *(section.to_mm for section in sections[:-1])]
+    shares = [(section.to_mm - start) / scene.beam.length_mm for section, start in zip(sections, starts, strict=True)]
+    compliance = sum(share / section.rigidity_n_mm2 for share, section in zip(shares, sections, strict=True))
+    dropped = dict.fromkeys(("youngs_modulus_gpa", "shear_modulus_gpa", "width_mm", "thickness_mm"))
+    return change_scene(scene, beam={**dropped, "segments": (), "flexural_rigidity_n_mm2": 1 / compliance})
+
+
 def _shear(pricing: Pricing) -> Effect:
     scene, beam = pricing.scene, pricing.scene.beam
     if beam.shear_modulus_gpa is not None:
-        lacking = without_shear(scene)
-        price = pricing.price(scene, lacking)
-        reason = f"shear modulus {beam.shear_modulus_gpa:g} GPa"
-        return Effect("shear", price, verdict_of(price), reason, scene, lacking, without_shear)
+        return _stated(pricing, "shear", f"shear modulus {beam.shear_modulus_gpa:g} GPa", without_shear)
     if beam.modulus_gpa is None or any(section.area_mm2 is None for section in beam.sections):
         return Effect("shear", None, "not stated", "give shear_modulus_gpa with width_mm and thickness_mm")
     modulus = beam.modulus_gpa / (2 * (1 + POISSON_RATIO))
@@ -63,12 +152,10 @@ def _shear(pricing: Pricing) -> Effect:
 
 
 def _contact_width(pricing: Pricing) -> Effect:
-    scene, width = pricing.scene, pricing.scene.contact.width_mm
+    width = pricing.scene.contact.width_mm
     if width == 0:
         return Effect("contact width", 0.0, "out", "the scene states a point contact")
-    lacking = without_width(scene)
-    price = pricing.price(scene, lacking)
-    return Effect("contact width", price, verdict_of(price), f"{width:g} mm", scene, lacking, without_width)
+    return _stated(pricing, "contact width", f"{width:g} mm", without_width)
 
 
 def _self_weight(pricing: Pricing) -> Effect:
@@ -112,11 +199,10 @@ def _foundation(pricing: Pricing) -> Effect:
         return Effect("foundation", 0.0, "out", "no foundation")
     reason = f"{digits(scene.beam.foundation_n_mm2, 6)} N/mm per mm"
     try:
-        lacking = without_foundation(scene)
+        without_foundation(scene)
     except InputError:
         return Effect("foundation", pricing.price_of_all, "in", f"{reason}; nothing else supports the beam", scene)
-    price = pricing.price(scene, lacking)
-    return Effect("foundation", price, verdict_of(price), reason, scene, lacking, without_foundation)
+    return _stated(pricing, "foundation", reason, without_foundation)
 
 
 def _dynamics(pricing: Pricing) -> Effect:
@@ -184,23 +270,22 @@ def _adc_steps(pricing: Pricing) -> Effect:
 def _expansion(pricing: Pricing) -> Effect:
     """Price the axial force in a held beam, at both ends of the temperature range; SceneError if the beam buckles."""
     name, scene = "expansion", pricing.scene
-    stretch, range_k = held_stretch_mm(scene.beam), scene.environment.temperature_range_k
-    if stretch is None:
+    holding, range_k = holding_mm(scene.beam), scene.environment.temperature_range_k
+    if len(holding) < 2:
         return Effect(name, 0.0, "out", "the beam can lengthen: at most one support holds it lengthwise")
     found = held(scene.beam)
     if found is None:
         return Effect(name, None, "not stated", "give beam.material or expansion_um_per_m_k, and thickness_mm")
     buckles = f"it buckles {digits(found.buckles_k, 3)} K above its mounting"
-    where = f"held at {stretch[0]:g} and {stretch[1]:g} mm, {buckles}"
+    where = f"held at {holding[0]:g} and {holding[-1]:g} mm, {buckles}"
     if range_k is None:
         return Effect(name, None, "not stated", f"give environment.temperature_range_k; {where}")
     if range_k[1] >= found.buckles_k:
-        message = (
+        raise SceneError(
             f"environment.temperature_range_k: {range_k[1]:g} K above its mounting the beam buckles, as it is held at "
-            f"{found.start_mm:g} and {found.end_mm:g} mm and bears {digits(found.buckles_k, 3)} K; let one support "
+            f"{holding[0]:g} and {holding[-1]:g} mm and bears {digits(found.buckles_k, 3)} K; let one support "
             "slide (slides = true), or mount it warmer"
         )
-        raise SceneError(message)
     change = [found.change(one_k) for one_k in range_k]
     price = pricing.price_of_all * max(map(abs, change))
     forces = "..".join(digits(found.force_n_per_k * one_k, 3) for one_k in range_k)

@@ -4,8 +4,7 @@ import numpy as np
 
 from beamtouch_models.arrays import Floats
 from beamtouch_models.charts import Chart, Series
-from beamtouch_models.placement.components import principal_components
-from beamtouch_models.placement.eigenvalue_product import eigenvalue_product_of
+from beamtouch_models.placement.eigenvalue_product import eigenvalue_product_of, principal_components
 from beamtouch_models.placement.search import SearchRun, paper_search
 from beamtouch_models.reproduction.paper import (
     LENGTH_MM,

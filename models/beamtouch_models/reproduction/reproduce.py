@@ -7,7 +7,6 @@ from typing import Any
 
 from beamtouch_models.charts import draw, standalone
 from beamtouch_models.estimators.paper_network import MAX_EPOCHS
-from beamtouch_models.progress import Progress
 from beamtouch_models.reproduction.figure_8 import NETWORKS, figure_8, layouts_of, measure
 from beamtouch_models.reproduction.figures import (
     figure_2,
@@ -19,6 +18,7 @@ from beamtouch_models.reproduction.figures import (
 )
 from beamtouch_models.reproduction.paper import SOURCE, TITLE
 from beamtouch_models.reproduction.statements import Figure, Row
+from beamtouch_models.sweeps import Progress
 
 TABLE, RESULTS = "table.md", "results.json"
 

@@ -14,7 +14,7 @@ from beamtouch_common.typed import typed_line
 from beamtouch_models.errors import SceneError
 from beamtouch_models.rig.faults import FORMS, REPLIES, SENSORS, Faults
 from beamtouch_models.scene import Scene
-from beamtouch_models.scene.fields import Finite, Pair, PositiveFinite, Strict
+from beamtouch_models.scene.tables import Finite, Pair, PositiveFinite, Strict
 
 MEND = "mend"
 

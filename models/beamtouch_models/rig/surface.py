@@ -17,7 +17,7 @@ from beamtouch_models.metadata import Departures, Metadata
 from beamtouch_models.rig.faults import Faults
 from beamtouch_models.rig.loads import Load
 from beamtouch_models.scene import Scene
-from beamtouch_models.scene.fields import Finite, Fixity, PositiveFinite, Strict
+from beamtouch_models.scene.tables import Finite, Fixity, PositiveFinite, Strict
 from beamtouch_models.surface import Surface
 from beamtouch_models.world import Motion, SensorErrors, World, counts_of_output
 

@@ -1,6 +1,9 @@
-"""The beam of a scene: its supports, segments and sections, and an elastic foundation. Validated strictly."""
+"""The beam of a scene: its supports, segments and sections, an elastic foundation, and its identity."""
 
+import hashlib
+import json
 import math
+from collections.abc import Mapping
 from itertools import pairwise
 from typing import Annotated, Any, Literal, NamedTuple, Self
 
@@ -8,8 +11,8 @@ from pydantic import Discriminator, Field, Tag, ValidationError, field_validator
 
 from beamtouch_common.complaints import reason_of
 from beamtouch_models.errors import SceneError
-from beamtouch_models.scene.fields import DampingRatio, Finite, Fixity, PositiveFinite, Strict
 from beamtouch_models.scene.materials import MATERIALS, MaterialName
+from beamtouch_models.scene.tables import DampingRatio, Finite, Fixity, PositiveFinite, Strict
 
 SHEAR_COEFFICIENT = 5 / 6
 """Shear coefficient of a rectangular section; Timoshenko & Gere, Mechanics of Materials, 1972, sec. 12.12."""
@@ -21,6 +24,15 @@ MEANT = {"roller": 'kind = "simple"', "clamped": CLAMPED, "clamp": CLAMPED, "wal
     ("pinned", "pin", "hinge", "hinged"), PINNED
 )
 """Other names of supports, and how a scene states them."""
+END_KINDS: dict[str, tuple[Literal["simple", "fixed"] | None, Literal["simple", "fixed"] | None]] = {
+    "simply-supported": ("simple", "simple"),
+    "cantilever": ("fixed", None),
+    "fixed-fixed": ("fixed", "fixed"),
+    "propped": ("fixed", "simple"),
+}
+"""Supports at the left and the right end, by name."""
+DIGITS = 12
+"""Hex digits of an identity. Two beams of a million have the same one with a probability of 0.002."""
 
 
 class Support(Strict):
@@ -88,13 +100,6 @@ class Section(NamedTuple):
 
 
 SupportName = Literal["simply-supported", "cantilever", "fixed-fixed", "propped"]
-END_KINDS: dict[str, tuple[Literal["simple", "fixed"] | None, Literal["simple", "fixed"] | None]] = {
-    "simply-supported": ("simple", "simple"),
-    "cantilever": ("fixed", None),
-    "fixed-fixed": ("fixed", "fixed"),
-    "propped": ("fixed", "simple"),
-}
-"""Supports at the left and the right end, by name."""
 
 # The tags keep a bad entry of a list from being reported as a bad name. Their hyphen keeps them out of messages.
 Supports = Annotated[
@@ -265,3 +270,34 @@ def changed_beam(beam: Beam, rigidity: float, fixity: tuple[float, float]) -> Be
         return Beam.model_validate(fields)
     except ValidationError as error:
         raise SceneError(f"rigidity: {reason_of(error.errors()[0])}") from None
+
+
+def identity_of(beam: Beam, sensors_mm: Mapping[str, float]) -> str:
+    """Return the identity of a beam with sensors, by the names of their channels, at these positions [mm].
+
+    It stands for what decides how the sensors move under a load: length, rigidity, supports, foundation, positions and
+    names. Noise, drift, ranges, requirements and the estimator have no part in it, and neither has a calibration. The
+    order of the channels has none either, because samples name them. Six digits of each number count.
+    """
+    shear = beam.shear_modulus_gpa
+    stated = {
+        "length_mm": _text(beam.length_mm),
+        "sections": [
+            [_text(one.to_mm), _text(one.rigidity_n_mm2), _text(one.area_mm2 if shear is not None else None)]
+            for one in beam.sections
+        ],
+        "shear_modulus_gpa": _text(shear),
+        "foundation_n_mm2": _text(beam.foundation_n_mm2),
+        # Sliding lengthwise moves no sensor.
+        "supports": [
+            [value if key == "kind" else _text(value) for key, value in support if key != "slides"]
+            for support in beam.support_list
+        ],
+        "sensors_mm": {name: _text(position_mm) for name, position_mm in sensors_mm.items()},
+    }
+    return hashlib.sha256(json.dumps(stated, sort_keys=True).encode()).hexdigest()[:DIGITS]
+
+
+def _text(number: float | None) -> str:
+    # 0.0 is added because -0.0 is another text.
+    return "" if number is None else f"{number + 0.0:.6g}"

@@ -6,12 +6,24 @@ from itertools import chain, pairwise
 
 from beamtouch_common.digits import digits
 from beamtouch_models.scene.beam import Beam
-from beamtouch_models.scene.contact import Contact
-from beamtouch_models.scene.sensors import Sensors
+from beamtouch_models.scene.tables import Contact, Sensors
 
 MM_PER_M = 1000
 ROUNDING = 1e-9
 """Share of the beam's length by which sensors may be too close to something: 3 * 0.1 and 0.3 are the same position."""
+SHORTEST_MM, NARROWEST_MM, THINNEST_MM = 1.0, 0.1, 0.01
+"""Smallest length, width and thickness; a smaller beam is no place for a proximity sensor."""
+WIDEST, DEEPEST = 4.0, 1.0
+"""Largest width and thickness over the length; a beam beyond them is none, or its length is in another unit."""
+STIFFEST_GPA = 1500.0
+"""Diamond has 1200 GPa."""
+PSI_PER_GPA = 145038
+UNITS = (("MPa", 1e3, 1.0), ("psi", PSI_PER_GPA, 5.0), ("Pa", 1e9, 0.1))
+"""Other units of a modulus: how many of them are a GPa, and the smallest modulus in GPa for which one is meant."""
+LIGHTEST_KG_M3, HEAVIEST_KG_M3 = 20.0, 25_000.0
+"""Foams and osmium; a smaller number is a density in g/cm3."""
+MIN_EXPANSION, MAX_EXPANSION = 1e-3, 1e3
+"""Smallest and largest expansion in um/(m K); glass ceramics of telescopes have 0.01, rubbers 300. Less is in 1/K."""
 
 
 def misplaced(beam: Beam, contact: Contact, sensors: Sensors) -> str:
@@ -83,21 +95,6 @@ def _in_metres(beam: Beam, contact: Contact, sensors: Sensors) -> Iterator[str]:
         if 0 < max(places, default=0) <= beam.length_mm / MM_PER_M:
             given, right = (", ".join(f"{times * place:g}" for place in places) for times in (1, MM_PER_M))
             yield f"{key} = [{given}] is next to the left end of the beam; if it is in metres, write [{right}]"
-
-
-SHORTEST_MM, NARROWEST_MM, THINNEST_MM = 1.0, 0.1, 0.01
-"""Smallest length, width and thickness; a smaller beam is no place for a proximity sensor."""
-WIDEST, DEEPEST = 4.0, 1.0
-"""Largest width and thickness over the length; a beam beyond them is none, or its length is in another unit."""
-STIFFEST_GPA = 1500.0
-"""Diamond has 1200 GPa."""
-PSI_PER_GPA = 145038
-UNITS = (("MPa", 1e3, 1.0), ("psi", PSI_PER_GPA, 5.0), ("Pa", 1e9, 0.1))
-"""Other units of a modulus: how many of them are a GPa, and the smallest modulus in GPa for which one is meant."""
-LIGHTEST_KG_M3, HEAVIEST_KG_M3 = 20.0, 25_000.0
-"""Foams and osmium; a smaller number is a density in g/cm3."""
-MIN_EXPANSION, MAX_EXPANSION = 1e-3, 1e3
-"""Smallest and largest expansion in um/(m K); glass ceramics of telescopes have 0.01, rubbers 300. Less is in 1/K."""
 
 
 def in_other_units(beam: Beam) -> str:

@@ -4,7 +4,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from beamtouch_models.scene.scene import Scene
+from beamtouch_models.scene import Scene
 
 Schema = dict[str, Any]
 DIALECT = "https://json-schema.org/draft/2020-12/schema"

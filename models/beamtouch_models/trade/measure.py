@@ -8,8 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from beamtouch_models.accuracy.contacts import Reached
-from beamtouch_models.accuracy.limit import accuracy_limit
+from beamtouch_models.accuracy.limit import Reached, accuracy_limit
 from beamtouch_models.accuracy.statistics import Measurement
 from beamtouch_models.building.measure import reach
 from beamtouch_models.building.sensors import place_sensors
@@ -19,7 +18,7 @@ from beamtouch_models.estimators.onnx_graph import to_bytes
 from beamtouch_models.metadata import INPUTS, FilterChoice
 from beamtouch_models.names import ESTIMATORS, EstimatorName
 from beamtouch_models.scene import Scene, change_scene
-from beamtouch_models.scene.sensors import MIN_SENSORS
+from beamtouch_models.scene.tables import MIN_SENSORS
 from beamtouch_models.session import open_session, runner
 from beamtouch_models.surface import Surface
 
@@ -27,6 +26,7 @@ AROUND = 2
 """If the scene states a number of sensors, fewer ones down to AROUND less are measured, and one more."""
 NOISES = (0.25, 0.5, 2.0, 4.0)
 """Noises of a reading that are measured, over that of the scene."""
+ROUNDS, CALLS = 40, 50
 
 Varied = Literal["sensors", "estimator", "noise", "latency"]
 """The one thing that differs from the model that `build` makes of the scene; "sensors" also of that model itself."""
@@ -126,20 +126,16 @@ def measure(task: Task) -> Model | Failure:
 
     A scene of which nothing can be built is returned as a failure.
     """
+    seed = task.seed
     try:
-        return _measure(task)
+        surface = Surface.of(task.scene)
+        sensors = place_sensors(surface, count=task.sensors, seed=seed, kept_mm=task.kept_mm)
+        prior, made = sensors.prior, sensors.make_estimator(task.estimator, seed)
+        graph = to_bytes(made.graph)
+        run = runner(graph)
+        reached = reach(made, prior, run, task.draws, seed + 2)
     except (SceneError, NotGoodEnoughError) as error:
         return Failure(task.varied, task.sensors, task.estimator, str(error))
-
-
-def _measure(task: Task) -> Model:
-    seed, surface = task.seed, Surface.of(task.scene)
-    sensors = place_sensors(surface, count=task.sensors, seed=seed, kept_mm=task.kept_mm)
-    prior = sensors.prior
-    made = sensors.make_estimator(task.estimator, seed)
-    graph = to_bytes(made.graph)
-    run = runner(graph)
-    reached = reach(made, prior, run, task.draws, seed + 2)
     return Model(
         task,
         sensors.placement.positions_mm,
@@ -164,9 +160,6 @@ def follow(model: Model) -> list[Moment]:
         limit_mm = Measurement(limit.percent, limit.standard_error).scaled(model.length_mm / 100)
         moments.append(Moment(answer, limit_mm))
     return moments
-
-
-ROUNDS, CALLS = 40, 50
 
 
 def inference_times(models: Sequence[Model]) -> list[Measurement]:

@@ -10,15 +10,19 @@ from beamtouch_models.accuracy.statistics import Measurement
 from beamtouch_models.charts import Chart, Series, Style, draw_row, standalone
 from beamtouch_models.names import ESTIMATORS
 from beamtouch_models.printing import Block, Table
-from beamtouch_models.trade.measure import Model, Moment
+from beamtouch_models.trade.measure import Model, Moment, Varied
 from beamtouch_models.trade.trade import Point, Trade, transfer_ms
 
+CHANGES: tuple[Varied, ...] = ("sensors", "noise", "latency")
+"""Changes whose worth is told in a sentence each."""
 MODEL_HEADINGS = (
     "changed", "sensors", "estimator", "noise, µm", "readings", "error, mm", "limit, mm", "over limit",
     "inference, µs", "kB",
 )  # fmt: skip
 MOMENT_HEADINGS = ("since touch, ms", "readings", "error, mm", "while the beam rings, mm", "limit, mm")
 POINT_HEADINGS = ("sensors", "estimator", "readings", "known after, ms", "error, mm")
+MODEL, LIMIT, RINGING, OWN = "model", "accuracy limit", "while the beam rings", "the scene as stated"
+ERROR = "mean |position error|, mm"
 
 
 def blocks(trade: Trade, scene: str, seed: int, model: str) -> list[Block]:
@@ -53,36 +57,30 @@ def sentences(trade: Trade) -> list[str]:
     return [
         f"{own.sensors} sensors give a mean error of {_mm(own.reached.error_mm)} mm once the mean has settled; the "
         f"limit is {_mm(own.reached.limit_mm)} mm.",
-        *(_worth(_sensors_in_words(model, own), model, own) for model in trade.varied("sensors") if model is not own),
-        *(_worth(_noise_in_words(model, own), model, own) for model in trade.varied("noise") if model is not own),
-        *(_worth(_latency_in_words(model, own), model, own) for model in trade.varied("latency") if model is not own),
+        *(_worth(model, own) for varied in CHANGES for model in trade.varied(varied) if model is not own),
         *_time_in_words(trade),
         *_estimators_in_words(trade),
     ]
 
 
-def _sensors_in_words(model: Model, own: Model) -> str:
+def _change(model: Model, own: Model) -> str:
+    """Return in words what differs from the own model."""
+    if model.task.varied == "latency":
+        twice = "Twice the latency" if own.latency_ms else "A latency of two readings"
+        return f"{twice} ({digits(model.latency_ms or 0.0, 3)} ms)"
+    if model.task.varied == "noise":
+        ratio = model.reading_mm / own.reading_mm
+        words = {0.25: "A quarter of", 0.5: "Half", 2.0: "Twice", 4.0: "Four times"}
+        return f"{words.get(round(ratio, 2), f'{digits(ratio, 2)} times')} the noise of a reading"
     more = model.sensors - own.sensors
     noun, way = "sensor" if abs(more) == 1 else "sensors", "more" if more > 0 else "fewer"
     return f"{abs(more)} {noun} {way} ({model.sensors})"
 
 
-def _noise_in_words(model: Model, own: Model) -> str:
-    ratio = model.reading_mm / own.reading_mm
-    words = {0.25: "a quarter of", 0.5: "half", 2.0: "twice", 4.0: "four times"}
-    return f"{words.get(round(ratio, 2), f'{digits(ratio, 2)} times')} the noise of a reading"
-
-
-def _latency_in_words(model: Model, own: Model) -> str:
-    twice = "twice the latency" if own.latency_ms else "a latency of two readings"
-    return f"{twice} ({digits(model.latency_ms or 0.0, 3)} ms)"
-
-
-def _worth(change: str, model: Model, own: Model) -> str:
+def _worth(model: Model, own: Model) -> str:
     """Return what a change saves or costs of the error of the own model."""
-    ratio = model.reached.error_mm.value / own.reached.error_mm.value
+    change, ratio = _change(model, own), model.reached.error_mm.value / own.reached.error_mm.value
     scatter = ratio * hypot(*(one.standard_error / one.value for one in (model.reached.error_mm, own.reached.error_mm)))
-    change = change[0].upper() + change[1:]
     if abs(ratio - 1) <= scatter:
         return f"{change}: no difference beyond its standard error, {digits(100 * scatter, 1)} %."
     words = f"{digits(100 * abs(ratio - 1), 2)} ± {digits(100 * scatter, 1)} %"
@@ -199,29 +197,21 @@ def _ratio(ratio: Measurement) -> str:
     return f"{ratio.value:.3f} ± {digits(ratio.standard_error, 1)}"
 
 
-MODEL, LIMIT, RINGING, OWN = "model", "accuracy limit", "while the beam rings", "the scene as stated"
-ERROR = "mean |position error|, mm"
-
-
 def picture(name: str, trade: Trade) -> str:
     """Return error over sensors, time since a touch, noise and time of an inference, with limits, as SVG."""
     says = (
         f"Mean position error of {name} with its standard error and its limit: over the number of sensors, the time "
         "since a touch, the noise of a reading, and the time of an inference"
     )
-    charts = [_sensors(trade), _since_touch(trade), _noise(trade), _inference(trade)]
+    sensors, noises, own = trade.varied("sensors"), trade.varied("noise"), trade.own
+    noises_um = [1e3 * model.reading_mm for model in noises]
+    charts = [
+        _chart("sensors", [float(model.sensors) for model in sensors], sensors, own, log=False),
+        _since_touch(trade),
+        _chart("noise of a reading, µm", noises_um, noises, own, log=True),
+        _inference(trade),
+    ]
     return standalone(draw_row(charts, says))
-
-
-def _sensors(trade: Trade) -> Chart:
-    models = trade.varied("sensors")
-    x = [float(model.sensors) for model in models]
-    return _chart("sensors", x, models, trade.own, log=False)
-
-
-def _noise(trade: Trade) -> Chart:
-    models = trade.varied("noise")
-    return _chart("noise of a reading, µm", [1e3 * model.reading_mm for model in models], models, trade.own, log=True)
 
 
 def _chart(label: str, x: Sequence[float], models: Sequence[Model], own: Model, *, log: bool) -> Chart:

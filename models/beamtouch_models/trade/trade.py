@@ -7,12 +7,12 @@ from math import hypot
 from beamtouch_common.digits import digits
 from beamtouch_common.errors import InputError
 from beamtouch_models.accuracy.statistics import Measurement
+from beamtouch_models.building.since_touch import Answer
 from beamtouch_models.errors import SceneError
 from beamtouch_models.names import ESTIMATORS, EstimatorName
-from beamtouch_models.progress import Progress
 from beamtouch_models.scene import Scene
 from beamtouch_models.surface import Surface
-from beamtouch_models.sweeps import Spread
+from beamtouch_models.sweeps import Progress, Spread
 from beamtouch_models.trade.measure import (
     Failure,
     Model,
@@ -54,19 +54,10 @@ def transfer_ms(sensors: int) -> float:
     return (FRAME_BYTES + 2 * sensors) * BYTE_BITS / SERIAL_BAUD * 1e3
 
 
-def points_of(model: Model, inference_us: Measurement) -> list[Point]:
-    """Return a point for each answer of a model."""
-    after_ms = transfer_ms(model.sensors) + inference_us.value / 1e3
-    return [
-        Point(
-            model,
-            one.readings,
-            one.error_mm,
-            one.since_ms + after_ms,
-            round((one.since_ms + after_ms) / one.since_ms * one.readings),
-        )
-        for one in model.answers
-    ]
+def _point(model: Model, answer: Answer, inference_us: float) -> Point:
+    latency_ms = answer.since_ms + transfer_ms(model.sensors) + inference_us / 1e3
+    periods = round(latency_ms / answer.since_ms * answer.readings)
+    return Point(model, answer.readings, answer.error_mm, latency_ms, periods)
 
 
 def pareto_front(points: Sequence[Point]) -> list[Point]:
@@ -98,11 +89,10 @@ def most_accurate(points: Sequence[Point], latency_ms: float) -> Point:
     kept = [point for point in points if point.latency_ms <= latency_ms]
     if not kept:
         nearest_ms = min(point.latency_ms for point in points)
-        message = (
+        raise NotToBeHadError(
             f"no point answers within {latency_ms:g} ms; the fastest takes {digits(nearest_ms, 3)} ms; raise "
             "sensors.rate_hz"
         )
-        raise NotToBeHadError(message)
     return min(kept, key=lambda point: (point.error_mm.value, point.latency_ms))
 
 
@@ -111,11 +101,10 @@ def quickest(points: Sequence[Point], error_mm: float) -> Point:
     kept = [point for point in points if point.error_mm.value <= error_mm]
     if not kept:
         nearest_mm = min(point.error_mm.value for point in points)
-        message = (
+        raise NotToBeHadError(
             f"no point has a mean error of {error_mm:g} mm; the best has {digits(nearest_mm, 3)} mm; allow more "
             "sensors or a larger requirements.max_mean_ms, or use sensors with less noise"
         )
-        raise NotToBeHadError(message)
     return min(kept, key=lambda point: (point.periods, point.model.sensors, point.latency_ms))
 
 
@@ -197,10 +186,10 @@ def trade(
     models = tuple(one for one in tried if isinstance(one, Model))
     times = tuple(inference_times(models))
     points = [
-        point
+        _point(model, one, time.value)
         for model, time in zip(models, times, strict=True)
         if model.task.varied in ("sensors", "estimator")
-        for point in points_of(model, time)
+        for one in model.answers
     ]
     failures = tuple(one for one in tried if isinstance(one, Failure))
     return Trade(own, models, times, failures, tuple(moments), tuple(points), tuple(pareto_front(points)))

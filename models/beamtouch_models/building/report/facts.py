@@ -5,21 +5,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from beamtouch_models.accuracy.contacts import simulated
 from beamtouch_models.accuracy.evaluation import estimates
-from beamtouch_models.accuracy.limit import MeanError, compare_limits
+from beamtouch_models.accuracy.limit import MeanError, compare_limits, simulated
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.statistics import Measurement, mean_of
 from beamtouch_models.arrays import Floats
 from beamtouch_models.building.build import Built
 from beamtouch_models.errors import SceneError
 from beamtouch_models.loading import ModelFile, load_bytes
-from beamtouch_models.placement.components import Components, principal_components
+from beamtouch_models.placement.eigenvalue_product import Components, principal_components
 from beamtouch_models.placement.layout import equal_pitch_mm
 from beamtouch_models.placement.placing import Aim, Placement, place, place_by_position_error, score_positions
-from beamtouch_models.pricing.effect import Effect
-from beamtouch_models.progress import Progress
+from beamtouch_models.pricing.prices import Effect
 from beamtouch_models.scene import Scene
+from beamtouch_models.sweeps import Progress
 
 PROFILE_DRAWS = 8_192
 PROFILE_BINS = 24

@@ -11,7 +11,7 @@ from beamtouch_models.building.report.facts import PROFILE_BINS, Facts
 from beamtouch_models.charts import STYLE, Chart, Series, draw
 from beamtouch_models.description import answers, nothing_seen, per_day, unseen
 from beamtouch_models.numbers import three_digits
-from beamtouch_models.pricing.effect import NEGLIGIBLE
+from beamtouch_models.pricing.prices import NEGLIGIBLE
 from beamtouch_models.pricing.ringing import told
 from beamtouch_models.surface import Surface
 

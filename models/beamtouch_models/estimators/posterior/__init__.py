@@ -1,1 +1,1 @@
-"""The posterior of a contact over a grid of positions, as an ONNX graph; see `graph`."""
+"""The posterior of a contact over a grid of positions, as an ONNX graph; see `answers`."""

@@ -1,11 +1,14 @@
-"""The cells of the position range on which the posterior is computed."""
+"""The cells of the position range, and the posterior on cells that are the same for every sample."""
 
 from dataclasses import dataclass
 
 import numpy as np
+import onnx
 
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.arrays import Floats
+from beamtouch_models.estimators.onnx_graph import Graph, model
+from beamtouch_models.estimators.posterior.answers import Grid, lowest_of, scored, state_answers, whitened
 
 FINE = 20_001
 """Positions from which the spacing of the cells is computed."""
@@ -21,8 +24,6 @@ SIZE_SHARE = 0.05
 """Weight of a change in the logarithm of the deflection's size, for an open force."""
 FLOOR = 1e-4
 """Smallest deflection, relative to the largest, whose direction counts."""
-
-
 KNOWN_STEP, OPEN_STEP = 1.2, 2.5
 """Largest cell in deviations of the posterior, for a known and an open force, for sums over cells to be right."""
 
@@ -59,18 +60,13 @@ def resolving_cells(prior: Prior) -> int | None:
     The reading follows a curve as the contact moves; no cell may be a longer piece of it than its step.
     """
     path, largest = path_of(prior), KNOWN_STEP if prior.force_is_known else OPEN_STEP
+    along = np.concatenate([[0.0], np.cumsum(path.moved)])
     least = MIN_CELLS[int(np.searchsorted(LOUDNESS, float(path.size.max())))]
     for count in range(least, MAX_CELLS + 1, STEP):
-        if _largest_step(prior, path, count) <= largest:
+        edges = np.searchsorted(path.position_mm, cells_of(prior, count, path).edges_mm).clip(0, FINE - 1)
+        if float(np.diff(along[edges]).max()) <= largest:
             return count
     return None
-
-
-def _largest_step(prior: Prior, path: Path, count: int) -> float:
-    """Return the largest cell in deviations of a contact of the largest force."""
-    edges = np.searchsorted(path.position_mm, cells_of(prior, count, path).edges_mm).clip(0, FINE - 1)
-    along = np.concatenate([[0.0], np.cumsum(path.moved)])
-    return float(np.diff(along[edges]).max())
 
 
 def path_of(prior: Prior) -> Path:
@@ -103,3 +99,19 @@ def cells_of(prior: Prior, count: int, path: Path | None = None) -> Cells:
     places = np.interp(marks, along, path.position_mm)
     uncertain = None if prior.uncertainty is None else prior.uncertainty(places[1::2])
     return Cells(places[::2], table[1::2], uncertain)
+
+
+def fixed_cells_graph(prior: Prior, count: int, *, with_force: bool) -> onnx.ModelProto:
+    """Return the graph on `count` cells that are the same for every sample."""
+    graph, cells, largest_n = Graph(), cells_of(prior, count), prior.force_n[1]
+    uncertain = None if cells.uncertain is None else graph.constant(cells.uncertain.T**2)
+    seen = whitened(graph, prior.largest_mm)
+    found = scored(graph, seen, largest_n, graph.constant(cells.influence.T), uncertain)
+    least, misfit = lowest_of(graph, found.misfit)
+    # Rounding may put the bottom below 0.
+    graph.apply("ReduceL1", misfit, axes=[1, 2], keepdims=0, output="misfit")
+    width = np.diff(cells.edges_mm)
+    share = np.maximum(width / width.sum(), np.finfo(np.float32).tiny)
+    grid = Grid(graph.constant(width), graph.constant(share), float(cells.edges_mm[0]))
+    outputs = state_answers(graph, prior, found, least, grid, with_force=with_force)
+    return model(graph, prior.channels, outputs)

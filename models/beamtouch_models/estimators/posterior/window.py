@@ -13,7 +13,7 @@ A known force F moves the size of the reading as well as its direction, which te
 has T = W t and f = F; the other one remains, for a sample of another force.
 
 Each window has CELLS even cells, and the whole range OUTER. The edges of all, in order, are those of the cells on
-which the posterior is computed as in `posterior.graph`. They follow the sample, its covariance and the channels that
+which the posterior is computed as in `posterior.answers`. They follow the sample, its covariance and the channels that
 work, and are a fraction of a deviation wide. The misfit is that of the best cell.
 """
 
@@ -26,9 +26,8 @@ import onnx
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.arrays import Floats
 from beamtouch_models.estimators.onnx_graph import Graph, model
-from beamtouch_models.estimators.posterior.answers import MIN_MASS, Grid, state_answers
-from beamtouch_models.estimators.posterior.cells import cells_of, path_of
-from beamtouch_models.estimators.posterior.scoring import Whitened, scored, whitened
+from beamtouch_models.estimators.posterior.answers import MIN_MASS, Grid, Whitened, scored, state_answers, whitened
+from beamtouch_models.estimators.posterior.cells import cells_of, fixed_cells_graph, path_of, resolving_cells
 
 SAGITTA = 0.01
 """Largest error of a straight line between two nodes, in deviations of the loudest contact."""
@@ -230,3 +229,16 @@ def _between(graph: Graph, node: str, rows: Rows, steps: int) -> str:
     whole = graph.apply("Squeeze", graph.cast(below, np.int64), graph.ints(2))
     value, change = (graph.apply("Gather", one, whole, axis=0) for one in rows)
     return graph.apply("Add", value, graph.apply("Mul", change, part))
+
+
+def posterior_graph(prior: Prior, *, with_force: bool, finest: Prior | None = None) -> onnx.ModelProto:
+    """Return the ONNX graph of a prior, without metadata.
+
+    `finest` has the least noise that samples have, which the cells must resolve; by default that of the prior.
+    """
+    finest = finest or prior
+    count = resolving_cells(finest)
+    if count is not None:
+        return fixed_cells_graph(prior, count, with_force=with_force)
+    table = table_of(finest)
+    return windowed_graph(prior, table, scan(prior, table), with_force=with_force)

@@ -1,12 +1,68 @@
-"""The sensors of a scene. Validated strictly."""
+"""The tables of a scene beside the beam, strictly validated, and the types of numbers that a user states in a file."""
 
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, PositiveInt, model_validator
+from pydantic import BaseModel, ConfigDict, Field, PositiveInt, model_validator
 
-from beamtouch_models.scene.fields import Finite, Pair, PositiveFinite, PositivePair, Strict
-
+FARTHEST_K = 150.0
+"""A beam that is always more than this above its mounting temperature was stated in absolute kelvin."""
 MIN_SENSORS, MAX_SENSORS = 1, 64
+
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+PositiveFinite = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+DampingRatio = Annotated[float, Field(gt=0, lt=1)]
+Fixity = Annotated[float, Field(ge=0, lt=1)]
+Pair = Annotated[tuple[Finite, Finite], Field(strict=False)]
+PositivePair = Annotated[tuple[PositiveFinite, PositiveFinite], Field(strict=False)]
+
+
+class Strict(BaseModel):
+    """Base class of what a user states: immutable, refuses unknown keys, converts no types."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, use_attribute_docstrings=True)
+
+
+class Contact(Strict):
+    """The contacts that the surface is designed for, uniform over their ranges."""
+
+    force_n: PositiveFinite | PositivePair
+    """One number if the force is known, else its range."""
+    position_mm: Pair
+    """Range of positions, from the left end of the beam."""
+    width_mm: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0
+    """Length over which a contact presses evenly, centred at its position; 0 is a point."""
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Self:
+        if self.force_range_n[0] > self.force_range_n[1]:
+            raise ValueError(f"force_n = {list(self.force_range_n)}: the first must not exceed the second")
+        if self.position_mm[0] >= self.position_mm[1]:
+            raise ValueError(f"position_mm = {list(self.position_mm)}: the first must be less than the second")
+        return self
+
+    @property
+    def force_range_n(self) -> tuple[float, float]:
+        """Smallest and largest force; equal if the force is known."""
+        return self.force_n if isinstance(self.force_n, tuple) else (self.force_n, self.force_n)
+
+
+class Environment(Strict):
+    """The surroundings of the surface."""
+
+    temperature_range_k: Pair | None = None
+    """Lowest and highest temperature, relative to that at which the beam was mounted: [-10, 15]."""
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Self:
+        low, high = self.temperature_range_k or (0.0, 0.0)
+        if low > high:
+            raise ValueError(f"temperature_range_k = {[low, high]}: the first must not exceed the second")
+        if low > FARTHEST_K:
+            raise ValueError(
+                f"temperature_range_k = {[low, high]}: state it relative to the temperature of mounting, not absolute; "
+                f"mounted at 293 K, this is {[low - 293, high - 293]}"
+            )
+        return self
 
 
 class Sensors(Strict):
@@ -78,3 +134,21 @@ class Sensors(Strict):
     def fewest(self) -> int:
         """Smallest number of sensors to consider: never less than the fixed ones."""
         return max(self.count_range[0], len(self.fixed_mm))
+
+
+Descriptor = Literal["position", "force"]
+
+
+class Requirements(Strict):
+    """Requirements of the surface."""
+
+    position_error_mm: PositiveFinite | None = None
+    """Largest mean error; it decides the number of sensors if the scene leaves that open."""
+    latency_ms: PositiveFinite | None = None
+    """Time from a touch to an answer of the accuracy that the model is made for; by default there is no filter."""
+    max_mean_ms: PositiveFinite = 1000.0
+    """Time for which the mean of a contact at rest may grow on."""
+    false_contacts_per_day: PositiveFinite = 1 / 30
+    """Contacts per day that may be stated although nothing touches; by default one a month."""
+    descriptors: Annotated[tuple[Descriptor, ...], Field(strict=False)] = ("position",)
+    """Figures that the model states; the position is always one of them."""
