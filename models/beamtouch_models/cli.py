@@ -6,6 +6,7 @@ from importlib import import_module
 
 from beamtouch_common.commands import DONE, Parser, exit_code
 from beamtouch_models.errors import WRONG_INPUT_ERRORS
+from beamtouch_models.printing import show
 
 PROGRAM = "design-sensors"
 COMMANDS = {
@@ -31,7 +32,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         given = sys.argv[1:] if arguments is None else arguments
         options = _parser(given).parse_args(given)
         # The command imports what computes, so that --help is quick and a missing extra is reported in one line.
-        options.run(options)
+        show(options.run(options), as_json=getattr(options, "json", False))
         return DONE
 
     return exit_code(PROGRAM, "design", work, WRONG_INPUT_ERRORS)

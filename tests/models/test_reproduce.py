@@ -22,9 +22,8 @@ from beamtouch_models.reproduction.figures import (
     misprints,
     noise_errors,
 )
-from beamtouch_models.reproduction.paper import LOADS_MM, SOURCE, TITLE, dimensionless, equal_pitch_mm
+from beamtouch_models.reproduction.paper import LOADS_MM, SOURCE, TITLE, Figure, Row, dimensionless, equal_pitch_mm
 from beamtouch_models.reproduction.reproduce import Reproduction, reproduce
-from beamtouch_models.reproduction.statements import Figure, Row
 from in_process import Command
 from tags import Tags
 

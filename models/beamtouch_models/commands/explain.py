@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from beamtouch_common.digits import digits
-from beamtouch_models.commands.options import add_json
-from beamtouch_models.printing import Block, Result, Table, note, show
+from beamtouch_models.commands.options import add_shared
+from beamtouch_models.printing import Block, Result, Table, note
 
 if TYPE_CHECKING:
     from beamtouch_models.pricing.effect import Effect
@@ -26,14 +26,14 @@ SENSORS = 101
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the command."""
-    parser.add_argument("scene", type=Path, metavar="SCENE", help="scene file (TOML)")
+    add_shared(parser, "scene")
     words = "also forecast the answers for zones: a TOML file with tables [zones.NAME], with the keys of the service"
     parser.add_argument("--zones", type=Path, metavar="FILE", help=words)
-    add_json(parser)
+    add_shared(parser, "--json")
 
 
-def run(options: argparse.Namespace) -> None:
-    """Price the effects, measure the time that each costs, and print both."""
+def run(options: argparse.Namespace) -> Result:
+    """Price the effects, and measure the time that each costs."""
     from beamtouch_models.building.remarks import remarks
     from beamtouch_models.commands.explain_zones import bands_of, load_zones, zone_rows
     from beamtouch_models.pricing.effect import NEGLIGIBLE
@@ -46,43 +46,51 @@ def run(options: argparse.Namespace) -> None:
     zones = load_zones(options.zones, scene) if options.zones else {}
     surface = Surface.of(scene)
     surface.check()
-    effects = [(effect, _cost_us(effect)) for effect in surface.effects]
+    effects = [_as_json(effect) for effect in surface.effects]
     noise, ringing = surface.readings.behind(surface.filter), surface.ringing
     fields = {
-        "effects": [_as_json(effect, cost) for effect, cost in effects],
+        "effects": effects,
         "noise_mm": noise.sample_mm,
         "reading_noise_mm": noise.reading_mm,
         "ringing": ringing and asdict(ringing),
         "max_deflection_mm": surface.travel.largest_mm,
         "negligible": NEGLIGIBLE,
     }
-    edges = bands_of(surface, zones) if zones else []
-    if options.zones:
-        fields["zones"] = [edge._asdict() for edge in edges]
     rows: list[Block] = [
-        _table(effects),
+        Table(("effect", "price", "", "with/without", "remark"), [*map(_row, effects)], text=("", "remark")),
         f"price: in units of a sample's noise, {digits(noise.sample_mm, 3)} mm; effects below {NEGLIGIBLE:g} are left "
         f"out\nwith/without: measured time to compute an influence matrix of {SENSORS} sensors",
         *(told(ringing) if ringing else []),
-        *(zone_rows(edges) if edges else []),
     ]
-    show(Result(fields, rows), as_json=options.json)
+    if zones:
+        edges = bands_of(surface, zones)
+        fields["zones"] = [edge._asdict() for edge in edges]
+        rows += zone_rows(edges) if edges else []
+    return Result(fields, rows)
 
 
-def _table(effects: list[tuple[Effect, tuple[float, float] | None]]) -> Table:
-    rows = []
-    for effect, cost in effects:
-        price = "-" if effect.price is None else digits(effect.price, 3)
-        timed = "-" if cost is None else f"{cost[0]:.0f}/{cost[1]:.0f} us"
-        rows.append((effect.name, price, effect.verdict, timed, effect.reason))
-    return Table(("effect", "price", "", "with/without", "remark"), rows, text=("", "remark"))
+def _as_json(effect: Effect) -> dict[str, Any]:
+    """Return an effect with the time of an influence matrix with and without it, in us; None if it changes nothing."""
+    with_us = without_us = cost_us = None
+    if effect.having is not None and effect.lacking is not None:
+        with_us, without_us = _matrix_us(effect.having), _matrix_us(effect.lacking)
+        cost_us = with_us - without_us
+    return {
+        "name": effect.name,
+        "price": effect.price,
+        "included": effect.verdict == "in",
+        "verdict": effect.verdict,
+        "cost_us": cost_us,
+        "with_us": with_us,
+        "without_us": without_us,
+        "reason": effect.reason,
+    }
 
 
-def _cost_us(effect: Effect) -> tuple[float, float] | None:
-    """Return the time of an influence matrix with and without the effect, in us; None if the effect changes nothing."""
-    if effect.having is None or effect.lacking is None:
-        return None
-    return _matrix_us(effect.having), _matrix_us(effect.lacking)
+def _row(effect: dict[str, Any]) -> tuple[str, ...]:
+    price = "-" if effect["price"] is None else digits(effect["price"], 3)
+    timed = "-" if effect["cost_us"] is None else f"{effect['with_us']:.0f}/{effect['without_us']:.0f} us"
+    return effect["name"], price, effect["verdict"], timed, effect["reason"]
 
 
 def _matrix_us(scene: Scene) -> float:
@@ -99,16 +107,3 @@ def _matrix_us(scene: Scene) -> float:
         influence_matrix(scene, sensors, loads)
         least = min(least, time.perf_counter() - start)
     return 1e6 * least
-
-
-def _as_json(effect: Effect, cost: tuple[float, float] | None) -> dict[str, Any]:
-    return {
-        "name": effect.name,
-        "price": effect.price,
-        "included": effect.verdict == "in",
-        "verdict": effect.verdict,
-        "cost_us": None if cost is None else cost[0] - cost[1],
-        "with_us": None if cost is None else cost[0],
-        "without_us": None if cost is None else cost[1],
-        "reason": effect.reason,
-    }

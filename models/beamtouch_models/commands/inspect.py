@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 from typing import TYPE_CHECKING
 
-from beamtouch_models.commands.options import add_json
-from beamtouch_models.printing import Result, show
+from beamtouch_models.commands.options import add_shared
+from beamtouch_models.printing import Result
 
 if TYPE_CHECKING:
     from beamtouch_models.loading import ModelFile
@@ -15,15 +14,14 @@ if TYPE_CHECKING:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the command."""
-    parser.add_argument("model", type=Path, metavar="MODEL", help="model file (.onnx)")
-    add_json(parser)
+    add_shared(parser, "model", "--json")
 
 
-def run(options: argparse.Namespace) -> None:
-    """Load the model, which checks its golden answers, and print it."""
+def run(options: argparse.Namespace) -> Result:
+    """Load the model, which checks its golden answers, and return it."""
     from beamtouch_models.loading import load
 
-    show(describe(load(options.model)), as_json=options.json)
+    return describe(load(options.model))
 
 
 def describe(model: ModelFile) -> Result:

@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
 from beamtouch_common.commands import whole_number
@@ -24,35 +24,6 @@ MAX_WORKERS = 1024
 """Bounds memory: each worker process takes about 300 MB."""
 
 
-def add_contacts(parser: argparse.ArgumentParser, what: str, default: int) -> None:
-    """Add the number of simulated contacts."""
-    parser.add_argument(
-        "--draws",
-        type=whole_number(100, MAX_DRAWS),
-        default=default,
-        metavar="N",
-        help=f"{what}, rounded up to a power of two; below about 2000, a stated standard error is a lower bound "
-        f"(default: {default})",
-    )
-
-
-def add_workers(parser: argparse.ArgumentParser) -> None:
-    """Add where the tasks of a sweep run."""
-    workers = parser.add_mutually_exclusive_group()
-    workers.add_argument(
-        "--workers",
-        type=whole_number(1, MAX_WORKERS),
-        metavar="N",
-        help="number of processes that the work is spread over (default: one per core); the results are the same",
-    )
-    workers.add_argument(
-        "--cluster",
-        type=_address,
-        metavar="tcp://HOST:PORT",
-        help="spread the work over the workers of this Dask scheduler instead",
-    )
-
-
 def _address(text: str) -> str:
     """Check an address here: for some that are not one, Dask waits until its patience ends."""
     try:
@@ -65,40 +36,70 @@ def _address(text: str) -> str:
     return text
 
 
-def add_seed(parser: argparse.ArgumentParser) -> None:
-    """Add the seed."""
-    parser.add_argument(
-        "--seed",
-        type=whole_number(0, 2**32 - 1),
-        default=0,
-        metavar="S",
-        help="seed of all random numbers (default: 0)",
-    )
-
-
-def add_json(parser: argparse.ArgumentParser) -> None:
-    """Add the output as JSON."""
-    parser.add_argument("--json", action="store_true", help="print one JSON object on standard output")
-
-
-def add_layout(parser: argparse.ArgumentParser) -> None:
-    """Add the choices of a layout."""
-    parser.add_argument(
-        "--sensors", type=whole_number(1, 64), metavar="N", help="number of sensors, instead of the scene's"
-    )
-    parser.add_argument(
-        "--criterion",
-        choices=CRITERIA,
-        help="what the layout makes best: the mean position error (least, of the layouts that notice two contacts and "
-        "spread loads as often as the other one), or the paper's product of eigenvalues (largest) (default: "
+_OPTIONS: dict[str, dict[str, Any]] = {
+    "scene": {"type": Path, "metavar": "SCENE", "help": "scene file (TOML)"},
+    "model": {"type": Path, "metavar": "MODEL", "help": "model file (.onnx)"},
+    "--sensors": {
+        "type": whole_number(1, 64),
+        "metavar": "N",
+        "help": "number of sensors, instead of the scene's",
+    },
+    "--criterion": {
+        "choices": CRITERIA,
+        "help": "what the layout makes best: the mean position error (least, of the layouts that notice two contacts "
+        "and spread loads as often as the other one), or the paper's product of eigenvalues (largest) (default: "
         "position-error)",
-    )
-    parser.add_argument(
-        "--spare",
-        type=whole_number(0, 1),
-        metavar="N",
-        help="number of sensors that may fail, 0 or 1; with 1, the layout is the one with the least mean position "
+    },
+    "--spare": {
+        "type": whole_number(0, 1),
+        "metavar": "N",
+        "help": "number of sensors that may fail, 0 or 1; with 1, the layout is the one with the least mean position "
         "error when the worst single sensor has failed (default: 0)",
+    },
+    "--workers": {
+        "type": whole_number(1, MAX_WORKERS),
+        "metavar": "N",
+        "help": "number of processes that the work is spread over (default: one per core); the results are the same",
+    },
+    "--cluster": {
+        "type": _address,
+        "metavar": "tcp://HOST:PORT",
+        "help": "spread the work over the workers of this Dask scheduler instead",
+    },
+    "--seed": {
+        "type": whole_number(0, 2**32 - 1),
+        "default": 0,
+        "metavar": "S",
+        "help": "seed of all random numbers (default: 0)",
+    },
+    "--json": {"action": "store_true", "help": "print one JSON object on standard output"},
+}
+
+
+def add_shared(parser: argparse.ArgumentParser, *names: str) -> None:
+    """Add arguments that several commands have."""
+    for name in names:
+        parser.add_argument(name, **_OPTIONS[name])
+
+
+def add_workers(parser: argparse.ArgumentParser) -> None:
+    """Add where the tasks of a sweep run."""
+    workers = parser.add_mutually_exclusive_group()
+    for name in ("--workers", "--cluster"):
+        workers.add_argument(name, **_OPTIONS[name])
+
+
+def add_output(parser: argparse.ArgumentParser, what: str, metavar: str = "MODEL") -> None:
+    """Add the file or folder to write, which must be given."""
+    parser.add_argument("-o", "--output", type=Path, required=True, metavar=metavar, help=what)
+
+
+def add_draws(parser: argparse.ArgumentParser, what: str, default: int) -> None:
+    """Add the number of simulated contacts."""
+    words = "rounded up to a power of two; below about 2000, a stated standard error is a lower bound"
+    number = whole_number(100, MAX_DRAWS)
+    parser.add_argument(
+        "--draws", type=number, default=default, metavar="N", help=f"{what}, {words} (default: {default})"
     )
 
 

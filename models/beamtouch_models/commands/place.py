@@ -5,14 +5,13 @@ from __future__ import annotations
 import argparse
 import math
 import time
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from beamtouch_common.commands import whole_number
 from beamtouch_common.digits import digits
-from beamtouch_models.commands.options import add_json, add_layout, add_seed, aim_of, shown_progress
+from beamtouch_models.commands.options import add_shared, aim_of, shown_progress
 from beamtouch_models.names import SEARCHES
-from beamtouch_models.printing import Result, note, show
+from beamtouch_models.printing import Result, note
 
 if TYPE_CHECKING:
     from beamtouch_models.building.sensors import PlacedSensors
@@ -23,21 +22,15 @@ LIMIT_DRAWS = 10_000
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the command."""
-    parser.add_argument("scene", type=Path, metavar="SCENE", help="scene file (TOML)")
-    add_layout(parser)
-    parser.add_argument(
-        "--components",
-        type=whole_number(1, 64),
-        metavar="K",
-        help="number of leading eigenvalues in the product (default: all)",
-    )
+    add_shared(parser, "scene", "--sensors", "--criterion", "--spare")
+    words = "number of leading eigenvalues in the product (default: all)"
+    parser.add_argument("--components", type=whole_number(1, 64), metavar="K", help=words)
     parser.add_argument("--search", choices=SEARCHES, default=SEARCHES[0], help="search method (default: exact)")
-    add_seed(parser)
-    add_json(parser)
+    add_shared(parser, "--seed", "--json")
 
 
-def run(options: argparse.Namespace) -> None:
-    """Place the sensors of a scene and print the layout with its score, gap and accuracy limit."""
+def run(options: argparse.Namespace) -> Result:
+    """Place the sensors of a scene; the result is the layout with its score, gap and accuracy limit."""
     from beamtouch_models.building.remarks import missed_error, remarks
     from beamtouch_models.building.sensors import place_sensors
     from beamtouch_models.scene import load_scene
@@ -53,27 +46,7 @@ def run(options: argparse.Namespace) -> None:
         found = _describe(sensors, aim, options.seed)
     found["wall_s"] = time.perf_counter() - started
     note(missed_error("accuracy limit", found["accuracy_limit_percent"], scene))
-    show(Result(found, [_rows(found, sensors)]), as_json=options.json)
-
-
-def _rows(found: dict[str, Any], sensors: PlacedSensors) -> list[tuple[str, str]]:
-    """Return a line per figure, each number with its unit and reference."""
-    positions = found["positions_mm"]
-    score = found["log_eigenvalue_product"]
-    leading = f"{found['components']} leading eigenvalues" if found["components"] < len(positions) else "all"
-    product = "-inf: a component is below rounding" if score is None else f"{score:.4f}"
-    limit = _limit_line(found["accuracy_limit_percent"], found["standard_error"], sensors)
-    recommended = found["recommended_sensors"]
-    return [
-        ("sensors", f"{', '.join(f'{position:g}' for position in positions)} mm from the left end"),
-        ("product", f"ln {product} ({leading}; lengths in units of l, W/(EI) = 1)"),
-        ("bound", _bound_line(found["gap"])),
-        ("limit", limit),
-        *([("failed", _failed_line(found))] if found["limit_without_percent"] else []),
-        ("search", f"{found['search']}, by {found['criterion']}, seed {found['seed']}"),
-        ("cost", f"{found['evaluations']} layouts scored, {found['wall_s']:.2f} s"),
-        ("paper", f"{recommended} sensors by the paper's rule, one per component above the noise, at least two"),
-    ]
+    return Result(found, [_rows(found, sensors)])
 
 
 def _describe(sensors: PlacedSensors, aim: Aim, seed: int) -> dict[str, Any]:
@@ -108,26 +81,39 @@ def _describe(sensors: PlacedSensors, aim: Aim, seed: int) -> dict[str, Any]:
     }
 
 
-def _limit_line(percent: float, standard_error: float, sensors: PlacedSensors) -> str:
+def _rows(found: dict[str, Any], sensors: PlacedSensors) -> list[tuple[str, str]]:
+    """Return a line per figure, each number with its unit and reference."""
     from beamtouch_models.numbers import three_digits
 
-    error_mm, noise_mm = percent / 100 * sensors.surface.influence.length_mm, sensors.surface.errors.noise_mm
-    return (
-        f"mean error {three_digits(percent)} % +- {digits(standard_error, 1)} of the length, "
-        f"{digits(error_mm, 3)} mm, at {digits(noise_mm, 3)} mm noise per sample"
-    )
-
-
-def _failed_line(found: dict[str, Any]) -> str:
-    names = ("positions_mm", "limit_without_percent", "limit_without_standard_error")
+    surface, positions, score = sensors.surface, found["positions_mm"], found["log_eigenvalue_product"]
+    leading = f"{found['components']} leading eigenvalues" if found["components"] < len(positions) else "all"
+    product = "-inf: a component is below rounding" if score is None else f"{score:.4f}"
+    percent, noise_mm = found["accuracy_limit_percent"], surface.errors.noise_mm
+    error_mm = percent / 100 * surface.influence.length_mm
     without = ", ".join(
         f"{digits(percent, 3)} % +- {digits(error, 1)} without {position:g}"
-        for position, percent, error in zip(*(found[name] for name in names), strict=True)
+        for position, percent, error in zip(
+            positions, found["limit_without_percent"], found["limit_without_standard_error"], strict=False
+        )
     )
-    return f"mean error {without}"
+    recommended = found["recommended_sensors"]
+    return [
+        ("sensors", f"{', '.join(f'{position:g}' for position in positions)} mm from the left end"),
+        ("product", f"ln {product} ({leading}; lengths in units of l, W/(EI) = 1)"),
+        ("bound", _bound_in_words(found["gap"])),
+        (
+            "limit",
+            f"mean error {three_digits(percent)} % +- {digits(found['standard_error'], 1)} of the length, "
+            f"{digits(error_mm, 3)} mm, at {digits(noise_mm, 3)} mm noise per sample",
+        ),
+        *([("failed", f"mean error {without}")] if without else []),
+        ("search", f"{found['search']}, by {found['criterion']}, seed {found['seed']}"),
+        ("cost", f"{found['evaluations']} layouts scored, {found['wall_s']:.2f} s"),
+        ("paper", f"{recommended} sensors by the paper's rule, one per component above the noise, at least two"),
+    ]
 
 
-def _bound_line(gap: float | None) -> str:
+def _bound_in_words(gap: float | None) -> str:
     if gap is None:
         return "none for this criterion; --criterion eigenvalue-product has one"
     if gap == 0:
