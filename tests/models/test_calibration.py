@@ -14,7 +14,7 @@ from beamtouch_models import modelfile
 from beamtouch_models.accuracy import limit
 from beamtouch_models.calibration.calibrate import Calibrated, calibrate, checked_fit
 from beamtouch_models.calibration.fit import fit, residuals_of, supported_fit
-from beamtouch_models.calibration.loads import Loads, read_loads
+from beamtouch_models.calibration.recordings import Loads, read_loads
 from beamtouch_models.calibration.self_calibrate import self_calibrate
 from beamtouch_models.calibration.theory import Theory
 from beamtouch_models.errors import NotGoodEnoughError

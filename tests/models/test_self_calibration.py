@@ -10,11 +10,10 @@ import pytest
 
 from beamtouch_models import modelfile
 from beamtouch_models.accuracy import limit
-from beamtouch_models.calibration.contacts import UnlabelledContacts
-from beamtouch_models.calibration.left_open import measure_left_open
+from beamtouch_models.calibration.recordings import UnlabelledContacts
 from beamtouch_models.calibration.self_calibrate import KINDS, SelfCalibrated, self_calibrate, self_fit
 from beamtouch_models.calibration.theory import FIXITY, GAIN, Theory
-from beamtouch_models.calibration.unlabelled import fit_contacts
+from beamtouch_models.calibration.unlabelled import fit_contacts, measure_left_open
 from beamtouch_models.errors import NotGoodEnoughError
 from beamtouch_models.estimators.onnx_graph import to_bytes, with_force_error
 from beamtouch_models.modelfile import ModelFile

@@ -72,7 +72,7 @@ Told = tuple["Calibrated | SelfCalibrated", dict[str, Any], list[tuple[str, str]
 def _calibrate_with_loads(model: ModelFile, options: argparse.Namespace) -> Told:
     """Calibrate a model with recorded loads."""
     from beamtouch_models.calibration.calibrate import calibrate
-    from beamtouch_models.calibration.loads import read_loads
+    from beamtouch_models.calibration.recordings import read_loads
     from beamtouch_models.health.residuals import LoadErrors
 
     for option, value in (("--placing-mm", options.placing_mm), ("--force-percent", options.force_percent)):
@@ -112,9 +112,9 @@ def _calibrate_with_contacts(model: ModelFile, options: argparse.Namespace) -> T
     import numpy as np
     from scipy.stats import chi2
 
-    from beamtouch_models.calibration.contacts import read_contacts
+    from beamtouch_models.calibration.recordings import read_contacts
     from beamtouch_models.calibration.self_calibrate import KINDS, self_calibrate
-    from beamtouch_models.health.zeros import DRIFT
+    from beamtouch_models.health.changes import DRIFT
 
     contacts = read_contacts(options.events, model.metadata)
     for count, why in ((contacts.other_characteristic, "with an older characteristic"), (contacts.older, "older")):
