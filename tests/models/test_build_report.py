@@ -74,7 +74,8 @@ def test_the_page_states_the_layout_the_accuracy_and_every_effect(facts: Facts, 
         "youngs_modulus_gpa = 210",
     ):
         assert said in " ".join(words.split())
-    assert {effect.name for effect in facts.effects} | {effect.reason for effect in facts.effects} <= set(cells)
+    effects = facts.built.surface.effects
+    assert {effect.name for effect in effects} | {effect.reason for effect in effects} <= set(cells)
 
 
 def test_errors_and_intervals_along_the_beam_add_up_to_the_means(facts: Facts, words: str) -> None:

@@ -1,35 +1,20 @@
 """The challenge: all rows of a model."""
 
-from dataclasses import dataclass, replace
-from functools import lru_cache
+from dataclasses import replace
+from functools import lru_cache, partial
 
 import numpy as np
 from scipy.special import chdtrc
 
 from beamtouch_models.accuracy.thresholds import left_by_contact
 from beamtouch_models.challenge.contacts import honest_cases, lossy_cases
-from beamtouch_models.challenge.faults import fault_cases
+from beamtouch_models.challenge.faults import error_cases, fault_cases
 from beamtouch_models.challenge.judge import judge
-from beamtouch_models.challenge.play import Case
-from beamtouch_models.challenge.power import distances, power_of_shift
-from beamtouch_models.challenge.scoring import Row, ghosts, scored
-from beamtouch_models.challenge.sensor_cases import error_cases
-from beamtouch_models.challenge.surface import SimulatedSurface
+from beamtouch_models.challenge.play import Case, Drawn, SimulatedSurface
+from beamtouch_models.challenge.scoring import Row, distances, ghosts, power_of_shift, scored
 from beamtouch_models.loading import ModelFile, load_bytes
 from beamtouch_models.progress import Progress, silent
 from beamtouch_models.sweeps import Spread, in_turn
-
-
-@dataclass(frozen=True)
-class _Courses:
-    """All courses of a case, as a task that can be sent."""
-
-    content: bytes
-    """The model file."""
-    number: int
-    """Number of the case."""
-    draws: int
-    seed: int
 
 
 def challenge(
@@ -45,12 +30,11 @@ def challenge(
         The scene in the model cannot be computed.
     """
     _, _, cases = _challenged(content)
-    tasks = [_Courses(content, number, draws, seed) for number in range(len(cases))]
     found: list[Row] = []
-    progress(f"case 1 of {len(tasks)}", 0.0)
-    for number, rows in enumerate(spread(_rows, tasks), 1):
+    progress(f"case 1 of {len(cases)}", 0.0)
+    for number, rows in enumerate(spread(partial(_rows, content, draws, seed), range(len(cases))), 1):
         found += rows
-        progress(f"case {min(number + 1, len(tasks))} of {len(tasks)}", number / len(tasks))
+        progress(f"case {min(number + 1, len(cases))} of {len(cases)}", number / len(cases))
     return sorted(found, key=lambda row: not row.honest)
 
 
@@ -62,9 +46,10 @@ def _challenged(content: bytes) -> tuple[ModelFile, SimulatedSurface, tuple[Case
     return model, surface, (*honest_cases(surface), *error_cases(surface), *fault_cases(), *lossy_cases(surface))
 
 
-def _rows(task: _Courses) -> list[Row]:
-    model, surface, cases = _challenged(task.content)
-    return rows_of(model, surface, cases[task.number], task.draws, np.random.default_rng([task.seed, task.number]))
+def _rows(content: bytes, draws: int, seed: int, number: int) -> list[Row]:
+    """Return the rows of the case with this number."""
+    model, surface, cases = _challenged(content)
+    return rows_of(model, surface, cases[number], draws, np.random.default_rng([seed, number]))
 
 
 def rows_of(model: ModelFile, surface: SimulatedSurface, case: Case, draws: int, rng: np.random.Generator) -> list[Row]:
@@ -72,7 +57,7 @@ def rows_of(model: ModelFile, surface: SimulatedSurface, case: Case, draws: int,
 
     Readings with the same name are one row.
     """
-    play = case.play(surface, draws, rng)
+    play = case.make(Drawn.of(surface, draws, rng))
     readings = surface.world.readings(play.deflection_mm, play.errors, rng)
     first = max(0, min(reading for _, reading in play.rows) - surface.decided)
     said = judge(surface, model.run, readings, first, lost=play.lost)

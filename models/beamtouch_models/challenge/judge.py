@@ -6,7 +6,7 @@ from enum import IntEnum
 import numpy as np
 
 from beamtouch_models.arrays import Bools, Floats, Indices
-from beamtouch_models.challenge.surface import SimulatedSurface
+from beamtouch_models.challenge.play import SimulatedSurface
 from beamtouch_models.decision.decider import AT_REST, Hypotheses, State
 from beamtouch_models.decision.evidence import Weighed, evidence, is_overload, is_unchecked
 from beamtouch_models.pricing.noise import chain_of

@@ -14,10 +14,8 @@ from beamtouch_models.arrays import Floats
 from beamtouch_models.building.build import Built
 from beamtouch_models.errors import SceneError
 from beamtouch_models.loading import ModelFile, load_bytes
-from beamtouch_models.placement.components import Components, principal_components
 from beamtouch_models.placement.layout import equal_pitch_mm
-from beamtouch_models.placement.placing import Aim, Placement, place, place_by_position_error, score_positions
-from beamtouch_models.pricing.effect import Effect
+from beamtouch_models.placement.placing import place, place_by_position_error, score_positions
 from beamtouch_models.progress import Progress
 from beamtouch_models.scene import Scene
 
@@ -62,42 +60,18 @@ class Facts:
     """Everything that the page shows."""
 
     scene: Scene
+    built: Built
     model: ModelFile
-    placement: Placement
-    aim: Aim
-    load_mm: Floats
-    """(loads,)"""
-    components: Components
-    """Principal components of the influence matrix of the layout, in mm/N."""
     profile: Profile
     layouts: tuple[OtherLayout, ...]
-    effects: tuple[Effect, ...]
-    """Physical effects with their prices."""
-
-    @property
-    def middle_force_n(self) -> float:
-        """Middle of the force range."""
-        low, high = self.scene.contact.force_range_n
-        return (low + high) / 2
 
 
 def gather(scene: Scene, built: Built, progress: Progress) -> Facts:
     """Measure the data of the report, which takes seconds; the same build gives the same data."""
     progress("measuring for the report", 0.97)
-    positions, surface = np.array(built.placement.positions_mm), built.surface
     model = load_bytes(built.content, "the model just built")
-    seed = built.metadata.seed
-    return Facts(
-        scene,
-        model,
-        built.placement,
-        built.aim,
-        surface.influence.load_mm,
-        principal_components(surface.influence.matrix(positions)),
-        _profile(surface.prior(positions), model, seed),
-        _layouts(built),
-        surface.effects,
-    )
+    prior = built.surface.prior(np.array(built.placement.positions_mm))
+    return Facts(scene, built, model, _profile(prior, model, built.metadata.seed), _layouts(built))
 
 
 def _profile(prior: Prior, model: ModelFile, seed: int) -> Profile:
