@@ -99,8 +99,7 @@ def write_products(
 
 def _report(scene: Scene, built: Built, progress: Progress) -> str:
     # Most builds write none, and its drawings and its template are a tenth of what a build would import.
-    from beamtouch_models.building.report.facts import gather  # noqa: PLC0415
-    from beamtouch_models.building.report.page import page  # noqa: PLC0415
+    from beamtouch_models.building.report.page import gather, page  # noqa: PLC0415
 
     return page(gather(scene, built, progress))
 

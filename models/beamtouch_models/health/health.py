@@ -9,8 +9,7 @@ import numpy as np
 from beamtouch_models.arrays import Bools, Floats
 from beamtouch_models.curve import InfluenceCurve
 from beamtouch_models.error_model import floor_mm2
-from beamtouch_models.health.changes import CERTAIN, Change, Estimate, Gains, find_changes, zero_of
-from beamtouch_models.health.history import Block, History
+from beamtouch_models.health.changes import CERTAIN, Block, Change, Estimate, Gains, History, find_changes, zero_of
 from beamtouch_models.health.residuals import UNKNOWN, Residuals
 from beamtouch_models.metadata import Metadata
 

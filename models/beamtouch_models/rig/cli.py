@@ -17,8 +17,8 @@ from beamtouch_models.errors import WRONG_INPUT_ERRORS
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from beamtouch_models.rig.devices import Module
     from beamtouch_models.rig.loads import ByHand, Script
-    from beamtouch_models.rig.modbus_device import Module
 
 PROGRAM = "beamtouch-rig"
 
@@ -33,8 +33,8 @@ def _run(options: argparse.Namespace) -> int:
     # Imported here, so that --help is quick and a missing extra is reported in one line.
     from beamtouch_common.files import require_writable
     from beamtouch_models import loading
+    from beamtouch_models.rig.devices import ADC_BITS
     from beamtouch_models.rig.faults import Faults
-    from beamtouch_models.rig.firmware import ADC_BITS
     from beamtouch_models.rig.loads import ByHand, default_script, load_script
     from beamtouch_models.rig.run import Device, run
     from beamtouch_models.rig.surface import PERFECT, VirtualSurface, load_imperfections
@@ -65,7 +65,7 @@ def _run(options: argparse.Namespace) -> int:
 
 def _module(options: argparse.Namespace) -> Module:
     """Return the module that the options state; InputError for a device that has no registers."""
-    from beamtouch_models.rig.modbus_device import Module
+    from beamtouch_models.rig.devices import Module
 
     stated = {field.name: getattr(options, field.name) for field in fields(Module)}
     stated = {name: value for name, value in stated.items() if value is not None}

@@ -14,13 +14,10 @@ from pymodbus.server import ModbusSerialServer, ModbusTcpServer
 
 from beamtouch_common.listening import remedy
 from beamtouch_models.errors import SceneError
-from beamtouch_models.rig import modbus_device
+from beamtouch_models.rig.devices import Module, SerialDevice, rtu_server, start_board, tcp_server
 from beamtouch_models.rig.faults import Faults
-from beamtouch_models.rig.firmware import start_board
 from beamtouch_models.rig.lines import Relay, joined_line, named_line
 from beamtouch_models.rig.loads import ByHand, Load, Script
-from beamtouch_models.rig.modbus_device import Module
-from beamtouch_models.rig.serial_device import SerialDevice
 from beamtouch_models.rig.surface import VirtualSurface
 
 TRUTH_PERIOD_S = 0.01
@@ -107,7 +104,7 @@ async def _open(
     if device.modbus_tcp is not None:
         host, port = device.modbus_tcp
         # The relay delays replies, not the server: pymodbus gives a reply the number of the newest request.
-        tcp = modbus_device.tcp_server(convert, surface.channels, device.module, "127.0.0.1", 0)
+        tcp = tcp_server(convert, surface.channels, device.module, "127.0.0.1", 0)
         await _listen(tcp, "127.0.0.1")
         try:
             front = await relay.listen(host, port, _port_of(tcp.transport))
@@ -120,7 +117,7 @@ async def _open(
     if device.modbus_rtu is not None:
         path = device.modbus_rtu
         port_name = str(path) if path.is_char_device() else resources.enter_context(joined_line(path, relay))
-        rtu = modbus_device.rtu_server(convert, surface.channels, device.module, port_name)
+        rtu = rtu_server(convert, surface.channels, device.module, port_name)
         await _listen(rtu, str(path))
         _announce(f"modbus-rtu {path}")
         return rtu.serving
