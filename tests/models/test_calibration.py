@@ -201,7 +201,7 @@ def test_the_command_prints_the_departures(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     # The fit was made above; other tests of this command make theirs.
-    monkeypatch.setattr("beamtouch_models.calibration.calibrate.calibrate", lambda *_given: calibrated)
+    monkeypatch.setattr("beamtouch_models.commands.calibrate.calibrate", lambda *_given: calibrated)
     output = tmp_path / "real.onnx"
     done = design_sensors_here("calibrate", bench_model, recording, "-o", output, "--json")
     assert done.returncode == 0, done.stderr

@@ -140,7 +140,7 @@ def test_the_command_prints_both_groups_and_one_json_object(
         kept.extend([] if kept else [challenge(content, draws=draws, seed=seed, progress=progress, spread=spread)])
         return kept[0]
 
-    monkeypatch.setattr("beamtouch_models.challenge.challenge.challenge", once)
+    monkeypatch.setattr("beamtouch_models.commands.challenge.challenge", once)
     done = design_sensors_here("challenge", quick_model, "--draws", 10, "--json")
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)

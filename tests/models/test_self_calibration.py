@@ -136,7 +136,7 @@ def test_the_command_writes_a_model_and_says_what_it_changed(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     # The fit was made above; the guide's steps, in the tests of the system, make theirs.
-    monkeypatch.setattr("beamtouch_models.calibration.self_calibrate.self_calibrate", lambda *_given: found[0])
+    monkeypatch.setattr("beamtouch_models.commands.calibrate.self_calibrate", lambda *_given: found[0])
     path = write_contacts(tmp_path / "contacts.csv", bench, random_contacts(bench, TWO_AT_ONCE, 3)[0])
     output = tmp_path / "new.onnx"
     done = design_sensors_here("calibrate", bench_model, "--events", path, "-o", output, "--json")

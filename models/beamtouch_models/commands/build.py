@@ -1,49 +1,34 @@
 """`design-sensors build`: builds the model file of a scene, and optionally a daemon configuration and a report."""
 
-from __future__ import annotations
-
 import argparse
 import json
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
+
+import onnx
 
 from beamtouch_common.digits import digits
+from beamtouch_common.files import require_writable
+from beamtouch_models import loading
+from beamtouch_models.building.build import Choices, build_model
+from beamtouch_models.building.daemon_config import write_token_if_absent
+from beamtouch_models.building.products import write_products
+from beamtouch_models.building.remarks import missed_requirement, remarks, weak_spot
 from beamtouch_models.commands.inspect import describe
-from beamtouch_models.commands.options import add_output, add_shared, aim_of, shown_progress, surface_name
-from beamtouch_models.names import ESTIMATORS
+from beamtouch_models.commands.place import aim_of
+from beamtouch_models.commands.shared import shown_progress, surface_name
+from beamtouch_models.description import unseen
+from beamtouch_models.errors import ModelFileError, SceneError
+from beamtouch_models.metadata import METADATA_PREFIX, LayoutErrors
+from beamtouch_models.placement.placing import Aim
 from beamtouch_models.printing import Result, note
-
-if TYPE_CHECKING:
-    from beamtouch_models.building.build import Choices
-    from beamtouch_models.scene import Scene
-    from beamtouch_models.surface import Surface
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of the command."""
-    add_shared(parser, "scene")
-    add_output(parser, "model file to write (.onnx)")
-    add_shared(parser, "--sensors", "--criterion", "--spare")
-    words = f"estimator of the position (default: {ESTIMATORS[0]})"
-    parser.add_argument("--estimator", choices=ESTIMATORS, default=ESTIMATORS[0], help=words)
-    words = "also write a configuration for beamtouch-daemon (TOML)"
-    parser.add_argument("--daemon-config", type=Path, metavar="FILE", help=words)
-    parser.add_argument("--report", type=Path, metavar="FILE", help="also write a report of the build (.html)")
-    add_shared(parser, "--seed", "--json")
+from beamtouch_models.scene import Scene, load_scene, parse_scene
+from beamtouch_models.surface import Surface
 
 
 def run(options: argparse.Namespace) -> Result:
     """Build, write the requested files, and return the metadata of the model."""
-    from beamtouch_common.files import require_writable
-    from beamtouch_models import loading
-    from beamtouch_models.building.build import build_model
-    from beamtouch_models.building.daemon_config import write_token_if_absent
-    from beamtouch_models.building.products import write_products
-    from beamtouch_models.building.remarks import missed_requirement, remarks, weak_spot
-    from beamtouch_models.description import unseen
-
     scene, text, name, choices = _scene_of(options)
     config: Path | None = options.daemon_config
     is_rebuilt = options.scene.suffix == ".onnx"  # a rebuilt model may replace the old one
@@ -89,15 +74,6 @@ def _scene_of(options: argparse.Namespace) -> tuple[Scene, str, str, Choices]:
 
     The sensors of a model file are mounted already: it keeps its layout, unless the options ask for another.
     """
-    import onnx
-
-    from beamtouch_models import loading
-    from beamtouch_models.building.build import Choices
-    from beamtouch_models.errors import ModelFileError, SceneError
-    from beamtouch_models.metadata import METADATA_PREFIX, LayoutErrors
-    from beamtouch_models.placement.placing import Aim
-    from beamtouch_models.scene import load_scene, parse_scene
-
     path: Path = options.scene
     aim, kept_mm = aim_of(options), tuple[float, ...]()
     if path.suffix != ".onnx":

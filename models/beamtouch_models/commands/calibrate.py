@@ -1,58 +1,39 @@
 """`design-sensors calibrate`: fits a model to the real beam, using recorded loads or unlabelled contacts."""
 
-from __future__ import annotations
-
 import argparse
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from beamtouch_common.commands import whole_number
+import numpy as np
+from scipy.stats import chi2
+
 from beamtouch_common.digits import digits
 from beamtouch_common.errors import InputError
-from beamtouch_models.commands.options import add_output, add_shared, shown_progress
+from beamtouch_common.files import require_writable, write_atomically
+from beamtouch_models import loading
+from beamtouch_models.arrays import Floats
+from beamtouch_models.calibration.calibrate import Calibrated, calibrate
+from beamtouch_models.calibration.recordings import read_contacts, read_loads
+from beamtouch_models.calibration.self_calibrate import KINDS, SelfCalibrated, self_calibrate
+from beamtouch_models.commands.shared import shown_progress
+from beamtouch_models.health.changes import DRIFT
+from beamtouch_models.health.residuals import LoadErrors
+from beamtouch_models.loading import ModelFile
+from beamtouch_models.metadata import Departures, Metadata
 from beamtouch_models.printing import Result
-
-if TYPE_CHECKING:
-    from beamtouch_models.arrays import Floats
-    from beamtouch_models.calibration.calibrate import Calibrated
-    from beamtouch_models.calibration.self_calibrate import SelfCalibrated
-    from beamtouch_models.loading import ModelFile
-    from beamtouch_models.metadata import Departures, Metadata
 
 MIN_ERROR, MAX_ERROR = 1e-3, 50.0
 """Bounds of the stated errors of the loads, in mm and in percent."""
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of the command."""
-    add_shared(parser, "model")
-    source = parser.add_mutually_exclusive_group(required=True)
-    words = "loads recorded by `beamtouch-daemon record`"
-    source.add_argument("readings", type=Path, nargs="?", metavar="READINGS.csv", help=words)
-    words = "instead: contacts of unknown place and force, from the service's /surfaces/NAME/calibration-data (CSV)"
-    source.add_argument("--events", type=Path, metavar="FILE", help=words)
-    number, words = whole_number(0, 2**31 - 1), "number of a recorded load to ignore; may be given several times"
-    parser.add_argument("--leave-out", type=number, action="append", default=[], metavar="LOAD", help=words)
-    words = "standard deviation of a load's true position from the stated one, in mm (default: 1)"
-    parser.add_argument("--placing-mm", type=float, default=1.0, metavar="MM", help=words)
-    words = "standard deviation of a load's true force from the stated one, in percent (default: 1)"
-    parser.add_argument("--force-percent", type=float, default=1.0, metavar="P", help=words)
-    add_output(parser, "model file to write (.onnx)")
-    add_shared(parser, "--json")
-
-
 def run(options: argparse.Namespace) -> Result:
     """Calibrate and write the model; the result is the departures with the errors or misfits before and after."""
-    from beamtouch_common.files import require_writable, write_atomically
-    from beamtouch_models import loading
-
     model = loading.load(options.model)
     require_writable([options.output], [options.readings, options.events])
-    calibrate = _calibrate_with_loads if options.events is None else _calibrate_with_contacts
-    calibrated, fields, rows = calibrate(model, options)
+    fit_to = _calibrate_with_loads if options.events is None else _calibrate_with_contacts
+    calibrated, fields, rows = fit_to(model, options)
     write_atomically(options.output, calibrated.content)
     identity, metadata = loading.load(options.output).identity, calibrated.metadata
     shown = {
@@ -71,10 +52,6 @@ Told = tuple["Calibrated | SelfCalibrated", dict[str, Any], list[tuple[str, str]
 
 def _calibrate_with_loads(model: ModelFile, options: argparse.Namespace) -> Told:
     """Calibrate a model with recorded loads."""
-    from beamtouch_models.calibration.calibrate import calibrate
-    from beamtouch_models.calibration.recordings import read_loads
-    from beamtouch_models.health.residuals import LoadErrors
-
     for option, value in (("--placing-mm", options.placing_mm), ("--force-percent", options.force_percent)):
         if not MIN_ERROR <= value <= MAX_ERROR:  # nobody can place or weigh loads so well or so badly
             raise InputError(f"{option} {value:g} is not from {MIN_ERROR:g} to {MAX_ERROR:g}")
@@ -109,13 +86,6 @@ def _calibrate_with_loads(model: ModelFile, options: argparse.Namespace) -> Told
 
 def _calibrate_with_contacts(model: ModelFile, options: argparse.Namespace) -> Told:
     """Calibrate a model with unlabelled contacts; says which contacts are left out, and which zeros moved."""
-    import numpy as np
-    from scipy.stats import chi2
-
-    from beamtouch_models.calibration.recordings import read_contacts
-    from beamtouch_models.calibration.self_calibrate import KINDS, self_calibrate
-    from beamtouch_models.health.changes import DRIFT
-
     contacts = read_contacts(options.events, model.metadata)
     for count, why in ((contacts.other_characteristic, "with an older characteristic"), (contacts.older, "older")):
         if count:

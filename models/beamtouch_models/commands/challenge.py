@@ -5,34 +5,22 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
-from beamtouch_common.commands import whole_number
 from beamtouch_common.digits import digits
 from beamtouch_common.errors import InputError
-from beamtouch_models.commands.options import add_shared, add_workers, shown_progress
+from beamtouch_models import loading
+from beamtouch_models.challenge.challenge import challenge
+from beamtouch_models.challenge.scoring import misses
+from beamtouch_models.commands.shared import shown_progress
 from beamtouch_models.printing import Result, Table
+from beamtouch_models.workers import spread_over
 
-MAX_PLAYS = 10_000
 """Bounds memory: each course takes about 100 kB."""
 NEEDED = ("position_low_mm", "position_high_mm", "contact_log_odds")
 """Outputs without which a model cannot say what it does not know."""
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of the command."""
-    add_shared(parser, "model")
-    words = "number of simulated courses per case (default: 400)"
-    parser.add_argument("--draws", type=whole_number(10, MAX_PLAYS), default=400, metavar="N", help=words)
-    add_workers(parser)
-    add_shared(parser, "--seed", "--json")
-
-
 def run(options: argparse.Namespace) -> Result:
     """Challenge the model and return the rows of both groups."""
-    from beamtouch_models import loading
-    from beamtouch_models.challenge.challenge import challenge
-    from beamtouch_models.challenge.scoring import misses
-    from beamtouch_models.workers import spread_over
-
     content = loading.read(options.model)
     model = loading.load_bytes(content, str(options.model))
     lacking = ", ".join(name for name in NEEDED if name not in model.outputs)

@@ -1,45 +1,29 @@
 """`design-sensors evaluate`: measures a model and compares it with the accuracy limit."""
 
-from __future__ import annotations
-
 import argparse
 import math
 from collections.abc import Iterator
 from dataclasses import asdict
 from functools import partial
-from typing import TYPE_CHECKING
 
 from beamtouch_common.digits import digits
 from beamtouch_common.errors import InputError
-from beamtouch_models.commands.options import add_draws, add_shared, add_workers, shown_progress
+from beamtouch_models import loading
+from beamtouch_models.accuracy.evaluation import Evaluation
+from beamtouch_models.accuracy.statistics import Measurement
+from beamtouch_models.building.accuracy import evaluate
+from beamtouch_models.building.remarks import missed_requirement, remarks
+from beamtouch_models.commands.shared import shown_progress
+from beamtouch_models.description import unseen
+from beamtouch_models.loading import ModelFile
+from beamtouch_models.pricing.noise import check_scale
 from beamtouch_models.printing import Result, Table, note
-
-if TYPE_CHECKING:
-    from beamtouch_models.accuracy.evaluation import Evaluation
-    from beamtouch_models.accuracy.statistics import Measurement
-    from beamtouch_models.loading import ModelFile
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of the command."""
-    add_shared(parser, "model")
-    words = "noise of a sample (standard deviation), instead of the model's; may be given several times"
-    parser.add_argument("--noise", type=float, action="append", default=[], metavar="MM", help=words)
-    add_draws(parser, "number of simulated contacts", 16_384)
-    add_workers(parser)
-    add_shared(parser, "--seed", "--json")
+from beamtouch_models.scene import parse_scene
+from beamtouch_models.workers import spread_over
 
 
 def run(options: argparse.Namespace) -> Result:
     """Evaluate at each given noise, or at the noise of the model."""
-    from beamtouch_models import loading
-    from beamtouch_models.building.accuracy import evaluate
-    from beamtouch_models.building.remarks import missed_requirement, remarks
-    from beamtouch_models.description import unseen
-    from beamtouch_models.pricing.noise import check_scale
-    from beamtouch_models.scene import parse_scene
-    from beamtouch_models.workers import spread_over
-
     model = loading.load(options.model)
     for noise_mm in options.noise:
         if not 0 <= noise_mm < math.inf:

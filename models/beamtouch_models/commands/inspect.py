@@ -1,26 +1,13 @@
 """`design-sensors inspect`: prints the metadata of a model file."""
 
-from __future__ import annotations
-
 import argparse
-from typing import TYPE_CHECKING
 
-from beamtouch_models.commands.options import add_shared
+from beamtouch_models.loading import ModelFile, load
 from beamtouch_models.printing import Result
-
-if TYPE_CHECKING:
-    from beamtouch_models.loading import ModelFile
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of the command."""
-    add_shared(parser, "model", "--json")
 
 
 def run(options: argparse.Namespace) -> Result:
     """Load the model, which checks its golden answers, and return it."""
-    from beamtouch_models.loading import load
-
     return describe(load(options.model))
 
 

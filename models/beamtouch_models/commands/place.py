@@ -1,41 +1,27 @@
 """`design-sensors place`: places the sensors, and states how much better any other layout could be."""
 
-from __future__ import annotations
-
 import argparse
 import math
 import time
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from beamtouch_common.commands import whole_number
 from beamtouch_common.digits import digits
-from beamtouch_models.commands.options import add_shared, aim_of, shown_progress
-from beamtouch_models.names import SEARCHES
+from beamtouch_models.accuracy.limit import accuracy_limit
+from beamtouch_models.building.remarks import missed_error, remarks
+from beamtouch_models.building.sensors import PlacedSensors, limits_with_one_failed, place_sensors
+from beamtouch_models.commands.shared import shown_progress
+from beamtouch_models.numbers import three_digits
+from beamtouch_models.placement.bound import largest_gap
+from beamtouch_models.placement.placing import DEFAULT_AIM, Aim, recommended_count
 from beamtouch_models.printing import Result, note
-
-if TYPE_CHECKING:
-    from beamtouch_models.building.sensors import PlacedSensors
-    from beamtouch_models.placement.placing import Aim
+from beamtouch_models.scene import load_scene
+from beamtouch_models.surface import Surface
 
 LIMIT_DRAWS = 10_000
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of the command."""
-    add_shared(parser, "scene", "--sensors", "--criterion", "--spare")
-    words = "number of leading eigenvalues in the product (default: all)"
-    parser.add_argument("--components", type=whole_number(1, 64), metavar="K", help=words)
-    parser.add_argument("--search", choices=SEARCHES, default=SEARCHES[0], help="search method (default: exact)")
-    add_shared(parser, "--seed", "--json")
-
-
 def run(options: argparse.Namespace) -> Result:
     """Place the sensors of a scene; the result is the layout with its score, gap and accuracy limit."""
-    from beamtouch_models.building.remarks import missed_error, remarks
-    from beamtouch_models.building.sensors import place_sensors
-    from beamtouch_models.scene import load_scene
-    from beamtouch_models.surface import Surface
-
     started = time.perf_counter()
     scene, _ = load_scene(options.scene)
     note(*remarks(scene))
@@ -49,13 +35,19 @@ def run(options: argparse.Namespace) -> Result:
     return Result(found, [_rows(found, sensors)])
 
 
+def aim_of(options: argparse.Namespace) -> Aim:
+    """Return the aim of a layout; leading components, which only `place` has, are those of the eigenvalue product.
+
+    Raises SceneError if the options contradict each other.
+    """
+    leading = getattr(options, "components", None)
+    usual = DEFAULT_AIM.criterion if leading is None else "eigenvalue-product"
+    search = getattr(options, "search", DEFAULT_AIM.search)
+    return Aim(options.criterion or usual, options.spare or 0, leading, search)
+
+
 def _describe(sensors: PlacedSensors, aim: Aim, seed: int) -> dict[str, Any]:
     """Return everything to print except the time; unknown values are None."""
-    from beamtouch_models.accuracy.limit import accuracy_limit
-    from beamtouch_models.building.sensors import limits_with_one_failed
-    from beamtouch_models.placement.bound import largest_gap
-    from beamtouch_models.placement.placing import recommended_count
-
     placement, surface, gap = sensors.placement, sensors.surface, None
     if aim.criterion == "eigenvalue-product":
         gap = largest_gap(surface.influence, surface.rules, sensors.positions_mm, aim.leading)
@@ -83,8 +75,6 @@ def _describe(sensors: PlacedSensors, aim: Aim, seed: int) -> dict[str, Any]:
 
 def _rows(found: dict[str, Any], sensors: PlacedSensors) -> list[tuple[str, str]]:
     """Return a line per figure, each number with its unit and reference."""
-    from beamtouch_models.numbers import three_digits
-
     surface, positions, score = sensors.surface, found["positions_mm"], found["log_eigenvalue_product"]
     leading = f"{found['components']} leading eigenvalues" if found["components"] < len(positions) else "all"
     product = "-inf: a component is below rounding" if score is None else f"{score:.4f}"

@@ -2,22 +2,15 @@
 
 import argparse
 
-from beamtouch_models.commands.options import add_output, add_shared, folder_of, shown_progress
+from beamtouch_common.files import write_atomically
+from beamtouch_models.commands.shared import folder_of, shown_progress
 from beamtouch_models.printing import Result, Table
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of the command."""
-    add_output(parser, "folder for the plots and numbers", "DIR")
-    add_shared(parser, "--seed", "--json")
+from beamtouch_models.reproduction.paper import HEAD, SOURCE, TITLE
+from beamtouch_models.reproduction.reproduce import reproduce
 
 
 def run(options: argparse.Namespace) -> Result:
     """Compute everything, write the folder, and return the table."""
-    from beamtouch_common.files import write_atomically
-    from beamtouch_models.reproduction.paper import HEAD, SOURCE, TITLE
-    from beamtouch_models.reproduction.reproduce import reproduce
-
     folder = folder_of(options.output)
     with shown_progress() as progress:
         found = reproduce(options.seed, progress)

@@ -3,19 +3,9 @@
 import argparse
 from pathlib import Path
 
-from beamtouch_common.files import write_atomically
-from beamtouch_models.commands.new import refuse_existing
-from beamtouch_models.commands.options import add_shared
+from beamtouch_common.files import require_writable, write_atomically
 from beamtouch_models.errors import SceneError
 from beamtouch_models.printing import Result
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of the command."""
-    words = "copy this scene into a folder (default: the current one)"
-    parser.add_argument("--copy", nargs="+", metavar=("NAME", "FOLDER"), help=words)
-    parser.add_argument("--force", action="store_true", help="replace a file that exists")
-    add_shared(parser, "--json")
 
 
 def run(options: argparse.Namespace) -> Result:
@@ -33,6 +23,13 @@ def run(options: argparse.Namespace) -> Result:
     refuse_existing(target, force=options.force)
     write_atomically(target, scenes[name].read_bytes())
     return Result({"copied": str(target)}, [str(target)])
+
+
+def refuse_existing(target: Path, *, force: bool) -> None:
+    """Raise SceneError if a file is there and may not be replaced, InputError if it cannot be written."""
+    if target.is_file() and not force:
+        raise SceneError(f"{target} exists already; give --force to replace it")
+    require_writable([target])
 
 
 def shipped_scenes() -> dict[str, Path]:

@@ -1,62 +1,25 @@
 """`design-sensors trade`: measures what sensors, time, noise and estimators are worth in accuracy."""
 
-from __future__ import annotations
-
 import argparse
 import json
 import math
-from typing import TYPE_CHECKING
 
 from beamtouch_common.digits import digits
 from beamtouch_common.errors import InputError
 from beamtouch_common.files import write_atomically
-from beamtouch_models.commands.options import (
-    add_draws,
-    add_output,
-    add_shared,
-    add_workers,
-    folder_of,
-    shown_progress,
-    surface_name,
-)
+from beamtouch_models.building.build import Choices, build_model
+from beamtouch_models.building.remarks import remarks
+from beamtouch_models.commands.shared import folder_of, shown_progress, surface_name
 from beamtouch_models.names import ESTIMATORS
 from beamtouch_models.printing import Result, markdown, note
-
-if TYPE_CHECKING:
-    from beamtouch_models.trade.trade import Point, Trade
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of the command."""
-    add_shared(parser, "scene")
-    add_output(parser, "folder for the tables, picture and JSON", "DIR")
-    wish = parser.add_mutually_exclusive_group()
-    words = "build the most accurate model that answers within L ms"
-    wish.add_argument("--latency-ms", type=float, metavar="L", help=words)
-    words = "build the quickest model with a mean error of at most E mm"
-    wish.add_argument("--error-mm", type=float, metavar="E", help=words)
-    words = "estimators to measure beside the default one (default: all)"
-    parser.add_argument("--estimators", nargs="+", choices=ESTIMATORS, help=words)
-    add_draws(parser, "simulated contacts per model", 4096)
-    add_workers(parser)
-    add_shared(parser, "--seed")
-    parser.add_argument(
-        "--json",
-        action="store_true",
-        help="print one JSON object on standard output; measured times (inference_us, latency_ms) differ from run to "
-        "run, and on_front, picked and sentences may differ with them",
-    )
+from beamtouch_models.scene import load_scene
+from beamtouch_models.trade.results import blocks, json_of, picture
+from beamtouch_models.trade.trade import Point, Trade, most_accurate, quickest, trade
+from beamtouch_models.workers import spread_over
 
 
 def run(options: argparse.Namespace) -> Result:
     """Trade the scene and write the folder; the result is what changes are worth, the front, and how to build it."""
-    from beamtouch_models.building.build import Choices, build_model
-    from beamtouch_models.building.remarks import remarks
-    from beamtouch_models.scene import load_scene
-    from beamtouch_models.trade.results import blocks, json_of, picture
-    from beamtouch_models.trade.trade import trade
-    from beamtouch_models.workers import spread_over
-
     for option, value in (("--latency-ms", options.latency_ms), ("--error-mm", options.error_mm)):
         if value is not None and not 0 < value < math.inf:
             raise InputError(f"{option} {value:g}: give a positive number")
@@ -102,8 +65,6 @@ def run(options: argparse.Namespace) -> Result:
 
 def _pick(found: Trade, options: argparse.Namespace) -> Point | None:
     """Return the point that the options ask for; None if they ask for none."""
-    from beamtouch_models.trade.trade import most_accurate, quickest
-
     if options.latency_ms is not None:
         return most_accurate(found.points, options.latency_ms)
     return None if options.error_mm is None else quickest(found.points, options.error_mm)
