@@ -11,10 +11,9 @@ import pytest
 
 from beamtouch_models import modelfile
 from beamtouch_models.challenge import contacts, faults
-from beamtouch_models.challenge.challenge import challenge, rows_of
+from beamtouch_models.challenge.challenge import Row, challenge, misses, rows_of
 from beamtouch_models.challenge.judge import Said, judge
 from beamtouch_models.challenge.play import Case, Drawn, SimulatedSurface
-from beamtouch_models.challenge.scoring import Row, misses
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.progress import Progress
 from beamtouch_models.sweeps import Spread

@@ -8,9 +8,9 @@ from scipy.optimize import minimize
 from scipy.stats import chi2, norm
 
 from beamtouch_models.challenge import faults
+from beamtouch_models.challenge.challenge import Row, distances, ghosts, misses, power_of_shift, scored
 from beamtouch_models.challenge.judge import Judged, Said
 from beamtouch_models.challenge.play import Case, Drawn, SimulatedSurface
-from beamtouch_models.challenge.scoring import Row, distances, ghosts, misses, power_of_shift, scored
 from beamtouch_models.error_model import whitening
 
 

@@ -14,16 +14,13 @@ from beamtouch_models.session import Run
 
 
 class Said(IntEnum):
-    """A statement on a sample."""
+    """A statement on a sample: nothing, or a `State` by its name."""
 
     NOTHING = 0
     """Too few channels work: the service gives no answer."""
     CLEAR = 1
     CONTACT = 2
     UNEXPLAINED = 3
-
-
-_SAID = {State.CLEAR: Said.CLEAR, State.CONTACT: Said.CONTACT, State.UNEXPLAINED: Said.UNEXPLAINED}
 
 
 @dataclass(frozen=True)
@@ -75,7 +72,7 @@ def judge(
         if index // length != draw:
             draw, decider = index // length, Hypotheses(metadata.thresholds, [AT_REST])
         verdict, at = decider.step(one), divmod(index, length)
-        judged.said[at], judged.unsteady[at] = _SAID[verdict.state], verdict.unsteady
+        judged.said[at], judged.unsteady[at] = Said[verdict.state.name], verdict.unsteady
         if verdict.state is State.CONTACT:
             judged.other_note[at] = is_overload(metadata, one) or is_unchecked(one)
             judged.position_mm[at] = one.answer["position_mm"]

@@ -8,8 +8,7 @@ from typing import Any
 from beamtouch_common.digits import digits
 from beamtouch_common.errors import InputError
 from beamtouch_models import loading
-from beamtouch_models.challenge.challenge import challenge
-from beamtouch_models.challenge.scoring import misses
+from beamtouch_models.challenge.challenge import challenge, misses
 from beamtouch_models.commands.shared import shown_progress
 from beamtouch_models.printing import Result, Table
 from beamtouch_models.workers import spread_over
