@@ -22,7 +22,7 @@ def few_draws() -> Iterator[None]:
 def short_work() -> Iterator[None]:
     """Also score few layouts, draw few contacts for every figure, and time few inferences."""
     from beamtouch_models.building import sensors, since_touch  # noqa: PLC0415  # as above
-    from beamtouch_models.building.report import facts  # noqa: PLC0415
+    from beamtouch_models.building.report import page  # noqa: PLC0415
     from beamtouch_models.commands import explain, place  # noqa: PLC0415
     from beamtouch_models.estimators import estimator  # noqa: PLC0415
     from beamtouch_models.placement import placing, position_error, search  # noqa: PLC0415
@@ -41,8 +41,8 @@ def short_work() -> Iterator[None]:
             (since_touch, "CONTACTS", 8),
             (since_touch, "MOST", 64),
             (estimator, "DRAWS", 64),
-            (facts, "PROFILE_DRAWS", 500),
-            (facts, "LAYOUT_DRAWS", 200),
+            (page, "PROFILE_DRAWS", 500),
+            (page, "LAYOUT_DRAWS", 200),
             (measure, "CALLS", 5),
             (measure, "ROUNDS", 2),
         ):

@@ -3,7 +3,7 @@
 import numpy as np
 
 from beamtouch_models.arrays import Floats
-from beamtouch_models.calibration.loads import Loads
+from beamtouch_models.calibration.recordings import Loads
 from beamtouch_models.metadata import Metadata
 from beamtouch_models.rig.surface import Imperfections
 from beamtouch_models.scene import parse_scene

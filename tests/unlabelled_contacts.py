@@ -8,7 +8,7 @@ import numpy as np
 
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.arrays import Floats
-from beamtouch_models.calibration.contacts import UnlabelledContacts
+from beamtouch_models.calibration.recordings import UnlabelledContacts
 from beamtouch_models.calibration.self_calibrate import SelfFit, self_fit
 from beamtouch_models.calibration.theory import Theory
 from beamtouch_models.calibration.unlabelled import locate

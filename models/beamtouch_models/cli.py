@@ -1,11 +1,13 @@
-"""The command `design-sensors`: its commands are the modules of `commands`, each with its arguments and its work."""
+"""The command `design-sensors`: its commands are modules of `commands`, whose `arguments` has their arguments."""
 
 import sys
 from collections.abc import Sequence
 from importlib import import_module
 
 from beamtouch_common.commands import DONE, Parser, exit_code
+from beamtouch_models.commands import arguments
 from beamtouch_models.errors import WRONG_INPUT_ERRORS
+from beamtouch_models.printing import show
 
 PROGRAM = "design-sensors"
 COMMANDS = {
@@ -24,29 +26,28 @@ COMMANDS = {
 }
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
+def main(given: Sequence[str] | None = None) -> int:
     """Run `design-sensors`; returns the exit code: 0 done, 1 failed, 2 wrong input, 130 interrupted by Ctrl-C."""
 
     def work() -> int:
-        given = sys.argv[1:] if arguments is None else arguments
-        options = _parser(given).parse_args(given)
-        # The command imports what computes, so that --help is quick and a missing extra is reported in one line.
-        options.run(options)
+        words = sys.argv[1:] if given is None else given
+        options = _parser(words).parse_args(words)
+        # Imported here, so that --help is quick and a missing extra is reported in one line.
+        command = import_module(f"beamtouch_models.commands.{options.command}")
+        show(command.run(options), as_json=getattr(options, "json", False))
         return DONE
 
     return exit_code(PROGRAM, "design", work, WRONG_INPUT_ERRORS)
 
 
 def _parser(given: Sequence[str]) -> Parser:
-    """Return the parser of a command line; only the command that it names is imported."""
+    """Return the parser of a command line; only the command that it names has arguments."""
     parser = Parser(PROGRAM, description="Design a touch-sensing beam: sensor positions and model, offline.")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     for name, text in COMMANDS.items():
         command = commands.add_parser(name, help=text, description=f"{text[0].upper()}{text[1:]}.")
         if name in given:
-            module = import_module(f"beamtouch_models.commands.{name}")
-            module.add_arguments(command)
-            command.set_defaults(run=module.run)
+            getattr(arguments, name)(command)
     return parser
 
 

@@ -39,6 +39,8 @@ class Result:
     """For programs: one JSON object, whose keys are documented."""
     rows: Iterable[Block]
     """For people."""
+    remark: str = ""
+    """For people, beside the result: where the files are."""
 
 
 def show(result: Result, *, as_json: bool) -> None:
@@ -53,6 +55,8 @@ def show(result: Result, *, as_json: bool) -> None:
             print(block)
         else:
             print("\n".join(_in_columns(block)))
+    if result.remark:
+        print(result.remark, file=sys.stderr)
 
 
 def note(*texts: str, kind: str = "note") -> None:

@@ -16,7 +16,7 @@ sys.path.insert(0, str(Path(__file__).parent.parent))  # for what tests and benc
 from beamtouch_models import modelfile
 from beamtouch_models.building.build import build_model
 from beamtouch_models.calibration.calibrate import checked_fit
-from beamtouch_models.calibration.loads import Loads, LoadsError
+from beamtouch_models.calibration.recordings import Loads, RecordingError
 from beamtouch_models.errors import NotGoodEnoughError
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.scene import load_scene
@@ -39,7 +39,7 @@ def outcome(model: ModelFile, loads: Loads, wrong: int | None) -> str:
     """Say what `calibrate` does: named, misnamed, refused without a name, or accepted."""
     try:
         checked_fit(model, loads, lambda _doing, _done: None)
-    except LoadsError as error:
+    except RecordingError as error:
         named = [int(number) for number in loads.number if f"load {number} (lines" in str(error)]
         return "named" if named == [wrong] else "named with others" if wrong in named else "misnamed"
     except NotGoodEnoughError:

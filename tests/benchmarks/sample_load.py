@@ -50,8 +50,8 @@ class Sender:
     def _request(self, first: int, end: int) -> bytes:
         now_us = int(time() * 1e6)
         samples = ",".join(
-            f'{{"sequence":{number + 1},"acquired_unix_us":{now_us + (number - end) * 1_000_000 // RATE_HZ},{self._sample}'
-            for number in range(first, end)
+            f'{{"sequence":{number},"acquired_unix_us":{now_us + (number - end) * 1_000_000 // RATE_HZ},{self._sample}'
+            for number in range(first + 1, end + 1)
         )
         body = f"{self._begin}{samples}]}}"
         return f"{self._head}Content-Length: {len(body)}\r\n\r\n{body}".encode()

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from beamtouch_models import cli
-from beamtouch_models.challenge.surface import SimulatedSurface
+from beamtouch_models.challenge.play import SimulatedSurface
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.rig import cli as rig_cli
 from few_draws import short_work

@@ -10,9 +10,8 @@ import pytest
 
 from beamtouch_models import modelfile
 from beamtouch_models.building.build import Built
-from beamtouch_models.building.report import facts as facts_module
-from beamtouch_models.building.report.facts import Facts, gather
-from beamtouch_models.building.report.page import page
+from beamtouch_models.building.report import page as page_module
+from beamtouch_models.building.report.page import Facts, gather, page
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.placement.placing import Aim, place
 from beamtouch_models.scene import change_scene, load_scene
@@ -31,8 +30,8 @@ def facts(bench_model: Path, bench: ModelFile) -> Facts:
     placement = place(*problem_in(scene), len(bench.metadata.layout), 0)
     surface, aim = Surface.of(scene, bench.metadata.filter), Aim("eigenvalue-product")
     with pytest.MonkeyPatch.context() as fewer:
-        fewer.setattr(facts_module, "PROFILE_DRAWS", 4000)
-        fewer.setattr(facts_module, "LAYOUT_DRAWS", 1000)
+        fewer.setattr(page_module, "PROFILE_DRAWS", 4000)
+        fewer.setattr(page_module, "LAYOUT_DRAWS", 1000)
         built = Built(bench_model.read_bytes(), bench.metadata, placement, surface, aim)
         return gather(scene, built, lambda _doing, _done: None)
 
@@ -74,7 +73,8 @@ def test_the_page_states_the_layout_the_accuracy_and_every_effect(facts: Facts, 
         "youngs_modulus_gpa = 210",
     ):
         assert said in " ".join(words.split())
-    assert {effect.name for effect in facts.effects} | {effect.reason for effect in facts.effects} <= set(cells)
+    effects = facts.built.surface.effects
+    assert {effect.name for effect in effects} | {effect.reason for effect in effects} <= set(cells)
 
 
 def test_errors_and_intervals_along_the_beam_add_up_to_the_means(facts: Facts, words: str) -> None:

@@ -14,7 +14,7 @@ from beamtouch_models import modelfile
 from beamtouch_models.accuracy import limit
 from beamtouch_models.calibration.calibrate import Calibrated, calibrate, checked_fit
 from beamtouch_models.calibration.fit import fit, residuals_of, supported_fit
-from beamtouch_models.calibration.loads import Loads, read_loads
+from beamtouch_models.calibration.recordings import Loads, read_loads
 from beamtouch_models.calibration.self_calibrate import self_calibrate
 from beamtouch_models.calibration.theory import Theory
 from beamtouch_models.errors import NotGoodEnoughError
@@ -201,7 +201,7 @@ def test_the_command_prints_the_departures(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     # The fit was made above; other tests of this command make theirs.
-    monkeypatch.setattr("beamtouch_models.calibration.calibrate.calibrate", lambda *_given: calibrated)
+    monkeypatch.setattr("beamtouch_models.commands.calibrate.calibrate", lambda *_given: calibrated)
     output = tmp_path / "real.onnx"
     done = design_sensors_here("calibrate", bench_model, recording, "-o", output, "--json")
     assert done.returncode == 0, done.stderr

@@ -11,11 +11,9 @@ import pytest
 
 from beamtouch_models import modelfile
 from beamtouch_models.challenge import contacts, faults
-from beamtouch_models.challenge.challenge import challenge, rows_of
+from beamtouch_models.challenge.challenge import Row, challenge, misses, rows_of
 from beamtouch_models.challenge.judge import Said, judge
-from beamtouch_models.challenge.play import Case, Drawn
-from beamtouch_models.challenge.scoring import Row, misses
-from beamtouch_models.challenge.surface import SimulatedSurface
+from beamtouch_models.challenge.play import Case, Drawn, SimulatedSurface
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.sweeps import Progress, Spread
 from in_process import Command
@@ -76,7 +74,7 @@ def test_a_lost_reading_has_no_statement_and_its_place_in_time_counts(
 def test_gaps_lie_where_they_say_and_no_motion_is_longer_than_the_beam(bench: ModelFile, rate_hz: float) -> None:
     sensor = bench.metadata.sensor.model_copy(update={"rate_hz": rate_hz})
     surface = SimulatedSurface.of(bench.metadata.model_copy(update={"sensor": sensor}))
-    plays = [case.play(surface, 3, np.random.default_rng(7)) for case in contacts.lossy_cases(surface)]
+    plays = [case.make(Drawn.of(surface, 3, np.random.default_rng(7))) for case in contacts.lossy_cases(surface)]
     gaps = [play for play in plays if play.rows[0][0].startswith("gap of ")]
     assert {name for play in gaps for name, _ in play.rows} >= {f"gap of {gap} at rest" for gap in contacts.GAPS}
     for play in gaps:
@@ -85,7 +83,7 @@ def test_gaps_lie_where_they_say_and_no_motion_is_longer_than_the_beam(bench: Mo
         assert not play.lost[:, : surface.look_back].any()
         if "at rest" not in play.rows[0][0]:
             assert np.isnan(play.truth_mm[:, surface.look_back - 1]).all() or "moves" in play.rows[0][0]
-    honest = [case.play(surface, 3, np.random.default_rng(7)) for case in contacts.honest_cases(surface)]
+    honest = [case.make(Drawn.of(surface, 3, np.random.default_rng(7))) for case in contacts.honest_cases(surface)]
     speeds = [play.rows[0][0] for play in honest]
     assert [name for name in speeds if name.endswith("100 mm/s")]
     assert any(name.endswith("1000 mm/s") for name in speeds) is (rate_hz > 100)
@@ -140,7 +138,7 @@ def test_the_command_prints_both_groups_and_one_json_object(
         kept.extend([] if kept else [challenge(content, draws=draws, seed=seed, progress=progress, spread=spread)])
         return kept[0]
 
-    monkeypatch.setattr("beamtouch_models.challenge.challenge.challenge", once)
+    monkeypatch.setattr("beamtouch_models.commands.challenge.challenge", once)
     done = design_sensors_here("challenge", quick_model, "--draws", 10, "--json")
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)

@@ -8,11 +8,9 @@ from scipy.optimize import minimize
 from scipy.stats import chi2, norm
 
 from beamtouch_models.challenge import faults
+from beamtouch_models.challenge.challenge import Row, distances, ghosts, misses, power_of_shift, scored
 from beamtouch_models.challenge.judge import Judged, Said
-from beamtouch_models.challenge.play import Case, Drawn
-from beamtouch_models.challenge.power import distances, power_of_shift
-from beamtouch_models.challenge.scoring import Row, ghosts, misses, scored
-from beamtouch_models.challenge.surface import SimulatedSurface
+from beamtouch_models.challenge.play import Case, Drawn, SimulatedSurface
 from beamtouch_models.error_model import whitening
 
 
@@ -93,7 +91,7 @@ CASES = (
 def test_the_distance_of_a_fault_is_that_of_the_nearest_contact_or_of_rest(
     surface: SimulatedSurface, case: Case
 ) -> None:
-    fault = case.play(surface, 6, np.random.default_rng(7)).fault_mm
+    fault = case.make(Drawn.of(surface, 6, np.random.default_rng(7))).fault_mm
     assert fault is not None
     found = distances(surface, fault, np.ones(fault.shape, np.bool_))
     for row, weights, distance in zip(fault, whitened(surface, fault), found, strict=True):

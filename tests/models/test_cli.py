@@ -14,7 +14,7 @@ import pytest
 from beamtouch_models import cli, modelfile
 from beamtouch_models.building import measure
 from beamtouch_models.building.remarks import weak_spot
-from beamtouch_models.building.report import facts
+from beamtouch_models.building.report import page
 from beamtouch_models.modelfile import ModelFile
 from example_scenes import PAPER, SCENES
 from in_process import Command
@@ -153,7 +153,7 @@ def test_a_build_that_is_interrupted_while_it_measures_for_the_report_leaves_not
     def interrupt(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(facts, "gather", interrupt)
+    monkeypatch.setattr(page, "gather", interrupt)
     scene = tmp_path / "scene.toml"
     scene.write_text(PAPER.replace("count = 2", "count = 2\ngrid_mm = 57"))
     files = ("-o", tmp_path / "m.onnx", "--daemon-config", tmp_path / "d.toml", "--report", tmp_path / "r.html")

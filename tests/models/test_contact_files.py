@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from beamtouch_models.calibration.contacts import ContactsError, UnlabelledContacts, read_contacts
+from beamtouch_models.calibration.recordings import RecordingError, UnlabelledContacts, read_contacts
 from beamtouch_models.calibration.self_calibrate import MIN_CONTACTS
 from beamtouch_models.loading import load
 from beamtouch_models.modelfile import ModelFile
@@ -91,7 +91,7 @@ def test_wrong_files_are_refused_in_one_line(
         tmp_path / "contacts.csv", bench, UnlabelledContacts(np.full((3, 4), 0.1), np.full((3, 4), 0.001))
     )
     path.write_text(change(path.read_text().replace("\r", "").rstrip("\n")))
-    with pytest.raises(ContactsError, match=r"contacts\.csv"):
+    with pytest.raises(RecordingError, match=r"contacts\.csv"):
         read_contacts(path, bench.metadata)
     done = design_sensors_here("calibrate", bench_model, "--events", path, "-o", tmp_path / "new.onnx")
     assert done.returncode == 2

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from beamtouch_models.curve import InfluenceCurve
-from beamtouch_models.health.history import RESOLUTION, Block, History
+from beamtouch_models.health.changes import RESOLUTION, Block, History
 from beamtouch_models.modelfile import BestSample, Health, ModelFile
 from beamtouch_models.surface import prior_of_model
 from drawn_contacts import Drawn

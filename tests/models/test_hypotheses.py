@@ -49,10 +49,10 @@ def test_a_state_that_is_shown_does_not_depend_on_the_samples_before() -> None:
         rng = random.Random(seed)  # noqa: S311 - samples, not secrets
         whole, part = AT_REST, Hypotheses(THRESHOLDS, memories_after(None))
         for _ in range(rng.randint(0, 20)):
-            whole = decide(THRESHOLDS, whole, any_sample(rng)).memory
+            whole = decide(THRESHOLDS, whole, any_sample(rng))[0]
         for _ in range(30):
             one = any_sample(rng)
-            whole = decide(THRESHOLDS, whole, one).memory
+            whole = decide(THRESHOLDS, whole, one)[0]
             if part.step(one).shown:
                 shown += 1
                 assert part.state is whole.state

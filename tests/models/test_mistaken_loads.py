@@ -15,8 +15,8 @@ from beamtouch_models import modelfile
 from beamtouch_models.arrays import Floats
 from beamtouch_models.calibration.calibrate import checked_fit
 from beamtouch_models.calibration.fit import fit, residuals_of, supported_fit
-from beamtouch_models.calibration.loads import Loads, LoadsError
 from beamtouch_models.calibration.mistaken import mistaken
+from beamtouch_models.calibration.recordings import Loads, RecordingError
 from beamtouch_models.calibration.theory import Theory
 from beamtouch_models.errors import NotGoodEnoughError
 from beamtouch_models.modelfile import Metadata
@@ -74,7 +74,9 @@ def test_two_exchanged_loads_are_both_named(built_model: Callable[[str], Path]) 
     rng = np.random.default_rng(1)
     loads = recorded(model.metadata, random_imperfections(model.metadata, rng), rng)
     loads.position_mm[[2, 6]] = loads.position_mm[[6, 2]]
-    with pytest.raises(LoadsError, match=r"load 3 \(lines .*; load 7 \(lines .*; correct.*--leave-out 3 --leave-out 7"):
+    with pytest.raises(
+        RecordingError, match=r"load 3 \(lines .*; load 7 \(lines .*; correct.*--leave-out 3 --leave-out 7"
+    ):
         checked_fit(model, loads, silent)
 
 
@@ -177,7 +179,7 @@ def test_wrong_wiring_is_named(
 ) -> None:
     model, rng = modelfile.load(built_model(name)), np.random.default_rng([0, 1])
     loads = recorded(model.metadata, random_imperfections(model.metadata, rng), rng)
-    with pytest.raises(LoadsError, match=said):
+    with pytest.raises(RecordingError, match=said):
         checked_fit(model, dataclasses.replace(loads, measured_mm=change(loads.measured_mm)), silent)
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from beamtouch_models.calibration.loads import LoadsError, read_loads
+from beamtouch_models.calibration.recordings import RecordingError, read_loads
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.rig.surface import Imperfections
 from imperfect_surface import readings
@@ -50,7 +50,7 @@ def test_a_recording_that_is_wrong_by_a_factor_is_refused_with_the_factor(
 def test_a_load_number_that_was_used_twice_is_refused(bench: ModelFile, tmp_path: Path) -> None:
     path = readings(tmp_path, bench, Imperfections())
     path.write_text(path.read_text().replace("0.0,2,60.0,12.0", "0.0,1,60.0,12.0"))
-    with pytest.raises(LoadsError, match=r"load 1 has a position_mm of 20 in line 2 and of 60 in line 202"):
+    with pytest.raises(RecordingError, match=r"load 1 has a position_mm of 20 in line 2 and of 60 in line 202"):
         read_loads(path, bench.metadata)
 
 

@@ -22,9 +22,8 @@ from beamtouch_models.reproduction.figures import (
     misprints,
     noise_errors,
 )
-from beamtouch_models.reproduction.paper import LOADS_MM, SOURCE, TITLE, dimensionless, equal_pitch_mm
+from beamtouch_models.reproduction.paper import LOADS_MM, SOURCE, TITLE, Figure, Row, dimensionless, equal_pitch_mm
 from beamtouch_models.reproduction.reproduce import Reproduction, reproduce
-from beamtouch_models.reproduction.statements import Figure, Row
 from in_process import Command
 from tags import Tags
 
@@ -187,7 +186,7 @@ FILES = [
 def test_the_command_writes_the_folder_and_the_same_seed_gives_the_same_files(
     quick: partial[Reproduction], design_sensors_here: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("beamtouch_models.reproduction.reproduce.reproduce", quick)
+    monkeypatch.setattr("beamtouch_models.commands.reproduce.reproduce", quick)
     first, second = tmp_path / "new" / "paper", tmp_path / "again"
     told = design_sensors_here("reproduce", "-o", first, "--seed", 3)
     printed = json.loads(design_sensors_here("reproduce", "-o", second, "--seed", 3, "--json").stdout)

@@ -20,10 +20,10 @@ import numpy as np
 import pytest
 
 from beamtouch_models.errors import SceneError
+from beamtouch_models.rig.devices import MAX_RATE_HZ, SerialDevice
 from beamtouch_models.rig.faults import Faults
 from beamtouch_models.rig.lines import Relay, named_line
 from beamtouch_models.rig.loads import Load, default_script, load_script
-from beamtouch_models.rig.serial_device import MAX_RATE_HZ, SerialDevice
 from beamtouch_models.scene import load_scene
 from beamtouch_protocol.framing import Decoder, encode
 from beamtouch_protocol.messages import Hello, HelloRequest, Message, Ping, Pong, Reading, Start, Stop

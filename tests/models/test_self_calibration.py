@@ -10,11 +10,10 @@ import pytest
 
 from beamtouch_models import modelfile
 from beamtouch_models.accuracy import limit
-from beamtouch_models.calibration.contacts import UnlabelledContacts
-from beamtouch_models.calibration.left_open import measure_left_open
+from beamtouch_models.calibration.recordings import UnlabelledContacts
 from beamtouch_models.calibration.self_calibrate import KINDS, SelfCalibrated, self_calibrate, self_fit
 from beamtouch_models.calibration.theory import FIXITY, GAIN, Theory
-from beamtouch_models.calibration.unlabelled import fit_contacts
+from beamtouch_models.calibration.unlabelled import fit_contacts, measure_left_open
 from beamtouch_models.errors import NotGoodEnoughError
 from beamtouch_models.estimators.onnx_graph import to_bytes, with_force_error
 from beamtouch_models.modelfile import ModelFile
@@ -137,7 +136,7 @@ def test_the_command_writes_a_model_and_says_what_it_changed(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     # The fit was made above; the guide's steps, in the tests of the system, make theirs.
-    monkeypatch.setattr("beamtouch_models.calibration.self_calibrate.self_calibrate", lambda *_given: found[0])
+    monkeypatch.setattr("beamtouch_models.commands.calibrate.self_calibrate", lambda *_given: found[0])
     path = write_contacts(tmp_path / "contacts.csv", bench, random_contacts(bench, TWO_AT_ONCE, 3)[0])
     output = tmp_path / "new.onnx"
     done = design_sensors_here("calibrate", bench_model, "--events", path, "-o", output, "--json")

@@ -9,9 +9,8 @@ from scipy.signal import lsim, lti
 
 from beamtouch_models.arrays import Floats
 from beamtouch_models.challenge import contacts
-from beamtouch_models.challenge.play import Drawn
-from beamtouch_models.challenge.power import distances
-from beamtouch_models.challenge.surface import SimulatedSurface
+from beamtouch_models.challenge.challenge import distances
+from beamtouch_models.challenge.play import Drawn, SimulatedSurface
 from beamtouch_models.errors import SceneError
 from beamtouch_models.metadata import Calibration, Departures, Sensor
 from beamtouch_models.modelfile import ModelFile

@@ -93,8 +93,7 @@ def write_products(
     page_text = ""
     if report is not None:
         # Most builds write none, and its drawings and its template are a tenth of what a build would import.
-        from beamtouch_models.building.report.facts import gather  # noqa: PLC0415
-        from beamtouch_models.building.report.page import page  # noqa: PLC0415
+        from beamtouch_models.building.report.page import gather, page  # noqa: PLC0415
 
         page_text = page(gather(scene, built, progress))
     if model is not None:

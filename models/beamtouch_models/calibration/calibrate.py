@@ -9,9 +9,9 @@ from beamtouch_models.accuracy import limit
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.arrays import Floats
 from beamtouch_models.calibration.fit import Fit, fit, supported_fit
-from beamtouch_models.calibration.loads import Loads, LoadsError, lines
 from beamtouch_models.calibration.mistaken import Suspect, mistaken, swapped
 from beamtouch_models.calibration.rebuilt import rebuilt
+from beamtouch_models.calibration.recordings import Loads, RecordingError
 from beamtouch_models.calibration.theory import Theory
 from beamtouch_models.errors import NotGoodEnoughError
 from beamtouch_models.loading import ModelFile
@@ -58,7 +58,7 @@ def calibrate(model: ModelFile, loads: Loads, progress: Progress) -> Calibrated:
 
     Raises
     ------
-    LoadsError
+    RecordingError
         A load contradicts the others, or channels or ends of the beam are swapped; the message names them.
     NotGoodEnoughError
         The fit locates left-out loads worse than the given model does, or explains too little of the recording.
@@ -93,10 +93,10 @@ def checked_fit(model: ModelFile, loads: Loads, progress: Progress) -> CheckedFi
     theory = Theory.of(model.metadata)
     swap = swapped(theory, loads, [channel.name for channel in model.metadata.layout])
     if swap:
-        raise LoadsError(swap)
+        raise RecordingError(swap)
     suspects = mistaken(theory, loads, lambda done: progress("looking for loads that do not fit", 0.3 * done))
     if suspects:
-        raise LoadsError(_contradiction(loads, suspects))
+        raise RecordingError(_contradiction(loads, suspects))
     found = supported_fit(theory, loads, lambda done: progress("fitting", 0.3 + 0.2 * done))
     expected_mm = theory.curve(np.zeros(theory.size)).measured_mm(loads.position_mm, loads.force_n)
     expected_mm = expected_mm[np.isfinite(loads.measured_mm)]
@@ -113,8 +113,7 @@ def checked_fit(model: ModelFile, loads: Loads, progress: Progress) -> CheckedFi
     for index in range(len(after)):
         progress("leaving out one load at a time", 0.5 + 0.2 * index / len(after))
         departures = fit(theory, loads.without(index), found.kinds, found.vector).departures
-        own = loads[np.arange(len(after)) == index]
-        after[index] = _errors_mm(theory.prior_with(departures), departures, own)[0]
+        after[index] = _errors_mm(theory.prior_with(departures), departures, loads[[index]])[0]
     # A single sample has this error in addition, and the loads themselves stand a little off.
     best = float(np.hypot(limit_mm(theory.prior, loads, model.metadata.seed, draws=100), loads.errors.placing_mm))
     if not after.mean() <= max(MAX_LEFT * model.metadata.length_mm, best):
@@ -156,7 +155,7 @@ def limit_mm(prior: Prior, loads: Loads, seed: int, draws: int = 400) -> float:
 def _contradiction(loads: Loads, suspects: tuple[Suspect, ...]) -> str:
     """Return the message that names the loads that contradict the others, and where the others place them."""
     told = [
-        f"load {loads.number[one.index]} ({lines(loads.lines[one.index])}) says {loads.position_mm[one.index]:g} mm "
+        f"{loads.in_words(one.index)} says {loads.position_mm[one.index]:g} mm "
         f"and {loads.force_n[one.index]:g} N, but the other loads place it at {digits(one.position_mm, 4)} mm with "
         f"{digits(one.force_n, 3)} N"
         for one in suspects
@@ -194,6 +193,6 @@ def _worse(loads: Loads, before: Floats, after: Floats) -> str:
     return (
         "nothing was written: a model fitted to these loads would be worse. A fit locates left-out loads to "
         f"{digits(after.mean(), 4)} mm, the given model to {digits(before.mean(), 4)} mm. The largest error is that "
-        f"of load {loads.number[worst]} ({lines(loads.lines[worst])}), "
-        f"{digits(after[worst], 3)} mm. Keep the model, or check the loads and record more over the whole beam"
+        f"of {loads.in_words(worst)}, {digits(after[worst], 3)} mm. Keep the model, or check the loads and record more "
+        "over the whole beam"
     )

@@ -12,7 +12,7 @@ from dataclasses import astuple, dataclass
 import numpy as np
 
 from beamtouch_models.arrays import Floats
-from beamtouch_models.calibration.loads import Loads
+from beamtouch_models.calibration.recordings import Loads
 from beamtouch_models.calibration.theory import Fitted, Theory, best_step
 from beamtouch_models.health.residuals import LoadErrors, Residuals, leave_out
 from beamtouch_models.sweeps import Fraction

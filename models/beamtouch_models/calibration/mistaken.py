@@ -14,9 +14,9 @@ import numpy as np
 from scipy.stats import f as f_distribution
 
 from beamtouch_models.calibration.fit import ROUNDS, Fit, fit, residuals_of
-from beamtouch_models.calibration.loads import Loads
+from beamtouch_models.calibration.recordings import Loads
 from beamtouch_models.calibration.theory import Theory
-from beamtouch_models.decision.wiring import Wiring, wirings
+from beamtouch_models.decision.suspects import wirings
 from beamtouch_models.sweeps import Fraction, silent
 
 POOR_NOISES = 8.0
@@ -45,16 +45,14 @@ def _swaps(theory: Theory, loads: Loads, names: list[str]) -> Iterator[tuple[str
     """Yield each possible swap: its message, and the loads without the swap."""
     for wiring in wirings(names):
         message = f"{wiring.text}; check the wiring and the order in the daemon's config"
-        yield OTHER_END if wiring.is_reversed else message, _corrected(loads, wiring)
+        measured_mm = loads.measured_mm[:, wiring.order] * np.array(wiring.signs)
+        deviation_mm = loads.deviation_mm[:, wiring.order]
+        corrected = replace(loads, measured_mm=measured_mm, deviation_mm=deviation_mm)
+        yield OTHER_END if wiring.is_reversed else message, corrected
     mirrored_mm = theory.prior.length_mm - loads.position_mm
     low, high = theory.prior.position_mm
     if ((low <= mirrored_mm) & (mirrored_mm <= high)).all():
         yield OTHER_END, replace(loads, position_mm=mirrored_mm)
-
-
-def _corrected(loads: Loads, wiring: Wiring) -> Loads:
-    measured_mm = loads.measured_mm[:, wiring.order] * np.array(wiring.signs)
-    return replace(loads, measured_mm=measured_mm, deviation_mm=loads.deviation_mm[:, wiring.order])
 
 
 CHANCE = 1e-4
@@ -84,18 +82,6 @@ class Suspect:
     """Whether no other load can be the mistaken one instead."""
 
 
-@dataclass(frozen=True)
-class _Trial:
-    """A fit without some loads."""
-
-    fitted: Fit
-    left_out: tuple[int, ...]
-
-    def contradicts(self, loads: Loads) -> bool:
-        """Return whether all left-out loads contradict the fit, beyond chance and by enough to matter."""
-        return all(_contradicts(self.fitted, loads, index) for index in self.left_out)
-
-
 def mistaken(theory: Theory, loads: Loads, progress: Fraction = silent) -> tuple[Suspect, ...]:
     """Find loads that contradict the others.
 
@@ -106,40 +92,45 @@ def mistaken(theory: Theory, loads: Loads, progress: Fraction = silent) -> tuple
     """
     count = len(loads.number)
     singles = _rank(theory, loads, [(index,) for index in range(count)], progress)
-    best = _without(theory, loads, singles[0].left_out)
-    if best.fitted.scatter > AGREED and count > MIN_FOR_PAIRS:
-        likely = {index for trial in singles[:PAIRED] for index in trial.left_out}
+    least, first = singles[0]
+    best = _fit_without(theory, loads, first)
+    if best.scatter > AGREED and count > MIN_FOR_PAIRS:
+        likely = {index for _, single in singles[:PAIRED] for index in single}
         pairs = [pair for pair in combinations(range(count), 2) if not likely.isdisjoint(pair)]
-        pair = _without(theory, loads, _rank(theory, loads, pairs, progress)[0].left_out)
-        if pair.contradicts(loads):
-            return tuple(_suspect(pair.fitted, loads, index, certain=True) for index in pair.left_out)
-    if not best.contradicts(loads):
+        _, pair = _rank(theory, loads, pairs, progress)[0]
+        without = _fit_without(theory, loads, pair)
+        if all(_contradicts(without, loads, index) for index in pair):
+            return tuple(_suspect(without, loads, index, certain=True) for index in pair)
+    if not _contradicts(best, loads, *first):
         return ()
-    like_it = [best]
-    for trial in singles[1:]:
-        if trial.fitted.scatter <= LIKE_THE_BEST * singles[0].fitted.scatter:
-            whole = _without(theory, loads, trial.left_out)
-            like_it += [whole] if whole.contradicts(loads) else []
-    certain = len(like_it) == 1
-    return tuple(_suspect(trial.fitted, loads, *trial.left_out, certain=certain) for trial in like_it)
+    alike = {first[0]: best}
+    for scatter, (index,) in singles[1:]:
+        if scatter <= LIKE_THE_BEST * least:
+            without = _fit_without(theory, loads, (index,))
+            if _contradicts(without, loads, index):
+                alike[index] = without
+    return tuple(_suspect(without, loads, index, certain=len(alike) == 1) for index, without in alike.items())
 
 
-def _rank(theory: Theory, loads: Loads, groups: Sequence[tuple[int, ...]], progress: Fraction) -> list[_Trial]:
-    """Return quick fits without each group of loads, that with the smallest scatter first."""
-    trials = []
+def _rank(
+    theory: Theory, loads: Loads, groups: Sequence[tuple[int, ...]], progress: Fraction
+) -> list[tuple[float, tuple[int, ...]]]:
+    """Return the scatter of a quick fit without each group of loads, and the group; the smallest scatter first."""
+    scatters = []
     for number, group in enumerate(groups):
         progress(number / len(groups))
-        trials.append(_without(theory, loads, group, rounds=1))
-    return sorted(trials, key=lambda trial: trial.fitted.scatter)
+        scatters.append(_fit_without(theory, loads, group, rounds=1).scatter)
+    return sorted(zip(scatters, groups, strict=True), key=lambda one: one[0])
 
 
-def _without(theory: Theory, loads: Loads, left_out: tuple[int, ...], rounds: int = ROUNDS) -> _Trial:
+def _fit_without(theory: Theory, loads: Loads, left_out: tuple[int, ...], rounds: int = ROUNDS) -> Fit:
     # Start from the scene, not from a fit that included the load.
-    return _Trial(fit(theory, loads.without(*left_out), tuple(theory.kinds), rounds=rounds), left_out)
+    return fit(theory, loads.without(*left_out), tuple(theory.kinds), rounds=rounds)
 
 
 def _contradicts(fitted: Fit, loads: Loads, index: int) -> bool:
-    theory, load = fitted.theory, _only(loads, index)
+    """Return whether a load contradicts a fit to others, beyond chance and by enough to matter."""
+    theory, load = fitted.theory, loads[[index]]
     residuals = residuals_of(theory, load, fitted.vector)
     count = int(residuals.is_measured.sum())
     if not np.sqrt((residuals.left_mm**2).sum() / count) >= FAR_NOISES * theory.prior.noise_mm:
@@ -154,11 +145,7 @@ def _contradicts(fitted: Fit, loads: Loads, index: int) -> bool:
 
 def _suspect(fitted: Fit, loads: Loads, index: int, *, certain: bool) -> Suspect:
     """Return where the load pressed and how hard, by least squares over the range of positions."""
-    curve, measured = fitted.theory.curve(fitted.vector), _only(loads, index).measured_mm
+    curve, measured = fitted.theory.curve(fitted.vector), loads.measured_mm[[index]]
     linear = np.nan_to_num(fitted.departures.linear_mm(measured))
     position, force = curve.best_contacts(linear, np.isfinite(measured).astype(np.float64))
     return Suspect(index, float(position[0]), max(float(force[0]), 0.0), certain)
-
-
-def _only(loads: Loads, index: int) -> Loads:
-    return loads[np.arange(len(loads.number)) == index]

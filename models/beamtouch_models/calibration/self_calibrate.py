@@ -7,12 +7,17 @@ import numpy as np
 from beamtouch_common.digits import digits
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.arrays import Floats
-from beamtouch_models.calibration.contacts import UnlabelledContacts
-from beamtouch_models.calibration.left_open import LeftOpen, measure_left_open
-from beamtouch_models.calibration.loads import MIN_SPREAD
 from beamtouch_models.calibration.rebuilt import rebuilt
+from beamtouch_models.calibration.recordings import MIN_SPREAD, UnlabelledContacts
 from beamtouch_models.calibration.theory import FIXITY, GAIN, Theory
-from beamtouch_models.calibration.unlabelled import ContactFit, fit_contacts, locate
+from beamtouch_models.calibration.unlabelled import (
+    ContactFit,
+    LeftOpen,
+    fit_contacts,
+    locate,
+    measure_left_open,
+    stated_mm,
+)
 from beamtouch_models.errors import NotGoodEnoughError
 from beamtouch_models.loading import ModelFile
 from beamtouch_models.metadata import Calibration, Metadata
@@ -179,7 +184,7 @@ def _check_beam(fit: ContactFit, other: ContactFit) -> None:
 def _check_determined(fit: ContactFit, left_open: LeftOpen, gain: Floats) -> None:
     """Raise NotGoodEnoughError if the contacts determine too little to improve the given model."""
     open_mm, claimed_mm = (
-        float(np.sqrt((values**2).mean())) for values in (left_open.position_mm, left_open.stated_mm(gain))
+        float(np.sqrt((values**2).mean())) for values in (left_open.position_mm, stated_mm(left_open.per_gain_mm, gain))
     )
     if open_mm > max(claimed_mm, left_open.shift_mm):
         raise _refuse(

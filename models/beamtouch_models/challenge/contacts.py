@@ -10,8 +10,7 @@ from functools import partial
 import numpy as np
 
 from beamtouch_models.arrays import Bools, Floats
-from beamtouch_models.challenge.play import Case, Drawn, Make, Play
-from beamtouch_models.challenge.surface import SimulatedSurface
+from beamtouch_models.challenge.play import Case, Drawn, Make, Play, SimulatedSurface
 
 SINCE_MS = (20, 50, 100, 200, 500)
 """Times after the beginning of a load at which a beam that rings is judged."""

@@ -6,7 +6,7 @@ from enum import IntEnum
 import numpy as np
 
 from beamtouch_models.arrays import Bools, Floats, Indices
-from beamtouch_models.challenge.surface import SimulatedSurface
+from beamtouch_models.challenge.play import SimulatedSurface
 from beamtouch_models.decision.decider import AT_REST, Hypotheses, State
 from beamtouch_models.decision.evidence import Weighed, evidence, is_overload, is_unchecked
 from beamtouch_models.pricing.noise import chain_of
@@ -14,16 +14,13 @@ from beamtouch_models.session import Run
 
 
 class Said(IntEnum):
-    """A statement on a sample."""
+    """A statement on a sample: nothing, or a `State` by its name."""
 
     NOTHING = 0
     """Too few channels work: the service gives no answer."""
     CLEAR = 1
     CONTACT = 2
     UNEXPLAINED = 3
-
-
-_SAID = {State.CLEAR: Said.CLEAR, State.CONTACT: Said.CONTACT, State.UNEXPLAINED: Said.UNEXPLAINED}
 
 
 @dataclass(frozen=True)
@@ -75,7 +72,7 @@ def judge(
         if index // length != draw:
             draw, decider = index // length, Hypotheses(metadata.thresholds, [AT_REST])
         verdict, at = decider.step(one), divmod(index, length)
-        judged.said[at], judged.unsteady[at] = _SAID[verdict.state], verdict.unsteady
+        judged.said[at], judged.unsteady[at] = Said[verdict.state.name], verdict.unsteady
         if verdict.state is State.CONTACT:
             judged.other_note[at] = is_overload(metadata, one) or is_unchecked(one)
             judged.position_mm[at] = one.answer["position_mm"]

@@ -1,63 +1,34 @@
 """`design-sensors build`: builds the model file of a scene, and optionally a daemon configuration and a report."""
 
-from __future__ import annotations
-
 import argparse
 import json
 import sys
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+
+import onnx
 
 from beamtouch_common.digits import digits
+from beamtouch_common.files import require_writable
+from beamtouch_models import loading
+from beamtouch_models.building.build import Choices, build_model
+from beamtouch_models.building.daemon_config import write_token_if_absent
+from beamtouch_models.building.products import write_products
+from beamtouch_models.building.remarks import missed_requirement, remarks, weak_spot
 from beamtouch_models.commands.inspect import describe
-from beamtouch_models.commands.options import (
-    add_json,
-    add_layout,
-    add_seed,
-    aim_of,
-    shown_progress,
-    surface_name,
-)
-from beamtouch_models.names import ESTIMATORS
-from beamtouch_models.printing import note, show
-
-if TYPE_CHECKING:
-    from beamtouch_models.building.build import Built, Choices
-    from beamtouch_models.pricing.noise import ReadingErrors
-    from beamtouch_models.scene import Scene
+from beamtouch_models.commands.place import aim_of
+from beamtouch_models.commands.shared import shown_progress, surface_name
+from beamtouch_models.description import unseen
+from beamtouch_models.errors import ModelFileError, SceneError
+from beamtouch_models.metadata import METADATA_PREFIX, LayoutErrors
+from beamtouch_models.placement.placing import Aim
+from beamtouch_models.printing import Result, note
+from beamtouch_models.scene import Scene, load_scene, parse_scene
+from beamtouch_models.surface import Surface
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of the command."""
-    parser.add_argument("scene", type=Path, metavar="SCENE", help="scene file (TOML)")
-    parser.add_argument("-o", "--output", type=Path, required=True, metavar="MODEL", help="model file to write (.onnx)")
-    add_layout(parser)
-    parser.add_argument(
-        "--estimator",
-        choices=ESTIMATORS,
-        default=ESTIMATORS[0],
-        help=f"estimator of the position (default: {ESTIMATORS[0]})",
-    )
-    parser.add_argument(
-        "--daemon-config", type=Path, metavar="FILE", help="also write a configuration for beamtouch-daemon (TOML)"
-    )
-    parser.add_argument("--report", type=Path, metavar="FILE", help="also write a report of the build (.html)")
-    add_seed(parser)
-    add_json(parser)
-
-
-def run(options: argparse.Namespace) -> None:
-    """Build, write the requested files, and print the metadata of the model."""
-    from beamtouch_common.files import require_writable
-    from beamtouch_models import loading
-    from beamtouch_models.building.build import build_model
-    from beamtouch_models.building.daemon_config import write_token_if_absent
-    from beamtouch_models.building.products import write_products
-    from beamtouch_models.building.remarks import missed_requirement, remarks, weak_spot
-    from beamtouch_models.description import unseen
-
+def run(options: argparse.Namespace) -> Result:
+    """Build, write the requested files, and return the metadata of the model."""
     scene, text, name, choices = _scene_of(options)
     config: Path | None = options.daemon_config
     is_rebuilt = options.scene.suffix == ".onnx"  # a rebuilt model may replace the old one
@@ -76,24 +47,24 @@ def run(options: argparse.Namespace) -> None:
             f"         beamtouch-daemon run {config}",
             file=sys.stderr,
         )
-    note(_assumed_errors(scene, built.surface.readings))
-    note(missed_requirement(built.metadata, scene), unseen(built.metadata))
+    note(_assumed_errors(built.surface), missed_requirement(built.metadata, scene), unseen(built.metadata))
     note(weak_spot(built.metadata), kind="warning")
-    note(*_not_modelled(built))
-    show(describe(loading.load_bytes(built.content, str(options.output))), as_json=options.json)
+    note(*_not_modelled(built.surface))
+    return describe(loading.load_bytes(built.content, str(options.output)))
 
 
-def _assumed_errors(scene: Scene, readings: ReadingErrors) -> str:
+def _assumed_errors(surface: Surface) -> str:
     """Return which errors the model takes the sensors to have where the scene does not state them."""
-    sensors, gain, zero_mm = scene.sensors, readings.gain, readings.zero_mm
-    taken = [] if sensors.gain_error_percent is not None else [f"sensors.gain_error_percent = {100 * gain:g}"]
-    taken += [] if sensors.zero_drift_mm is not None else [f"sensors.zero_drift_mm = {digits(zero_mm, 2)}"]
-    return f"the scene does not state {' and '.join(taken)}, which the model assumes" if taken else ""
+    sensors, readings = surface.stated.sensors, surface.readings
+    taken = [] if sensors.gain_error_percent is not None else [f"gain_error_percent = {100 * readings.gain:g}"]
+    taken += [] if sensors.zero_drift_mm is not None else [f"zero_drift_mm = {digits(readings.zero_mm, 2)}"]
+    words = " and ".join(f"sensors.{one}" for one in taken)
+    return f"the scene does not state {words}, which the model assumes" if taken else ""
 
 
-def _not_modelled(built: Built) -> Iterator[str]:
+def _not_modelled(surface: Surface) -> Iterator[str]:
     """Yield each effect that the scene has and the model has not."""
-    for effect in built.surface.effects:
+    for effect in surface.effects:
         if effect.verdict == "not modelled" and effect.having is not None and effect.price is not None:
             yield f"{effect.name} is {digits(effect.price, 2)} times the noise but not modelled: {effect.reason}"
 
@@ -103,19 +74,10 @@ def _scene_of(options: argparse.Namespace) -> tuple[Scene, str, str, Choices]:
 
     The sensors of a model file are mounted already: it keeps its layout, unless the options ask for another.
     """
-    import onnx
-
-    from beamtouch_models import loading
-    from beamtouch_models.building.build import Choices
-    from beamtouch_models.errors import ModelFileError, SceneError
-    from beamtouch_models.metadata import METADATA_PREFIX, LayoutErrors
-    from beamtouch_models.placement.placing import Aim
-    from beamtouch_models.scene import load_scene, parse_scene
-
     path: Path = options.scene
-    choices = Choices(estimator=options.estimator, aim=aim_of(options))
+    aim, kept_mm = aim_of(options), tuple[float, ...]()
     if path.suffix != ".onnx":
-        return *load_scene(path), surface_name(path), choices
+        return *load_scene(path), surface_name(path), Choices(estimator=options.estimator, aim=aim)
     try:
         entries = {entry.key: entry.value for entry in onnx.load_from_string(loading.read(path)).metadata_props}
         text, name, layout = (json.loads(entries[METADATA_PREFIX + key]) for key in ("scene", "name", "layout"))
@@ -124,9 +86,10 @@ def _scene_of(options: argparse.Namespace) -> tuple[Scene, str, str, Choices]:
         before = LayoutErrors.model_validate(stated) if stated else Aim("eigenvalue-product")
         if options.sensors is None and options.criterion is None and options.spare is None:
             kept_mm = tuple(float(channel["position_mm"]) for channel in layout)
-            choices = replace(choices, aim=Aim(before.criterion, before.spare), kept_mm=kept_mm)
+            aim = Aim(before.criterion, before.spare)
     except ModelFileError:
         raise
     except Exception:  # noqa: BLE001  # protobuf's errors have no common base but Exception
         raise SceneError(f"{path}: it is not a model file that holds its scene; give a scene (TOML)") from None
+    choices = Choices(estimator=options.estimator, aim=aim, kept_mm=kept_mm)
     return parse_scene(text, f"the scene in {path}"), text, str(name), choices

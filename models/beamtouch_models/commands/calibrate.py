@@ -1,74 +1,39 @@
 """`design-sensors calibrate`: fits a model to the real beam, using recorded loads or unlabelled contacts."""
 
-from __future__ import annotations
-
 import argparse
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from beamtouch_common.commands import whole_number
+import numpy as np
+from scipy.stats import chi2
+
 from beamtouch_common.digits import digits
 from beamtouch_common.errors import InputError
-from beamtouch_models.commands.options import add_json, shown_progress
-from beamtouch_models.printing import Result, show
-
-if TYPE_CHECKING:
-    from beamtouch_models.arrays import Floats
-    from beamtouch_models.calibration.calibrate import Calibrated
-    from beamtouch_models.calibration.self_calibrate import SelfCalibrated
-    from beamtouch_models.loading import ModelFile
-    from beamtouch_models.metadata import Departures, Metadata
+from beamtouch_common.files import require_writable, write_atomically
+from beamtouch_models import loading
+from beamtouch_models.arrays import Floats
+from beamtouch_models.calibration.calibrate import Calibrated, calibrate
+from beamtouch_models.calibration.recordings import read_contacts, read_loads
+from beamtouch_models.calibration.self_calibrate import KINDS, SelfCalibrated, self_calibrate
+from beamtouch_models.commands.shared import shown_progress
+from beamtouch_models.health.changes import DRIFT
+from beamtouch_models.health.residuals import LoadErrors
+from beamtouch_models.loading import ModelFile
+from beamtouch_models.metadata import Departures, Metadata
+from beamtouch_models.printing import Result
 
 MIN_ERROR, MAX_ERROR = 1e-3, 50.0
 """Bounds of the stated errors of the loads, in mm and in percent."""
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of the command."""
-    parser.add_argument("model", type=Path, metavar="MODEL", help="model file (.onnx)")
-    source = parser.add_mutually_exclusive_group(required=True)
-    source.add_argument(
-        "readings", type=Path, nargs="?", metavar="READINGS.csv", help="loads recorded by `beamtouch-daemon record`"
-    )
-    source.add_argument(
-        "--events",
-        type=Path,
-        metavar="FILE",
-        help="instead: contacts of unknown place and force, from the service's /surfaces/NAME/calibration-data (CSV)",
-    )
-    parser.add_argument(
-        "--leave-out",
-        type=whole_number(0, 2**31 - 1),
-        action="append",
-        default=[],
-        metavar="LOAD",
-        help="number of a recorded load to ignore; may be given several times",
-    )
-    for name, metavar, text in (
-        ("--placing-mm", "MM", "standard deviation of a load's true position from the stated one, in mm (default: 1)"),
-        (
-            "--force-percent",
-            "P",
-            "standard deviation of a load's true force from the stated one, in percent (default: 1)",
-        ),
-    ):
-        parser.add_argument(name, type=float, default=1.0, metavar=metavar, help=text)
-    parser.add_argument("-o", "--output", type=Path, required=True, metavar="MODEL", help="model file to write (.onnx)")
-    add_json(parser)
-
-
-def run(options: argparse.Namespace) -> None:
-    """Calibrate, write the model, and print the departures with the errors or misfits before and after."""
-    from beamtouch_common.files import require_writable, write_atomically
-    from beamtouch_models import loading
-
+def run(options: argparse.Namespace) -> Result:
+    """Calibrate and write the model; the result is the departures with the errors or misfits before and after."""
     model = loading.load(options.model)
     require_writable([options.output], [options.readings, options.events])
-    calibrate = _calibrate_with_loads if options.events is None else _calibrate_with_contacts
-    calibrated, fields, rows = calibrate(model, options)
+    fit_to = _calibrate_with_loads if options.events is None else _calibrate_with_contacts
+    calibrated, fields, rows = fit_to(model, options)
     write_atomically(options.output, calibrated.content)
     identity, metadata = loading.load(options.output).identity, calibrated.metadata
     shown = {
@@ -78,7 +43,7 @@ def run(options: argparse.Namespace) -> None:
         **fields,
         "accuracy": {**metadata.accuracy.model_dump(), "ratio": metadata.accuracy.ratio},
     }
-    show(Result(shown, [[("model", identity), *rows]]), as_json=options.json)
+    return Result(shown, [[("model", identity), *rows]])
 
 
 Told = tuple["Calibrated | SelfCalibrated", dict[str, Any], list[tuple[str, str]]]
@@ -87,10 +52,6 @@ Told = tuple["Calibrated | SelfCalibrated", dict[str, Any], list[tuple[str, str]
 
 def _calibrate_with_loads(model: ModelFile, options: argparse.Namespace) -> Told:
     """Calibrate a model with recorded loads."""
-    from beamtouch_models.calibration.calibrate import calibrate
-    from beamtouch_models.calibration.loads import read_loads
-    from beamtouch_models.health.residuals import LoadErrors
-
     for option, value in (("--placing-mm", options.placing_mm), ("--force-percent", options.force_percent)):
         if not MIN_ERROR <= value <= MAX_ERROR:  # nobody can place or weigh loads so well or so badly
             raise InputError(f"{option} {value:g} is not from {MIN_ERROR:g} to {MAX_ERROR:g}")
@@ -101,27 +62,23 @@ def _calibrate_with_loads(model: ModelFile, options: argparse.Namespace) -> Told
     fit, before, after, limit_mm = calibrated.fit, calibrated.before_mm, calibrated.after_mm, calibrated.limit_mm
     errors = fit.theory.standard_errors(fit.vector, fit.spread)
     words = _departures_in_words(calibrated.metadata, fit.departures, errors)
+    placing_mm, force_percent = fit.errors.placing_mm, 100 * fit.errors.force
     fields = {
         "standard_errors": {kind: values.tolist() for kind, values in errors.items()},
         "error_before_mm": {"mean": float(before.mean()), "worst": float(before.max())},
         "error_after_mm": {"mean": float(after.mean()), "worst": float(after.max())},
         "limit_mm": limit_mm,
-        "placing_mm": fit.errors.placing_mm,
-        "force_percent": 100 * fit.errors.force,
+        "placing_mm": placing_mm,
+        "force_percent": force_percent,
         "loads_left_out": sorted(set(options.leave_out)),
     }
+    placed = f"placed to about {digits(placing_mm, 2)} mm and with forces known to about {digits(force_percent, 2)} %"
+    mean, worst = digits(after.mean(), 3), digits(after.max(), 3)
     rows = [
-        (
-            "loads",
-            f"{len(before)}, placed to about {digits(fit.errors.placing_mm, 2)} mm and with forces "
-            f"known to about {digits(100 * fit.errors.force, 2)} %",
-        ),
+        ("loads", f"{len(before)}, {placed}"),
         *((kind, text if kind in fit.kinds else "as in the scene") for kind, text in words.items()),
         ("before", f"{digits(before.mean(), 3)} mm mean error of these loads, {digits(before.max(), 3)} mm worst"),
-        (
-            "after",
-            f"{digits(after.mean(), 3)} mm mean, {digits(after.max(), 3)} mm worst, each by a fit without the load",
-        ),
+        ("after", f"{mean} mm mean, {worst} mm worst, each by a fit without the load"),
         ("limit", f"{digits(limit_mm, 3)} mm mean error of single samples of these loads, at best"),
     ]
     return calibrated, fields, rows
@@ -129,13 +86,6 @@ def _calibrate_with_loads(model: ModelFile, options: argparse.Namespace) -> Told
 
 def _calibrate_with_contacts(model: ModelFile, options: argparse.Namespace) -> Told:
     """Calibrate a model with unlabelled contacts; says which contacts are left out, and which zeros moved."""
-    import numpy as np
-    from scipy.stats import chi2
-
-    from beamtouch_models.calibration.contacts import read_contacts
-    from beamtouch_models.calibration.self_calibrate import KINDS, self_calibrate
-    from beamtouch_models.health.zeros import DRIFT
-
     contacts = read_contacts(options.events, model.metadata)
     for count, why in ((contacts.other_characteristic, "with an older characteristic"), (contacts.older, "older")):
         if count:
@@ -150,37 +100,31 @@ def _calibrate_with_contacts(model: ModelFile, options: argparse.Namespace) -> T
         )
     with shown_progress() as progress:
         calibrated = self_calibrate(model, contacts, progress)
-    metadata, fit = calibrated.metadata, calibrated.found.fit
-    found, left_open = calibrated.found, calibrated.found.left_open
-    expected = float(chi2.median(fit.theory.degrees))
+    metadata, found = calibrated.metadata, calibrated.found
+    fit, left_open = found.fit, found.left_open
     # Errors of gains without the common scale, which is the force's.
     errors = fit.theory.standard_errors(fit.vector, np.sqrt(np.diag(left_open.relative)))
     words = _departures_in_words(metadata, fit.departures, errors)
-    single, changed_mm = float(fit.single.sum()), left_open.shift_mm
+    expected, single = float(chi2.median(fit.theory.degrees)), float(fit.single.sum())
     open_mm = float(np.sqrt((left_open.position_mm**2).mean()))
     force = metadata.calibration.force_error if metadata.calibration else 0.0
-    before, after = (_percent(one.floor.gain) for one in (model.metadata, metadata))
     fields = {
         "standard_errors": {kind: values.tolist() for kind, values in errors.items() if kind in KINDS},
         "misfit": {"before": found.misfit_before, "after": found.misfit_after, "expected": expected},
-        "changed_mm": changed_mm,
+        "changed_mm": left_open.shift_mm,
         "open_mm": open_mm,
         "single_contacts": single,
         "contacts_left_out": contacts.other_characteristic + contacts.older,
         "floor": metadata.floor.model_dump(),
     }
+    misfits = f"{digits(found.misfit_before, 3)} before, {digits(found.misfit_after, 3)} after"
+    change = f"changes by {digits(left_open.shift_mm, 3)} mm (root mean square)"
+    before, after = (_percent(one.floor.gain) for one in (model.metadata, metadata))
     rows = [
         ("contacts", f"{len(contacts)}, of which about {len(contacts) - single:.0f} are not single contacts"),
         *((kind, words[kind]) for kind in KINDS),
-        (
-            "misfit",
-            f"{digits(found.misfit_before, 3)} before, {digits(found.misfit_after, 3)} after (medians; "
-            f"{digits(expected, 3)} from noise alone)",
-        ),
-        (
-            "position",
-            f"changes by {digits(changed_mm, 3)} mm (root mean square), {digits(open_mm, 3)} mm left open",
-        ),
+        ("misfit", f"{misfits} (medians; {digits(expected, 3)} from noise alone)"),
+        ("position", f"{change}, {digits(open_mm, 3)} mm left open"),
         *([("force", f"its scale stays open by {digits(100 * force, 2)} %")] if force else []),
         ("floor", f"gains +- {before} before, +- {after} now"),
     ]

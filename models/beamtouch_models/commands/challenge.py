@@ -1,69 +1,44 @@
 """`design-sensors challenge`: puts a model through a world of contacts, transients, errors and faults."""
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Sequence
 from dataclasses import asdict
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from beamtouch_common.commands import whole_number
 from beamtouch_common.digits import digits
 from beamtouch_common.errors import InputError
-from beamtouch_models.commands.options import add_json, add_seed, add_workers, shown_progress
-from beamtouch_models.printing import Result, Table, show
+from beamtouch_models import loading
+from beamtouch_models.challenge.challenge import challenge, misses
+from beamtouch_models.commands.shared import shown_progress
+from beamtouch_models.printing import Result, Table
+from beamtouch_models.workers import spread_over
 
-if TYPE_CHECKING:
-    pass
-
-MAX_PLAYS = 10_000
 """Bounds memory: each course takes about 100 kB."""
 NEEDED = ("position_low_mm", "position_high_mm", "contact_log_odds")
 """Outputs without which a model cannot say what it does not know."""
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of the command."""
-    parser.add_argument("model", type=Path, metavar="MODEL", help="model file (.onnx)")
-    parser.add_argument(
-        "--draws",
-        type=whole_number(10, MAX_PLAYS),
-        default=400,
-        metavar="N",
-        help="number of simulated courses per case (default: 400)",
-    )
-    add_workers(parser)
-    add_seed(parser)
-    add_json(parser)
-
-
-def run(options: argparse.Namespace) -> None:
-    """Challenge the model and print the rows of both groups."""
-    from beamtouch_models import loading
-    from beamtouch_models.challenge.challenge import challenge
-    from beamtouch_models.challenge.scoring import misses
-    from beamtouch_models.workers import spread_over
-
+def run(options: argparse.Namespace) -> Result:
+    """Challenge the model and return the rows of both groups."""
     content = loading.read(options.model)
     model = loading.load_bytes(content, str(options.model))
-    lacking = [name for name in NEEDED if name not in model.outputs]
+    lacking = ", ".join(name for name in NEEDED if name not in model.outputs)
     if lacking:
-        message = f"{options.model}: its graph does not give {', '.join(lacking)}; build it with another --estimator"
-        raise InputError(message)
+        raise InputError(f"{options.model}: its graph does not give {lacking}; build it with another --estimator")
     with spread_over(options.workers, options.cluster) as spread, shown_progress() as progress:
         rows = challenge(content, draws=options.draws, seed=options.seed, progress=progress, spread=spread)
     told = [asdict(row) | {"misses": misses(row)} for row in rows]
-    fields = {"model": model.identity, "draws": options.draws, "seed": options.seed, "rows": told}
     title = f"{model.identity}, {options.draws} draws"
     missed = [f"{row['name']} ({', '.join(row['misses'])})" for row in told if row["misses"]]
-    tables = (
-        _table(f"{title}: one contact, honestly measured", [row for row in told if row["honest"]], HONEST),
-        _table(f"{title}: faults and other worlds", [row for row in told if not row["honest"]], FAULTS),
-        _LEGEND,
-        f"Rows that miss the goals: {'; '.join(missed) or 'none'}.",
+    return Result(
+        {"model": model.identity, "draws": options.draws, "seed": options.seed, "rows": told},
+        [
+            _table(f"{title}: one contact, honestly measured", [row for row in told if row["honest"]], HONEST),
+            _table(f"{title}: faults and other worlds", [row for row in told if not row["honest"]], FAULTS),
+            _LEGEND,
+            f"Rows that miss the goals: {'; '.join(missed) or 'none'}.",
+        ],
     )
-    show(Result(fields, tables), as_json=options.json)
 
 
 FIRST = {"samples": "samples", "error mm": "error_mm", "held": "held"}
@@ -72,19 +47,18 @@ OTHER = {"unsteady": "held_unsteady", "other": "held_noted"}
 HONEST = {**FIRST, **OTHER, **SAID, "ghosts": "ghosts", "interval mm": "interval_mm"}
 """The figures of a row under each heading."""
 FAULTS = {**FIRST, **SAID, "noticed": "noticed", "power": "power"}
-NO_SHARES = ("error_mm", "interval_mm")
 
 
 def _table(title: str, rows: Sequence[dict[str, Any]], columns: dict[str, str]) -> Table:
-    cells = [(row["name"], *(_cell(row, key) for key in columns.values())) for row in rows]
+    cells = [(row["name"], *(_cell(key, row[key]) for key in columns.values())) for row in rows]
     return Table(("case", *columns), cells, title, bold=[place for place, row in enumerate(rows) if row["misses"]])
 
 
-def _cell(row: dict[str, Any], key: str) -> str:
-    value = row.get(key)
+def _cell(key: str, value: float | None) -> str:
+    """Return a count, a length in mm, or a share in percent as text."""
     if value is None or key == "samples":
         return "-" if value is None else str(value)
-    if key in NO_SHARES:
+    if key.endswith("_mm"):
         return digits(value, 3)
     return "<0.01" if 0 < value < 1e-4 else digits(100 * value, 3)
 

@@ -3,94 +3,90 @@
 With `--zones`, also what zones of the service would be worth: the width of the band at each edge that is `unsure`.
 """
 
-from __future__ import annotations
-
 import argparse
 import time
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Annotated, Any, NamedTuple
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
 
 from beamtouch_common.digits import digits
-from beamtouch_models.commands.options import add_json
-from beamtouch_models.printing import Block, Result, Table, note, show
-
-if TYPE_CHECKING:
-    from beamtouch_models.pricing.prices import Effect
-    from beamtouch_models.scene import Scene
+from beamtouch_common.errors import InputError
+from beamtouch_common.files import load_toml
+from beamtouch_common.zones import MAX_ZONES, Zone, ZoneName
+from beamtouch_models.accuracy.zone_bands import band_at
+from beamtouch_models.building.remarks import remarks
+from beamtouch_models.building.sensors import place_sensors
+from beamtouch_models.physics.beam import influence_matrix, load_positions_mm
+from beamtouch_models.physics.mesh import mesh_of
+from beamtouch_models.pricing.prices import NEGLIGIBLE, Effect
+from beamtouch_models.pricing.ringing import told
+from beamtouch_models.printing import Block, Result, Table, note
+from beamtouch_models.scene import Scene, load_scene
+from beamtouch_models.surface import Surface
 
 REPEATS = 5
 SENSORS = 101
 """Sensors in the influence matrix whose computation is timed."""
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of the command."""
-    parser.add_argument("scene", type=Path, metavar="SCENE", help="scene file (TOML)")
-    words = "also forecast the answers for zones: a TOML file with tables [zones.NAME], with the keys of the service"
-    parser.add_argument("--zones", type=Path, metavar="FILE", help=words)
-    add_json(parser)
-
-
-def run(options: argparse.Namespace) -> None:
-    """Price the effects, measure the time that each costs, and print both."""
-    from beamtouch_models.building.remarks import remarks
-    from beamtouch_models.commands.explain_zones import bands_of, load_zones, zone_rows
-    from beamtouch_models.pricing.prices import NEGLIGIBLE
-    from beamtouch_models.pricing.ringing import told
-    from beamtouch_models.scene import load_scene
-    from beamtouch_models.surface import Surface
-
+def run(options: argparse.Namespace) -> Result:
+    """Price the effects, and measure the time that each costs."""
     scene, _ = load_scene(options.scene)
     note(*remarks(scene))
     zones = load_zones(options.zones, scene) if options.zones else {}
     surface = Surface.of(scene)
     surface.check()
-    effects = [(effect, _cost_us(effect)) for effect in surface.effects]
+    effects = [_as_json(effect) for effect in surface.effects]
     noise, ringing = surface.readings.behind(surface.filter), surface.ringing
     fields = {
-        "effects": [_as_json(effect, cost) for effect, cost in effects],
+        "effects": effects,
         "noise_mm": noise.sample_mm,
         "reading_noise_mm": noise.reading_mm,
         "ringing": ringing and asdict(ringing),
         "max_deflection_mm": surface.travel.largest_mm,
         "negligible": NEGLIGIBLE,
     }
-    edges = bands_of(surface, zones) if zones else []
-    if options.zones:
-        fields["zones"] = [edge._asdict() for edge in edges]
     rows: list[Block] = [
-        _table(effects),
+        Table(("effect", "price", "", "with/without", "remark"), [*map(_row, effects)], text=("", "remark")),
         f"price: in units of a sample's noise, {digits(noise.sample_mm, 3)} mm; effects below {NEGLIGIBLE:g} are left "
         f"out\nwith/without: measured time to compute an influence matrix of {SENSORS} sensors",
         *(told(ringing) if ringing else []),
-        *(zone_rows(edges) if edges else []),
     ]
-    show(Result(fields, rows), as_json=options.json)
+    if zones:
+        edges = bands_of(surface, zones)
+        fields["zones"] = [edge._asdict() for edge in edges]
+        rows += zone_rows(edges) if edges else []
+    return Result(fields, rows)
 
 
-def _table(effects: list[tuple[Effect, tuple[float, float] | None]]) -> Table:
-    rows = []
-    for effect, cost in effects:
-        price = "-" if effect.price is None else digits(effect.price, 3)
-        timed = "-" if cost is None else f"{cost[0]:.0f}/{cost[1]:.0f} us"
-        rows.append((effect.name, price, effect.verdict, timed, effect.reason))
-    return Table(("effect", "price", "", "with/without", "remark"), rows, text=("", "remark"))
+def _as_json(effect: Effect) -> dict[str, Any]:
+    """Return an effect with the time of an influence matrix with and without it, in us; None if it changes nothing."""
+    with_us = without_us = cost_us = None
+    if effect.having is not None and effect.lacking is not None:
+        with_us, without_us = _matrix_us(effect.having), _matrix_us(effect.lacking)
+        cost_us = with_us - without_us
+    return {
+        "name": effect.name,
+        "price": effect.price,
+        "included": effect.verdict == "in",
+        "verdict": effect.verdict,
+        "cost_us": cost_us,
+        "with_us": with_us,
+        "without_us": without_us,
+        "reason": effect.reason,
+    }
 
 
-def _cost_us(effect: Effect) -> tuple[float, float] | None:
-    """Return the time of an influence matrix with and without the effect, in us; None if the effect changes nothing."""
-    if effect.having is None or effect.lacking is None:
-        return None
-    return _matrix_us(effect.having), _matrix_us(effect.lacking)
+def _row(effect: dict[str, Any]) -> tuple[str, ...]:
+    price = "-" if effect["price"] is None else digits(effect["price"], 3)
+    timed = "-" if effect["cost_us"] is None else f"{effect['with_us']:.0f}/{effect['without_us']:.0f} us"
+    return effect["name"], price, effect["verdict"], timed, effect["reason"]
 
 
 def _matrix_us(scene: Scene) -> float:
-    import numpy as np
-
-    from beamtouch_models.physics.beam import influence_matrix, load_positions_mm
-    from beamtouch_models.physics.mesh import mesh_of
-
     sensors, loads = np.linspace(0.0, scene.beam.length_mm, SENSORS), load_positions_mm(scene)
     least = float("inf")
     for _ in range(REPEATS):
@@ -101,14 +97,73 @@ def _matrix_us(scene: Scene) -> float:
     return 1e6 * least
 
 
-def _as_json(effect: Effect, cost: tuple[float, float] | None) -> dict[str, Any]:
-    return {
-        "name": effect.name,
-        "price": effect.price,
-        "included": effect.verdict == "in",
-        "verdict": effect.verdict,
-        "cost_us": None if cost is None else cost[0] - cost[1],
-        "with_us": None if cost is None else cost[0],
-        "without_us": None if cost is None else cost[1],
-        "reason": effect.reason,
-    }
+SEED = 0
+
+
+class _File(BaseModel):
+    """The file of `--zones`."""
+
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+    zones: Annotated[dict[ZoneName, Zone], Field(min_length=1, max_length=MAX_ZONES)]
+
+
+class Edge(NamedTuple):
+    """The forecast for one edge of a zone."""
+
+    zone: str
+    edge_mm: float
+    unsure_mm: float
+    """Width of the band once the mean of a load at rest no longer grows. Before that, it is wider."""
+    wrong_percent: float
+    """Of the contacts in that band."""
+
+
+def load_zones(path: Path, scene: Scene) -> dict[str, Zone]:
+    """Read zones; InputError if the file is wrong, or a zone is none of the scene's surface."""
+    zones = load_toml(_File, path).zones
+    estimates_force = "force" in scene.requirements.descriptors
+    for name, zone in zones.items():
+        misfit = zone.misfit(scene.beam.length_mm, estimates_force=estimates_force)
+        low_n, high_n = _forces_n(zone, scene.contact.force_range_n)
+        if not misfit and low_n > high_n:
+            least_n, most_n = scene.contact.force_range_n
+            misfit = f"no contact of the scene has such a force; its forces are {least_n:g} to {most_n:g} N"
+        if misfit:
+            raise InputError(f"{path}: zones.{name}: {misfit}")
+    return zones
+
+
+def bands_of(surface: Surface, zones: dict[str, Zone]) -> list[Edge]:
+    """Return the forecast for each edge within the beam, with the sensors where `place` puts them."""
+    placed = place_sensors(surface, seed=SEED).prior
+    at_rest = replace(placed, noise_mm=surface.errors.min_noise_mm or placed.noise_mm)
+    edges = []
+    for name, zone in zones.items():
+        range_n = _forces_n(zone, at_rest.force_n)
+        for edge_mm in (zone.from_mm, zone.to_mm):
+            if 0 < edge_mm < placed.length_mm:
+                band = band_at(at_rest, edge_mm, SEED, range_n)
+                edges.append(Edge(name, edge_mm, band.width_mm, 100 * band.wrong))
+    return edges
+
+
+def _forces_n(zone: Zone, range_n: tuple[float, float]) -> tuple[float, float]:
+    """Return the part of a range of forces [N] that a zone takes; if it is none, the ends are the wrong way round."""
+    least_n, largest_n = zone.least_force_n, zone.largest_force_n
+    return (
+        range_n[0] if least_n is None else max(range_n[0], least_n),
+        range_n[1] if largest_n is None else min(range_n[1], largest_n),
+    )
+
+
+def zone_rows(edges: list[Edge]) -> list[Block]:
+    """Return the table of the forecasts, and what it says."""
+    head = ("zone", "edge mm", "unsure mm", "wrong %")
+    rows = [(edge.zone, f"{edge.edge_mm:g}", digits(edge.unsure_mm, 3), f"{edge.wrong_percent:.2f}") for edge in edges]
+    words = (
+        "unsure: width of the band around an edge in which the answer is `unsure`, for loads that have come to rest, "
+        "on average over the forces of the zone\n"
+        "wrong: contacts in this band that are said to be on the wrong side of the edge"
+    )
+    return [Table(head, rows), words]

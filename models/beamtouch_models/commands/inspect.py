@@ -1,29 +1,14 @@
 """`design-sensors inspect`: prints the metadata of a model file."""
 
-from __future__ import annotations
-
 import argparse
-from pathlib import Path
-from typing import TYPE_CHECKING
 
-from beamtouch_models.commands.options import add_json
-from beamtouch_models.printing import Result, show
-
-if TYPE_CHECKING:
-    from beamtouch_models.loading import ModelFile
+from beamtouch_models.loading import ModelFile, load
+from beamtouch_models.printing import Result
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of the command."""
-    parser.add_argument("model", type=Path, metavar="MODEL", help="model file (.onnx)")
-    add_json(parser)
-
-
-def run(options: argparse.Namespace) -> None:
-    """Load the model, which checks its golden answers, and print it."""
-    from beamtouch_models.loading import load
-
-    show(describe(load(options.model)), as_json=options.json)
+def run(options: argparse.Namespace) -> Result:
+    """Load the model, which checks its golden answers, and return it."""
+    return describe(load(options.model))
 
 
 def describe(model: ModelFile) -> Result:

@@ -1,48 +1,27 @@
 """`design-sensors place`: places the sensors, and states how much better any other layout could be."""
 
-from __future__ import annotations
-
 import argparse
 import math
 import time
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from beamtouch_common.commands import whole_number
 from beamtouch_common.digits import digits
-from beamtouch_models.commands.options import add_json, add_layout, add_seed, aim_of, shown_progress
-from beamtouch_models.names import SEARCHES
-from beamtouch_models.printing import Result, note, show
-
-if TYPE_CHECKING:
-    from beamtouch_models.building.sensors import PlacedSensors
-    from beamtouch_models.placement.placing import Aim
+from beamtouch_models.accuracy.limit import accuracy_limit
+from beamtouch_models.building.remarks import missed_error, remarks
+from beamtouch_models.building.sensors import PlacedSensors, limits_with_one_failed, place_sensors
+from beamtouch_models.commands.shared import shown_progress
+from beamtouch_models.numbers import three_digits
+from beamtouch_models.placement.eigenvalue_product import largest_gap
+from beamtouch_models.placement.placing import DEFAULT_AIM, Aim, recommended_count
+from beamtouch_models.printing import Result, note
+from beamtouch_models.scene import load_scene
+from beamtouch_models.surface import Surface
 
 LIMIT_DRAWS = 10_000
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of the command."""
-    parser.add_argument("scene", type=Path, metavar="SCENE", help="scene file (TOML)")
-    add_layout(parser)
-    parser.add_argument(
-        "--components",
-        type=whole_number(1, 64),
-        metavar="K",
-        help="number of leading eigenvalues in the product (default: all)",
-    )
-    parser.add_argument("--search", choices=SEARCHES, default=SEARCHES[0], help="search method (default: exact)")
-    add_seed(parser)
-    add_json(parser)
-
-
-def run(options: argparse.Namespace) -> None:
-    """Place the sensors of a scene and print the layout with its score, gap and accuracy limit."""
-    from beamtouch_models.building.remarks import missed_error, remarks
-    from beamtouch_models.building.sensors import place_sensors
-    from beamtouch_models.scene import load_scene
-    from beamtouch_models.surface import Surface
-
+def run(options: argparse.Namespace) -> Result:
+    """Place the sensors of a scene; the result is the layout with its score, gap and accuracy limit."""
     started = time.perf_counter()
     scene, _ = load_scene(options.scene)
     note(*remarks(scene))
@@ -53,36 +32,22 @@ def run(options: argparse.Namespace) -> None:
         found = _describe(sensors, aim, options.seed)
     found["wall_s"] = time.perf_counter() - started
     note(missed_error("accuracy limit", found["accuracy_limit_percent"], scene))
-    show(Result(found, [_rows(found, sensors)]), as_json=options.json)
+    return Result(found, [_rows(found, sensors)])
 
 
-def _rows(found: dict[str, Any], sensors: PlacedSensors) -> list[tuple[str, str]]:
-    """Return a line per figure, each number with its unit and reference."""
-    positions = found["positions_mm"]
-    score = found["log_eigenvalue_product"]
-    leading = f"{found['components']} leading eigenvalues" if found["components"] < len(positions) else "all"
-    product = "-inf: a component is below rounding" if score is None else f"{score:.4f}"
-    limit = _limit_line(found["accuracy_limit_percent"], found["standard_error"], sensors)
-    recommended = found["recommended_sensors"]
-    return [
-        ("sensors", f"{', '.join(f'{position:g}' for position in positions)} mm from the left end"),
-        ("product", f"ln {product} ({leading}; lengths in units of l, W/(EI) = 1)"),
-        ("bound", _bound_line(found["gap"])),
-        ("limit", limit),
-        *([("failed", _failed_line(found))] if found["limit_without_percent"] else []),
-        ("search", f"{found['search']}, by {found['criterion']}, seed {found['seed']}"),
-        ("cost", f"{found['evaluations']} layouts scored, {found['wall_s']:.2f} s"),
-        ("paper", f"{recommended} sensors by the paper's rule, one per component above the noise, at least two"),
-    ]
+def aim_of(options: argparse.Namespace) -> Aim:
+    """Return the aim of a layout; leading components, which only `place` has, are those of the eigenvalue product.
+
+    Raises SceneError if the options contradict each other.
+    """
+    leading = getattr(options, "components", None)
+    usual = DEFAULT_AIM.criterion if leading is None else "eigenvalue-product"
+    search = getattr(options, "search", DEFAULT_AIM.search)
+    return Aim(options.criterion or usual, options.spare or 0, leading, search)
 
 
 def _describe(sensors: PlacedSensors, aim: Aim, seed: int) -> dict[str, Any]:
     """Return everything to print except the time; unknown values are None."""
-    from beamtouch_models.accuracy.limit import accuracy_limit
-    from beamtouch_models.building.sensors import limits_with_one_failed
-    from beamtouch_models.placement.eigenvalue_product import largest_gap
-    from beamtouch_models.placement.placing import recommended_count
-
     placement, surface, gap = sensors.placement, sensors.surface, None
     if aim.criterion == "eigenvalue-product":
         gap = largest_gap(surface.influence, surface.rules, sensors.positions_mm, aim.leading)
@@ -108,26 +73,37 @@ def _describe(sensors: PlacedSensors, aim: Aim, seed: int) -> dict[str, Any]:
     }
 
 
-def _limit_line(percent: float, standard_error: float, sensors: PlacedSensors) -> str:
-    from beamtouch_models.numbers import three_digits
-
-    error_mm, noise_mm = percent / 100 * sensors.surface.influence.length_mm, sensors.surface.errors.noise_mm
-    return (
-        f"mean error {three_digits(percent)} % +- {digits(standard_error, 1)} of the length, "
-        f"{digits(error_mm, 3)} mm, at {digits(noise_mm, 3)} mm noise per sample"
-    )
-
-
-def _failed_line(found: dict[str, Any]) -> str:
-    names = ("positions_mm", "limit_without_percent", "limit_without_standard_error")
+def _rows(found: dict[str, Any], sensors: PlacedSensors) -> list[tuple[str, str]]:
+    """Return a line per figure, each number with its unit and reference."""
+    surface, positions, score = sensors.surface, found["positions_mm"], found["log_eigenvalue_product"]
+    leading = f"{found['components']} leading eigenvalues" if found["components"] < len(positions) else "all"
+    product = "-inf: a component is below rounding" if score is None else f"{score:.4f}"
+    percent, noise_mm = found["accuracy_limit_percent"], surface.errors.noise_mm
+    error_mm = percent / 100 * surface.influence.length_mm
     without = ", ".join(
         f"{digits(percent, 3)} % +- {digits(error, 1)} without {position:g}"
-        for position, percent, error in zip(*(found[name] for name in names), strict=True)
+        for position, percent, error in zip(
+            positions, found["limit_without_percent"], found["limit_without_standard_error"], strict=False
+        )
     )
-    return f"mean error {without}"
+    recommended = found["recommended_sensors"]
+    return [
+        ("sensors", f"{', '.join(f'{position:g}' for position in positions)} mm from the left end"),
+        ("product", f"ln {product} ({leading}; lengths in units of l, W/(EI) = 1)"),
+        ("bound", _bound_in_words(found["gap"])),
+        (
+            "limit",
+            f"mean error {three_digits(percent)} % +- {digits(found['standard_error'], 1)} of the length, "
+            f"{digits(error_mm, 3)} mm, at {digits(noise_mm, 3)} mm noise per sample",
+        ),
+        *([("failed", f"mean error {without}")] if without else []),
+        ("search", f"{found['search']}, by {found['criterion']}, seed {found['seed']}"),
+        ("cost", f"{found['evaluations']} layouts scored, {found['wall_s']:.2f} s"),
+        ("paper", f"{recommended} sensors by the paper's rule, one per component above the noise, at least two"),
+    ]
 
 
-def _bound_line(gap: float | None) -> str:
+def _bound_in_words(gap: float | None) -> str:
     if gap is None:
         return "none for this criterion; --criterion eigenvalue-product has one"
     if gap == 0:

@@ -3,42 +3,33 @@
 import argparse
 from pathlib import Path
 
-from beamtouch_common.files import write_atomically
-from beamtouch_models.commands.new import refuse_existing
-from beamtouch_models.commands.options import add_json
+from beamtouch_common.files import require_writable, write_atomically
 from beamtouch_models.errors import SceneError
-from beamtouch_models.printing import Result, show
+from beamtouch_models.printing import Result
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of the command."""
-    words = "copy this scene into a folder (default: the current one)"
-    parser.add_argument("--copy", nargs="+", metavar=("NAME", "FOLDER"), help=words)
-    parser.add_argument("--force", action="store_true", help="replace a file that exists")
-    add_json(parser)
-
-
-def run(options: argparse.Namespace) -> None:
+def run(options: argparse.Namespace) -> Result:
     """List the scenes with what each is, or copy one into a folder."""
     scenes = shipped_scenes()
-    if options.copy:
-        target = str(_copy(scenes, options.copy, force=options.force))
-        show(Result({"copied": target}, [target]), as_json=options.json)
-        return
-    listed = {name: described(path) for name, path in scenes.items()}
-    show(Result({"scenes": listed}, [list(listed.items())]), as_json=options.json)
-
-
-def _copy(scenes: dict[str, Path], copy: list[str], *, force: bool) -> Path:
-    name, folder, *more = [*copy, "."] if len(copy) == 1 else copy
+    if not options.copy:
+        listed = {name: described(path) for name, path in scenes.items()}
+        return Result({"scenes": listed}, [list(listed.items())])
+    name, folder, *more = [*options.copy, "."] if len(options.copy) == 1 else options.copy
     if more:
         raise SceneError(f"--copy takes a name and a folder; {more[0]} is one too many")
     if name not in scenes:
         raise SceneError(f"--copy {name}: there is no such scene; choose from {', '.join(scenes)}")
     target = Path(folder) / scenes[name].name
-    refuse_existing(target, force=force)
+    refuse_existing(target, force=options.force)
     write_atomically(target, scenes[name].read_bytes())
-    return target
+    return Result({"copied": str(target)}, [str(target)])
+
+
+def refuse_existing(target: Path, *, force: bool) -> None:
+    """Raise SceneError if a file is there and may not be replaced, InputError if it cannot be written."""
+    if target.is_file() and not force:
+        raise SceneError(f"{target} exists already; give --force to replace it")
+    require_writable([target])
 
 
 def shipped_scenes() -> dict[str, Path]:

@@ -3,13 +3,11 @@
 import argparse
 import json
 
+from beamtouch_models.printing import Result
+from beamtouch_models.scene.schema import scene_schema
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add no arguments: there is one schema, and it is JSON."""
 
-
-def run(_options: argparse.Namespace) -> None:
-    """Print the schema."""
-    from beamtouch_models.scene.schema import scene_schema
-
-    print(json.dumps(scene_schema(), indent=1, ensure_ascii=False))
+def run(_options: argparse.Namespace) -> Result:
+    """Return the schema."""
+    schema = scene_schema()
+    return Result(schema, [json.dumps(schema, indent=1, ensure_ascii=False)])

@@ -1,71 +1,25 @@
 """`design-sensors trade`: measures what sensors, time, noise and estimators are worth in accuracy."""
 
-from __future__ import annotations
-
 import argparse
 import json
 import math
-import sys
-from pathlib import Path
-from typing import TYPE_CHECKING
 
 from beamtouch_common.digits import digits
 from beamtouch_common.errors import InputError
 from beamtouch_common.files import write_atomically
-from beamtouch_models.commands.options import (
-    add_contacts,
-    add_seed,
-    add_workers,
-    folder_of,
-    shown_progress,
-    surface_name,
-)
+from beamtouch_models.building.build import Choices, build_model
+from beamtouch_models.building.remarks import remarks
+from beamtouch_models.commands.shared import folder_of, shown_progress, surface_name
 from beamtouch_models.names import ESTIMATORS
-from beamtouch_models.printing import Result, markdown, note, show
-
-if TYPE_CHECKING:
-    from beamtouch_models.scene import Scene
-    from beamtouch_models.trade.trade import Point, Trade
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of the command."""
-    parser.add_argument("scene", type=Path, metavar="SCENE", help="scene file (TOML)")
-    parser.add_argument(
-        "-o", "--output", type=Path, required=True, metavar="DIR", help="folder for the tables, picture and JSON"
-    )
-    wish = parser.add_mutually_exclusive_group()
-    wish.add_argument(
-        "--latency-ms", type=float, metavar="L", help="build the most accurate model that answers within L ms"
-    )
-    wish.add_argument(
-        "--error-mm", type=float, metavar="E", help="build the quickest model with a mean error of at most E mm"
-    )
-    parser.add_argument(
-        "--estimators",
-        nargs="+",
-        choices=ESTIMATORS,
-        help="estimators to measure beside the default one (default: all)",
-    )
-    add_contacts(parser, "simulated contacts per model", 4096)
-    add_workers(parser)
-    add_seed(parser)
-    parser.add_argument(
-        "--json",
-        action="store_true",
-        help="print one JSON object on standard output; measured times (inference_us, latency_ms) differ from run to "
-        "run, and on_front, picked and sentences may differ with them",
-    )
+from beamtouch_models.printing import Result, markdown, note
+from beamtouch_models.scene import load_scene
+from beamtouch_models.trade.results import blocks, json_of, picture
+from beamtouch_models.trade.trade import Point, Trade, most_accurate, quickest, trade
+from beamtouch_models.workers import spread_over
 
 
-def run(options: argparse.Namespace) -> None:
-    """Trade the scene, write the folder, and print what changes are worth, the front, and how to build its models."""
-    from beamtouch_models.building.remarks import remarks
-    from beamtouch_models.scene import load_scene
-    from beamtouch_models.trade.results import blocks, json_of, picture
-    from beamtouch_models.trade.trade import trade
-    from beamtouch_models.workers import spread_over
-
+def run(options: argparse.Namespace) -> Result:
+    """Trade the scene and write the folder; the result is what changes are worth, the front, and how to build it."""
     for option, value in (("--latency-ms", options.latency_ms), ("--error-mm", options.error_mm)):
         if value is not None and not 0 < value < math.inf:
             raise InputError(f"{option} {value:g}: give a positive number")
@@ -93,34 +47,24 @@ def run(options: argparse.Namespace) -> None:
         write_atomically(folder / file, content.encode())
     picked, built = _pick(found, options), None
     if picked is not None:
-        model = folder / f"{name}.onnx"
-        write_atomically(model, _built(picked, scene, text, name, options.seed))
-        built = {"index": found.points.index(picked), "model": str(model)}
-        rows.append(f"built {model}: {_in_words(picked)}")
+        path, model, estimator = folder / f"{name}.onnx", picked.model, picked.model.task.estimator
+        choices = Choices(estimator)
+        with shown_progress() as progress:
+            made = build_model(
+                scene, text, name, count=model.sensors, seed=options.seed, progress=progress, choices=choices
+            )
+        write_atomically(path, made.content)
+        built = {"index": found.points.index(picked), "model": str(path)}
+        error, latency = digits(picked.error_mm.value, 3), digits(picked.latency_ms, 3)
+        rows.append(f"built {path}: {estimator}, {model.sensors} sensors, {error} mm, {latency} ms")
     fields = {"scene": str(options.scene), "output": str(folder), "picked": built, **fields}
-    show(Result(fields, rows), as_json=options.json)
-    if not options.json:
-        print(f"the picture and all {len(found.points)} points are in {folder}: trade.svg, trade.json", file=sys.stderr)
+    return Result(
+        fields, rows, f"the picture and all {len(found.points)} points are in {folder}: trade.svg, trade.json"
+    )
 
 
 def _pick(found: Trade, options: argparse.Namespace) -> Point | None:
-    from beamtouch_models.trade.trade import most_accurate, quickest
-
+    """Return the point that the options ask for; None if they ask for none."""
     if options.latency_ms is not None:
         return most_accurate(found.points, options.latency_ms)
     return None if options.error_mm is None else quickest(found.points, options.error_mm)
-
-
-def _built(picked: Point, scene: Scene, text: str, name: str, seed: int) -> bytes:
-    from beamtouch_models.building.build import Choices, build_model
-
-    count, choices = picked.model.sensors, Choices(picked.model.task.estimator)
-    with shown_progress() as progress:
-        return build_model(scene, text, name, count=count, seed=seed, progress=progress, choices=choices).content
-
-
-def _in_words(picked: Point) -> str:
-    return (
-        f"{picked.model.task.estimator}, {picked.model.sensors} sensors, {digits(picked.error_mm.value, 3)} mm, "
-        f"{digits(picked.latency_ms, 3)} ms"
-    )

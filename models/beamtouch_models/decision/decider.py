@@ -64,26 +64,18 @@ class Memory(NamedTuple):
 AT_REST = Memory(State.CLEAR, armed=True)
 
 
-class Verdict(NamedTuple):
-    """The state after a sample."""
+def decide(thresholds: Thresholds, before: Memory, evidence: Evidence) -> tuple[Memory, bool]:
+    """Decide on the next sample of a sender, from the memory of those before.
 
-    memory: Memory
-    unsteady: bool
-    """Whether the beam moves, or this sample alone does not settle the state."""
-
-    @property
-    def state(self) -> State:
-        """Whether something touches the surface."""
-        return self.memory.state
-
-
-def decide(thresholds: Thresholds, before: Memory, evidence: Evidence) -> Verdict:
-    """Decide on the next sample of a sender, from the memory of those before."""
+    Returns
+    -------
+    What is known after it, and whether the beam moves or this sample alone does not settle the state.
+    """
     touch, odd = thresholds.touch[evidence.channels - 1], is_odd(thresholds, evidence)
     after = _decide(before, evidence, touch, odd=odd)
     # A stretch is no doubt about itself.
     contradicts = odd or (evidence.log_odds > touch) != (after.state is State.CONTACT)
-    return Verdict(after, evidence.moves or (contradicts and after.state is not State.UNEXPLAINED))
+    return after, evidence.moves or (contradicts and after.state is not State.UNEXPLAINED)
 
 
 def _decide(before: Memory, evidence: Evidence, touch: float, *, odd: bool) -> Memory:
@@ -203,8 +195,8 @@ class Hypotheses:
 
     def step(self, evidence: Evidence) -> Judgement:
         """Take the next sample."""
-        verdicts = [decide(self._thresholds, memory, evidence) for memory in self.memories]
-        memories = [verdict.memory for verdict in verdicts]
+        decided = [decide(self._thresholds, memory, evidence) for memory in self.memories]
+        memories = [memory for memory, _ in decided]
         if evidence.moves and any(one.state is State.CONTACT and one.seen_mm is None for one in memories):
             # Whether the sample shows such a contact is not known, so that it may be a lift.
             memories += [_RINGING, *_CONTACT]
@@ -212,4 +204,5 @@ class Hypotheses:
         shown = self.agree
         self.is_known |= shown
         is_doubted = not self.is_known and self.state is not State.UNEXPLAINED
-        return Judgement(self.state, verdicts[0].unsteady or is_doubted, shown)
+        _, is_unsteady = decided[0]
+        return Judgement(self.state, is_unsteady or is_doubted, shown)

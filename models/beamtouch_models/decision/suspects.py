@@ -1,7 +1,15 @@
-"""The channel that contradicts the others, found by leaving out each in turn. Pure but for the run of the graph."""
+"""The channels that are wrong: one that contradicts the others, and the wiring that several contacts show.
+
+A channel that contradicts the others is found by leaving out each in turn. A contact that is measured through another
+wiring (two cables swapped, a sensor inverted, all in reverse order) is unexplained, unless it fits some other contact
+by chance. It is explained once its channels are put back. Other loads are so by chance, now and then; hardly ever three
+at different places by the same wiring, with none between them that speaks against it. Pure but for the run of the
+graph.
+"""
 
 from collections import Counter, deque
 from dataclasses import replace
+from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
@@ -74,3 +82,106 @@ class Suspects:
         """
         missing = np.maximum(self._metadata.noise.sample_mm**2 - samples.noise_mm2, 0.0)
         return replace(samples.noisier(missing), noise_mm2=samples.noise_mm2 + missing)
+
+
+BETTER = 3.0
+"""Factor by which errors must shrink when a wiring is put right; misfits shrink by its square."""
+CONTACTS = 3
+"""Number of contacts at different places that a wiring must explain, with none between them that it does not."""
+OF_FEW = 5
+"""The same with as few channels as can check a contact at all: more fits them by chance."""
+APART = 0.1
+"""Distance between different places, over the range of contacts. A load that always acts in the same way may fit a
+wiring by chance again and again."""
+MIRRORED = 2
+"""Number of wirings that may be named together. On a symmetric surface, the swap of the outer two sensors looks like
+that of the inner two, from the other end."""
+GAIN = 0.03
+"""Error of the gains that is allowed for, so that wirings are found on a surface that is not calibrated yet."""
+
+
+class Wiring(NamedTuple):
+    """One way to wire the sensors wrongly."""
+
+    order: list[int]
+    """Index of the channel that has the values of each sensor."""
+    signs: list[float]
+    """-1 for a sensor that is inverted."""
+    text: str
+
+    @property
+    def is_reversed(self) -> bool:
+        """Whether all channels are in reverse order."""
+        return len(self.order) > CHECKED and self.order == list(range(len(self.order)))[::-1]
+
+    def corrected(self, sample: Weighed) -> Weighed:
+        """Return samples (samples, channels) as they would be with the right wiring."""
+        signs = np.array(self.signs)
+        return Weighed(
+            sample.deflection_mm[:, self.order] * signs,
+            sample.covariance_mm2[:, self.order][:, :, self.order] * np.outer(signs, signs),
+            sample.noise_mm2[:, self.order],
+            sample.valid[:, self.order],
+        )
+
+
+def wirings(names: list[str]) -> list[Wiring]:
+    """Return the wirings that are looked for: two channels swapped, one inverted, all in reverse order."""
+    asis = list(range(len(names)))
+    right = [1.0] * len(names)
+    found = []
+    for first, second in combinations(asis, 2):
+        order = asis.copy()
+        order[first], order[second] = second, first
+        found.append(Wiring(order, right, f"{names[first]} and {names[second]} seem to be swapped"))
+    for index in asis:
+        signs = right.copy()
+        signs[index] = -1.0
+        found.append(Wiring(asis, signs, f"{names[index]} seems to be inverted"))
+    if len(names) > CHECKED:  # the reverse order of fewer channels is the swap of two
+        found.append(Wiring(asis[::-1], right, "the channels seem to be in reverse order"))
+    return found
+
+
+class Wirings:
+    """Finds the wiring that the contacts of one surface show."""
+
+    def __init__(self, metadata: Metadata, run: Run) -> None:
+        self._metadata, self._run = metadata, run
+        names = [channel.name for channel in metadata.layout]
+        self._wirings = wirings(names) if len(names) >= CHECKED else []
+        self._contacts = CONTACTS if len(names) > CHECKED else OF_FEW
+        self._places_mm = [list[float]() for _ in self._wirings]
+        """Different places of the contacts that each wiring has explained since the last one that it did not."""
+        low_mm, high_mm = metadata.ranges.position_mm
+        self._apart_mm = APART * (high_mm - low_mm)
+        self.finding: str | None = None
+        """The wiring that explains the contacts so far, in words; None if there is none."""
+        self._found = set[int]()
+
+    def add(self, sample: Weighed) -> None:
+        """Add one settled sample of a contact, with all channels."""
+        if not self._wirings:
+            return
+        coarse = sample.noisier((GAIN * sample.deflection_mm) ** 2)
+        corrected = [coarse, *(wiring.corrected(coarse) for wiring in self._wirings)]
+        asis, *each = evidence(self._metadata, self._run, Weighed.stacked(corrected))
+        odd = is_odd(self._metadata.thresholds, asis)
+        for index, said in enumerate(each):
+            places_mm = self._places_mm[index]
+            if is_odd(self._metadata.thresholds, said):
+                places_mm.clear()
+                if index in self._found and not odd:
+                    self._found, self.finding = set(), None
+            elif odd and BETTER**2 * said.misfit <= asis.misfit:
+                place_mm = said.answer["position_mm"]
+                if all(abs(place_mm - other_mm) >= self._apart_mm for other_mm in places_mm):
+                    places_mm.append(place_mm)
+        if odd:
+            self._decide()
+
+    def _decide(self) -> None:
+        enough = {index for index, places_mm in enumerate(self._places_mm) if len(places_mm) >= self._contacts}
+        if 0 < len(enough) <= MIRRORED:
+            self._found = enough
+            self.finding = ", or ".join(self._wirings[index].text for index in sorted(enough))

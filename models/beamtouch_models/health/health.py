@@ -9,10 +9,8 @@ import numpy as np
 from beamtouch_models.arrays import Bools, Floats
 from beamtouch_models.curve import InfluenceCurve
 from beamtouch_models.error_model import floor_mm2
-from beamtouch_models.health.changes import CERTAIN, Change, Gains, find_changes
-from beamtouch_models.health.history import Block, History
+from beamtouch_models.health.changes import CERTAIN, Block, Change, Estimate, Gains, History, find_changes, zero_of
 from beamtouch_models.health.residuals import UNKNOWN, Residuals
-from beamtouch_models.health.zeros import Estimate, interval, zero_of
 from beamtouch_models.metadata import Metadata
 
 SCATTER = 1 / 3
@@ -173,7 +171,7 @@ class Health:
         if own:
             value, deviation = Gains(self._history, self._floor, self._changes).changed(channel)
             certain = bool(value**2 > CERTAIN * deviation**2 and abs(value) >= self._floor[channel])
-            return interval(value, deviation, changed=certain), min(own)
+            return Estimate.of(value, deviation, changed=certain), min(own)
         return self._unnamed(channel), 0
 
     def _unnamed(self, channel: int) -> Estimate:
@@ -187,7 +185,7 @@ class Health:
             after = self._history.after()
             block = int(np.searchsorted(-after, -max(1.0, after[0] / 2)))
         deviation = float(found.information[block, channel]) ** -0.5
-        return interval(float(found.gain[block, channel]), deviation, changed=False)
+        return Estimate.of(float(found.gain[block, channel]), deviation, changed=False)
 
 
 def _place(curve: InfluenceCurve, linear_mm: Floats, weight: Floats) -> tuple[Floats, Floats]:

@@ -15,8 +15,16 @@ from beamtouch_models.charts import Chart, Series
 from beamtouch_models.estimators.paper_network import MAX_EPOCHS, PaperNetwork, train
 from beamtouch_models.physics.beam import influence_of
 from beamtouch_models.placement.placing import place
-from beamtouch_models.reproduction.paper import LENGTH_MM, LOADS_MM, SCENE, deflection_mm, equal_pitch_mm
-from beamtouch_models.reproduction.statements import Figure, Numbers, rounded
+from beamtouch_models.reproduction.paper import (
+    LENGTH_MM,
+    LOADS_MM,
+    SCENE,
+    Figure,
+    Numbers,
+    deflection_mm,
+    equal_pitch_mm,
+    rounded,
+)
 from beamtouch_models.surface import Surface
 from beamtouch_models.sweeps import Fraction, silent
 

@@ -11,11 +11,14 @@ from beamtouch_models.reproduction.paper import (
     LOADS_MM,
     MAX_DEFLECTION,
     SCENE,
+    Figure,
+    Row,
     deflection_mm,
     dimensionless,
     equal_pitch_mm,
+    rounded,
+    rows_of,
 )
-from beamtouch_models.reproduction.statements import Figure, Row, rounded, rows_of
 from beamtouch_models.surface import Surface
 from beamtouch_models.world import counts_of_output, output_of_gap
 

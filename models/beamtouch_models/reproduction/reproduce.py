@@ -16,8 +16,7 @@ from beamtouch_models.reproduction.figures import (
     figures_5_and_6,
     misprints,
 )
-from beamtouch_models.reproduction.paper import SOURCE, TITLE
-from beamtouch_models.reproduction.statements import Figure, Row
+from beamtouch_models.reproduction.paper import HEAD, SOURCE, TITLE, Figure, Row
 from beamtouch_models.sweeps import Progress
 
 TABLE, RESULTS = "table.md", "results.json"
@@ -58,8 +57,8 @@ class Reproduction:
     def _page(self) -> str:
         lines = ["# The paper's figures, reproduced", "", f"The paper: *{TITLE}*. {SOURCE}.", ""]
         lines += [f"Seed {self.seed}. Rows: {self.summary()}. All numbers are in `{RESULTS}`.", ""]
-        lines += ["| statement | paper | here | verdict |", "|---|---|---|---|"]
-        lines += ["| " + " | ".join(map(_cell, _cells(row))) + " |" for row in self.rows]
+        lines += [f"| {' | '.join(HEAD)} |", "|---|---|---|---|"]
+        lines += [f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in row.cells)} |" for row in self.rows]
         for figure in self.figures:
             lines += [
                 "",
@@ -95,11 +94,3 @@ def reproduce(seed: int, progress: Progress, *, networks: int = NETWORKS, max_ep
     )
     progress("done", 1.0)
     return Reproduction(seed, (*first, *search, seventh, figure_8(measured)), misprints())
-
-
-def _cells(row: Row) -> tuple[str, str, str, str]:
-    return row.quantity, row.paper or "-", row.ours, row.verdict_text
-
-
-def _cell(text: str) -> str:
-    return text.replace("|", "\\|")

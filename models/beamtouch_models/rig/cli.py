@@ -1,129 +1,57 @@
 """The command `beamtouch-rig`: serves a virtual surface over a real line."""
 
-from __future__ import annotations
-
 import argparse
-import asyncio
 import sys
-from dataclasses import fields
+from collections.abc import Sequence
+from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from beamtouch_common.commands import DONE, INTERRUPTED, Parser, exit_code, whole_number
-from beamtouch_common.errors import InputError
+from beamtouch_common.commands import Parser, exit_code, whole_number
 from beamtouch_common.hosts import host_name
 from beamtouch_models.errors import WRONG_INPUT_ERRORS
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from beamtouch_models.rig.loads import ByHand, Script
-    from beamtouch_models.rig.modbus_device import Module
 
 PROGRAM = "beamtouch-rig"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `beamtouch-rig`; returns the exit code: 0 stopped by SIGTERM, 2 wrong input, 130 interrupted by Ctrl-C."""
-    return exit_code(PROGRAM, "rig", lambda: _run(_parser().parse_args(arguments)), WRONG_INPUT_ERRORS)
 
+    def work() -> int:
+        options = _parser().parse_args(arguments)
+        # Imported here, so that --help is quick and a missing extra is reported in one line.
+        code: int = import_module("beamtouch_models.rig.run").run(options)
+        return code
 
-def _run(options: argparse.Namespace) -> int:
-    """Serve the surface until the command is stopped; returns the exit code, InputError for wrong input."""
-    # Imported here, so that --help is quick and a missing extra is reported in one line.
-    from beamtouch_common.files import require_writable
-    from beamtouch_models import loading
-    from beamtouch_models.rig.faults import Faults
-    from beamtouch_models.rig.firmware import ADC_BITS
-    from beamtouch_models.rig.loads import ByHand, default_script, load_script
-    from beamtouch_models.rig.run import Device, run
-    from beamtouch_models.rig.surface import PERFECT, VirtualSurface, load_imperfections
-    from beamtouch_models.scene import load_scene
-
-    require_writable([options.truth], [options.scene, options.model, options.script])
-    scene, _ = load_scene(options.scene)
-    model = loading.load(options.model)
-    length_mm, firmware = scene.beam.length_mm, options.firmware
-    device = Device(options.modbus_tcp, options.modbus_rtu, options.serial, firmware, _module(options))
-    names = [channel.name for channel in model.metadata.layout]
-    faults = Faults(names, options.fault, options.seed, own_line=device.own_line)
-    script: Script | ByHand
-    if options.by_hand:
-        script = ByHand(length_mm, faults)
-    else:
-        script = load_script(options.script, length_mm) if options.script else default_script(scene)
-    imperfect = load_imperfections(options.imperfections) if options.imperfections else PERFECT
-    rings = not options.no_ringing
-    surface = VirtualSurface(scene, model.metadata, options.seed, imperfect, faults=faults, rings=rings)
-    device.module.check(surface.channels, surface.sensor.adc_bits)
-    if firmware and options.serial is None:
-        raise InputError("--firmware needs --serial")
-    if firmware and surface.sensor.adc_bits != ADC_BITS:
-        raise InputError(f"the firmware's ADC has {ADC_BITS} bits; set sensors.adc_bits = {ADC_BITS} in the scene")
-    return INTERRUPTED if asyncio.run(run(surface, script, device, faults, options.truth)) else DONE
-
-
-def _module(options: argparse.Namespace) -> Module:
-    """Return the module that the options state; InputError for a device that has no registers."""
-    from beamtouch_models.rig.modbus_device import Module
-
-    stated = {field.name: getattr(options, field.name) for field in fields(Module)}
-    stated = {name: value for name, value in stated.items() if value is not None}
-    if stated and options.serial is not None:
-        raise InputError(f"--{next(iter(stated)).replace('_', '-')} needs --modbus-tcp or --modbus-rtu")
-    return Module(**stated)
+    return exit_code(PROGRAM, "rig", work, WRONG_INPUT_ERRORS)
 
 
 def _parser() -> Parser:
     parser = Parser(PROGRAM, description="Simulate a surface and serve its readings over Modbus or serial.")
     parser.add_argument("scene", type=Path, metavar="SCENE", help="scene file of the simulated beam (TOML)")
-    parser.add_argument(
-        "--model", type=Path, required=True, metavar="MODEL", help="model file with the sensor positions (.onnx)"
-    )
+    words = "model file with the sensor positions (.onnx)"
+    parser.add_argument("--model", type=Path, required=True, metavar="MODEL", help=words)
     device = parser.add_mutually_exclusive_group(required=True)
-    device.add_argument(
-        "--modbus-tcp",
-        type=_address,
-        metavar="HOST:PORT",
-        help="serve Modbus TCP; port 0 picks a free port",
-    )
-    device.add_argument(
-        "--modbus-rtu",
-        type=Path,
-        metavar="PATH",
-        help="serve Modbus RTU on a serial device, or on a pseudo-terminal created at PATH",
-    )
-    device.add_argument(
-        "--serial", type=Path, metavar="PATH", help="serve the serial protocol on a pseudo-terminal created at PATH"
-    )
-    parser.add_argument(
-        "--firmware",
-        type=Path,
-        nargs=2,
-        metavar=("BOARD", "ELF"),
-        help="with --serial: run this firmware on the simulated board",
-    )
+    words = "serve Modbus TCP; port 0 picks a free port"
+    device.add_argument("--modbus-tcp", type=_address, metavar="HOST:PORT", help=words)
+    words = "serve Modbus RTU on a serial device, or on a pseudo-terminal created at PATH"
+    device.add_argument("--modbus-rtu", type=Path, metavar="PATH", help=words)
+    words = "serve the serial protocol on a pseudo-terminal created at PATH"
+    device.add_argument("--serial", type=Path, metavar="PATH", help=words)
+    words = "with --serial: run this firmware on the simulated board"
+    parser.add_argument("--firmware", type=Path, nargs=2, metavar=("BOARD", "ELF"), help=words)
     module = parser.add_argument_group("registers of the Modbus module, as in the daemon's configuration")
     module.add_argument("--unit", type=whole_number(0, 255), metavar="N", help="unit (default: 1)")
-    module.add_argument(
-        "--function", type=int, choices=(3, 4), help="3: holding registers; 4: input registers (default: 4)"
-    )
-    module.add_argument(
-        "--register",
-        type=whole_number(0, 2**16 - 1),
-        metavar="N",
-        help="register of the first sensor, counted from 0; the others follow (default: 0)",
-    )
-    module.add_argument(
-        "--type", choices=("u16", "i16", "u32", "i32", "f32"), help="data type of a value (default: u16)"
-    )
-    module.add_argument(
-        "--byte-order", choices=("ABCD", "CDAB", "BADC", "DCBA"), help="order of the bytes (default: ABCD)"
-    )
+    words = "3: holding registers; 4: input registers (default: 4)"
+    module.add_argument("--function", type=int, choices=(3, 4), help=words)
+    words = "register of the first sensor, counted from 0; the others follow (default: 0)"
+    module.add_argument("--register", type=whole_number(0, 2**16 - 1), metavar="N", help=words)
+    words = "data type of a value (default: u16)"
+    module.add_argument("--type", choices=("u16", "i16", "u32", "i32", "f32"), help=words)
+    words = "order of the bytes (default: ABCD)"
+    module.add_argument("--byte-order", choices=("ABCD", "CDAB", "BADC", "DCBA"), help=words)
     touching = parser.add_mutually_exclusive_group()
-    touching.add_argument(
-        "--script", type=Path, metavar="FILE", help="loads over time (TOML; default: a built-in script)"
-    )
+    words = "loads over time (TOML; default: a built-in script)"
+    touching.add_argument("--script", type=Path, metavar="FILE", help=words)
     touching.add_argument(
         "--by-hand",
         action="store_true",
@@ -140,17 +68,12 @@ def _parser() -> Parser:
         "10 to 20 s after the start, @10.. from 10 s on, and @0..0.06/0.4 for 0.06 s every 0.4 s. May be repeated",
     )
     parser.add_argument("--truth", type=Path, metavar="FILE.csv", help="write the true position and force every 10 ms")
-    parser.add_argument(
-        "--imperfections", type=Path, metavar="FILE", help="differences of the real surface from the scene (TOML)"
-    )
-    parser.add_argument(
-        "--no-ringing",
-        action="store_true",
-        help="let the beam follow a load at once. By default it rings, with the damping that the scene states",
-    )
-    parser.add_argument(
-        "--seed", type=whole_number(0, 2**32 - 1), default=0, metavar="S", help="seed of the noise (default: 0)"
-    )
+    words = "differences of the real surface from the scene (TOML)"
+    parser.add_argument("--imperfections", type=Path, metavar="FILE", help=words)
+    words = "let the beam follow a load at once. By default it rings, with the damping that the scene states"
+    parser.add_argument("--no-ringing", action="store_true", help=words)
+    number, words = whole_number(0, 2**32 - 1), "seed of the noise (default: 0)"
+    parser.add_argument("--seed", type=number, default=0, metavar="S", help=words)
     return parser
 
 

@@ -1,27 +1,30 @@
 """The rig at work: loads touch the virtual surface, a device serves its readings, and a file records the true loads."""
 
+import argparse
 import asyncio
 import logging
 import signal
 import time
 from collections.abc import Awaitable, Callable
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 from pymodbus.server import ModbusSerialServer, ModbusTcpServer
 
+from beamtouch_common.commands import DONE, INTERRUPTED
+from beamtouch_common.errors import InputError
+from beamtouch_common.files import require_writable
 from beamtouch_common.listening import remedy
+from beamtouch_models import loading
 from beamtouch_models.errors import SceneError
-from beamtouch_models.rig import modbus_device
+from beamtouch_models.rig.devices import ADC_BITS, Module, SerialDevice, rtu_server, start_board, tcp_server
 from beamtouch_models.rig.faults import Faults
-from beamtouch_models.rig.firmware import start_board
 from beamtouch_models.rig.lines import Relay, joined_line, named_line
-from beamtouch_models.rig.loads import ByHand, Load, Script
-from beamtouch_models.rig.modbus_device import Module
-from beamtouch_models.rig.serial_device import SerialDevice
-from beamtouch_models.rig.surface import VirtualSurface
+from beamtouch_models.rig.loads import ByHand, Load, Script, default_script, load_script
+from beamtouch_models.rig.surface import PERFECT, VirtualSurface, load_imperfections
+from beamtouch_models.scene import load_scene
 
 TRUTH_PERIOD_S = 0.01
 TRUTH_HEADER = "unix_time_s,position_mm,force_n"
@@ -30,36 +33,52 @@ Touching = Callable[[], tuple[Load, float]]
 """Returns the load on the surface now, and the time since the start [s]."""
 
 
-@dataclass(frozen=True)
-class Device:
-    """The device that serves the surface: exactly one of the first three; `firmware` only with `serial`."""
-
-    modbus_tcp: tuple[str, int] | None = None
-    modbus_rtu: Path | None = None
-    serial: Path | None = None
-    firmware: tuple[Path, Path] | None = None
-    """The board program, and the firmware image that it runs."""
-    module: Module = field(default_factory=Module)
-
-    @property
-    def own_line(self) -> bool:
-        """Whether the rig passes each reply on itself, so that it can delay it or leave it out."""
-        on_a_port = self.modbus_rtu is not None and self.modbus_rtu.is_char_device()
-        return self.firmware is None and not on_a_port
-
-
-async def run(
-    surface: VirtualSurface, script: Script | ByHand, device: Device, faults: Faults, truth: Path | None
-) -> bool:
-    """Serve until SIGINT or SIGTERM; returns whether it was SIGINT. `faults` delay replies and leave them out.
+def run(options: argparse.Namespace) -> int:
+    """Serve the surface until the command is stopped; returns the exit code.
 
     Raises
     ------
-    SceneError
-        The port or the path is not available.
+    InputError
+        An option or a file is wrong, or the port or the path is not available.
     OSError
         The truth file cannot be written.
     """
+    require_writable([options.truth], [options.scene, options.model, options.script])
+    scene, _ = load_scene(options.scene)
+    model, module = loading.load(options.model), _module_of(options)
+    length_mm, names = scene.beam.length_mm, [channel.name for channel in model.metadata.layout]
+    # The rig passes replies on itself, and can delay them or leave them out, but for a board and a real port.
+    on_a_port = options.modbus_rtu is not None and options.modbus_rtu.is_char_device()
+    faults = Faults(names, options.fault, options.seed, own_line=options.firmware is None and not on_a_port)
+    script: Script | ByHand
+    if options.by_hand:
+        script = ByHand(length_mm, faults)
+    else:
+        script = load_script(options.script, length_mm) if options.script else default_script(scene)
+    imperfect = load_imperfections(options.imperfections) if options.imperfections else PERFECT
+    rings = not options.no_ringing
+    surface = VirtualSurface(scene, model.metadata, options.seed, imperfect, faults=faults, rings=rings)
+    module.check(surface.channels, surface.sensor.adc_bits)
+    if options.firmware and options.serial is None:
+        raise InputError("--firmware needs --serial")
+    if options.firmware and surface.sensor.adc_bits != ADC_BITS:
+        raise InputError(f"the firmware's ADC has {ADC_BITS} bits; set sensors.adc_bits = {ADC_BITS} in the scene")
+    return INTERRUPTED if asyncio.run(_serve(surface, script, faults, module, options)) else DONE
+
+
+def _module_of(options: argparse.Namespace) -> Module:
+    """Return the module that the options state; InputError for a device that has no registers."""
+    stated = {field.name: getattr(options, field.name) for field in fields(Module)}
+    stated = {name: value for name, value in stated.items() if value is not None}
+    if stated and options.serial is not None:
+        raise InputError(f"--{next(iter(stated)).replace('_', '-')} needs --modbus-tcp or --modbus-rtu")
+    return Module(**stated)
+
+
+async def _serve(
+    surface: VirtualSurface, script: Script | ByHand, faults: Faults, module: Module, options: argparse.Namespace
+) -> bool:
+    """Serve until SIGINT or SIGTERM; returns whether it was SIGINT. `faults` delay replies and leave them out."""
     started = time.monotonic()
 
     def clock() -> float:
@@ -80,12 +99,12 @@ async def run(
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, stop_on, number)
     with ExitStack() as resources:
-        serve = await _open(device, surface, touching, Relay(faults, clock), resources)
+        serve = await _open(options, surface, touching, module, Relay(faults, clock), resources)
         if isinstance(script, ByHand):
             script.follow(clock)
         tasks: list[asyncio.Future[Any]] = [asyncio.ensure_future(serve)]
-        if truth is not None:
-            tasks.append(asyncio.ensure_future(_write_truth(truth, touching)))
+        if options.truth is not None:
+            tasks.append(asyncio.ensure_future(_write_truth(options.truth, touching)))
         tasks.append(asyncio.ensure_future(stop.wait()))
         done, pending = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
         for task in pending:
@@ -97,17 +116,22 @@ async def run(
 
 
 async def _open(
-    device: Device, surface: VirtualSurface, touching: Touching, relay: Relay, resources: ExitStack
+    options: argparse.Namespace,
+    surface: VirtualSurface,
+    touching: Touching,
+    module: Module,
+    relay: Relay,
+    resources: ExitStack,
 ) -> Awaitable[None]:
     """Open the device, print its address, and return the awaitable that serves it."""
 
     def convert() -> list[int]:
         return surface.counts(*touching())
 
-    if device.modbus_tcp is not None:
-        host, port = device.modbus_tcp
+    if options.modbus_tcp is not None:
+        host, port = options.modbus_tcp
         # The relay delays replies, not the server: pymodbus gives a reply the number of the newest request.
-        tcp = modbus_device.tcp_server(convert, surface.channels, device.module, "127.0.0.1", 0)
+        tcp = tcp_server(convert, surface.channels, module, "127.0.0.1", 0)
         await _listen(tcp, "127.0.0.1")
         try:
             front = await relay.listen(host, port, _port_of(tcp.transport))
@@ -117,21 +141,20 @@ async def _open(
         resources.callback(front.close)
         _announce(f"modbus-tcp {host}:{_port_of(front)}")
         return tcp.serving
-    if device.modbus_rtu is not None:
-        path = device.modbus_rtu
+    if options.modbus_rtu is not None:
+        path = options.modbus_rtu
         port_name = str(path) if path.is_char_device() else resources.enter_context(joined_line(path, relay))
-        rtu = modbus_device.rtu_server(convert, surface.channels, device.module, port_name)
+        rtu = rtu_server(convert, surface.channels, module, port_name)
         await _listen(rtu, str(path))
         _announce(f"modbus-rtu {path}")
         return rtu.serving
-    if device.serial is None:
-        raise AssertionError("no device given")
-    if device.firmware is not None:
-        serving = await start_board(*device.firmware, device.serial, lambda: surface.outputs(*touching()))
+    if options.firmware is not None:
+        board, elf = options.firmware
+        serving = await start_board(board, elf, options.serial, lambda: surface.outputs(*touching()))
     else:
-        line = resources.enter_context(named_line(device.serial))
+        line = resources.enter_context(named_line(options.serial))
         serving = SerialDevice(line, convert, surface.channels, surface.sensor.adc_bits, relay).serve()
-    _announce(f"serial {device.serial}")
+    _announce(f"serial {options.serial}")
     return serving
 
 

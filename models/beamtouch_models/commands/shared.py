@@ -1,0 +1,36 @@
+"""What several commands share: the output folder, the name of the surface, and progress."""
+
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
+from rich.progress import Progress as Display
+
+from beamtouch_common.errors import InputError
+from beamtouch_models.sweeps import Progress
+
+
+def folder_of(path: Path) -> Path:
+    """Create the output folder if it is missing; raises InputError if the path is a file."""
+    if path.exists() and not path.is_dir():
+        raise InputError(f"{path}: is a file; give a folder")
+    path.mkdir(parents=True, exist_ok=True)
+    return path
+
+
+def surface_name(scene: Path) -> str:
+    """Name the surface after the scene file."""
+    return re.sub(r"[^A-Za-z0-9_.-]", "-", scene.stem)[:64] or "surface"
+
+
+@contextmanager
+def shown_progress() -> Iterator[Progress]:
+    """Show progress on standard error if that is a terminal; yields the function to report it with."""
+    console = Console(stderr=True)
+    columns = TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn()
+    with Display(*columns, console=console, transient=True, disable=not console.is_terminal) as display:
+        task = display.add_task("", total=1.0)
+        yield lambda doing, done: display.update(task, description=doing, completed=done)
