@@ -272,20 +272,3 @@ def test_however_many_samples_become_durable_at_once_a_full_disk_lets_them_go(tm
         assert disk.run(*command, "write") == "1000\n"
         disk.fill()
         assert disk.run(*command, "delete") == "0\n"
-
-
-async def test_the_loss_is_reported_if_the_disk_is_full_from_the_start_and_the_service_is_away(tmp_path: Path) -> None:
-    with small_disk(tmp_path, size_kib=64) as disk:
-        disk.fill()
-        with cable(tmp_path) as usb:
-            device = SerialDevice(usb.plug())
-            url, source = f"http://127.0.0.1:{free_port()}", configs.serial(str(usb.path))
-            publish = f'log_file = "{disk.path}/samples"'
-            async with running(tmp_path, source, url, OFTEN, publish=publish, prefix=disk.prefix) as daemon:
-                await more_readings(device, 300)
-                outcome = await daemon.stop()
-    assert outcome.code == 0
-    assert "disk is full); samples stay in memory, trying again" in outcome.err
-    counts = summary_of(tmp_path)["bench"]
-    assert counts["samples_dropped"] == counts["readings"] > 50
-    assert f"{counts['readings']} samples dropped: neither" in outcome.err

@@ -159,27 +159,6 @@ async def test_a_device_whose_clock_goes_back_begins_a_new_session_with_fresh_re
         assert uptime_s() - readings[-1].monotonic_s < back_s / 2
 
 
-async def test_a_clock_that_goes_back_shows_in_the_answer_to_a_ping_too() -> None:
-    with terminal() as line:
-        device = SerialDevice(line)
-        async with aclosing(make_source(line.path).readings()) as stream:
-            await anext(stream)
-            device.stop()
-            last_us = device.device_us()
-
-            async def hold_back() -> None:
-                # An adapter still delivers readings from before.
-                for number in range(10_000):
-                    device.send(messages.Reading((device.sequence + number) % 2**16, last_us + 50 * number, 1, (1, 1)))
-                    await asyncio.sleep(0.005)
-
-            held = asyncio.create_task(hold_back())
-            device.set_back(30.0)
-            with pytest.raises(SourceError, match="the device's clock went back"):
-                await drain(stream)
-            held.cancel()
-
-
 @pytest.mark.parametrize(
     ("device", "source", "complaint"),
     [

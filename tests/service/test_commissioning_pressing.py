@@ -110,14 +110,6 @@ def test_a_missing_value_leaves_its_channel_to_the_others_and_a_channel_without_
     assert samples.found == [[0.5, 0.2, pytest.approx(np.nan, nan_ok=True)]]
 
 
-def test_a_press_is_seen_although_the_channel_that_moves_most_lacks_values() -> None:
-    samples = Samples()
-    samples.add(AT_REST)
-    samples.add(*[[0.5, 0.2, 0.0]] * 19, [None, 0.2, 0.0])
-    samples.add(AT_REST)
-    assert samples.found == [[0.5, 0.2, 0.0]]
-
-
 @pytest.mark.parametrize("state", [State.UNEXPLAINED, None])
 def test_a_load_that_lies_on_at_the_beginning_is_no_rest(state: State | None) -> None:
     samples = Samples()

@@ -267,30 +267,6 @@ def test_a_clock_that_is_set_makes_no_contact_older_and_lets_none_enter_twice() 
     assert touch.entries == ["1.0", "1.0"]
 
 
-def test_after_a_lost_sample_the_contact_may_be_another_one() -> None:
-    touch = Touch()
-    for _ in range(6):
-        answers = touch.goes_on()
-    assert answers == {"gate": "inside", "slow": "inside"}
-    touch.sequence += 1
-    for _ in range(4):
-        assert touch.goes_on() == {"gate": "inside", "slow": "unsure"}
-    assert touch.goes_on() == {"gate": "inside", "slow": "inside"}
-    assert touch.entries == ["1.0", "1.0"]
-
-
-def test_a_clock_that_is_set_back_takes_no_time_from_an_event(tmp_path: Path) -> None:
-    recorder = Recorder(EventsSection(file=tmp_path / "events.db"))
-    bench = Bench(zoned(), recorder=recorder)
-    batch = batch_of([0.0, 0.0, 0.0], *[row(150)] * 8, [0.0, 0.0, 0.0]) | {"oldest": 1}
-    for sample in batch["samples"][4:]:
-        sample["acquired_unix_us"] -= 6000  # 1 ms before the sample before
-    bench.send(members=batch)
-    (event,) = bench.get("/events").json()["events"]
-    assert event["zones"] == {"gate": 30.0, "slow": 30.0}
-    recorder.close()
-
-
 @pytest.mark.parametrize("shared", [False, True])
 def test_events_say_which_zones_and_for_how_long(tmp_path: Path, *, shared: bool) -> None:
     """Also if another service takes over in the middle of the dwell."""

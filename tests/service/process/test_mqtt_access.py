@@ -91,19 +91,6 @@ def test_events_that_the_broker_refuses_wait(line: Line) -> None:
     wait_for(lambda: subscriber.of(EVENT) == events(service))
 
 
-def test_a_status_that_the_broker_refuses_is_one_line(line: Line) -> None:
-    rights = line.folder / "rights"
-    rights.write_text("topic read #\n")
-    line.broker.configure(f"acl_file {rights}")
-    restart(line)
-    service = line.start()
-    wait_for(lambda: line.broker.log.count("Denied PUBLISH") >= 2)
-    assert service.get("/health/live").status_code == 200
-    _, errors = service.stop(signal.SIGTERM)
-    (said,) = [one for one in errors.splitlines() if "MQTT broker 127.0.0.1" in one]
-    assert "it refuses messages to beamtouch/status (Not authorized); allow this user to write there" in said
-
-
 def test_tls_with_a_client_certificate(line: Line, tmp_path: Path) -> None:
     certificate, key = make_certificate(tmp_path)
     tls = (f"cafile {certificate}", f"certfile {certificate}", f"keyfile {key}", "require_certificate true")

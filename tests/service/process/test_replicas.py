@@ -154,17 +154,3 @@ def test_answers_go_on_while_the_database_is_frozen_and_nothing_is_lost(plant: P
             os.kill(pid, signal.SIGCONT)
     plant.deliver(name, RESTING)
     wait_until(lambda: [event["end"] for event in plant.events(3)] == ["lift"] * 3)
-
-
-def test_a_service_starts_without_its_database(start_service: StartService, postgres: Postgres, config: Path) -> None:
-    url = config.read_text().partition("url = '")[2].partition("'")[0]
-    postgres.stop()
-    try:
-        service = start_service("--config", config)
-        answer = service.get("/events")
-        assert kind(answer) == "events-away"
-        assert PASSWORD not in answer.text
-    finally:
-        postgres.start()
-    wait_until(lambda: service.get("/events").is_success)
-    assert rows(url, "SELECT count(*) FROM events") == [(0,)]

@@ -27,11 +27,6 @@ if TYPE_CHECKING:
 STATE = {"surface", "contact", "problem", "age_ms", "channels", "length_mm", "sequence", "misfit_limit"}
 
 
-@pytest.fixture
-def service(start_service: StartService, build_model: BuildModel, token_file: Path) -> Service:
-    return start_service("--model", build_model(), "--write-token-file", token_file, "--stale-ms", "60000")
-
-
 def states(response: httpx2.Response) -> Iterator[dict[str, Any]]:
     """Yield the data of each event."""
     for line in response.iter_lines():
@@ -56,7 +51,8 @@ def deaf(service: Service, stack: ExitStack, path: str = "/stream?interval_ms=20
     return client
 
 
-def test_it_says_what_is_and_what_becomes(service: Service) -> None:
+def test_it_says_what_is_and_what_becomes(fresh: Service) -> None:
+    service = fresh
     with ExitStack() as stack:
         response = opened(service, stack, "/surfaces/press-7/stream")
         assert (response.status_code, response.headers["content-type"]) == (200, "text/event-stream; charset=utf-8")

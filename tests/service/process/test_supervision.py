@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     import httpx2
 
     from service.conftest import BuildModel
-    from service.process.conftest import StartService
+    from service.process.conftest import Service, StartService
 
 
 @pytest.fixture
@@ -68,18 +68,12 @@ def test_a_service_that_stands_still_is_not_alive(
         assert time.monotonic() < deadline_s
 
 
-def test_sigterm_and_ctrl_c_end_the_service_without_a_word(
-    start_service: StartService, build_model: BuildModel, token_file: Path
-) -> None:
-    for number, code in ((signal.SIGTERM, 0), (signal.SIGINT, 130)):
-        service = start_service("--model", build_model(), "--write-token-file", token_file)
-        assert service.stop(number) == (code, "")
+def test_ctrl_c_ends_the_service_without_a_word(fresh: Service) -> None:
+    assert fresh.stop(signal.SIGINT) == (130, "")
 
 
-def test_it_stops_with_a_sender_connected(
-    start_service: StartService, build_model: BuildModel, token_file: Path
-) -> None:
-    service = start_service("--model", build_model(), "--write-token-file", token_file)
+def test_it_stops_with_a_sender_connected(fresh: Service) -> None:
+    service = fresh
     answers: list[httpx2.Response] = []
     sent, release = threading.Event(), threading.Event()
 
@@ -114,11 +108,9 @@ def test_it_stops_with_a_sender_connected(
     ],
 )
 def test_readiness_names_a_part_that_ended_in_an_unexpected_error(
-    start_service: StartService, build_model: BuildModel, token_file: Path, section: str, broken: str
+    start_press: StartService, section: str, broken: str
 ) -> None:
-    code = f"def fail(*_): return 1 / 0\nasync def end(*_): return 1 / 0\n{broken}"
-    options = ("--write-token-file", token_file, "--stale-ms", "60000")
-    service = start_service("--model", build_model(), *options, code=code)
+    service = start_press(code=f"def fail(*_): return 1 / 0\nasync def end(*_): return 1 / 0\n{broken}")
 
     assert service.post(batch_of()).status_code == 200
 
