@@ -7,15 +7,13 @@ import signal
 from pathlib import Path
 
 import pytest
-from pymodbus.server import ModbusSerialServer
-from pymodbus.simulator import DataType, SimData, SimDevice
 
 from free_ports import free_port
 
 from . import configs
 from .conftest import Refused
 from .devices import Pieces, RegisterUnit, SerialDevice, pymodbus_server, rtu_units
-from .lines import joined_terminals, terminal
+from .lines import terminal
 from .process import Outcome, command, started
 from .service import TOKEN
 
@@ -98,23 +96,11 @@ async def test_a_board_is_found_and_its_source_reads_it(tmp_path: Path) -> None:
     assert (board["channel_count"], board["adc_bits"], board["max_rate_hz"]) == (2, 16, 1000)
 
 
-async def test_units_of_servers_that_are_not_ours_are_found_on_a_line_and_behind_an_address(tmp_path: Path) -> None:
-    data = [SimData(0, values=[20_000] * 6, datatype=DataType.REGISTERS)]
-    with joined_terminals() as (near, far):
-        server = ModbusSerialServer(SimDevice(7, simdata=data), port=far, baudrate=19_200)
-        await server.serve_forever(background=True)
-        try:
-            line = await command(
-                "scan", near, "--units", "7", "--baud", "19200", "--parity", "none", "--json", *PATIENT
-            )
-        finally:
-            await server.shutdown()  # type: ignore[no-untyped-call]  # pymodbus leaves it without annotations
+async def test_a_unit_of_a_server_that_is_not_ours_is_found_behind_an_address(tmp_path: Path) -> None:
     async with pymodbus_server([20_000, 21_000, 22_000]) as port:
         target = f"tcp://127.0.0.1:{port}"
         told = await command("scan", target, "--units", "1,2", *PATIENT)
         assert await is_configured(tmp_path, told)
-    (unit,) = json.loads(line.out)["units"]
-    assert (unit["source"]["unit"], unit["registers"]) == (7, ["input", "holding"])
     table, _ = told.out.split("\n\n")
     assert [row.split() for row in table.splitlines()[1:]] == [["1", "-", "-", "input,", "holding"]]  # there is no 2
     assert f"--source {target} --unit 1 --function 4 --timeout-ms 30000" in told.out

@@ -1,29 +1,22 @@
 """What a surface says when something is wrong for too long: unexplained, a channel out, a wrong wiring; and metrics."""
 
-from __future__ import annotations
-
 import json
+from collections.abc import Callable, Iterator
 from datetime import UTC, datetime, timedelta
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
 from beamtouch_models import modelfile
+from beamtouch_models.arrays import Floats
 from beamtouch_service.api.stream import Pace
 from beamtouch_service.sections import SurfaceSection
 from beamtouch_service.surfaces.surface import Surface
-from service.conftest import Bench, batch_of, surface_of
+from service.conftest import Bench, Row, batch_of, surface_of
 from service.event_story import Story
 from service.touches import Touches
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-    from pathlib import Path
-
-    from beamtouch_models.arrays import Floats
-    from service.conftest import Row
 
 WEDGED: Row = [0.5, 0.25, 0.75, 0.125]
 """Without s3, a contact."""

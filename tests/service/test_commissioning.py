@@ -1,9 +1,10 @@
 """A commissioning from its first press to the record: words, routes, refusals, and the record."""
 
-from __future__ import annotations
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
 
-from typing import TYPE_CHECKING, Any
-
+import httpx2
 import numpy as np
 import pytest
 
@@ -15,16 +16,8 @@ from beamtouch_service.events.recorder import Recorder
 from beamtouch_service.events.store import Store
 from beamtouch_service.sections import EventsSection
 from beamtouch_service.surfaces.surface import Surface
-from service.conftest import TOKEN, Bench, batch_of, kind, surface_of
+from service.conftest import TOKEN, Bench, Row, batch_of, kind, surface_of
 from service.small_model import model_of
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-    from pathlib import Path
-
-    import httpx2
-
-    from service.conftest import Row
 
 PATH = "/surfaces/press-7/commissioning"
 STEP_US = 10_000

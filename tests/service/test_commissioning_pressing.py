@@ -1,19 +1,13 @@
 """Presses in the samples of a commissioning: what counts as one, and what does not."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
 
 from beamtouch_models.modelfile import State
 from beamtouch_service.commissioning.pressing import HOLD_US, PressFinder, Stage
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from service.conftest import Row
+from service.conftest import Row
 
 STEP_US = 10_000
 AT_REST: Row = [0.0, 0.0, 0.0]

@@ -1,11 +1,9 @@
 """New model files while the service runs: in use at once if they are good, and nothing changes if they are not."""
 
-from __future__ import annotations
-
 import asyncio
 import os
 import time
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import onnx
 import pytest
@@ -17,9 +15,6 @@ from beamtouch_service.problems import ProblemError
 from beamtouch_service.surfaces.surface import Surface
 from service.conftest import Bench, parsed
 from service.small_model import content_of, write_model
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 pytestmark = pytest.mark.anyio
 NO_FORCE = content_of(outputs=POSITION_OUTPUTS)

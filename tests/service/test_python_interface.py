@@ -1,17 +1,12 @@
 """The Python interface and the service give the same answer, to the digit."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 
 import beamtouch_models as models
 from beamtouch_service.surfaces.surface import Surface
 from service.conftest import Bench
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 PLACES_MM = [60, 150, 300]
 FIGURES = [

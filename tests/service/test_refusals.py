@@ -1,27 +1,20 @@
 """The command: wrong input ends in exit code 2 and one line that says what to do."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import onnx
 import pytest
 
 from beamtouch_models import cli as design_sensors
 from beamtouch_service import cli
-from in_process import command_of
+from in_process import Command, command_of
 from parts import require
 from service.conftest import TOKEN
 from service.small_model import content_of, write_model
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from in_process import Command
 
 
 @pytest.fixture

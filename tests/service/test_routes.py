@@ -1,11 +1,10 @@
 """Questions about surfaces, refusals of what a request must not be, and the OpenAPI description of both."""
 
-from __future__ import annotations
-
 import json
 import random
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
 
@@ -13,20 +12,14 @@ from beamtouch_service.api.events import Event
 from beamtouch_service.api.samples import MAX_BODY_BYTES
 from beamtouch_service.api.stream import Pace
 from beamtouch_service.outputs.modbus.blocks import Blocks
-from beamtouch_service.problems import MEDIA_TYPE
+from beamtouch_service.problems import MEDIA_TYPE, Problem
 from beamtouch_service.samples import MAX_SAMPLES, Batch
+from beamtouch_service.samples import Batch as ReceivedBatch
 from beamtouch_service.surfaces.contact import Contact
-from beamtouch_service.surfaces.surface import Surface
+from beamtouch_service.surfaces.surface import Answer, Received, Surface
 from service.conftest import Bench, batch_of, kind, surface_of
 from service.malformed import malformed
 from service.small_model import model_of
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from beamtouch_service.problems import Problem
-    from beamtouch_service.samples import Batch as ReceivedBatch
-    from beamtouch_service.surfaces.surface import Answer, Received
 
 MQTT = Path(__file__).parents[2] / "docs" / "how-to" / "mqtt.md"
 

@@ -1,8 +1,6 @@
 """Samples of one sender or of several: which count as new, which move the contact, and when two daemons send."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from collections.abc import Iterable
 
 import pytest
 from hypothesis import given, settings
@@ -10,9 +8,6 @@ from hypothesis import strategies as st
 
 from beamtouch_service.surfaces.surface import Surface
 from service.conftest import TOKEN, Bench, batch_of, surface_of
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
 
 STALE_S = 0.5
 STEP_S = 0.1

@@ -1,9 +1,8 @@
 """Zones: the answers from consecutive samples as pure functions, and what refuses, counts and records them."""
 
-from __future__ import annotations
-
 import json
-from typing import TYPE_CHECKING, Any, Literal
+from pathlib import Path
+from typing import Any, Literal
 
 import pytest
 
@@ -16,12 +15,7 @@ from beamtouch_service.host.models import ModelKeeper
 from beamtouch_service.sections import EventsSection, SurfaceSection
 from beamtouch_service.surfaces.surface import Surface
 from beamtouch_service.zones.follow import Seen, ZoneFollower
-from service.conftest import Bench, Row, batch_of, surface_of
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from service.conftest import BuildModel
+from service.conftest import Bench, BuildModel, Row, batch_of, surface_of
 
 GATE = Zone(from_mm=120, to_mm=200)
 SLOW = Zone(from_mm=120, to_mm=200, dwell_ms=20)

@@ -1,15 +1,15 @@
 """The record of a line whose service is killed again and again: each press is one event, and no sample is lost."""
 
-from __future__ import annotations
-
 import json
 import time
 from datetime import datetime
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import httpx2
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from beamtouch_models import modelfile
 from beamtouch_models.building.daemon_config import daemon_config
@@ -18,11 +18,6 @@ from forked_line import ForkedLine
 from line import Surface
 from plain_http import NO_TLS, TIMEOUT_S
 from waiting import wait_until
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from numpy.typing import NDArray
 
 pytestmark = pytest.mark.long
 

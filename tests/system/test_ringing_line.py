@@ -1,12 +1,11 @@
 """A rig that rings, the samples of the daemon, and what the service says of them, also after pauses and late."""
 
-from __future__ import annotations
-
 import tomllib
+from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import dataclass
 from itertools import count, pairwise
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,6 +15,7 @@ from beamtouch_daemon.config.settings import Surface as Config
 from beamtouch_daemon.processing.pipeline import Pipeline
 from beamtouch_daemon.sources.reading import Reading
 from beamtouch_models.building.daemon_config import daemon_config
+from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.rig.loads import Load
 from beamtouch_models.rig.surface import Imperfections, VirtualSurface
 from beamtouch_models.scene import load_scene
@@ -25,11 +25,6 @@ from beamtouch_service.samples import Batch, Sample
 from beamtouch_service.surfaces.contact import Contact
 from beamtouch_service.surfaces.surface import Surface
 from example_scenes import SCENES
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from beamtouch_models.modelfile import ModelFile
 
 TOUCHES = 3
 TOUCHED_S, LIFTED_S = 0.8, 1.2

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from beamtouch_models.physics.beam import influence
@@ -11,14 +12,10 @@ from service.conftest import batch_of
 from service.event_story import START_US
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from beamtouch_models.arrays import Floats
     from beamtouch_models.modelfile import ModelFile
     from browser import Watched
     from service.process.conftest import Service
-
-    StartBench = Callable[..., "Bench"]
 
 WEDGE_MM = 0.5
 COUNT = 50
@@ -70,6 +67,9 @@ class Bench:
         wedged: list[float | None] = [0.0] * len(self.model.channels)
         wedged[channel] = WEDGE_MM
         self.send(wedged)
+
+
+StartBench = Callable[..., Bench]
 
 
 def drawn(seen: Watched, name: str) -> list[tuple[float, float]]:

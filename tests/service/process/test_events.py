@@ -1,24 +1,18 @@
 """Events of a real process: a kill, a stop, a full disk, a dead sender, and unusable files."""
 
-from __future__ import annotations
-
 import resource
 import signal
 import sqlite3
 from contextlib import closing
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import pytest
 
-from service.conftest import batch_of
+from service.conftest import BuildModel, batch_of
 from service.event_story import RESTING, TOUCHING
+from service.process.conftest import Service, StartService
 from waiting import wait_until
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from service.conftest import BuildModel
-    from service.process.conftest import Service, StartService
 
 
 @pytest.fixture

@@ -1,23 +1,19 @@
 """How old a contact is said to be, by a real process whose clients are slow."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import signal
 import socket
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
 
 from beamtouch_service.surfaces.freshness import PAUSE_S
 from service.conftest import TOKEN, batch_of
+from service.process.conftest import Service
 from waiting import wait_until
-
-if TYPE_CHECKING:
-    from service.process.conftest import Service
 
 FROZEN_S = 1.0
 

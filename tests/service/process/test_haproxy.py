@@ -1,15 +1,14 @@
 """HAProxy with `deploy/haproxy-one.cfg` in front of one service: a line gets its answers while others attack."""
 
-from __future__ import annotations
-
 import re
 import socket
 import ssl
 import subprocess
 import threading
+from collections.abc import Iterator
 from contextlib import ExitStack, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, Self
 
 import httpx2
 import pytest
@@ -17,14 +16,9 @@ import pytest
 from balancer import answers
 from free_ports import free_port
 from parts import require
-from service.conftest import TOKEN, batch_of
+from service.conftest import TOKEN, BuildModel, batch_of
+from service.process.conftest import Service, StartService
 from waiting import wait_until
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from service.conftest import BuildModel
-    from service.process.conftest import Service, StartService
 
 CONFIG = Path(__file__).parents[3] / "deploy" / "haproxy-one.cfg"
 PATIENCE_S = 20.0
@@ -75,7 +69,7 @@ class Line:
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run)
 
-    def __enter__(self) -> Line:
+    def __enter__(self) -> Self:
         self._thread.start()
         self.require_answers()
         return self

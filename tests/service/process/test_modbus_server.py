@@ -1,7 +1,5 @@
 """The Modbus TCP server as a process: a client of others, and what clients may do to it and to each other."""
 
-from __future__ import annotations
-
 import math
 import re
 import select
@@ -12,7 +10,7 @@ import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, suppress
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 
@@ -23,12 +21,8 @@ from service.conftest import batch_of
 from service.event_story import RESTING, TOUCHING
 from waiting import wait_until
 
+from .conftest import StartService
 from .modbus_service import ModbusService, answered, ask, request, start_modbus
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from .conftest import StartService
 
 IDLE_S, PERIOD_S = 5.0, 0.1
 """Of a connection without a request, and of a controller, which a starved machine may hold up for some seconds."""

@@ -1,11 +1,8 @@
 """Contacts, events and the status of a service at a real broker."""
 
-from __future__ import annotations
-
 import json
 import signal
 from itertools import count
-from typing import TYPE_CHECKING
 
 import pytest
 from jinja2.sandbox import ImmutableSandboxedEnvironment
@@ -13,23 +10,21 @@ from jinja2.sandbox import ImmutableSandboxedEnvironment
 from beamtouch_common.commands import version
 from beamtouch_service.outputs.mqtt import discovery
 from beamtouch_service.outputs.mqtt.messages import Topics
+from service.conftest import Row
 from service.event_story import RESTING, TOUCHING
+from service.process.broker import Subscriber
+from service.process.conftest import Service
 from service.process.mqtt_line import (
     CONTACT,
     EVENT,
     STATUS,
+    Line,
     events,
     metric,
     now_batch,
     wait_connected,
     wait_for,
 )
-
-if TYPE_CHECKING:
-    from service.conftest import Row
-    from service.process.broker import Subscriber
-    from service.process.conftest import Service
-    from service.process.mqtt_line import Line
 
 
 def states(subscriber: Subscriber) -> list[str]:

@@ -1,10 +1,8 @@
 """Accounts, rights and TLS at a real broker, and settings that cannot work."""
 
-from __future__ import annotations
-
 import signal
 import subprocess
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 from certificates import make_certificate
 from parts import require
@@ -12,17 +10,13 @@ from service.event_story import RESTING, TOUCHING
 from service.process.mqtt_line import (
     CONTACT,
     EVENT,
+    Line,
     events,
     metric,
     now_batch,
     wait_connected,
     wait_for,
 )
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from service.process.mqtt_line import Line
 
 PASSWORD = "correct horse battery"  # noqa: S105  # of these tests only
 

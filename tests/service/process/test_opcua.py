@@ -1,16 +1,17 @@
 """Contacts and events over OPC UA, as a client reads and subscribes to them."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 import shutil
+from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from datetime import UTC, datetime, timedelta
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import pytest
 from asyncua import Client, ua
+from asyncua.common.subscription import Subscription
 from asyncua.crypto.security_policies import SecurityPolicyBasic256Sha256
 
 from certificates import make_certificate
@@ -20,13 +21,7 @@ from service.conftest import batch_of
 from service.small_model import write_model
 from waiting import wait_until
 
-if TYPE_CHECKING:
-    from collections.abc import AsyncIterator
-    from pathlib import Path
-
-    from asyncua.common.subscription import Subscription
-
-    from .conftest import Service, StartService
+from .conftest import Service, StartService
 
 pytestmark = pytest.mark.usefixtures("token_file")
 TIMEOUT_S = 30

@@ -1,24 +1,17 @@
 """The page in a real browser, on a service that is sent samples by hand: every state, keyboard, contrast."""
 
-from __future__ import annotations
-
 import re
 import signal
 import time
 from itertools import count, pairwise
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 
-from browser import NO_FIGURE
+from browser import NO_FIGURE, OpenPage, Watched
 from service.conftest import batch_of
+from service.process.conftest import Service, StartService
 from waiting import wait_until
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from browser import OpenPage, Watched
-    from service.process.conftest import Service, StartService
 
 
 def test_contact_degraded_and_too_few_channels(fresh: Service, open_page: OpenPage) -> None:

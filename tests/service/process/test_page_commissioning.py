@@ -1,20 +1,14 @@
 """Commissioning on the page in a real browser: two cables are swapped, one sensor is inverted and one is dead."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from playwright.sync_api import ViewportSize
 
 from beamtouch_service.commissioning.course import marks
-from service.conftest import TOKEN
-
-if TYPE_CHECKING:
-    from browser import OpenPage, Watched
-    from service.conftest import Row
-    from service.process.beam_page import Bench, StartBench
+from browser import OpenPage, Watched
+from service.conftest import TOKEN, Row
+from service.process.beam_page import Bench, StartBench
 
 PHONE: ViewportSize = {"width": 390, "height": 844}
 FORCE_N = 10

@@ -1,19 +1,12 @@
 """What the page says where an answer is doubtful: the state unexplained, and the notes in words."""
 
-from __future__ import annotations
-
 import re
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
-from browser import NO_FIGURE, SCREENS
-from service.process.beam_page import circles, drawn
-
-if TYPE_CHECKING:
-    from browser import OpenPage, Watched
-    from service.process.beam_page import StartBench
+from browser import NO_FIGURE, SCREENS, OpenPage, Watched
+from service.process.beam_page import StartBench, circles, drawn
 
 TWO = ((100, 8), (300, 8))
 """Two contacts, in mm and N."""

@@ -1,17 +1,11 @@
 """The page of a service with a token for reading, in a real browser: what it shows to whom, and its form."""
 
-from __future__ import annotations
-
 import re
 import signal
-from typing import TYPE_CHECKING
 
-from browser import NO_FIGURE, SCREENS
+from browser import NO_FIGURE, SCREENS, OpenPage, Watched
 from service.conftest import READ_TOKEN, batch_of
-
-if TYPE_CHECKING:
-    from browser import OpenPage, Watched
-    from service.process.conftest import Service, StartService
+from service.process.conftest import Service, StartService
 
 WRONG = "a-wrong-token-that-someone-mistyped"
 FORM = "#token-form"

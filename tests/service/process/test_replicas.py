@@ -1,30 +1,23 @@
 """Services that share surfaces, behind HAProxy and with one PostgreSQL: one is killed, the database stops."""
 
-from __future__ import annotations
-
 import os
 import signal
+from collections.abc import Iterator
 from contextlib import closing
 from http.client import HTTPConnection
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import httpx2
 import pytest
 
 from plain_http import TIMEOUT_S
 from postgres import PASSWORD, Postgres, rows
-from service.conftest import kind
+from service.conftest import BuildModel, kind
 from service.event_story import RESTING, TOUCHING
+from service.process.conftest import StartService
 from waiting import wait_until
 
 from .replica_plant import CONTACT, SURFACES, Plant
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from pathlib import Path
-
-    from service.conftest import BuildModel
-    from service.process.conftest import StartService
 
 WHOLE = ("/contact", "/stream", "/surfaces", "/health/ready")
 

@@ -1,24 +1,18 @@
 """A real process among clients that mean it no good."""
 
-from __future__ import annotations
-
 import json
 import signal
 import socket
 import ssl
 import time
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import httpx2
 import pytest
 
 from plain_http import NO_TLS, TIMEOUT_S
 from service.conftest import READ_TOKEN, TOKEN, batch_of
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from service.process.conftest import Service, StartService
+from service.process.conftest import Service, StartService
 
 
 def address(service: Service) -> tuple[str, int]:

@@ -1,28 +1,22 @@
 """The stream of a real process: what it says, and that no client holds it up."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import signal
 import socket
+from collections.abc import Iterator
 from contextlib import ExitStack
+from pathlib import Path
 from threading import Thread
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import httpx2
 import pytest
 
 from plain_http import NO_TLS
-from service.conftest import batch_of
+from service.conftest import BuildModel, batch_of
+from service.process.conftest import Service, StartService
 from waiting import wait_until
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from pathlib import Path
-
-    from service.conftest import BuildModel
-    from service.process.conftest import Service, StartService
 
 STATE = {"surface", "contact", "problem", "age_ms", "channels", "length_mm", "sequence", "misfit_limit"}
 

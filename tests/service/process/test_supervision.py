@@ -1,29 +1,21 @@
 """What keeps the service going for a year: the service manager and its watchdog."""
 
-from __future__ import annotations
-
 import signal
 import subprocess
 import sys
 import threading
 import time
+from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+import httpx2
 import pytest
 
-from service.conftest import batch_of
+from service.conftest import BuildModel, batch_of
+from service.process.conftest import Service, StartService
 from service_manager import Manager
 from waiting import wait_until
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    import httpx2
-
-    from service.conftest import BuildModel
-    from service.process.conftest import Service, StartService
 
 
 @pytest.fixture

@@ -1,24 +1,19 @@
 """Zones at every door of a real service: contact, stream, registers, MQTT, events and the page say the same."""
 
-from __future__ import annotations
-
 import json
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import httpx2
 import pytest
 
 from beamtouch_service.outputs.modbus.registers import ZONE_CODES
+from browser import OpenPage
 from plain_http import TIMEOUT_S
 from service.conftest import Row, batch_of
 from service.event_story import RESTING
+from service.process.beam_page import StartBench
 from service.process.modbus_service import ADDRESS, ModbusService
-from service.process.mqtt_line import CONTACT, wait_connected, wait_for
-
-if TYPE_CHECKING:
-    from browser import OpenPage
-    from service.process.beam_page import StartBench
-    from service.process.mqtt_line import Line
+from service.process.mqtt_line import CONTACT, Line, wait_connected, wait_for
 
 ZONES = """
 [surfaces.press-7.zones.gate]
