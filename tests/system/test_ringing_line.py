@@ -27,7 +27,7 @@ from beamtouch_service.surfaces.surface import Surface
 from example_scenes import SCENES
 
 TOUCHES = 3
-TOUCHED_S, LIFTED_S = 0.8, 1.2
+TOUCHED_S, LIFTED_S = 0.8, 0.8
 DAMPING = 0.01
 PAUSE, PAUSED_EVERY = 12, 80
 """Readings, at 200 a second: pauses of 60 ms each 0.4 s."""

@@ -90,15 +90,9 @@ def test_from_the_form_to_the_figures_and_back(start_press: StartService, open_p
     seen.page.reload()
     assert_locked(seen)
     assert_only_refusals(seen)
-    assert not [url for url in seen.requests if READ_TOKEN in url or WRONG in url]
 
-
-def test_nothing_is_shown_once_the_token_is_forgotten_even_without_an_answer(
-    start_press: StartService, open_page: OpenPage
-) -> None:
-    service = start_press(read=READ_TOKEN)
-    service.post(batch_of())
-    seen = open_page(service.url)
+    # Nothing is shown once the token is forgotten, even without an answer.
+    service.post(batch_of(sequence=6))
     enter(seen, READ_TOKEN)
     assert_open(seen)
     service.stop(signal.SIGTERM)
@@ -106,6 +100,7 @@ def test_nothing_is_shown_once_the_token_is_forgotten_even_without_an_answer(
     seen.wait_for_state("lost")
     assert (seen.text("position"), seen.text("surface"), seen.text("model")) == (NO_FIGURE, "", "")
     assert seen.page.evaluate(KEPT) == [0, 0]
+    assert not [url for url in seen.requests if READ_TOKEN in url or WRONG in url]
 
 
 def test_it_is_kept_for_the_session_or_for_the_device(start_press: StartService, open_page: OpenPage) -> None:
