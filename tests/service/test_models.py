@@ -124,20 +124,6 @@ async def test_a_bad_file_changes_nothing_and_is_named_once_until_there_is_a_goo
     assert kept.surface.model_error is None
 
 
-async def test_what_is_no_file_is_never_opened(kept: Kept, caplog: pytest.LogCaptureFixture) -> None:
-    kept.path.unlink()
-    os.mkfifo(kept.path)
-    os.utime(kept.path, (time.time() - 10,) * 2)
-    try:
-        async with asyncio.timeout(60):
-            await kept.polls(times=6)
-    finally:
-        # A thread that waits for a writer is let go, or the loop would wait for that thread.
-        os.close(os.open(kept.path, os.O_RDWR | os.O_NONBLOCK))
-    assert "not a regular file" in str(kept.surface.model_error)
-    assert len(caplog.records) == 1
-
-
 async def test_a_model_waits_for_its_channels(kept: Kept, caplog: pytest.LogCaptureFixture) -> None:
     old = kept.identity
     kept.surface.receive(parsed(), 10.0)

@@ -1,7 +1,6 @@
 """Questions about surfaces, refusals of what a request must not be, and the OpenAPI description of both."""
 
 import json
-import random
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -18,7 +17,6 @@ from beamtouch_service.samples import Batch as ReceivedBatch
 from beamtouch_service.surfaces.contact import Contact
 from beamtouch_service.surfaces.surface import Answer, Received, Surface
 from service.conftest import Bench, batch_of, kind, surface_of
-from service.malformed import malformed
 from service.small_model import model_of
 
 MQTT = Path(__file__).parents[2] / "docs" / "how-to" / "mqtt.md"
@@ -234,17 +232,6 @@ def test_missing_channels_are_named_and_the_batch_changes_nothing(bench: Bench) 
     assert (response.status_code, kind(response)) == (422, "missing-channels")
     assert response.json()["missing_channels"] == ["s2", "s3"]
     assert (accepted(bench), bench.problem()) == (0, "no-samples")
-
-
-def test_malformed_batches_are_refused_and_contacts_are_answered_meanwhile(bench: Bench) -> None:
-    chance, statuses = random.Random(1), set[int]()  # noqa: S311 - noise, not secrets
-    for number in range(1, 201):
-        statuses.add(bench.post(malformed(chance)).status_code)
-        if number % 20 == 0:
-            bench.send(sequence=10_000 + number, boot_id="boot-0002")
-            assert bench.contact()["sequence"] == 10_000 + number
-    assert statuses <= {400, 413, 422}
-    assert accepted(bench) == 10
 
 
 DETAIL = (

@@ -93,21 +93,6 @@ class Numbers:
         return lost
 
 
-def test_a_sender_or_a_gap_that_is_forgotten_stays_lost() -> None:
-    sender = Numbers()
-    sender.send([100, 102])
-    for number in range(16):
-        assert sender.send([1], f"boot-{number:04}-later") == (1, 0)
-    assert sender.send([100]) == (1, 0)
-    assert sender.lost == 1
-    for first in (201, 2201):
-        sender.send(range(first, first + 2000, 2), "boot-of-gaps")
-    assert sender.lost == 2000
-    assert sender.send([202], "boot-of-gaps") == (0, 1)
-    assert sender.send([4198], "boot-of-gaps") == (1, 0)
-    assert sender.lost == 1999
-
-
 @settings(max_examples=12)
 @given(batches=st.lists(st.sets(st.integers(1, 60), min_size=1), min_size=1, max_size=12))
 def test_any_order_of_batches_gives_what_a_set_gives(batches: list[set[int]]) -> None:
