@@ -3,7 +3,6 @@
 import json
 import subprocess
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +12,7 @@ import pytest
 from beamtouch_models import modelfile
 from forked import Forked
 from plain_http import NO_TLS, TIMEOUT_S
-from service.conftest import PATIENT, BuildModel, batch_of
+from service.conftest import PATIENT, BuildModel
 from service.process.beam_page import Bench
 from service.process.broker import broker_in
 from service.process.mqtt_line import Line
@@ -53,16 +52,13 @@ Command = Callable[..., Process]
 StartService = Callable[..., Service]
 
 
-@contextmanager
-def commands_in(folder: Path) -> Iterator[Command]:
-    """Give a function that starts `beamtouch-service` with these arguments in a folder; at the end all are ended.
-
-    They are forked, with Python `code` run before them.
-    """
+@pytest.fixture
+def command(tmp_path: Path) -> Iterator[Command]:
+    """A function that forks `beamtouch-service` in the folder of the test, with Python `code` run before it."""
     started: list[Forked] = []
 
     def start(*arguments: str | Path, code: str = PATIENT) -> Forked:
-        started.append(Forked(COMMAND, [str(one) for one in arguments], folder, code))
+        started.append(Forked(COMMAND, [str(one) for one in arguments], tmp_path, code))
         return started[-1]
 
     yield start
@@ -70,13 +66,6 @@ def commands_in(folder: Path) -> Iterator[Command]:
         if process.poll() is None:
             process.kill()
         process.communicate()
-
-
-@pytest.fixture
-def command(tmp_path: Path) -> Iterator[Command]:
-    """Start `beamtouch-service` in the folder of the test."""
-    with commands_in(tmp_path) as start:
-        yield start
 
 
 def service_of(process: Process, token: str) -> Service:
@@ -117,13 +106,6 @@ def start_press(
 def fresh(start_press: StartService) -> Service:
     """A service of the surface press-7 whose samples stay fresh for a minute."""
     return start_press()
-
-
-@pytest.fixture
-def touched_service(fresh: Service) -> Service:
-    """A service with a contact to give, for a minute."""
-    assert fresh.post(batch_of()).status_code == 200
-    return fresh
 
 
 @pytest.fixture

@@ -43,10 +43,9 @@ def is_stopped(service: Service) -> bool:
 
 
 @pytest.mark.parametrize("is_new", [False, True], ids=["kept connection", "new connection"])
-def test_samples_that_waited_while_the_service_stood_still_are_as_old_as_they_are(
-    touched_service: Service, is_new: bool
-) -> None:
-    service, connection = touched_service, connected(touched_service)
+def test_samples_that_waited_while_the_service_stood_still_are_as_old_as_they_are(fresh: Service, is_new: bool) -> None:
+    service, connection = fresh, connected(fresh)
+    assert service.post(batch_of()).status_code == 200
     if not is_new:
         connection.sendall(post(batch_of(sequence=2)))
         take_receipt(connection)

@@ -16,8 +16,8 @@ import pytest
 from balancer import answers
 from free_ports import free_port
 from parts import require
-from service.conftest import TOKEN, BuildModel, batch_of
-from service.process.conftest import Service, StartService
+from service.conftest import TOKEN, batch_of
+from service.process.conftest import Service
 from waiting import wait_until
 
 CONFIG = Path(__file__).parents[3] / "deploy" / "haproxy-one.cfg"
@@ -98,18 +98,11 @@ class Line:
 
 
 @pytest.fixture
-def proxy(
-    start_service: StartService,
-    build_model: BuildModel,
-    token_file: Path,
-    tmp_path: Path,
-    certificate: tuple[Path, Path],
-) -> Iterator[tuple[Proxy, Service]]:
-    service = start_service("--model", build_model(), "--write-token-file", token_file, "--stale-ms", "60000")
-    proxy = Proxy(tmp_path, service, certificate)
+def proxy(fresh: Service, tmp_path: Path, certificate: tuple[Path, Path]) -> Iterator[tuple[Proxy, Service]]:
+    proxy = Proxy(tmp_path, fresh, certificate)
     try:
         wait_until(lambda: _takes(proxy))
-        yield proxy, service
+        yield proxy, fresh
     finally:
         proxy.process.kill()
         proxy.process.wait(60)

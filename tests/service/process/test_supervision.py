@@ -24,10 +24,8 @@ def manager(tmp_path: Path) -> Iterator[Manager]:
         yield manager
 
 
-def test_the_manager_hears_of_the_start_of_progress_and_of_the_end(
-    start_service: StartService, build_model: BuildModel, manager: Manager
-) -> None:
-    service = start_service("--model", build_model(), code=manager.code)
+def test_the_manager_hears_of_the_start_of_progress_and_of_the_end(start_press: StartService, manager: Manager) -> None:
+    service = start_press(code=manager.code)
 
     assert manager.until("READY=1")
     assert manager.until("WATCHDOG=1", times=5)
@@ -37,9 +35,7 @@ def test_the_manager_hears_of_the_start_of_progress_and_of_the_end(
     assert manager.heard[:2] == ["READY=1", f"STATUS={service.first_line.strip()}"]
 
 
-def test_a_service_that_stands_still_is_not_alive(
-    start_service: StartService, build_model: BuildModel, manager: Manager, tmp_path: Path
-) -> None:
+def test_a_service_that_stands_still_is_not_alive(start_press: StartService, manager: Manager, tmp_path: Path) -> None:
     sign = tmp_path / "stand still"
     stuck = (
         "import os, time\n"
@@ -50,7 +46,7 @@ def test_a_service_that_stands_still_is_not_alive(
         "    return held(self, now_s)\n"
         "surface.Surface.standing = hang\n"
     )
-    start_service("--model", build_model(), code=f"{manager.code}\n{stuck}")
+    start_press(code=f"{manager.code}\n{stuck}")
     assert manager.until("READY=1")
     assert manager.until("WATCHDOG=1")
     sign.touch()
