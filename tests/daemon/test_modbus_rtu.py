@@ -34,6 +34,8 @@ SLOW = ("late, 0.2 %, answers only values", "late, 3 %, one register")
 QUICK = [name for name, one in PATTERNS.items() if one.is_provable and one.sessions == 1 and name not in SLOW]
 READ = 4
 PLACES = [f"register = {index}" for index in range(3)]
+LATEST_S = 2.0
+"""In place of the 5 s of the daemon: no answer here is later."""
 VALUES = bytes([READ, 2 * len(PLACES)])
 """Function and length of an answer with the values of these places."""
 
@@ -78,7 +80,8 @@ def test_no_probe_is_answered_as_a_value_is_and_there_are_several(blocks: list[B
 
 
 @pytest.mark.parametrize("name", QUICK)
-async def test_no_value_is_stale_or_foreign(name: str) -> None:
+async def test_no_value_is_stale_or_foreign(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(rtu_unit, "FORGOTTEN_S", LATEST_S)
     outcome = await asyncio.wait_for(run(PATTERNS[name], 40, seed=3, answers=25), 120)
     assert (outcome.stale, outcome.foreign) == (0, 0)
 
@@ -138,17 +141,24 @@ async def test_a_session_that_begins_while_an_answer_is_owed_gives_no_old_value(
 
 
 @pytest.mark.parametrize("kind", ["answers other requests", "answers only values"])
-async def test_a_single_register_that_comes_1500_ms_late_is_not_believed(kind: str) -> None:
+async def test_a_single_register_that_comes_1500_ms_late_is_not_believed(
+    kind: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(rtu_unit, "FORGOTTEN_S", LATEST_S)
+
     def late(number: int, frame: bytes) -> Pieces:
         return [(1.5 if number == 20 else 0.0, frame)]
 
     fault = values_only(late) if kind == "answers only values" else late
     _, _, source = await read_through(fault, 60, places=["register = 7"], timeout_ms=100.0)
-    number = sum("left alone for 5 s" in limit for limit in source.limits)
+    number = sum(f"left alone for {LATEST_S:g} s" in limit for limit in source.limits)
     assert number == (kind == "answers only values")
 
 
-async def test_a_unit_with_one_probe_that_was_off_at_the_start_is_read_once_it_is_on() -> None:
+async def test_a_unit_with_one_probe_that_was_off_at_the_start_is_read_once_it_is_on(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(rtu_unit, "FORGOTTEN_S", LATEST_S)
     is_on = False
     requests = asyncio.Semaphore(0)
 
