@@ -1,7 +1,5 @@
 """The drawing of a beam in the report: supports as they are, thickness, the bent beam, and its caption."""
 
-import json
-
 import pytest
 
 from beamtouch_models.building.build import draw_beam
@@ -82,22 +80,6 @@ def test_labels_of_close_sensors_do_not_overlap(bench: ModelFile) -> None:
     assert max(rows) + 25 < HEIGHT - 36
 
 
-@pytest.mark.parametrize(
-    ("beam", "supports", "sections"),
-    [
-        ('supports = "cantilever"', 1, 1),
-        ('supports = "propped"\nsegments = [{to_mm = 150}, {to_mm = 400, thickness_mm = 8}]', 2, 2),
-        ('supports = [{at_mm = 50}, {at_mm = 200, kind = "fixed"}, {at_mm = 350}]', 3, 1),
-        ("supports = []\nfoundation_n_mm2 = 0.01", 1, 1),  # springs under the whole beam are drawn as one
-    ],
-)
-def test_every_support_and_section_is_drawn(bench: ModelFile, beam: str, supports: int, sections: int) -> None:
-    tags, caption = draw(bench, scene_with(beam))
-    assert len(tags.of("path", "support")) == supports
-    assert len(tags.of("rect", "beam")) == sections
-    assert ("elastic foundation" in caption) is ("foundation" in beam)
-
-
 @pytest.mark.parametrize("ends", ["simply-supported", "cantilever", "propped"])
 def test_the_bent_beam_has_the_shape_of_the_model(bench: ModelFile, ends: str) -> None:
     scene = parse_scene(PAPER.replace("[beam]", f'[beam]\nsupports = "{ends}"').replace("10.0", "1.0"), "x.toml")
@@ -112,10 +94,3 @@ def test_the_bent_beam_has_the_shape_of_the_model(bench: ModelFile, ends: str) -
     (words,) = (part for part in caption.split(". ") if part.startswith("Dashed: bent by 1 N at "))
     times, scale = float(words.split(", drawn ")[1].split()[0]), (WIDTH - 2 * MARGIN) / 400
     assert max(depth) == pytest.approx(max(best) * scale * times, abs=0.1)
-
-
-def test_the_file_of_a_model_says_which_supports_slide(bench: ModelFile) -> None:
-    supports = json.loads(bench.metadata.drawn.model_dump_json())["supports"]
-    assert [one["slides"] for one in supports] == [True, True]
-    held = draw_beam(scene_with('supports = "fixed-fixed"')).supports
-    assert [one.slides for one in held] == [False, False]

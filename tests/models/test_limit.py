@@ -5,11 +5,9 @@ import dataclasses
 import mpmath
 import numpy as np
 import pytest
-from scipy.stats import norm
 
 from beamtouch_models.accuracy import limit
 from beamtouch_models.accuracy.cramer_rao import mean_error_mm, position_deviation_mm
-from beamtouch_models.accuracy.densities import densities
 from beamtouch_models.accuracy.forces import TAIL, forces_of
 from beamtouch_models.accuracy.limit import accuracy_limit, compare_limits, limits_without
 from beamtouch_models.accuracy.posterior import log_likelihood, posterior_quantiles
@@ -168,32 +166,6 @@ def test_gains_and_zeros_scatter_as_the_floor_says_and_intervals_hold_the_truth_
     assert ((low <= drawn.position_mm[:1000]) & (drawn.position_mm[:1000] <= high)).mean() == pytest.approx(
         0.95, abs=0.03
     )
-
-
-LEVELS = np.array([0.01, 0.2, 0.5, 0.7, 0.975])
-
-
-@pytest.mark.parametrize("step", [0.05, 0.5])
-@pytest.mark.parametrize("shift", [0.0, 0.3])
-def test_normal_densities_on_coarse_grids_side_by_side(step: float, shift: float) -> None:
-    grids = np.stack([width * (np.arange(-10, 10, step) + shift * step) for width in (1.0, 2.5)])
-    found = densities(grids, -((grids / [[1.0], [2.5]]) ** 2) / 2)
-    assert found.mean_distance() == pytest.approx(np.array([1.0, 2.5]) * (2 / np.pi) ** 0.5, rel=0.003)
-    quantiles = found.quantiles(np.tile(LEVELS, (2, 1))) / [[1.0], [2.5]]
-    assert quantiles == pytest.approx(np.tile(norm.ppf(LEVELS), (2, 1)), abs=0.01 * (step / 0.5) ** 2 + 1e-4)
-
-
-def test_densities_that_the_range_or_a_cliff_cuts_off() -> None:
-    grid = np.linspace(0, 40, 801)
-    found = densities(grid[None], -grid[None])
-    assert found.quantiles(np.array([[0.5]]))[0, 0] == pytest.approx(np.log(2), rel=1e-5)
-    assert found.mean_distance()[0] == pytest.approx(np.log(2), rel=1e-5)
-    grid = np.linspace(0, 1, 129)
-    for edge in np.linspace(0.3, 0.31, 7):
-        # Even above the edge, and impossible below it within a thousandth of a cell.
-        found = densities(grid[None], -(np.maximum((edge - grid) / 8e-6, 0.0)[None] ** 2))
-        assert found.quantiles(np.array([[0.5]]))[0, 0] == pytest.approx((1 + edge) / 2, abs=0.6 / 128)
-        assert found.mean_distance()[0] == pytest.approx((1 - edge) / 4, abs=0.6 / 128)
 
 
 SENSORS = (122.0, 278.0)
