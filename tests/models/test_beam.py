@@ -3,7 +3,6 @@
 from typing import Any
 
 import mpmath
-import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -108,49 +107,6 @@ def test_a_load_on_one_of_two_spans_lifts_the_other() -> None:
     text = PAPER.replace("[contact]", "supports = [{at_mm = 0}, {at_mm = 200}, {at_mm = 400}]\n[contact]")
     travel = travel_of(parse_scene(text, "x"))
     assert 0 < travel.lift_mm < travel.fall_mm == travel.largest_mm
-
-
-def beam_with(left: float, right: float, **others: object) -> Beam:
-    return unit_beam([{"at_mm": 0.0, "fixity": left}, {"at_mm": 1.0, "fixity": right}], **others)
-
-
-def exact(left: float, right: float, sensor: float, load: float) -> float:
-    """Deflection of a unit beam with rotational springs at its ends, under a unit load.
-
-    w = w0 + the reaction to unknown end moments: w(x) = c1 x + c3 x^3 + b2 x^2 - <x - a>^3 / 6 with E I w'' = M, end
-    conditions w(1) = 0, w''(0) = k0 w'(0), w''(1) = -k1 w'(1), solved as a linear system. Positive along the load.
-    """
-    with mpmath.workdps(50):
-        a, x = mpmath.mpf(load), mpmath.mpf(sensor)
-        k0, k1 = (3 * mpmath.mpf(f) / (1 - mpmath.mpf(f)) for f in (left, right))
-        # Solve for c1, b2, c3 in w = c1 x + b2 x^2 + c3 x^3 + <x - a>^3 / 6 (w'''' = load).
-        d = 1 - a
-        matrix = mpmath.matrix([[1, 1, 1], [-k0, 2, 0], [k1, 2 + 2 * k1, 6 + 3 * k1]])
-        right_side = mpmath.matrix([-(d**3) / 6, 0, -d - k1 * d**2 / 2])
-        c1, b2, c3 = mpmath.lu_solve(matrix, right_side)
-        return float(c1 * x + b2 * x**2 + c3 * x**3 + max(x - a, mpmath.mpf(0)) ** 3 / 6)
-
-
-@pytest.mark.parametrize("fixity", [(0.05, 0.0), (0.0, 0.3), (0.5, 0.5), (0.999, 0.2), (1e-9, 1 - 1e-9)])
-def test_the_influence_solves_the_differential_equation(fixity: tuple[float, float]) -> None:
-    sensors, loads = np.array([0.1, 0.37, 0.5, 0.93]), np.array([1e-3, 0.2, 0.5, 0.71, 0.999])
-    found = influence(beam_with(*fixity), sensors, loads)
-    expected = [[exact(*fixity, sensor, load) for sensor in sensors] for load in loads]
-    assert found == pytest.approx(np.array(expected), rel=1e-9)
-
-
-def test_influence_is_symmetric_with_steps_and_fixity() -> None:
-    steps = [{"to_mm": 0.4, "flexural_rigidity_n_mm2": 0.3}, {"to_mm": 1.0, "flexural_rigidity_n_mm2": 1.0}]
-    beam = beam_with(0.2, 0.0, segments=steps)
-    places = np.linspace(0.05, 0.95, 9)
-    matrix = influence(beam, places, places)
-    assert matrix == pytest.approx(matrix.T, rel=1e-11)
-
-
-def test_one_support_with_fixity_carries_a_beam() -> None:
-    beam = unit_beam([{"at_mm": 0.0, "fixity": 0.5}])
-    # A cantilever on a spring of k = 3: bending x^3 / 3 and the wall's rotation x^2 / 3 at the load itself.
-    assert influence(beam, [0.6], [0.6])[0, 0] == pytest.approx(0.6**3 / 3 + 0.6**2 / 3, rel=1e-10)
 
 
 def test_a_fixity_goes_to_a_support_that_is_there() -> None:

@@ -36,6 +36,11 @@ def halves(to_mm: float, first: float, second: float) -> list[dict[str, float]]:
     return [{"to_mm": to_mm, "flexural_rigidity_n_mm2": first}, {"to_mm": 400.0, "flexural_rigidity_n_mm2": second}]
 
 
+def springy(left: float, right: float) -> list[dict[str, float]]:
+    """Supports at both ends by their fixity."""
+    return [{"at_mm": 0, "fixity": left}, {"at_mm": 400, "fixity": right}]
+
+
 STRUCTURES = {
     "two spans with overhangs": stated(STEEL, supports=simple(50, 200, 350)),
     "overhangs": stated(STEEL, supports=simple(50, 350)),
@@ -51,6 +56,11 @@ STRUCTURES = {
     "foundation": stated(STEEL, foundation_n_mm2=50),
     "nothing but a foundation": stated(STEEL, foundation_n_mm2=50, supports=[]),
     "foundation and one support": stated(STEEL, foundation_n_mm2=5, supports=simple(100)),
+    "fixity at one end": stated(PLAIN, supports=springy(0.05, 0.0)),
+    "fixity at both ends": stated(PLAIN, supports=springy(0.999, 0.2)),
+    "hardly a hinge, hardly not fixed": stated(PLAIN, supports=springy(1e-9, 1 - 1e-9)),
+    "one support with fixity": stated(PLAIN, supports=[{"at_mm": 0, "fixity": 0.5}]),
+    "fixity and steps": stated(STEEL, supports=springy(0.2, 0.0), segments=STEPS),
     "two supports close together": stated(STEEL, supports=simple(100, 101)),
     "two supports that act as a clamp": stated(STEEL, supports=simple(100, 100 + 1e-6)),
     "a soft part": stated({"length_mm": 400}, supports="propped", segments=halves(130, 1e7, 1e-5)),

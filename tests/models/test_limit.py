@@ -10,7 +10,7 @@ from beamtouch_models.accuracy import limit
 from beamtouch_models.accuracy.cramer_rao import mean_error_mm, position_deviation_mm
 from beamtouch_models.accuracy.forces import TAIL, forces_of
 from beamtouch_models.accuracy.limit import accuracy_limit, compare_limits, limits_without
-from beamtouch_models.accuracy.posterior import log_likelihood, posterior_quantiles
+from beamtouch_models.accuracy.posterior import posterior_quantiles
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.arrays import Floats
 from beamtouch_models.error_model import whitening
@@ -79,32 +79,6 @@ def test_no_estimator_beats_the_limit_under_large_errors_of_gains(gain: float, k
     claimed = posterior_quantiles(prior, drawn.deflection_mm)[1]
     expected = (np.array(exact) * drawn.weight).mean()
     assert (claimed * drawn.weight).mean() == pytest.approx(expected, rel=0.01 if known else 0.03)
-
-
-@pytest.mark.parametrize("force_n", [(2.0, 20.0), (10.0, 10.0)])
-@pytest.mark.parametrize("truth_n", [0.4, 10.0, 24.0, 90.0])
-def test_the_force_is_integrated_out_exactly(force_n: tuple[float, float], truth_n: float) -> None:
-    forces = forces_of(force_n, TAIL)
-    assert sum(piece.share for piece in forces) == pytest.approx(1)
-    for size in (1e-6, 0.1, 3.0, 200.0):
-        projection = truth_n * size + 0.3
-        with mpmath.workdps(30):
-
-            def density(force: mpmath.mpf, size: float = size, projection: float = projection) -> mpmath.mpf:
-                return mpmath.exp(-((projection - force * size) ** 2) / 2)
-
-            total = mpmath.mpf(0)
-            for piece in forces:
-                low, high = mpmath.mpf(piece.low_n), mpmath.mpf(piece.high_n)
-                if low == high:
-                    total += piece.share * density(low)
-                    continue
-                peak = min(max(projection / size, low), high)
-                marks = sorted({low, high, *(min(max(peak + k / size, low), high) for k in (-40, -9, -3, 0, 3, 9, 40))})
-                total += piece.share * mpmath.quad(density, marks) / (high - low)
-            exact = float(mpmath.log(total))
-        found = log_likelihood(forces, np.array([size]), np.array([[projection]]), np.zeros((1, 1)))[0, 0]
-        assert found == pytest.approx(exact, rel=1e-7, abs=1e-7)
 
 
 def correlated(channels: int, noise_mm: float) -> Floats:

@@ -15,7 +15,7 @@ from beamtouch_models.errors import SceneError
 from beamtouch_models.metadata import Calibration, Departures, Sensor
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.physics.beam import influence
-from beamtouch_models.physics.motion import Following, first_frequency_hz
+from beamtouch_models.physics.motion import first_frequency_hz
 from beamtouch_models.rig.loads import NOTHING, Load
 from beamtouch_models.rig.surface import PERFECT, Imperfections, VirtualSurface
 from beamtouch_models.scene import change_scene, load_scene
@@ -136,23 +136,12 @@ def test_a_calibrated_surface_measures_what_its_model_expects(bench: ModelFile) 
 
 
 def after_a_step(frequency_hz: float, zeta: float, times: Floats) -> Floats:
-    """The deflection of an oscillator that follows 1 from the first time on, from rest at 0."""
-    following, one = Following(np.zeros(1), zeta), np.ones(1)
-    angles = 2 * math.pi * frequency_hz * np.diff(times)
-    return np.array([0.0, *(following.step(angle, one, one)[0] for angle in angles)])
-
-
-@pytest.mark.parametrize("frequency_hz", [1e-6, 44.0, 100.0, 1e5])
-@pytest.mark.parametrize("zeta", [1e-4, 0.01, 0.99])
-def test_the_step_response_is_the_closed_form_at_any_spacing_of_conversions(frequency_hz: float, zeta: float) -> None:
-    times = np.cumsum(np.random.default_rng(1).uniform(0.001, 0.009, 200))
+    """Step response of a second-order system from the first time on; Ogata, Modern Control Engineering, sec. 5-3."""
     omega, since = 2 * math.pi * frequency_hz, times - times[0]
     damped = omega * math.sqrt(1 - zeta**2)
-    # Step response of a second-order system; Ogata, Modern Control Engineering, sec. 5-3.
     swing = np.cos(damped * since) + zeta / math.sqrt(1 - zeta**2) * np.sin(damped * since)
-    closed = 1 - np.exp(-zeta * omega * since) * swing
-    tolerance = 1e-12 * max(1.0, omega * since[-1])  # the phase is a product of a float64 with the time
-    np.testing.assert_allclose(after_a_step(frequency_hz, zeta, times), closed, atol=tolerance)
+    response: Floats = 1 - np.exp(-zeta * omega * since) * swing
+    return response
 
 
 @pytest.mark.parametrize("name", ["bench", "cantilever", "two-spans"])
