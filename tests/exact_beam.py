@@ -13,7 +13,7 @@ import numpy as np
 from mpmath import mp
 from numpy.typing import NDArray
 
-from beamtouch_models.scene.beam import Beam
+from beamtouch_models.scene.beam import Beam, Support
 
 Number = Any  # mpmath ships no types
 Matrix = NDArray[np.object_]
@@ -57,12 +57,19 @@ class ExactBeam:
                         conditions.append(state[row].copy())
                         state[3 - row, fresh] += 1
                         fresh += 1
+                    state[2] = state[2] + self._stiffness(support) * state[1]
             if event == x:
                 at_sensor = state[0].copy()
         assert at_sensor is not None
         system = np.array([*conditions, state[2], state[3]])
         reactions = mpmath.lu_solve(mpmath.matrix(system[:, :-1].tolist()), mpmath.matrix((-system[:, -1]).tolist()))
         return at_sensor[unknowns] + sum(at_sensor[column] * reactions[column] for column in range(unknowns))
+
+    def _stiffness(self, support: Support) -> Number:
+        """Rotational stiffness of a support in N mm: fixity is 1 / (1 + 3 E I / (k L)), of the stiffest section."""
+        fixity = mp.mpf(support.fixity)
+        rigidity = max(mp.mpf(section.rigidity_n_mm2) for section in self.beam.sections)
+        return 3 * fixity / (1 - fixity) * rigidity / mp.mpf(self.beam.length_mm)
 
     def _carried(self, start: Number, end: Number, pressure: Number) -> Matrix:
         if (start, end, pressure) not in self._known:

@@ -6,7 +6,6 @@ from functools import cache, lru_cache
 import numpy as np
 import onnx
 from numpy.typing import NDArray
-from onnx import TensorProto, helper, numpy_helper
 
 from beamtouch_models.accuracy.prior import MAX_FORCE_RATIO, Prior
 from beamtouch_models.accuracy.thresholds import directions
@@ -14,11 +13,10 @@ from beamtouch_models.arrays import Floats
 from beamtouch_models.error_model import whitening
 from beamtouch_models.estimators.onnx_graph import to_bytes
 from beamtouch_models.estimators.posterior.window import posterior_graph
-from beamtouch_models.metadata import INPUTS
 from beamtouch_models.physics.beam import influence_of, travel_of
 from beamtouch_models.placement.placing import place
 from beamtouch_models.scene import load_scene
-from beamtouch_models.session import Run, open_session, runner
+from beamtouch_models.session import Run, runner
 from example_scenes import SCENES
 from rare_rest import rest_like_contact
 from stated_problems import problem_in
@@ -66,44 +64,6 @@ def answers_of(
 def graph_of(prior: Prior) -> onnx.ModelProto:
     """The posterior graph, with force where that is not known."""
     return posterior_graph(prior, with_force=not prior.force_is_known)
-
-
-def in_double(model: onnx.ModelProto) -> onnx.ModelProto:
-    """The same graph with the same weights, every float32 a float64, its inputs and outputs too."""
-    double = onnx.ModelProto()
-    double.CopyFrom(model)
-    for tensor in double.graph.initializer:
-        if tensor.data_type == TensorProto.FLOAT:
-            values = numpy_helper.to_array(tensor).astype(np.float64)
-            tensor.CopyFrom(numpy_helper.from_array(values, tensor.name))
-    for attribute in (attribute for node in double.graph.node for attribute in node.attribute):
-        if attribute.name == "to" and attribute.i == TensorProto.FLOAT:
-            attribute.i = TensorProto.DOUBLE
-    nodes = list(double.graph.node)
-    del double.graph.node[:]
-    for node in nodes:
-        # onnxruntime has erf for float32 only.
-        if node.op_type == "Erf":
-            single, result = f"{node.input[0]}_single", node.output[0]
-            double.graph.node.append(helper.make_node("Cast", [node.input[0]], [single], to=TensorProto.FLOAT))
-            double.graph.node.append(helper.make_node("Erf", [single], [f"{single}_erf"]))
-            double.graph.node.append(helper.make_node("Cast", [f"{single}_erf"], [result], to=TensorProto.DOUBLE))
-        else:
-            double.graph.node.append(node)
-    for value in (*double.graph.input, *double.graph.output):
-        if value.type.tensor_type.elem_type == TensorProto.FLOAT:
-            value.type.tensor_type.elem_type = TensorProto.DOUBLE
-    return double
-
-
-def double_answers(graph: onnx.ModelProto, prior: Prior, deflection_mm: Floats) -> dict[str, Floats]:
-    """Answers of the same graph computed in float64, to the same inputs as float32 gives."""
-    content = to_bytes(in_double(graph))
-    session = open_session(content)
-    names = [output.name for output in session.get_outputs()]
-    inputs = deflection_mm, prior.whitening(deflection_mm)
-    rounded = [values.astype(np.float32).astype(np.float64) for values in inputs]
-    return dict(zip(names, session.run(None, dict(zip(INPUTS, rounded, strict=True))), strict=True))
 
 
 def exceeding(

@@ -63,12 +63,12 @@ def _maps(pid: int) -> str:
 
 @contextmanager
 def dask(
-    folder: Path, workers: int, first: Path | None = None
+    folder: Path, workers: int
 ) -> Iterator[tuple[str, Callable[[Path | None], subprocess.Popen[bytes]], list[subprocess.Popen[bytes]]]]:
     """A Dask scheduler with workers of one thread, without nannies.
 
-    Yields its address, a function that starts another worker, and the processes. Modules and distributions in the
-    folder `first` come before those that are installed.
+    Yields its address, a function that starts another worker, and the processes. Distributions in the folder that the
+    function takes come before those that are installed.
     """
     if importlib.util.find_spec("distributed") is None:
         give_up("distributed is not installed: pip install 'beamtouch[cluster]'")
@@ -93,6 +93,6 @@ def dask(
         scheduler = start("scheduler", "--port", "0")
         wait_until(lambda: b"Scheduler at:" in log.read_bytes(), WITHIN_S)
         address = log.read_text().split("Scheduler at:")[1].split()[0]
-        started = [start("worker", address, "--nthreads", "1", "--no-nanny", first=first) for _ in range(workers)]
+        started = [start("worker", address, "--nthreads", "1", "--no-nanny") for _ in range(workers)]
         wait_until(lambda: log.read_bytes().count(b"Registered to") == workers, WITHIN_S)
         yield address, start_worker, [scheduler, *started]

@@ -93,6 +93,7 @@ def test_the_tutorial_ends_in_the_contact_that_it_shows(followed: Path) -> None:
     assert abs(contact["position_mm"] - 150) < 20
 
 
+@pytest.mark.soak
 def test_the_tutorial_shows_the_figures_that_build_prints(followed: Path) -> None:
     printed = (followed / "printed").read_text().splitlines()
     (sample,) = [block.text for block in blocks_of(TUTORIAL) if block.word == "text"]

@@ -1,7 +1,5 @@
 """The drawing of a beam in the report: supports as they are, thickness, and its caption."""
 
-import json
-
 import pytest
 
 from beamtouch_models.building.build import draw_beam
@@ -78,26 +76,3 @@ def test_labels_of_close_sensors_do_not_overlap(bench: ModelFile) -> None:
     assert len(tags.of("line", "lead")) == 8
     assert len(rows) == 2
     assert max(rows) + 25 < HEIGHT - 36
-
-
-@pytest.mark.parametrize(
-    ("beam", "supports", "sections"),
-    [
-        ('supports = "cantilever"', 1, 1),
-        ('supports = "propped"\nsegments = [{to_mm = 150}, {to_mm = 400, thickness_mm = 8}]', 2, 2),
-        ('supports = [{at_mm = 50}, {at_mm = 200, kind = "fixed"}, {at_mm = 350}]', 3, 1),
-        ("supports = []\nfoundation_n_mm2 = 0.01", 1, 1),  # springs under the whole beam are drawn as one
-    ],
-)
-def test_every_support_and_section_is_drawn(bench: ModelFile, beam: str, supports: int, sections: int) -> None:
-    tags, caption = draw(bench, scene_with(beam))
-    assert len(tags.of("path", "support")) == supports
-    assert len(tags.of("rect", "beam")) == sections
-    assert ("elastic foundation" in caption) is ("foundation" in beam)
-
-
-def test_the_file_of_a_model_says_which_supports_slide(bench: ModelFile) -> None:
-    supports = json.loads(bench.metadata.drawn.model_dump_json())["supports"]
-    assert [one["slides"] for one in supports] == [True, True]
-    held = draw_beam(scene_with('supports = "fixed-fixed"')).supports
-    assert [one.slides for one in held] == [False, False]

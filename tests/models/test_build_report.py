@@ -1,6 +1,5 @@
 """The report of a build: one complete page with true statements and without requests to the network."""
 
-import json
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -8,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from beamtouch_models import modelfile
 from beamtouch_models.building.build import Built
 from beamtouch_models.building.report import page as page_module
 from beamtouch_models.building.report.page import Facts, gather, page
@@ -16,8 +14,7 @@ from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.placement.placing import Aim, place
 from beamtouch_models.scene import change_scene, load_scene
 from beamtouch_models.surface import Surface
-from example_scenes import PAPER, SCENES
-from in_process import Command
+from example_scenes import SCENES
 from stated_problems import problem_in
 from tags import Tags
 
@@ -130,50 +127,6 @@ def test_text_of_the_user_is_escaped(facts: Facts) -> None:
     told = page(replace(facts, model=replace(facts.model, metadata=metadata)))
     assert "<script>" not in told
     assert "<script>alert('x')</script>" in " ".join(Tags(told).text)
-
-
-@pytest.mark.usefixtures("short_work")
-def test_a_report_leaves_out_the_eigenvalue_product_if_no_layout_has_one(
-    design_sensors_here: Command, tmp_path: Path
-) -> None:
-    scene, report = tmp_path / "scene.toml", tmp_path / "report.html"
-    # Contacts at one place have one component, and three sensors need three.
-    text = PAPER.replace("count = 2", "count = 3\ngrid_mm = 57").replace("[1, 399]", "[200, 200.001]")
-    scene.write_text(text.replace("noise_percent_of_max = 2", "noise_percent_of_max = 0.2"))
-    asked = ("--criterion", "position-error", "-o", tmp_path / "model.onnx", "--report", report)
-    done = design_sensors_here("build", scene, *asked)
-    assert done.returncode == 0, done.stderr
-    told = " ".join(Tags(report.read_text()).text)
-    assert "ln of the eigenvalue product -∞" in told
-    rows = told[told.index("Layouts compared") :]
-    assert "position error" in rows
-    assert not re.search(r"\b(nan|inf|None)\b|eigenvalue product \d", rows)
-
-
-@pytest.mark.usefixtures("short_work")
-def test_explain_and_the_report_of_build_agree_if_the_noise_comes_from_the_adc_alone(
-    design_sensors_here: Command, tmp_path: Path
-) -> None:
-    scene, report = tmp_path / "deep.toml", tmp_path / "deep.html"
-    text = PAPER.replace("thickness_mm = 3", "thickness_mm = 12").replace(
-        "force_n = 10.0", "force_n = 20.0\nwidth_mm = 2"
-    )
-    scene.write_text(text.replace("noise_percent_of_max = 2", "noise_mm = 0.0\nadc_bits = 12"))
-    explained = json.loads(design_sensors_here("explain", scene, "--json").stdout)
-    done = design_sensors_here("build", scene, "-o", tmp_path / "deep.onnx", "--report", report, "--json")
-    assert done.returncode == 0, done.stderr
-    shear = explained["effects"][0]
-    assert shear["verdict"] == "not modelled"
-    assert f"note:    shear is {shear['price']:.2g} times the noise but not modelled" in done.stderr
-    assert json.loads(done.stdout)["noise"]["sample_mm"] == explained["noise_mm"]
-    text = report.read_text(encoding="utf-8")
-    assert modelfile.load(tmp_path / "deep.onnx").identity in text
-    cells = [cell.strip() for cell in Tags(text).text]
-    for effect in explained["effects"]:
-        row = cells.index(effect["name"], cells.index("shear"))
-        price = "-" if effect["price"] is None else f"{effect['price']:.3g}"
-        words = [cell for cell in cells[row + 1 :] if cell][:3]
-        assert words == [price, effect["verdict"], effect["reason"]]
 
 
 def test_ringing_is_stated(facts: Facts, words: str) -> None:

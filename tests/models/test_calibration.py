@@ -1,6 +1,5 @@
 """Calibration with known loads: the fitted values, the gain in accuracy, and refusals."""
 
-import csv
 import dataclasses
 import json
 import re
@@ -13,12 +12,12 @@ import pytest
 from beamtouch_models import modelfile
 from beamtouch_models.accuracy import limit
 from beamtouch_models.calibration.calibrate import Calibrated, calibrate, checked_fit
-from beamtouch_models.calibration.fit import fit, residuals_of, supported_fit
-from beamtouch_models.calibration.recordings import Loads, read_loads
+from beamtouch_models.calibration.fit import fit, residuals_of
+from beamtouch_models.calibration.recordings import read_loads
 from beamtouch_models.calibration.self_calibrate import self_calibrate
 from beamtouch_models.calibration.theory import Theory
 from beamtouch_models.errors import NotGoodEnoughError
-from beamtouch_models.modelfile import Metadata, ModelFile, Weighed, evidence
+from beamtouch_models.modelfile import ModelFile, Weighed, evidence
 from beamtouch_models.rig.surface import Imperfections
 from beamtouch_models.surface import prior_of_model
 from beamtouch_models.sweeps import silent
@@ -131,21 +130,6 @@ def test_unlabelled_contacts_go_on_from_a_calibrated_model(
     assert calibration.departures.fixity == pytest.approx(departures.fixity)
 
 
-def test_a_perfect_surface_has_little_to_fit(bench: ModelFile) -> None:
-    perfect = recorded(bench.metadata, Imperfections(), np.random.default_rng(6))
-    found = supported_fit(Theory.of(bench.metadata), perfect, lambda _done: None).departures
-    assert found.gain == pytest.approx([1] * 4, abs=2e-3)
-    assert found.position_offset_mm == pytest.approx([0] * 4, abs=0.3)
-    assert found.fixity == pytest.approx((0, 0), abs=5e-3)
-
-
-@pytest.mark.soak
-def test_a_perfect_surface_is_accepted(built_model: Callable[[str], Path]) -> None:
-    model = modelfile.load(built_model("cantilever"))
-    loads = recorded(model.metadata, Imperfections(), np.random.default_rng(6))
-    assert checked_fit(model, loads, silent).after_mm.mean() < 5
-
-
 def test_leverages_leave_out_as_fitting_again_does(bench: ModelFile) -> None:
     rng = np.random.default_rng(2)
     loads = recorded(bench.metadata, imperfections(2, bench.metadata), rng)
@@ -160,36 +144,15 @@ def test_leverages_leave_out_as_fitting_again_does(bench: ModelFile) -> None:
         assert whole.left_out_mm[index] == pytest.approx(off, rel=0.2, abs=0.05 * np.abs(whole.left_out_mm).max())
 
 
-def test_a_fit_leaves_a_fixity_of_zero(bench: ModelFile) -> None:
-    rng = np.random.default_rng(1)
-    loads = recorded(bench.metadata, random_imperfections(bench.metadata, rng), rng)
-    theory = Theory.of(bench.metadata)
-    assert fit(theory, loads, tuple(theory.kinds)).error_mm < 2 * bench.metadata.noise.sample_mm
-
-
-def test_a_model_that_is_worse_is_not_written(
-    design_sensors_here: Command, built_model: Callable[[str], Path], tmp_path: Path
-) -> None:
+def test_a_model_that_is_worse_is_not_written(built_model: Callable[[str], Path]) -> None:
     # Four loads that stand 3 mm off on a surface that does not depart from its scene.
-    model, path, output = built_model("cantilever"), tmp_path / "loads.csv", tmp_path / "out.onnx"
-    metadata = modelfile.load(model).metadata
-    loads = recorded(metadata, Imperfections(), np.random.default_rng(6), count=4, hand_mm=3.0)
-    write_loads(path, metadata, loads)
-    done = design_sensors_here("calibrate", model, path, "-o", output, "--json")
-    assert (done.returncode, done.stdout) == (1, "")
-    means = re.search(r"left-out loads to (\S+) mm, the given model to (\S+) mm", done.stderr)
+    model = modelfile.load(built_model("cantilever"))
+    loads = recorded(model.metadata, Imperfections(), np.random.default_rng(6), count=4, hand_mm=3.0)
+    with pytest.raises(NotGoodEnoughError) as refused:
+        checked_fit(model, loads, silent)
+    means = re.search(r"left-out loads to (\S+) mm, the given model to (\S+) mm", str(refused.value))
     assert means is not None
     assert float(means[1]) > 1.05 * float(means[2])
-    assert not output.exists()
-
-
-def write_loads(path: Path, metadata: Metadata, loads: Loads) -> None:
-    """Write loads as `record` does, with the mean of its samples for each sample."""
-    columns = ["load", "position_mm", "force_n", *(f"{channel.name}_deflection_mm" for channel in metadata.layout)]
-    each = zip(loads.number, loads.position_mm, loads.force_n, loads.measured_mm, strict=True)
-    rows = [[number, position, force, *stated] for number, position, force, stated in each for _ in range(200)]
-    with path.open("w", newline="") as file:
-        csv.writer(file).writerows([columns, *rows])
 
 
 def test_the_command_prints_the_departures(
@@ -247,7 +210,7 @@ def test_options_that_cannot_be_are_wrong_input(
 
 def test_loads_that_move_no_sensor_determine_nothing(bench: ModelFile) -> None:
     rng = np.random.default_rng(2)
-    loads = recorded(bench.metadata, random_imperfections(bench.metadata, rng), rng)
+    loads = recorded(bench.metadata, random_imperfections(bench.metadata, rng), rng, count=5)
     still_mm = rng.normal(size=loads.measured_mm.shape) * bench.metadata.noise.reading_mm
     on_supports = dataclasses.replace(
         loads, position_mm=np.where(loads.position_mm > 200, 400.0, 0.0), measured_mm=still_mm

@@ -10,7 +10,7 @@ import onnx
 import pytest
 
 from beamtouch_models import modelfile
-from beamtouch_models.challenge import contacts, faults
+from beamtouch_models.challenge import contacts
 from beamtouch_models.challenge.challenge import Row, challenge, misses, rows_of
 from beamtouch_models.challenge.judge import Said, judge
 from beamtouch_models.challenge.play import Case, Drawn, SimulatedSurface
@@ -68,38 +68,6 @@ def test_a_lost_reading_has_no_statement_and_its_place_in_time_counts(
     shorter = judge(surface, bench.run, readings[~play.lost].reshape(4, -1, surface.channels))
     length_mm, known_mm = heard.high_mm - heard.low_mm, shorter.high_mm - shorter.low_mm
     assert np.median(length_mm[:, second] / known_mm[:, second - 5]) > 3
-
-
-@pytest.mark.parametrize("rate_hz", [10.0, 200.0])
-def test_gaps_lie_where_they_say_and_no_motion_is_longer_than_the_beam(bench: ModelFile, rate_hz: float) -> None:
-    sensor = bench.metadata.sensor.model_copy(update={"rate_hz": rate_hz})
-    surface = SimulatedSurface.of(bench.metadata.model_copy(update={"sensor": sensor}))
-    plays = [case.make(Drawn.of(surface, 3, np.random.default_rng(7))) for case in contacts.lossy_cases(surface)]
-    gaps = [play for play in plays if play.rows[0][0].startswith("gap of ")]
-    assert {name for play in gaps for name, _ in play.rows} >= {f"gap of {gap} at rest" for gap in contacts.GAPS}
-    for play in gaps:
-        assert play.lost is not None
-        assert set(play.lost.sum(axis=1)) == {int(play.rows[0][0].split()[2])}
-        assert not play.lost[:, : surface.look_back].any()
-        if "at rest" not in play.rows[0][0]:
-            assert np.isnan(play.truth_mm[:, surface.look_back - 1]).all() or "moves" in play.rows[0][0]
-    honest = [case.make(Drawn.of(surface, 3, np.random.default_rng(7))) for case in contacts.honest_cases(surface)]
-    speeds = [play.rows[0][0] for play in honest]
-    assert [name for name in speeds if name.endswith("100 mm/s")]
-    assert any(name.endswith("1000 mm/s") for name in speeds) is (rate_hz > 100)
-
-
-@pytest.mark.soak
-def test_wedges_are_noticed_and_near_contacts_cannot_be(bench: ModelFile) -> None:
-    (wedge,) = only(bench, Case(False, lambda *a: faults.wedged(*a, touched=False)), 60)
-    assert wedge.power == pytest.approx(1.0)
-    assert wedge.noticed is not None
-    assert wedge.noticed > 0.95
-    (near,) = only(bench, Case(False, lambda *a: faults.two_contacts(*a, apart=0.02, ratio=1.0)), 60)
-    assert near.power is not None
-    assert near.power < 1e-3
-    assert near.noticed is not None
-    assert near.noticed < 0.2
 
 
 def test_the_same_seed_gives_the_same_rows(bench: ModelFile) -> None:

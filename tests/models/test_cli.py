@@ -5,7 +5,6 @@ import re
 import subprocess
 import sys
 import tomllib
-from importlib.metadata import version
 from pathlib import Path
 
 import onnx
@@ -19,12 +18,6 @@ from beamtouch_models.modelfile import ModelFile
 from example_scenes import PAPER, SCENES
 from in_process import Command
 from tags import Tags
-from waiting import interrupted
-
-
-def design_sensors(*arguments: object) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "beamtouch_models.cli", *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, check=False, timeout=150)
 
 
 def test_help_of_every_command_imports_nothing_that_computes() -> None:
@@ -172,15 +165,3 @@ def test_inspect_for_a_person(design_sensors_here: Command, bench_model: Path) -
         "error over limit",
     ):
         assert said in done.stdout
-
-
-def test_it_prints_its_version() -> None:
-    done = design_sensors("--version")
-    assert (done.returncode, done.stdout) == (0, f"design-sensors {version('beamtouch')}\n")
-
-
-def test_ctrl_c_is_130_and_leaves_no_model(tmp_path: Path) -> None:
-    figures = tmp_path / "figures"
-    command = [sys.executable, "-m", "beamtouch_models.cli", "reproduce", "-o", str(figures)]
-    assert interrupted(command, lambda _pid: figures.is_dir()) == (130, "", "design-sensors: interrupted\n")
-    assert list(figures.iterdir()) == []

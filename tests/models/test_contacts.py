@@ -5,7 +5,7 @@ import pytest
 from scipy.stats import chi2
 
 from beamtouch_models.accuracy import limit, posterior
-from beamtouch_models.accuracy.limit import LIKELY, simulated, simulated_enough
+from beamtouch_models.accuracy.limit import simulated
 from beamtouch_models.accuracy.statistics import Measurement, mean_of, quantile_of, ratio_of, share_of
 from posterior_cases import prior_of
 
@@ -75,27 +75,12 @@ def test_the_figures_are_those_of_plain_draws(case: tuple[str, int, float, bool]
     assert found["limit"].standard_error < plain["limit"].standard_error * (draws / 2048) ** 0.5 * 0.7
 
 
-def test_the_same_seed_draws_the_same() -> None:
-    prior = prior_of("bench", 2, 1.0, known=False)
-    first, second = (simulated(prior, 200, 3) for _ in range(2))
-    assert np.array_equal(first.likely_mm, second.likely_mm)
-    assert first.likely_mm.shape == (256, LIKELY)
-    assert not np.array_equal(first.likely_mm, simulated(prior, 200, 4).likely_mm)
+def test_a_weight_counts_like_repeated_cases() -> None:
+    values, counts = np.arange(64.0), np.tile([1.0, 3.0], 32)
+    every = np.repeat(values, counts.astype(int))
+    assert mean_of(values, counts).value == pytest.approx(every.mean())
+    assert quantile_of(values, 0.8, counts).value == pytest.approx(np.quantile(every, 0.8), abs=1)
 
 
-def test_weights_are_one_on_average_and_bounded() -> None:
-    weight = simulated(prior_of("bench", 4, 1.0, known=False), 1024, 3).drawn.weight
-    assert weight.mean() == pytest.approx(1, abs=1e-12)
-    assert weight.max() <= 1.001 / limit.UNIFORM
-
-
-def test_more_contacts_where_few_leave_the_limit_uncertain() -> None:
-    assert len(simulated_enough(prior_of("paper", 2, 2.0, known=True), 256, 0).drawn.weight) == 1024
-    assert len(simulated_enough(prior_of("cantilever", 2, 1.0, known=False), 1024, 0).drawn.weight) == 1024
-
-
-def test_without_noise_a_contact_is_its_own_only_cause() -> None:
-    prior = prior_of("bench", 2, 0.0, known=False)
-    contacts = simulated(prior, 128, 0)
-    assert contacts.deviation_mm is contacts.least_error_mm() is None
-    assert contacts.mean_error_mm(contacts.drawn.position_mm + 2.0) == pytest.approx(np.full(128, 2.0))
+def test_a_share_of_none_has_a_standard_error() -> None:
+    assert share_of(np.zeros(999, np.bool_)).standard_error == pytest.approx(1e-3, rel=0.02)

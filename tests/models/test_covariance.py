@@ -104,15 +104,6 @@ def test_while_the_beam_rings_the_error_is_covered(lasting_s: float, first_ms: i
     assert held(Chain(FILTER, 4, NOISE_MM, PERIOD), deflection, truth, samples, random).min() >= 0.93
 
 
-@pytest.mark.parametrize("speed_mm_per_s", [10, 300, 1000])
-def test_while_a_load_moves_the_error_is_covered(speed_mm_per_s: float) -> None:
-    random = np.random.default_rng(5)
-    place, largest = random.uniform(0.05, 0.95, LOADS), random.uniform(0.23, 2.26, LOADS)
-    way = random.choice([-1, 1], (LOADS, 1)) * speed_mm_per_s / 400 / RATE_HZ * np.arange(-BEFORE, 1)
-    truth = static_mm(np.clip(place[:, np.newaxis] + way, 0.02, 0.98), largest[:, np.newaxis])
-    assert held(Chain(FILTER, 4, NOISE_MM, PERIOD), truth, truth, [BEFORE], random)[0] >= 0.93
-
-
 def evidence(filtered: Filtered, samples: slice) -> FloatArray:
     """Evidence against rest [nats], shape (samples,): half the squares of the means, under covariance and floor."""
     mean = filtered.mean_mm[samples]
@@ -174,10 +165,9 @@ CHAINS = {
 }
 
 
-@pytest.mark.parametrize("kind", CHAINS)
-@pytest.mark.parametrize("channels", [2, 8])
+@pytest.mark.parametrize(("kind", "channels"), [*((kind, 2) for kind in CHAINS), ("mean", 8)])
 def test_a_beam_at_rest_has_the_noise_of_its_filter_and_nothing_else(kind: str, channels: int) -> None:
-    white = np.random.default_rng(6).standard_normal((60_000 // channels, channels))
+    white = np.random.default_rng(6).standard_normal((40_000 // channels, channels))
     filtered = Chain(CHAINS[kind], channels, 1.0, 20.0).apply(white)
     settled = slice(400, None)
     measured = np.cov(filtered.mean_mm[settled].T)
@@ -216,11 +206,11 @@ def test_a_channel_without_a_reading_has_a_zero_row_and_the_others_keep_their_do
     assert correlation > 0.99
 
 
-@pytest.mark.parametrize("noise_mm", [0.0, 1e-3, 10.0])
 @pytest.mark.parametrize("kind", CHAINS)
-@settings(max_examples=15)
+@settings(max_examples=30)
 @given(data=st.data())
-def test_a_covariance_is_finite_and_positive_at_any_scale(kind: str, noise_mm: float, data: st.DataObject) -> None:
+def test_a_covariance_is_finite_and_positive_at_any_scale(kind: str, data: st.DataObject) -> None:
+    noise_mm = data.draw(st.sampled_from([0.0, 1e-3, 10.0]))
     unit = st.sampled_from([0.0, 1e-6, 1e-3, 1.0, 1e3])
     readings = arrays(np.float64, (data.draw(st.integers(1, 25)), 3), elements=st.floats(-1, 1) | st.just(math.nan))
     values = data.draw(readings) * data.draw(unit) + data.draw(unit)
@@ -230,13 +220,6 @@ def test_a_covariance_is_finite_and_positive_at_any_scale(kind: str, noise_mm: f
     np.testing.assert_array_equal(covariance, covariance.transpose(0, 2, 1))
     least = np.linalg.eigvalsh(covariance)[:, 0]
     assert (least >= -1e-12 * np.trace(covariance, axis1=1, axis2=2)).all()
-
-
-def test_without_a_known_noise_there_is_no_covariance() -> None:
-    filtered = Chain(Mean("moving-average", 2), 1).apply(np.zeros((3, 1)))
-    assert not filtered.moves.any()
-    with pytest.raises(ValueError, match="needs the noise"):
-        _ = filtered.covariance_mm2
 
 
 @pytest.mark.parametrize("beyond", [0.01, 0.0002])

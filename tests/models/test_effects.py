@@ -9,18 +9,11 @@ from scipy.optimize import brentq
 
 from beamtouch_models.accuracy import limit
 from beamtouch_models.accuracy.prior import Prior
-from beamtouch_models.arrays import Floats
-from beamtouch_models.building.build import Choices, build_model
-from beamtouch_models.errors import SceneError
-from beamtouch_models.metadata import FilterChoice
 from beamtouch_models.physics.beam import influence_of, travel_of
-from beamtouch_models.physics.motion import first_frequency_hz, ringing_after_filter, sag_mm, slowest_period_ms
-from beamtouch_models.placement.placing import Aim
-from beamtouch_models.pricing.noise import ReadingErrors
-from beamtouch_models.pricing.prices import Effect, effects_of
+from beamtouch_models.physics.motion import first_frequency_hz, sag_mm, slowest_period_ms
+from beamtouch_models.pricing.prices import Effect
 from beamtouch_models.scene import Scene, load_scene
 from beamtouch_models.surface import Surface
-from beamtouch_models.sweeps import silent
 from example_scenes import SCENES, paper_scene
 from plain_error import mean_error
 
@@ -120,27 +113,6 @@ def test_a_scene_without_negligible_effects_is_unchanged() -> None:
     assert effects(silent) == ()  # a price has no unit
 
 
-def test_noise_that_comes_from_the_adc_alone_prices_effects_like_any_noise() -> None:
-    parts = ({"beam": {"thickness_mm": 12.0}}, {"contact": {"width_mm": 2.0}})
-    exact, rough = (scene_with(*parts, noise_percent_of_max=None, noise_mm=n, adc_bits=12) for n in (0.0, 1e-12))
-    found = Surface.of(exact)
-    assert {effect.name: effect.verdict for effect in found.effects} == {
-        effect.name: effect.verdict for effect in effects(rough)
-    }
-    assert found.effects == effects(exact)
-    judged = {effect.name: effect for effect in found.effects}
-    # F l / (4 k G A) under a point; over 2 mm, a share of 2 / (2 l) less. The steps are worth 0.26 um of noise.
-    shear_mm = 20 * 400 / (4 * 5 / 6 * 210e3 / 2.6 * 300) * (1 - 2 / 800)
-    assert judged["shear"].verdict == "not modelled"
-    assert price(exact, "shear") == pytest.approx(shear_mm / COUNT_NOISE_MM, rel=1e-6)
-    # Without other noise the rounding is never averaged: that of a reading, and that of the rest gap in every mean.
-    assert judged["ADC steps"].verdict == "in"
-    assert price(exact, "ADC steps") == pytest.approx(3**0.5, rel=1e-3)
-    assert judged["contact width"].verdict == "out"
-    assert (found.scene.contact.width_mm, found.scene.sensors.adc_bits) == (0, 12)
-    assert found.noise.sample_mm == pytest.approx(COUNT_NOISE_MM)
-
-
 def test_the_price_of_shear_is_its_textbook_deflection_over_the_noise() -> None:
     # F l / (4 k G A) in the middle of a simple span, k = 5/6; Timoshenko & Gere, Mechanics of Materials, sec. 12.12.
     scene = paper_scene(noise_percent_of_max=None, noise_mm=1e-4)
@@ -228,53 +200,10 @@ def test_the_sag_under_its_own_weight_is_the_published_one() -> None:
     assert f"{expected:.3g} mm" in priced(scene)["self-weight"].reason
 
 
-def test_a_mean_filter_passes_the_expected_part_of_ringing() -> None:
-    assert ringing_after_filter(50.0, 0.01, FilterChoice(), 1000.0) == 1.0
-    # A mean over a whole period passes nothing; a mean of two readings 90 degrees apart passes the root of a half.
-    whole = FilterChoice(kind="moving-average", window=20, settling_ms=20)
-    assert ringing_after_filter(50.0, 0.01, whole, 1000.0) == pytest.approx(0, abs=1e-15)
-    two = FilterChoice(kind="moving-average", window=2, settling_ms=10)
-    assert ringing_after_filter(50.0, 0.01, two, 200.0) == pytest.approx(
-        math.sqrt(0.5) * math.exp(-0.01 * math.pi), rel=1e-12
-    )
-
-
-@pytest.fixture
-def pricings(monkeypatch: pytest.MonkeyPatch) -> list[FilterChoice]:
-    """The filters for which effects were really priced, in order."""
-    priced_for: list[FilterChoice] = []
-
-    def counted(scene: Scene, chosen: FilterChoice, readings: ReadingErrors, allowed_mm: Floats) -> tuple[Effect, ...]:
-        priced_for.append(chosen)
-        return effects_of(scene, chosen, readings, allowed_mm)
-
-    monkeypatch.setattr("beamtouch_models.surface.effects_of", counted)
-    return priced_for
-
-
-@pytest.mark.usefixtures("short_work")
-def test_a_build_prices_each_effect_once_and_carries_its_physics(pricings: list[FilterChoice]) -> None:
-    scene, text = load_scene(SCENES / "stepped.toml")
-    chosen = Surface.of(scene).filter
-    choices = Choices(aim=Aim("eigenvalue-product"))
-    built = build_model(scene, text, "stepped", count=None, seed=0, progress=silent, choices=choices)
-    assert pricings == [chosen]
-    assert built.surface.effects == Surface.of(scene, chosen).effects
-    assert built.surface.noise == built.metadata.noise
-    assert Surface.of_model(built.metadata).scene == built.surface.scene
-
-
 @pytest.mark.parametrize("name", NEW_SCENES)
 def test_shipped_scenes_include_the_effects_they_are_named_after(name: str) -> None:
     scene, _ = load_scene(SCENES / f"{name}.toml")
     assert {effect.name for effect in effects(scene) if effect.verdict == "in"} == NEW_SCENES[name]
-
-
-def test_extreme_noise_gives_prices_or_a_refusal() -> None:
-    scene = scene_with({"beam": {"density_kg_m3": 7850}}, noise_percent_of_max=None, noise_mm=1e300)
-    assert all(effect.price is None or math.isfinite(effect.price) for effect in effects(scene))
-    with pytest.raises(SceneError, match="too small next to the deflection"):
-        effects(scene_with({"contact": {"force_n": 19.0}}, noise_percent_of_max=None, noise_mm=5e-324))
 
 
 def test_the_errors_that_calibration_leaves_are_priced_and_belong_to_the_floor() -> None:

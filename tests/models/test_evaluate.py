@@ -1,8 +1,7 @@
-"""`design-sensors evaluate`: its figures by other ways, and the command."""
+"""`design-sensors evaluate`: its figures by other ways, the command, and a requirement that is missed."""
 
 import json
-import os
-import subprocess
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,8 +14,8 @@ from beamtouch_models.accuracy.evaluation import at_noise, evaluate
 from beamtouch_models.description import unseen
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.surface import prior_of_model
+from example_scenes import PAPER
 from in_process import Command
-from sweeping import COMMAND
 
 
 @pytest.mark.long
@@ -68,11 +67,11 @@ def test_one_json_object_and_a_table(design_sensors_here: Command, bench_model: 
     assert noisy["noise_mm"] == 0.01
     assert noisy["span"]["ratio"]["standard_error"] > 0
     assert silent["span"]["ratio"] is silent["cramer_rao_mean_mm"] is None
-    table = design_sensors_here("evaluate", bench_model, "--draws", 200)
-    assert table.returncode == 0
-    assert "error over limit" in table.stdout
-    assert "position interval" in table.stdout
-    assert "smallest force" in table.stdout
+    table = design_sensors_here("evaluate", bench_model, "--draws", 200, "--noise", 0.01, "--noise", 0).stdout
+    for said in ("error over limit", "position interval", "smallest force"):
+        assert said in table
+    assert re.search(r"without noise\s+the limit is 0, so there is no ratio", table)
+    assert re.search(r"limit, mean\s+-", table)
 
 
 @pytest.mark.usefixtures("short_work")
@@ -85,21 +84,6 @@ def test_the_middle_has_figures_only_where_enough_contacts_lie_in_it(bench: Mode
             assert found.span.mean_mm.standard_error > 0
             assert found.middle is None or found.middle.p95_mm.standard_error > 0
     assert evaluate(bench, replace(prior, position_mm=(1.0, 200.0)), draws=512, seed=0).middle is not None
-
-
-@pytest.mark.soak
-def test_an_evaluation_takes_little_memory_for_each_contact(bench_model: Path) -> None:
-    """Peak memory of two processes, of which one draws many more contacts."""
-    peaks_kb = []
-    for draws in (1024, 8192):
-        with subprocess.Popen(
-            [COMMAND, "evaluate", str(bench_model), "--draws", str(draws), "--json"], stdout=subprocess.DEVNULL
-        ) as process:
-            _, status, used = os.wait4(process.pid, 0)
-            process.returncode = os.waitstatus_to_exitcode(status)
-        assert process.returncode == 0
-        peaks_kb.append(used.ru_maxrss)
-    assert (peaks_kb[1] - peaks_kb[0]) / (8192 - 1024) < 4  # kB; what is kept of a contact takes 2
 
 
 def test_a_force_of_the_scene_that_is_missed_is_noted(
@@ -119,3 +103,19 @@ def test_a_force_of_the_scene_that_is_missed_is_noted(
     first, last = (min(at for at in seen.position_mm if at > 350), max(seen.position_mm))
     assert f"note:    the scene's smallest force, {weakest:g} N, is missed" in done.stderr
     assert f"at {first:.4g}..{last:.4g} mm: up to {2.4 * weakest:.2g} N is needed there" in done.stderr
+
+
+@pytest.mark.usefixtures("short_work")
+def test_every_command_says_that_a_required_error_is_missed(design_sensors_here: Command, tmp_path: Path) -> None:
+    scene, model = tmp_path / "paper.toml", tmp_path / "paper.onnx"
+    coarse = PAPER.replace("count = 2", "count = 2\ngrid_mm = 57")
+    missed = (
+        r"note:    the (?:mean error|accuracy limit) is [\d.]+ mm, more than requirements.position_error_mm = 0.5; use"
+    )
+    commands = (("place", scene), ("build", scene, "-o", model), ("evaluate", model, "--draws", 100))
+    for wanted_mm, is_missed in ((0.5, True), (50, False)):
+        scene.write_text(f"{coarse}\n[requirements]\nposition_error_mm = {wanted_mm}\n")
+        for arguments in commands:
+            done = design_sensors_here(*arguments, "--json")
+            assert done.returncode == 0, done.stderr
+            assert bool(re.search(missed, done.stderr)) is is_missed, done.stderr

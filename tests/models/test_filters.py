@@ -7,7 +7,6 @@ import pytest
 
 from beamtouch_models.filters import Chain, FloatArray, Mean
 
-RATE_HZ = 200.0
 WHITE = np.random.default_rng(7).standard_normal((60_000, 2))
 
 

@@ -58,7 +58,7 @@ def test_after_a_touch_all_readings_since_it_count_and_none_before() -> None:
 def test_the_error_since_a_touch_is_that_of_the_mean_of_so_many_readings(size: float) -> None:
     truth = stepped(size, 401, 200)
     held = []
-    for one in noise(401, 2, 100):
+    for one in noise(401, 2, 50):
         filtered = grown(truth + one)
         error = ((filtered.mean_mm - truth) ** 2).sum(axis=1) * filtered.readings
         held.append(error < chi2.ppf(0.95, CHANNELS))
@@ -213,7 +213,7 @@ def test_a_load_that_begins_to_move_is_within_the_covariance_before_any_test_fin
     way = np.clip(np.arange(220 + readings) - 219, 0, None)[:, np.newaxis] * speed * ACROSS / np.linalg.norm(ACROSS)
     floor = 0.3**2 * np.eye(CHANNELS)
     held = []
-    for one in noise(220 + readings, 21, 100):
+    for one in noise(220 + readings, 21, 60):
         filtered = grown(way + one, period=PERIOD)
         error = (filtered.mean_mm - way)[-readings // 3 :]
         stated = filtered.covariance_mm2[-readings // 3 :] + floor

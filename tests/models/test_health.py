@@ -6,10 +6,8 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from beamtouch_models.curve import InfluenceCurve
 from beamtouch_models.health.changes import RESOLUTION, Block, History
 from beamtouch_models.modelfile import BestSample, Health, ModelFile
-from beamtouch_models.surface import prior_of_model
 from drawn_contacts import Drawn
 
 BASELINE = 100
@@ -33,19 +31,6 @@ def after(drawn: Drawn, baseline: int, *later: Sequence[BestSample]) -> Health:
     for samples in later:
         health.add(samples)
     return health
-
-
-def test_the_table_gives_the_influence_and_finds_the_contact(bench: ModelFile) -> None:
-    curve, prior = InfluenceCurve.of(bench.metadata), prior_of_model(bench.metadata)
-    position = np.linspace(5.0, 395.0, 211)
-    shape, slope = curve.at(position)
-    exact = prior.influence_at(position)
-    assert np.abs(shape - exact).max() < 1e-6 * exact.max()
-    difference = (prior.influence_at(position + 0.01) - prior.influence_at(position - 0.01)) / 0.02
-    assert np.abs(slope - difference).max() < 1e-3 * np.abs(difference).max()
-    found, force = curve.best_contacts(7.0 * exact, np.ones_like(exact))
-    assert np.abs(found - position).max() < 1e-2
-    assert force == pytest.approx(7.0, rel=1e-3)
 
 
 def test_an_honest_surface_has_not_changed_and_the_intervals_hold_that(drawn: Drawn) -> None:

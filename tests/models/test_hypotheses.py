@@ -5,6 +5,7 @@ from __future__ import annotations
 import random
 
 import numpy as np
+import pytest
 
 from beamtouch_models.decision.decider import AT_REST, decide
 from beamtouch_models.metadata import Thresholds
@@ -64,28 +65,25 @@ def test_a_state_that_is_shown_does_not_depend_on_the_samples_before() -> None:
     assert known > 2250
 
 
-def said(*samples: Evidence) -> list[tuple[str, bool, bool]]:
-    """State, note and whether the state is known, after samples of which nothing is known."""
+CLEAR, DOUBTED, CONTACT = ("clear", False, True), ("clear", True, False), ("contact", False, True)
+"""State, whether it is unsteady, and whether it is known."""
+
+
+@pytest.mark.parametrize(
+    ("samples", "expected"),
+    [
+        ([sample(WEAK)] * 4, [DOUBTED] * 2 + [CONTACT] * 2),  # never clear without a note
+        ([sample(BETWEEN, STRONG)] * 20, [DOUBTED] * 20),  # nor one that moves
+        ([sample(BETWEEN)], [DOUBTED]),
+        ([sample(REST)], [CLEAR]),
+        ([sample(REST, settled=False)] * 3, [DOUBTED] * 2 + [CLEAR]),  # means of few readings take three
+        ([sample(STRONG)], [CONTACT]),
+        ([sample(STRONG, STRONG)], [("contact", True, True)]),
+    ],
+)
+def test_a_contact_after_a_start_is_never_clear_without_a_note(
+    samples: list[Evidence], expected: list[tuple[str, bool, bool]]
+) -> None:
     hypotheses = Hypotheses(THRESHOLDS, memories_after(None))
     found = [hypotheses.step(one) for one in samples]
-    return [(one.state.value, one.unsteady, one.shown) for one in found]
-
-
-def test_a_weak_contact_after_a_start_is_never_clear_without_a_note() -> None:
-    assert said(*[sample(WEAK)] * 4) == [("clear", True, False)] * 2 + [("contact", False, True)] * 2
-
-
-def test_a_contact_that_moves_after_a_start_is_never_clear_without_a_note() -> None:
-    assert said(*[sample(BETWEEN, STRONG)] * 20) == [("clear", True, False)] * 20
-    assert said(sample(BETWEEN)) == [("clear", True, False)]
-
-
-def test_a_still_beam_after_a_start_is_clear_at_once() -> None:
-    assert said(sample(REST)) == [("clear", False, True)]
-    # Means of few readings take three.
-    assert said(*[sample(REST, settled=False)] * 3) == [("clear", True, False)] * 2 + [("clear", False, True)]
-
-
-def test_a_strong_contact_after_a_start_is_a_contact_at_once() -> None:
-    assert said(sample(STRONG)) == [("contact", False, True)]
-    assert said(sample(STRONG, STRONG)) == [("contact", True, True)]
+    assert [(one.state.value, one.unsteady, one.shown) for one in found] == expected

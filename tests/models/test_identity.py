@@ -3,31 +3,13 @@
 import pytest
 
 from beamtouch_models.scene import identity_of, parse_scene
+from example_scenes import PAPER
 
-SCENE = """
-[beam]
-length_mm = 400
-youngs_modulus_gpa = 210
-width_mm = 25
-thickness_mm = 3
-
-[contact]
-force_n = [2.0, 20.0]
-position_mm = [20, 380]
-
-[sensors]
-count = 3
-noise_mm = 0.004
-range_mm = [1, 5]
-
-[requirements]
-latency_ms = 50
-"""
 LAYOUT = {"s1": 100.0, "s2": 200.0, "s3": 300.0}
 
 
 def identity(*changes: tuple[str, str], layout: dict[str, float] = LAYOUT) -> str:
-    text = SCENE
+    text = PAPER
     for old, new in changes:
         assert old in text
         text = text.replace(old, new)
@@ -37,10 +19,10 @@ def identity(*changes: tuple[str, str], layout: dict[str, float] = LAYOUT) -> st
 @pytest.mark.parametrize(
     "change",
     [
-        ("noise_mm = 0.004", "noise_mm = 0.008\nzero_drift_mm = 0.01\ngain_error_percent = 1"),
-        ("range_mm = [1, 5]", "range_mm = [1, 6]\nstandoff_mm = 4"),
-        ("[2.0, 20.0]", "[1.0, 10.0]"),
-        ("latency_ms = 50", 'latency_ms = 10\ndescriptors = ["position", "force"]'),
+        ("noise_percent_of_max = 2", "noise_mm = 0.008\nzero_drift_mm = 0.01\ngain_error_percent = 1"),
+        ("count = 2", "count = 3\nrange_mm = [1, 6]\nstandoff_mm = 4"),
+        ("force_n = 10.0", "force_n = [1.0, 10.0]"),
+        ("[sensors]", '[requirements]\ndescriptors = ["position", "force"]\n[sensors]'),
         ("youngs_modulus_gpa = 210", 'material = "steel"'),
         ("thickness_mm = 3", "thickness_mm = 3\ndensity_kg_m3 = 7850\ndamping_ratio = 0.02"),
         ("length_mm = 400", 'length_mm = 400.0\nsupports = [{at_mm = 400}, {at_mm = 0, kind = "simple"}]'),

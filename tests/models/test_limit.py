@@ -5,7 +5,6 @@ import dataclasses
 import mpmath
 import numpy as np
 import pytest
-from scipy.stats import norm
 
 from beamtouch_models.accuracy import limit
 from beamtouch_models.accuracy.limit import (
@@ -15,7 +14,7 @@ from beamtouch_models.accuracy.limit import (
     mean_error_mm,
     position_deviation_mm,
 )
-from beamtouch_models.accuracy.posterior import log_likelihood, posterior_quantiles, summaries
+from beamtouch_models.accuracy.posterior import posterior_quantiles
 from beamtouch_models.accuracy.prior import TAIL, Prior, forces_of
 from beamtouch_models.arrays import Floats
 from beamtouch_models.error_model import whitening
@@ -86,32 +85,6 @@ def test_no_estimator_beats_the_limit_under_large_errors_of_gains(gain: float, k
     assert (claimed * drawn.weight).mean() == pytest.approx(expected, rel=0.01 if known else 0.03)
 
 
-@pytest.mark.parametrize("force_n", [(2.0, 20.0), (10.0, 10.0)])
-@pytest.mark.parametrize("truth_n", [0.4, 10.0, 24.0, 90.0])
-def test_the_force_is_integrated_out_exactly(force_n: tuple[float, float], truth_n: float) -> None:
-    forces = forces_of(force_n, TAIL)
-    assert sum(piece.share for piece in forces) == pytest.approx(1)
-    for size in (1e-6, 0.1, 3.0, 200.0):
-        projection = truth_n * size + 0.3
-        with mpmath.workdps(30):
-
-            def density(force: mpmath.mpf, size: float = size, projection: float = projection) -> mpmath.mpf:
-                return mpmath.exp(-((projection - force * size) ** 2) / 2)
-
-            total = mpmath.mpf(0)
-            for piece in forces:
-                low, high = mpmath.mpf(piece.low_n), mpmath.mpf(piece.high_n)
-                if low == high:
-                    total += piece.share * density(low)
-                    continue
-                peak = min(max(projection / size, low), high)
-                marks = sorted({low, high, *(min(max(peak + k / size, low), high) for k in (-40, -9, -3, 0, 3, 9, 40))})
-                total += piece.share * mpmath.quad(density, marks) / (high - low)
-            exact = float(mpmath.log(total))
-        found = log_likelihood(forces, np.array([size]), np.array([[projection]]), np.zeros((1, 1)))[0, 0]
-        assert found == pytest.approx(exact, rel=1e-7, abs=1e-7)
-
-
 def correlated(channels: int, noise_mm: float) -> Floats:
     """A covariance with an excess along one direction, as a sample has just after a touch."""
     along = np.sin(np.arange(1, channels + 1))
@@ -171,30 +144,6 @@ def test_gains_and_zeros_scatter_as_the_floor_says_and_intervals_hold_the_truth_
     assert ((low <= drawn.position_mm[:1000]) & (drawn.position_mm[:1000] <= high)).mean() == pytest.approx(
         0.95, abs=0.03
     )
-
-
-LEVELS = np.array([0.01, 0.2, 0.5, 0.7, 0.975])
-
-
-@pytest.mark.parametrize("step", [0.05, 0.5])
-@pytest.mark.parametrize("shift", [0.0, 0.3])
-def test_normal_densities_on_coarse_grids_side_by_side(step: float, shift: float) -> None:
-    grids = np.stack([width * (np.arange(-10, 10, step) + shift * step) for width in (1.0, 2.5)])
-    found = summaries(grids, -((grids / [[1.0], [2.5]]) ** 2) / 2, np.tile(LEVELS, (2, 1))) / [[1.0], [2.5]]
-    assert found[:, -1] == pytest.approx((2 / np.pi) ** 0.5, rel=0.003)
-    assert found[:, :-1] == pytest.approx(np.tile(norm.ppf(LEVELS), (2, 1)), abs=0.01 * (step / 0.5) ** 2 + 1e-4)
-
-
-def test_densities_that_the_range_or_a_cliff_cuts_off() -> None:
-    grid = np.linspace(0, 40, 801)
-    half = np.array([[0.5]])
-    assert summaries(grid[None], -grid[None], half) == pytest.approx(np.log(2), rel=1e-5)
-    grid = np.linspace(0, 1, 129)
-    for edge in np.linspace(0.3, 0.31, 7):
-        # Even above the edge, and impossible below it within a thousandth of a cell.
-        median, distance = summaries(grid[None], -(np.maximum((edge - grid) / 8e-6, 0.0)[None] ** 2), half)[0]
-        assert median == pytest.approx((1 + edge) / 2, abs=0.6 / 128)
-        assert distance == pytest.approx((1 - edge) / 4, abs=0.6 / 128)
 
 
 SENSORS = (122.0, 278.0)

@@ -10,13 +10,13 @@ from beamtouch_models.building.sensors import place_sensors
 from beamtouch_models.errors import SceneError
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.physics.beam import influence_of
-from beamtouch_models.placement.placing import Aim, place_by_position_error
+from beamtouch_models.placement.placing import Aim
 from beamtouch_models.scene import change_scene, load_scene, parse_scene
 from beamtouch_models.surface import Surface, prior_of_model
 from example_scenes import SCENES, paper_scene
 from handbook import deflection_per_newton
 from posterior_cases import answers_of, graph_of
-from stated_problems import problem_in, real_prior
+from stated_problems import real_prior
 
 SURFACES, CONTACTS = 80, 50
 TOLERANCE_MM = 1.0
@@ -80,21 +80,6 @@ def test_the_limit_with_gains_and_mounting_is_that_of_a_plain_bayes_integral(gai
     print(f"{error.mean():.4f} +- {standard_error:.4f}, limit {found:.4f}, without errors {ideal:.4f}")
     assert found == pytest.approx(error.mean(), abs=4 * standard_error)
     assert ideal < error.mean() - 8 * standard_error
-
-
-def test_a_gain_error_and_a_tolerance_change_the_layout() -> None:
-    problem = problem_in(paper_scene(grid_mm=50))
-    exact, real = (
-        place_by_position_error(*problem, 3, 0, errors).positions_mm
-        for errors in (SampleErrors(0.001), SampleErrors(0.001, 0.05, 0.0, 5.0))
-    )
-    assert exact != real
-
-    def limit_of(positions_mm: tuple[float, ...]) -> float:
-        prior = Prior.real(problem[0], np.array(positions_mm), SampleErrors(0.001, 0.05, 0.0, 5.0))
-        return accuracy_limit(prior, 2_000, 9).percent
-
-    assert limit_of(real) < limit_of(exact)
 
 
 def test_neighbours_stand_farther_apart_than_their_tolerance() -> None:

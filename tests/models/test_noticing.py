@@ -1,13 +1,10 @@
 """The shares of loads other than one contact that a layout notices, against plain sums, fits and simulations."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from beamtouch_models.accuracy.limit import accuracy_limit
 from beamtouch_models.accuracy.prior import Prior, SampleErrors
-from beamtouch_models.accuracy.thresholds import unexplained_thresholds
 from beamtouch_models.arrays import Floats
 from beamtouch_models.placement.placing import place, place_by_position_error
 from beamtouch_models.placement.position_error import FORCES, PLACES, SLACK, OtherLoads, other_loads
@@ -67,16 +64,6 @@ def test_the_share_is_that_of_simulated_samples_with_a_fit_each(layout: list[flo
     print(f"{layout}: {found}, simulated {pairs:.4f} and {spread:.4f}")
     assert found == pytest.approx([pairs, spread], abs=0.015)
     assert pairs > 0.05
-
-
-@pytest.mark.parametrize(("rate_hz", "readings"), [(1.0, 1), (100.0, 24)])
-def test_the_threshold_is_that_of_a_model_at_the_same_rate_and_readings(rate_hz: float, readings: int) -> None:
-    influence, rules = problem_in(scene_of())
-    errors = replace(ERRORS, rate_hz=rate_hz, readings=readings)
-    prior = Prior.real(influence, np.array(LAYOUTS[0]), errors)
-    _, expected = unexplained_thresholds(prior, rate_hz, readings)
-    found = [other_loads(influence, rules, errors).threshold(count) for count in range(1, 5)]
-    assert found == pytest.approx(expected)
 
 
 def test_one_or_two_sensors_notice_nothing_however_precise_they_are() -> None:

@@ -3,14 +3,11 @@
 import numpy as np
 import pytest
 
-from beamtouch_models.accuracy.limit import accuracy_limit
-from beamtouch_models.accuracy.prior import Prior, SampleErrors
 from beamtouch_models.errors import SceneError
 from beamtouch_models.names import SearchName
 from beamtouch_models.physics.beam import influence_of
-from beamtouch_models.physics.influence import InfluenceFunction
-from beamtouch_models.placement.placing import fewest_sensors, place, recommended_count, score_positions
-from beamtouch_models.scene import Scene
+from beamtouch_models.placement.placing import place, recommended_count, score_positions
+from beamtouch_models.scene import change_scene
 from example_scenes import paper_scene
 from stated_problems import problem_in
 
@@ -63,25 +60,6 @@ def test_layouts_keep_keep_outs_fixed_sensors_grid_and_distance(search: SearchNa
     assert beside[0] in {106, 134}
 
 
-def test_an_open_number_starts_at_the_number_of_fixed_sensors() -> None:
-    problem, errors = problem_in(paper_scene(fixed_mm=[50, 200, 333])), SampleErrors(0.004)
-    easy = fewest_sensors(*problem, (2, 8), wanted_mm=100.0, errors=errors, seed=0)
-    assert easy.positions_mm == (50, 200, 333)
-    few_mm = limit_mm(problem[0], easy.positions_mm, errors)
-    harder = fewest_sensors(*problem, (2, 8), wanted_mm=0.8 * few_mm, errors=errors, seed=0)
-    assert len(harder.positions_mm) > 3
-    assert {50, 200, 333} < set(harder.positions_mm)
-    with pytest.raises(SceneError, match="not even 3 sensors reach"):
-        fewest_sensors(*problem, (2, 3), wanted_mm=0.8 * few_mm, errors=errors, seed=0)
-    with pytest.raises(SceneError, match="3 sensors, more than the 2 to be placed"):
-        fewest_sensors(*problem, (1, 2), wanted_mm=100.0, errors=errors, seed=0)
-
-
-def limit_mm(influence: InfluenceFunction, sensor_mm: tuple[float, ...], errors: SampleErrors) -> float:
-    """Accuracy limit of a layout in mm, on a beam of 400 mm."""
-    return 4 * accuracy_limit(Prior.real(influence, np.array(sensor_mm), errors), 1_000, 0).percent
-
-
 def test_rules_that_allow_no_layout_are_refused() -> None:
     refused = {
         "more than the 1 to be placed": (paper_scene(fixed_mm=[100, 200]), 1),
@@ -106,16 +84,10 @@ def test_a_fixed_sensor_on_a_grid_of_a_tenth_is_not_counted_twice() -> None:
 
 
 def test_a_free_end_may_carry_a_sensor() -> None:
-    base = paper_scene().model_dump()
-    cantilever = Scene.model_validate(
-        {**base, "beam": {**base["beam"], "supports": "cantilever"}, "contact": {"force_n": 1, "position_mm": (1, 400)}}
+    cantilever = change_scene(
+        paper_scene(), beam={"supports": "cantilever"}, contact={"force_n": 1, "position_mm": (1, 400)}
     )
     assert place(*problem_in(cantilever), 2, 0).positions_mm[-1] == 400
-
-
-def with_force(force: object, **sensors: object) -> Scene:
-    base = paper_scene(**sensors).model_dump()
-    return Scene.model_validate({**base, "contact": {"force_n": force, "position_mm": (1, 399)}})
 
 
 def test_the_recommended_number_falls_with_the_noise_and_rises_with_the_force() -> None:
@@ -126,5 +98,8 @@ def test_the_recommended_number_falls_with_the_noise_and_rises_with_the_force() 
     assert counts == sorted(counts, reverse=True)
     assert counts[0] == 8
     assert counts[3] == counts[-1] == 2
-    strong, weak = (recommended_count(influence_of(with_force(force_n)), 0.01) for force_n in (20.0, 2.0))
+    strong, weak = (
+        recommended_count(influence_of(change_scene(paper_scene(), contact={"force_n": force_n})), 0.01)
+        for force_n in (20.0, 2.0)
+    )
     assert strong >= weak

@@ -1,6 +1,5 @@
 """Bounds against plain enumeration, on coarse grids."""
 
-from functools import cache
 from itertools import combinations
 from typing import Any
 
@@ -8,18 +7,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from beamtouch_models.errors import SceneError
 from beamtouch_models.physics.beam import influence_of
-from beamtouch_models.placement.eigenvalue_product import (
-    EigenvalueProduct,
-    bound_layouts,
-    eigenvalue_product_of,
-    gap_of,
-    largest_gap,
-    rounding_margin,
-)
+from beamtouch_models.placement.eigenvalue_product import eigenvalue_product_of, gap_of, largest_gap, rounding_margin
 from beamtouch_models.placement.placing import place
 from beamtouch_models.scene import Scene
 from example_scenes import paper_scene
@@ -74,36 +65,17 @@ def test_no_layout_that_enumeration_finds_is_beyond_the_gap(count: int, fewer: i
         assert expected <= problem.exact_score(layout) + gap_of(problem, layout) + 1e-8
 
 
-@cache
-def every_score(size: tuple[int, int]) -> tuple[EigenvalueProduct, NDArray[np.intp], NDArray[np.float64]]:
-    """A problem of a number of sensors and leading components, its layouts (layouts, sensors) and their scores."""
-    count, leading = size
-    problem = eigenvalue_product_of(*problem_in(paper_scene(grid_mm=25)), count, leading)
-    layouts = np.array(list(combinations(range(len(problem.rules.position_mm)), count)))
-    return problem, layouts, np.array([problem.exact_score(layout) for layout in layouts])
-
-
-@settings(max_examples=15)
-@given(st.integers(0, 2**32 - 1), st.sampled_from([(2, 2), (3, 3), (4, 4), (4, 2), (3, 1)]))
-def test_no_layout_exceeds_a_bound_with_any_multiplier(seed: int, size: tuple[int, int]) -> None:
-    count, _ = size
-    problem, layouts, scores = every_score(size)
-    weights = np.random.default_rng(seed).exponential(size=len(problem.rules.position_mm)) ** 3
-    everywhere = np.ones((count, len(weights)), np.bool_)
-    through, _ = bound_layouts(problem, np.tile(weights / weights.sum(), (count, 1)), everywhere)
-    assert np.all(scores <= through.max() + 1e-9)
-    assert np.all(scores[:, None] <= through[np.arange(count), layouts] + 1e-9)
-
-
 def gap(scene: Scene, count: int, leading: int | None = None) -> float:
     """The gap of the layout that a search finds."""
     found = place(*problem_in(scene), count, 0, leading)
     return largest_gap(*problem_in(scene), np.array(found.positions_mm), leading)
 
 
-@pytest.mark.parametrize(("count", "leading"), [(2, 2), (3, 3), (4, 4), (5, 5), (8, 4)])
-def test_the_papers_problems_have_a_tiny_gap(count: int, leading: int) -> None:
-    assert 0 <= gap(paper_scene(), count, leading) < 2e-3
+@pytest.mark.parametrize(
+    ("count", "leading", "most"), [(2, 2, 2e-3), (3, 3, 2e-3), (4, 4, 2e-3), (5, 5, 2e-3), (8, 4, 2e-3), (8, 8, 0.1)]
+)
+def test_the_papers_problems_have_a_small_gap(count: int, leading: int, most: float) -> None:
+    assert 0 <= gap(paper_scene(), count, leading) < most
 
 
 def test_no_gap_is_closed_if_rounding_is_large() -> None:
@@ -128,28 +100,3 @@ def test_the_gap_of_a_layout_that_is_not_the_best_holds() -> None:
     # The best known layout of eight sensors, with -140.13847, lies within the gap.
     eight = eigenvalue_product_of(*problem_in(paper_scene()), 8)
     assert eight.exact_score(eight.equal) + gap_of(eight, eight.equal) >= -140.13847
-
-
-def test_eight_sensors_come_with_a_small_gap() -> None:
-    assert 0 < gap(paper_scene(), 8) < 0.1
-
-
-@pytest.mark.soak
-def test_more_sensors_than_any_scene_has() -> None:
-    scene = paper_scene(grid_mm=2)
-    found = place(*problem_in(scene), 64, 0)
-    assert len(set(found.positions_mm)) == 64
-    assert np.isfinite(found.log_eigenvalue_product)
-    assert 0 <= largest_gap(*problem_in(scene), np.array(found.positions_mm)) < 64
-
-
-def uneven(count: int) -> NDArray[np.float64]:
-    return 400 * (np.arange(1, count + 1) / (count + 1)) ** 1.5
-
-
-def test_the_quick_scores_agree_with_those_of_the_full_columns() -> None:
-    for count, leading in ((2, 2), (5, 5), (8, 4), (12, 12)):
-        problem = eigenvalue_product_of(*problem_in(paper_scene()), count, leading)
-        layout = problem.rules.fitted(uneven(count))
-        assert layout is not None
-        assert problem.scores(layout[None, :])[0] == pytest.approx(problem.exact_score(layout), abs=1e-6)

@@ -11,7 +11,7 @@ from beamtouch_models.errors import SceneError
 from beamtouch_models.physics.beam import influence_of
 from beamtouch_models.placement.layout import Candidates
 from beamtouch_models.placement.placing import place, place_by_position_error, recommended_count
-from beamtouch_models.scene import Scene
+from beamtouch_models.scene import Scene, change_scene
 from example_scenes import paper_scene
 from stated_problems import problem_in
 
@@ -43,13 +43,6 @@ def test_every_scale_has_the_same_optimum_or_is_refused(rigidity: int, length: i
     assert found.log_eigenvalue_product == pytest.approx(-21.6047, abs=5e-5)
 
 
-@pytest.mark.parametrize("rigidity", [1e-300, 1e300])
-def test_the_ends_of_float64(rigidity: float) -> None:
-    found = place(*problem_in(scaled_scene(1.0, rigidity)), 2, 0)
-    assert found.positions_mm == pytest.approx((0.305, 0.695))
-    assert found.log_eigenvalue_product == pytest.approx(-21.6047, abs=5e-5)
-
-
 def test_hardly_more_than_one_load_position() -> None:
     narrow = scaled_scene(400.0, 1e7, (0.5, 0.5 + 1e-6))
     with pytest.raises(SceneError, match=r"not 3; widen contact\.position_mm"):
@@ -57,15 +50,6 @@ def test_hardly_more_than_one_load_position() -> None:
     one = place(*problem_in(narrow), 3, 0, leading=1)
     # A single component is the length of the deflection, so the best are the three neighbours in the middle.
     assert one.positions_mm == (199, 200, 201)
-
-
-def test_sensors_next_to_each_other_and_nowhere_else() -> None:
-    crowded = paper_scene(keep_out_mm=[(1, 400)], grid_mm=0.25)
-    # Left of all loads the beam's shape is a sum of x and x^3, so there are only two components.
-    with pytest.raises(SceneError, match="give only 2 components above rounding, not 4"):
-        place(*problem_in(crowded), 4, 0)
-    found = place(*problem_in(crowded), 2, 0)
-    assert np.isfinite(found.log_eigenvalue_product)
 
 
 def test_a_fixed_sensor_on_a_support_measures_nothing() -> None:
@@ -83,11 +67,6 @@ def test_a_fixed_sensor_on_a_support_measures_nothing() -> None:
     assert place(influence, rules, 3, 0, leading=2).positions_mm == (0, 122, 278)
 
 
-def test_all_sensors_fixed() -> None:
-    found = place(*problem_in(paper_scene(fixed_mm=[100, 300])), 2, 0)
-    assert found.positions_mm == (100, 300)
-
-
 def test_noise_larger_than_the_signal_leaves_the_prior() -> None:
     # With the range 1..399 mm alone, the best guess is its middle, with a mean error of a quarter of 398 mm.
     limit = accuracy_limit(Prior.of(influence_of(paper_scene()), np.array([122.0, 278.0]), 1e6), 1000, 0)
@@ -101,13 +80,14 @@ def test_no_noise_is_refused_by_criteria_that_depend_on_it() -> None:
         place_by_position_error(*problem_in(paper_scene()), 2, 0, SampleErrors(0.0))
     with pytest.raises(SceneError, match="there is no accuracy limit"):
         accuracy_limit(Prior.of(influence_of(paper_scene()), np.array([122.0, 278.0]), 0.0), 100, 0)
+    with pytest.raises(SceneError, match=r"a noise of 1e-14 mm is too small to compute with"):
+        accuracy_limit(Prior.of(influence_of(paper_scene()), np.array([122.0, 278.0]), 1e-14), 100, 0)
     assert recommended_count(influence_of(paper_scene()), 0.0) == 8
 
 
 @pytest.mark.parametrize(("force", "least"), [(10.0, 95), ((2.0, 20.0), 21)])
 def test_the_error_at_little_noise_follows_the_expected_power_of_the_noise(force: object, least: float) -> None:
-    base = paper_scene().model_dump()
-    scene = Scene.model_validate({**base, "contact": {"force_n": force, "position_mm": (0, 400)}})
+    scene = change_scene(paper_scene(), contact={"force_n": force, "position_mm": (0, 400)})
     layout = np.array([68.0, 156.0, 244.0, 332.0])
     influence = influence_of(scene)
     coarse, fine = (accuracy_limit(Prior.of(influence, layout, noise), 2000, 0).percent for noise in (1e-6, 1e-8))

@@ -39,7 +39,8 @@ def test_a_recording_that_a_spreadsheet_saved_is_read(bench: ModelFile, tmp_path
 def test_a_recording_that_is_wrong_by_a_factor_is_refused_with_the_factor(
     design_sensors_here: Command, bench_model: Path, bench: ModelFile, tmp_path: Path, change: object, said: str
 ) -> None:
-    path = readings(tmp_path, bench, Imperfections())
+    # Few loads, as each is left out in turn.
+    path = readings(tmp_path, bench, Imperfections(), position=np.linspace(20.0, 380.0, 5), force=np.full(5, 12.0))
     assert callable(change)
     path.write_text(change(path.read_text()))
     done = design_sensors_here("calibrate", bench_model, path, "-o", tmp_path / "out.onnx")
@@ -114,3 +115,18 @@ def test_an_unusable_recording_is_refused_in_one_line(
     assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
     assert said in done.stderr
     assert not output.exists()
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [(None, "No such file or directory"), (b"\xff\xfe\x00load", "not a CSV file"), (b"", "no samples; record loads")],
+)
+def test_a_recording_that_cannot_be_read_is_refused(
+    design_sensors_here: Command, bench_model: Path, tmp_path: Path, content: bytes | None, said: str
+) -> None:
+    path = tmp_path / "loads.csv"
+    if content is not None:
+        path.write_bytes(content)
+    done = design_sensors_here("calibrate", bench_model, path, "-o", tmp_path / "out.onnx")
+    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
+    assert f"{path}: {said}" in done.stderr

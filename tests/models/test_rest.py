@@ -6,7 +6,7 @@ import pytest
 from beamtouch_models.filters import Chain, FloatArray, Mean, Rest
 
 NOISE_MM, MM_PER_COUNT, CHANNELS, LONGEST = 0.004, -5e-5, 4, 1000
-RATE_HZ, PERIOD = 1000.0, 98.0
+PERIOD = 98.0
 BLOCK = 100
 
 

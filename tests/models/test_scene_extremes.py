@@ -1,88 +1,46 @@
-"""Extreme numbers in a scene: a command answers with finite numbers, or with one line and exit 2."""
+"""Extreme numbers in a scene: a command answers with finite numbers, or with one line and exit 2, without a warning."""
 
 import contextlib
 import io
 import json
-import math
 import warnings
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
+import tomli_w
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from beamtouch_common import commands
+from beamtouch_common.commands import WRONG_INPUT
 from beamtouch_models import cli
+from beamtouch_models.loading import load
+from example_scenes import INSTEAD, OPTIONS, PLAIN, Tables
+from wrong_numbers import numbers_in, with_value
 
-Scene = dict[str, dict[str, Any]]
-
-KEYS = {
-    "beam": ["length_mm", "flexural_rigidity_n_mm2", "youngs_modulus_gpa", "shear_modulus_gpa", "foundation_n_mm2"],
-    "contact": ["force_n", "width_mm"],
-    "sensors": ["noise_mm", "noise_percent_of_max", "rate_hz", "standoff_mm", "min_distance_mm", "grid_mm"],
-    "requirements": ["latency_ms", "position_error_mm"],
-}
-SECTION = ["width_mm", "thickness_mm", "density_kg_m3"]
-NUMBERS = {(part, key) for part, keys in {**KEYS, "beam": [*KEYS["beam"], *SECTION]}.items() for key in keys}
-LISTS = [("contact", "position_mm"), ("contact", "force_n"), ("sensors", "range_mm"), ("sensors", "fixed_mm")]
+SUPPORTS = [
+    *("simply-supported", "cantilever", "fixed-fixed", "propped"),
+    [{"at_mm": 0.0, "fixity": 0.2}, {"at_mm": 300.0}],
+    [{"at_mm": 0.0, "slides": False}, {"at_mm": 170.0}, {"at_mm": 400.0, "kind": "fixed"}],
+]
 EXTREME = st.one_of(
     st.floats(),
     st.sampled_from([5e-324, 1e-310, 1e-300, 1e-30, 1e-9, 1e9, 1e30, 1e300, 0.0, -1.0]),
     st.integers(0, 70),
     st.builds(lambda near, ulps: near * (1 + ulps * 2**-52), st.sampled_from([1.0, 200.0, 400.0]), st.integers(-2, 2)),
 )
-SUPPORTS = ["simply-supported", "cantilever", "fixed-fixed", "propped", [{"at_mm": 0.0}, {"at_mm": 300.0}]]
-
-
-def scene(section: bool = True) -> Scene:
-    beam: dict[str, Any] = {"length_mm": 400.0}
-    own = {"youngs_modulus_gpa": 210.0, "width_mm": 25.0, "thickness_mm": 3.0, "density_kg_m3": 7850.0}
-    return {
-        "beam": {**beam, **(own if section else {"flexural_rigidity_n_mm2": 1.18e7})},
-        "contact": {"force_n": [2.0, 20.0], "position_mm": [1.0, 399.0]},
-        "sensors": {"count": 2, "noise_mm": 0.01, "range_mm": [1.0, 4.0], "grid_mm": 8.0, "rate_hz": 200.0},
-        "requirements": {"latency_ms": 20.0},
-    }
 
 
 @st.composite
-def extreme_scenes(draw: st.DrawFn) -> Scene:
-    """A scene of everyday numbers, of which up to two are extreme."""
-    found = scene(draw(st.booleans()))
+def extreme_scenes(draw: st.DrawFn) -> Tables:
+    """A scene of everyday numbers and some of the keys that there are, in which up to three numbers are extreme."""
+    found = {part: dict(keys) for part, keys in PLAIN.items()}
     found["beam"]["supports"] = draw(st.sampled_from(SUPPORTS))
-    if draw(st.booleans()):
-        found["sensors"]["adc_bits"] = draw(st.integers(5, 17))
-    for _ in range(draw(st.integers(1, 2))):
-        part, key = draw(st.sampled_from(sorted(NUMBERS)))
-        found[part][key] = draw(EXTREME)
-        if key.startswith("noise"):
-            found["sensors"] = {**found["sensors"]}
-            found["sensors"].pop({"noise_percent_of_max": "noise_mm"}.get(key, ""), None)
-    if draw(st.booleans()):
-        part, key = draw(st.sampled_from(LISTS))
-        found[part][key] = [draw(EXTREME), draw(EXTREME)]
+    for part, key in draw(st.lists(st.sampled_from(sorted(OPTIONS)), max_size=5, unique=True)):
+        found[part].pop(INSTEAD.get(key, ""), None)
+        found[part][key] = OPTIONS[part, key]
+    for path in draw(st.lists(st.sampled_from(numbers_in(found)), min_size=1, max_size=3, unique=True)):
+        found = with_value(found, path, draw(EXTREME))
     return found
-
-
-def text_of(value: object) -> str:
-    """TOML of a value."""
-    if isinstance(value, dict):
-        return "{" + ", ".join(f"{key} = {text_of(part)}" for key, part in value.items()) + "}"
-    if isinstance(value, list):
-        return f"[{', '.join(map(text_of, value))}]"
-    return json.dumps(value) if isinstance(value, str) else repr(value)
-
-
-def written(path: Path, stated: Scene) -> Path:
-    lines = [
-        line
-        for part, keys in stated.items()
-        for line in (f"[{part}]", *(f"{key} = {text_of(value)}" for key, value in keys.items()))
-    ]
-    path.write_text("\n".join(lines))
-    return path
 
 
 def run(*arguments: str) -> tuple[int, str, str]:
@@ -94,34 +52,69 @@ def run(*arguments: str) -> tuple[int, str, str]:
     return code, out.getvalue(), err.getvalue()
 
 
-def numbers_in(value: object) -> Iterator[float]:
-    if isinstance(value, dict):
-        for part in value.values():
-            yield from numbers_in(part)
-    elif isinstance(value, list):
-        for part in value:
-            yield from numbers_in(part)
-    elif isinstance(value, float):
-        yield value
+def refuse(constant: str) -> float:
+    raise AssertionError(f"{constant} is no JSON")
 
 
-def check_answered(code: int, out: str, err: str) -> None:
-    if code == 0:
-        assert all(math.isfinite(number) for number in numbers_in(json.loads(out)))
-        return
-    assert code == commands.WRONG_INPUT, err
-    assert out == ""
-    assert len([line for line in err.splitlines() if line.startswith("design-sensors: ")]) == 1, err
-
-
-@pytest.mark.parametrize(("command", "examples"), [("explain", 60), ("place", 8)])
+@pytest.mark.usefixtures("short_work")
+@pytest.mark.parametrize(
+    ("command", "examples"),
+    [
+        *(("explain", 60), ("place", 8)),
+        *(pytest.param(*more, marks=pytest.mark.soak) for more in (("explain", 600), ("place", 100))),
+    ],
+)
 def test_extreme_numbers_give_a_figure_or_one_line(command: str, examples: int, tmp_path: Path) -> None:
-    arguments = ["--sensors", "2"] if command == "place" else []
+    path, options = tmp_path / "scene.toml", ("--sensors", "2") if command == "place" else ()
 
     @settings(max_examples=examples, suppress_health_check=list(HealthCheck))
     @given(extreme_scenes())
-    def holds(stated: Scene) -> None:
-        path = written(tmp_path / "scene.toml", stated)
-        check_answered(*run(command, str(path), *arguments, "--json"))
+    def holds(stated: Tables) -> None:
+        path.write_text(tomli_w.dumps(stated))
+        code, out, err = run(command, str(path), *options, "--json")
+        if code == 0:
+            json.loads(out, parse_constant=refuse)
+        else:
+            assert (code, out) == (WRONG_INPUT, ""), err
+            assert sum(line.startswith("design-sensors: ") for line in err.splitlines()) == 1, err
 
     holds()
+
+
+ON_SUPPORTS: Tables = {
+    "beam": PLAIN["beam"],
+    "contact": {"force_n": [2.0, 20.0], "position_mm": [0.0, 400.0]},
+    "sensors": {"count": 4, "noise_mm": 0.002, "zero_drift_mm": 0.02},
+    "requirements": {"latency_ms": 50.0},
+}
+ZEROS_FAR_ABOVE_NOISE: Tables = {
+    "beam": {
+        "length_mm": 158.3,
+        "flexural_rigidity_n_mm2": 139.2e9,
+        "supports": [
+            *({"at_mm": at} for at in (34.6, 82.5, 103.3, 124.1)),
+            {"at_mm": 145.3, "kind": "fixed"},
+        ],
+    },
+    "contact": {"force_n": [198e3, 396e3], "position_mm": [2.0, 156.0]},
+    "sensors": {"count": 5, "rate_hz": 8.4, "noise_mm": 1e-4, "zero_drift_mm": 0.003, "size_mm": 1.8},
+    "requirements": {"latency_ms": 78e3},
+}
+
+
+@pytest.mark.usefixtures("short_work")
+@pytest.mark.parametrize("stated", [ON_SUPPORTS, ZEROS_FAR_ABOVE_NOISE])
+def test_a_model_is_built_where_builds_once_divided_by_zero(stated: Tables, tmp_path: Path) -> None:
+    """Contacts may stand on supports, and zeros may drift far more than readings scatter."""
+    scene, model = tmp_path / "scene.toml", tmp_path / "scene.onnx"
+    scene.write_text(tomli_w.dumps(stated))
+    code, _, err = run("build", str(scene), "-o", str(model), "--criterion", "eigenvalue-product", "--json")
+    assert code == 0, err
+    built = load(model).metadata
+    if stated is ON_SUPPORTS:
+        assert built.smallest_force.force_n[0] is built.smallest_force.force_n[-1] is None
+        assert min(force for force in built.smallest_force.force_n if force is not None) < 2
+    else:
+        # Zeros lie within two of their deviations: alone, they move one channel by no more, which is odds of 2^2 / 2.
+        assert 0 < built.thresholds.touch[0] < 2.1
+        assert built.thresholds.touch[-1] > 1

@@ -11,9 +11,8 @@ import pytest
 from beamtouch_models import modelfile
 from beamtouch_models.accuracy import limit
 from beamtouch_models.calibration.recordings import UnlabelledContacts
-from beamtouch_models.calibration.self_calibrate import KINDS, SelfCalibrated, self_calibrate, self_fit
-from beamtouch_models.calibration.theory import FIXITY, GAIN, Theory
-from beamtouch_models.calibration.unlabelled import fit_contacts, measure_left_open
+from beamtouch_models.calibration.self_calibrate import SelfCalibrated, self_calibrate, self_fit
+from beamtouch_models.calibration.theory import FIXITY, GAIN
 from beamtouch_models.errors import NotGoodEnoughError
 from beamtouch_models.estimators.onnx_graph import to_bytes, with_force_error
 from beamtouch_models.modelfile import ModelFile
@@ -25,7 +24,7 @@ from few_draws import short_work
 from imperfect_surface import true_prior
 from in_process import Command
 from posterior_cases import graph_of
-from unlabelled_contacts import OFF, Kind, drawn, fitted, missed_mm, random_contacts, surface, write_contacts
+from unlabelled_contacts import OFF, Kind, drawn, fitted, random_contacts, surface, write_contacts
 
 pytestmark = pytest.mark.long
 
@@ -75,21 +74,6 @@ def test_200_contacts_bring_the_error_to_the_limit(
     assert calibration.misfit_after is not None
     assert calibration.misfit_after < 0.3 * calibration.misfit_before
     assert model.metadata.floor.zero_mm == bench.metadata.floor.zero_mm
-
-
-@pytest.mark.soak
-def test_the_errors_of_positions_are_as_stated(bench: ModelFile) -> None:
-    theory, ratios = Theory.of(bench.metadata), []
-    zero_mm = np.array(bench.metadata.floor.zero_mm)
-    noise_mm = np.hypot(bench.metadata.noise.sample_mm, zero_mm)
-    for seed in range(12):
-        contacts, real = random_contacts(bench, OFF, seed)
-        one = fit_contacts(theory, np.zeros(theory.size), contacts, KINDS, zero_mm)
-        assert one.left_error < 1e-3
-        open_mm = measure_left_open(one, one.covariance, noise_mm).position_mm
-        ratios.append(missed_mm(theory, one.vector, bench.metadata, real) / np.sqrt(2 / np.pi) / open_mm.mean())
-    # The errors of one surface go together, so each is one draw, of which 12 have a root mean square of 1 +- 0.2.
-    assert 0.4 < np.sqrt(np.mean(np.square(ratios))) < 1.4
 
 
 @pytest.mark.parametrize(
@@ -174,21 +158,6 @@ def test_a_fixity_is_told_with_its_error(bench: ModelFile) -> None:
         fitted(bench, Kind(gain=0.0, fixity=(0.2, 0.0)), 0)
     left = float(str(refused.value).split("fixed by ")[1].split(" +- ")[0])
     assert left == pytest.approx(0.2, abs=FIXITY)
-
-
-@pytest.mark.soak
-def test_20_contacts_are_better_than_none_or_refused(bench: ModelFile) -> None:
-    accepted = 0
-    for seed in range(6):
-        try:
-            one, real = fitted(bench, Kind(), seed, 20)
-        except NotGoodEnoughError:
-            continue
-        accepted += 1
-        theory = one.fit.theory
-        before, after = (missed_mm(theory, vector, bench.metadata, real) for vector in (one.fit.start, one.fit.vector))
-        assert after < before, seed
-    assert accepted >= 3
 
 
 def test_swapped_channels_are_refused(bench: ModelFile) -> None:

@@ -8,7 +8,6 @@ import pytest
 
 from beamtouch_models import cli
 from beamtouch_models.accuracy.limit import accuracy_limit
-from beamtouch_models.building.since_touch import Touches
 from beamtouch_models.challenge.contacts import rings
 from beamtouch_models.challenge.judge import judge
 from beamtouch_models.challenge.play import Drawn, SimulatedSurface
@@ -79,13 +78,3 @@ def test_a_sudden_touch_errs_as_in_the_challenge(slow: ModelFile) -> None:
     scatter = np.hypot(stated.ringing_standard_error, off.std() / len(off) ** 0.5)
     assert stated.ringing_percent == pytest.approx(off.mean(), abs=3 * scatter)
     assert off.mean() > 3 * scatter + stated.error_percent
-
-
-def test_a_channel_whose_reading_was_taken_for_a_spike_is_missing(slow: ModelFile) -> None:
-    prior = prior_of_model(slow.metadata)
-    touches = Touches.draw(prior, SimulatedSurface.of(slow.metadata).world, 256, 1)
-    sample_mm, covariance_mm2 = touches.shown_mm.copy(), np.tile(np.eye(4) * prior.noise_mm**2, (256, 1, 1))
-    whole = touches.errors_mm(slow.run, sample_mm, covariance_mm2).mean()
-    sample_mm[:, 1] = np.nan
-    covariance_mm2[:, 1] = covariance_mm2[:, :, 1] = 0.0
-    assert whole < touches.errors_mm(slow.run, sample_mm, covariance_mm2).mean() < prior.length_mm / 40

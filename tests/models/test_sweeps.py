@@ -107,16 +107,6 @@ def test_a_cluster_without_its_extra_names_the_extra(
     assert (done.returncode, done.stdout, done.stderr) == (2, "", expected)
 
 
-def other_version_of(name: str, folder: Path) -> Path:
-    """Make a folder with another version of a package, or of Python, for a worker to find first."""
-    if name == "Python":
-        (folder / "sitecustomize.py").write_text("import platform\nplatform.python_version = lambda: '3.7.1'\n")
-    else:
-        (folder / f"{name}-0.0.7.dist-info").mkdir()
-        (folder / f"{name}-0.0.7.dist-info" / "METADATA").write_text(f"Name: {name}\nVersion: 0.0.7\n")
-    return folder
-
-
 @pytest.mark.soak
 def test_a_cluster_gives_the_same_bytes_and_is_refused_in_one_line_where_it_cannot_work(
     design_sensors_here: Command, spread_here: Command, quick_model: Path, tmp_path: Path
@@ -128,12 +118,13 @@ def test_a_cluster_gives_the_same_bytes_and_is_refused_in_one_line_where_it_cann
         assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1), done.stderr
         return done.stderr
 
-    first = tmp_path / "first"
+    first = tmp_path / "beamtouch-0.0.7.dist-info"  # of another version, for a worker to find first
     first.mkdir()
+    (first / "METADATA").write_text("Name: beamtouch\nVersion: 0.0.7\n")
     with dask(tmp_path, workers=0) as (address, start_worker, (scheduler,)):
         assert "it has no workers; run `dask worker tcp://" in refusal(address)
 
-        other = start_worker(other_version_of("beamtouch", first))
+        other = start_worker(tmp_path)
         ours = metadata.version("beamtouch")
         said = f" has beamtouch 0.0.7; install 'beamtouch[design,cluster]' there, with beamtouch {ours}"
         assert said in refusal(address)
@@ -149,20 +140,6 @@ def test_a_cluster_gives_the_same_bytes_and_is_refused_in_one_line_where_it_cann
         scheduler.kill()
         scheduler.wait()
         assert "no Dask scheduler answers there" in refusal(address)
-
-
-@pytest.mark.soak
-@pytest.mark.parametrize("name", ["Python", "numpy"])
-def test_a_cluster_with_another_version_is_refused_in_one_line(
-    spread_here: Command, quick_model: Path, tmp_path: Path, name: str
-) -> None:
-    first = tmp_path / "first"
-    first.mkdir()
-    has = "Python 3.7.1" if name == "Python" else f"{name} 0.0.7"
-    with dask(tmp_path, workers=1, first=other_version_of(name, first)) as (address, _, _):
-        said = spread_here("evaluate", quick_model, "--cluster", address).stderr
-    ours = "3." if name == "Python" else metadata.version(name)
-    assert f" has {has}; install 'beamtouch[design,cluster]' there, with {name} {ours}" in said
 
 
 def work_without_workers(address: str, worker: subprocess.Popen[bytes]) -> None:

@@ -112,6 +112,16 @@ def test_the_answers_since_a_touch_are_of_the_filter_that_build_writes() -> None
     assert all(one.answer.ringing_mm is None for one in follow(other))
 
 
+@pytest.mark.usefixtures("short_work")
+def test_a_trade_without_any_point_gives_the_reason(design_sensors_here: Command, tmp_path: Path) -> None:
+    scene = tmp_path / "narrow.toml"
+    scene.write_text(PAPER.replace("count = 2", "count = [3, 4]\nmin_distance_mm = 250"))
+    done = design_sensors_here("trade", scene, "-o", tmp_path / "out", "--draws", 100)
+    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
+    assert "min_distance_mm" in done.stderr
+    assert not list(tmp_path.rglob("*.onnx"))
+
+
 @pytest.mark.long
 @pytest.mark.usefixtures("short_work")
 def test_the_command_writes_the_folder_names_what_fails_and_builds_the_choice(

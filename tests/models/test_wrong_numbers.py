@@ -1,6 +1,7 @@
 """Scenes, scripts and imperfections whose numbers are texts or truth values."""
 
 import tomllib
+from typing import Any
 
 import pytest
 from pydantic import BaseModel, ValidationError
@@ -8,54 +9,23 @@ from pydantic import BaseModel, ValidationError
 from beamtouch_models.rig.loads import Script
 from beamtouch_models.rig.surface import Imperfections
 from beamtouch_models.scene import Scene
+from example_scenes import INSTEAD, OPTIONS, PLAIN
 from wrong_numbers import with_wrong_numbers
 
-SCENE = """
-[beam]
-length_mm = 400
-supports = [{at_mm = 0, fixity = 0.1}, {at_mm = 400}]
-youngs_modulus_gpa = 210
-shear_modulus_gpa = 80
-width_mm = 25
-thickness_mm = 3
-density_kg_m3 = 7850
-foundation_n_mm2 = 0.1
-segments = [{to_mm = 200, width_mm = 20, thickness_mm = 4}, {to_mm = 400}]
-[contact]
-force_n = [2.0, 20.0]
-position_mm = [1, 399]
-width_mm = 2
-[sensors]
-count = [3, 4]
-noise_mm = 0.005
-gain_error_percent = 0.3
-zero_drift_mm = 0.001
-mounting_tolerance_mm = 1
-rate_hz = 200
-range_mm = [1, 4]
-standoff_mm = 3
-adc_bits = 16
-min_distance_mm = 5
-keep_out_mm = [[100, 120]]
-fixed_mm = [50]
-grid_mm = 1
-[requirements]
-position_error_mm = 5
-latency_ms = 20
-false_contacts_per_day = 0.03
-"""
-COUNTED = SCENE.replace("[3, 4]", "4").replace("noise_mm = 0.005", "noise_percent_of_max = 0.2")
-RIGID = """
-[beam]
-length_mm = 400
-flexural_rigidity_n_mm2 = 1e7
-segments = [{to_mm = 400, flexural_rigidity_n_mm2 = 2e7}]
-[contact]
-force_n = 10.0
-position_mm = [1, 399]
-[sensors]
-noise_mm = 0.005
-"""
+EVERY_KEY = {
+    part: keys | {key: value for (home, key), value in OPTIONS.items() if home == part and key not in INSTEAD}
+    for part, keys in PLAIN.items()
+}
+EVERY_KEY["beam"] |= {"supports": [{"at_mm": 0, "fixity": 0.1}, {"at_mm": 400}]}
+RIGID = {
+    "beam": {
+        "length_mm": 400,
+        "flexural_rigidity_n_mm2": 1e7,
+        "segments": [{"to_mm": 400, "flexural_rigidity_n_mm2": 2e7}],
+    },
+    "contact": {"force_n": 10.0, "position_mm": [1, 399]},
+    "sensors": {"count": [3, 4], "noise_percent_of_max": 0.2},
+}
 IMPERFECTIONS = """
 position_offset_mm = [1, 0.5]
 gain = [1, 1.01]
@@ -72,11 +42,13 @@ step = [{seconds = 1, position_mm = 100, force_n = 5}, {seconds = 2, position_mm
 
 
 @pytest.mark.parametrize(
-    ("kind", "text"),
-    [(Scene, SCENE), (Scene, COUNTED), (Scene, RIGID), (Imperfections, IMPERFECTIONS), (Script, SCRIPT)],
+    ("kind", "content"),
+    [
+        *((Scene, EVERY_KEY), (Scene, RIGID)),
+        *((Imperfections, tomllib.loads(IMPERFECTIONS)), (Script, tomllib.loads(SCRIPT))),
+    ],
 )
-def test_only_a_number_is_a_number(kind: type[BaseModel], text: str) -> None:
-    content = tomllib.loads(text)
+def test_only_a_number_is_a_number(kind: type[BaseModel], content: dict[str, Any]) -> None:
     kind.model_validate(content)
     taken = []
     for what, wrong in with_wrong_numbers(content):

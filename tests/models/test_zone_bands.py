@@ -59,6 +59,7 @@ def test_where_there_are_no_contacts_there_is_no_band() -> None:
     assert band_at(prior, 3.0, 1)[1:] == (0.0, 0.0)
 
 
+@pytest.mark.usefixtures("short_work")
 def test_explain_forecasts_each_edge_within_the_beam(
     design_sensors_here: Callable[..., CompletedProcess[str]], tmp_path: Path
 ) -> None:
