@@ -6,11 +6,11 @@ from typing import Any
 import pytest
 
 import facts
-from beamtouch_common.zones import MAX_ZONES
+from beamtouch_common.zones import BEGIN, HOLD, MAX_ZONES
 from beamtouch_daemon.delivery.log import MAX_BATCH
 from beamtouch_daemon.processing import at_rest
 from beamtouch_models.calibration import contacts, loads
-from beamtouch_models.decision import decider
+from beamtouch_models.decision import decider, evidence, wiring
 from beamtouch_models.modelfile import State
 from beamtouch_models.physics.beam import MAX_SLOPE
 from beamtouch_models.reproduction.figure_8 import MEASURED_PERCENT as PAPER
@@ -46,6 +46,11 @@ def bounds(path: str, name: str) -> dict[str, Any]:
     return schema
 
 
+def share(times: float) -> float:
+    """Return the percentage that an interval of so many times the 95 % one holds."""
+    return 100 * math.erf(times * 1.96 / math.sqrt(2))
+
+
 STREAM = bounds("/stream", "interval_ms")
 DATA = bounds("/surfaces/{name}/calibration-data", "limit")
 SURFACE, SERVER = (
@@ -64,6 +69,7 @@ STATED = {
         f"each later one by {PARTS[at_rest.DRIFTS_WITHIN]}",
     ],
     "docs/how-to/calibrate.md": [
+        f"with {WORDS[loads.MIN_SAMPLES]} rows or more for each load",
         f"Loads may stand about {WORDS[loads.STATED.placing_mm]} millimetre off",
         f"by about {WORDS[100 * loads.STATED.force]} percent (standard deviations)",
     ],
@@ -74,6 +80,7 @@ STATED = {
         f"keeps the last {MAX_KEPT} results",
     ],
     "docs/how-to/commissioning.md": [
+        f"within {PARTS[at_rest.MOUNTED_WITHIN]} of the sensor's range",
         f"at bit {Note.DEGRADED.bit} of `notes` and at every `state` from {PROBLEMS} on",
     ],
     "docs/how-to/design.md": [
@@ -93,9 +100,14 @@ STATED = {
         f"| register | bit {Note.SENDERS.bit} of `notes` |",
         f"`beamtouch_unexplained` is 1 after {SURFACE['unexplained_after_s']:g} s",
         f"the limit is {SURFACE['stale_ms']:g} ms.",
+        f"After {WORDS[wiring.CONTACTS]} contacts at different places ({WORDS[wiring.OF_FEW]} with three sensors)",
     ],
     "docs/how-to/two-hosts.md": [f"reach port {SERVER['port']}"],
-    "docs/how-to/zones.md": [f"at most {MAX_ZONES} zones"],
+    "docs/how-to/zones.md": [
+        f"at most {MAX_ZONES} zones",
+        f"{share(BEGIN):.1f} % to begin an answer and {share(HOLD):.0f} % to keep it",
+    ],
+    "docs/explanation/what-it-can-know.md": [f"`check-NAME` needs {WORDS[evidence.CHECKED + 1]} working channels"],
     "docs/reference/contact.md": [
         f"until {WORDS[decider.REST]} still samples in a row",
         f"a touch needs {WORDS[decider.CLEARLY]} times the log odds, or {WORDS[decider.PERSISTENCE]} samples in a row",
