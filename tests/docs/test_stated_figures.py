@@ -15,6 +15,7 @@ from beamtouch_models.modelfile import State
 from beamtouch_models.physics.beam import MAX_SLOPE
 from beamtouch_models.reproduction.figure_8 import MEASURED_PERCENT as PAPER
 from beamtouch_protocol.framing import MAX_FRAME_BYTES
+from beamtouch_protocol.messages import MESSAGE_TYPES
 from beamtouch_service.api.samples import MAX_BODY_BYTES, MAX_BODY_S
 from beamtouch_service.commissioning import course, pressing, verdict
 from beamtouch_service.events.boot import MAX_CAPTURED, MAX_WAITING
@@ -30,8 +31,8 @@ WORDS: dict[float, str] = {1: "a", 3: "three", 4: "four", 5: "five", 10: "ten"}
 PARTS = {0.1: "a tenth", 0.02: "a fiftieth", 0.125: "an eighth", 0.4: "two fifths"}
 DOUBTFUL = sum(1 << note.bit for note in (Note.OVERLOAD, Note.UNSTEADY, Note.UNCHECKED, Note.SENDERS))
 PROBLEMS = min(code for state, (code, _) in STATES.items() if isinstance(state, Kind))
-FRAME_BYTES = [14 + 2 * channels for channels in (1, 2, 4, 8)]
-"""Of readings of so many channels. A line of 1 000 000 baud carries 100 000 bytes a second."""
+RECEIVED_BYTES = 7 + max(message.max_payload_bytes() for kind, message in MESSAGE_TYPES.items() if kind < 0x80)
+"""The longest frame that a device receives: a payload, with type, CRC, one byte of COBS and 00."""
 
 
 def code(state: State | Kind) -> int:
@@ -44,6 +45,11 @@ def bounds(path: str, name: str) -> dict[str, Any]:
     (parameter,) = [one for one in facts.openapi()["paths"][path]["get"]["parameters"] if one["name"] == name]
     schema: dict[str, Any] = parameter["schema"]
     return schema
+
+
+def cells(per_second: float, fixed: int, per_channel: int) -> str:
+    """Return rates for 1, 2, 4 and 8 channels as cells of a table: what a second holds, over what a reading takes."""
+    return " | ".join(str(int(per_second / (fixed + per_channel * channels))) for channels in (1, 2, 4, 8))
 
 
 def share(times: float) -> float:
@@ -140,8 +146,10 @@ STATED = {
     ],
     "firmware_protocol/README.md": [
         f"the longest frame, {MAX_FRAME_BYTES} bytes",
-        f"| limit of the line | {' | '.join(str(100_000 // size) for size in FRAME_BYTES)} |",
-        f"| `max_rate_hz`, without lost readings | {' | '.join(str(90_000 // size) for size in FRAME_BYTES)} |",
+        f"receives no frame longer than {RECEIVED_BYTES} bytes, so define `BEAMTOUCH_MAX_FRAME_BYTES={RECEIVED_BYTES}`",
+        f"| limit of the ADC, with `oversampling` 1 | {cells(1e6, 40, 32)} |",
+        f"| limit of the line | {cells(1e5, 14, 2)} |",
+        f"| `max_rate_hz`, without lost readings | {cells(0.9e5, 14, 2)} |",
     ],
 }
 """Sentences with their figures from the code, by page."""
