@@ -45,6 +45,17 @@ def test_what_it_can_know_repeats_the_faults_of_the_challenge() -> None:
         assert figures_in(rows[row][1]) == pytest.approx(power, abs=0.5), row
 
 
+def test_the_page_on_the_paper_repeats_how_many_statements_differ() -> None:
+    (measured,) = re.findall(r"of (\d+) statements, \d+ agree, (\d+) differ", joined("figures.md"))
+
+    assert re.findall(r"Of (\d+) statements, (\d+) differ", joined("explanation/paper.md")) == [measured]
+
+
+def joined(page: str) -> str:
+    """Return the words of a page with a space between two."""
+    return " ".join((DOCS / page).read_text().split())
+
+
 def test_the_guide_repeats_the_figures_of_a_calibration_from_contacts() -> None:
     measured = rows_of((DOCS / "figures.md").read_text())["and positions 1 mm"]
     before, after, best, _ratio, held_before, held_after = measured

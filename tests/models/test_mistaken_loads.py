@@ -27,7 +27,7 @@ from recorded_loads import MISTAKES, random_imperfections, recorded, with_mistak
 pytestmark = pytest.mark.long
 
 SMALL = ("conveyor", "20 mm")
-"""On 1200 mm this load moves the sensors by less than eight noises: see docs/figures.md."""
+"""On 1200 mm this load moves the sensors by less than eight noises."""
 MISTYPED = [("cantilever", "20 mm"), ("cantilever", "2 x force")]
 SOAKED = [one for one in product(("cantilever", "conveyor"), MISTAKES) if one not in (*MISTYPED, SMALL)]
 

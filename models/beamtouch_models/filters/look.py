@@ -6,7 +6,7 @@ that was a step, the load has rested since, and all readings since agree. If not
 slow for k readings to show has moved their mean by several standard deviations. So only the newest quarter counts:
 compared with its noise, its mean lags an eighth as much.
 
-docs/decisions/017-mean-since-touch.md explains the form and has the measurements.
+docs/decisions/017-mean-since-touch.md explains the form.
 """
 
 import math

@@ -1,6 +1,6 @@
 """Means that move: which they are, and the covariance of what each may be off by, beyond that of white noise.
 
-docs/decisions/012-covariance.md explains the form and has the measurements.
+docs/decisions/012-covariance.md explains the form.
 """
 
 import math

@@ -114,7 +114,7 @@ def _merged(blocks: list[Block], boundaries: set[int]) -> list[Block]:
 
 CERTAIN = 27.0
 """Twice the logarithm of the likelihood ratio that names a change of one of four gains: one false name in 1e6 contacts
-(measured: docs/decisions/015). Of more channels, one is the more often wrong by chance."""
+(measured: docs/figures.md). Of more channels, one is the more often wrong by chance."""
 APART = 7.0
 """The ratio of a channel that is named exceeds that of every other channel by this much: odds of 30."""
 MIN_CONTACTS = 3

@@ -55,7 +55,7 @@ class Path:
 
 
 def resolving_cells(prior: Prior) -> int | None:
-    """Return how many cells keep the error at the limit (measured: docs/decisions/013); None if MAX_CELLS do not.
+    """Return how many cells keep the error at the limit; None if MAX_CELLS do not.
 
     The reading follows a curve as the contact moves; no cell may be a longer piece of it than its step.
     """
