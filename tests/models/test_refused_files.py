@@ -13,7 +13,7 @@ import pytest
 from beamtouch_models.accuracy.limit import accuracy_limit
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.building.measure import reach
-from beamtouch_models.calibration.rebuilt import remade
+from beamtouch_models.calibration.calibrate import remade
 from beamtouch_models.calibration.recordings import MAX_BYTES
 from beamtouch_models.errors import NotGoodEnoughError, SceneError
 from beamtouch_models.estimators.estimator import ENOUGH, MAX_SETS, Estimator, estimator_of, fewest_channels
