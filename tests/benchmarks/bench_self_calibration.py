@@ -20,7 +20,7 @@ from bench_calibration import model_of
 
 from beamtouch_models.accuracy import limit
 from beamtouch_models.accuracy.prior import Prior
-from beamtouch_models.calibration.rebuilt import remade
+from beamtouch_models.calibration.calibrate import remade
 from beamtouch_models.calibration.self_calibrate import calibrated_prior, self_fit
 from beamtouch_models.errors import NotGoodEnoughError
 from beamtouch_models.estimators.onnx_graph import to_bytes

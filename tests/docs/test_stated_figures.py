@@ -9,8 +9,8 @@ import facts
 from beamtouch_common.zones import BEGIN, HOLD, MAX_ZONES
 from beamtouch_daemon.delivery.log import MAX_BATCH
 from beamtouch_daemon.processing import at_rest
-from beamtouch_models.calibration import contacts, loads
-from beamtouch_models.decision import decider, evidence, wiring
+from beamtouch_models.calibration import recordings
+from beamtouch_models.decision import decider, evidence, suspects
 from beamtouch_models.modelfile import State
 from beamtouch_models.physics.beam import MAX_SLOPE
 from beamtouch_models.reproduction.figure_8 import MEASURED_PERCENT as PAPER
@@ -75,9 +75,9 @@ STATED = {
         f"each later one by {PARTS[at_rest.DRIFTS_WITHIN]}",
     ],
     "docs/how-to/calibrate.md": [
-        f"with {WORDS[loads.MIN_SAMPLES]} rows or more for each load",
-        f"Loads may stand about {WORDS[loads.STATED.placing_mm]} millimetre off",
-        f"by about {WORDS[100 * loads.STATED.force]} percent (standard deviations)",
+        f"with {WORDS[recordings.MIN_SAMPLES]} rows or more for each load",
+        f"Loads may stand about {WORDS[recordings.STATED.placing_mm]} millimetre off",
+        f"by about {WORDS[100 * recordings.STATED.force]} percent (standard deviations)",
     ],
     "docs/how-to/commission-on-the-page.md": [
         f"Press at the {WORDS[course.PLACES]} marks",
@@ -106,7 +106,7 @@ STATED = {
         f"| register | bit {Note.SENDERS.bit} of `notes` |",
         f"`beamtouch_unexplained` is 1 after {SURFACE['unexplained_after_s']:g} s",
         f"the limit is {SURFACE['stale_ms']:g} ms.",
-        f"After {WORDS[wiring.CONTACTS]} contacts at different places ({WORDS[wiring.OF_FEW]} with three sensors)",
+        f"After {WORDS[suspects.CONTACTS]} contacts at different places ({WORDS[suspects.OF_FEW]} with three sensors)",
     ],
     "docs/how-to/two-hosts.md": [f"reach port {SERVER['port']}"],
     "docs/how-to/zones.md": [
@@ -130,11 +130,11 @@ STATED = {
         f"| samples of a boot that are not durable yet | {MAX_WAITING:,} |".replace(",", " "),
     ],
     "docs/reference/loads.md": [
-        f"at least {WORDS[loads.MIN_SAMPLES]} good samples",
-        f"at least {WORDS[loads.MIN_POSITIONS]} different positions",
-        f"over at least {PARTS[loads.MIN_SPREAD]} of the range",
+        f"at least {WORDS[recordings.MIN_SAMPLES]} good samples",
+        f"at least {WORDS[recordings.MIN_POSITIONS]} different positions",
+        f"over at least {PARTS[recordings.MIN_SPREAD]} of the range",
         f"(the newest {DATA['default']}; at most {DATA['maximum']})",
-        f"uses the newest {contacts.MAX_CONTACTS} contacts",
+        f"uses the newest {recordings.MAX_CONTACTS} contacts",
     ],
     "docs/reference/registers.md": [
         f"addresses 0 to {BLOCK - 1}, the second {BLOCK} to {2 * BLOCK - 1}",

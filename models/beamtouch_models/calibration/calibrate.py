@@ -1,4 +1,4 @@
-"""Calibration: recorded loads turn a model into one of the real surface."""
+"""Calibration: recorded loads turn a model into one of the real surface, and a model is made again for a surface."""
 
 from dataclasses import dataclass, replace
 
@@ -8,16 +8,21 @@ from beamtouch_common.digits import digits
 from beamtouch_models.accuracy import limit
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.arrays import Floats
+from beamtouch_models.building.measure import measure
 from beamtouch_models.calibration.fit import Fit, fit, supported_fit
 from beamtouch_models.calibration.mistaken import Suspect, mistaken, swapped
-from beamtouch_models.calibration.rebuilt import rebuilt
 from beamtouch_models.calibration.recordings import Loads, RecordingError
 from beamtouch_models.calibration.theory import Theory
-from beamtouch_models.errors import NotGoodEnoughError
+from beamtouch_models.errors import ModelFileError, NotGoodEnoughError
+from beamtouch_models.estimators.estimator import Estimator, estimator_of
+from beamtouch_models.estimators.onnx_graph import to_bytes, with_force_error, with_linear_input
 from beamtouch_models.loading import ModelFile
 from beamtouch_models.metadata import Calibration, Departures, Metadata
+from beamtouch_models.names import ESTIMATORS
+from beamtouch_models.placement.placing import Aim
 from beamtouch_models.surface import Surface, prior_of_model
-from beamtouch_models.sweeps import Progress
+from beamtouch_models.sweeps import Fraction, Progress, silent
+from beamtouch_models.world import World
 
 MAX_LEFT = 0.1
 """Largest error of a fit, over the deflections that the scene predicts, and over the length.
@@ -66,7 +71,7 @@ def calibrate(model: ModelFile, loads: Loads, progress: Progress) -> Calibrated:
     metadata, checked = model.metadata, checked_fit(model, loads, progress)
     departures, before_mm, after_mm = checked.fit.departures, checked.before_mm, checked.after_mm
     # The error of a prediction beyond the noise of the recording widens the intervals.
-    residual_mm = float(np.hypot(checked.fit.residual_mm, checked.fit.prediction_mm))
+    residual_mm = float(np.hypot(checked.fit.errors.residual_mm, checked.fit.prediction_mm))
     # The floor of the scene comes with the model; what the fit leaves unexplained does not average away either.
     zero_mm = np.hypot(Surface.of_model(metadata).readings.floor_mm, residual_mm)
     # The offsets are what the zeros drifted between the tare and the recording, and the next tare takes them away.
@@ -196,3 +201,37 @@ def _worse(loads: Loads, before: Floats, after: Floats) -> str:
         f"of {loads.in_words(worst)}, {digits(after[worst], 3)} mm. Keep the model, or check the loads and record more "
         "over the whole beam"
     )
+
+
+def rebuilt(metadata: Metadata, prior: Prior, calibration: Calibration, progress: Progress) -> tuple[bytes, Metadata]:
+    """Return the file of a model with another prior, and its metadata; the prior holds the departures.
+
+    Raises
+    ------
+    ModelFileError
+        This version does not have the model's estimator.
+    """
+    made = remade(metadata, prior, calibration, lambda done: progress("making the estimator", 0.7 + 0.1 * done))
+    progress("measuring the accuracy against the limit", 0.85)
+    surface = Surface.of_model(metadata)
+    noise_mm, departures = surface.modelled_readings.sensor_mm, calibration.departures
+    world = World.of(surface.stated, metadata.sensor, metadata.layout_mm, noise_mm, departures)
+    aim = Aim(metadata.placed.criterion, metadata.placed.spare)
+    fields = measure(made, prior, surface, world, metadata.seed, aim)
+    fresh = metadata.model_copy(update={**vars(fields), "calibration": calibration})
+    return to_bytes(made.graph, fresh), fresh
+
+
+def remade(metadata: Metadata, prior: Prior, calibration: Calibration, progress: Fraction = silent) -> Estimator:
+    """Return the estimator of a model for another prior; raises as `rebuilt`."""
+    name = next((known for known in ESTIMATORS if known == metadata.estimator), None)
+    if name is None:
+        raise ModelFileError(f"this version has no estimator {metadata.estimator!r}; build the model again")
+    with_force = "force_n" in metadata.golden.answers
+    min_noise_mm = metadata.filter.min_noise_mm(metadata.noise)
+    made = estimator_of(
+        name, prior, min_noise_mm=min_noise_mm, with_force=with_force, seed=metadata.seed, progress=progress
+    )
+    departures = calibration.departures
+    graph = with_linear_input(made.graph, np.array(departures.offset_mm), departures.curve_per_mm)
+    return replace(made, graph=with_force_error(graph, calibration.force_error))

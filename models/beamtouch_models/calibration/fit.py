@@ -40,7 +40,7 @@ class Fit(Fitted):
     """A fit of some kinds of departures to known loads."""
 
     errors: LoadErrors
-    """Errors of the recording as the fit finds them."""
+    """Errors of the recording as the fit finds them, and the residual beyond all of them."""
     scatter: float
     """Standard deviation of the residuals, per degree of freedom, in units of the errors that the recording states."""
     freedom: float
@@ -51,11 +51,6 @@ class Fit(Fitted):
     """Root mean square of `left_out_mm`, in units of the errors that the recording states."""
     prediction_mm: float
     """Root mean square error of the predicted deflections, from that of the departures."""
-
-    @property
-    def residual_mm(self) -> float:
-        """Standard deviation of the residuals beyond all errors of the recording."""
-        return self.errors.residual_mm
 
     @property
     def error_mm(self) -> float:

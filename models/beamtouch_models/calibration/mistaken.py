@@ -34,7 +34,7 @@ def swapped(theory: Theory, loads: Loads, names: list[str]) -> str | None:
     """Say what seems swapped or inverted: channels, the order of all, or the ends of the beam; None if nothing does."""
     kinds = tuple(theory.kinds)
     asis = fit(theory, loads, kinds)
-    if asis.residual_mm <= POOR_NOISES * theory.prior.noise_mm:
+    if asis.errors.residual_mm <= POOR_NOISES * theory.prior.noise_mm:
         return None
     trials = [(fit(theory, other, kinds).scatter, message) for message, other in _swaps(theory, loads, names)]
     scatter, message = min(trials, default=(np.inf, ""))

@@ -7,7 +7,7 @@ import numpy as np
 from beamtouch_common.digits import digits
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.arrays import Floats
-from beamtouch_models.calibration.rebuilt import rebuilt
+from beamtouch_models.calibration.calibrate import rebuilt
 from beamtouch_models.calibration.recordings import MIN_SPREAD, UnlabelledContacts
 from beamtouch_models.calibration.theory import FIXITY, GAIN, Theory
 from beamtouch_models.calibration.unlabelled import (

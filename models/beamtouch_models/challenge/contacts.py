@@ -42,12 +42,16 @@ class Motion:
     parts: tuple[float, ...]
     """Parts of that time at which it is judged."""
 
-    def readings(self, surface: SimulatedSurface, speed_mm_per_s: float, least: int = 0) -> int | None:
-        """Return the number of readings of the motion, at least so many; None if the range of contacts is too short."""
+    def readings(self, surface: SimulatedSurface, speed_mm_per_s: float, least: int = 0) -> int:
+        """Return the number of readings of the motion, at least so many."""
         (low, high), rate_hz = surface.metadata.ranges.position_mm, surface.metadata.sensor.rate_hz
         moving_s = min(self.longest_s, self.way * (high - low) / speed_mm_per_s)
-        readings = max(len(self.parts), least, round(moving_s * rate_hz))
-        return readings if speed_mm_per_s * readings / rate_hz <= high - low else None
+        return max(len(self.parts), least, round(moving_s * rate_hz))
+
+    def fits(self, surface: SimulatedSurface, speed_mm_per_s: float, least: int = 0) -> bool:
+        """Return whether the range of contacts is long enough for it."""
+        (low, high), rate_hz = surface.metadata.ranges.position_mm, surface.metadata.sensor.rate_hz
+        return speed_mm_per_s * self.readings(surface, speed_mm_per_s, least) / rate_hz <= high - low
 
 
 BEGINS = Motion("moves", 0.2, 0.5, (0.2, 0.4, 0.6, 0.8, 1.0))
@@ -63,7 +67,7 @@ def honest_cases(surface: SimulatedSurface) -> list[Case]:
         partial(moves, speed_mm_per_s=float(speed), motion=motion)
         for motion in (BEGINS, KEEPS)
         for speed in SPEEDS_MM_PER_S
-        if motion.readings(surface, speed)
+        if motion.fits(surface, speed)
     ]
     low, high = surface.metadata.ranges.force_n
     makes += [
@@ -144,19 +148,9 @@ def _since(at: Drawn, least: int = 0) -> tuple[list[int], Floats]:
 
 
 def moves(at: Drawn, *, speed_mm_per_s: float, motion: Motion = BEGINS, least: int = 0) -> Play:
-    """Return loads that lie still and then move; the beam follows with its inertia.
-
-    The motion has at least so many readings.
-
-    Raises
-    ------
-    ValueError
-        The range of contacts is too short.
-    """
+    """Return loads that lie still and then move, for at least so many readings; the beam follows with its inertia."""
     surface, (low, high) = at.surface, at.surface.metadata.ranges.position_mm
     moving, before = motion.readings(surface, speed_mm_per_s, least), surface.look_back
-    if moving is None:
-        raise ValueError(f"no load moves at {speed_mm_per_s:g} mm/s within {low:g}..{high:g} mm")
     step_s = 1 / surface.metadata.sensor.rate_hz / STEPS
     way = speed_mm_per_s * step_s * np.arange(moving * STEPS + 1)
     path = at.rng.uniform(low, high - way[-1], size=(at.draws, 1)) + way
@@ -198,7 +192,7 @@ def without(at: Drawn, *, missing: int) -> Play:
 def lossy_cases(surface: SimulatedSurface) -> list[Case]:
     """Return the cases that the scene allows."""
     moving = partial(moves, speed_mm_per_s=LOST_MM_PER_S, motion=KEEPS)
-    moving_ones = (moving,) if KEEPS.readings(surface, LOST_MM_PER_S) else ()
+    moving_ones = (moving,) if KEEPS.fits(surface, LOST_MM_PER_S) else ()
     ringing = () if surface.world.modes is None else (rings,)
     makes: list[Make] = []
     for gap in GAPS:
@@ -208,7 +202,7 @@ def lossy_cases(surface: SimulatedSurface) -> list[Case]:
             *(partial(interrupted, make=make, when="at a sudden force", gap=gap, since_s=0.0) for make in ringing),
             *(partial(interrupted, make=make, when="while it rings", gap=gap, since_s=RINGING_S) for make in ringing),
         ]
-        if KEEPS.readings(surface, LOST_MM_PER_S, gap + AFTER[-1]):
+        if KEEPS.fits(surface, LOST_MM_PER_S, gap + AFTER[-1]):
             makes.append(partial(interrupted, make=moving, when="while the load moves", gap=gap))
     for share in LOSSES:
         makes += [partial(lossy, make=make, share=share) for make in (rested, touched, *ringing, *moving_ones)]

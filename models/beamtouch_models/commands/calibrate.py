@@ -46,7 +46,7 @@ def run(options: argparse.Namespace) -> Result:
     return Result(shown, [[("model", identity), *rows]])
 
 
-Told = tuple["Calibrated | SelfCalibrated", dict[str, Any], list[tuple[str, str]]]
+Told = tuple[Calibrated | SelfCalibrated, dict[str, Any], list[tuple[str, str]]]
 """What was calibrated, with fields for programs, and rows for people."""
 
 

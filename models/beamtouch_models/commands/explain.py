@@ -36,7 +36,7 @@ def run(options: argparse.Namespace) -> Result:
     """Price the effects, and measure the time that each costs."""
     scene, _ = load_scene(options.scene)
     note(*remarks(scene))
-    zones = load_zones(options.zones, scene) if options.zones else {}
+    zones = _load_zones(options.zones, scene) if options.zones else {}
     surface = Surface.of(scene)
     surface.check()
     effects = [_as_json(effect) for effect in surface.effects]
@@ -56,9 +56,9 @@ def run(options: argparse.Namespace) -> Result:
         *(told(ringing) if ringing else []),
     ]
     if zones:
-        edges = bands_of(surface, zones)
+        edges = _bands_of(surface, zones)
         fields["zones"] = [edge._asdict() for edge in edges]
-        rows += zone_rows(edges) if edges else []
+        rows += _zone_rows(edges) if edges else []
     return Result(fields, rows)
 
 
@@ -119,7 +119,7 @@ class Edge(NamedTuple):
     """Of the contacts in that band."""
 
 
-def load_zones(path: Path, scene: Scene) -> dict[str, Zone]:
+def _load_zones(path: Path, scene: Scene) -> dict[str, Zone]:
     """Read zones; InputError if the file is wrong, or a zone is none of the scene's surface."""
     zones = load_toml(_File, path).zones
     estimates_force = "force" in scene.requirements.descriptors
@@ -134,7 +134,7 @@ def load_zones(path: Path, scene: Scene) -> dict[str, Zone]:
     return zones
 
 
-def bands_of(surface: Surface, zones: dict[str, Zone]) -> list[Edge]:
+def _bands_of(surface: Surface, zones: dict[str, Zone]) -> list[Edge]:
     """Return the forecast for each edge within the beam, with the sensors where `place` puts them."""
     placed = place_sensors(surface, seed=SEED).prior
     at_rest = replace(placed, noise_mm=surface.errors.min_noise_mm or placed.noise_mm)
@@ -157,7 +157,7 @@ def _forces_n(zone: Zone, range_n: tuple[float, float]) -> tuple[float, float]:
     )
 
 
-def zone_rows(edges: list[Edge]) -> list[Block]:
+def _zone_rows(edges: list[Edge]) -> list[Block]:
     """Return the table of the forecasts, and what it says."""
     head = ("zone", "edge mm", "unsure mm", "wrong %")
     rows = [(edge.zone, f"{edge.edge_mm:g}", digits(edge.unsure_mm, 3), f"{edge.wrong_percent:.2f}") for edge in edges]
