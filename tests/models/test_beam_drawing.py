@@ -1,9 +1,9 @@
-"""The drawing of a beam in the report: supports as they are, thickness, and its caption."""
+"""The drawing of a beam in the report: supports as they are, thickness, the bent beam, and its caption."""
 
 import pytest
 
 from beamtouch_models.building.build import draw_beam
-from beamtouch_models.building.report.beam_drawing import HEIGHT, MARGIN, WIDTH, beam_drawing
+from beamtouch_models.building.report.beam_drawing import BENT_PX, HEIGHT, MARGIN, WIDTH, beam_drawing
 from beamtouch_models.metadata import Channel
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.scene import Scene, parse_scene
@@ -42,13 +42,15 @@ def test_each_kind_of_support_has_its_own_symbol_and_words(bench: ModelFile) -> 
     assert len(symbols) == len(SUPPORTS)
 
 
-def test_a_beam_keeps_its_steps(bench: ModelFile) -> None:
+def test_a_thin_beam_is_drawn_thicker_by_the_stated_factor_and_keeps_its_steps(bench: ModelFile) -> None:
     scale = (WIDTH - 2 * MARGIN) / 400
-    tags, caption = draw(
-        bench, scene_with("segments = [{ to_mm = 150, thickness_mm = 3 }, { to_mm = 400, thickness_mm = 9 }]")
-    )
-    assert [float(one["height"]) for one in tags.of("rect", "beam")] == pytest.approx([3 * scale, 9 * scale], abs=0.06)
-    assert caption.startswith("3 and 9 mm thick. ")
+    segments = "segments = [{ to_mm = 150, thickness_mm = 0.5 }, { to_mm = 400, thickness_mm = 1.5 }]"
+    tags, caption = draw(bench, scene_with(segments))
+    thin, thick = (float(one["height"]) for one in tags.of("rect", "beam"))
+    assert thick == pytest.approx(3 * thin, rel=0.05)
+    times = float(caption.split("drawn ")[1].split()[0])
+    assert caption.startswith(f"0.5 and 1.5 mm thick, drawn {times:g} times thicker. ")
+    assert thin == pytest.approx(0.5 * scale * times, rel=0.05)
     assert draw(bench, scene_with(""))[1].startswith("3 mm thick. ")
 
 
@@ -76,3 +78,19 @@ def test_labels_of_close_sensors_do_not_overlap(bench: ModelFile) -> None:
     assert len(tags.of("line", "lead")) == 8
     assert len(rows) == 2
     assert max(rows) + 25 < HEIGHT - 36
+
+
+@pytest.mark.parametrize("ends", ["simply-supported", "cantilever", "propped"])
+def test_the_bent_beam_has_the_shape_of_the_model(bench: ModelFile, ends: str) -> None:
+    scene = parse_scene(PAPER.replace("[beam]", f'[beam]\nsupports = "{ends}"').replace("10.0", "1.0"), "x.toml")
+    (tags, caption), shape = draw(bench, scene), draw_beam(scene)
+    (line,) = tags.of("polyline", "bent")
+    points = [tuple(map(float, pair.split(","))) for pair in line["points"].split()]
+    rest = points[0][1]
+    depth = [y - rest for _, y in points]
+    best = max(shape.deflection_mm_per_n, key=max)
+    assert depth == pytest.approx([max(depth) * mm / max(best) for mm in best], abs=0.15)
+    assert BENT_PX / 2 <= max(depth) <= BENT_PX + 0.1
+    (words,) = (part for part in caption.split(". ") if part.startswith("Dashed: bent by 1 N at "))
+    times, scale = float(words.split(", drawn ")[1].split()[0]), (WIDTH - 2 * MARGIN) / 400
+    assert max(depth) == pytest.approx(max(best) * scale * times, abs=0.1)

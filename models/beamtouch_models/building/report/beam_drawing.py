@@ -1,7 +1,8 @@
 """The beam with its supports and sensors, drawn to scale as SVG.
 
-Lengths, thickness and gaps share one scale. Sensors are as wide as their housings. Supports, and the height of sensors,
-are symbols. The caption has words for them.
+Lengths, thickness and gaps share one scale, but a thin beam is drawn thicker, and bent further, by a factor that the
+caption states. Sensors are as wide as their housings. Supports, and the height of sensors, are symbols. The caption
+has words for them.
 """
 
 from collections.abc import Iterable
@@ -9,6 +10,7 @@ from html import escape
 
 import numpy as np
 
+from beamtouch_common.digits import digits
 from beamtouch_models.charts import fill, opening, round_ticks, stroke
 from beamtouch_models.metadata import Metadata
 from beamtouch_models.scene import Scene
@@ -18,18 +20,21 @@ WIDTH, HEIGHT, MARGIN = 900, 236, 48
 """Size of the drawing, and space beside the beam."""
 BEAM_Y = 92
 """Underside of the beam."""
-UNKNOWN_PX = 3.0
-"""Height of a section whose thickness is not stated, and smallest width of a sensor."""
+THINNEST_PX, THICKEST_PX = 3.0, 40.0
+"""A thin beam is drawn thicker until its thinnest section has the first or its thickest the second."""
 SENSOR_HEIGHT = 24.0
 KEEP_OUT_LABEL_WIDTH = 52.0
 """A narrower stretch has no label."""
 SCALE_Y = 200
+BENT_PX = 24.0
+"""Largest deflection of the bent beam as drawn, unless it is larger to scale."""
 
 _LEAD = stroke("faint", "lead")
 _THIN = stroke("muted", "thin")
 _TOUCH, _TIP = stroke("s1", "touch", width=1.6), fill("s1", "tip")
 WALL = 28
 """Height of a wall above the underside of the beam, in px."""
+BENT = stroke("s1", "bent", width=1.4) + ' stroke-dasharray="5 3"'
 SPRING = stroke("ink", "support", width=1.4)
 
 
@@ -43,6 +48,7 @@ def beam_drawing(scene: Scene, metadata: Metadata) -> tuple[str, str]:
     px = Scale(scene.beam)
     places = ", ".join(f"{channel.name} at {channel.position_mm:g} mm" for channel in metadata.layout)
     says = f"The beam, {scene.beam.length_mm:g} mm long, to scale. {_supports_in_words(scene.beam)}. Sensors: {places}."
+    bent, bent_in_words = _bend(scene, metadata, px)
     parts = [
         opening("drawing", WIDTH, HEIGHT, says),
         *_keep_outs(scene, px),
@@ -50,24 +56,30 @@ def beam_drawing(scene: Scene, metadata: Metadata) -> tuple[str, str]:
         *_foundation(scene.beam, px),
         *_beam(scene.beam, px),
         *_supports(scene.beam, px),
+        *bent,
         *_contact(scene, px),
         *_scale(px),
         "</svg>",
     ]
     foundation = [] if scene.beam.foundation_n_mm2 is None else ["it lies on an elastic foundation"]
     ruled = ["shaded: no sensors there"] if scene.sensors.keep_out_mm else []
-    told = [_thickness_in_words(px), *foundation, *ruled, _supports_in_words(scene.beam)]
+    told = [_thickness_in_words(px), *foundation, *ruled, *bent_in_words, _supports_in_words(scene.beam)]
     return "\n".join(parts), ". ".join(f"{one[0].upper()}{one[1:]}" for one in told)
 
 
 class Scale:
-    """From mm to px, the same along and across the beam."""
+    """From mm to px, the same along and across the beam; a thin beam is drawn thicker."""
 
     def __init__(self, beam: Beam) -> None:
         self.length_mm = beam.length_mm
         self.factor = (WIDTH - 2 * MARGIN) / beam.length_mm
-        self.thickness_mm = [one.thickness_mm or beam.thickness_mm for one in beam.segments] or [beam.thickness_mm]
-        """Thickness of each section; None if the scene does not state it."""
+        self.thickness_mm = _thicknesses_mm(beam)
+        known = [one for one in self.thickness_mm if one]
+        self.thicker = 1.0
+        """Factor by which the beam is drawn thicker."""
+        if known:
+            most = max(1.0, THICKEST_PX / (max(known) * self.factor))
+            self.thicker = min(max(1.0, THINNEST_PX / (min(known) * self.factor)), most)
 
     def x(self, at_mm: float) -> float:
         """Return where a position on the beam is."""
@@ -75,13 +87,18 @@ class Scale:
 
     def height(self, thickness_mm: float | None) -> float:
         """Return the height of a section."""
-        return max(1.0, thickness_mm * self.factor) if thickness_mm else UNKNOWN_PX
+        return max(1.0, thickness_mm * self.factor * self.thicker) if thickness_mm else THINNEST_PX
 
     def top(self, at_mm: float, beam: Beam) -> float:
         """Return the upper edge of the beam at a position."""
         ends = [section.to_mm for section in beam.sections]
         index = min(int(np.searchsorted(ends, at_mm)), len(ends) - 1)
         return BEAM_Y - self.height(self.thickness_mm[index])
+
+
+def _thicknesses_mm(beam: Beam) -> list[float | None]:
+    """Return the thickness of each section; None if the scene does not state it."""
+    return [segment.thickness_mm or beam.thickness_mm for segment in beam.segments] or [beam.thickness_mm]
 
 
 def rect(paint: str, x: float, y: float, width: float, height: float) -> str:
@@ -108,6 +125,27 @@ def _supports(beam: Beam, px: Scale) -> Iterable[str]:
         yield _support(support, px.x(support.at_mm), top, at_start=at_start)
 
 
+def _bend(scene: Scene, metadata: Metadata, px: Scale) -> tuple[list[str], list[str]]:
+    """Return the beam as the largest force bends it where it yields most, drawn and in words."""
+    drawn, force_n = metadata.drawn, scene.contact.force_range_n[1]
+    deflection_mm = np.array(drawn.deflection_mm_per_n) * force_n
+    load = int(np.abs(deflection_mm).max(axis=1).argmax())
+    largest_px = float(np.abs(deflection_mm[load]).max()) * px.factor
+    if not 0 < largest_px < np.inf:
+        return [], []
+    times = max(1.0, _round_down(BENT_PX / largest_px))
+    pairs = zip(drawn.at_mm, deflection_mm[load], strict=True)
+    points = " ".join(f"{px.x(at):.1f},{BEAM_Y + times * mm * px.factor:.1f}" for at, mm in pairs)
+    larger = "to scale" if times == 1 else f"drawn {times:g} times larger"
+    words = f"dashed: bent by {force_n:g} N at {digits(drawn.load_mm[load], 4)} mm, {larger}"
+    return [f'<polyline {BENT} points="{points}"/>'], [words]
+
+
+def _round_down(value: float) -> float:
+    power = 10.0 ** np.floor(np.log10(value))
+    return float(max(step for step in (1, 2, 3, 4, 5, 6, 8) if step * power <= value * (1 + 1e-9)) * power)
+
+
 def _foundation(beam: Beam, px: Scale) -> Iterable[str]:
     if beam.foundation_n_mm2 is None:
         return
@@ -117,7 +155,7 @@ def _foundation(beam: Beam, px: Scale) -> Iterable[str]:
 
 def _sensors(scene: Scene, metadata: Metadata, px: Scale) -> Iterable[str]:
     gap = max(2.0, metadata.sensor.standoff_mm * px.factor)
-    fixed, width = set(scene.sensors.fixed_mm), max(UNKNOWN_PX, scene.sensors.size_mm * px.factor)
+    fixed, width = set(scene.sensors.fixed_mm), max(THINNEST_PX, scene.sensors.size_mm * px.factor)
     for index, channel in enumerate(metadata.layout):
         x, top = px.x(channel.position_mm), BEAM_Y + gap
         held = channel.position_mm in fixed
@@ -161,7 +199,7 @@ def _thickness_in_words(px: Scale) -> str:
     if not known:
         return "its thickness is not stated"
     each = " and ".join(f"{one:g}" for one in sorted(set(known))) if len(set(known)) < 4 else "in steps"
-    return f"{each} mm thick"
+    return f"{each} mm thick" + (f", drawn {digits(px.thicker, 2)} times thicker" if px.thicker != 1 else "")
 
 
 def _supports_in_words(beam: Beam) -> str:
