@@ -1,7 +1,6 @@
 """Files that a calibration and a model are made from, damaged or of another version: refused in one line."""
 
 import json
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,7 @@ from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.building.measure import reach
 from beamtouch_models.calibration.contacts import MAX_BYTES
 from beamtouch_models.calibration.rebuilt import remade
-from beamtouch_models.errors import NotGoodEnoughError, SceneError
+from beamtouch_models.errors import NotGoodEnoughError
 from beamtouch_models.estimators.estimator import ENOUGH, MAX_SETS, Estimator, estimator_of, fewest_channels
 from beamtouch_models.estimators.onnx_graph import to_bytes
 from beamtouch_models.loading import load, load_bytes
@@ -100,12 +99,6 @@ def test_a_model_whose_answers_are_no_numbers_is_not_written() -> None:
             tensor.CopyFrom(onnx.numpy_helper.from_array(values, tensor.name))
     with pytest.raises(NotGoodEnoughError, match="some answers of the model are not finite"):
         reach(Estimator("posterior", graph, 2), prior, runner(to_bytes(graph)), 1000, 0)
-
-
-def test_a_noise_beyond_the_digits_of_a_number_has_no_limit() -> None:
-    prior = replace(prior_of("bench", 3, 2.0, known=False), noise_mm=1e-14)
-    with pytest.raises(SceneError, match=r"a noise of 1e-14 mm is too small to compute with"):
-        accuracy_limit(prior, 100, 0)
 
 
 def test_of_many_sensors_neighbours_show_how_many_are_enough() -> None:

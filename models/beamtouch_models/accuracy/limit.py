@@ -25,7 +25,6 @@ from beamtouch_models.accuracy.posterior import CHUNK, posterior_quantiles
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.statistics import SCRAMBLINGS, Measurement, mean_of, ratio_of
 from beamtouch_models.arrays import Bools, Floats
-from beamtouch_models.errors import SceneError
 from beamtouch_models.sweeps import Fraction, Spread, in_turn, silent
 
 POSITIONS, FORCES = 1001, 32
@@ -177,14 +176,9 @@ def accuracy_limit(prior: Prior, draws: int, seed: int) -> MeanError:
 
     The mean is that of eq. 5 of the paper, with less scatter: each reading counts with the mean |error| over its
     posterior instead of the one drawn error, and contacts and noise are spread evenly (scrambled Sobol points; Owen
-    1997, doi 10.1214/aos/1031594731). The standard error comes from the scatter of independent scramblings.
-
-    Raises
-    ------
-    SceneError
-        The noise is 0, so that there is no limit.
+    1997, doi 10.1214/aos/1031594731). The standard error comes from the scatter of independent scramblings. The noise
+    must be positive.
     """
-    _require_noise(prior)
     drawn = draw_evenly(prior, draws, seed)
     return _limit_of(_errors_percent(prior, drawn.deflection_mm, drawn.weight))
 
@@ -193,9 +187,7 @@ def compare_limits(prior: Prior, others: Sequence[Prior], draws: int, seed: int)
     """Return the limits of other priors with the same ranges and channels beside that of a prior.
 
     All share at least `draws` contacts with their noise, so that their ratios scatter far less than the limits do.
-    Errors are those of `accuracy_limit`.
     """
-    _require_noise(prior)
     position, force, noise, weight = _even_contacts(prior, draws, seed)
     errors = []
     for one in (prior, *others):
@@ -209,20 +201,12 @@ def limits_without(prior: Prior, missing: Iterable[Sequence[int]], draws: int, s
 
     `missing` has the indices of the channels that each lacks.
     """
-    _require_noise(prior)
     drawn = draw_evenly(prior, draws, seed)
     whole = _errors_percent(prior, drawn.deflection_mm, drawn.weight)
     for lacking in missing:
         sample_mm = np.delete(drawn.deflection_mm, lacking, axis=1)
         errors = _errors_percent(prior.without(*lacking), sample_mm, drawn.weight)
         yield ComparedLimit(_limit_of(errors), ratio_of(errors, whole))
-
-
-def _require_noise(prior: Prior) -> None:
-    if not 0 < prior.noise_mm < np.inf:
-        raise SceneError(
-            f"sensors: with a noise of {prior.noise_mm:g} mm there is no accuracy limit; state the noise of a reading"
-        )
 
 
 def _errors_percent(prior: Prior, deflection_mm: Floats, weight: Floats) -> Floats:

@@ -162,12 +162,8 @@ def place_by_position_error(
     over each one sensor failed, of the error of the others, among all layouts; what a layout notices is worth up to
     `position_error.SPARE_NOTICES` of it.
 
-    `errors` are those of a sample; its noise must not be 0. SceneError also if a sensor stands on a
-    support.
+    `errors` are those of a sample; its noise must not be 0. SceneError also if a sensor stands where nothing moves.
     """
-    if not 0 < errors.noise_mm < np.inf:
-        message = f"sensors: with a noise of {errors.noise_mm:g} mm all layouts are equal; state the noise of a reading"
-        raise SceneError(message)
     if count <= spare:
         message = f"spare = {spare} needs at least {spare + 1} sensors, not {count}; use more, or set sensors.count"
         raise SceneError(message)
