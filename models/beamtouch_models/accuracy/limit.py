@@ -244,35 +244,26 @@ class Contacts:
     drawn: Draws
     likely_mm: Floats
     """(draws, LIKELY) positions that could have caused each reading; (draws, 1), the true one, without noise."""
-    median_mm: Floats | None
-    """Posterior medians (draws,); None without noise, where there is no posterior."""
-    deviation_mm: Floats | None
+    median_mm: Floats
+    """Posterior medians (draws,)."""
+    deviation_mm: Floats
     """Mean distance of each posterior from its median (draws,)."""
 
     def error_mm(self, estimate_mm: NDArray[np.floating]) -> Floats:
         """|error| of estimates (draws,) for each likely position, in the shape of `likely_mm`."""
         return np.abs(estimate_mm.astype(np.float64)[:, None] - self.likely_mm)
 
-    def least_error_mm(self) -> Floats | None:
-        """|error| of the posterior median, whose mean is the accuracy limit; None without noise."""
-        return None if self.median_mm is None else self.error_mm(self.median_mm)
+    def least_error_mm(self) -> Floats:
+        """|error| of the posterior median, whose mean is the accuracy limit."""
+        return self.error_mm(self.median_mm)
 
-    def mean_error_mm(self, estimate_mm: NDArray[np.floating]) -> Floats:
-        """Mean |error| of each estimate (draws,) over the posterior of its reading.
+    def reached(self, estimate_mm: NDArray[np.floating]) -> Reached:
+        """Return the mean |error| of estimates (draws,) over the posteriors of their readings, beside its limit.
 
         The value for the median is exact; the likely positions only give the difference of the estimate from it.
         """
-        error, best = self.error_mm(estimate_mm), self.least_error_mm()
-        if best is None or self.deviation_mm is None:
-            return error[:, 0]
-        worse: Floats = (error - best).mean(axis=1)
-        return self.deviation_mm + worse
-
-    def reached(self, estimate_mm: NDArray[np.floating]) -> Reached | None:
-        """Return the mean |error| of estimates (draws,) beside its limit; None without noise."""
-        if self.deviation_mm is None:
-            return None
-        error, limit, weight = self.mean_error_mm(estimate_mm), self.deviation_mm, self.drawn.weight
+        worse = (self.error_mm(estimate_mm) - self.least_error_mm()).mean(axis=1)
+        error, limit, weight = self.deviation_mm + worse, self.deviation_mm, self.drawn.weight
         return Reached(mean_of(error, weight), mean_of(limit, weight), ratio_of(error * weight, limit * weight))
 
     def held(self, low_mm: NDArray[np.floating], high_mm: NDArray[np.floating]) -> Bools:
@@ -287,7 +278,7 @@ def simulated(prior: Prior, count: int, seed: int, progress: Fraction = silent, 
     """
     drawn = draw_evenly(prior, count, seed)
     if prior.noise_mm == 0:
-        return Contacts(drawn, drawn.position_mm[:, None], None, None)
+        return Contacts(drawn, drawn.position_mm[:, None], drawn.position_mm, np.zeros(len(drawn.position_mm)))
     # With a random shift, averages over the likely positions are unbiased.
     shift = np.random.default_rng([seed, LIKELY]).uniform(size=(len(drawn.position_mm), 1))
     levels = np.column_stack([np.full(len(shift), 0.5), (np.arange(LIKELY) + shift) / LIKELY])
@@ -310,8 +301,6 @@ def _quantiles(task: tuple[Prior, Floats, Floats]) -> Floats:
 def simulated_enough(prior: Prior, count: int, seed: int) -> Contacts:
     """Like `simulated`, with MORE times the contacts if the accuracy limit would be uncertain otherwise."""
     contacts = simulated(prior, count, seed)
-    if contacts.deviation_mm is None:
-        return contacts
     limit = mean_of(contacts.deviation_mm, contacts.drawn.weight)
     certain = limit.standard_error <= CERTAIN * limit.value
     return contacts if certain else simulated(prior, MORE * count, seed)
