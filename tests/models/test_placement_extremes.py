@@ -75,13 +75,7 @@ def test_noise_larger_than_the_signal_leaves_the_prior() -> None:
     assert len(place_by_position_error(*problem_in(paper_scene(grid_mm=40)), 2, 0, SampleErrors(1e6)).positions_mm) == 2
 
 
-def test_no_noise_is_refused_by_criteria_that_depend_on_it() -> None:
-    with pytest.raises(SceneError, match="state the noise of a reading"):
-        place_by_position_error(*problem_in(paper_scene()), 2, 0, SampleErrors(0.0))
-    with pytest.raises(SceneError, match="there is no accuracy limit"):
-        accuracy_limit(Prior.of(influence_of(paper_scene()), np.array([122.0, 278.0]), 0.0), 100, 0)
-    with pytest.raises(SceneError, match=r"a noise of 1e-14 mm is too small to compute with"):
-        accuracy_limit(Prior.of(influence_of(paper_scene()), np.array([122.0, 278.0]), 1e-14), 100, 0)
+def test_without_noise_every_component_counts() -> None:
     assert recommended_count(influence_of(paper_scene()), 0.0) == 8
 
 

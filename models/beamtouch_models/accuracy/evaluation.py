@@ -76,11 +76,12 @@ def evaluate(
     answers, thresholds = estimates(model, prior, drawn.deflection_mm), model.metadata.thresholds
     progress(0.9)
     worst = np.abs(answers["position_mm"] - drawn.position_mm)
-    error, best = contacts.error_mm(answers["position_mm"]), contacts.least_error_mm()
+    error, best = contacts.error_mm(answers["position_mm"]), contacts.least_error_mm() if prior.noise_mm else None
     low, high = (end * prior.length_mm for end in MIDDLE)
     inside, drawn_inside = ((low <= position) & (position <= high) for position in (likely, drawn.position_mm))
-    span, reached = _errors(error, best, weight, worst), contacts.reached(answers["position_mm"])
-    if reached is not None:  # means over each posterior scatter less
+    span = _errors(error, best, weight, worst)
+    if prior.noise_mm:  # means over each posterior scatter less
+        reached = contacts.reached(answers["position_mm"])
         span = replace(span, mean_mm=reached.error_mm, limit_mean_mm=reached.limit_mm, ratio=reached.ratio)
     has_middle = drawn_inside.mean() > MIN_SHARE and all(part.any() for part in np.array_split(inside, SCRAMBLINGS))
     tells_contact, has_interval = "contact_log_odds" in answers, "position_low_mm" in answers

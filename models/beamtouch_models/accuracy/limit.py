@@ -25,7 +25,6 @@ from beamtouch_models.accuracy.posterior import CHUNK, posterior_quantiles
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.statistics import SCRAMBLINGS, Measurement, mean_of, ratio_of
 from beamtouch_models.arrays import Bools, Floats
-from beamtouch_models.errors import SceneError
 from beamtouch_models.sweeps import Fraction, Spread, in_turn, silent
 
 POSITIONS, FORCES = 1001, 32
@@ -177,14 +176,9 @@ def accuracy_limit(prior: Prior, draws: int, seed: int) -> MeanError:
 
     The mean is that of eq. 5 of the paper, with less scatter: each reading counts with the mean |error| over its
     posterior instead of the one drawn error, and contacts and noise are spread evenly (scrambled Sobol points; Owen
-    1997, doi 10.1214/aos/1031594731). The standard error comes from the scatter of independent scramblings.
-
-    Raises
-    ------
-    SceneError
-        The noise is 0, so that there is no limit.
+    1997, doi 10.1214/aos/1031594731). The standard error comes from the scatter of independent scramblings. The noise
+    must be positive.
     """
-    _require_noise(prior)
     drawn = draw_evenly(prior, draws, seed)
     return _limit_of(_errors_percent(prior, drawn.deflection_mm, drawn.weight))
 
@@ -193,9 +187,7 @@ def compare_limits(prior: Prior, others: Sequence[Prior], draws: int, seed: int)
     """Return the limits of other priors with the same ranges and channels beside that of a prior.
 
     All share at least `draws` contacts with their noise, so that their ratios scatter far less than the limits do.
-    Errors are those of `accuracy_limit`.
     """
-    _require_noise(prior)
     position, force, noise, weight = _even_contacts(prior, draws, seed)
     errors = []
     for one in (prior, *others):
@@ -209,20 +201,12 @@ def limits_without(prior: Prior, missing: Iterable[Sequence[int]], draws: int, s
 
     `missing` has the indices of the channels that each lacks.
     """
-    _require_noise(prior)
     drawn = draw_evenly(prior, draws, seed)
     whole = _errors_percent(prior, drawn.deflection_mm, drawn.weight)
     for lacking in missing:
         sample_mm = np.delete(drawn.deflection_mm, lacking, axis=1)
         errors = _errors_percent(prior.without(*lacking), sample_mm, drawn.weight)
         yield ComparedLimit(_limit_of(errors), ratio_of(errors, whole))
-
-
-def _require_noise(prior: Prior) -> None:
-    if not 0 < prior.noise_mm < np.inf:
-        raise SceneError(
-            f"sensors: with a noise of {prior.noise_mm:g} mm there is no accuracy limit; state the noise of a reading"
-        )
 
 
 def _errors_percent(prior: Prior, deflection_mm: Floats, weight: Floats) -> Floats:
@@ -260,35 +244,26 @@ class Contacts:
     drawn: Draws
     likely_mm: Floats
     """(draws, LIKELY) positions that could have caused each reading; (draws, 1), the true one, without noise."""
-    median_mm: Floats | None
-    """Posterior medians (draws,); None without noise, where there is no posterior."""
-    deviation_mm: Floats | None
+    median_mm: Floats
+    """Posterior medians (draws,)."""
+    deviation_mm: Floats
     """Mean distance of each posterior from its median (draws,)."""
 
     def error_mm(self, estimate_mm: NDArray[np.floating]) -> Floats:
         """|error| of estimates (draws,) for each likely position, in the shape of `likely_mm`."""
         return np.abs(estimate_mm.astype(np.float64)[:, None] - self.likely_mm)
 
-    def least_error_mm(self) -> Floats | None:
-        """|error| of the posterior median, whose mean is the accuracy limit; None without noise."""
-        return None if self.median_mm is None else self.error_mm(self.median_mm)
+    def least_error_mm(self) -> Floats:
+        """|error| of the posterior median, whose mean is the accuracy limit."""
+        return self.error_mm(self.median_mm)
 
-    def mean_error_mm(self, estimate_mm: NDArray[np.floating]) -> Floats:
-        """Mean |error| of each estimate (draws,) over the posterior of its reading.
+    def reached(self, estimate_mm: NDArray[np.floating]) -> Reached:
+        """Return the mean |error| of estimates (draws,) over the posteriors of their readings, beside its limit.
 
         The value for the median is exact; the likely positions only give the difference of the estimate from it.
         """
-        error, best = self.error_mm(estimate_mm), self.least_error_mm()
-        if best is None or self.deviation_mm is None:
-            return error[:, 0]
-        worse: Floats = (error - best).mean(axis=1)
-        return self.deviation_mm + worse
-
-    def reached(self, estimate_mm: NDArray[np.floating]) -> Reached | None:
-        """Return the mean |error| of estimates (draws,) beside its limit; None without noise."""
-        if self.deviation_mm is None:
-            return None
-        error, limit, weight = self.mean_error_mm(estimate_mm), self.deviation_mm, self.drawn.weight
+        worse = (self.error_mm(estimate_mm) - self.least_error_mm()).mean(axis=1)
+        error, limit, weight = self.deviation_mm + worse, self.deviation_mm, self.drawn.weight
         return Reached(mean_of(error, weight), mean_of(limit, weight), ratio_of(error * weight, limit * weight))
 
     def held(self, low_mm: NDArray[np.floating], high_mm: NDArray[np.floating]) -> Bools:
@@ -303,7 +278,7 @@ def simulated(prior: Prior, count: int, seed: int, progress: Fraction = silent, 
     """
     drawn = draw_evenly(prior, count, seed)
     if prior.noise_mm == 0:
-        return Contacts(drawn, drawn.position_mm[:, None], None, None)
+        return Contacts(drawn, drawn.position_mm[:, None], drawn.position_mm, np.zeros(len(drawn.position_mm)))
     # With a random shift, averages over the likely positions are unbiased.
     shift = np.random.default_rng([seed, LIKELY]).uniform(size=(len(drawn.position_mm), 1))
     levels = np.column_stack([np.full(len(shift), 0.5), (np.arange(LIKELY) + shift) / LIKELY])
@@ -326,8 +301,6 @@ def _quantiles(task: tuple[Prior, Floats, Floats]) -> Floats:
 def simulated_enough(prior: Prior, count: int, seed: int) -> Contacts:
     """Like `simulated`, with MORE times the contacts if the accuracy limit would be uncertain otherwise."""
     contacts = simulated(prior, count, seed)
-    if contacts.deviation_mm is None:
-        return contacts
     limit = mean_of(contacts.deviation_mm, contacts.drawn.weight)
     certain = limit.standard_error <= CERTAIN * limit.value
     return contacts if certain else simulated(prior, MORE * count, seed)

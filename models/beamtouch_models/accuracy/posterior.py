@@ -15,11 +15,9 @@ from functools import reduce
 import numpy as np
 from scipy.special import log_ndtr
 
-from beamtouch_common.digits import digits
 from beamtouch_models.accuracy.prior import Forces, Piece, Prior, forces_of
 from beamtouch_models.arrays import Bools, Floats, Indices
 from beamtouch_models.error_model import variance_mm2
-from beamtouch_models.errors import SceneError
 
 GRID = 801
 """Positions over the whole range."""
@@ -38,8 +36,6 @@ MIN_LOG = -700.0
 """Smallest log density, relative to the maximum. Its exponential is a normal number: subnormal ones take long."""
 SHARP = 1.0
 """Change of a log density's slope between cells, times the cell length, beyond which the grid does not resolve it."""
-MIN_NOISE = 1e-12
-"""Smallest noise of a sample over the largest deflection: below it, rounding in float64 shows in the posterior."""
 
 
 def posterior_quantiles(
@@ -61,11 +57,6 @@ def posterior_quantiles(
     """
     levels = np.full((len(deflection_mm), 1), 0.5) if levels is None else levels
     grid = np.linspace(*prior.position_mm, GRID)
-    if not prior.noise_mm >= MIN_NOISE * prior.largest_mm:
-        raise SceneError(
-            f"sensors: a noise of {prior.noise_mm:g} mm is too small to compute with next to a deflection "
-            f"of {digits(prior.largest_mm, 3)} mm; state a larger one"
-        )
     influence = prior.influence_within_noise(grid)
     whitening = prior.whitening(deflection_mm) if whitening_per_mm is None else whitening_per_mm
     gains_matter = whitening_per_mm is None and not tail and bool(np.max(prior.gain) > LARGE_GAIN)

@@ -18,7 +18,7 @@ from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.arrays import Floats
 from beamtouch_models.estimators.onnx_graph import Graph
 from beamtouch_models.estimators.posterior.answers import Whitened
-from beamtouch_models.estimators.posterior.window import FirstStage, Nodes, Table, table_of
+from beamtouch_models.estimators.posterior.window import FirstStage, Table, table_of
 from beamtouch_models.sweeps import Fraction
 
 HIDDEN = (16, 16)
@@ -42,18 +42,12 @@ class Network:
     """Largest deflection of the scene at a sensor."""
     layers: Layers
 
-    def features(self, deflection_mm: Floats) -> Floats:
-        """Return the inputs of the first layer for deflections (samples, channels), 0 where a channel is missing."""
-        scaled = deflection_mm / self.largest_mm
-        features: Floats = scaled / np.sqrt((scaled**2).sum(axis=1, keepdims=True) + FAINT)
-        return features
-
 
 def first_stage(network: Network) -> FirstStage:
     """Return the first stage that names the node of the network."""
     steps = network.table.steps
 
-    def add(graph: Graph, seen: Whitened) -> Nodes:
+    def add(graph: Graph, seen: Whitened) -> tuple[str, None]:
         square = graph.apply("ReduceSumSquare", seen.reading, axes=[1], keepdims=1)
         square = graph.apply("Add", square, graph.constant(FAINT * network.largest_mm**2))
         value = graph.apply("Div", seen.reading, graph.apply("Sqrt", square))
@@ -63,7 +57,7 @@ def first_stage(network: Network) -> FirstStage:
         half = steps / 2
         value = graph.apply("Gemm", value, graph.constant(weights * half), graph.constant((bias + 1) * half))
         value = graph.apply("Clip", value, graph.constant(0.0), graph.constant(steps - 0.5))
-        return Nodes(graph.cast(value, np.int64), None)
+        return graph.cast(value, np.int64), None
 
     return add
 
@@ -90,9 +84,9 @@ def train(
     """
     rng = np.random.default_rng(seed)
     table = table_of(prior)
-    blank = Network(table, prior.largest_mm, ())
     deflection, target = _examples(prior, table, fewest, rng, examples)
-    features = blank.features(deflection)
+    scaled = deflection / prior.largest_mm
+    features = scaled / np.sqrt((scaled**2).sum(axis=1, keepdims=True) + FAINT)
     sizes = (prior.channels, *hidden, 1)
     start = np.concatenate([_initial(rng, fan_in, fan_out) for fan_in, fan_out in pairwise(sizes)])
     done = 0

@@ -36,8 +36,8 @@ def influence(beam: Beam, sensor_mm: ArrayLike, load_mm: ArrayLike, width_mm: fl
     beam : the beam
     sensor_mm : (sensors,) positions in mm from the left end
     load_mm : (loads,) positions in mm from the left end
-    width_mm : length over which a load presses evenly, centred at its position. If it reaches beyond an end of the
-        beam, the whole force is spread over the part that lies on the beam.
+    width_mm : length over which a load presses evenly, 0 or more, centred at its position. If it reaches beyond an end
+        of the beam, the whole force is spread over the part that lies on the beam.
 
     Returns
     -------
@@ -48,12 +48,8 @@ def influence(beam: Beam, sensor_mm: ArrayLike, load_mm: ArrayLike, width_mm: fl
     SceneError
         A position is not finite or not on the beam, or the beam cannot be computed: it exceeds the range of float64, or
         it is so uneven that the result is inaccurate.
-    ValueError
-        The width is negative or not finite.
     """
     sensor, load = places_in(sensor_mm, "sensor_mm", beam.length_mm), places_in(load_mm, "load_mm", beam.length_mm)
-    if not 0 <= width_mm < math.inf:
-        raise ValueError("width_mm must be finite and not negative")
     low, high = np.maximum(load - width_mm / 2, 0.0), np.minimum(load + width_mm / 2, beam.length_mm)
     span = span_of(beam, float(min(sensor.min(), low.min())), float(max(sensor.max(), high.max())))
     if span is None:

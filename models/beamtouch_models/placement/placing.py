@@ -94,7 +94,7 @@ def place_as(
 ) -> Placement:
     """Place sensors as an aim says; arguments and errors as `place_by_position_error`."""
     if aim.criterion == "eigenvalue-product":
-        return place(influence, rules, count, seed, aim.leading, search=aim.search, progress=progress)
+        return place(influence, rules, count, seed, aim.leading, search=aim.search)
     found = place_by_position_error(
         influence, rules, count, seed, errors, spare=aim.spare, search=aim.search, progress=progress
     )
@@ -111,7 +111,6 @@ def place(
     leading: int | None = None,
     *,
     search: SearchName = "exact",
-    progress: Progress = silent,
 ) -> Placement:
     """Place sensors so that the product of the leading eigenvalues (eq. 4) is largest.
 
@@ -122,7 +121,6 @@ def place(
     seed : seed of the search
     leading : number of eigenvalues in the product; `count` by default
     search : "exact" exchanges sensors by steps, "paper" clones and varies a layout
-    progress : called with the current step and the fraction done
 
     Raises
     ------
@@ -131,7 +129,6 @@ def place(
     """
     with one_thread():
         product = eigenvalue_product_of(influence, rules, count, leading)
-        progress("searching", 0.0)
         runs = search_from(product.starts(seed), product, search, seed)
         best = first_best(runs)
         score = product.exact_score(best.layout)
@@ -162,12 +159,9 @@ def place_by_position_error(
     over each one sensor failed, of the error of the others, among all layouts; what a layout notices is worth up to
     `position_error.SPARE_NOTICES` of it.
 
-    `errors` are those of a sample; its noise must not be 0. SceneError also if a sensor stands on a
-    support.
+    `errors` are those of a sample; its noise must not be 0. `progress` is called with the current step and the fraction
+    done. SceneError also if a sensor stands where nothing moves.
     """
-    if not 0 < errors.noise_mm < np.inf:
-        message = f"sensors: with a noise of {errors.noise_mm:g} mm all layouts are equal; state the noise of a reading"
-        raise SceneError(message)
     if count <= spare:
         message = f"spare = {spare} needs at least {spare + 1} sensors, not {count}; use more, or set sensors.count"
         raise SceneError(message)
@@ -281,10 +275,10 @@ def fewest_sensors(
         fixed sensors than that.
     """
     fewest, most = counts
-    if fewest != most and wanted_mm is None:
-        raise SceneError("sensors.count leaves the number open; give requirements.position_error_mm, or --sensors N")
-    if wanted_mm is None or fewest == most:
+    if fewest == most:
         return place_as(aim, influence, rules, most, seed, errors, progress)
+    if wanted_mm is None:
+        raise SceneError("sensors.count leaves the number open; give requirements.position_error_mm, or --sensors N")
     reached_mm = math.inf
 
     def out_of_reach(count: int, more: str) -> SceneError:

@@ -5,6 +5,7 @@
 
 import json
 from collections.abc import Mapping
+from itertools import chain
 from pathlib import Path
 from typing import Any, Self
 
@@ -40,9 +41,8 @@ class Scene(Strict):
 
     @model_validator(mode="after")
     def _on_the_beam(self) -> Self:
-        if message := in_other_units(self.beam):  # before other checks stumble over such a number
-            raise ValueError(message)
-        if message := misplaced(self.beam, self.contact, self.sensors):
+        # Units come first: the other checks stumble over a number in another one.
+        if message := next(chain(in_other_units(self.beam), misplaced(self.beam, self.contact, self.sensors)), ""):
             raise ValueError(message)
         if self.sensors.count != "auto" and self.sensors.count_range[0] > self.sensors.count_range[1]:
             raise ValueError(f"sensors.count = {list(self.sensors.count_range)}: the first must not exceed the second")

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterator
-from itertools import chain, pairwise
+from itertools import pairwise
 
 from beamtouch_common.digits import digits
 from beamtouch_models.scene.beam import Beam
@@ -26,12 +26,8 @@ MIN_EXPANSION, MAX_EXPANSION = 1e-3, 1e3
 """Smallest and largest expansion in um/(m K); glass ceramics of telescopes have 0.01, rubbers 300. Less is in 1/K."""
 
 
-def misplaced(beam: Beam, contact: Contact, sensors: Sensors) -> str:
-    """Return what to change in the first place that is clearly a mistake; empty if there is none."""
-    return next(_misplaced(beam, contact, sensors), "")
-
-
-def _misplaced(beam: Beam, contact: Contact, sensors: Sensors) -> Iterator[str]:
+def misplaced(beam: Beam, contact: Contact, sensors: Sensors) -> Iterator[str]:
+    """Yield what to change in each place that is clearly a mistake."""
     length, on_the_beam = beam.length_mm, f"the beam, 0..{beam.length_mm:g} mm"
     yield from _in_metres(beam, contact, sensors)
     if contact.position_mm[0] < 0 or contact.position_mm[1] > length:
@@ -97,9 +93,10 @@ def _in_metres(beam: Beam, contact: Contact, sensors: Sensors) -> Iterator[str]:
             yield f"{key} = [{given}] is next to the left end of the beam; if it is in metres, write [{right}]"
 
 
-def in_other_units(beam: Beam) -> str:
-    """Return what to change in the first such number; empty if there is none."""
-    return next(chain(_sizes(beam), _properties(beam)), "")
+def in_other_units(beam: Beam) -> Iterator[str]:
+    """Yield what to change in each such number."""
+    yield from _sizes(beam)
+    yield from _properties(beam)
 
 
 def _sizes(beam: Beam) -> Iterator[str]:

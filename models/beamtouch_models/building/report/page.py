@@ -90,7 +90,6 @@ def gather(scene: Scene, built: Built, progress: Progress) -> Facts:
 
 def _profile(prior: Prior, model: ModelFile, seed: int) -> Profile:
     contacts = simulated(prior, PROFILE_DRAWS, seed + SEED_SHIFT)
-    best = contacts.least_error_mm()
     weight = np.broadcast_to(contacts.drawn.weight[:, None], contacts.likely_mm.shape)
     answers = estimates(model, prior, contacts.drawn.deflection_mm)
     edges = np.linspace(*prior.position_mm, PROFILE_BINS + 1)
@@ -108,7 +107,7 @@ def _profile(prior: Prior, model: ModelFile, seed: int) -> Profile:
         ends = (np.True_, stretch == 0, stretch == PROFILE_BINS - 1)
         held_in = tuple(mean_of(inside.astype(np.float64), weight * end) for end in ends)
     model_mm = means(contacts.error_mm(answers["position_mm"]))
-    limit_mm = np.zeros(PROFILE_BINS) if best is None else means(best)
+    limit_mm = means(contacts.least_error_mm())
     return Profile((edges[1:] + edges[:-1]) / 2, model_mm, limit_mm, held_in, width_mm)
 
 

@@ -79,17 +79,9 @@ Rows = tuple[str, str]
 """Names of the influence, and of the squares of its deviation, at each node, and of their change to the next node."""
 
 
-@dataclass(frozen=True)
-class Nodes:
-    """Names of the nodes at which to look, rounded down, (batch, 1) integers."""
-
-    any_force: str
-    known_force: str | None
-    """None if the force is open, or if the end of the steps from the other node will do."""
-
-
-FirstStage = Callable[[Graph, Whitened], Nodes]
-"""Adds what names the nodes for a whitened sample."""
+FirstStage = Callable[[Graph, Whitened], tuple[str, str | None]]
+"""Adds what names the nodes at which to look for a whitened sample, rounded down, (batch, 1) integers: that for any
+force, and that for the known one; None if the force is open, or if the end of the steps from the first node will do."""
 
 
 def windowed_graph(prior: Prior, table: Table, first: FirstStage, *, with_force: bool) -> onnx.ModelProto:
@@ -121,23 +113,25 @@ def scan(prior: Prior, table: Table) -> FirstStage:
         best = graph.apply("ArgMin", graph.apply("Squeeze", misfit, graph.ints(1)), axis=1, keepdims=1)
         return graph.apply("Gather", graph.constant(looked, np.int64), best, axis=0)
 
-    def add(graph: Graph, seen: Whitened) -> Nodes:
+    def add(graph: Graph, seen: Whitened) -> tuple[str, str | None]:
         found = scored(graph, seen, prior.force_n[1], graph.constant(middle.T), None)
         node = least(graph, found.misfit)
         if not prior.force_is_known:
-            return Nodes(node, None)
+            return node, None
         left = graph.apply("Mul", found.shape, graph.constant(prior.force_n[1]))
         left = graph.apply("Sub", seen.sample, left)
-        return Nodes(node, least(graph, graph.apply("ReduceSumSquare", left, axes=[1], keepdims=1)))
+        return node, least(graph, graph.apply("ReduceSumSquare", left, axes=[1], keepdims=1))
 
     return add
 
 
-def _windows(graph: Graph, prior: Prior, seen: Whitened, nodes: Nodes, steps: int, rows: Rows) -> list[str]:
+def _windows(
+    graph: Graph, prior: Prior, seen: Whitened, nodes: tuple[str, str | None], steps: int, rows: Rows
+) -> list[str]:
     """Return the ends of each window after the steps from its node, in nodes, (batch, 2, 1)."""
     ends, middle = [], ""
     for known_n in (None, prior.force_n[1]) if prior.force_is_known else (None,):
-        node = nodes.any_force if known_n is None else nodes.known_force
+        node = nodes[0] if known_n is None else nodes[1]
         for _ in range(STEPS):
             # The first stage names the first node, or the steps for any force do.
             middle, step, half = _step(graph, prior, seen, node or _node_at(graph, middle, steps), rows, known_n)
