@@ -6,7 +6,7 @@ from scipy.stats import chi2
 
 from beamtouch_models.accuracy import limit, posterior
 from beamtouch_models.accuracy.limit import simulated
-from beamtouch_models.accuracy.statistics import Measurement, mean_of, quantile_of, ratio_of, share_of
+from beamtouch_models.accuracy.statistics import Measurement, mean_of, quantile_of, share_of
 from posterior_cases import prior_of
 
 SEEDS = 50
@@ -23,17 +23,15 @@ def figures_of(case: tuple[str, int, float, bool], count: int, seed: int) -> dic
     name, sensors, noise, known = case
     prior = prior_of(name, sensors, noise, known=known)
     contacts = simulated(prior, count, seed)
-    assert contacts.deviation_mm is not None
-    assert contacts.median_mm is not None
     weight, median = contacts.drawn.weight, contacts.median_mm
     many = np.broadcast_to(weight[:, None], contacts.likely_mm.shape)
     off = median + contacts.deviation_mm
-    mean = contacts.mean_error_mm(off)
+    reached = contacts.reached(off)
     held = np.abs(contacts.likely_mm - median[:, None]) < 2 * contacts.deviation_mm[:, None]
     return {
-        "limit": mean_of(contacts.deviation_mm, weight),
-        "error": mean_of(mean, weight),
-        "ratio": ratio_of(mean * weight, contacts.deviation_mm * weight),
+        "limit": reached.limit_mm,
+        "error": reached.error_mm,
+        "ratio": reached.ratio,
         "95th percentile": quantile_of(contacts.error_mm(off), 0.95, many),
         "held": share_of(held, many),
     }
