@@ -1,6 +1,7 @@
-"""The whole line, as real processes: a rig on each kind of line, daemon and service, against the rigs' own truth."""
+"""The whole line, as real processes: rig, daemon and service, over each kind of line, against the rig's own truth."""
 
 import time
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from datetime import datetime
 from itertools import groupby
@@ -22,9 +23,6 @@ from plain_http import TIMEOUT_S
 pytestmark = [pytest.mark.long, pytest.mark.timeout(600)]
 
 SCENE = SCENES / "bench.toml"
-KINDS: tuple[Kind, ...] = ("modbus-tcp", "modbus-rtu", "serial")
-RATE_HZ = 100
-"""Three lines of 200 Hz are much for a busy machine."""
 RESTS = 14
 REST_S, LIFTED_S = 0.9, 0.3
 SCRIPT_S = RESTS * (REST_S + LIFTED_S) + 1.5
@@ -50,9 +48,35 @@ INNER_MM = (60.0, 340.0)
 """Positions whose force is known well. Near an end of the beam, a force a little further in bends it as much."""
 
 
-def resting_loads(seed: int) -> str:
+@pytest.fixture(scope="session")
+def generated_config(bench_model: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The daemon config that belongs to the model."""
+    path = tmp_path_factory.mktemp("config") / "daemon.toml"
+    path.write_text(daemon_config(modelfile.load(bench_model).metadata))
+    return path
+
+
+@pytest.fixture
+def start(tmp_path: Path, bench_model: Path, generated_config: Path) -> Iterator[Callable[[Kind, str], Line]]:
+    """A function that starts a line of one surface, "bench", with a script; ended after the test."""
+    started: list[Line] = []
+
+    def start_line(kind: Kind, script: str) -> Line:
+        (tmp_path / "script.toml").write_text(script)
+        surface = Surface("bench", kind, tmp_path / "script.toml", ("--no-ringing",))  # it rests sooner
+        line = ForkedLine(tmp_path, SCENE, bench_model, generated_config, [surface])
+        line.__enter__()
+        started.append(line)
+        return line
+
+    yield start_line
+    for line in started:
+        line.stop()
+
+
+def resting_loads() -> str:
     """A script of loads that rest for a while, drawn from all of the scene's positions and forces."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(20)
     steps = [
         f"[[step]]\nseconds = {LIFTED_S}\n"
         f"[[step]]\nseconds = {REST_S}\nposition_mm = {position:.2f}\nforce_n = {force:.2f}\n"
@@ -85,104 +109,68 @@ class Compared:
         return float(abs(self.true_mm - position) / max(abs(end - position), 1e-3))
 
 
-class Comparison:
-    """Contacts of settled loads on one surface beside the truth of its rig."""
+def compare(line: Line) -> tuple[list[Compared], list[Any]]:
+    """Ask for contacts; returns those of settled loads beside the truth, and those that mistook touch for clear.
 
-    def __init__(self, line: Line, name: str) -> None:
-        self.name = name
-        self.found: list[Compared] = []
-        self.mistaken: list[tuple[object, dict[str, Any]]] = []
-        """Loads and contacts that mistook touch for clear, or the other way round."""
-        self._truth = Truth(line.truth(name))
-        self._last_s = 0.0
-        self._since: tuple[object, int] = None, 0
-        """The load, and the number of a sample after its last change."""
-
-    def is_enough(self) -> bool:
-        """Whether enough contacts and loads were compared."""
-        return len(self.found) >= CONTACTS and len({one.true_mm for one in self.found}) >= ENOUGH
-
-    def close(self) -> None:
-        """Close the file of the truth."""
-        self._truth.close()
-
-    def ask(self, client: httpx2.Client) -> None:
-        """Ask for the contact, and compare it if its load has settled."""
-        response = client.get(f"/surfaces/{self.name}/contact")
-        time.sleep(0.02)  # the rig writes the truth every 10 ms
-        self._truth.read()
-        if response.is_success:
-            self._compare(response.json())
-
-    def _compare(self, contact: dict[str, Any]) -> None:
-        moment = datetime.fromisoformat(contact["sampled_at"]).timestamp()
-        load = self._truth.at(moment)
-        if load != self._since[0]:
-            self._since = load, contact["sequence"]
-        if moment - self._last_s < APART_S or not self._truth.steady(moment, SETTLED_S):
-            return
-        if contact["sequence"] < self._since[1] + SAMPLES_SEEN:
-            return
-        self._last_s = moment
-        assert load is not None
-        position, force = load
-        if position is None and not self._truth.steady(moment, LIFT_SEEN_S):
-            return
-        if (position is not None) != (contact["state"] == "contact"):
-            # A mean that began anew where other programs cost readings is short, and says both.
-            if not {"rate", "unsteady"} <= set(contact["notes"]):
-                self.mistaken.append((load, contact))
-        elif position is not None:
-            self.found.append(Compared(position, force, contact))
-
-
-def compare(line: Line) -> list[Comparison]:
-    """Compare contacts for a pass of the scripts, and for further ones until enough were compared."""
-    compared = [Comparison(line, surface.name) for surface in line.surfaces]
-    begin_s = time.monotonic()
-    with httpx2.Client(base_url=line.url, trust_env=False, timeout=TIMEOUT_S) as client:
-        while (passed := (time.monotonic() - begin_s) / SCRIPT_S) < MAX_PASSES:
-            if passed >= 1 and all(one.is_enough() for one in compared):
+    It takes one pass of the script, and further ones until enough loads were compared.
+    """
+    truth, found = Truth(line.truth("bench")), list[Compared]()
+    mistaken: list[Any] = []
+    begin = time.monotonic()
+    last = 0.0
+    since: tuple[object, int] = None, 0  # the load, and the number of a sample after its last change
+    with httpx2.Client(base_url=line.url, timeout=TIMEOUT_S) as client:
+        while (passed := (time.monotonic() - begin) / SCRIPT_S) < MAX_PASSES:
+            if passed >= 1 and len({one.true_mm for one in found}) >= ENOUGH and len(found) >= CONTACTS:
                 break
-            for one in compared:
-                one.ask(client)
-    for one in compared:
-        one.close()
-    return compared
+            response = client.get("/contact")
+            time.sleep(0.02)  # the rig writes the truth every 10 ms
+            truth.read()
+            if not response.is_success:
+                continue
+            contact = response.json()
+            moment = datetime.fromisoformat(contact["sampled_at"]).timestamp()
+            load = truth.at(moment)
+            if load != since[0]:
+                since = load, contact["sequence"]
+            if moment - last < APART_S or not truth.steady(moment, SETTLED_S):
+                continue
+            if contact["sequence"] < since[1] + SAMPLES_SEEN:
+                continue
+            last = moment
+            assert load is not None
+            position, force = load
+            if position is None and not truth.steady(moment, LIFT_SEEN_S):
+                continue
+            if (position is not None) != (contact["state"] == "contact"):
+                # A mean that began anew where other programs cost readings is short, and says both.
+                mistaken += [] if {"rate", "unsteady"} <= set(contact["notes"]) else [(load, contact)]
+            elif position is not None:
+                found.append(Compared(position, force, contact))
+    truth.close()
+    return found, mistaken
 
 
-def test_contacts_agree_with_the_truth_position_by_position(tmp_path: Path, bench_model: Path) -> None:
-    config = tmp_path / "generated.toml"
-    built = daemon_config(modelfile.load(bench_model).metadata)
-    config.write_text(built.replace("rate_hz = 200", f"rate_hz = {RATE_HZ}"))
-    surfaces = []
-    for seed, kind in enumerate(KINDS):
-        script = tmp_path / f"{kind}.toml"
-        script.write_text(resting_loads(20 + seed))
-        surfaces.append(Surface(kind, kind, script, ("--no-ringing",)))  # it rests sooner
-    with ForkedLine(tmp_path, SCENE, bench_model, config, surfaces) as line:
-        compared = compare(line)
-        assert line.dead() == []
-    for one in compared:
-        require_agreement(one)
-
-
-def require_agreement(compared: Comparison) -> None:
-    """Require that intervals hold the truth as often as they say, and that mistakes are rare and doubted."""
-    found, name = compared.found, compared.name
-    assert compared.is_enough(), (name, len(found), sorted({one.true_mm for one in found}))
+@pytest.mark.parametrize("kind", ["modbus-tcp", "modbus-rtu", "serial"])
+def test_contact_agrees_with_the_truth_position_by_position(kind: Kind, start: Callable[[Kind, str], Line]) -> None:
+    line = start(kind, resting_loads())
+    found, mistaken = compare(line)
+    assert line.dead() == []
+    positions = {one.true_mm for one in found}
+    assert len(found) >= CONTACTS
+    assert len(positions) >= ENOUGH, sorted(positions)
     for one in found:
         # Half a 95 % interval is about two standard deviations: three halves are passed once in 1e8.
-        assert one.excess < 3, (name, one)
+        assert one.excess < 3, one
     # Answers during one rest share readings, so only the last one of each counts.
     rests = [list(same)[-1] for _, same in groupby(found, lambda one: one.true_mm)]
     # One in twenty may lie outside; more than so many do by chance once in a million.
     most = binom.isf(1e-6, len(rests), 0.05)
-    assert sum(not one.position_inside for one in rests) <= most, name
-    assert sum(not one.force_inside for one in rests) <= most, name
+    assert sum(not one.position_inside for one in rests) <= most
+    assert sum(not one.force_inside for one in rests) <= most
     inner = [one for one in rests if INNER_MM[0] < one.true_mm < INNER_MM[1]]
-    assert np.median([abs(one.contact["force_n"] - one.true_n) / one.true_n for one in inner]) < 0.1, name
+    assert np.median([abs(one.contact["force_n"] - one.true_n) / one.true_n for one in inner]) < 0.1
     # Whoever answers wrongly doubts; and where other programs cost readings, that is rare, too.
-    said = [(load, one["state"], one["notes"], one["readings"]) for load, one in compared.mistaken]
-    assert [one for one in said if "unsteady" not in one[2]] == [], name
-    assert len(said) <= MOST_DOUBTED * len(found), (name, said)
+    said = [(load, one["state"], one["notes"], one["readings"]) for load, one in mistaken]
+    assert [one for one in said if "unsteady" not in one[2]] == []
+    assert len(said) <= MOST_DOUBTED * len(found), said
