@@ -5,6 +5,7 @@
 
 import argparse
 import sys
+import tempfile
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -13,14 +14,12 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent.parent))  # for what tests and benchmarks share
 
-from beamtouch_models import modelfile
-from beamtouch_models.building.build import build_model
+from shipped import build
+
 from beamtouch_models.calibration.calibrate import checked_fit
 from beamtouch_models.calibration.loads import Loads, LoadsError
 from beamtouch_models.errors import NotGoodEnoughError
 from beamtouch_models.modelfile import ModelFile
-from beamtouch_models.scene import load_scene
-from example_scenes import SCENES
 from recorded_loads import MISTAKES, random_imperfections, recorded, with_mistake
 
 SCENE_NAMES = ("bench", "conveyor", "cantilever")
@@ -30,9 +29,8 @@ RUNS = 6
 
 def model_of(name: str) -> ModelFile:
     """Build a shipped scene."""
-    scene, text = load_scene(SCENES / f"{name}.toml")
-    built = build_model(scene, text, name, count=None, seed=0, progress=lambda _doing, _done: None)
-    return modelfile.load_bytes(built.content, name)
+    with tempfile.TemporaryDirectory() as folder:
+        return build(Path(folder), name)
 
 
 def outcome(model: ModelFile, loads: Loads, wrong: int | None) -> str:

@@ -43,7 +43,7 @@ async def main():
     headers = {"Authorization": "Bearer " + TOKEN}
     names = ["s1", "s2", "s3", "s4"]
     async with aiohttp.ClientSession(headers=headers) as session:
-        sequence, due_s, waiting = 0, time.monotonic(), []
+        sequence, due_s, waiting = 1, time.monotonic(), []
         while True:
             due_s += PERIOD_S
             await asyncio.sleep(due_s - time.monotonic())

@@ -8,12 +8,10 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
-from beamtouch_models import modelfile
-from beamtouch_models.building.build import build_model
+from shipped import build
+
 from beamtouch_models.modelfile import Health, ModelFile
-from beamtouch_models.scene import load_scene
 from drawn_contacts import Drawn
-from example_scenes import SCENES
 
 RUNS, BASELINE = 100, 200
 HONEST = 20_000
@@ -109,12 +107,8 @@ def _creep(drawn: Drawn, name: str) -> dict[str, object]:
 
 
 def _model(name: str) -> ModelFile:
-    scene, text = load_scene(SCENES / f"{name}.toml")
-    built = build_model(scene, text, name, count=None, seed=0, progress=lambda _doing, _done: None)
     with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / f"{name}.onnx"
-        path.write_bytes(built.content)
-        return modelfile.load(path)
+        return build(Path(folder), name)
 
 
 if __name__ == "__main__":

@@ -10,11 +10,9 @@ sys.path.insert(0, str(Path(__file__).parent.parent))
 
 import numpy as np
 from bench_service import MOVING, SECONDS, TOKEN, TURNS, loaded, ratio, server, stream
+from shipped import build
 
 from beamtouch_models import modelfile
-from beamtouch_models.building.build import build_model
-from beamtouch_models.scene import load_scene
-from example_scenes import SCENES
 from free_ports import free_port
 from processes import processor_s
 
@@ -27,14 +25,10 @@ def run() -> list[dict[str, object]]:
     """All of them."""
     with tempfile.TemporaryDirectory() as temporary:
         folder, modbus = Path(temporary), free_port()
-        path, token, config = folder / "bench.onnx", folder / "token", folder / "service.toml"
-        scene, text = load_scene(SCENES / "bench.toml")
-        path.write_bytes(
-            build_model(scene, text, "bench", count=None, seed=0, progress=lambda _doing, _done: None).content
-        )
-        model = modelfile.load(path)
+        token, config, model = folder / "token", folder / "service.toml", build(folder)
         token.write_text(TOKEN)
-        config.write_text(f'[modbus_server]\nport = {modbus}\n[surfaces.bench]\nmodel = "{path}"\nstale_ms = 60000\n')
+        surface = '[surfaces.bench]\nmodel = "bench.onnx"\nstale_ms = 60000\n'
+        config.write_text(f"[modbus_server]\nport = {modbus}\n{surface}")
         command = ("-m", "beamtouch_service.cli", "run", "--port", "0", "--config", config, "--write-token-file", token)
         with server(*command) as (service, port):
             rows = [beside(service.pid, modbus, port, model, clients) for clients in (1, 16)]

@@ -1,25 +1,21 @@
 """Subscribers over OPC UA, each to 20 variables at 100 ms, while a load moves: what they cost, and the age they see."""
 
-import http.client
 import json
 import subprocess
 import sys
 import tempfile
-import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from time import monotonic, perf_counter, sleep, time
+from time import perf_counter, sleep
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
 import numpy as np
-from bench_service import TOKEN, contact, server
+from bench_service import TOKEN, Flow, server, stream
+from shipped import build
 
-from beamtouch_models import modelfile
-from beamtouch_models.building.build import build_model
-from beamtouch_models.scene import load_scene
-from example_scenes import SCENES
+from beamtouch_models.modelfile import ModelFile
 from free_ports import free_port
 from opcua_hello import is_open
 from processes import processor_s, resident_mb
@@ -29,7 +25,7 @@ LOAD = Path(__file__).parent / "opcua_load.py"
 SUBSCRIBERS = (1, 10, 50)
 SECONDS = 15.0
 ZONES = 6
-BATCH_S, PER_BATCH = 0.02, 4
+MOVED = Flow(("bench",), 50, 4)
 """As a daemon sends 200 readings a second."""
 CROSSING = 400
 """Samples in which the load moves from one place of the model's golden answers to the next."""
@@ -39,18 +35,18 @@ def run() -> list[dict[str, object]]:
     """All of them; the first rows are without a subscriber."""
     with tempfile.TemporaryDirectory() as temporary:
         folder, opcua = Path(temporary), free_port()
-        scene, text = load_scene(SCENES / "bench.toml")
-        built = build_model(scene, text, "bench", count=None, seed=0, progress=lambda _doing, _done: None)
-        (folder / "bench.onnx").write_bytes(built.content)
-        model = modelfile.load(folder / "bench.onnx")
+        model = build(folder)
         surface = f'[surfaces.bench]\nmodel = "{folder}/bench.onnx"\n' + "".join(
             f"[surfaces.bench.zones.z{number}]\nfrom_mm = {60 * number}\nto_mm = {60 * number + 40}\n"
             for number in range(ZONES)
         )
         rows = []
-        with service(folder, surface) as (pid, port), moving_load(port, model):
+        with service(folder, surface) as (pid, port), stream(port, model, MOVED, moved(model)):
             rows.append(row("without [opcua]", *used(pid)))
-        with service(folder, f"[opcua]\nport = {opcua}\n{surface}") as (pid, port), moving_load(port, model):
+        with (
+            service(folder, f"[opcua]\nport = {opcua}\n{surface}") as (pid, port),
+            stream(port, model, MOVED, moved(model)),
+        ):
             wait_until(lambda: is_open(f"opc.tcp://127.0.0.1:{opcua}/"))
             rows.append(row("no subscriber", *used(pid)))
             for count in SUBSCRIBERS:
@@ -79,47 +75,17 @@ def service(folder: Path, sections: str) -> Iterator[tuple[int, int]]:
         yield process.pid, port
 
 
-@contextmanager
-def moving_load(port: int, model: modelfile.ModelFile) -> Iterator[None]:
-    """Send samples of a load that moves, for a block."""
-    stop = threading.Event()
-    sender = threading.Thread(target=send, args=(port, model, stop))
-    sender.start()
-    try:
-        wait_until(lambda: contact(port).startswith(b'{"surface"'))
-        yield
-    finally:
-        stop.set()
-        sender.join()
-
-
-def send(port: int, model: modelfile.ModelFile, stop: threading.Event) -> None:
-    """Send batches until told to stop."""
-    connection = http.client.HTTPConnection("127.0.0.1", port)
-    headers = {"Authorization": f"Bearer {TOKEN}", "Content-Type": "application/json"}
+def moved(model: ModelFile) -> Callable[[int], list[float]]:
+    """Return what gives the deflections of each sample of a load that moves."""
     places = np.array(model.metadata.golden.deflection_mm)
-    number, next_s = 0, monotonic()
-    while not stop.is_set():
-        samples = []
-        for _ in range(PER_BATCH):
-            number += 1
-            place, part = number // CROSSING, number % CROSSING / CROSSING
-            before, after = places[place % len(places)], places[(place + 1) % len(places)]
-            samples.append(
-                {
-                    "sequence": number,
-                    "acquired_unix_us": int(time() * 1e6),
-                    "deflection_mm": (before + part * (after - before)).tolist(),
-                    "quality": ["good"] * len(before),
-                }
-            )
-        batch = {"boot_id": "boot-0001", "channels": model.channels, "newest_age_ms": 0.0, "samples": samples}
-        connection.request("POST", "/surfaces/bench/samples", json.dumps(batch), headers)
-        answer = connection.getresponse()
-        assert answer.status == 200, answer.read()
-        answer.read()
-        next_s += BATCH_S
-        sleep(max(0.0, next_s - monotonic()))
+
+    def deflection_mm(number: int) -> list[float]:
+        place, part = number // CROSSING, number % CROSSING / CROSSING
+        before, after = places[place % len(places)], places[(place + 1) % len(places)]
+        found: list[float] = (before + part * (after - before)).tolist()
+        return found
+
+    return deflection_mm
 
 
 def used(pid: int) -> tuple[float, float]:

@@ -9,7 +9,7 @@ import subprocess
 import sys
 import tempfile
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from time import monotonic, perf_counter, sleep, time
@@ -18,11 +18,9 @@ from typing import NamedTuple
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
 import numpy as np
+from shipped import build
 
-from beamtouch_models import modelfile
-from beamtouch_models.building.build import build_model
-from beamtouch_models.scene import load_scene
-from example_scenes import SCENES
+from beamtouch_models.modelfile import ModelFile
 from processes import processor_s, resident_mb
 
 TURNS, SECONDS = 5, 2.0
@@ -67,12 +65,7 @@ async def get_contact(surface: str | None = None) -> Contact:
 def run() -> list[dict[str, object]]:
     """All of them."""
     with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "bench.onnx"
-        scene, text = load_scene(SCENES / "bench.toml")
-        path.write_bytes(
-            build_model(scene, text, "bench", count=None, seed=0, progress=lambda _doing, _done: None).content
-        )
-        model = modelfile.load(path)
+        model = build(Path(folder))
         token = Path(folder) / "token"
         token.write_text(TOKEN)
         surfaces = "".join(f'[surfaces.{name}]\nmodel = "bench.onnx"\n' for name in RESTING.surfaces)
@@ -121,10 +114,15 @@ def server(*command: str | Path) -> Iterator[tuple[subprocess.Popen[str], int]]:
 
 
 @contextmanager
-def stream(port: int, model: modelfile.ModelFile, flow: Flow) -> Iterator[None]:
-    """Send samples of a contact for a block."""
-    stop = threading.Event()
-    senders = [threading.Thread(target=send, args=(port, model, flow, name, stop)) for name in flow.surfaces]
+def stream(
+    port: int, model: ModelFile, flow: Flow, deflection_mm: Callable[[int], list[float]] | None = None
+) -> Iterator[None]:
+    """Send samples of a contact for a block: those of its first golden answer, or of these deflections by number."""
+    stop, golden_mm = threading.Event(), model.metadata.golden.deflection_mm[0]
+    course = deflection_mm or (lambda _number: golden_mm)
+    senders = [
+        threading.Thread(target=send, args=(port, model.channels, flow, name, course, stop)) for name in flow.surfaces
+    ]
     for sender in senders:
         sender.start()
     try:
@@ -144,10 +142,16 @@ def path_of(flow: Flow) -> str:
     return f"/surfaces/{flow.surfaces[0]}/contact"
 
 
-def send(port: int, model: modelfile.ModelFile, flow: Flow, surface: str, stop: threading.Event) -> None:
+def send(
+    port: int,
+    channels: list[str],
+    flow: Flow,
+    surface: str,
+    deflection_mm: Callable[[int], list[float]],
+    stop: threading.Event,
+) -> None:
     """Send batches of a surface until told to stop."""
     connection = http.client.HTTPConnection("127.0.0.1", port)
-    deflection_mm = model.metadata.golden.deflection_mm[0]
     number, next_s = 1, monotonic()
     headers = {"Authorization": f"Bearer {TOKEN}", "Content-Type": "application/json"}
     while not stop.is_set():
@@ -155,15 +159,15 @@ def send(port: int, model: modelfile.ModelFile, flow: Flow, surface: str, stop: 
             {
                 "sequence": number + index,
                 "acquired_unix_us": int(time() * 1e6),
-                "deflection_mm": deflection_mm,
-                "quality": ["good"] * len(deflection_mm),
+                "deflection_mm": deflection_mm(number + index),
+                "quality": ["good"] * len(channels),
             }
             for index in range(flow.in_batch)
         ]
         number += flow.in_batch
         batch = {
             "boot_id": "benchmark-1",
-            "channels": model.channels,
+            "channels": channels,
             "newest_age_ms": 0.0,
             "sent_us": int(monotonic() * 1e6),
             "samples": samples,
@@ -226,7 +230,7 @@ def loaded(pid: int, port: int, path: str, clients: int) -> dict[str, float]:
     return {name: float(value) for name, value in found.items()} | {"processor_us": used_s / found["count"] * 1e6}
 
 
-def estimates(model: modelfile.ModelFile) -> dict[str, object]:
+def estimates(model: ModelFile) -> dict[str, object]:
     """One sample through the model as the service does it, against the bare call of the runtime, in turns."""
     golden = model.metadata.golden
     values = np.array(golden.deflection_mm[:1], np.float32)

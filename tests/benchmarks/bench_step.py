@@ -17,13 +17,12 @@ sys.path.insert(0, str(Path(__file__).parent.parent))
 
 import numpy as np
 import tomli_w
+from shipped import build
 
 from beamtouch_daemon.config.settings import Surface
 from beamtouch_daemon.processing.pipeline import Pipeline
 from beamtouch_daemon.sources.reading import Reading
 from beamtouch_models import modelfile
-from beamtouch_models.building.build import build_model
-from beamtouch_models.building.daemon_config import daemon_config
 from beamtouch_models.modelfile import State
 from beamtouch_models.rig.loads import Load
 from beamtouch_models.rig.surface import VirtualSurface
@@ -49,11 +48,9 @@ def run(steps: int = STEPS, batch_ms: float | None = None) -> list[dict[str, obj
 
 async def stepped(folder: Path, steps: int, batch_ms: float | None) -> list[dict[str, object]]:
     """Run service and daemon as processes, and be the device."""
-    scene, text = load_scene(SCENES / "bench.toml")
+    (scene, _), model = load_scene(SCENES / "bench.toml"), build(folder)
     path, token = folder / "bench.onnx", folder / "token"
-    path.write_bytes(build_model(scene, text, "bench", count=None, seed=0, progress=lambda _doing, _done: None).content)
     token.write_text(TOKEN)
-    model = modelfile.load(path)
     beam, touching, changed_s = VirtualSurface(scene, model.metadata, seed=1, rings=False), [False], [0.0]
 
     async def convert(_function: int, _start: int, _address: int, _count: int, now: list[int], _set: object) -> None:
@@ -65,7 +62,7 @@ async def stepped(folder: Path, steps: int, batch_ms: float | None) -> list[dict
         service = await asyncio.create_subprocess_exec(sys.executable, *map(str, arguments), stdout=pipe)
         assert service.stdout is not None
         port = int((await service.stdout.readline()).decode().rpartition(":")[2])
-        config = tomllib.loads(daemon_config(model.metadata))
+        config = tomllib.loads((folder / "generated.toml").read_text())
         config["publish"] |= {"url": f"http://127.0.0.1:{port}", "token_file": str(token)} | (
             {"batch_ms": batch_ms} if batch_ms else {}
         )

@@ -10,11 +10,8 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parent))
 
 from bench_service import TOKEN, server
+from shipped import build
 
-from beamtouch_models import modelfile
-from beamtouch_models.building.build import build_model
-from beamtouch_models.scene import load_scene
-from example_scenes import SCENES
 from processes import processor_s, resident_mb
 
 MOST, SECONDS = 48, 3.0
@@ -26,15 +23,10 @@ LOAD = Path(__file__).parent / "sample_load.py"
 def run() -> list[dict[str, object]]:
     """Look for the number, by doubling and then by halves."""
     with tempfile.TemporaryDirectory() as folder:
-        path, token = Path(folder) / "bench.onnx", Path(folder) / "token"
-        scene, text = load_scene(SCENES / "bench.toml")
-        path.write_bytes(
-            build_model(scene, text, "bench", count=None, seed=0, progress=lambda _doing, _done: None).content
-        )
-        token.write_text(TOKEN)
+        model = build(Path(folder))
+        (Path(folder) / "token").write_text(TOKEN)
         surfaces = "".join(f'[surfaces.s{number}]\nmodel = "bench.onnx"\n' for number in range(MOST))
         (Path(folder) / "service.toml").write_text(f'[server]\nport = 0\nwrite_token_file = "token"\n{surfaces}')
-        model = modelfile.load(path)
         deflections_mm = model.metadata.golden.deflection_mm[0]
         channels = json.dumps(dict(zip(model.channels, deflections_mm, strict=True)))
         cores = sorted(os.sched_getaffinity(0))

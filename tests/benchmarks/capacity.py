@@ -16,11 +16,8 @@ from time import monotonic, sleep, time
 sys.path.insert(0, str(Path(__file__).parent))
 
 from bench_service import TOKEN, server
+from shipped import build
 
-from beamtouch_models import modelfile
-from beamtouch_models.building.build import build_model
-from beamtouch_models.scene import load_scene
-from example_scenes import SCENES
 from processes import processor_s, resident_mb
 
 PRESSED = 8
@@ -90,11 +87,8 @@ def main() -> None:
     seconds: float = parser.parse_args().seconds
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        scene, text = load_scene(SCENES / "bench.toml")
-        built = build_model(scene, text, "bench", count=None, seed=0, progress=lambda _doing, _done: None)
-        (folder / "bench.onnx").write_bytes(built.content)
+        model = build(folder)
         (folder / "token").write_text(TOKEN)
-        model = modelfile.load(folder / "bench.onnx")
         channels = dict(zip(model.channels, model.metadata.golden.deflection_mm[0], strict=True))
         with server(*configured(folder, PRESSED)) as (service, port):
             cost_s = {size: batch_s(service.pid, port, channels, size, seconds) for size in set(RATES.values())}

@@ -1,7 +1,6 @@
 """One surface of the scene `bench` in this process: its readings, the daemon's samples of them, and the contacts."""
 
 import asyncio
-import re
 import sys
 from pathlib import Path
 from time import thread_time
@@ -10,22 +9,19 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
 import numpy as np
+from shipped import build
 
 from beamtouch_daemon.config.file import load_config
 from beamtouch_daemon.processing.pipeline import Pipeline
 from beamtouch_daemon.sources.reading import Reading
 from beamtouch_models import modelfile
-from beamtouch_models.building.build import build_model
-from beamtouch_models.building.daemon_config import daemon_config
 from beamtouch_models.physics.beam import influence_matrix
-from beamtouch_models.progress import silent
-from beamtouch_models.scene import parse_scene
+from beamtouch_models.scene import load_scene
 from beamtouch_service.api.app import Application, create_app
 from beamtouch_service.api.samples import parse_batch
 from beamtouch_service.samples import Batch
 from beamtouch_service.sections import SurfaceSection
 from beamtouch_service.surfaces.surface import Surface
-from example_scenes import SCENES
 
 RATES = {1000: 4, 200: 1}
 """Rate in Hz -> samples in a batch of the daemon, which sends every 4 ms."""
@@ -37,12 +33,11 @@ class Line:
     """One surface: its readings, and the batches that become of them."""
 
     def __init__(self, folder: Path, rate_hz: int) -> None:
-        text = re.sub(r"rate_hz = \S+", f"rate_hz = {rate_hz}", (SCENES / "bench.toml").read_text())
-        self._scene, self._rate_hz, self._in_batch = parse_scene(text, "bench"), rate_hz, RATES[rate_hz]
-        self._model, self._config = folder / f"{rate_hz}.onnx", folder / f"{rate_hz}.toml"
-        self._model.write_bytes(build_model(self._scene, text, "bench", count=None, seed=0, progress=silent).content)
-        self._metadata = modelfile.load(self._model).metadata
-        self._config.write_text(daemon_config(self._metadata))
+        self._rate_hz, self._in_batch, own = rate_hz, RATES[rate_hz], folder / str(rate_hz)
+        own.mkdir()
+        self._metadata = build(own, rate_hz=rate_hz).metadata
+        self._scene, _ = load_scene(own / "bench.toml")
+        self._model, self._config = own / "bench.onnx", own / "generated.toml"
 
     def readings(self, course: str) -> list[Reading]:
         """Return readings with noise; half a second of rest, then the course."""

@@ -25,12 +25,8 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "demo"))
 import httpx2
 import numpy as np
 from plant_watch import Watched, watch
+from shipped import build
 
-from beamtouch_models import modelfile
-from beamtouch_models.building.build import build_model
-from beamtouch_models.building.daemon_config import daemon_config
-from beamtouch_models.progress import silent
-from beamtouch_models.scene import load_scene
 from example_scenes import SCENES
 from line import Line, Surface
 from plant import PlantLine
@@ -59,17 +55,6 @@ class TeedLine(PlantLine):
         finally:
             self.url = asked
 
-    def restart_daemon(self) -> None:
-        """Stop it as systemd does, and start it again."""
-        self.end("daemon")
-        time.sleep(1)
-        self.start_daemon()
-
-    def start_daemon(self) -> None:
-        """Start it with the configuration that it had."""
-        command = ["beamtouch-daemon", "run", str(self.folder / "daemon.toml"), "--summary", str(self.summary)]
-        self._start("daemon", command)
-
     def stop(self) -> None:
         """End all processes."""
         super().stop()
@@ -90,10 +75,8 @@ def script(path: Path, seed: int) -> Path:
 
 def plant(folder: Path, surfaces: int, events_url: str) -> TeedLine:
     """Return a plant that has yet to be started."""
-    scene, text = load_scene(SCENES / "bench.toml")
+    build(folder)
     model, config = folder / "bench.onnx", folder / "generated.toml"
-    model.write_bytes(build_model(scene, text, "bench", count=None, seed=0, progress=silent).content)
-    config.write_text(daemon_config(modelfile.load(model).metadata))
     names = [f"s{number}" for number in range(surfaces)]
     still = ("--no-ringing",)
     rigs = [

@@ -17,23 +17,19 @@ from time import process_time
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
 import numpy as np
+from shipped import build
 
 from beamtouch_daemon.config.file import load_config
 from beamtouch_daemon.processing.filters import rest_of
 from beamtouch_daemon.processing.pipeline import Pipeline, Taken
 from beamtouch_daemon.sources.reading import Reading
-from beamtouch_models import modelfile
-from beamtouch_models.building.build import build_model
-from beamtouch_models.building.daemon_config import daemon_config
 from beamtouch_models.modelfile import State
-from beamtouch_models.progress import silent
 from beamtouch_models.rig.loads import Load
 from beamtouch_models.rig.surface import VirtualSurface
-from beamtouch_models.scene import parse_scene
+from beamtouch_models.scene import load_scene
 from beamtouch_service.samples import Batch
 from beamtouch_service.sections import SurfaceSection
 from beamtouch_service.surfaces.surface import Surface
-from example_scenes import SCENES
 
 REST_MS = (0, 20, 50, 100, 200, 400)
 FORCES = (0.5, 1.0, 1.5)
@@ -66,13 +62,9 @@ class Trade:
     """One beam at one rate."""
 
     def __init__(self, folder: Path, rate_hz: int) -> None:
-        text = (SCENES / "bench.toml").read_text().replace("rate_hz = 200", f"rate_hz = {rate_hz}")
-        self.scene = parse_scene(text, "bench")
-        path = folder / "bench.onnx"
-        path.write_bytes(build_model(self.scene, text, "bench", count=None, seed=0, progress=silent).content)
-        self.model, self.period_s = modelfile.load(path), 1 / rate_hz
-        (folder / "daemon.toml").write_text(daemon_config(self.model.metadata))
-        self.settings = load_config(folder / "daemon.toml").surfaces["bench"]
+        self.model, self.period_s = build(folder, rate_hz=rate_hz), 1 / rate_hz
+        self.scene, _ = load_scene(folder / "bench.toml")
+        self.settings = load_config(folder / "generated.toml").surfaces["bench"]
         self.beam = VirtualSurface(self.scene, self.model.metadata, seed=0, rings=False)
         self.rng = np.random.default_rng(0)
 

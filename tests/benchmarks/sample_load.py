@@ -51,7 +51,7 @@ class Sender:
         now_us = int(time() * 1e6)
         samples = ",".join(
             f'{{"sequence":{number},"acquired_unix_us":{now_us + (number - end) * 1_000_000 // RATE_HZ},{self._sample}'
-            for number in range(first, end)
+            for number in range(first + 1, end + 1)
         )
         body = f"{self._begin}{samples}]}}"
         return f"{self._head}Content-Length: {len(body)}\r\n\r\n{body}".encode()

@@ -21,13 +21,9 @@ sys.path.insert(0, str(Path(__file__).parent.parent))
 sys.path.insert(0, str(Path(__file__).parent.parent.parent / "demo"))
 
 import numpy as np
+from shipped import build
 
 from beamtouch_models import modelfile
-from beamtouch_models.building.build import build_model
-from beamtouch_models.building.daemon_config import daemon_config
-from beamtouch_models.progress import silent
-from beamtouch_models.scene import load_scene
-from example_scenes import SCENES
 from line import Kind, Line, Surface
 
 LIFTED_S, REST_S = 0.5, 1.0
@@ -92,16 +88,12 @@ def began_s(truth: Path, touches: list[Touch]) -> float:
 
 def run(kind: Kind, scene: str, number: int, folder: Path) -> list[dict[str, float]]:
     """Run one line; returns a row per time since touch."""
-    path, loaded = SCENES / f"{scene}.toml", load_scene(SCENES / f"{scene}.toml")
-    built = build_model(*loaded, scene, count=None, seed=0, progress=silent)
-    (folder / "model.onnx").write_bytes(built.content)
-    model = modelfile.load(folder / "model.onnx")
+    model = build(folder, scene)
     touches = touches_of(model, number)
     (folder / "script.toml").write_text(script(touches))
-    (folder / "config.toml").write_text(daemon_config(model.metadata))
     surface = Surface(scene, kind, folder / "script.toml", ("--no-ringing",))
     seconds = touches[-1].offset_s + REST_S
-    with Line(folder, path, folder / "model.onnx", folder / "config.toml", [surface]) as line:
+    with Line(folder, folder / f"{scene}.toml", folder / f"{scene}.onnx", folder / "generated.toml", [surface]) as line:
         found = list(answers(line.url, time.time() + seconds))
         begin_s = began_s(line.truth(scene), touches)
     return table(found, touches, begin_s, model)

@@ -20,12 +20,8 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "demo"))
 
 import httpx2
 import numpy as np
+from shipped import build
 
-from beamtouch_models import modelfile
-from beamtouch_models.building.build import build_model
-from beamtouch_models.building.daemon_config import daemon_config
-from beamtouch_models.scene import parse_scene
-from example_scenes import SCENES
 from line import Line, Surface, Truth
 from processes import processor_s, resident_mb
 
@@ -81,14 +77,8 @@ def main() -> int:
 
 def soak(folder: Path, seconds: float, rate_hz: int) -> tuple[Seen, dict[str, int]]:
     """Run the line for so long; return what was seen, and the daemon's summary."""
-    text = (SCENES / "bench.toml").read_text().replace("rate_hz = 200", f"rate_hz = {rate_hz}")
-    scene_path, model_path, config = folder / "scene.toml", folder / "model.onnx", folder / "generated.toml"
-    scene_path.write_text(text)
-    scene = parse_scene(text, "scene")
-    model_path.write_bytes(
-        build_model(scene, text, "soak", count=None, seed=0, progress=lambda _doing, _done: None).content
-    )
-    config.write_text(daemon_config(modelfile.load(model_path).metadata))
+    build(folder, rate_hz=rate_hz)
+    scene_path, model_path, config = folder / "bench.toml", folder / "bench.onnx", folder / "generated.toml"
     line = Line(folder, scene_path, model_path, config, [Surface("soak", "serial", rig_options=("--no-ringing",))])
     seen = Seen()
     with line, httpx2.Client(base_url=line.url, trust_env=False) as client:
