@@ -22,6 +22,9 @@ _QUIET = [
     "--disable-component-update",
 ]
 _PATIENCES = re.compile(r"(?<=const )(SILENT|FIRST|ASK)_MS = [0-9_]+")
+LEAST_CONTRAST = 4.5
+SCREENS = [("desk", (1000, 900), "light"), ("panel", (800, 480), "dark"), ("phone", (390, 844), "light")]
+"""Name, width and height [px], and colours."""
 NO_FIGURE = "—"
 SCREENSHOTS = Path(__file__).parents[1] / "build" / "screenshots"
 
@@ -116,9 +119,17 @@ class Watched:
         found: dict[str, Any] = self.page.evaluate(script)
         return found
 
-    def contrasts(self) -> list[tuple[str, float]]:
-        """Every text that is to be seen, with its contrast to what is behind it."""
+    def unreadable(self, least_texts: int = 6) -> list[tuple[str, float]]:
+        """Every text that is to be seen whose contrast to what is behind it is below that of WCAG, level AA."""
         found: list[tuple[str, float]] = self.page.evaluate(_CONTRAST)
+        assert len(found) >= least_texts
+        return [(text, contrast) for text, contrast in found if contrast < LEAST_CONTRAST]
+
+    def outside(self, *elements: str) -> list[str]:
+        """Those of the elements of these ids that the window does not show whole."""
+        script = """ids => ids.filter(id => { const box = document.getElementById(id).getBoundingClientRect();
+          return box.left < 0 || box.top < 0 || box.right > innerWidth || box.bottom > innerHeight; })"""
+        found: list[str] = self.page.evaluate(script, elements)
         return found
 
     def picture(self, name: str) -> None:

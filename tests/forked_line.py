@@ -18,7 +18,6 @@ MODULES = {
     "beamtouch-rig": "beamtouch_models.rig.cli",
     "beamtouch-service": "beamtouch_service.cli",
 }
-BY_HAND = "--by-hand"
 
 
 class ForkedLine(Line):
@@ -31,8 +30,7 @@ class ForkedLine(Line):
         code = f"import os; os.dup2(os.open({str(log)!r}, os.O_WRONLY | os.O_APPEND), 2)"
         process = Forked(MODULES[program], words, Path.cwd(), code)
         process.stderr.close()
-        if BY_HAND not in words:
-            process.stdin.close()
+        process.stdin.close()
         # It does all that a line asks of one.
         self._processes[name] = cast("subprocess.Popen[str]", process)
 
@@ -42,29 +40,21 @@ class Rig:
 
     def __init__(self, rig: Forked) -> None:
         self._rig = rig
-        self.port = int(rig.stdout.readline().rpartition(":")[2])
-        """Of Modbus TCP, on loopback."""
+        self.place = rig.stdout.readline().strip().rpartition(" ")[2].rpartition(":")[2]
+        """Its port of Modbus TCP, on loopback, or the path of its line."""
 
     def put(self, load: str) -> None:
         """Put a load on in place of the last one, or nothing; it is so when this returns."""
-        put_on(self._rig, load)
-
-
-def put_on(rig: Forked | subprocess.Popen[str], load: str) -> None:
-    """Put a load on a rig by hand in place of the last one, or nothing; it is so when this returns."""
-    assert rig.stdin is not None
-    assert rig.stdout is not None
-    rig.stdin.write(f"{load}\n")
-    rig.stdin.flush()
-    said = rig.stdout.readline()
-    assert said.endswith(" on\n"), said
+        self._rig.stdin.write(f"{load}\n")
+        self._rig.stdin.flush()
+        said = self._rig.stdout.readline()
+        assert said.endswith(" on\n"), said
 
 
 @contextmanager
 def rig(scene: Path, model: Path, *options: str | Path) -> Iterator[Rig]:
-    """Run a rig on a free port of Modbus TCP until the end of the block."""
-    words = [str(word) for word in (scene, "--model", model, "--modbus-tcp", "127.0.0.1:0", *options)]
-    process = Forked(MODULES["beamtouch-rig"], words, Path.cwd())
+    """Run a rig until the end of the block."""
+    process = Forked(MODULES["beamtouch-rig"], [str(word) for word in (scene, "--model", model, *options)], Path.cwd())
     try:
         yield Rig(process)
     finally:

@@ -5,7 +5,7 @@
  *
  * Says "ready" once it can be asked; ends with its standard input.
  */
-#include "../libmodbus_common.h"
+#include "libmodbus_common.h"
 
 #include <stdio.h>
 #include <stdlib.h>

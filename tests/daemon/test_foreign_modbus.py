@@ -3,7 +3,6 @@
 import asyncio
 import re
 import subprocess
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -17,8 +16,10 @@ from beamtouch_models.rig.loads import Load
 from beamtouch_models.rig.surface import VirtualSurface
 from beamtouch_models.scene import load_scene
 from example_scenes import SCENES
+from forked_line import rig
 from free_ports import free_port
 from parts import require
+from toolchain import made_once, run
 
 from .lines import joined_terminals
 from .sessions import polled, source_in
@@ -26,6 +27,7 @@ from .sessions import polled, source_in
 pytestmark = pytest.mark.anyio
 
 SERVER = Path(__file__).with_name("libmodbus_server.c")
+LINE = ("-b", "115200", "-P", "none")
 
 
 @pytest.fixture(scope="session")
@@ -33,12 +35,12 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The server, compiled."""
     pkg_config, compiler = require("pkg-config", "pkg-config"), require("gcc", "gcc")
     require("mbpoll", "mbpoll libmodbus-dev")
-    flags = subprocess.run(
-        [pkg_config, "--cflags", "--libs", "libmodbus"], capture_output=True, text=True, check=True, timeout=60
-    ).stdout.split()
-    program = tmp_path_factory.mktemp("libmodbus") / "server"
-    subprocess.run([compiler, "-std=gnu11", "-Wall", "-o", str(program), str(SERVER), *flags], check=True, timeout=120)
-    return program
+
+    def make(folder: Path) -> None:
+        flags = run(pkg_config, "--cflags", "--libs", "libmodbus").split()
+        run(compiler, "-std=gnu11", "-Wall", "-o", folder / "server", SERVER, *flags)
+
+    return made_once(tmp_path_factory, "libmodbus-server", make) / "server"
 
 
 @contextmanager
@@ -92,25 +94,12 @@ async def test_a_libmodbus_server_is_read_over_rtu(server: Path) -> None:
 @pytest.mark.parametrize("kind", ["modbus-tcp", "modbus-rtu"])
 def test_mbpoll_reads_the_rig(bench: ModelFile, bench_model: Path, tmp_path: Path, kind: str) -> None:
     mbpoll = require("mbpoll", "mbpoll")
-    where = "127.0.0.1:0" if kind == "modbus-tcp" else str(tmp_path / "line")
-    script = tmp_path / "script.toml"
-    script.write_text("[[step]]\nseconds = 600\nposition_mm = 200\nforce_n = 20\n")
-    rig = Path(sys.executable).parent / "beamtouch-rig"
-    options = [str(SCENES / "bench.toml"), "--model", str(bench_model), f"--{kind}", where, "--script", str(script)]
-    with subprocess.Popen([rig, *options], stdout=subprocess.PIPE, text=True) as process:
-        try:
-            assert process.stdout is not None
-            address = process.stdout.readline().split()[-1]
-            if kind == "modbus-tcp":
-                target = ["-m", "tcp", "-p", address.rsplit(":", 1)[1], "127.0.0.1"]
-            else:
-                target = ["-m", "rtu", "-b", "115200", "-P", "none", address]
-            command = [mbpoll, "-a", "1", "-t", "3", "-r", "1", "-c", "4", "-1", "-o", "5", *target]
-            done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
-        finally:
-            process.terminate()
-    assert done.returncode == 0, done.stdout + done.stderr
-    counts = [int(count) for count in re.findall(r"^\[\d\]:\s+(\d+)", done.stdout, re.MULTILINE)]
+    where = "127.0.0.1:0" if kind == "modbus-tcp" else tmp_path / "line"
+    with rig(SCENES / "bench.toml", bench_model, f"--{kind}", where, "--by-hand", "--no-ringing") as beam:
+        beam.put("200 20")
+        target = ["tcp", "-p", beam.place, "127.0.0.1"] if kind == "modbus-tcp" else ["rtu", *LINE, beam.place]
+        said = run(mbpoll, "-a", "1", "-t", "3", "-r", "1", "-c", "4", "-1", "-o", "5", "-m", *target)
+    counts = [int(count) for count in re.findall(r"^\[\d\]:\s+(\d+)", said, re.MULTILINE)]
     scene, _ = load_scene(SCENES / "bench.toml")
     surface = VirtualSurface(scene, bench.metadata, seed=1)
     noise_counts = bench.metadata.noise.reading_mm / abs(surface.sensor.gain_mm_per_count)

@@ -1,35 +1,21 @@
 """Configurations written for real modules read the rig, as long as the rig plays their registers."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 
 from example_scenes import SCENES
-from forked import Forked
-from forked_line import MODULES
+from forked_line import rig
 
 from .configs import write
 from .process import command
 
 pytestmark = pytest.mark.anyio
 
+SCENE = SCENES / "bench.toml"
 FLOATS = ("--unit", "5", "--function", "3", "--register", "100", "--type", "f32", "--byte-order", "CDAB")
 TCP = 'kind = "modbus-tcp"\nhost = "127.0.0.1"\nport = {port}\ntimeout_ms = 30000\n'
 RTU = 'kind = "modbus-rtu"\nport = "{path}"\ntimeout_ms = {timeout_ms}\n'
-
-
-@contextmanager
-def rig(bench_model: Path, *options: str | Path) -> Iterator[str]:
-    """Run the rig until the end of the block; gives the port or path that it listens on."""
-    words = [str(word) for word in (SCENES / "bench.toml", "--model", bench_model, *options)]
-    process = Forked(MODULES["beamtouch-rig"], words, Path.cwd())
-    try:
-        yield process.stdout.readline().strip().rpartition(" ")[2].rpartition(":")[2]
-    finally:
-        process.terminate()
-        process.communicate(timeout=60)
 
 
 def configuration(folder: Path, source: str, channel: str) -> Path:
@@ -57,8 +43,8 @@ range_mm = [1.0, 4.0]
 async def test_a_configuration_for_a_tcp_module_reads_the_rig(
     bench_model: Path, tmp_path: Path, played: tuple[str, ...], source: str, channel: str
 ) -> None:
-    with rig(bench_model, "--modbus-tcp", "127.0.0.1:0", "--by-hand", *played) as port:
-        done = await command("check", configuration(tmp_path, TCP.format(port=port) + source, channel))
+    with rig(SCENE, bench_model, "--modbus-tcp", "127.0.0.1:0", "--by-hand", *played) as beam:
+        done = await command("check", configuration(tmp_path, TCP.format(port=beam.place) + source, channel))
     assert done.code == 0, done.err
     assert done.out.count("good") == 4
 
@@ -66,8 +52,8 @@ async def test_a_configuration_for_a_tcp_module_reads_the_rig(
 async def test_a_configuration_for_an_rtu_module_reads_the_rig_and_another_unit_is_silent(
     bench_model: Path, tmp_path: Path
 ) -> None:
-    with rig(bench_model, "--modbus-rtu", tmp_path / "line", "--by-hand", "--unit", "17") as path:
-        module = RTU.format(path=path, timeout_ms=30_000) + 'module = "waveshare-8ch"\nunit = '
+    with rig(SCENE, bench_model, "--modbus-rtu", tmp_path / "line", "--by-hand", "--unit", "17") as beam:
+        module = RTU.format(path=beam.place, timeout_ms=30_000) + 'module = "waveshare-8ch"\nunit = '
         done = await command("check", configuration(tmp_path, module + "17", "input = {index}"))
         other = module.replace("30000", "100") + "18"
         silent = await command("check", configuration(tmp_path, other, "input = {index}"))

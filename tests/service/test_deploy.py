@@ -1,4 +1,4 @@
-"""The files of `deploy/`: the unit of a service that is one of several, and its configuration."""
+"""The files of `deploy/`: alerts, the unit of a service that is one of several, and its configuration."""
 
 import re
 import shutil
@@ -16,6 +16,8 @@ from postgres import PASSWORD, Postgres
 
 FOLDER = Path(__file__).parents[2] / "deploy"
 UNIT = FOLDER / "beamtouch-service@.service"
+RULES = FOLDER / "beamtouch.rules.yml"
+DOCS = FOLDER.parent / "docs"
 
 
 def analyzed(*words: str | Path) -> str:
@@ -53,3 +55,19 @@ def test_the_password_comes_from_a_file_that_a_group_may_read(
     store = Store(EventsSection(url=here))
     assert store.read() == []
     store.close()
+
+
+def test_promtool_takes_the_alerts_and_they_fire_as_stated() -> None:
+    promtool = require("promtool", "prometheus")
+    for command in (["check", "rules", RULES], ["test", "rules", Path(__file__).with_name("beamtouch.rules.test.yml")]):
+        done = subprocess.run([promtool, *map(str, command)], capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_alerts_read_only_metrics_that_there_are() -> None:
+    """The reference comes from the programs; the metrics of MQTT are in its guide."""
+    tables = [(DOCS / page).read_text() for page in ("reference/metrics.md", "how-to/mqtt.md")]
+    documented = {name for text in tables for name in re.findall(r"^\| `(beamtouch_\w+)` \|", text, re.MULTILINE)}
+    read = set(re.findall(r"\bbeamtouch_\w+", RULES.read_text()))
+    assert len(read) > 15
+    assert read <= documented

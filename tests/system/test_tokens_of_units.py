@@ -4,12 +4,12 @@ import os
 import re
 import shlex
 import subprocess
-import sys
 from pathlib import Path
 
 import httpx2
 import pytest
 
+from forked import Forked
 from parts import require
 from plain_http import TIMEOUT_S
 from service.small_model import write_model
@@ -91,25 +91,21 @@ def test_the_service_takes_the_tokens_of_its_credentials(tmp_path: Path) -> None
     (section,) = re.findall(r"^(\[server\]\nread_token_file = .*)$", GUIDE, re.MULTILINE)
     config = tmp_path / "service.toml"
     config.write_text(f'{section.replace(CREDENTIALS, str(tmp_path))}\nport = 0\n[surfaces.bench]\nmodel = "{model}"\n')
-    environment = os.environ | {"CREDENTIALS_DIRECTORY": str(tmp_path)}
     words = [word.replace("${CREDENTIALS_DIRECTORY}", str(tmp_path)) for word in started_as(UNITS["service"])]
     words = [str(config) if word == "/etc/beamtouch/service.toml" else word for word in words[1:]]
-    program = [sys.executable, "-m", "beamtouch_service.cli", *words]
-    with subprocess.Popen(
-        program, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, env=environment
-    ) as one:
-        try:
-            assert one.stdout is not None
-            url = one.stdout.readline().removeprefix("listening on ").strip()
+    service = Forked("beamtouch_service.cli", words, tmp_path)
+    try:
+        url = service.stdout.readline().removeprefix("listening on ").strip()
 
-            def status(method: str, path: str, token: str | None) -> int:
-                headers = {} if token is None else {"Authorization": f"Bearer {token}"}
-                answer = httpx2.request(method, url + path, headers=headers, trust_env=False, timeout=TIMEOUT_S)
-                return answer.status_code
+        def status(method: str, path: str, token: str | None) -> int:
+            headers = {} if token is None else {"Authorization": f"Bearer {token}"}
+            answer = httpx2.request(method, url + path, headers=headers, trust_env=False, timeout=TIMEOUT_S)
+            return answer.status_code
 
-            reads = [status("GET", "/surfaces", token) for token in (None, TOKENS["read-token"], TOKENS["token"])]
-            writes = [status("POST", "/surfaces/bench/samples", TOKENS[name]) for name in ("read-token", "token")]
-        finally:
-            one.terminate()
+        reads = [status("GET", "/surfaces", token) for token in (None, TOKENS["read-token"], TOKENS["token"])]
+        writes = [status("POST", "/surfaces/bench/samples", TOKENS[name]) for name in ("read-token", "token")]
+    finally:
+        service.terminate()
+        service.communicate(timeout=60)
     assert reads == [401, 200, 200]
     assert writes == [403, 400]  # the write token is taken, and the empty body is not

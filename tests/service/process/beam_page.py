@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from beamtouch_models.physics.beam import influence
 from beamtouch_models.scene import load_scene
 from example_scenes import SCENES
 from service.conftest import batch_of
+from service.event_story import START_US
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from beamtouch_models.arrays import Floats
     from beamtouch_models.modelfile import ModelFile
     from browser import Watched
     from service.process.conftest import Service
-
-    StartBench = Callable[..., "Bench"]
 
 WEDGE_MM = 0.5
 COUNT = 50
@@ -41,14 +39,16 @@ class Bench:
     def send(
         self, deflection_mm: list[float | None], covariance_mm2: list[float] | None = None, **members: object
     ) -> None:
-        """Post samples that all measure this with this covariance; `members` go into the batch."""
+        """Post samples, 5 ms apart, that all measure this with this covariance; `members` go into the batch."""
         rows = [deflection_mm] * COUNT
         quality = ["missing" if one is None else "good" for one in deflection_mm]
         names = self.model.channels
         batch = batch_of(*rows, sequence=self.sequence, channels=names, quality=quality) | members
         self.sequence += COUNT
-        for sample in batch["samples"] if covariance_mm2 else []:
-            sample |= {"readings": 4, "covariance_mm2": covariance_mm2}
+        for sample in batch["samples"]:
+            sample["acquired_unix_us"] = START_US + 5000 * sample["sequence"]
+            if covariance_mm2:
+                sample |= {"readings": 4, "covariance_mm2": covariance_mm2}
         answer = self.service.post(batch)
         assert answer.status_code == 200, answer.text
 
@@ -67,6 +67,9 @@ class Bench:
         wedged: list[float | None] = [0.0] * len(self.model.channels)
         wedged[channel] = WEDGE_MM
         self.send(wedged)
+
+
+StartBench = Callable[..., Bench]
 
 
 def drawn(seen: Watched, name: str) -> list[tuple[float, float]]:

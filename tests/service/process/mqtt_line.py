@@ -22,9 +22,9 @@ CONTACT, EVENT, STATUS = "beamtouch/press-7/contact", "beamtouch/press-7/event",
 BATCH_S = 0.01
 
 
-def now_batch(*rows: Row, sequence: int) -> dict[str, Any]:
+def now_batch(*rows: Row, sequence: int, quality: list[str] | None = None) -> dict[str, Any]:
     """A batch whose samples were taken just now."""
-    batch = batch_of(*rows, sequence=sequence)
+    batch = batch_of(*rows, sequence=sequence, quality=quality)
     now_us = time.time_ns() // 1000
     for index, sample in enumerate(batch["samples"]):
         sample["acquired_unix_us"] = now_us - 1000 * (len(rows) - 1 - index)
@@ -71,6 +71,7 @@ class Line:
         self,
         *mqtt: str,
         stale_ms: float = 60_000,
+        degraded_after_s: float = 10,
         port: int | None = None,
         surfaces: Sequence[str] = ("press-7",),
         code: str = PATIENT,
@@ -78,10 +79,11 @@ class Line:
     ) -> Service:
         """Start a service with these lines in `[mqtt]` and further sections, and `code` run before it."""
         lines = ['host = "127.0.0.1"', f"port = {port or self.broker.port}", *mqtt]
+        keys = f"model = '{self.model}'\nstale_ms = {stale_ms}\ndegraded_after_s = {degraded_after_s}\n"
         (self.folder / "service.toml").write_text(
             f"[server]\nwrite_token_file = '{self.token_file}'\n[events]\nfile = 'events.db'\n[mqtt]\n"
             + "\n".join(lines)
-            + "".join(f"\n[surfaces.{name}]\nmodel = '{self.model}'\nstale_ms = {stale_ms}\n" for name in surfaces)
+            + "".join(f"\n[surfaces.{name}]\n{keys}" for name in surfaces)
             + sections
         )
         return self.start_service("--config", self.folder / "service.toml", code=code)

@@ -1,32 +1,33 @@
-"""The Modbus TCP server as a process, over raw sockets: what clients may do to it and to each other."""
+"""The Modbus TCP server as a process: a client of others, and what clients may do to it and to each other."""
 
-from __future__ import annotations
-
+import math
+import re
 import select
 import signal
 import socket
+import subprocess
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, suppress
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 
+from contact_registers import FIGURES, USED, decoded, expected
+from parts import require
 from processes import resident_mb
 from service.conftest import batch_of
+from service.event_story import RESTING, TOUCHING
 from waiting import wait_until
 
+from .conftest import StartService
 from .modbus_service import ModbusService, answered, ask, request, start_modbus
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from .conftest import StartService
 
 IDLE_S, PERIOD_S = 5.0, 0.1
 """Of a connection without a request, and of a controller, which a starved machine may hold up for some seconds."""
 MAX_GROWTH_MB, MAX_SENT_BYTES = 30.0, 100_000_000
+STALE = 18
 NOT_MODBUS = [b"GET /contact HTTP/1.1\r\nHost: x\r\n\r\n", b"\0\1\0\5\0\6" + bytes(6), b"\x16\x03\x01" * 9]
 
 pytestmark = pytest.mark.usefixtures("token_file")
@@ -38,6 +39,37 @@ def server(start_service: StartService, tmp_path: Path) -> ModbusService:
     service = start_modbus(start_service, tmp_path, "max_clients = 4")
     assert service.http.post(batch_of()).status_code == 200
     return service
+
+
+def polled(port: int, *options: str) -> list[str]:
+    """Return the values that mbpoll prints, a client on libmodbus."""
+    command = [require("mbpoll", "mbpoll"), "-m", "tcp", "-p", str(port), "-0", "-1", "-o", "10", *options, "127.0.0.1"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return re.findall(r"^\[\d+\]:\s+(\S+)", done.stdout, re.MULTILINE)
+
+
+@pytest.mark.parametrize(("word_order", "floats"), [("big", ["-B"]), ("little", [])])
+def test_a_client_of_others_reads_the_contacts_and_that_they_are_stale(
+    start_service: StartService, tmp_path: Path, word_order: str, floats: list[str]
+) -> None:
+    server = start_modbus(start_service, tmp_path, f'word_order = "{word_order}"')
+
+    def block() -> list[int]:
+        return [int(word) for word in polled(server.port, "-t", "3", "-r", "0", "-c", str(USED))]
+
+    def figures() -> list[float]:
+        return [float(one) for one in polled(server.port, "-t", "3:float", *floats, "-r", "8", "-c", str(len(FIGURES)))]
+
+    for sequence, row in enumerate([RESTING, TOUCHING], start=1):
+        server.http.post(batch_of(row, sequence=sequence))
+        contact = server.http.get("/surfaces/press-7/contact").json()
+        assert decoded(block(), ["s1", "s2", "s3"], word_order) == expected(contact)
+        said = [contact[name] if contact[name] is not None else math.nan for name in FIGURES]
+        assert figures() == pytest.approx(said, rel=1e-5, nan_ok=True)
+    server.http.post(batch_of(TOUCHING, sequence=3, age_ms=59_900.0))
+    wait_until(lambda: block()[2] == STALE)
+    assert all(map(math.isnan, figures()))
 
 
 def test_requests_that_arrive_together_or_in_pieces_are_all_answered_in_order(server: ModbusService) -> None:
@@ -99,6 +131,7 @@ def test_a_hundred_connections_do_not_disturb_a_controller(start_service: StartS
                 assert ask(one, 52, 1) == [16]
         refused = "beamtouch_modbus_connections_refused_total 97.0"
         wait_until(lambda: refused in server.http.get("/metrics").text.splitlines())
+        crowd[0].sendall(request(0, 1)[:7])  # half a request is none
         with ThreadPoolExecutor() as pool:
             closed = [pool.submit(closes, one) for one in crowd]
             while not all(one.done() for one in closed):
@@ -109,23 +142,6 @@ def test_a_hundred_connections_do_not_disturb_a_controller(start_service: StartS
         assert ask(late, 52, 1) == ask(controller, 52, 1) == [16]
     code, errors = server.http.stop(signal.SIGTERM)
     assert (code, errors.count("too many connections")) == (0, 1)
-
-
-def test_a_connection_without_whole_requests_is_closed(start_service: StartService, tmp_path: Path) -> None:
-    server = start_modbus(start_service, tmp_path, f"idle_s = {IDLE_S}")
-    with (
-        server.connected() as silent,
-        server.connected() as half,
-        server.connected() as busy,
-        ThreadPoolExecutor() as pool,
-    ):
-        half.sendall(request(0, 1)[:7])
-        closed = [pool.submit(closes, one) for one in (silent, half)]
-        while not all(one.done() for one in closed):
-            assert ask(busy, 52, 1) == [16]
-            time.sleep(PERIOD_S)
-        assert [one.result() for one in closed] == [True, True]
-        assert ask(busy, 52, 1) == [16]
 
 
 def test_a_client_that_does_not_read_costs_little_and_is_closed(start_service: StartService, tmp_path: Path) -> None:

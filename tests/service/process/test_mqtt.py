@@ -1,10 +1,8 @@
 """Contacts, events and the status of a service at a real broker."""
 
-from __future__ import annotations
-
 import json
 import signal
-from typing import TYPE_CHECKING
+from itertools import count
 
 import pytest
 from jinja2.sandbox import ImmutableSandboxedEnvironment
@@ -12,22 +10,21 @@ from jinja2.sandbox import ImmutableSandboxedEnvironment
 from beamtouch_common.commands import version
 from beamtouch_service.outputs.mqtt import discovery
 from beamtouch_service.outputs.mqtt.messages import Topics
+from service.conftest import Row
 from service.event_story import RESTING, TOUCHING
+from service.process.broker import Subscriber
+from service.process.conftest import Service
 from service.process.mqtt_line import (
     CONTACT,
     EVENT,
     STATUS,
+    Line,
     events,
     metric,
     now_batch,
     wait_connected,
     wait_for,
 )
-
-if TYPE_CHECKING:
-    from service.process.broker import Subscriber
-    from service.process.conftest import Service
-    from service.process.mqtt_line import Line
 
 
 def states(subscriber: Subscriber) -> list[str]:
@@ -65,22 +62,6 @@ def test_a_contact_is_the_answer_of_get_contact(line: Line) -> None:
     assert not [one for one in later.messages if one.is_retained and one.topic == CONTACT]
 
 
-def test_every_change_of_state_is_sent_however_low_the_rate(line: Line) -> None:
-    subscriber = line.broker.subscribe("-t", CONTACT)
-    service = line.start("max_rate_hz = 1")
-    wait_connected(service)
-    told = ["no-samples"]
-    wait_for(lambda: states(subscriber) == told)
-    for sequence, row in enumerate([RESTING, TOUCHING, RESTING, TOUCHING], start=1):
-        service.post(now_batch(row, sequence=sequence))
-        told.append("clear" if row is RESTING else "contact")
-        wait_for(lambda: states(subscriber) == told)  # called in this turn only
-    # A quiet surface is told all the same.
-    count = len(subscriber.of(CONTACT))
-    wait_for(lambda: len(subscriber.of(CONTACT)) >= count + 2)
-    assert {one["sequence"] for one in subscriber.of(CONTACT)[count:]} == {4}
-
-
 def test_events_are_those_of_get_events_and_open_ones_wait(line: Line) -> None:
     subscriber = line.broker.subscribe("-t", EVENT)
     service = line.start()
@@ -115,6 +96,25 @@ def test_the_broker_says_when_the_service_is_gone(line: Line, how: signal.Signal
     kept = {one.topic: one.text for one in later.messages if one.is_retained}
     assert kept.keys() == {STATUS, "beamtouch/press-7/status"}
     assert kept[STATUS] == "offline"
+
+
+def test_the_status_names_a_channel_that_is_out_and_is_kept_until_it_is_back(line: Line) -> None:
+    topic, sequence = "beamtouch/press-7/status", count(1)
+    subscriber = line.broker.subscribe("-t", topic)
+    service = line.start(degraded_after_s=0.5)
+
+    def is_told(word: str, *out: str) -> bool:
+        """Send a sample, in which s3 is missing if it is to be out; return whether the newest status says so."""
+        quality = ["good", "good", "missing" if out else "good"]
+        row: Row = [0.0, 0.0, None if out else 0.0]
+        service.post(now_batch(row, sequence=next(sequence), quality=quality))
+        return subscriber.of(topic)[-1:] == [{"surface": "press-7", "status": word, "channels": list(out)}]
+
+    wait_for(lambda: is_told("ready"))
+    wait_for(lambda: is_told("channels-out", "s3"))
+    later = line.broker.subscribe("-t", topic)
+    wait_for(lambda: later.of(topic) == subscriber.of(topic)[-1:])
+    wait_for(lambda: is_told("ready"))
 
 
 def test_events_from_before_are_sent_only_where_that_is_asked_for(line: Line) -> None:
