@@ -157,7 +157,6 @@ async def test_tare_refuses_what_moves_or_stands_still_and_writes_nothing_for_it
         ("tare {config} --surface press", "--surface: there is no surface press; choose one of bench"),
         ("run {config}", "{folder}/bench.tare.json: not a tare file; delete it or run beamtouch-daemon tare again"),
         ("run {config} --summary {folder}/no/s.json", "{folder}/no: no such folder; create it first"),
-        ("noise {config} --surface press", "--surface: there is no surface press; choose one of bench"),
     ],
 )
 def test_wrong_input_is_one_line(tmp_path: Path, refused: Refused, words: str, said: str) -> None:

@@ -7,7 +7,6 @@ import asyncio
 import json
 import tomllib
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import get_args
 
 import pytest
@@ -18,7 +17,6 @@ from beamtouch_daemon.config.file import load_config
 from beamtouch_daemon.config.settings import Config
 from beamtouch_daemon.config.signal import Filter, GrowingMean, NoFilter, ZeroTracking
 from beamtouch_daemon.config.sources import ModbusTcp, Source
-from unprivileged import without_root
 from wrong_numbers import with_wrong_numbers
 
 from . import configs
@@ -281,24 +279,6 @@ def test_a_wrong_pattern_is_said(tmp_path: Path, include: str, said: str) -> Non
     path = including(tmp_path, configs.surface("bench"), a=configs.surface("other"))
     path.write_text(path.read_text().replace('["surfaces/*.toml"]', include))
     assert complaint(path).startswith(said)
-
-
-def test_a_file_that_cannot_be_reached_is_said() -> None:
-    with TemporaryDirectory() as name, without_root(Path(name)):
-        path = including(Path(name), a=configs.surface("one"))
-        surfaces = path.parent / "surfaces"
-        (path.parent / "closed").mkdir(mode=0)
-        link = surfaces / "b.toml"
-        for target in ("b.toml", "absent", "../closed/b.toml"):
-            link.symlink_to(target)
-            assert complaint(path).startswith(f"{link}: ")
-            link.unlink()
-        surfaces.chmod(0o400)  # its names may be read, and nothing in it
-        assert complaint(path) == f"{surfaces / 'a.toml'}: Permission denied"
-        surfaces.chmod(0)
-        assert complaint(path).startswith("include: no file matches 'surfaces/*.toml'; ")
-        assert complaint(path).endswith("let this user read the folder")
-        surfaces.chmod(0o700)
 
 
 @pytest.mark.anyio

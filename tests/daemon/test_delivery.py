@@ -219,7 +219,8 @@ async def test_a_disk_that_hangs_holds_up_no_new_samples(tmp_path: Path) -> None
                 for number in range(1, 31):
                     bench.count(1)
                     await service.until(number)
-                await until(lambda: len(service.record.numbers().get("boot-0001", [])) > 25)
+                service.recorder.commit()  # by itself, as a real one does: what else would ask waits for the disk
+                assert len(service.record.numbers()["boot-0001"]) > 25
                 assert not service.record.numbers().get("boot-0000")
             finally:
                 hangs.set()
@@ -363,20 +364,6 @@ async def test_a_boot_that_is_refused_holds_up_no_other_and_is_named_once(
         "bench: the samples of boot boot-000a wait, the service does not take them (status 422: No.)",
         "bench: the service takes the samples of boot boot-000a again",
     ]
-
-
-async def test_a_record_that_takes_nothing_is_asked_less_and_less_often() -> None:
-    async with serving(Service()) as service, Bench(service) as bench:
-        service.commit_s = 60.0
-        service.recorder.MAX_PENDING = 10
-        begin_s = monotonic()
-        bench.count(50)
-        await until(lambda: len(backlog_of(service)) > 2 and monotonic() > begin_s + 2.0)
-        assert len(backlog_of(service)) < 5 + monotonic() - begin_s
-        service.commit_s = 0.0
-        service.recorder.MAX_PENDING = 100
-        await until(lambda: bench.log.is_empty)
-    assert service.record.numbers() == {"boot-0001": list(range(1, 51))}
 
 
 @pytest.mark.parametrize("seed", [0, 1, *(pytest.param(seed, marks=pytest.mark.soak) for seed in range(2, 12))])

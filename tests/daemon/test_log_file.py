@@ -10,7 +10,6 @@ from pathlib import Path
 import pytest
 
 from beamtouch_daemon.delivery import log_store
-from beamtouch_daemon.delivery.log_file import ForeignFileError
 from beamtouch_daemon.processing.pipeline import Taken
 from beamtouch_daemon.sources.reading import Reading
 from beamtouch_daemon.uptime import uptime_s
@@ -226,48 +225,3 @@ async def test_a_file_that_is_deleted_or_replaced_in_use_is_begun_anew_and_the_l
         bench.count(5)
     assert sum("was deleted or replaced while in use" in text for text in caplog.messages) == 1
     assert (await recorded(path)).record.numbers() == {"boot-0001": list(range(6, 11))}
-
-
-async def test_the_database_of_another_program_stays_as_it_is(tmp_path: Path) -> None:
-    path = tmp_path / "orders.db"
-    with opened(path) as database:
-        database.execute("CREATE TABLE orders (surface)")
-    content = path.read_bytes()
-    store = log_store.LogStore(path, ROOM)
-    with pytest.raises(ForeignFileError, match=r"orders\.db is the database of another program or of another version"):
-        await store.open()
-    await store.close()
-    assert path.read_bytes() == content
-    assert not path.with_name("orders.db-journal").exists()
-
-
-async def test_a_file_that_another_process_uses_is_used_when_it_is_free(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
-    path = tmp_path / "samples"
-    await keep(path, 30)
-    with closing(sqlite3.connect(path)) as other:
-        other.execute("PRAGMA locking_mode = EXCLUSIVE")
-        other.execute("BEGIN EXCLUSIVE")
-        async with stored(path) as store, serving(Service()) as service, Bench(service, store) as bench:
-            service.problem_of = lambda batch, _: (503, "busy") if batch.boot_id == "boot-0001" else None
-            bench.count(20)
-            await until(lambda: "in use by another process" in caplog.text)
-            assert (bench.logs.in_memory, bench.logs.on_disk) == (20, 0)
-            other.close()
-            await until(lambda: len(service.record.numbers().get("boot-0000", [])) == 30)
-            await until(lambda: not bench.logs.on_disk)
-    assert sum("in use by another process" in text for text in caplog.messages) == 1
-    assert (await recorded(path)).record.numbers() == {"boot-0001": list(range(1, 21))}
-
-
-async def test_a_folder_that_comes_later_is_used(tmp_path: Path) -> None:
-    path = tmp_path / "mount" / "samples"
-    async with stored(path) as store:
-        log = store.surface("bench").begin(boot(), 100)
-        log.put(taken(1, 10))
-        await store.write(None)
-        assert (log.in_memory, log.on_disk) == (10, 0)
-        path.parent.mkdir()
-        await store.write(None)
-        assert (log.in_memory, log.on_disk) == (0, 10)

@@ -9,21 +9,20 @@ from pathlib import Path
 from time import monotonic
 
 import pytest
-from pymodbus.server import ModbusSerialServer
-from pymodbus.simulator import DataType, SimData, SimDevice
 
 from beamtouch_daemon.sources import rtu_unit
 from beamtouch_daemon.sources.configured import Buses
-from beamtouch_daemon.sources.reading import Reading, SourceError, first_readings
+from beamtouch_daemon.sources.polled import PolledSource
+from beamtouch_daemon.sources.reading import Reading, SourceError
 from beamtouch_daemon.sources.registers import Block
 from beamtouch_daemon.sources.rtu_unit import probes_for
 from beamtouch_daemon.tasks import cancel
 
 from . import configs
-from .devices import NumberingUnit, Pieces, StampingUnit, rtu_units, with_crc
+from .devices import Fault, NumberingUnit, Pieces, StampingUnit, no_echo, rtu_units, with_crc
 from .faulty import plain
 from .faulty_bus import patterns, run, values_only
-from .lines import joined_terminals, terminal
+from .lines import terminal
 from .process import command
 from .publishing import until
 from .sessions import source_in, take_across_sessions
@@ -35,6 +34,8 @@ SLOW = ("late, 0.2 %, answers only values", "late, 3 %, one register")
 QUICK = [name for name, one in PATTERNS.items() if one.is_provable and one.sessions == 1 and name not in SLOW]
 READ = 4
 PLACES = [f"register = {index}" for index in range(3)]
+LATEST_S = 2.0
+"""In place of the 5 s of the daemon: no answer here is later."""
 VALUES = bytes([READ, 2 * len(PLACES)])
 """Function and length of an answer with the values of these places."""
 
@@ -53,28 +54,21 @@ def of(*units: NumberingUnit) -> Callable[[Reading], None]:
     return check
 
 
-async def test_registers_are_read_from_pymodbus_own_server() -> None:
-    with joined_terminals() as (ours, theirs):
-        data = SimData(0, values=[100, 101, 102], datatype=DataType.REGISTERS)
-        server = ModbusSerialServer(SimDevice(1, simdata=[data]), port=theirs, baudrate=115_200)
-        await server.serve_forever(background=True)
-        try:
-            places = [f"register = {index}" for index in (2, 0, 1)]
-            readings = await first_readings(source_in({}, table(ours), places, 100.0), 20)
-        finally:
-            await server.shutdown()  # type: ignore[no-untyped-call]  # pymodbus leaves it without annotations
-    assert {reading.counts for reading in readings} == {(102, 100, 101)}
-
-
-async def test_a_request_is_the_example_of_a_modules_manual() -> None:
-    sent = bytearray()
+async def read_through(
+    fault: Fault,
+    number: int,
+    *,
+    places: list[str] = PLACES,
+    timeout_ms: float = 2000.0,
+    rate_hz: float = 50.0,
+    echo: Callable[[bytes], Pieces] = no_echo,
+) -> tuple[list[Reading], list[str], PolledSource]:
+    """Read a unit with a fault so often; return readings, errors and the source. No value may be an older one."""
     with terminal() as line:
-        line.on_data(sent.extend)
-        places = [f"register = {index}" for index in range(8)]
-        with pytest.raises(SourceError, match="unit 1 does not answer within 60 ms"):
-            await first_readings(source_in({}, table(line.path, timeout_ms=60), places, 100.0), 1)
-    # Modbus over serial line has no full example; this frame is that of the Waveshare manual for its eight inputs.
-    assert sent[:8] == bytes.fromhex("01 04 00 00 00 08 F1 CC")
+        unit = NumberingUnit(fault)
+        async with rtu_units(line, {1: unit}, echo=echo):
+            source = source_in({}, table(line.path, timeout_ms=timeout_ms), places, rate_hz)
+            return *(await take_across_sessions(source, number, of(*[unit] * len(places)))), source
 
 
 @pytest.mark.parametrize("blocks", [[Block(4, 3)], [Block(0, 1), Block(4, 3)], [Block(4, 1)], [Block(0, 125)]])
@@ -86,7 +80,8 @@ def test_no_probe_is_answered_as_a_value_is_and_there_are_several(blocks: list[B
 
 
 @pytest.mark.parametrize("name", QUICK)
-async def test_no_value_is_stale_or_foreign(name: str) -> None:
+async def test_no_value_is_stale_or_foreign(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(rtu_unit, "FORGOTTEN_S", LATEST_S)
     outcome = await asyncio.wait_for(run(PATTERNS[name], 40, seed=3, answers=25), 120)
     assert (outcome.stale, outcome.foreign) == (0, 0)
 
@@ -105,11 +100,8 @@ async def test_damage_costs_its_readings_and_not_the_session(registers: int, *, 
     def damage(number: int, frame: bytes) -> Pieces:
         return [(0.0, damages.get(number, bytes)(frame))]
 
-    with terminal() as line:
-        unit = NumberingUnit(damage)
-        async with rtu_units(line, {1: unit}, echo=lambda request: [(0.0, request)] if echoes else []):
-            source = source_in({}, table(line.path, timeout_ms=500.0), PLACES[:registers], 50.0)
-            _, errors = await take_across_sessions(source, 30, of(*[unit] * registers))
+    places, echo = PLACES[:registers], (lambda request: [(0.0, request)]) if echoes else no_echo
+    _, errors, _ = await read_through(damage, 30, places=places, timeout_ms=500.0, echo=echo)
     assert errors == []
 
 
@@ -117,10 +109,7 @@ async def test_a_refusal_is_an_error_that_says_so() -> None:
     def refuse(number: int, frame: bytes) -> Pieces:
         return [(0.0, with_crc(bytes([1, 0x84, 2])) if 5 < number < 12 else frame)]
 
-    with terminal() as line:
-        async with rtu_units(line, {1: NumberingUnit(refuse)}):
-            source = source_in({}, table(line.path, timeout_ms=100.0), PLACES, 100.0)
-            _, errors = await take_across_sessions(source, 20)
+    _, errors, _ = await read_through(refuse, 20, timeout_ms=100.0, rate_hz=100.0)
     # On a busy machine, an answer may also be late.
     (error,) = {error for error in errors if "exception" in error}
     assert error.startswith("unit 1 answers with exception 2: it has no such register: asked for 0 to 2; addresses")
@@ -152,20 +141,24 @@ async def test_a_session_that_begins_while_an_answer_is_owed_gives_no_old_value(
 
 
 @pytest.mark.parametrize("kind", ["answers other requests", "answers only values"])
-async def test_a_single_register_that_comes_1500_ms_late_is_not_believed(kind: str) -> None:
+async def test_a_single_register_that_comes_1500_ms_late_is_not_believed(
+    kind: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(rtu_unit, "FORGOTTEN_S", LATEST_S)
+
     def late(number: int, frame: bytes) -> Pieces:
         return [(1.5 if number == 20 else 0.0, frame)]
 
-    with terminal() as line:
-        unit = NumberingUnit(values_only(late) if kind == "answers only values" else late)
-        async with rtu_units(line, {1: unit}):
-            source = source_in({}, table(line.path, timeout_ms=100.0), ["register = 7"], 50.0)
-            await take_across_sessions(source, 60, of(unit))
-        number = sum("left alone for 5 s" in limit for limit in source.limits)
+    fault = values_only(late) if kind == "answers only values" else late
+    _, _, source = await read_through(fault, 60, places=["register = 7"], timeout_ms=100.0)
+    number = sum(f"left alone for {LATEST_S:g} s" in limit for limit in source.limits)
     assert number == (kind == "answers only values")
 
 
-async def test_a_unit_with_one_probe_that_was_off_at_the_start_is_read_once_it_is_on() -> None:
+async def test_a_unit_with_one_probe_that_was_off_at_the_start_is_read_once_it_is_on(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(rtu_unit, "FORGOTTEN_S", LATEST_S)
     is_on = False
     requests = asyncio.Semaphore(0)
 
@@ -199,11 +192,7 @@ async def test_the_late_answer_to_a_repeated_probe_proves_nothing_of_what_was_as
             return [(2.5 * timeout_s, frame)]
         return [(1.5 * timeout_s if is_repeated else 0.0, frame)]
 
-    with terminal() as line:
-        unit = NumberingUnit(late)
-        async with rtu_units(line, {1: unit}):
-            source = source_in({}, table(line.path, timeout_ms=timeout_s * 1e3), PLACES, 200.0)
-            await take_across_sessions(source, 50, of(unit, unit, unit))
+    await read_through(late, 50, timeout_ms=timeout_s * 1e3, rate_hz=200.0)
     assert repeated >= 2
 
 
@@ -223,11 +212,7 @@ async def test_copies_of_answers_are_not_believed_once_one_was_noticed() -> None
             pieces.append((0.0 if values < 5 else 0.002, frame))
         return pieces
 
-    with terminal() as line:
-        unit = NumberingUnit(copying)
-        async with rtu_units(line, {1: unit}):
-            source = source_in({}, table(line.path, timeout_ms=300.0), PLACES, 200.0)
-            await take_across_sessions(source, 60, of(unit, unit, unit))
+    await read_through(copying, 60, timeout_ms=300.0, rate_hz=200.0)
     assert late_copies >= 3
 
 
@@ -240,9 +225,7 @@ async def test_each_start_asks_its_probes_in_another_order() -> None:
             asked.append(frame[1:3])
             return [(0.0, frame)]
 
-        with terminal() as line:
-            async with rtu_units(line, {1: NumberingUnit(note)}):
-                await first_readings(source_in({}, table(line.path, timeout_ms=100.0), PLACES, 50.0), 1)
+        await read_through(note, 1, timeout_ms=100.0)
         orders.add(tuple(kind for kind in asked if kind != VALUES)[:2])
     assert len(orders) > 1  # among twenty orders of two probes
 
@@ -259,11 +242,7 @@ async def test_a_unit_that_was_replaced_by_one_without_these_probes_is_read_agai
         values += frame[1:3] == VALUES
         return [(0.0, frame)] if values < 10 or (frame[1:3] == VALUES and values > 10) else []
 
-    with terminal() as line:
-        unit = NumberingUnit(replaced)
-        async with rtu_units(line, {1: unit}):
-            source = source_in({}, table(line.path, timeout_ms=50.0), PLACES, 50.0)
-            await take_across_sessions(source, 30, of(unit, unit, unit))
+    await read_through(replaced, 30, timeout_ms=50.0)
 
 
 async def test_check_states_what_cannot_be_proven_of_a_unit(tmp_path: Path) -> None:
@@ -287,9 +266,7 @@ async def test_an_answer_to_an_earlier_program_in_the_silence_of_a_start_is_foll
         sent.append("foreign")
         return [(0.0, frame), (0.02, foreign)]
 
-    with terminal() as line:
-        async with rtu_units(line, {1: NumberingUnit(late)}):
-            readings, errors = await take_across_sessions(source_in({}, table(line.path), PLACES, 20.0), 5)
+    readings, errors, _ = await read_through(late, 5, rate_hz=20.0)
     assert errors == []
     first = sent.index("value", 1)
     # Both probes are found, both prove, and both prove again after what came in the silence.

@@ -44,10 +44,8 @@ OFTEN = "from beamtouch_daemon.delivery import log_store; log_store.MEMORY_S = l
 """Code after which the log is written to its file ten times a second."""
 
 
-@pytest.mark.parametrize(("device_s", "service_s"), [(1.0, 5.0), pytest.param(30.0, 60.0, marks=pytest.mark.soak)])
-async def test_a_device_and_a_service_that_are_away_lose_nothing_that_was_taken(
-    tmp_path: Path, device_s: float, service_s: float
-) -> None:
+@pytest.mark.soak
+async def test_a_device_and_a_service_that_are_away_lose_nothing_that_was_taken(tmp_path: Path) -> None:
     given = [20_000]
 
     async def action(_function: int, _start: int, _address: int, _count: int, now: list[int], _set: object) -> None:
@@ -67,12 +65,12 @@ async def test_a_device_and_a_service_that_are_away_lose_nothing_that_was_taken(
         begin_s = monotonic()
         async with pymodbus_server([0, 0], action, port=device_port):
             await until(lambda: given[0] >= 20_000 + BEFORE)
-        await asyncio.sleep(device_s)
+        await asyncio.sleep(30.0)
         async with pymodbus_server([0, 0], action, port=device_port):
             came_back = given[0]
             await soon(lambda: given[0] >= came_back + 20)
             # So long that more is new than the first live batch holds.
-            await asyncio.sleep(max(begin_s + service_s - monotonic(), 2.0))
+            await asyncio.sleep(max(begin_s + 60.0 - monotonic(), 2.0))
             late = Service(("127.0.0.1", service_port))
             late.statuses = [500, 401, 503]
             async with serving(late):
@@ -272,20 +270,3 @@ def test_however_many_samples_become_durable_at_once_a_full_disk_lets_them_go(tm
         assert disk.run(*command, "write") == "1000\n"
         disk.fill()
         assert disk.run(*command, "delete") == "0\n"
-
-
-async def test_the_loss_is_reported_if_the_disk_is_full_from_the_start_and_the_service_is_away(tmp_path: Path) -> None:
-    with small_disk(tmp_path, size_kib=64) as disk:
-        disk.fill()
-        with cable(tmp_path) as usb:
-            device = SerialDevice(usb.plug())
-            url, source = f"http://127.0.0.1:{free_port()}", configs.serial(str(usb.path))
-            publish = f'log_file = "{disk.path}/samples"'
-            async with running(tmp_path, source, url, OFTEN, publish=publish, prefix=disk.prefix) as daemon:
-                await more_readings(device, 300)
-                outcome = await daemon.stop()
-    assert outcome.code == 0
-    assert "disk is full); samples stay in memory, trying again" in outcome.err
-    counts = summary_of(tmp_path)["bench"]
-    assert counts["samples_dropped"] == counts["readings"] > 50
-    assert f"{counts['readings']} samples dropped: neither" in outcome.err

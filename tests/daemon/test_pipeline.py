@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from beamtouch_daemon.config.settings import Surface
@@ -135,6 +135,7 @@ KINDS: list[dict[str, object]] = [
 pairs = st.tuples(*[st.sampled_from([REST, REST + 1, REST + 40, REST + 300, DOWN, 65_535, None])] * 2)
 
 
+@settings(max_examples=40)
 @given(rows=st.lists(pairs, min_size=1, max_size=40), kind=st.sampled_from(KINDS), data=st.data())
 def test_any_split_of_the_readings_gives_the_same_samples_to_the_bit(
     rows: list[tuple[Counts, Counts]], kind: dict[str, object], data: st.DataObject

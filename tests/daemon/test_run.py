@@ -198,10 +198,12 @@ def test_a_log_file_of_another_program_is_an_error_in_one_line(tmp_path: Path, r
     config.write_text(config.read_text().replace("batch_ms", 'log_file = "orders.db"\nbatch_ms'))
     with closing(sqlite3.connect(tmp_path / "orders.db")) as other:
         other.execute("CREATE TABLE orders (name)")
+    content = (tmp_path / "orders.db").read_bytes()
     assert refused("run", config) == (
         f"publish.log_file: {tmp_path}/orders.db is the database of another program or of another version; "
         "choose another file"
     )
+    assert (tmp_path / "orders.db").read_bytes() == content
 
 
 async def metrics(port: int, surface: str, is_missing: int) -> str:
