@@ -1,14 +1,9 @@
 """Stories of samples that are delivered to a service, and the events that it makes of them."""
 
-from __future__ import annotations
+from typing import Any
 
-from typing import TYPE_CHECKING, Any
-
-from service.conftest import batch_of
+from service.conftest import Bench, Row, batch_of
 from waiting import wait_until
-
-if TYPE_CHECKING:
-    from service.conftest import Bench, Row
 
 START_US = 1_795_218_046_123_456
 TOUCHING: Row = [0.5, 0.25, 0.125]

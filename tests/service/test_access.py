@@ -1,9 +1,7 @@
 """Which token opens what, and what every answer carries."""
 
-from __future__ import annotations
-
 import re
-from typing import TYPE_CHECKING
+from collections.abc import Iterator
 
 import pytest
 from fastapi.routing import iter_route_contexts
@@ -12,9 +10,6 @@ from beamtouch_service.access import Access
 from beamtouch_service.api.page import FOLDER
 from beamtouch_service.surfaces.surface import Surface
 from service.conftest import READ_TOKEN, TOKEN, Bench, batch_of, kind, surface_of
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
 
 ALL = Access(write=TOKEN, read=READ_TOKEN)
 PAGE = {"/" if path.name == "index.html" else f"/{path.name}" for path in FOLDER.iterdir()}

@@ -1,25 +1,18 @@
 """Which wiring presses above sensors show: a table of faults, on a beam of the textbook."""
 
-from __future__ import annotations
-
+from collections.abc import Callable, Sequence
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
-from beamtouch_service.commissioning.cabling import Cabling, Press, explain
+from beamtouch_service.commissioning.cabling import Cabling, Explanation, Press, explain
 from beamtouch_service.commissioning.pressing import Floats
 from beamtouch_service.commissioning.report import Finding
 from beamtouch_service.commissioning.verdict import advise, find
 from beamtouch_service.samples import Quality
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from beamtouch_service.commissioning.cabling import Explanation
-
-    Fault = Callable[[Floats], Floats]
+Fault = Callable[[Floats], Floats]
 
 LENGTH_MM = 400.0
 RIGIDITY_N_MM2 = 210_000 * 25 * 3**3 / 12

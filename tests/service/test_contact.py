@@ -1,16 +1,9 @@
 """The contact: its figures, its age, its state from sample to sample, and the problem instead. Numbers by hand."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
 import pytest
 
-from service.conftest import Bench, surface_of
-
-if TYPE_CHECKING:
-    from service.conftest import Row
+from service.conftest import Bench, Row, surface_of
 
 TOUCHING: Row = [0.5, 0.25, 0.125]
 BETWEEN: Row = [0.02, 0.0, 0.0]

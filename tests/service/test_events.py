@@ -1,21 +1,16 @@
 """Events from samples, and the routes that give them: single ones, pages, CSV, and their best samples."""
 
-from __future__ import annotations
-
 import csv
 import io
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
 
 from beamtouch_service.events.event import MAX_POINTS
-from service.conftest import Bench, batch_of, surface_of
+from service.conftest import Bench, Row, batch_of, surface_of
 from service.event_story import BETWEEN, HARDER, ODD, RESTING, START_US, TOUCHING, Story
 from service.small_model import model_of
-
-if TYPE_CHECKING:
-    from service.conftest import Row
 
 
 def test_one_contact_is_one_event(bench: Bench) -> None:

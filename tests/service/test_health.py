@@ -1,9 +1,8 @@
 """The health of sensors, from the contacts on record: changes with their day, kept over restarts, and at every door."""
 
-from __future__ import annotations
-
 from datetime import UTC, datetime
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -13,9 +12,6 @@ from beamtouch_service.sections import EventsSection
 from beamtouch_service.surfaces.surface import Surface
 from service.conftest import Bench
 from service.touches import Touches
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 BASELINE, CHANGED = 100, 14
 BEGIN = datetime(2026, 2, 1, 12, tzinfo=UTC)

@@ -1,10 +1,8 @@
 """Modbus: the registers of real surfaces, their map, and requests with their answers byte by byte."""
 
-from __future__ import annotations
-
 import json
 import struct
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 from hypothesis import given
@@ -15,17 +13,12 @@ from beamtouch_service import cli
 from beamtouch_service.outputs.modbus.blocks import Blocks, NoSuchRegisterError
 from beamtouch_service.outputs.modbus.registers import BLOCK, REGISTERS, STATES
 from beamtouch_service.outputs.modbus.requests import HEAD_BYTES, MAX_FRAME_BYTES, NotModbusError, answer, frame_bytes
+from beamtouch_service.outputs.modbus.section import WordOrder
 from beamtouch_service.problems import Kind
 from beamtouch_service.samples import Note, Quality
 from beamtouch_service.surfaces.surface import Surface
 from contact_registers import FIGURES, decoded, expected, number
-from service.conftest import parsed, surface_of
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from beamtouch_service.outputs.modbus.section import WordOrder
-    from service.conftest import Row
+from service.conftest import Row, parsed, surface_of
 
 NOW_S = 1000.0
 CHANNELS = ["s1", "s2", "s3"]

@@ -1,11 +1,9 @@
 """New model files while the service runs: in use at once if they are good, and nothing changes if they are not."""
 
-from __future__ import annotations
-
 import asyncio
 import os
 import time
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import onnx
 import pytest
@@ -17,9 +15,6 @@ from beamtouch_service.problems import ProblemError
 from beamtouch_service.surfaces.surface import Surface
 from service.conftest import Bench, parsed
 from service.small_model import content_of, write_model
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 pytestmark = pytest.mark.anyio
 NO_FORCE = content_of(outputs=POSITION_OUTPUTS)
@@ -127,20 +122,6 @@ async def test_a_bad_file_changes_nothing_and_is_named_once_until_there_is_a_goo
     kept.path.with_name("away").rename(kept.path)
     await kept.polls()
     assert kept.surface.model_error is None
-
-
-async def test_what_is_no_file_is_never_opened(kept: Kept, caplog: pytest.LogCaptureFixture) -> None:
-    kept.path.unlink()
-    os.mkfifo(kept.path)
-    os.utime(kept.path, (time.time() - 10,) * 2)
-    try:
-        async with asyncio.timeout(60):
-            await kept.polls(times=6)
-    finally:
-        # A thread that waits for a writer is let go, or the loop would wait for that thread.
-        os.close(os.open(kept.path, os.O_RDWR | os.O_NONBLOCK))
-    assert "not a regular file" in str(kept.surface.model_error)
-    assert len(caplog.records) == 1
 
 
 async def test_a_model_waits_for_its_channels(kept: Kept, caplog: pytest.LogCaptureFixture) -> None:

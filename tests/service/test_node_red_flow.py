@@ -1,17 +1,13 @@
 """The flow of the guide for Node-RED: it asks a route of the service, and its function sorts the answers."""
 
-from __future__ import annotations
-
 import json
 import subprocess
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from urllib.parse import urlsplit
 
 from pasted import blocks_of
+from service.conftest import Bench
 from toolchain import need
-
-if TYPE_CHECKING:
-    from service.conftest import Bench
 
 (FLOW,) = [block.text for block in blocks_of("docs/how-to/node-red.md") if block.word == "json"]
 NODES = {node["id"]: node for node in json.loads(FLOW)}

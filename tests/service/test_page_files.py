@@ -1,17 +1,12 @@
 """How the page is served: types, caching, and nothing from elsewhere."""
 
-from __future__ import annotations
-
 from importlib import resources
-from typing import TYPE_CHECKING
 
 import pytest
 
 from beamtouch_service.samples import Note
+from service.conftest import Bench
 from tags import Tags
-
-if TYPE_CHECKING:
-    from service.conftest import Bench
 
 PAGE = resources.files("beamtouch_service") / "page"
 FILES = sorted(entry.name for entry in PAGE.iterdir())

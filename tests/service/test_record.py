@@ -1,12 +1,12 @@
 """The record: every sample once and in order, whatever the batches, and whatever happens to the service."""
 
-from __future__ import annotations
-
 import random
 import sqlite3
+from collections.abc import Iterator
 from contextlib import closing
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -15,15 +15,9 @@ from hypothesis import strategies as st
 from beamtouch_service.events.recorder import Recorder
 from beamtouch_service.sections import EventsSection
 from beamtouch_service.surfaces.surface import Surface
-from service.conftest import Bench, batch_of
+from service.conftest import Bench, Row, batch_of
 from service.event_story import BETWEEN, HARDER, ODD, RESTING, START_US, TOUCHING, Story
 from service.small_model import model_of
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from pathlib import Path
-
-    from service.conftest import Row
 
 CONTACT: list[Row] = [RESTING, *[TOUCHING] * 8, RESTING]
 LONG: list[Row] = [RESTING, *[TOUCHING] * 3, *[ODD] * 5, *[HARDER] * 7, BETWEEN, RESTING, *[ODD] * 6, *[RESTING] * 4]

@@ -1,11 +1,9 @@
 """Questions about surfaces, refusals of what a request must not be, and the OpenAPI description of both."""
 
-from __future__ import annotations
-
 import json
-import random
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
 
@@ -13,20 +11,13 @@ from beamtouch_service.api.events import Event
 from beamtouch_service.api.samples import MAX_BODY_BYTES
 from beamtouch_service.api.stream import Pace
 from beamtouch_service.outputs.modbus.blocks import Blocks
-from beamtouch_service.problems import MEDIA_TYPE
+from beamtouch_service.problems import MEDIA_TYPE, Problem
 from beamtouch_service.samples import MAX_SAMPLES, Batch
+from beamtouch_service.samples import Batch as ReceivedBatch
 from beamtouch_service.surfaces.contact import Contact
-from beamtouch_service.surfaces.surface import Surface
+from beamtouch_service.surfaces.surface import Answer, Received, Surface
 from service.conftest import Bench, batch_of, kind, surface_of
-from service.malformed import malformed
 from service.small_model import model_of
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from beamtouch_service.problems import Problem
-    from beamtouch_service.samples import Batch as ReceivedBatch
-    from beamtouch_service.surfaces.surface import Answer, Received
 
 MQTT = Path(__file__).parents[2] / "docs" / "how-to" / "mqtt.md"
 
@@ -241,17 +232,6 @@ def test_missing_channels_are_named_and_the_batch_changes_nothing(bench: Bench) 
     assert (response.status_code, kind(response)) == (422, "missing-channels")
     assert response.json()["missing_channels"] == ["s2", "s3"]
     assert (accepted(bench), bench.problem()) == (0, "no-samples")
-
-
-def test_malformed_batches_are_refused_and_contacts_are_answered_meanwhile(bench: Bench) -> None:
-    chance, statuses = random.Random(1), set[int]()  # noqa: S311 - noise, not secrets
-    for number in range(1, 201):
-        statuses.add(bench.post(malformed(chance)).status_code)
-        if number % 20 == 0:
-            bench.send(sequence=10_000 + number, boot_id="boot-0002")
-            assert bench.contact()["sequence"] == 10_000 + number
-    assert statuses <= {400, 413, 422}
-    assert accepted(bench) == 10
 
 
 DETAIL = (

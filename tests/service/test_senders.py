@@ -1,8 +1,6 @@
 """Samples of one sender or of several: which count as new, which move the contact, and when two daemons send."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from collections.abc import Iterable
 
 import pytest
 from hypothesis import given, settings
@@ -10,9 +8,6 @@ from hypothesis import strategies as st
 
 from beamtouch_service.surfaces.surface import Surface
 from service.conftest import TOKEN, Bench, batch_of, surface_of
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
 
 STALE_S = 0.5
 STEP_S = 0.1
@@ -58,16 +53,6 @@ def test_a_sender_that_started_anew_is_followed_at_once_but_not_with_older_sampl
     assert not moves(bench, "third-life", 2, age_s=STEP_S)
 
 
-def test_of_the_former_senders_those_that_were_followed_last_are_remembered(bench: Bench) -> None:
-    boots = [f"boot-{number:04}" for number in range(18)]
-    for number, boot_id in enumerate(boots, start=1):
-        bench.now_s += 0.01
-        assert moves(bench, boot_id, number)
-    assert not moves(bench, boots[-2], 101)
-    assert not moves(bench, boots[1], 102)
-    assert moves(bench, boots[0], 103)
-
-
 _OFFER = st.tuples(st.sampled_from("abc"), st.integers(1, 9), st.floats(0, 0.4), st.floats(0, 1))
 
 
@@ -106,30 +91,6 @@ class Numbers:
     def lost(self) -> int:
         lost: int = self._bench.get("/surfaces/press-7").json()["samples"]["lost"]
         return lost
-
-
-def test_gaps_are_losses_until_they_are_filled() -> None:
-    sender = Numbers()
-    assert [sender.send([1, 2, 3]), sender.send([1, 2, 3]), sender.send([2, 3, 4, 5])] == [(3, 0), (0, 3), (2, 2)]
-    assert sender.lost == 0
-    assert (sender.send([11, 13]), sender.lost) == ((2, 0), 6)
-    assert (sender.send([3, 5, 6, 8]), sender.lost) == ((2, 2), 4)
-    assert (sender.send([7, 9, 10, 11, 12]), sender.lost) == ((4, 1), 0)
-
-
-def test_a_sender_or_a_gap_that_is_forgotten_stays_lost() -> None:
-    sender = Numbers()
-    sender.send([100, 102])
-    for number in range(16):
-        assert sender.send([1], f"boot-{number:04}-later") == (1, 0)
-    assert sender.send([100]) == (1, 0)
-    assert sender.lost == 1
-    for first in (201, 2201):
-        sender.send(range(first, first + 2000, 2), "boot-of-gaps")
-    assert sender.lost == 2000
-    assert sender.send([202], "boot-of-gaps") == (0, 1)
-    assert sender.send([4198], "boot-of-gaps") == (1, 0)
-    assert sender.lost == 1999
 
 
 @settings(max_examples=12)

@@ -1,8 +1,8 @@
 """Samples weighed by their covariance: in the model's order, by the sender's noise, and what no channel can have."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,10 +19,6 @@ from beamtouch_service.surfaces.surface import Surface
 from example_scenes import SCENES
 from service.conftest import Bench, batch_of
 from service.event_story import BETWEEN, RESTING, TOUCHING
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
 
 READINGS = 4
 

@@ -1,9 +1,8 @@
 """Zones: the answers from consecutive samples as pure functions, and what refuses, counts and records them."""
 
-from __future__ import annotations
-
 import json
-from typing import TYPE_CHECKING, Any, Literal
+from pathlib import Path
+from typing import Any, Literal
 
 import pytest
 
@@ -16,12 +15,7 @@ from beamtouch_service.host.models import ModelKeeper
 from beamtouch_service.sections import EventsSection, SurfaceSection
 from beamtouch_service.surfaces.surface import Surface
 from beamtouch_service.zones.follow import Seen, ZoneFollower
-from service.conftest import Bench, Row, batch_of, surface_of
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from service.conftest import BuildModel
+from service.conftest import Bench, BuildModel, Row, batch_of, surface_of
 
 GATE = Zone(from_mm=120, to_mm=200)
 SLOW = Zone(from_mm=120, to_mm=200, dwell_ms=20)
@@ -265,30 +259,6 @@ def test_a_clock_that_is_set_makes_no_contact_older_and_lets_none_enter_twice() 
     for clock_us in (-1, -1000, -3_600_000_000, 3_600_000_000):
         assert touch.goes_on(clock_us=clock_us) == {"gate": "inside", "slow": "inside"}
     assert touch.entries == ["1.0", "1.0"]
-
-
-def test_after_a_lost_sample_the_contact_may_be_another_one() -> None:
-    touch = Touch()
-    for _ in range(6):
-        answers = touch.goes_on()
-    assert answers == {"gate": "inside", "slow": "inside"}
-    touch.sequence += 1
-    for _ in range(4):
-        assert touch.goes_on() == {"gate": "inside", "slow": "unsure"}
-    assert touch.goes_on() == {"gate": "inside", "slow": "inside"}
-    assert touch.entries == ["1.0", "1.0"]
-
-
-def test_a_clock_that_is_set_back_takes_no_time_from_an_event(tmp_path: Path) -> None:
-    recorder = Recorder(EventsSection(file=tmp_path / "events.db"))
-    bench = Bench(zoned(), recorder=recorder)
-    batch = batch_of([0.0, 0.0, 0.0], *[row(150)] * 8, [0.0, 0.0, 0.0]) | {"oldest": 1}
-    for sample in batch["samples"][4:]:
-        sample["acquired_unix_us"] -= 6000  # 1 ms before the sample before
-    bench.send(members=batch)
-    (event,) = bench.get("/events").json()["events"]
-    assert event["zones"] == {"gate": 30.0, "slow": 30.0}
-    recorder.close()
 
 
 @pytest.mark.parametrize("shared", [False, True])

@@ -1,18 +1,13 @@
 """Touches of the bench as a daemon would send them: rests, contacts drawn from the scene, and sensors that change."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from datetime import datetime
+from typing import Any
 
 import numpy as np
 
+from beamtouch_models.arrays import Floats
+from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.surface import prior_of_model
-
-if TYPE_CHECKING:
-    from datetime import datetime
-
-    from beamtouch_models.arrays import Floats
-    from beamtouch_models.modelfile import ModelFile
 
 AT_REST, IN_CONTACT = 6, 5
 """Samples of each rest and of each contact."""

@@ -3,7 +3,6 @@
 import json
 import subprocess
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +12,7 @@ import pytest
 from beamtouch_models import modelfile
 from forked import Forked
 from plain_http import NO_TLS, TIMEOUT_S
-from service.conftest import PATIENT, READ_TOKEN, BuildModel, batch_of
+from service.conftest import PATIENT, BuildModel
 from service.process.beam_page import Bench
 from service.process.broker import broker_in
 from service.process.mqtt_line import Line
@@ -53,16 +52,13 @@ Command = Callable[..., Process]
 StartService = Callable[..., Service]
 
 
-@contextmanager
-def commands_in(folder: Path) -> Iterator[Command]:
-    """Give a function that starts `beamtouch-service` with these arguments in a folder; at the end all are ended.
-
-    They are forked, with Python `code` run before them.
-    """
+@pytest.fixture
+def command(tmp_path: Path) -> Iterator[Command]:
+    """A function that forks `beamtouch-service` in the folder of the test, with Python `code` run before it."""
     started: list[Forked] = []
 
     def start(*arguments: str | Path, code: str = PATIENT) -> Forked:
-        started.append(Forked(COMMAND, [str(one) for one in arguments], folder, code))
+        started.append(Forked(COMMAND, [str(one) for one in arguments], tmp_path, code))
         return started[-1]
 
     yield start
@@ -72,18 +68,11 @@ def commands_in(folder: Path) -> Iterator[Command]:
         process.communicate()
 
 
-@pytest.fixture
-def command(tmp_path: Path) -> Iterator[Command]:
-    """Start `beamtouch-service` in the folder of the test."""
-    with commands_in(tmp_path) as start:
-        yield start
-
-
 def service_of(process: Process, token: str) -> Service:
     """Wait until a process listens."""
     assert process.stdout is not None
     line = process.stdout.readline()
-    assert line.startswith(("listening on http://127.0.0.1:", "listening on https://")), process.communicate()[1]
+    assert line.startswith("listening on http"), process.communicate()[1]
     return Service(process, line, token)
 
 
@@ -97,32 +86,26 @@ def start_service(command: Command, token_file: Path) -> StartService:
 
 
 @pytest.fixture
-def start_page(
+def start_press(
     start_service: StartService, build_model: BuildModel, token_file: Path, read_token_file: Path
 ) -> StartService:
-    """A function that starts a service of press-7, whose samples stay fresh for a minute; without `read` it is open."""
+    """A function that starts a service of press-7, whose samples stay fresh for a minute; `read` is its read token."""
     model = build_model()
 
-    def start_page(*options: str, read: str | None = READ_TOKEN) -> Service:
+    def start(*options: str | Path, read: str | None = None, stale_ms: int = 60_000, **how: Any) -> Service:  # noqa: ANN401  # as `command`
         if read is not None:
             read_token_file.write_text(read)
-            options += ("--read-token-file", str(read_token_file))
-        return start_service("--model", model, "--write-token-file", token_file, "--stale-ms", "60000", *options)
+            options += ("--read-token-file", read_token_file)
+        given = ("--model", model, "--write-token-file", token_file, "--stale-ms", str(stale_ms))
+        return start_service(*given, *options, **how)
 
-    return start_page
+    return start
 
 
 @pytest.fixture
-def fresh(start_service: StartService, build_model: BuildModel, token_file: Path) -> Service:
+def fresh(start_press: StartService) -> Service:
     """A service of the surface press-7 whose samples stay fresh for a minute."""
-    return start_service("--model", build_model(), "--write-token-file", token_file, "--stale-ms", "60000")
-
-
-@pytest.fixture
-def touched_service(fresh: Service) -> Service:
-    """A service with a contact to give, for a minute."""
-    assert fresh.post(batch_of()).status_code == 200
-    return fresh
+    return start_press()
 
 
 @pytest.fixture

@@ -3,7 +3,6 @@
 import re
 import socket
 import struct
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -35,9 +34,6 @@ class ModbusService:
         """Return registers, over a connection of their own."""
         with self.connected() as connection:
             return ask(connection, address, count)
-
-
-StartModbus = Callable[..., ModbusService]
 
 
 def start_modbus(

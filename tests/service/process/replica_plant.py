@@ -1,8 +1,7 @@
 """Two services behind a balancer, with a sender for each surface."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import httpx2
 
@@ -10,12 +9,8 @@ from balancer import Balancer
 from plain_http import NO_TLS, TIMEOUT_S
 from service.conftest import TOKEN, Row, batch_of
 from service.event_story import RESTING, TOUCHING
+from service.process.conftest import Service
 from waiting import wait_until
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from service.process.conftest import Service
 
 SURFACES = [f"press-{number}" for number in range(8)]
 CONTACT: list[Row] = [RESTING, TOUCHING, TOUCHING, RESTING]

@@ -1,23 +1,19 @@
 """How old a contact is said to be, by a real process whose clients are slow."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import signal
 import socket
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
 
 from beamtouch_service.surfaces.freshness import PAUSE_S
 from service.conftest import TOKEN, batch_of
+from service.process.conftest import Service
 from waiting import wait_until
-
-if TYPE_CHECKING:
-    from service.process.conftest import Service
 
 FROZEN_S = 1.0
 
@@ -47,10 +43,9 @@ def is_stopped(service: Service) -> bool:
 
 
 @pytest.mark.parametrize("is_new", [False, True], ids=["kept connection", "new connection"])
-def test_samples_that_waited_while_the_service_stood_still_are_as_old_as_they_are(
-    touched_service: Service, is_new: bool
-) -> None:
-    service, connection = touched_service, connected(touched_service)
+def test_samples_that_waited_while_the_service_stood_still_are_as_old_as_they_are(fresh: Service, is_new: bool) -> None:
+    service, connection = fresh, connected(fresh)
+    assert service.post(batch_of()).status_code == 200
     if not is_new:
         connection.sendall(post(batch_of(sequence=2)))
         take_receipt(connection)

@@ -1,15 +1,14 @@
 """HAProxy with `deploy/haproxy-one.cfg` in front of one service: a line gets its answers while others attack."""
 
-from __future__ import annotations
-
 import re
 import socket
 import ssl
 import subprocess
 import threading
+from collections.abc import Iterator
 from contextlib import ExitStack, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, Self
 
 import httpx2
 import pytest
@@ -18,13 +17,8 @@ from balancer import answers
 from free_ports import free_port
 from parts import require
 from service.conftest import TOKEN, batch_of
+from service.process.conftest import Service
 from waiting import wait_until
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from service.conftest import BuildModel
-    from service.process.conftest import Service, StartService
 
 CONFIG = Path(__file__).parents[3] / "deploy" / "haproxy-one.cfg"
 PATIENCE_S = 20.0
@@ -75,7 +69,7 @@ class Line:
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run)
 
-    def __enter__(self) -> Line:
+    def __enter__(self) -> Self:
         self._thread.start()
         self.require_answers()
         return self
@@ -104,18 +98,11 @@ class Line:
 
 
 @pytest.fixture
-def proxy(
-    start_service: StartService,
-    build_model: BuildModel,
-    token_file: Path,
-    tmp_path: Path,
-    certificate: tuple[Path, Path],
-) -> Iterator[tuple[Proxy, Service]]:
-    service = start_service("--model", build_model(), "--write-token-file", token_file, "--stale-ms", "60000")
-    proxy = Proxy(tmp_path, service, certificate)
+def proxy(fresh: Service, tmp_path: Path, certificate: tuple[Path, Path]) -> Iterator[tuple[Proxy, Service]]:
+    proxy = Proxy(tmp_path, fresh, certificate)
     try:
         wait_until(lambda: _takes(proxy))
-        yield proxy, service
+        yield proxy, fresh
     finally:
         proxy.process.kill()
         proxy.process.wait(60)

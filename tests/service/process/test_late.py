@@ -1,25 +1,17 @@
 """What may come later, when the service starts: it starts, says what is missing, and uses it when it comes."""
 
-from __future__ import annotations
-
 import socket
 import subprocess
 import sys
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 from own_names import own_names_in
-from service.conftest import batch_of
+from service.conftest import BuildModel, batch_of
 from service.event_story import RESTING, TOUCHING
 from service.process.broker import Broker
-from service.process.conftest import CLI, service_of
+from service.process.conftest import CLI, Command, Process, Service, StartService, service_of
 from service.process.modbus_service import ask
 from waiting import wait_until
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from service.conftest import BuildModel
-    from service.process.conftest import Command, Process, Service, StartService
 
 
 def complaint(process: Process) -> str:

@@ -1,10 +1,8 @@
 """Accounts, rights and TLS at a real broker, and settings that cannot work."""
 
-from __future__ import annotations
-
 import signal
 import subprocess
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 from certificates import make_certificate
 from parts import require
@@ -12,17 +10,13 @@ from service.event_story import RESTING, TOUCHING
 from service.process.mqtt_line import (
     CONTACT,
     EVENT,
+    Line,
     events,
     metric,
     now_batch,
     wait_connected,
     wait_for,
 )
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from service.process.mqtt_line import Line
 
 PASSWORD = "correct horse battery"  # noqa: S105  # of these tests only
 
@@ -89,19 +83,6 @@ def test_events_that_the_broker_refuses_wait(line: Line) -> None:
     subscriber = line.broker.subscribe("-t", "beamtouch/#")
     service = line.start()
     wait_for(lambda: subscriber.of(EVENT) == events(service))
-
-
-def test_a_status_that_the_broker_refuses_is_one_line(line: Line) -> None:
-    rights = line.folder / "rights"
-    rights.write_text("topic read #\n")
-    line.broker.configure(f"acl_file {rights}")
-    restart(line)
-    service = line.start()
-    wait_for(lambda: line.broker.log.count("Denied PUBLISH") >= 2)
-    assert service.get("/health/live").status_code == 200
-    _, errors = service.stop(signal.SIGTERM)
-    (said,) = [one for one in errors.splitlines() if "MQTT broker 127.0.0.1" in one]
-    assert "it refuses messages to beamtouch/status (Not authorized); allow this user to write there" in said
 
 
 def test_tls_with_a_client_certificate(line: Line, tmp_path: Path) -> None:

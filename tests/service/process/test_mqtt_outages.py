@@ -1,10 +1,7 @@
 """A broker that is killed, frozen, started again or away: the service does not mind, and no event is missing."""
 
-from __future__ import annotations
-
 import signal
 import time
-from typing import TYPE_CHECKING
 
 import pytest
 
@@ -13,6 +10,7 @@ from service.process.mqtt_line import (
     CONTACT,
     EVENT,
     STATUS,
+    Line,
     Sender,
     events,
     metric,
@@ -21,9 +19,6 @@ from service.process.mqtt_line import (
     wait_for,
 )
 from service.process.relay import Relay
-
-if TYPE_CHECKING:
-    from service.process.mqtt_line import Line
 
 STALE_S = 1.0
 WITHOUT_OTHER_LIMITS = (

@@ -1,34 +1,17 @@
 """The page in a real browser, on a service that is sent samples by hand: every state, keyboard, contrast."""
 
-from __future__ import annotations
-
 import re
 import signal
 import time
 from itertools import count, pairwise
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 
-from browser import NO_FIGURE
+from browser import NO_FIGURE, OpenPage, Watched
 from service.conftest import batch_of
+from service.process.conftest import Service, StartService
 from waiting import wait_until
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from browser import OpenPage, Watched
-    from service.conftest import BuildModel
-    from service.process.conftest import Service, StartService
-
-LONG_MS = "60000"
-"""A sample that was sent by hand stays fresh for the length of a test."""
-
-
-@pytest.fixture
-def fresh(start_service: StartService, build_model: BuildModel, token_file: Path) -> Service:
-    """A service of the surface press-7 whose samples stay fresh for a minute."""
-    return start_service("--model", build_model(), "--write-token-file", token_file, "--stale-ms", LONG_MS)
 
 
 def test_contact_degraded_and_too_few_channels(fresh: Service, open_page: OpenPage) -> None:
@@ -135,17 +118,11 @@ def test_every_text_stands_out_from_its_ground(fresh: Service, open_page: OpenPa
     for seen in both:
         seen.page.click("summary")
         seen.wait_for_state("problem")
-        _assert_contrast(seen)
+        assert seen.unreadable(least_texts=31) == []
     fresh.post(batch_of([0.5, 0.25, None], sequence=1, quality=["good", "good", "stuck"]))
     for seen in both:
         seen.wait_for_state("contact")
-        _assert_contrast(seen)
-
-
-def _assert_contrast(seen: Watched) -> None:
-    found = seen.contrasts()
-    assert len(found) > 30
-    assert [(text, ratio) for text, ratio in found if ratio < 4.5] == []
+        assert seen.unreadable(least_texts=31) == []
 
 
 _LISTEN = """() => { window.said = []; const status = document.getElementById("status");
@@ -201,9 +178,9 @@ def durations(seen: Watched) -> list[str]:
 
 
 def test_the_contact_of_a_sender_that_fell_silent_is_shown_as_ended(
-    start_service: StartService, build_model: BuildModel, token_file: Path, open_page: OpenPage
+    start_press: StartService, open_page: OpenPage
 ) -> None:
-    service = start_service("--model", build_model(), "--write-token-file", token_file, "--stale-ms", "500")
+    service = start_press(stale_ms=500)
     seen = open_page(service.url)
     service.post(batch_of([0.0, 0.0, 0.0], [0.5, 0.25, 0.125]))
     seen.wait_for_text("headline", "Stale")
@@ -229,9 +206,9 @@ def test_without_a_connection_no_contact_is_shown_as_going_on(fresh: Service, op
 
 
 def test_no_figure_stays_while_the_service_hangs_whether_or_not_the_page_gives_it_up(
-    start_service: StartService, build_model: BuildModel, token_file: Path, open_page: OpenPage
+    start_press: StartService, open_page: OpenPage
 ) -> None:
-    service = start_service("--model", build_model(), "--write-token-file", token_file, "--stale-ms", "3000")
+    service = start_press(stale_ms=3000)
     seen = {"silent": open_page(service.url), "lost": open_page(service.url, is_patient=False)}
     numbers = count(1)
 

@@ -1,10 +1,8 @@
 """The drawing of the beam in a real browser: supports, the shape by the model, what was measured beside it."""
 
-from __future__ import annotations
-
 import re
 import shutil
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import onnx
@@ -12,14 +10,9 @@ import pytest
 from onnx import helper
 
 from beamtouch_models import modelfile
-from service.process.beam_page import bench_shape, circles, drawn
+from browser import OpenPage, Watched
+from service.process.beam_page import StartBench, bench_shape, circles, drawn
 from waiting import wait_until
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from browser import OpenPage, Watched
-    from service.process.beam_page import StartBench
 
 LENGTH_MM = 400.0
 PIXEL = 0.6

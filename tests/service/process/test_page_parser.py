@@ -1,12 +1,9 @@
 """The page's parser of server-sent events, in a real browser, against that browser's own EventSource."""
 
-from __future__ import annotations
+from typing import Any
 
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from browser import OpenPage, Watched
-    from service.process.conftest import StartService
+from browser import OpenPage, Watched
+from service.process.conftest import StartService
 
 _PARSE = """async ({bytes, sizes}) => {
   const {EventParser} = await import("/sse.js");

@@ -1,30 +1,23 @@
 """Services that share surfaces, behind HAProxy and with one PostgreSQL: one is killed, the database stops."""
 
-from __future__ import annotations
-
 import os
 import signal
+from collections.abc import Iterator
 from contextlib import closing
 from http.client import HTTPConnection
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import httpx2
 import pytest
 
 from plain_http import TIMEOUT_S
 from postgres import PASSWORD, Postgres, rows
-from service.conftest import kind
+from service.conftest import BuildModel, kind
 from service.event_story import RESTING, TOUCHING
+from service.process.conftest import StartService
 from waiting import wait_until
 
 from .replica_plant import CONTACT, SURFACES, Plant
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from pathlib import Path
-
-    from service.conftest import BuildModel
-    from service.process.conftest import StartService
 
 WHOLE = ("/contact", "/stream", "/surfaces", "/health/ready")
 
@@ -154,17 +147,3 @@ def test_answers_go_on_while_the_database_is_frozen_and_nothing_is_lost(plant: P
             os.kill(pid, signal.SIGCONT)
     plant.deliver(name, RESTING)
     wait_until(lambda: [event["end"] for event in plant.events(3)] == ["lift"] * 3)
-
-
-def test_a_service_starts_without_its_database(start_service: StartService, postgres: Postgres, config: Path) -> None:
-    url = config.read_text().partition("url = '")[2].partition("'")[0]
-    postgres.stop()
-    try:
-        service = start_service("--config", config)
-        answer = service.get("/events")
-        assert kind(answer) == "events-away"
-        assert PASSWORD not in answer.text
-    finally:
-        postgres.start()
-    wait_until(lambda: service.get("/events").is_success)
-    assert rows(url, "SELECT count(*) FROM events") == [(0,)]

@@ -6,9 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from service.conftest import BuildModel
-
-from .conftest import StartService
+from .conftest import Service
 
 CHECKS_NOT_HELD = "not_a_server_error,positive_data_acceptance"
 """503 is an answer of its own kind here, and a batch has rules between its members that a schema cannot state."""
@@ -17,10 +15,8 @@ CHECKS_NOT_HELD = "not_a_server_error,positive_data_acceptance"
 @pytest.mark.soak
 @pytest.mark.long
 @pytest.mark.timeout(600)
-def test_no_answer_departs_from_the_document(
-    start_service: StartService, build_model: BuildModel, token_file: Path, tmp_path: Path
-) -> None:
-    service = start_service("--model", build_model(), "--write-token-file", token_file)
+def test_no_answer_departs_from_the_document(fresh: Service, tmp_path: Path) -> None:
+    service = fresh
     program = Path(sys.executable).with_name("schemathesis")
     command = [
         *(str(program), "run", f"{service.url}/openapi.json", "--header", f"Authorization: Bearer {service.token}"),

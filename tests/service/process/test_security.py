@@ -1,25 +1,18 @@
 """A real process among clients that mean it no good."""
 
-from __future__ import annotations
-
 import json
 import signal
 import socket
 import ssl
 import time
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import httpx2
 import pytest
 
 from plain_http import NO_TLS, TIMEOUT_S
 from service.conftest import READ_TOKEN, TOKEN, batch_of
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from service.conftest import BuildModel
-    from service.process.conftest import Command, Service, StartService
+from service.process.conftest import Service, StartService
 
 
 def address(service: Service) -> tuple[str, int]:
@@ -39,38 +32,24 @@ def told(connection: socket.socket) -> bytes:
 
 
 @pytest.mark.parametrize("certified", [False, True])
-def test_beyond_loopback_a_service_without_tls_warns(
-    command: Command,
-    token_file: Path,
-    read_token_file: Path,
+def test_beyond_loopback_a_service_without_tls_warns_and_one_with_a_certificate_answers_over_https(
+    start_press: StartService,
     certificate: tuple[Path, Path],
     certified: bool,  # a case of the test
 ) -> None:
-    options: list[str | Path] = ["--write-token-file", token_file, "--read-token-file", read_token_file]
-    if certified:
-        options += ["--certificate-file", certificate[0], "--key-file", certificate[1]]
-    process = command("run", "--host", "0.0.0.0", "--port", "0", *options)  # noqa: S104  # the warning is about that
-    assert process.stdout is not None
-    assert process.stdout.readline().startswith("listening on ")
-    process.send_signal(signal.SIGTERM)
-    _, errors = process.communicate(timeout=60)
-    assert process.wait() == 0
+    options = ("--certificate-file", certificate[0], "--key-file", certificate[1]) if certified else ()
+    service = start_press("--host", "0.0.0.0", *options, read=READ_TOKEN)  # noqa: S104  # the warning is about that
+    url = service.url.replace("0.0.0.0", "127.0.0.1")  # noqa: S104  # as above
+    assert url.startswith("https:" if certified else "http:")
+    context = ssl.create_default_context(cafile=str(certificate[0]))
+    assert httpx2.get(f"{url}/health/live", verify=context, trust_env=False, timeout=TIMEOUT_S).is_success
+    code, errors = service.stop(signal.SIGTERM)
+    assert code == 0
     assert ("no TLS: others on the network can read the tokens" in errors) is not certified
 
 
-def test_no_token_is_ever_in_the_log(
-    start_service: StartService,
-    build_model: BuildModel,
-    token_file: Path,
-    read_token_file: Path,
-) -> None:
-    tokens = (
-        "--write-token-file",
-        token_file,
-        "--read-token-file",
-        read_token_file,
-    )
-    service = start_service("--model", build_model(), *tokens)
+def test_no_token_is_ever_in_the_log(start_press: StartService) -> None:
+    service = start_press(read=READ_TOKEN)
     wrong = "a-wrong-token-that-someone-mistyped"
 
     assert service.get("/contact").status_code == 401
@@ -94,25 +73,10 @@ def test_no_token_is_ever_in_the_log(
     assert len(errors.splitlines()) <= 3
 
 
-def test_https(
-    start_service: StartService, build_model: BuildModel, token_file: Path, certificate: tuple[Path, Path]
-) -> None:
-    options = ("--certificate-file", certificate[0], "--key-file", certificate[1])
-    service = start_service("--model", build_model(), "--write-token-file", token_file, *options)
-    context = ssl.create_default_context(cafile=str(certificate[0]))
-
-    assert service.url.startswith("https://127.0.0.1:")
-    with httpx2.Client(verify=context, trust_env=False, timeout=TIMEOUT_S) as client:
-        assert client.get(service.url + "/health/live").json() == {"status": "live"}
-
-
 @pytest.mark.long
-def test_a_body_that_trickles_is_given_up_after_ten_seconds(
-    start_service: StartService, build_model: BuildModel, token_file: Path
-) -> None:
-    service = start_service("--model", build_model(), "--write-token-file", token_file)
+def test_a_body_that_trickles_is_given_up_after_ten_seconds(fresh: Service) -> None:
     head = f"POST /surfaces/press-7/samples HTTP/1.1\r\nHost: x\r\nAuthorization: Bearer {TOKEN}\r\n"
-    with socket.create_connection(address(service)) as connection:
+    with socket.create_connection(address(fresh)) as connection:
         connection.sendall(f"{head}Content-Length: 1000\r\n\r\n".encode())
         begin_s = time.monotonic()
         connection.settimeout(1)

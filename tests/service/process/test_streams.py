@@ -1,35 +1,24 @@
 """The stream of a real process: what it says, and that no client holds it up."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import signal
 import socket
+from collections.abc import Iterator
 from contextlib import ExitStack
+from pathlib import Path
 from threading import Thread
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import httpx2
 import pytest
 
 from plain_http import NO_TLS
-from service.conftest import batch_of
+from service.conftest import BuildModel, batch_of
+from service.process.conftest import Service, StartService
 from waiting import wait_until
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from pathlib import Path
-
-    from service.conftest import BuildModel
-    from service.process.conftest import Service, StartService
-
 STATE = {"surface", "contact", "problem", "age_ms", "channels", "length_mm", "sequence", "misfit_limit"}
-
-
-@pytest.fixture
-def service(start_service: StartService, build_model: BuildModel, token_file: Path) -> Service:
-    return start_service("--model", build_model(), "--write-token-file", token_file, "--stale-ms", "60000")
 
 
 def states(response: httpx2.Response) -> Iterator[dict[str, Any]]:
@@ -56,7 +45,8 @@ def deaf(service: Service, stack: ExitStack, path: str = "/stream?interval_ms=20
     return client
 
 
-def test_it_says_what_is_and_what_becomes(service: Service) -> None:
+def test_it_says_what_is_and_what_becomes(fresh: Service) -> None:
+    service = fresh
     with ExitStack() as stack:
         response = opened(service, stack, "/surfaces/press-7/stream")
         assert (response.status_code, response.headers["content-type"]) == (200, "text/event-stream; charset=utf-8")

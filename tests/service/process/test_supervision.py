@@ -1,29 +1,21 @@
 """What keeps the service going for a year: the service manager and its watchdog."""
 
-from __future__ import annotations
-
 import signal
 import subprocess
 import sys
 import threading
 import time
+from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+import httpx2
 import pytest
 
-from service.conftest import batch_of
+from service.conftest import BuildModel, batch_of
+from service.process.conftest import Service, StartService
 from service_manager import Manager
 from waiting import wait_until
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    import httpx2
-
-    from service.conftest import BuildModel
-    from service.process.conftest import StartService
 
 
 @pytest.fixture
@@ -32,10 +24,8 @@ def manager(tmp_path: Path) -> Iterator[Manager]:
         yield manager
 
 
-def test_the_manager_hears_of_the_start_of_progress_and_of_the_end(
-    start_service: StartService, build_model: BuildModel, manager: Manager
-) -> None:
-    service = start_service("--model", build_model(), code=manager.code)
+def test_the_manager_hears_of_the_start_of_progress_and_of_the_end(start_press: StartService, manager: Manager) -> None:
+    service = start_press(code=manager.code)
 
     assert manager.until("READY=1")
     assert manager.until("WATCHDOG=1", times=5)
@@ -45,9 +35,7 @@ def test_the_manager_hears_of_the_start_of_progress_and_of_the_end(
     assert manager.heard[:2] == ["READY=1", f"STATUS={service.first_line.strip()}"]
 
 
-def test_a_service_that_stands_still_is_not_alive(
-    start_service: StartService, build_model: BuildModel, manager: Manager, tmp_path: Path
-) -> None:
+def test_a_service_that_stands_still_is_not_alive(start_press: StartService, manager: Manager, tmp_path: Path) -> None:
     sign = tmp_path / "stand still"
     stuck = (
         "import os, time\n"
@@ -58,7 +46,7 @@ def test_a_service_that_stands_still_is_not_alive(
         "    return held(self, now_s)\n"
         "surface.Surface.standing = hang\n"
     )
-    start_service("--model", build_model(), code=f"{manager.code}\n{stuck}")
+    start_press(code=f"{manager.code}\n{stuck}")
     assert manager.until("READY=1")
     assert manager.until("WATCHDOG=1")
     sign.touch()
@@ -68,18 +56,12 @@ def test_a_service_that_stands_still_is_not_alive(
         assert time.monotonic() < deadline_s
 
 
-def test_sigterm_and_ctrl_c_end_the_service_without_a_word(
-    start_service: StartService, build_model: BuildModel, token_file: Path
-) -> None:
-    for number, code in ((signal.SIGTERM, 0), (signal.SIGINT, 130)):
-        service = start_service("--model", build_model(), "--write-token-file", token_file)
-        assert service.stop(number) == (code, "")
+def test_ctrl_c_ends_the_service_without_a_word(fresh: Service) -> None:
+    assert fresh.stop(signal.SIGINT) == (130, "")
 
 
-def test_it_stops_with_a_sender_connected(
-    start_service: StartService, build_model: BuildModel, token_file: Path
-) -> None:
-    service = start_service("--model", build_model(), "--write-token-file", token_file)
+def test_it_stops_with_a_sender_connected(fresh: Service) -> None:
+    service = fresh
     answers: list[httpx2.Response] = []
     sent, release = threading.Event(), threading.Event()
 
@@ -114,11 +96,9 @@ def test_it_stops_with_a_sender_connected(
     ],
 )
 def test_readiness_names_a_part_that_ended_in_an_unexpected_error(
-    start_service: StartService, build_model: BuildModel, token_file: Path, section: str, broken: str
+    start_press: StartService, section: str, broken: str
 ) -> None:
-    code = f"def fail(*_): return 1 / 0\nasync def end(*_): return 1 / 0\n{broken}"
-    options = ("--write-token-file", token_file, "--stale-ms", "60000")
-    service = start_service("--model", build_model(), *options, code=code)
+    service = start_press(code=f"def fail(*_): return 1 / 0\nasync def end(*_): return 1 / 0\n{broken}")
 
     assert service.post(batch_of()).status_code == 200
 

@@ -1,25 +1,19 @@
 """Zones at every door of a real service: contact, stream, registers, MQTT, events and the page say the same."""
 
-from __future__ import annotations
-
 import json
-import signal
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import httpx2
 import pytest
 
 from beamtouch_service.outputs.modbus.registers import ZONE_CODES
+from browser import OpenPage
 from plain_http import TIMEOUT_S
 from service.conftest import Row, batch_of
 from service.event_story import RESTING
+from service.process.beam_page import StartBench
 from service.process.modbus_service import ADDRESS, ModbusService
-from service.process.mqtt_line import CONTACT, events, wait_connected, wait_for
-
-if TYPE_CHECKING:
-    from browser import OpenPage
-    from service.process.beam_page import StartBench
-    from service.process.mqtt_line import Line
+from service.process.mqtt_line import CONTACT, Line, wait_connected, wait_for
 
 ZONES = """
 [surfaces.press-7.zones.gate]
@@ -89,19 +83,6 @@ def test_every_door_says_the_same_of_the_same_sample(line: Line) -> None:
     assert 'beamtouch_zone_entries_total{surface="press-7",zone="gate"} 2.0' in text
 
 
-def test_the_time_in_a_zone_survives_a_kill(line: Line) -> None:
-    service = line.start(sections=ZONES)
-    service.post(batch(RESTING, *[row(150)] * 4, sequence=1))
-    assert events(service)[0]["zones"] == {"gate": 15.0}  # makes it durable
-    service.stop(signal.SIGKILL)
-
-    service = line.start(sections=ZONES)
-    rest = batch(*[row(150)] * 2, RESTING, sequence=6)
-    # Nothing is known to the answer of a service that was started anew, but the record goes on.
-    wait_for(lambda: service.post(rest).json()["expected"] == 9)
-    assert [(event["end"], event["zones"]) for event in events(service)] == [("lift", {"gate": 25.0})]
-
-
 @pytest.mark.parametrize("size", SIZES)
 def test_zones_are_drawn_on_the_beam_and_listed(start_bench: StartBench, open_page: OpenPage, size: str) -> None:
     zones = ZONES + "[surfaces.press-7.zones.start]\nfrom_mm = 0\nto_mm = 120\n"
@@ -122,7 +103,7 @@ def test_zones_are_drawn_on_the_beam_and_listed(start_bench: StartBench, open_pa
     px_per_mm = drawn["end"][2] / 200
     assert drawn["gate"][1:] == pytest.approx([drawn["start"][1] + 120 * px_per_mm, 80 * px_per_mm])
     assert seen.overflow() <= 0
-    assert min(contrast for _, contrast in seen.contrasts()) >= 4.5
+    assert seen.unreadable() == []
     seen.picture(f"zones-{size}")
     # An answer that is gone is shown for no zone.
     bench.send([None] * len(bench.model.channels))
