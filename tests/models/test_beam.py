@@ -1,4 +1,4 @@
-"""Closed forms and supports with fixity, against published values and arithmetic in many digits."""
+"""Closed forms against published values and arithmetic in many digits, and where fixity goes."""
 
 from typing import Any
 

@@ -105,14 +105,6 @@ def test_the_prices_of_the_effects_left_out_sum_to_less_than_a_tenth() -> None:
     assert any("the effects left out would together exceed" in effect.reason for effect in judged.values())
 
 
-def test_a_scene_without_negligible_effects_is_unchanged() -> None:
-    scene = paper_scene()
-    assert physics(scene) is scene
-    silent = paper_scene(noise_percent_of_max=None, noise_mm=0)
-    assert physics(silent) is silent
-    assert effects(silent) == ()  # a price has no unit
-
-
 def test_the_price_of_shear_is_its_textbook_deflection_over_the_noise() -> None:
     # F l / (4 k G A) in the middle of a simple span, k = 5/6; Timoshenko & Gere, Mechanics of Materials, sec. 12.12.
     scene = paper_scene(noise_percent_of_max=None, noise_mm=1e-4)

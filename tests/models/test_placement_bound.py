@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from beamtouch_models.errors import SceneError
 from beamtouch_models.physics.beam import influence_of
-from beamtouch_models.placement.eigenvalue_product import eigenvalue_product_of, gap_of, largest_gap, rounding_margin
+from beamtouch_models.placement.eigenvalue_product import eigenvalue_product_of, gap_of, largest_gap
 from beamtouch_models.placement.placing import place
 from beamtouch_models.scene import Scene
 from example_scenes import paper_scene
@@ -76,19 +76,6 @@ def gap(scene: Scene, count: int, leading: int | None = None) -> float:
 )
 def test_the_papers_problems_have_a_small_gap(count: int, leading: int, most: float) -> None:
     assert 0 <= gap(paper_scene(), count, leading) < most
-
-
-def test_no_gap_is_closed_if_rounding_is_large() -> None:
-    # Four sensors within 0.8 mm of each other, in the middle: each component is a thousandth of the one before.
-    crowded = paper_scene(keep_out_mm=[(0, 200), (200.8, 400)], grid_mm=0.1)
-    problem = eigenvalue_product_of(*problem_in(crowded), 4)
-    margin = rounding_margin(problem, problem.equal)
-    assert margin > 1e-6
-    assert gap(crowded, 4) >= margin / 100
-    assert (
-        rounding_margin(eigenvalue_product_of(*problem_in(paper_scene()), 5), np.array([55, 127, 199, 271, 343]))
-        == 1e-8
-    )
 
 
 def test_the_gap_of_a_layout_that_is_not_the_best_holds() -> None:

@@ -14,16 +14,13 @@ from beamtouch_models.calibration.recordings import UnlabelledContacts
 from beamtouch_models.calibration.self_calibrate import SelfCalibrated, self_calibrate, self_fit
 from beamtouch_models.calibration.theory import FIXITY, GAIN
 from beamtouch_models.errors import NotGoodEnoughError
-from beamtouch_models.estimators.onnx_graph import to_bytes, with_force_error
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.rig.surface import Imperfections
-from beamtouch_models.session import runner
 from beamtouch_models.surface import prior_of_model
 from beamtouch_models.sweeps import silent
 from few_draws import short_work
 from imperfect_surface import true_prior
 from in_process import Command
-from posterior_cases import graph_of
 from unlabelled_contacts import OFF, Kind, drawn, fitted, random_contacts, surface, write_contacts
 
 pytestmark = pytest.mark.long
@@ -96,19 +93,6 @@ def test_gains_are_found_within_their_errors(
         assert gain.mean() == pytest.approx(true.mean(), abs=3 * errors.mean())
     else:
         assert np.all(np.abs(gain / gain.mean() - true / true.mean()) < 4 * errors)
-
-
-def test_wider_forces_leave_the_rest_as_it_is(bench: ModelFile) -> None:
-    graph = graph_of(prior_of_model(bench.metadata))
-    plain, wide = (runner(to_bytes(one)) for one in (graph, with_force_error(graph, 0.02)))
-    golden = bench.metadata.golden
-    inputs = np.array(golden.deflection_mm, np.float32), np.array(golden.whitening_per_mm, np.float32)
-    before, after = plain(*inputs), wide(*inputs)
-    for name in before.keys() - {"force_low_n", "force_high_n"}:
-        assert after[name] == pytest.approx(before[name], nan_ok=True)
-    for end in ("force_low_n", "force_high_n"):
-        gap = np.hypot(before[end] - before["force_n"], 1.96 * 0.02 * before["force_n"])
-        assert np.abs(after[end] - before["force_n"]) == pytest.approx(gap, rel=1e-4)
 
 
 def test_the_command_writes_a_model_and_says_what_it_changed(

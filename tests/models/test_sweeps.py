@@ -118,13 +118,14 @@ def test_a_cluster_gives_the_same_bytes_and_is_refused_in_one_line_where_it_cann
         assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1), done.stderr
         return done.stderr
 
-    first = tmp_path / "beamtouch-0.0.7.dist-info"  # of another version, for a worker to find first
-    first.mkdir()
-    (first / "METADATA").write_text("Name: beamtouch\nVersion: 0.0.7\n")
+    first = tmp_path / "first"  # another version, for a worker to find first
+    other_version = first / "beamtouch-0.0.7.dist-info"
+    other_version.mkdir(parents=True)
+    (other_version / "METADATA").write_text("Name: beamtouch\nVersion: 0.0.7\n")
     with dask(tmp_path, workers=0) as (address, start_worker, (scheduler,)):
         assert "it has no workers; run `dask worker tcp://" in refusal(address)
 
-        other = start_worker(tmp_path)
+        other = start_worker(first)
         ours = metadata.version("beamtouch")
         said = f" has beamtouch 0.0.7; install 'beamtouch[design,cluster]' there, with beamtouch {ours}"
         assert said in refusal(address)
