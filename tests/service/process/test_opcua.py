@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import json
+import math
 import shutil
+import ssl
 import subprocess
 from contextlib import asynccontextmanager
 from datetime import UTC, datetime, timedelta
@@ -246,6 +248,33 @@ def test_only_the_user_reads_and_names_with_dots_are_nodes_of_their_own(
     asyncio.run(connect())
 
 
+def test_a_client_adds_no_server_and_gets_no_more_than_the_looks_give(
+    start_service: StartService, tmp_path: Path
+) -> None:
+    _, url = start(start_service, tmp_path, 2000, "interval_ms = 50")
+
+    async def ask() -> None:
+        async with connected(url) as client:
+            known = [one.ApplicationUri for one in await client.find_servers()]
+            other = ua.RegisteredServer("urn:other", ServerNames=[ua.LocalizedText("Other")])
+            with pytest.raises(ua.UaStatusCodeError, match="BadServiceUnsupported"):
+                await client.uaclient.register_server(other)
+            assert [one.ApplicationUri for one in await client.find_servers()] == known == ["urn:beamtouch:service"]
+            index = await client.get_namespace_index("urn:beamtouch")
+            age = ua.ReadValueId(ua.NodeId("press-7/age_ms", index), ua.AttributeIds.Value)
+            for interval_ms, revised_ms in ((0, 50), (0.001, 50), (math.nan, 50), (-1, 50), (200, 200)):
+                asked = ua.CreateSubscriptionParameters(interval_ms, 1000, 10, PublishingEnabled=True)
+                given = await client.uaclient.session.create_subscription(asked, lambda _message: None)
+                assert given.RevisedPublishingInterval == revised_ms
+                # Without a size, the library would keep 10 000 values for a client that hangs.
+                item = ua.MonitoredItemCreateRequest(age, ua.MonitoringMode.Reporting, ua.MonitoringParameters(1))
+                items = ua.CreateMonitoredItemsParameters(given.SubscriptionId, ItemsToCreate=[item])
+                (created,) = await client.uaclient.session.create_monitored_items(items)
+                assert created.RevisedQueueSize == 100
+
+    asyncio.run(ask())
+
+
 def make_certificate(folder: Path, name: str) -> tuple[Path, Path]:
     """Write an application's certificate that signs itself, and its key; returns both."""
     folder.mkdir(exist_ok=True)
@@ -274,17 +303,27 @@ def test_with_a_certificate_only_trusted_clients_connect_and_only_encrypted(
     keys = f'certificate_file = "{certificate}"\nkey_file = "server.key"\ntrusted_folder = "trusted"'
     _, url = start(start_service, tmp_path, 2000, keys)
 
-    async def connect(certificate: Path, key: Path) -> set[str]:
+    async def connect(certificate: Path, key: Path, named: bytes | None) -> set[str]:
         await asyncio.to_thread(wait_until, lambda: is_open(url))
         client = Client(url, timeout=TIMEOUT_S)
         client.application_uri = f"urn:{certificate.stem}"
         await client.set_security(SecurityPolicyBasic256Sha256, certificate, key)
+        create = client.uaclient.create_session
+
+        async def create_session(parameters: ua.CreateSessionParameters) -> ua.CreateSessionResult:
+            parameters.ClientCertificate = named
+            return await create(parameters)
+
+        client.uaclient.create_session = create_session
         async with client:
             return {one.StatusCode.name for one in (await read(client)).values()}
 
-    assert asyncio.run(connect(*trusted)) == {"BadWaitingForInitialData"}
-    with pytest.raises((ua.UaError, ConnectionError, TimeoutError)):
-        asyncio.run(connect(*stranger))
+    own, other = (ssl.PEM_cert_to_DER_cert(one.read_text()) for one, _ in (trusted, stranger))
+    assert asyncio.run(connect(*trusted, own)) == {"BadWaitingForInitialData"}
+    # A certificate is public: to name that of somebody else, or none, opens nothing.
+    for named in (other, own, None):
+        with pytest.raises(ua.UaStatusCodeError, match="BadCertificateUntrusted"):
+            asyncio.run(connect(*stranger, named))
 
     async def connect_openly() -> None:
         async with connected(url):
