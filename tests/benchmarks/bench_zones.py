@@ -1,4 +1,4 @@
-"""Zones: how often an answer near an edge is wrong or `unsure`, beside the forecast of `explain --zones`.
+"""Zones: how many answers near an edge are wrong, and how many `unsure`, beside the forecast of `explain --zones`.
 
 Contacts at and near the edges of a zone go through the filters of the daemon, and the decision and the zones of the
 service. They rest, ring after a sudden force, or move.
@@ -11,6 +11,7 @@ import tempfile
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -26,6 +27,7 @@ from beamtouch_models.challenge.contacts import STEPS, rested, rings
 from beamtouch_models.challenge.play import Drawn
 from beamtouch_models.challenge.surface import SimulatedSurface
 from beamtouch_models.loading import ModelFile, load_bytes
+from beamtouch_models.modelfile import State
 from beamtouch_models.pricing.noise import chain_of
 from beamtouch_models.progress import silent
 from beamtouch_models.scene import load_scene
@@ -41,6 +43,8 @@ CONTACTS = 2000
 NEAR = 2.5
 """Contacts are this many times the mean forecast on either side of an edge: beyond it, none is unsure at rest."""
 JUDGED_S = 0.5
+Said = tuple[ZoneState | None, bool]
+"""An answer, and whether the beam is clear."""
 SPEEDS_MM_PER_S = (3, 10, 30, 100, 300, 1000)
 AT_ONCE = 100
 """Contacts that are simulated together."""
@@ -76,7 +80,7 @@ def of_scene(name: str, edges_mm: tuple[float, float], contacts: int) -> Iterato
     kinds: dict[str, list[Callable[[Drawn], Course]]] = {
         "at rest": [resting],
         "ringing": [ringing],
-        "moving": [lambda at, speed=speed: moving(at, float(speed)) for speed in SPEEDS_MM_PER_S],
+        "moving": [partial(moving, speed_mm_per_s=float(speed)) for speed in SPEEDS_MM_PER_S],
     }
     for number, (kind, makes) in enumerate(kinds.items()):
         counted, rng = Counter[str](), np.random.default_rng([7, number])
@@ -143,8 +147,8 @@ def moving(at: Drawn, speed_mm_per_s: float) -> Course:
 
 def said(
     model: ModelFile, surface: SimulatedSurface, zone: Zone, course: Course, rng: np.random.Generator
-) -> Iterator[list[ZoneState | None]]:
-    """Yield the answers for each contact, one a reading; None before those that are judged."""
+) -> Iterator[list[Said]]:
+    """Yield the answers for each contact, one a reading; none before those that are judged."""
     metadata, first = model.metadata, max(0, course.begin - surface.decided)
     noise_mm, per_count_mm = metadata.noise.reading_mm, metadata.sensor.gain_mm_per_count
     readings = surface.world.readings(course.deflection_mm, course.errors, rng)
@@ -169,22 +173,25 @@ def said(
         )
         zones = ZoneFollower({"gate": zone})
         zones.begin(metadata.length_mm, hold_us(model, HOLD_MS))
-        answers: list[ZoneState | None] = [None] * first
+        answers: list[Said] = [(None, False)] * first
         for decision in Follower(model, "surface", HOLD_MS, lambda _took_s: None).follow(batch, batch.samples):
             notes = decision.notes(model) if decision.state else []
             zones.step(decision.seen(batch.boot_id, decision.estimate.sample.acquired_unix_us, notes))
-            answers.append(zones.answers["gate"])
+            answers.append((zones.answers["gate"], decision.state is State.CLEAR))
         yield answers
 
 
-def count(zone: Zone, answers: list[ZoneState | None], truth_mm: Floats, judged: Floats) -> Mapping[str, int]:
+def count(zone: Zone, answers: list[Said], truth_mm: Floats, judged: Floats) -> Mapping[str, int]:
     """Return how many samples of a contact were judged, of each answer and wrong, and whether it had a wrong one."""
     found = Counter[str]()
-    for answer, place_mm, counts in zip(answers, truth_mm.tolist(), judged.tolist(), strict=True):
+    for (answer, is_clear), place_mm, counts in zip(answers, truth_mm.tolist(), judged.tolist(), strict=True):
         if not counts:
             continue
         right = ZoneState.INSIDE if zone.from_mm <= place_mm <= zone.to_mm else ZoneState.OUTSIDE
         found["samples"] += 1
+        if is_clear:
+            found["unnoticed"] += 1
+            continue
         found[str(answer)] += 1
         found["wrong"] += answer in {ZoneState.INSIDE, ZoneState.OUTSIDE} and answer is not right
     found["contacts"] += found["samples"] > 0
@@ -193,17 +200,21 @@ def count(zone: Zone, answers: list[ZoneState | None], truth_mm: Floats, judged:
 
 
 def row(name: str, counted: Mapping[str, int], near_mm: float, forecast_mm: float | None) -> dict[str, object]:
-    """Return a row of the table: shares of the samples [%]."""
-    unsure = counted["unsure"] / counted["samples"]
+    """Return a row of the table: of the answers `inside` and `outside` those that are wrong [%], and shares of all.
+
+    A touch that is not noticed yet leaves the beam clear, and so every zone `outside`: it counts on its own.
+    """
+    samples = counted["samples"]
+    unsure = counted["unsure"] / samples
     found: dict[str, object] = {
         "name": name,
-        "value": 100 * counted["wrong"] / counted["samples"],
+        "value": 100 * counted["wrong"] / (counted["inside"] + counted["outside"]),
         "unit": "% wrong",
         "goal": GOAL,
         "contacts": counted["contacts"],
-        "wrong_contacts_percent": 100 * counted["wrong contacts"] / counted["contacts"],
+        "with_a_wrong_answer": counted["wrong contacts"],
         "unsure_percent": 100 * unsure,
-        "none_percent": 100 * counted["None"] / counted["samples"],
+        "unnoticed_percent": 100 * counted["unnoticed"] / samples,
         "near_mm": near_mm,
     }
     return found if forecast_mm is None else found | {"unsure_mm": unsure * 2 * near_mm, "forecast_mm": forecast_mm}

@@ -8,7 +8,6 @@ import math
 import shutil
 import ssl
 import subprocess
-from contextlib import asynccontextmanager
 from datetime import UTC, datetime, timedelta
 from typing import TYPE_CHECKING, Any
 
@@ -20,17 +19,16 @@ from free_ports import free_port
 from opcua_hello import is_open
 from parts import require
 from service.conftest import batch_of
+from service.process.opcua_client import TIMEOUT_S, connected, read
 from service.small_model import write_model
 from waiting import wait_until
 
 if TYPE_CHECKING:
-    from collections.abc import AsyncIterator
     from pathlib import Path
 
     from .conftest import Service, StartService
 
 pytestmark = pytest.mark.usefixtures("token_file")
-TIMEOUT_S = 30
 CHANGE = ua.DataChangeTrigger.StatusValue
 FIGURES = ("position_mm", "position_low_mm", "position_high_mm", "force_n", "force_low_n", "force_high_n")
 
@@ -44,27 +42,6 @@ def start(start_service: StartService, folder: Path, stale_ms: float, options: s
         "[surfaces.press-7.zones.left]\nfrom_mm = 0\nto_mm = 300\n"
     )
     return start_service("--config", "service.toml"), f"opc.tcp://127.0.0.1:{port}/"
-
-
-@asynccontextmanager
-async def connected(url: str, user: str | None = None, password: str = "") -> AsyncIterator[Client]:
-    """Give a client, as soon as the server is there."""
-    client = Client(url, timeout=TIMEOUT_S)
-    if user is not None:
-        client.set_user(user)
-        client.set_password(password)
-    await asyncio.to_thread(wait_until, lambda: is_open(url))
-    async with client:
-        yield client
-
-
-async def read(client: Client) -> dict[str, ua.DataValue]:
-    """Return all variables of press-7, read at once."""
-    index = await client.get_namespace_index("urn:beamtouch")
-    surface = client.get_node(ua.NodeId("press-7", index))
-    nodes = await surface.get_variables()
-    names = [(await node.read_browse_name()).Name for node in nodes]
-    return dict(zip(names, await client.read_attributes(nodes), strict=True))
 
 
 class Changes:
