@@ -207,7 +207,9 @@ def test_several_people_cannot_undo_each_others_steps(course: Course) -> None:
         "": "other-commissioning",
         f"/skip?course={course_id}&step=1": "other-commissioning",
         "/skip?course=another&step=0": "other-commissioning",
-        f"/confirm?course={course_id}": "other-commissioning",
+        f"/confirm?course={course_id}&by=Ann": "other-commissioning",
+        f"/confirm?course={course_id}": "invalid-request",
+        f"/confirm?course={course_id}&by=%20%00": "invalid-request",
         "/abandon?course=another": "other-commissioning",
         "/skip?step=0": "invalid-request",
         f"/confirm?course={course_id}&by={'x' * 81}": "invalid-request",
@@ -255,13 +257,13 @@ def test_while_the_record_is_away_the_result_waits(tmp_path: Path) -> None:
     whole = path.read_bytes()
     for one in tmp_path.glob("events.db*"):
         one.write_bytes(b"no database" * 4096)
-    refusal = course.act(f"/confirm?course={course_id}")
+    refusal = course.act(f"/confirm?course={course_id}&by=Ann")
     assert (refusal.status_code, kind(refusal)) == (503, "events-away")
     assert course.now["id"] == course_id
     for one in tmp_path.glob("events.db*"):
         one.unlink()
     path.write_bytes(whole)
-    assert course.act(f"/confirm?course={course_id}").status_code == 200
+    assert course.act(f"/confirm?course={course_id}&by=Ann").status_code == 200
     recorder.close()
 
 
@@ -276,7 +278,7 @@ def test_while_a_result_is_being_written_nothing_else_happens_to_its_course(
     answers = dict[str, str]()
 
     def act_meanwhile() -> None:
-        for action in ("", f"/confirm?course={course_id}", f"/abandon?course={course_id}"):
+        for action in ("", f"/confirm?course={course_id}&by=Ann", f"/abandon?course={course_id}"):
             answers[action.partition("?")[0]] = kind(course.act(action))
         answers["id"] = course.now["id"]
         (surface,) = bench.app.context.registry
@@ -291,13 +293,13 @@ def test_while_a_result_is_being_written_nothing_else_happens_to_its_course(
 
     with monkeypatch.context() as patch:
         patch.setattr(recorder, "ask", write_slowly)
-        answer = course.act(f"/confirm?course={course_id}")
+        answer = course.act(f"/confirm?course={course_id}&by=Ann")
     other = "other-commissioning"
     assert answers == {"": other, "/confirm": other, "/abandon": other, "id": course_id}
     assert answer.status_code == (503 if is_away else 200)
     assert (course.state["course"] is not None) is is_away
     if is_away:
-        assert course.act(f"/confirm?course={course_id}").status_code == 200
+        assert course.act(f"/confirm?course={course_id}&by=Ann").status_code == 200
 
 
 def test_a_mark_gets_what_the_surface_said_during_its_press_also_when_the_samples_come_late(bench: Bench) -> None:
