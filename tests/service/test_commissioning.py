@@ -7,11 +7,13 @@ from typing import Any
 import httpx2
 import numpy as np
 import pytest
+from anyio.to_thread import run_sync as run_in_thread
 
 from beamtouch_models.modelfile import InfluenceCurve, State
 from beamtouch_service.commissioning.report import PlaceResult, Report, SensorResult
 from beamtouch_service.commissioning.verdict import advise_places, judge_place
 from beamtouch_service.events.commissionings import MAX_KEPT
+from beamtouch_service.events.database import EventsAwayError
 from beamtouch_service.events.recorder import Recorder
 from beamtouch_service.events.store import Store
 from beamtouch_service.sections import EventsSection
@@ -198,7 +200,9 @@ def test_several_people_cannot_undo_each_others_steps(course: Course) -> None:
         "": "other-commissioning",
         f"/skip?course={course_id}&step=1": "other-commissioning",
         "/skip?course=another&step=0": "other-commissioning",
-        f"/confirm?course={course_id}": "other-commissioning",
+        f"/confirm?course={course_id}&by=Ann": "other-commissioning",
+        f"/confirm?course={course_id}": "invalid-request",
+        f"/confirm?course={course_id}&by=%20%00": "invalid-request",
         "/abandon?course=another": "other-commissioning",
         "/skip?step=0": "invalid-request",
         f"/confirm?course={course_id}&by={'x' * 81}": "invalid-request",
@@ -246,14 +250,49 @@ def test_while_the_record_is_away_the_result_waits(tmp_path: Path) -> None:
     whole = path.read_bytes()
     for one in tmp_path.glob("events.db*"):
         one.write_bytes(b"no database" * 4096)
-    refusal = course.act(f"/confirm?course={course_id}")
+    refusal = course.act(f"/confirm?course={course_id}&by=Ann")
     assert (refusal.status_code, kind(refusal)) == (503, "events-away")
     assert course.now["id"] == course_id
     for one in tmp_path.glob("events.db*"):
         one.unlink()
     path.write_bytes(whole)
-    assert course.act(f"/confirm?course={course_id}").status_code == 200
+    assert course.act(f"/confirm?course={course_id}&by=Ann").status_code == 200
     recorder.close()
+
+
+@pytest.mark.parametrize("is_away", [False, True])
+def test_while_a_result_is_being_written_nothing_else_happens_to_its_course(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch, is_away: bool
+) -> None:
+    course = Course(bench)
+    course_id = course.follow()
+    recorder = bench.app.context.recorder
+    write = recorder.ask
+    answers = dict[str, str]()
+
+    def act_meanwhile() -> None:
+        for action in ("", f"/confirm?course={course_id}&by=Ann", f"/abandon?course={course_id}"):
+            answers[action.partition("?")[0]] = kind(course.act(action))
+        answers["id"] = course.now["id"]
+        (surface,) = bench.app.context.registry
+        surface.adopt(model_of("press-7", min_channels=3))
+        course.send(AT_REST)
+
+    async def write_slowly(query: Callable[[Store], int]) -> int:
+        await run_in_thread(act_meanwhile)
+        if is_away:
+            raise EventsAwayError("away")
+        return await write(query)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(recorder, "ask", write_slowly)
+        answer = course.act(f"/confirm?course={course_id}&by=Ann")
+    other = "other-commissioning"
+    assert answers == {"": other, "/confirm": other, "/abandon": other, "id": course_id}
+    assert answer.status_code == (503 if is_away else 200)
+    assert (course.state["course"] is not None) is is_away
+    if is_away:
+        assert course.act(f"/confirm?course={course_id}&by=Ann").status_code == 200
 
 
 def test_a_mark_gets_what_the_surface_said_during_its_press_also_when_the_samples_come_late(bench: Bench) -> None:

@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 
 from fastapi import Path as PathParameter
 from fastapi import Query, Response
-from pydantic import BaseModel, ConfigDict
+from pydantic import AfterValidator, BaseModel, ConfigDict
 
 from beamtouch_service.access import Role
 from beamtouch_service.api import gate
@@ -22,6 +22,15 @@ _MAX_BY = 80
 """Length of the longest name of a person."""
 _ABANDONED = "It was abandoned."
 
+
+def _one_line(text: str) -> str:
+    """Return text without what could forge or hide lines where it is printed."""
+    return " ".join("".join(one if one.isprintable() else " " for one in text).split())
+
+
+_Person = Annotated[
+    str, AfterValidator(_one_line), Query(min_length=1, max_length=_MAX_BY, description="Who confirms it.")
+]
 _CourseId = Annotated[str, Query(max_length=64, description="`id` of the course, as its state gives it.")]
 
 router = gate.make_router("commissioning", Role.READ)
@@ -133,14 +142,14 @@ async def post_commissioning_confirm(
     context: ContextParameter,
     name: SurfaceInPath,
     course: _CourseId,
-    by: Annotated[str, Query(max_length=_MAX_BY, description="Who confirms it.")] = "",
+    by: _Person,
 ) -> Recorded:
     """Put the result on record, once every step is done."""
     found = context.courses.require(context.registry.named(name).name, course)
     if not found.is_done:
         detail = f"{found.steps - found.step} steps are left. Do them, skip them, or abandon it."
         raise ProblemError(Problem(Kind.OTHER_COMMISSIONING, detail, name))
-    report = found.report.model_copy(update={"ended_at": rfc3339(_now_us()), "by": _one_line(by)})
+    report = found.report.model_copy(update={"ended_at": rfc3339(_now_us()), "by": by})
     with context.courses.confirm(found):
         number = await context.recorder.ask(lambda store: store.add_commissioning(found.id, report))
     return Recorded(id=number, **report.model_dump())
@@ -180,11 +189,6 @@ async def get_commissioning_result(
     if as_format == "text":
         return Response(as_text(one), media_type=_TEXT)
     return Response(one.model_dump_json(indent=2), media_type="application/json")
-
-
-def _one_line(text: str) -> str:
-    """Return text without what could forge or hide lines where it is printed."""
-    return " ".join("".join(one if one.isprintable() else " " for one in text).split())
 
 
 async def _recorded(context: Context, name: str) -> list[Recorded]:

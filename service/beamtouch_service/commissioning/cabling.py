@@ -34,6 +34,9 @@ SEEN = 3.0
 """Nothing is said of a channel whose sensor should move by less than this many deviations, in all presses together."""
 KEPT = 16
 """Number of the best cablings to which one more fault is added. The search is a beam of this width."""
+_ROUNDING = 1e-6
+"""A cabling that explains as much with one fault more costs the price of that fault: rounding makes it no rival."""
+_TINY = float(np.finfo(np.float64).tiny)
 
 
 class Press(NamedTuple):
@@ -90,7 +93,7 @@ def explain(presses: Sequence[Press], influence: Influence) -> Explanation:
     fits = [_Fit(one._replace(moved_mm=moved), influence) for one, moved in zip(presses, moved_mm, strict=True)]
     prices = _search(fits, len(presses[0].moved_mm))
     best = min(prices, key=lambda cabling: prices[cabling])
-    rivals = [one for one, price in prices.items() if one != best and price < prices[best] + FAULT]
+    rivals = [one for one, price in prices.items() if one != best and price < prices[best] + FAULT - _ROUNDING]
     each = [fit.best(best) for fit in fits]
     expected_mm = np.array([one.moved_mm[list(best.sensors)] for one in each])
     shares = _shares(moved_mm, expected_mm, noise_mm)
@@ -110,67 +113,91 @@ class _Best(NamedTuple):
     force_n: float
     moved_mm: Floats
     """How far each sensor should move (sensors,)."""
+    square: float
+    """Sum of the squares of what is left."""
 
 
 class _Fit:
-    """One press, and what the model expects of it at each place that is tried."""
+    """One press, and what the model expects of it at each place that is tried.
+
+    With m for how the channels moved and g for what they should per newton, both over their deviations, the force that
+    fits best is m.g / g.g, and leaves m.m - (m.g)^2 / g.g. Each channel adds to the two sums on its own.
+    """
 
     def __init__(self, press: Press, influence: Influence) -> None:
         tolerance_mm = TOLERANCE * np.nanmax(np.abs(press.moved_mm))
         self.deviation_mm = np.sqrt(press.noise_mm**2 + tolerance_mm**2)
         """Standard deviation of the movement of each channel (channels,)."""
-        self._is_known = np.isfinite(press.moved_mm)
-        self._moved = np.nan_to_num(press.moved_mm / self.deviation_mm)
         self._per_newton = influence(press.at_mm + PLACE_SD_MM * REACH)
-
-    def fit(self, sensors: NDArray[np.intp], signs: Floats) -> tuple[Floats, Floats, NDArray[np.intp]]:
-        """Return the least sum of squares of cablings (cablings, channels), (cablings,), with force [N] and place.
-
-        A place is an index into `REACH`.
-        """
-        # (places, cablings, channels)
-        expected = self._per_newton[:, sensors] * signs * self._is_known / self.deviation_mm
-        along = np.maximum(expected @ self._moved, 0.0)
-        own = np.maximum((expected**2).sum(axis=-1), np.finfo(np.float64).tiny)
-        squares = self._moved @ self._moved - along**2 / own + REACH[:, None] ** 2
-        place = squares.argmin(axis=0)
-        each = np.arange(len(sensors))
-        return squares[place, each], (along / own)[place, each], place
+        weight = np.isfinite(press.moved_mm) / self.deviation_mm
+        moved = np.nan_to_num(press.moved_mm) * weight
+        self._square = moved @ moved + REACH**2
+        """What is left of the press without any force, and how unlikely its place is (places,)."""
+        expected = self._per_newton[:, None] * weight[:, None]
+        self._along, self._own = expected * moved[:, None], expected**2
+        """What each channel adds to m.g and g.g with each sensor (places, channels, sensors)."""
 
     def best(self, cabling: Cabling) -> _Best:
         """Return how one cabling fits the press."""
-        _, forces_n, places = self.fit(np.array([cabling.sensors]), np.array([cabling.signs], np.float64))
-        return _Best(float(forces_n[0]), forces_n[0] * self._per_newton[places[0]])
+        each, sensors, signs = np.arange(len(cabling.signs)), list(cabling.sensors), np.array(cabling.signs)
+        along = self._along[:, each, sensors] @ signs
+        own = self._own[:, each, sensors] @ signs**2
+        squares = self._left(along, own)
+        place = squares.argmin()
+        force_n = max(0.0, float(along[place])) / max(float(own[place]), _TINY)
+        return _Best(force_n, force_n * self._per_newton[place], float(squares[place]))
+
+    def squares_with_one_more(self, cabling: Cabling) -> Floats:
+        """Return the least sums of squares of the cablings with one more fault, in the order of `_with_one_more`."""
+        signs = np.array(cabling.signs)
+        along = _sums_with_one_more(self._along, cabling, signs, (2, 1))
+        own = _sums_with_one_more(self._own, cabling, signs**2, (0, 1))
+        squares: Floats = self._left(along, own).min(axis=0)
+        return squares
+
+    def _left(self, along: Floats, own: Floats) -> Floats:
+        """Return what is left with the best force of each place, from m.g and g.g (places, ...); a force presses."""
+        left: Floats = (self._square - (np.maximum(along, 0.0) ** 2 / np.maximum(own, _TINY)).T).T
+        return left
+
+
+def _sums_with_one_more(table: Floats, cabling: Cabling, signs: NDArray[np.int_], away: tuple[int, int]) -> Floats:
+    """Return sums over the channels of cablings with one more fault (places, cablings), as `_with_one_more` has them.
+
+    Two swapped cables change two terms of a sum. An inverted sensor, and a dead channel, take their own term from it
+    `away` times.
+    """
+    at = table[:, :, list(cabling.sensors)] * signs[:, None]
+    own = np.diagonal(at, axis1=1, axis2=2)
+    total = own.sum(axis=1)[:, None]
+    one, other = np.triu_indices(len(signs), 1)
+    swapped = total - own[:, one] - own[:, other] + at[:, one, other] + at[:, other, one]
+    single = total[:, :, None] - own[:, signs != 0, None] * np.array(away)
+    return np.concatenate([swapped, single.reshape(len(table), -1)], axis=1)
 
 
 def _search(fits: Sequence[_Fit], channels: int) -> dict[Cabling, float]:
     """Return the price of each cabling that was tried: its sum of squares, and that of its faults."""
     faults = {cabling: count for count, cablings in enumerate(_simple(channels)) for cabling in cablings}
-    prices = _price(faults, fits)
+    prices = {
+        cabling: sum(fit.best(cabling).square for fit in fits) + FAULT * count for cabling, count in faults.items()
+    }
     for _ in range(channels):
-        kept = sorted(prices, key=lambda cabling: prices[cabling])[:KEPT]
-        new = dict[Cabling, int]()
-        for cabling in kept:
-            for worse in _with_one_more(cabling):
-                if worse not in faults:
-                    new[worse] = min(new.get(worse, channels * 2), faults[cabling] + 1)
-        if not new:
+        squares = dict[Cabling, float]()
+        for cabling in sorted(prices, key=lambda cabling: prices[cabling])[:KEPT]:
+            more = sum((fit.squares_with_one_more(cabling) for fit in fits), start=np.zeros(1))
+            for worse, square in zip(_with_one_more(cabling), more.tolist(), strict=True):
+                if worse not in prices:
+                    squares[worse] = square
+                    faults[worse] = min(faults.get(worse, channels * 2), faults[cabling] + 1)
+        if not squares:
             break
         before = min(prices.values())
-        faults |= new
-        prices |= (more := _price(new, fits))
+        prices |= {cabling: square + FAULT * faults[cabling] for cabling, square in squares.items()}
         # A fault too many costs its price: what is twice that above the best cabling leads to no better one.
-        if min(more.values()) > before + 2 * FAULT:
+        if min(prices[cabling] for cabling in squares) > before + 2 * FAULT:
             break
     return prices
-
-
-def _price(faults: dict[Cabling, int], fits: Sequence[_Fit]) -> dict[Cabling, float]:
-    sensors = np.array([cabling.sensors for cabling in faults])
-    signs = np.array([cabling.signs for cabling in faults], np.float64)
-    squares = sum((fit.fit(sensors, signs)[0] for fit in fits), start=np.zeros(len(faults)))
-    totals = squares + FAULT * np.array(list(faults.values()))
-    return dict(zip(faults, totals.tolist(), strict=True))
 
 
 def _simple(channels: int) -> list[list[Cabling]]:

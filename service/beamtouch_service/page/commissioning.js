@@ -218,9 +218,8 @@ export class Commissioning {
 const passed = (report) => (report.passed ? "passed" : "not passed");
 
 function summary(report) {
-  const by = report.by ? `, by ${report.by}` : "";
   const at = new Date(report.ended_at).toLocaleString("en-GB");
-  return `${passed(report)}, ${at}${by}. ${report.verdict.join(" ")}`;
+  return `${passed(report)}, ${at}, by ${report.by}. ${report.verdict.join(" ")}`;
 }
 
 /** The steps as a list; its items stay, only what changed in them is written. */

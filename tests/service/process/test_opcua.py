@@ -2,9 +2,9 @@
 
 import asyncio
 import json
+import math
 import shutil
-from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+import ssl
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
@@ -18,13 +18,13 @@ from certificates import make_certificate
 from free_ports import free_port
 from opcua_hello import is_open
 from service.conftest import batch_of
+from service.process.opcua_client import TIMEOUT_S, connected, read
 from service.small_model import write_model
 from waiting import wait_until
 
 from .conftest import Service, StartService
 
 pytestmark = pytest.mark.usefixtures("token_file")
-TIMEOUT_S = 30
 CHANGE = ua.DataChangeTrigger.StatusValue
 FIGURES = ("position_mm", "position_low_mm", "position_high_mm", "force_n", "force_low_n", "force_high_n")
 
@@ -38,27 +38,6 @@ def start(start_service: StartService, folder: Path, stale_ms: float, options: s
         "[surfaces.press-7.zones.left]\nfrom_mm = 0\nto_mm = 300\n"
     )
     return start_service("--config", "service.toml"), f"opc.tcp://127.0.0.1:{port}/"
-
-
-@asynccontextmanager
-async def connected(url: str, user: str | None = None, password: str = "") -> AsyncIterator[Client]:
-    """Give a client, as soon as the server is there."""
-    client = Client(url, timeout=TIMEOUT_S)
-    if user is not None:
-        client.set_user(user)
-        client.set_password(password)
-    await asyncio.to_thread(wait_until, lambda: is_open(url))
-    async with client:
-        yield client
-
-
-async def read(client: Client) -> dict[str, ua.DataValue]:
-    """Return all variables of press-7, read at once."""
-    index = await client.get_namespace_index("urn:beamtouch")
-    surface = client.get_node(ua.NodeId("press-7", index))
-    nodes = await surface.get_variables()
-    names = [(await node.read_browse_name()).Name for node in nodes]
-    return dict(zip(names, await client.read_attributes(nodes), strict=True))
 
 
 class Changes:
@@ -227,6 +206,33 @@ def test_only_the_user_reads_and_names_with_dots_are_nodes_of_their_own(
     asyncio.run(connect())
 
 
+def test_a_client_adds_no_server_and_gets_no_more_than_the_looks_give(
+    start_service: StartService, tmp_path: Path
+) -> None:
+    _, url = start(start_service, tmp_path, 2000, "interval_ms = 50")
+
+    async def ask() -> None:
+        async with connected(url) as client:
+            known = [one.ApplicationUri for one in await client.find_servers()]
+            other = ua.RegisteredServer("urn:other", ServerNames=[ua.LocalizedText("Other")])
+            with pytest.raises(ua.UaStatusCodeError, match="BadServiceUnsupported"):
+                await client.uaclient.register_server(other)
+            assert [one.ApplicationUri for one in await client.find_servers()] == known == ["urn:beamtouch:service"]
+            index = await client.get_namespace_index("urn:beamtouch")
+            age = ua.ReadValueId(ua.NodeId("press-7/age_ms", index), ua.AttributeIds.Value)
+            for interval_ms, revised_ms in ((0, 50), (0.001, 50), (math.nan, 50), (-1, 50), (200, 200)):
+                asked = ua.CreateSubscriptionParameters(interval_ms, 1000, 10, PublishingEnabled=True)
+                given = await client.uaclient.session.create_subscription(asked, lambda _message: None)
+                assert given.RevisedPublishingInterval == revised_ms
+                # Without a size, the library would keep 10 000 values for a client that hangs.
+                item = ua.MonitoredItemCreateRequest(age, ua.MonitoringMode.Reporting, ua.MonitoringParameters(1))
+                items = ua.CreateMonitoredItemsParameters(given.SubscriptionId, ItemsToCreate=[item])
+                (created,) = await client.uaclient.session.create_monitored_items(items)
+                assert created.RevisedQueueSize == 100
+
+    asyncio.run(ask())
+
+
 def application_certificate(folder: Path, name: str) -> tuple[Path, Path]:
     """Write a certificate as OPC UA applications have them, and its key beside the folder; returns both."""
     folder.mkdir()
@@ -247,17 +253,27 @@ def test_with_a_certificate_only_trusted_clients_connect_and_only_encrypted(
     keys = f'certificate_file = "{certificate}"\nkey_file = "server.key"\ntrusted_folder = "trusted"'
     _, url = start(start_service, tmp_path, 2000, keys)
 
-    async def connect(certificate: Path, key: Path) -> set[str]:
+    async def connect(certificate: Path, key: Path, named: bytes | None) -> set[str]:
         await asyncio.to_thread(wait_until, lambda: is_open(url))
         client = Client(url, timeout=TIMEOUT_S)
         client.application_uri = f"urn:{certificate.stem}"
         await client.set_security(SecurityPolicyBasic256Sha256, certificate, key)
+        create = client.uaclient.create_session
+
+        async def create_session(parameters: ua.CreateSessionParameters) -> ua.CreateSessionResult:
+            parameters.ClientCertificate = named
+            return await create(parameters)
+
+        client.uaclient.create_session = create_session
         async with client:
             return {one.StatusCode.name for one in (await read(client)).values()}
 
-    assert asyncio.run(connect(*trusted)) == {"BadWaitingForInitialData"}
-    with pytest.raises((ua.UaError, ConnectionError, TimeoutError)):
-        asyncio.run(connect(*stranger))
+    own, other = (ssl.PEM_cert_to_DER_cert(one.read_text()) for one, _ in (trusted, stranger))
+    assert asyncio.run(connect(*trusted, own)) == {"BadWaitingForInitialData"}
+    # A certificate is public: to name that of somebody else, or none, opens nothing.
+    for named in (other, own, None):
+        with pytest.raises(ua.UaStatusCodeError, match="BadCertificateUntrusted"):
+            asyncio.run(connect(*stranger, named))
 
     async def connect_openly() -> None:
         async with connected(url):

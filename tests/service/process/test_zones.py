@@ -1,5 +1,6 @@
-"""Zones at every door of a real service: contact, stream, registers, MQTT, events and the page say the same."""
+"""Zones at every door of a real service: contact, stream, registers, MQTT, OPC UA, events and the page say the same."""
 
+import asyncio
 import json
 from typing import Any
 
@@ -8,12 +9,14 @@ import pytest
 
 from beamtouch_service.outputs.modbus.registers import ZONE_CODES
 from browser import OpenPage
+from free_ports import free_port
 from plain_http import TIMEOUT_S
 from service.conftest import Row, batch_of
 from service.event_story import RESTING
 from service.process.beam_page import StartBench
 from service.process.modbus_service import ADDRESS, ModbusService
 from service.process.mqtt_line import CONTACT, Line, wait_connected, wait_for
+from service.process.opcua_client import connected, read
 
 ZONES = """
 [surfaces.press-7.zones.gate]
@@ -54,9 +57,17 @@ ANSWERS: list[tuple[Row, str, str, int]] = [
 """Deflections, the answers for `gate` and `end`, and entries into `gate`."""
 
 
+async def over_opcua(url: str) -> dict[str, object]:
+    """Return the number of the newest sample, and the answers for it."""
+    async with connected(url) as client:
+        found = await read(client)
+    return {name: found[name].Value.Value for name in ("sequence", "zones/gate", "zones/end")}
+
+
 def test_every_door_says_the_same_of_the_same_sample(line: Line) -> None:
     subscriber = line.broker.subscribe("-t", CONTACT)
-    service = line.start(sections=ZONES + "[modbus_server]\nport = 0\n")
+    opcua = free_port()
+    service = line.start(sections=f"{ZONES}[modbus_server]\nport = 0\n[opcua]\nport = {opcua}\n")
     assert service.process.stderr is not None
     port = next(int(found[1]) for text in service.process.stderr if (found := ADDRESS.search(text)))
     registers = ModbusService(service, port).registers
@@ -76,6 +87,8 @@ def test_every_door_says_the_same_of_the_same_sample(line: Line) -> None:
         wait_for(told)
         codes = {str(state): code for state, code in ZONE_CODES.items()}
         assert registers(42, 7) == [codes[gate] | codes[end] << 2, entries, 0, 0, 0, 0, 0]
+        read_there = asyncio.run(over_opcua(f"opc.tcp://127.0.0.1:{opcua}/"))
+        assert read_there == {"sequence": sequence + 7, "zones/gate": gate, "zones/end": end}
     with httpx2.stream("GET", f"{service.url}/stream", trust_env=False, timeout=TIMEOUT_S) as answer:
         data = next(text for text in answer.iter_lines() if text.startswith("data: "))
     assert json.loads(data.removeprefix("data: "))["contact"]["zones"] == expected

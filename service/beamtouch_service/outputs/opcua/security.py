@@ -1,4 +1,4 @@
-"""Who may connect to the OPC UA server: its certificate, the clients' certificates, and the user.
+"""Who may connect to the OPC UA server, and what nobody may do: certificates, the user, and a server that is only read.
 
 Files are told apart by their content. The library goes by their names: it takes `own.key` for DER, and passes over
 `client.crt` in a folder of trusted certificates.
@@ -9,10 +9,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from asyncua import Server, ua
+from asyncua.common.utils import ServiceError
 from asyncua.crypto import uacrypto
 from asyncua.crypto.permission_rules import User, UserRole
 from asyncua.crypto.truststore import TrustStore
-from asyncua.crypto.validator import CertificateValidator, CertificateValidatorOptions
+from asyncua.server.internal_server import InternalServer
 from cryptography.hazmat.primitives.asymmetric.rsa import RSAPrivateKey
 from cryptography.x509 import Certificate, verification
 
@@ -44,33 +45,52 @@ class TrustedCertificates(TrustStore):  # type: ignore[misc]  # mypy skips the t
         return True
 
 
-class OneUser:
-    """Lets everybody read, or one user with a password."""
+class Clients:
+    """Lets those read that have a trusted certificate and the password of the one user, as far as these are asked for.
 
-    def __init__(self, name: str | None, password: str | None) -> None:
-        self._name, self._password = name or "", password
+    The certificate is that with which the client has encrypted the connection. By itself, the library looks at the one
+    that the client names when it begins a session, which may be none, or somebody else's.
+    """
+
+    def __init__(self, name: str | None, password: str | None, trusted: TrustedCertificates | None) -> None:
+        self._name, self._password, self._trusted = name or "", password, trusted
 
     def get_user(
-        self, iserver: object, username: str | None = None, password: str | None = None, certificate: object = None
+        self,
+        iserver: object,
+        username: str | None = None,
+        password: str | None = None,
+        certificate: bytes | None = None,
     ) -> User | None:
-        """Return the user; None refuses the session."""
-        del iserver, certificate
+        """Return the user; None refuses the session, and so does ServiceError for a certificate that is not trusted."""
+        del iserver
+        if self._trusted and not (certificate and self._trusted.is_trusted(uacrypto.x509_from_der(certificate))):
+            raise ServiceError(ua.StatusCodes.BadCertificateUntrusted)
         given, held = f"{username or ''}\n{password or ''}", f"{self._name}\n{self._password}"
         if self._password is not None and not hmac.compare_digest(given.encode(), held.encode()):
             return None
         return User(role=UserRole.User)
 
 
+class ReadOnlyServer(InternalServer):  # type: ignore[misc]  # mypy skips the types of the library
+    """A server to which clients add nothing. The library takes other servers into its list from anyone."""
+
+    def register_server(self, server: object, conf: object = None) -> None:
+        """Refuse to take a server into that list."""
+        del server, conf
+        raise ServiceError(ua.StatusCodes.BadServiceUnsupported)
+
+
 @dataclass(frozen=True)
 class Security:
     """What protects the server, as read from its files."""
 
-    user: OneUser
+    clients: Clients
     has_password: bool
+    has_trusted: bool
+    """Whether only clients with certain certificates may connect."""
     own: tuple[Certificate, RSAPrivateKey] | None
     """Certificate and key; without them, connections are not encrypted."""
-    trusted: TrustedCertificates | None
-    """None: clients with any certificate may connect."""
 
     def apply(self, server: Server) -> None:
         """Let a server that does not listen yet ask for the user and the certificates."""
@@ -78,9 +98,6 @@ class Security:
         server.set_security_policy(ENCRYPTED if self.own else [ua.SecurityPolicyType.NoSecurity])
         if self.own:
             server.iserver.certificate, server.iserver.private_key = self.own
-        if self.trusted:
-            options = CertificateValidatorOptions.TIME_RANGE | CertificateValidatorOptions.TRUSTED
-            server.set_certificate_validator(CertificateValidator(options, self.trusted))
 
 
 async def read_security(section: OpcUaSection) -> Security:
@@ -108,7 +125,8 @@ async def read_security(section: OpcUaSection) -> Security:
             )
             raise InputError(message)
         trusted = TrustedCertificates([await _read_certificate(path) for path in paths])
-    return Security(OneUser(section.username, password), password is not None, own, trusted)
+    clients = Clients(section.username, password, trusted)
+    return Security(clients, password is not None, trusted is not None, own)
 
 
 async def _read_certificate(path: Path) -> Certificate:

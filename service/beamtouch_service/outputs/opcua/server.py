@@ -23,7 +23,7 @@ from beamtouch_service.api.context import Context
 from beamtouch_service.events.recorder import in_thread
 from beamtouch_service.outputs.opcua.events import EventSender
 from beamtouch_service.outputs.opcua.section import OpcUaSection
-from beamtouch_service.outputs.opcua.security import Security, read_security
+from beamtouch_service.outputs.opcua.security import ReadOnlyServer, Security, read_security
 from beamtouch_service.outputs.opcua.subscriptions import ExactSubscriptions
 from beamtouch_service.outputs.opcua.values import Variable, values, variables_of
 from beamtouch_service.outputs.section import Output
@@ -45,7 +45,7 @@ def make(section: OpcUaSection, _surfaces: int, access: Access) -> Output:
     logging.getLogger("asyncua").setLevel(logging.CRITICAL)
     security = asyncio.run(read_security(section))
     address = Address(section.name, section.host, section.port, option="opcua.port")
-    is_protected = security.has_password or security.trusted or (access.read is None and address.is_loopback)
+    is_protected = security.has_password or security.has_trusted or (access.read is None and address.is_loopback)
     words = "neither a user nor trusted certificates protect the OPC UA server: everyone who reaches it can read"
     return Output(partial(_run, section, security, address), [] if is_protected else [words])
 
@@ -106,8 +106,8 @@ def _url(host: str, port: int) -> str:
 
 async def _prepare(section: OpcUaSection, security: Security, host: str) -> Server:
     """Return a server with its security, which does not listen yet."""
-    server = Server(user_manager=security.user)
-    subscriptions = ExactSubscriptions(server.iserver.aspace, server.iserver)
+    server = Server(ReadOnlyServer(security.clients))
+    subscriptions = ExactSubscriptions(server.iserver, section.interval_ms)
     server.iserver.subscription_service = server.iserver.isession.subscription_service = subscriptions
     await server.init()
     server.set_endpoint(_url(host, section.port))

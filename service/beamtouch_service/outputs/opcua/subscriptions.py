@@ -1,19 +1,48 @@
-"""Subscriptions without deadbands: a filter with one is refused.
+"""Subscriptions without deadbands, and not faster than their variables are looked at.
 
-The library compares numbers where a value is missing, and passes over the error: behind a deadband, a client would
-never hear that a contact ended or that its samples stopped, nor that a value became doubtful.
+A filter with a deadband is refused. The library compares numbers where a value is missing, and passes over the error:
+behind a deadband, a client would never hear that a contact ended or that its samples stopped, nor that a value became
+doubtful.
+
+The library takes any publishing interval. With one of a microsecond, it would do nothing else; with 0, by which a
+client asks for the shortest one, it never says that it is still there.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 from asyncua import ua
+from asyncua.server.internal_server import InternalServer
 from asyncua.server.subscription_service import SubscriptionService
 
+MOST_WAITING = 100
+"""Values of a variable, events, and messages without acknowledgement that are kept for a subscription. The library
+would keep 10 000 for a client that hangs: 44 MB of values, and as many notifications for each such client."""
 REFUSED = ua.StatusCode(ua.StatusCodes.BadMonitoredItemFilterUnsupported)
 
 
 class ExactSubscriptions(SubscriptionService):  # type: ignore[misc]  # mypy skips the types of the library
     """The subscriptions of a server, which report each change."""
+
+    def __init__(self, server: InternalServer, interval_ms: float) -> None:
+        """Variables are looked at every `interval_ms`."""
+        super().__init__(server.aspace, server)
+        server.max_monitored_item_queue_size = server.max_unacked_messages_per_subscription = MOST_WAITING
+        self._interval_ms = interval_ms
+
+    async def create_subscription(
+        self,
+        params: ua.CreateSubscriptionParameters,
+        callback: Callable[..., Any],
+        session_id: ua.NodeId,
+        request_callback: Callable[..., Any] | None = None,
+    ) -> ua.CreateSubscriptionResult:
+        """Create a subscription; returns its publishing interval, which is at least that of the looks."""
+        # In this order, the interval of the looks counts where that of the client is no number.
+        interval_ms = max(self._interval_ms, params.RequestedPublishingInterval)
+        revised = replace(params, RequestedPublishingInterval=interval_ms)
+        return await super().create_subscription(revised, callback, session_id, request_callback)
 
     async def create_monitored_items(
         self, params: ua.CreateMonitoredItemsParameters
