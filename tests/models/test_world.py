@@ -57,14 +57,17 @@ def test_readings_have_the_errors_that_are_asked_for(surface: SimulatedSurface) 
     drawn = Drawn.of(surface, draws, random)
     clean = np.repeat(drawn.deflection_mm[:, None], 60, axis=1)
     exact, stated_mm = drawn.perfect, surface.metadata.noise.reading_mm
-    noise = world.readings(clean, exact, random) - clean
+    readings, sensor = world.readings(clean, exact, random), world.sensor
+    counts = (sensor.standoff_mm - readings - sensor.offset_mm) / sensor.gain_mm_per_count
+    np.testing.assert_allclose(counts, np.rint(counts), atol=1e-6)
+    noise = readings - clean
     assert noise.std() == pytest.approx(stated_mm, rel=0.015)
     assert abs(np.mean(noise[:, 1:] * noise[:, :-1])) < 0.02 * stated_mm**2
     gone = np.zeros((draws, 4), np.bool_)
     gone[:, 2] = True
     assert (np.isnan(world.readings(clean, replace(exact, missing=gone), random)).all(axis=1) == gone).all()
     beyond = np.isnan(world.readings(3 * clean, exact, random))
-    assert (beyond == (world.sensor.standoff_mm - 3 * clean < 1.0)).mean() > 0.99
+    assert (beyond == (sensor.standoff_mm - 3 * clean < 1.0)).mean() > 0.99
     apart = (world.measured(clean, surface.honest(draws, random)) - clean)[:, 0].std(axis=0)
     expected = np.sqrt(((0.003 * clean[:, 0]) ** 2 + 0.001**2).mean(axis=0))
     np.testing.assert_allclose(apart, expected, rtol=0.2)
