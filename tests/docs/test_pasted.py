@@ -42,7 +42,7 @@ CONSOLE = {
     "README.md": 1,  # installation
     "docs/how-to/adc-module.md": 3,  # a device
     "docs/how-to/calibrate.md": 1,  # a person puts weights on the beam
-    "docs/how-to/debian.md": 7,  # packages, systemd and root
+    "docs/how-to/debian.md": 9,  # packages, systemd and root
     "docs/how-to/design.md": 1,  # minutes on all cores
     "docs/how-to/mqtt.md": 2,  # a broker
     "docs/how-to/opcua.md": 1,  # the name of a host

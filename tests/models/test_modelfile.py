@@ -126,7 +126,6 @@ def test_wrong_golden_answers_are_refused(tmp_path: Path, bench_model: Path, ben
         ("touch", [-5, -5, -5, -5], r"thresholds\.touch\.0: .* at least 0"),
         ("misfit", [None, None, 25, 25], r"thresholds\.misfit\.0: must be a number"),
         ("touch", [17, 17, 17], "thresholds and floor: each list must have 4 entries"),
-        ("false_contacts_per_day", 1e9, r"thresholds\.false_contacts_per_day: at 200 Hz at most "),
         (
             "beamtouch.influence",
             json.dumps({"mm_per_n": [[1, 1, 1]] * 4}),

@@ -22,7 +22,7 @@ from plain_http import TIMEOUT_S
 
 pytestmark = [pytest.mark.long, pytest.mark.timeout(600)]
 
-SCENE = SCENES / "bench.toml"
+SCENE, RATE_HZ = SCENES / "bench.toml", 200
 RESTS = 14
 REST_S, LIFTED_S = 0.9, 0.3
 SCRIPT_S = RESTS * (REST_S + LIFTED_S) + 1.5
@@ -36,9 +36,9 @@ SETTLED_S = 0.1
 LIFT_SEEN_S = 0.2
 """How long a beam must have been at rest: a contact is held until a sample at rest is seen to be one, as are 77 % of
 those of this model, one in 20 ms counting; so after ten one lift in three million is not seen."""
-SAMPLES_SEEN = 12
-"""Samples since the load changed, which a starved machine may take longer for. Weak touches and lifts take three; where
-too few readings showed that the beam lay still before, the mean of eight does."""
+READINGS_SEEN = 0.8
+"""Part of the readings of these times that must have come since the load changed. A starved machine loses most of them
+for a while; then as many looks at the beam take longer."""
 MOST_DOUBTED = 0.05
 """Part of the answers that may take a touch for clear or the other way round, with `unsteady`: a starved machine loses
 readings for some time before the note `rate` says so."""
@@ -133,15 +133,15 @@ def compare(line: Line) -> tuple[list[Compared], list[Any]]:
             load = truth.at(moment)
             if load != since[0]:
                 since = load, contact["sequence"]
-            if moment - last < APART_S or not truth.steady(moment, SETTLED_S):
+            if load is None or moment - last < APART_S:
                 continue
-            if contact["sequence"] < since[1] + SAMPLES_SEEN:
+            position, force = load
+            seen_s = LIFT_SEEN_S if position is None else SETTLED_S
+            # A sample at rest stands for all readings in its mean.
+            readings = max(contact["sequence"] - since[1], contact["readings"] or 0)
+            if readings < READINGS_SEEN * seen_s * RATE_HZ or not truth.steady(moment, seen_s):
                 continue
             last = moment
-            assert load is not None
-            position, force = load
-            if position is None and not truth.steady(moment, LIFT_SEEN_S):
-                continue
             if (position is not None) != (contact["state"] == "contact"):
                 # A mean that began anew where other programs cost readings is short, and says both.
                 mistaken += [] if {"rate", "unsteady"} <= set(contact["notes"]) else [(load, contact)]

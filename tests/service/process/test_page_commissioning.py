@@ -102,8 +102,8 @@ def refusal(service: Service, token: str) -> dict[str, str]:
     return body
 
 
-def test_the_page_says_why_nothing_begins_and_what_others_did(start_page: StartService, open_page: OpenPage) -> None:
-    service = start_page(read=None)
+def test_the_page_says_why_nothing_begins_and_what_others_did(start_press: StartService, open_page: OpenPage) -> None:
+    service = start_press()
     seen = open_page(service.url)
     seen.wait_for_state("problem")
     seen.page.click("#commissioning-open")
