@@ -7,7 +7,6 @@ from importlib import import_module
 from beamtouch_common.commands import DONE, Parser, exit_code
 from beamtouch_models.commands import arguments
 from beamtouch_models.errors import WRONG_INPUT_ERRORS
-from beamtouch_models.printing import show
 
 PROGRAM = "design-sensors"
 COMMANDS = {
@@ -33,8 +32,9 @@ def main(given: Sequence[str] | None = None) -> int:
         words = sys.argv[1:] if given is None else given
         options = _parser(words).parse_args(words)
         # Imported here, so that --help is quick and a missing extra is reported in one line.
+        printing = import_module("beamtouch_models.printing")
         command = import_module(f"beamtouch_models.commands.{options.command}")
-        show(command.run(options), as_json=getattr(options, "json", False))
+        printing.show(command.run(options), as_json=getattr(options, "json", False))
         return DONE
 
     return exit_code(PROGRAM, "design", work, WRONG_INPUT_ERRORS)

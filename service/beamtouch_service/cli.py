@@ -6,19 +6,18 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from beamtouch_common.commands import DONE, INTERRUPTED, Parser, exit_code
-from beamtouch_common.files import load_toml
-from beamtouch_service.config import ConfigFile, load_settings
-from beamtouch_service.outputs import OUTPUTS
-from beamtouch_service.outputs.modbus.section import ModbusServerSection
 
 PROGRAM = "beamtouch-service"
 
 
-def _parser() -> Parser:
+def _parser(given: Sequence[str]) -> Parser:
+    """Return the parser of a command line."""
     words = "Accept samples over HTTP and state where and how hard something touches the surface."
     parser = Parser(PROGRAM, description=words)
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    _add_run(commands.add_parser("run", help="serve until SIGTERM or Ctrl-C"))
+    run = commands.add_parser("run", help="serve until SIGTERM or Ctrl-C")
+    if "run" in given:
+        _add_run(run)
     words = "Describe a model file or a configuration, or say why the service would refuse it."
     check = commands.add_parser("check", help="describe a model file or a configuration", description=words)
     subject = check.add_mutually_exclusive_group(required=True)
@@ -37,6 +36,8 @@ def _add_registers(registers: argparse.ArgumentParser) -> None:
 
 
 def _add_run(run: argparse.ArgumentParser) -> None:
+    from beamtouch_service.outputs import OUTPUTS
+
     run.description = "Serve until SIGTERM or Ctrl-C. Options override the configuration file."
     run.add_argument(
         "--model", metavar="MODEL", help="model file; without --config, the surface is named after the model"
@@ -58,8 +59,10 @@ def _add_run(run: argparse.ArgumentParser) -> None:
 
 
 def _check(arguments: argparse.Namespace) -> int:
+    from beamtouch_service.config import load_settings
+
     settings = load_settings(Path(arguments.config), {}) if arguments.config else None
-    from beamtouch_service.host import models, setup  # noqa: PLC0415  # as in _run
+    from beamtouch_service.host import models, setup
 
     if settings is not None:
         print(setup.report(settings, as_json=arguments.json))
@@ -69,7 +72,10 @@ def _check(arguments: argparse.Namespace) -> int:
 
 
 def _registers(arguments: argparse.Namespace) -> int:
-    from beamtouch_service.outputs.modbus import document  # noqa: PLC0415  # as in _run
+    from beamtouch_common.files import load_toml
+    from beamtouch_service.config import ConfigFile
+    from beamtouch_service.outputs.modbus import document
+    from beamtouch_service.outputs.modbus.section import ModbusServerSection
 
     settings = load_toml(ConfigFile, Path(arguments.config)) if arguments.config else ConfigFile()
     sections = [section for section in settings.outputs if isinstance(section, ModbusServerSection)]
@@ -80,10 +86,12 @@ def _registers(arguments: argparse.Namespace) -> int:
 
 
 def _run(arguments: argparse.Namespace) -> int:
+    from beamtouch_service.config import load_settings
+
     options = {name: value for name, value in vars(arguments).items() if name not in {"command", "config"}}
     settings = load_settings(Path(arguments.config) if arguments.config else None, options)
     # Imported late: without the extra, a wrong config or the missing extra is still reported in one line.
-    from beamtouch_service.host import setup  # noqa: PLC0415
+    from beamtouch_service.host import setup
 
     try:
         setup.run(settings)
@@ -96,7 +104,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command. Returns 0 done, 2 wrong input with one line on standard error, 130 after Ctrl-C."""
 
     def work() -> int:
-        arguments = _parser().parse_args(argv)
+        given = sys.argv[1:] if argv is None else argv
+        arguments = _parser(given).parse_args(given)
         return {"run": _run, "check": _check, "registers": _registers}[arguments.command](arguments)
 
     return exit_code(PROGRAM, "service", work)

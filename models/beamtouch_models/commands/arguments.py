@@ -3,7 +3,6 @@
 import argparse
 from pathlib import Path
 from typing import Any
-from urllib.parse import urlsplit
 
 from beamtouch_common.commands import whole_number
 from beamtouch_models.names import CRITERIA, ESTIMATORS, SEARCHES
@@ -20,6 +19,8 @@ ENDS = ("clamped", "pinned", "roller", "free")
 
 def _address(text: str) -> str:
     """Check an address here: for some that are not one, Dask waits until its patience ends."""
+    from urllib.parse import urlsplit  # noqa: PLC0415  # --help waits for all that is imported above
+
     try:
         parts = urlsplit(text)
         is_one = parts.scheme in ("tcp", "tls") and bool(parts.hostname) and bool(parts.port) and not parts.path
