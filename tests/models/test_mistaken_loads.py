@@ -145,7 +145,7 @@ def test_a_recording_that_is_of_another_surface_makes_no_model(
     measured_mm: str, built_model: Callable[[str], Path]
 ) -> None:
     model, rng = modelfile.load(built_model("cantilever")), np.random.default_rng(5)
-    loads = recorded(model.metadata, random_imperfections(model.metadata, rng), rng, count=5)
+    loads = recorded(model.metadata, random_imperfections(model.metadata, rng), rng)
     changed = {
         "all zero": np.zeros_like(loads.measured_mm),
         "of a mirrored beam": loads.measured_mm[::-1],

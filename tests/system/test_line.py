@@ -124,6 +124,7 @@ def compare(line: Line) -> tuple[list[Compared], list[Any]]:
             if passed >= 1 and len({one.true_mm for one in found}) >= ENOUGH and len(found) >= CONTACTS:
                 break
             response = client.get("/contact")
+            answered = time.time()
             time.sleep(0.02)  # the rig writes the truth every 10 ms
             truth.read()
             if not response.is_success:
@@ -139,7 +140,10 @@ def compare(line: Line) -> tuple[list[Compared], list[Any]]:
             seen_s = LIFT_SEEN_S if position is None else SETTLED_S
             # A sample at rest stands for all readings in its mean.
             readings = max(contact["sequence"] - since[1], contact["readings"] or 0)
-            if readings < READINGS_SEEN * seen_s * RATE_HZ or not truth.steady(moment, seen_s):
+            if readings < READINGS_SEEN * seen_s * RATE_HZ:
+                continue
+            # A board whose pings came late is dated earlier than it was read, never later: so that nothing looks fresh.
+            if not truth.steady(answered, answered - moment + seen_s):
                 continue
             last = moment
             if (position is not None) != (contact["state"] == "contact"):
@@ -171,6 +175,6 @@ def test_contact_agrees_with_the_truth_position_by_position(kind: Kind, start: C
     inner = [one for one in rests if INNER_MM[0] < one.true_mm < INNER_MM[1]]
     assert np.median([abs(one.contact["force_n"] - one.true_n) / one.true_n for one in inner]) < 0.1
     # Whoever answers wrongly doubts; and where other programs cost readings, that is rare, too.
-    said = [(load, one["state"], one["notes"], one["readings"]) for load, one in mistaken]
+    said = [(load, one["state"], one["notes"], one["readings"], one["age_ms"]) for load, one in mistaken]
     assert [one for one in said if "unsteady" not in one[2]] == []
     assert len(said) <= MOST_DOUBTED * len(found), said
