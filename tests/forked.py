@@ -85,14 +85,14 @@ class Forked:
     def kill(self) -> None:
         self.send_signal(SIGKILL)
 
-    def communicate(self, typed: str = "", timeout: float | None = None) -> tuple[str, str]:
-        """Type this; return what comes from standard output and standard error once the process has ended."""
+    def communicate(self, timeout: float | None = None) -> tuple[str, str]:
+        """Type no more; return what comes from standard output and standard error once the process has ended."""
         if not self._readers:
             self._readers = [Thread(target=self._read, args=(index,), daemon=True) for index in range(2)]
             for reader in self._readers:
                 reader.start()
-            with contextlib.suppress(BrokenPipeError), self.stdin:
-                self.stdin.write(typed)
+            with contextlib.suppress(BrokenPipeError):
+                self.stdin.close()
         self.wait(timeout)
         for reader in self._readers:
             reader.join()

@@ -16,6 +16,8 @@ from beamtouch_models.surface import depart
 
 POSITIONS = np.linspace(20.0, 380.0, 10)
 FORCES = np.full(10, 12.0)
+SAMPLES = 200
+"""Samples of each load in a recording."""
 
 
 def imperfections(seed: int, metadata: Metadata) -> Imperfections:
@@ -38,9 +40,9 @@ def true_prior(metadata: Metadata, real: Imperfections) -> Prior:
 
 
 def write_readings(
-    path: Path, metadata: Metadata, prior: Prior, position_mm: Floats, force_n: Floats, *, seed: int, samples: int = 200
+    path: Path, metadata: Metadata, prior: Prior, position_mm: Floats, force_n: Floats, *, seed: int
 ) -> None:
-    """Write what `record` would: so many samples of each load, with the noise of a reading in each."""
+    """Write what `record` would: samples of each load, with the noise of a reading in each."""
     rng = np.random.default_rng(seed)
     names = [channel.name for channel in metadata.layout]
     clean = prior.measured(force_n[:, None] * prior.influence_at(position_mm))
@@ -51,7 +53,7 @@ def write_readings(
             ["unix_time_s", "load", "position_mm", "force_n", *(f"{n}_{column}" for n in names for column in columns)]
         )
         for load, (position, force, row) in enumerate(zip(position_mm, force_n, clean, strict=True), start=1):
-            for _ in range(samples):
+            for _ in range(SAMPLES):
                 noisy = row + rng.normal(scale=metadata.noise.reading_mm, size=row.shape)
                 cells = [cell for value in noisy for cell in (1000, f"{value:.7g}", "good")]
                 writer.writerow([0.0, load, position, force, *cells])

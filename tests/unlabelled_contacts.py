@@ -89,7 +89,7 @@ def _anywhere(prior: Prior, rng: np.random.Generator, count: int) -> Floats:
     return deflection
 
 
-def write_contacts(path: Path, model: ModelFile, contacts: UnlabelledContacts, characteristic: str = "a1") -> Path:
+def write_contacts(path: Path, model: ModelFile, contacts: UnlabelledContacts) -> Path:
     """Write contacts as the service offers them, one per second."""
     names = model.channels
     with path.open("w", newline="", encoding="utf-8") as file:
@@ -100,7 +100,7 @@ def write_contacts(path: Path, model: ModelFile, contacts: UnlabelledContacts, c
         for number, row in enumerate(rows, start=1):
             time = f"2026-11-22T{number // 3600:02}:{number // 60 % 60:02}:{number % 60:02}.000Z"
             cells = [f"{value:.9f}" for value in row]
-            writer.writerow([number, time, model.identity, characteristic, 4, *cells])
+            writer.writerow([number, time, model.identity, "a1", 4, *cells])
     return path
 
 

@@ -1,4 +1,4 @@
-"""What commands print: the help of each, and the map of the Modbus registers."""
+"""The output of commands: the help of each, and the map of the Modbus registers."""
 
 import io
 import re

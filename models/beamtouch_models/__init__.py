@@ -1,7 +1,7 @@
 """The interface for scripts: from a scene to influence lines, layouts, limits and models, and the virtual rig.
 
 The names in `__all__` stay as they are between minor versions. All other names of the package may change at any time.
-Each is imported when it is first used, because the service needs only the runtime, and the daemon only the filters.
+Each is imported when it is first used, because the service needs only `modelfile`, and the daemon only the filters.
 """
 
 import os

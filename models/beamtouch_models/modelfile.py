@@ -15,7 +15,7 @@ from beamtouch_models.decision.evidence import (
     is_overload,
     is_unchecked,
 )
-from beamtouch_models.decision.suspects import Suspects, Wirings
+from beamtouch_models.decision.wrong_channels import Suspects, Wirings
 from beamtouch_models.errors import ModelFileError
 from beamtouch_models.health.health import BestSample, ChannelChange, Health
 from beamtouch_models.loading import ModelFile, load, load_bytes, read

@@ -1,4 +1,4 @@
-"""How often rest may be taken for a contact."""
+"""The largest rate at which rest may be taken for a contact."""
 
 SECONDS_PER_DAY = 86_400
 MAX_FALSE = 0.01

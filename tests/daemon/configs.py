@@ -12,9 +12,9 @@ batch_ms = 20
 """
 
 
-def tcp(port: int, host: str = "127.0.0.1", timeout_ms: int = 30_000) -> str:
+def tcp(port: int, host: str = "127.0.0.1") -> str:
     """Return a source that waits for an answer as long as a starved machine takes for it."""
-    return f'kind = "modbus-tcp"\nhost = "{host}"\nport = {port}\ntimeout_ms = {timeout_ms}'
+    return f'kind = "modbus-tcp"\nhost = "{host}"\nport = {port}\ntimeout_ms = 30_000'
 
 
 def rtu(path: str) -> str:

@@ -32,7 +32,7 @@ def stated(path: Path) -> list[tuple[str, str, str]]:
     return sorted({(row["load"], row["position_mm"], row["force_n"]) for row in rows_of(path)})
 
 
-def noisy(moves_after: int, counts_per_reading: float, loaded: float = 1000.0) -> SimAction:
+def noisy(moves_after: int, counts_per_reading: float) -> SimAction:
     """Return what makes a device noisy, and lets its load move after so many readings."""
     chance, readings = random.Random(7), 0  # noqa: S311
 
@@ -40,8 +40,8 @@ def noisy(moves_after: int, counts_per_reading: float, loaded: float = 1000.0) -
         nonlocal readings
         readings += 1
         moved = counts_per_reading * max(0, readings - moves_after)
-        now[0] = round(20_000 + chance.gauss(0, 20))
-        now[1] = round(20_000 + loaded + moved + chance.gauss(0, 20))
+        now[0] = round(REST + chance.gauss(0, 20))
+        now[1] = round(DOWN + moved + chance.gauss(0, 20))
 
     return action
 

@@ -10,7 +10,7 @@ from beamtouch_common.zones import BEGIN, HOLD, MAX_ZONES
 from beamtouch_daemon.delivery.log import MAX_BATCH
 from beamtouch_daemon.processing import at_rest
 from beamtouch_models.calibration import recordings
-from beamtouch_models.decision import decider, evidence, suspects
+from beamtouch_models.decision import decider, evidence, wrong_channels
 from beamtouch_models.modelfile import State
 from beamtouch_models.physics.beam import MAX_SLOPE
 from beamtouch_models.reproduction.figure_8 import MEASURED_PERCENT as PAPER
@@ -106,7 +106,8 @@ STATED = {
         f"| register | bit {Note.SENDERS.bit} of `notes` |",
         f"`beamtouch_unexplained` is 1 after {SURFACE['unexplained_after_s']:g} s",
         f"the limit is {SURFACE['stale_ms']:g} ms.",
-        f"After {WORDS[suspects.CONTACTS]} contacts at different places ({WORDS[suspects.OF_FEW]} with three sensors)",
+        f"After {WORDS[wrong_channels.CONTACTS]} contacts at different places "
+        f"({WORDS[wrong_channels.OF_FEW]} with three sensors)",
     ],
     "docs/how-to/two-hosts.md": [f"reach port {SERVER['port']}"],
     "docs/how-to/zones.md": [

@@ -38,8 +38,8 @@ def objective_of(scene: Scene, spare: int, count: int = 3) -> tuple[PositionErro
     return position_error_of(influence, rules, equal, ERRORS, 0, spare=spare, reference=product), product
 
 
-def every_layout(rules: Candidates, count: int = 3) -> Indices:
-    every = np.array(list(combinations(range(len(rules.position_mm)), count)), dtype=np.intp)
+def every_layout(rules: Candidates) -> Indices:
+    every = np.array(list(combinations(range(len(rules.position_mm)), 3)), dtype=np.intp)
     return every[rules.allowed(every)]
 
 

@@ -100,8 +100,8 @@ class Course:
             self.send(row)
             self.send(AT_REST)
 
-    def act(self, action: str = "", token: str | None = TOKEN) -> httpx2.Response:
-        return self.bench.post(b"", f"{PATH}{action}", token)
+    def act(self, action: str = "") -> httpx2.Response:
+        return self.bench.post(b"", f"{PATH}{action}", TOKEN)
 
     @property
     def state(self) -> dict[str, Any]:

@@ -232,11 +232,11 @@ class Touch:
     def __init__(self) -> None:
         self.bench, self.sequence, self.clock_us = Bench(zoned()), 0, 0
 
-    def goes_on(self, *, clock_us: int = STEP_US, position_mm: float = 150.0) -> dict[str, str | None]:
+    def goes_on(self, *, clock_us: int = STEP_US) -> dict[str, str | None]:
         """Send the next sample, with the clock of the sender that much later; return the answers."""
         self.sequence, self.clock_us = self.sequence + 1, self.clock_us + clock_us
         self.bench.now_s += STEP_US / 1e6
-        batch = batch_of(row(position_mm), sequence=self.sequence)
+        batch = batch_of(row(150.0), sequence=self.sequence)
         batch["samples"][0]["acquired_unix_us"] += self.clock_us
         self.bench.send(members=batch)
         return zones_of(self.bench)

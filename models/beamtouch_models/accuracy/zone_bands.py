@@ -1,4 +1,4 @@
-"""What the edge of a zone is worth: how wide the band is in which its answer is `unsure`, and how often one is wrong.
+"""The band at the edge of a zone in which its answer is `unsure`: how wide it is, and how often an answer is wrong.
 
 The width is the integral over the place x of the contact of the probability of `unsure`,
 

@@ -1,4 +1,7 @@
-"""Calibration: recorded loads turn a model into one of the real surface, and a model is made again for a surface."""
+"""Calibration: recorded loads turn a model into one of the real surface.
+
+Self-calibration makes a model again for its surface by the same `rebuilt`.
+"""
 
 from dataclasses import dataclass, replace
 

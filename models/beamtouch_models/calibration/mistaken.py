@@ -16,7 +16,7 @@ from scipy.stats import f as f_distribution
 from beamtouch_models.calibration.fit import ROUNDS, Fit, fit, residuals_of
 from beamtouch_models.calibration.recordings import Loads
 from beamtouch_models.calibration.theory import Theory
-from beamtouch_models.decision.suspects import wirings
+from beamtouch_models.decision.wrong_channels import wirings
 from beamtouch_models.sweeps import Fraction, silent
 
 POOR_NOISES = 8.0

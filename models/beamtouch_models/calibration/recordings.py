@@ -1,4 +1,4 @@
-"""What a calibration reads: loads that `beamtouch-daemon record` wrote, averaged per load, and unlabelled contacts.
+"""The files of a calibration: loads that `beamtouch-daemon record` wrote, averaged per load, and unlabelled contacts.
 
 Unlabelled contacts are mean deflections per event, from a file that the service offers; place and force are unknown.
 """

@@ -190,7 +190,7 @@ def without(at: Drawn, *, missing: int) -> Play:
 
 
 def lossy_cases(surface: SimulatedSurface) -> list[Case]:
-    """Return the cases that the scene allows."""
+    """Return the cases with lost readings that the scene allows."""
     moving = partial(moves, speed_mm_per_s=LOST_MM_PER_S, motion=KEEPS)
     moving_ones = (moving,) if KEEPS.fits(surface, LOST_MM_PER_S) else ()
     ringing = () if surface.world.modes is None else (rings,)

@@ -87,7 +87,7 @@ def _row(effect: dict[str, Any]) -> tuple[str, ...]:
 
 
 def _matrix_us(scene: Scene) -> float:
-
+    """Return the shortest measured time of an influence matrix of SENSORS sensors, in us."""
     sensors, loads = np.linspace(0.0, scene.beam.length_mm, SENSORS), load_positions_mm(scene)
     least = float("inf")
     for _ in range(REPEATS):

@@ -1,4 +1,4 @@
-"""What several commands share: the output folder, the name of the surface, and progress."""
+"""Parts of several commands: the output folder, the name of the surface, and progress."""
 
 import re
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""The paper's objective: the product of the eigenvalues of the influence matrix, and a bound on it.
+"""The paper's objective: principal components of the influence matrix, the product of their eigenvalues, and a bound.
 
 *Components.* The principal components are those of eq. 2 and 3, the product of their eigenvalues is that of eq. 4.
 Everything comes from a pivoted QR of the influence matrix and the singular values of its triangle, never from the

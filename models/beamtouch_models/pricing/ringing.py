@@ -1,4 +1,4 @@
-"""How long a beam rings after a touch and after a lift.
+"""The time for which a beam rings after a touch and after a lift.
 
 A load that comes or goes at once leaves the lowest mode swinging about the new deflection, with an amplitude of the
 load's whole deflection over sqrt(1 - zeta^2) at first and of exp(-zeta omega t) of that after a time t (Blevins,

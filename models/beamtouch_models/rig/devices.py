@@ -40,7 +40,6 @@ from beamtouch_protocol.messages import (
 
 BAUD = 115_200
 TYPES = {"u16": ">H", "i16": ">h", "u32": ">I", "i32": ">i", "f32": ">f"}
-BYTE_ORDERS = ("ABCD", "CDAB", "BADC", "DCBA")
 
 Convert = Callable[[], list[int]]
 """Converts all channels now and returns their counts."""

@@ -66,43 +66,43 @@ def _peer(request: Request) -> str:
     return f"{behind} (through {peer})" if behind else peer
 
 
-async def read_body(request: Request, limit: int = MAX_BODY_BYTES, limit_s: float = MAX_BODY_S) -> bytes:
+async def read_body(request: Request) -> bytes:
     """Return the body of a request.
 
     Raises
     ------
     ProblemError
-        413 once the body is known to exceed `limit` bytes, stated or chunked; 408 if it takes longer than
-        `limit_s` [s]; 503 if the service stops meanwhile, and the sender repeats it.
+        413 once the body is known to exceed `MAX_BODY_BYTES`, stated or chunked; 408 if it takes longer than
+        `MAX_BODY_S`; 503 if the service stops meanwhile, and the sender repeats it.
     """
     stated = request.headers.get("content-length", "")
-    is_too_large = stated.isdecimal() and int(stated) > limit
+    is_too_large = stated.isdecimal() and int(stated) > MAX_BODY_BYTES
     body = bytearray()
     try:
-        async with timeout(LINGER_S if is_too_large else limit_s) as deadline:
+        async with timeout(LINGER_S if is_too_large else MAX_BODY_S) as deadline:
             async for chunk in request.stream():
                 if not is_too_large:
                     body += chunk
-                    if len(body) > limit:
+                    if len(body) > MAX_BODY_BYTES:
                         is_too_large = True
                         deadline.reschedule(min(deadline.when() or inf, get_running_loop().time() + LINGER_S))
                         body.clear()
     except TimeoutError:
         if is_too_large:
-            raise _too_large(limit) from None
-        detail = f"The body was not complete after {limit_s:g} s; send fewer samples at a time."
+            raise _too_large() from None
+        detail = f"The body was not complete after {MAX_BODY_S:g} s; send fewer samples at a time."
         raise ProblemError(Problem(Kind.TOO_SLOW, detail), _CLOSE) from None
     except CancelledError:
         # Only the server cancels a request, at the end of its patience, and would log a traceback of it.
         raise ProblemError(Problem(Kind.STOPPING, "Nothing was accepted; send the batch again.")) from None
     if is_too_large:
-        raise _too_large(limit)
+        raise _too_large()
     return bytes(body)
 
 
-def _too_large(limit: int) -> ProblemError:
-    detail = f"A batch may be at most {limit} bytes long; send fewer samples at a time."
-    return ProblemError(Problem(Kind.TOO_LARGE, detail, members={"limit_bytes": limit}), _CLOSE)
+def _too_large() -> ProblemError:
+    detail = f"A batch may be at most {MAX_BODY_BYTES} bytes long; send fewer samples at a time."
+    return ProblemError(Problem(Kind.TOO_LARGE, detail, members={"limit_bytes": MAX_BODY_BYTES}), _CLOSE)
 
 
 def parse_batch(body: bytes) -> Batch:

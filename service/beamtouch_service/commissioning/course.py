@@ -7,7 +7,6 @@ from typing import NamedTuple
 import numpy as np
 
 from beamtouch_models.modelfile import InfluenceCurve, Metadata, ModelFile, State
-from beamtouch_service.commissioning.cabling import Explanation, Press, explain
 from beamtouch_service.commissioning.pressing import HOLD_US, Floats, Movement, PressFinder, Stage
 from beamtouch_service.commissioning.report import Finding, PlaceResult, Report, SensorResult
 from beamtouch_service.commissioning.verdict import (
@@ -20,6 +19,7 @@ from beamtouch_service.commissioning.verdict import (
     is_right,
     judge_place,
 )
+from beamtouch_service.commissioning.wiring import Explanation, Press, explain
 from beamtouch_service.samples import Quality, Sample
 from beamtouch_service.surfaces.contact import NO_FIGURES, Figures, rfc3339
 

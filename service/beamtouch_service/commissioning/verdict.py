@@ -4,8 +4,8 @@ from collections.abc import Mapping, Sequence
 from math import isnan
 from typing import NamedTuple
 
-from beamtouch_service.commissioning.cabling import Cabling, Explanation
 from beamtouch_service.commissioning.report import Finding, PlaceResult
+from beamtouch_service.commissioning.wiring import Explanation, Wiring
 from beamtouch_service.samples import Quality
 
 DEAD = 0.2
@@ -35,7 +35,7 @@ def find(explanation: Explanation, names: Sequence[str], bad: Mapping[str, Quali
     found = []
     for channel, name in enumerate(names):
         rivals = list(dict.fromkeys(_of(rival, channel, names) for rival in explanation.rivals))
-        best = _of(explanation.cabling, channel, names)
+        best = _of(explanation.wiring, channel, names)
         others = [rival.says for rival in rivals if rival != best]
         share = float(explanation.shares[channel])
         if isnan(share):
@@ -62,9 +62,9 @@ def _is_off(share: float) -> bool:
     return not (isnan(share) or low <= abs(share) <= high)
 
 
-def _of(cabling: Cabling, channel: int, names: Sequence[str]) -> Found:
+def _of(wiring: Wiring, channel: int, names: Sequence[str]) -> Found:
     """Return what a wiring says of one channel."""
-    sensor, sign = cabling.sensors[channel], cabling.signs[channel]
+    sensor, sign = wiring.sensors[channel], wiring.signs[channel]
     if sign == 0:
         return Found(Finding.DEAD, _DEAD)
     if sensor != channel:
@@ -85,7 +85,7 @@ def advise_unseen(names: Sequence[str]) -> list[str]:
 
 def advise(explanation: Explanation, names: Sequence[str], found: Sequence[Found]) -> list[str]:
     """Return a sentence for each fault of the wiring, with what to do."""
-    cabling, sentences = explanation.cabling, list[str]()
+    wiring, sentences = explanation.wiring, list[str]()
     by_name = dict(zip(names, found, strict=True))
     if not explanation.is_explained:
         off = [name for name, share in zip(names, explanation.shares.tolist(), strict=True) if _is_off(share)]
@@ -98,10 +98,10 @@ def advise(explanation: Explanation, names: Sequence[str], found: Sequence[Found
     if unsure:
         each = "; ".join(f"{name}: {by_name[name].says.removeprefix('not sure: ')}" for name in unsure)
         sentences.append(f"Not sure about {_listed(unsure)} ({each}). Press more firmly, exactly above each sensor.")
-    sentences += _of_cables(cabling, names, set(unsure))
+    sentences += _of_cables(wiring, names, set(unsure))
     inverted = [
         name
-        for name, one, sign in zip(names, found, cabling.signs, strict=True)
+        for name, one, sign in zip(names, found, wiring.signs, strict=True)
         if one.finding is not Finding.UNSURE and sign < 0
     ]
     if inverted:
@@ -122,12 +122,12 @@ def advise(explanation: Explanation, names: Sequence[str], found: Sequence[Found
     return sentences
 
 
-def _of_cables(cabling: Cabling, names: Sequence[str], unsure: set[str]) -> list[str]:
-    moved = {channel: sensor for channel, sensor in cabling.moved.items() if names[channel] not in unsure}
+def _of_cables(wiring: Wiring, names: Sequence[str], unsure: set[str]) -> list[str]:
+    moved = {channel: sensor for channel, sensor in wiring.moved.items() if names[channel] not in unsure}
     if not moved:
         return []
     pairs = [(one, other) for one, other in moved.items() if one < other and moved.get(other) == one]
-    is_reversed = len(names) > 3 and cabling.sensors == tuple(range(len(names)))[::-1]
+    is_reversed = len(names) > 3 and wiring.sensors == tuple(range(len(names)))[::-1]
     if is_reversed:
         return [
             "The channels are in reverse order. Check from which end the sensors are numbered, and the order in the "

@@ -39,15 +39,12 @@ class ModbusService:
 def start_modbus(
     start: StartService,
     folder: Path,
-    options: str = "",
-    stale_ms: float = 60_000,
-    model: Path | None = None,
-    server: str = "",
+    options: str,
 ) -> ModbusService:
-    """Start a service with these lines in its sections [modbus_server] and [server]."""
+    """Start a service with these lines in its section [modbus_server]."""
     (folder / "service.toml").write_text(
-        f'[server]\nwrite_token_file = "token"\n{server}\n[modbus_server]\nport = 0\n{options}\n'
-        f'[surfaces.press-7]\nmodel = "{model or write_model(folder)}"\nstale_ms = {stale_ms}\n[surfaces.bare]\n'
+        f'[server]\nwrite_token_file = "token"\n[modbus_server]\nport = 0\n{options}\n'
+        f'[surfaces.press-7]\nmodel = "{write_model(folder)}"\nstale_ms = 60_000\n[surfaces.bare]\n'
     )
     service = start("--config", "service.toml")
     assert service.process.stderr is not None

@@ -155,9 +155,9 @@ def test_a_client_that_does_not_read_costs_little_and_is_closed(start_service: S
         assert is_reset(connection)
 
 
-def closes(connection: socket.socket, within_s: float = 60.0) -> bool:
-    """Say whether the service closes a connection within this time, without another word."""
-    connection.settimeout(within_s)
+def closes(connection: socket.socket) -> bool:
+    """Say whether the service closes a connection within a minute, without another word."""
+    connection.settimeout(60.0)
     try:
         return connection.recv(1) == b""
     except TimeoutError:

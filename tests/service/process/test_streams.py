@@ -35,13 +35,13 @@ def opened(service: Service, stack: ExitStack, path: str = "/stream") -> httpx2.
     return stack.enter_context(stream)
 
 
-def deaf(service: Service, stack: ExitStack, path: str = "/stream?interval_ms=20") -> socket.socket:
+def deaf(service: Service, stack: ExitStack) -> socket.socket:
     """Ask for a stream and never read it."""
     host, port = service.url.removeprefix("http://").split(":")
     client = stack.enter_context(socket.socket())
     client.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1024)
     client.connect((host, int(port)))
-    client.sendall(f"GET {path} HTTP/1.1\r\nHost: {host}\r\n\r\n".encode())
+    client.sendall(f"GET /stream?interval_ms=20 HTTP/1.1\r\nHost: {host}\r\n\r\n".encode())
     return client
 
 

@@ -1,4 +1,4 @@
 """The report of a build: one HTML page that needs nothing but itself.
 
-`facts` measures what the metadata does not have, `page` makes the charts and fills `page.html`.
+`page` measures what the metadata does not have, makes the charts and fills `page.html`. `beam_drawing` draws the beam.
 """

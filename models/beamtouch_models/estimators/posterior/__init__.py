@@ -1,1 +1,5 @@
-"""The posterior of a contact over a grid of positions, as an ONNX graph; see `answers`."""
+"""The posterior of a contact over a grid of positions, as an ONNX graph.
+
+`answers` has its formulas and what the graph states. `cells` makes a graph on cells that are the same for every sample,
+`window` one on cells around a place; its `posterior_graph` chooses between them.
+"""

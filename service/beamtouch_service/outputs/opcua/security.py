@@ -1,4 +1,4 @@
-"""Who may connect to the OPC UA server, and what nobody may do: certificates, the user, and a server that is only read.
+"""The security of the OPC UA server: certificates, the user, and a server that is only read.
 
 Files are told apart by their content. The library goes by their names: it takes `own.key` for DER, and passes over
 `client.crt` in a folder of trusted certificates.

@@ -7,10 +7,10 @@ from time import process_time
 import numpy as np
 import pytest
 
-from beamtouch_service.commissioning.cabling import Cabling, Explanation, Press, explain
 from beamtouch_service.commissioning.pressing import Floats
 from beamtouch_service.commissioning.report import Finding
 from beamtouch_service.commissioning.verdict import advise, find
+from beamtouch_service.commissioning.wiring import Explanation, Press, Wiring, explain
 from beamtouch_service.samples import Quality
 
 Fault = Callable[[Floats], Floats]
@@ -62,36 +62,36 @@ def pressed(*faults: Fault, sensors_mm: Sequence[float] = AT_MM, steps: int | No
 
 SWAPPED, INVERTED, DEAD = partial(swap, 0, 3), partial(scale, 1, -1.0), partial(scale, 2, 0.0)
 RIGHT = (1, 1, 1, 1)
-FAULTS: dict[str, tuple[list[Fault], Cabling, list[str]]] = {
-    "right": ([], Cabling((0, 1, 2, 3), RIGHT), []),
-    "swapped": ([SWAPPED], Cabling((3, 1, 2, 0), RIGHT), ["The cables of s1 and s4 are swapped."]),
-    "neighbours": ([partial(swap, 1, 2)], Cabling((0, 2, 1, 3), RIGHT), ["The cables of s2 and s3 are swapped."]),
-    "inverted": ([INVERTED], Cabling((0, 1, 2, 3), (1, -1, 1, 1)), ["s2 moves the wrong way."]),
-    "dead": ([DEAD], Cabling((0, 1, 2, 3), (1, 1, 0, 1)), ["s3 does not move (saturated)."]),
+FAULTS: dict[str, tuple[list[Fault], Wiring, list[str]]] = {
+    "right": ([], Wiring((0, 1, 2, 3), RIGHT), []),
+    "swapped": ([SWAPPED], Wiring((3, 1, 2, 0), RIGHT), ["The cables of s1 and s4 are swapped."]),
+    "neighbours": ([partial(swap, 1, 2)], Wiring((0, 2, 1, 3), RIGHT), ["The cables of s2 and s3 are swapped."]),
+    "inverted": ([INVERTED], Wiring((0, 1, 2, 3), (1, -1, 1, 1)), ["s2 moves the wrong way."]),
+    "dead": ([DEAD], Wiring((0, 1, 2, 3), (1, 1, 0, 1)), ["s3 does not move (saturated)."]),
     "two pairs": (
         [partial(swap, 0, 1), partial(swap, 2, 3)],
-        Cabling((1, 0, 3, 2), RIGHT),
+        Wiring((1, 0, 3, 2), RIGHT),
         ["The cables of s1 and s2 are swapped.", "The cables of s3 and s4 are swapped."],
     ),
     "in a circle": (
         [partial(swap, 0, 1), partial(swap, 1, 2)],
-        Cabling((1, 2, 0, 3), RIGHT),
+        Wiring((1, 2, 0, 3), RIGHT),
         ["Cables are mixed up: the input of s1 has the sensor s2, that of s2 has the sensor s3, that of s3 has"],
     ),
-    "reversed": ([lambda moved: moved[::-1]], Cabling((3, 2, 1, 0), RIGHT), ["The channels are in reverse order."]),
+    "reversed": ([lambda moved: moved[::-1]], Wiring((3, 2, 1, 0), RIGHT), ["The channels are in reverse order."]),
     "all inverted": (
         [lambda moved: -moved],
-        Cabling((0, 1, 2, 3), (-1, -1, -1, -1)),
+        Wiring((0, 1, 2, 3), (-1, -1, -1, -1)),
         ["s1, s2, s3 and s4 move the wrong way."],
     ),
     "swapped and inverted": (
         [SWAPPED, INVERTED],
-        Cabling((3, 1, 2, 0), (1, -1, 1, 1)),
+        Wiring((3, 1, 2, 0), (1, -1, 1, 1)),
         ["The cables of s1 and s4 are swapped.", "s2 moves the wrong way."],
     ),
     "swapped, inverted and dead": (
         [partial(swap, 0, 1), INVERTED, DEAD],
-        Cabling((1, 0, 2, 3), (1, -1, 0, 1)),
+        Wiring((1, 0, 2, 3), (1, -1, 0, 1)),
         ["The cables of s1 and s2 are swapped.", "s2 moves the wrong way.", "s3 does not move (saturated)."],
     ),
 }
@@ -99,9 +99,9 @@ FAULTS: dict[str, tuple[list[Fault], Cabling, list[str]]] = {
 
 @pytest.mark.parametrize("name", FAULTS)
 def test_presses_above_all_sensors_show_the_wiring_for_certain(name: str) -> None:
-    faults, cabling, advice = FAULTS[name]
+    faults, wiring, advice = FAULTS[name]
     explanation = pressed(*faults)
-    assert explanation.cabling == cabling
+    assert explanation.wiring == wiring
     assert (explanation.rivals, explanation.is_explained) == ([], True)
     found = find(explanation, NAMES, {"s3": Quality.SATURATED})
     sentences = advise(explanation, NAMES, found)
@@ -156,7 +156,7 @@ def test_a_channel_without_values_in_one_press_is_judged_by_the_others(faults: l
         presses.append(Press(at_mm, moved, np.full(4, NOISE_MM)))
     explanation = explain(presses, deflections)
     assert (explanation.is_explained, explanation.rivals) == (True, [])
-    assert explanation.cabling == pressed(*faults).cabling
+    assert explanation.wiring == pressed(*faults).wiring
     assert np.abs(explanation.shares) == pytest.approx([1, 1, 1, 1])
 
 
@@ -199,7 +199,7 @@ def test_the_force_and_what_each_channel_moved_are_stated() -> None:
 def test_eight_sensors_with_four_faults() -> None:
     sensors_mm = [40.0 + 45 * place for place in range(8)]
     explanation = pressed(SWAPPED, partial(swap, 4, 6), INVERTED, DEAD, sensors_mm=sensors_mm)
-    assert explanation.cabling == Cabling((3, 1, 2, 0, 6, 5, 4, 7), (1, -1, 0, 1, 1, 1, 1, 1))
+    assert explanation.wiring == Wiring((3, 1, 2, 0, 6, 5, 4, 7), (1, -1, 0, 1, 1, 1, 1, 1))
 
 
 def test_many_sensors_take_little_longer_than_few() -> None:
@@ -214,9 +214,9 @@ def test_many_sensors_take_little_longer_than_few() -> None:
         begin_s = process_time()
         explanation = explain(presses, influence)
         took_s[count] = process_time() - begin_s
-        assert (explanation.rivals, explanation.cabling.moved) == ([], {4: 6, 6: 4})
-        assert explanation.cabling.signs == (1, -1, 0, *[1] * (count - 3))
-    # Samples of all surfaces wait meanwhile. To go through all channels for each cabling takes 110 times as long.
+        assert (explanation.rivals, explanation.wiring.moved) == ([], {4: 6, 6: 4})
+        assert explanation.wiring.signs == (1, -1, 0, *[1] * (count - 3))
+    # Samples of all surfaces wait meanwhile. To go through all channels for each wiring takes 110 times as long.
     assert took_s[32] < 40 * took_s[8]
 
 

@@ -1,4 +1,4 @@
-"""The cabling that presses above the sensors show: which channel has which sensor, inverted or dead. Pure.
+"""The wiring that presses above the sensors show: which channel has which sensor, inverted or dead. Pure.
 
 A press above a sensor moves its neighbours, too. So each press is compared with the influence of the model, channel by
 channel, for every way to wire the sensors that is looked for. The force of a press is not known, and its place only
@@ -19,8 +19,8 @@ Influence = Callable[[Floats], Floats]
 """Positions (places,) in mm -> deflection at each sensor (places, sensors) in mm/N."""
 
 FAULT = 2 * math.log(100.0)
-"""Price of a fault in a cabling, as a sum of squares: one cable or sensor in a hundred is taken to be wrong. The same
-decides between two cablings: the better one must be a hundred times as likely."""
+"""Price of a fault in a wiring, as a sum of squares: one cable or sensor in a hundred is taken to be wrong. The same
+decides between two wirings: the better one must be a hundred times as likely."""
 TOLERANCE = 0.03
 """Error of a movement, as a part of the largest one of its press, as a standard deviation: gains and mounting of a
 surface that is not calibrated yet."""
@@ -33,9 +33,9 @@ EXPLAINED = 4.0
 SEEN = 3.0
 """Nothing is said of a channel whose sensor should move by less than this many deviations, in all presses together."""
 KEPT = 16
-"""Number of the best cablings to which one more fault is added. The search is a beam of this width."""
+"""Number of the best wirings to which one more fault is added. The search is a beam of this width."""
 _ROUNDING = 1e-6
-"""A cabling that explains as much with one fault more costs the price of that fault: rounding makes it no rival."""
+"""A wiring that explains as much with one fault more costs the price of that fault: rounding makes it no rival."""
 _TINY = float(np.finfo(np.float64).tiny)
 
 
@@ -51,7 +51,7 @@ class Press(NamedTuple):
     """Standard deviation of these (channels,)."""
 
 
-class Cabling(NamedTuple):
+class Wiring(NamedTuple):
     """What each channel has."""
 
     sensors: tuple[int, ...]
@@ -66,10 +66,10 @@ class Cabling(NamedTuple):
 
 
 class Explanation(NamedTuple):
-    """The cabling that explains presses best."""
+    """The wiring that explains presses best."""
 
-    cabling: Cabling
-    rivals: list[Cabling]
+    wiring: Wiring
+    rivals: list[Wiring]
     """Others that explain them about as well."""
     is_explained: bool
     """Whether it explains every press, with a gain of its own for each channel."""
@@ -81,7 +81,7 @@ class Explanation(NamedTuple):
 
 
 def explain(presses: Sequence[Press], influence: Influence) -> Explanation:
-    """Return the cabling that explains presses best, with those that explain them about as well.
+    """Return the wiring that explains presses best, with those that explain them about as well.
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ def explain(presses: Sequence[Press], influence: Influence) -> Explanation:
     moved_mm[:, np.isnan(moved_mm).all(axis=0)] = 0.0  # a channel that never has values is dead
     fits = [_Fit(one._replace(moved_mm=moved), influence) for one, moved in zip(presses, moved_mm, strict=True)]
     prices = _search(fits, len(presses[0].moved_mm))
-    best = min(prices, key=lambda cabling: prices[cabling])
+    best = min(prices, key=lambda wiring: prices[wiring])
     rivals = [one for one, price in prices.items() if one != best and price < prices[best] + FAULT - _ROUNDING]
     each = [fit.best(best) for fit in fits]
     expected_mm = np.array([one.moved_mm[list(best.sensors)] for one in each])
@@ -100,7 +100,7 @@ def explain(presses: Sequence[Press], influence: Influence) -> Explanation:
     left = (moved_mm - np.nan_to_num(shares, nan=1.0) * expected_mm) / np.array([fit.deviation_mm for fit in fits])
     return Explanation(
         best,
-        sorted(rivals, key=lambda cabling: prices[cabling]),
+        sorted(rivals, key=lambda wiring: prices[wiring]),
         bool((np.nanmean(left**2, axis=1) <= EXPLAINED).all()),
         [one.force_n for one in each],
         _next_to_others(shares, np.isfinite(shares) & (np.array(best.signs) != 0)),
@@ -108,7 +108,7 @@ def explain(presses: Sequence[Press], influence: Influence) -> Explanation:
 
 
 class _Best(NamedTuple):
-    """A press at the place and with the force that fit it best under one cabling."""
+    """A press at the place and with the force that fit it best under one wiring."""
 
     force_n: float
     moved_mm: Floats
@@ -137,9 +137,9 @@ class _Fit:
         self._along, self._own = expected * moved[:, None], expected**2
         """What each channel adds to m.g and g.g with each sensor (places, channels, sensors)."""
 
-    def best(self, cabling: Cabling) -> _Best:
-        """Return how one cabling fits the press."""
-        each, sensors, signs = np.arange(len(cabling.signs)), list(cabling.sensors), np.array(cabling.signs)
+    def best(self, wiring: Wiring) -> _Best:
+        """Return how one wiring fits the press."""
+        each, sensors, signs = np.arange(len(wiring.signs)), list(wiring.sensors), np.array(wiring.signs)
         along = self._along[:, each, sensors] @ signs
         own = self._own[:, each, sensors] @ signs**2
         squares = self._left(along, own)
@@ -147,11 +147,11 @@ class _Fit:
         force_n = max(0.0, float(along[place])) / max(float(own[place]), _TINY)
         return _Best(force_n, force_n * self._per_newton[place], float(squares[place]))
 
-    def squares_with_one_more(self, cabling: Cabling) -> Floats:
-        """Return the least sums of squares of the cablings with one more fault, in the order of `_with_one_more`."""
-        signs = np.array(cabling.signs)
-        along = _sums_with_one_more(self._along, cabling, signs, (2, 1))
-        own = _sums_with_one_more(self._own, cabling, signs**2, (0, 1))
+    def squares_with_one_more(self, wiring: Wiring) -> Floats:
+        """Return the least sums of squares of the wirings with one more fault, in the order of `_with_one_more`."""
+        signs = np.array(wiring.signs)
+        along = _sums_with_one_more(self._along, wiring, signs, (2, 1))
+        own = _sums_with_one_more(self._own, wiring, signs**2, (0, 1))
         squares: Floats = self._left(along, own).min(axis=0)
         return squares
 
@@ -161,13 +161,13 @@ class _Fit:
         return left
 
 
-def _sums_with_one_more(table: Floats, cabling: Cabling, signs: NDArray[np.int_], away: tuple[int, int]) -> Floats:
-    """Return sums over the channels of cablings with one more fault (places, cablings), as `_with_one_more` has them.
+def _sums_with_one_more(table: Floats, wiring: Wiring, signs: NDArray[np.int_], away: tuple[int, int]) -> Floats:
+    """Return sums over the channels of wirings with one more fault (places, wirings), as `_with_one_more` has them.
 
     Two swapped cables change two terms of a sum. An inverted sensor, and a dead channel, take their own term from it
     `away` times.
     """
-    at = table[:, :, list(cabling.sensors)] * signs[:, None]
+    at = table[:, :, list(wiring.sensors)] * signs[:, None]
     own = np.diagonal(at, axis1=1, axis2=2)
     total = own.sum(axis=1)[:, None]
     one, other = np.triu_indices(len(signs), 1)
@@ -176,40 +176,38 @@ def _sums_with_one_more(table: Floats, cabling: Cabling, signs: NDArray[np.int_]
     return np.concatenate([swapped, single.reshape(len(table), -1)], axis=1)
 
 
-def _search(fits: Sequence[_Fit], channels: int) -> dict[Cabling, float]:
-    """Return the price of each cabling that was tried: its sum of squares, and that of its faults."""
-    faults = {cabling: count for count, cablings in enumerate(_simple(channels)) for cabling in cablings}
-    prices = {
-        cabling: sum(fit.best(cabling).square for fit in fits) + FAULT * count for cabling, count in faults.items()
-    }
+def _search(fits: Sequence[_Fit], channels: int) -> dict[Wiring, float]:
+    """Return the price of each wiring that was tried: its sum of squares, and that of its faults."""
+    faults = {wiring: count for count, wirings in enumerate(_simple(channels)) for wiring in wirings}
+    prices = {wiring: sum(fit.best(wiring).square for fit in fits) + FAULT * count for wiring, count in faults.items()}
     for _ in range(channels):
-        squares = dict[Cabling, float]()
-        for cabling in sorted(prices, key=lambda cabling: prices[cabling])[:KEPT]:
-            more = sum((fit.squares_with_one_more(cabling) for fit in fits), start=np.zeros(1))
-            for worse, square in zip(_with_one_more(cabling), more.tolist(), strict=True):
+        squares = dict[Wiring, float]()
+        for wiring in sorted(prices, key=lambda wiring: prices[wiring])[:KEPT]:
+            more = sum((fit.squares_with_one_more(wiring) for fit in fits), start=np.zeros(1))
+            for worse, square in zip(_with_one_more(wiring), more.tolist(), strict=True):
                 if worse not in prices:
                     squares[worse] = square
-                    faults[worse] = min(faults.get(worse, channels * 2), faults[cabling] + 1)
+                    faults[worse] = min(faults.get(worse, channels * 2), faults[wiring] + 1)
         if not squares:
             break
         before = min(prices.values())
-        prices |= {cabling: square + FAULT * faults[cabling] for cabling, square in squares.items()}
-        # A fault too many costs its price: what is twice that above the best cabling leads to no better one.
-        if min(prices[cabling] for cabling in squares) > before + 2 * FAULT:
+        prices |= {wiring: square + FAULT * faults[wiring] for wiring, square in squares.items()}
+        # A fault too many costs its price: what is twice that above the best wiring leads to no better one.
+        if min(prices[wiring] for wiring in squares) > before + 2 * FAULT:
             break
     return prices
 
 
-def _simple(channels: int) -> list[list[Cabling]]:
-    """Return the right cabling, and those with one fault that is more than one step away: reversed, or all inverted."""
+def _simple(channels: int) -> list[list[Wiring]]:
+    """Return the right wiring, and those with one fault that is more than one step away: reversed, or all inverted."""
     own, right = tuple(range(channels)), (1,) * channels
-    far = [Cabling(own[::-1], right)] if channels > 1 else []
-    return [[Cabling(own, right)], [*far, Cabling(own, (-1,) * channels)]]
+    far = [Wiring(own[::-1], right)] if channels > 1 else []
+    return [[Wiring(own, right)], [*far, Wiring(own, (-1,) * channels)]]
 
 
-def _with_one_more(cabling: Cabling) -> Iterable[Cabling]:
-    """Yield the cablings with one more fault: two cables swapped, a sensor inverted, a channel dead."""
-    sensors, signs = list(cabling.sensors), list(cabling.signs)
+def _with_one_more(wiring: Wiring) -> Iterable[Wiring]:
+    """Yield the wirings with one more fault: two cables swapped, a sensor inverted, a channel dead."""
+    sensors, signs = list(wiring.sensors), list(wiring.signs)
     for one, other in combinations(range(len(sensors)), 2):
         swapped = sensors.copy()
         swapped[one], swapped[other] = sensors[other], sensors[one]
@@ -219,10 +217,10 @@ def _with_one_more(cabling: Cabling) -> Iterable[Cabling]:
             yield _plain(sensors, [*signs[:channel], other_sign, *signs[channel + 1 :]])
 
 
-def _plain(sensors: Sequence[int], signs: Sequence[int]) -> Cabling:
-    """Return a cabling in the form that is the same for all that cannot be told apart."""
+def _plain(sensors: Sequence[int], signs: Sequence[int]) -> Wiring:
+    """Return a wiring in the form that is the same for all that cannot be told apart."""
     each = enumerate(zip(sensors, signs, strict=True))
-    return Cabling(tuple(sensor if sign else channel for channel, (sensor, sign) in each), tuple(signs))
+    return Wiring(tuple(sensor if sign else channel for channel, (sensor, sign) in each), tuple(signs))
 
 
 def _shares(moved_mm: Floats, expected_mm: Floats, noise_mm: Floats) -> Floats:
