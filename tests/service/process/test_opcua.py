@@ -275,9 +275,41 @@ def test_with_a_certificate_only_trusted_clients_connect_and_only_encrypted(
         with pytest.raises(ua.UaStatusCodeError, match="BadCertificateUntrusted"):
             asyncio.run(connect(*stranger, named))
 
+
+def test_a_server_with_a_certificate_refuses_clients_that_do_not_encrypt(
+    start_service: StartService, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    certificate, _ = application_certificate(tmp_path / "own", "server")
+    keys = f'certificate_file = "{certificate}"\nkey_file = "server-key.pem"'
+    _, url = start(start_service, tmp_path, 2000, keys)
+    # The server offers no such endpoint; a client may ask for one all the same.
+    monkeypatch.setattr(Client, "find_endpoint", lambda endpoints, _mode, _policy: endpoints[0])
+
     async def connect_openly() -> None:
         async with connected(url):
             pass
 
-    with pytest.raises((ua.UaError, ConnectionError, TimeoutError)):
+    with pytest.raises(ua.UaStatusCodeError, match="BadSecurityModeRejected"):
         asyncio.run(connect_openly())
+
+
+def test_nobody_reads_in_the_session_of_another_client(start_service: StartService, tmp_path: Path) -> None:
+    (tmp_path / "password").write_text("a long password\n")
+    _, url = start(start_service, tmp_path, 2000, 'username = "scada"\npassword_file = "password"')
+
+    async def take_over() -> None:
+        async with connected(url, "scada", "a long password") as client:
+            stranger = Client(url, timeout=TIMEOUT_S)
+            await stranger.connect_socket()
+            await stranger.send_hello()
+            await stranger.open_secure_channel()
+            # Sessions are numbered, so that this is easily guessed.
+            stranger.uaclient.session.restore_authentication_token(client.uaclient.session.authentication_token)
+            with pytest.raises(ua.UaStatusCodeError, match="BadSessionIdInvalid"):
+                await stranger.uaclient.activate_session(ua.ActivateSessionParameters())
+            with pytest.raises(ua.UaStatusCodeError, match="BadUserAccessDenied"):
+                await read(stranger)
+            stranger.disconnect_socket()
+            assert await read(client)
+
+    asyncio.run(take_over())

@@ -49,11 +49,15 @@ class Clients:
     """Lets those read that have a trusted certificate and the password of the one user, as far as these are asked for.
 
     The certificate is that with which the client has encrypted the connection. By itself, the library looks at the one
-    that the client names when it begins a session, which may be none, or somebody else's.
+    that the client names when it begins a session, which may be none, or somebody else's. Nor does it refuse a
+    connection without encryption, which has no certificate.
     """
 
-    def __init__(self, name: str | None, password: str | None, trusted: TrustedCertificates | None) -> None:
+    def __init__(
+        self, name: str | None, password: str | None, trusted: TrustedCertificates | None, *, are_encrypted: bool
+    ) -> None:
         self._name, self._password, self._trusted = name or "", password, trusted
+        self._are_encrypted = are_encrypted
 
     def get_user(
         self,
@@ -64,6 +68,8 @@ class Clients:
     ) -> User | None:
         """Return the user; None refuses the session, and so does ServiceError for a certificate that is not trusted."""
         del iserver
+        if self._are_encrypted and not certificate:
+            raise ServiceError(ua.StatusCodes.BadSecurityModeRejected)
         if self._trusted and not (certificate and self._trusted.is_trusted(uacrypto.x509_from_der(certificate))):
             raise ServiceError(ua.StatusCodes.BadCertificateUntrusted)
         given, held = f"{username or ''}\n{password or ''}", f"{self._name}\n{self._password}"
@@ -73,7 +79,17 @@ class Clients:
 
 
 class ReadOnlyServer(InternalServer):  # type: ignore[misc]  # mypy skips the types of the library
-    """A server to which clients add nothing. The library takes other servers into its list from anyone."""
+    """A server to which clients add nothing, and whose sessions end with their connections.
+
+    The library takes other servers into its list from anyone.
+    """
+
+    def lookup_external_session(self, auth_token: ua.NodeId) -> None:
+        """Find no session of another connection: the library would let it be used before it has seen who asks.
+
+        The numbers of sessions are easy to guess. A client that has lost its connection begins a new session.
+        """
+        del auth_token
 
     def register_server(self, server: object, conf: object = None) -> None:
         """Refuse to take a server into that list."""
@@ -125,7 +141,7 @@ async def read_security(section: OpcUaSection) -> Security:
             )
             raise InputError(message)
         trusted = TrustedCertificates([await _read_certificate(path) for path in paths])
-    clients = Clients(section.username, password, trusted)
+    clients = Clients(section.username, password, trusted, are_encrypted=own is not None)
     return Security(clients, password is not None, trusted is not None, own)
 
 
