@@ -141,14 +141,18 @@ class Drawn(MetadataPart):
     """Width of a sensor's housing along the beam."""
 
 
+Threshold = Annotated[float, Field(ge=0, le=1e6)]
+"""Of log odds and sums of squares. A larger one would never be passed, so nothing would ever be noticed."""
+
+
 class Thresholds(MetadataPart):
     """Thresholds for any covariance, by the number of valid channels; the first entries are for one channel."""
 
-    touch: list[NonNegativeFloat]
+    touch: list[Threshold]
     """A sample is a contact if `contact_log_odds` exceeds this."""
-    rest: list[PositiveFloat]
+    rest: list[Threshold]
     """Rest does not explain a sample if the sum of squares of the whitened sample exceeds this."""
-    misfit: list[PositiveFloat]
+    misfit: list[Threshold]
     """No single contact explains a sample if `misfit` exceeds this."""
     false_contacts_per_day: PositiveFloat
     """Contacts per day at rest that `touch` was chosen for."""
@@ -162,29 +166,35 @@ class SmallestForce(MetadataPart):
     force_n: list[PositiveFloat | None]
     """95 of 100 settled samples at this force are a contact; null: nothing is seen, as at a support."""
 
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        if len(self.force_n) != len(self.position_mm):
+            raise ValueError(f"{len(self.position_mm)} positions with {len(self.force_n)} forces")
+        return self
+
 
 class SinceTouch(MetadataPart):
     """The error of an answer by the time since a touch, behind the filter of the model."""
 
-    since_ms: float
+    since_ms: Deviation
     """Time in which this many readings of the touch have come."""
     readings: int
-    error_percent: float
+    error_percent: Deviation
     """Mean |position error| in percent of the length if the beam follows the touch at once."""
-    error_standard_error: float
-    ringing_percent: float | None = None
+    error_standard_error: Deviation
+    ringing_percent: Deviation | None = None
     """The same after a sudden force, which rings; None if the scene does not state the beam's mass."""
-    ringing_standard_error: float | None = None
+    ringing_standard_error: Deviation | None = None
 
 
 class Accuracy(MetadataPart):
     """Mean |position error| in percent of the length (eq. 5 of the paper), over the scene's ranges."""
 
-    error_percent: float
-    error_standard_error: float
-    limit_percent: float
-    limit_standard_error: float
-    ratio_standard_error: float
+    error_percent: Deviation
+    error_standard_error: Deviation
+    limit_percent: Deviation
+    limit_standard_error: Deviation
+    ratio_standard_error: Deviation
     """Standard error of `ratio`, whose terms share their contacts."""
     since_touch: list[SinceTouch]
     """From the first answer to the longest mean; all figures above are those of a mean of `filter.window` readings."""
@@ -212,7 +222,7 @@ class LayoutErrors(MetadataPart):
     limit_without_percent: list[NonNegativeFloat]
     """With each sensor failed, in the order of the layout; empty for a single sensor. That with all is
     `Accuracy.limit_percent`."""
-    limit_without_standard_error: list[NonNegativeFloat]
+    limit_without_standard_error: list[Deviation]
 
 
 class Departures(MetadataPart):
@@ -331,11 +341,12 @@ class Metadata(MetadataPart):
             raise ValueError("layout: two channels have the same name")
         if self.min_channels > len(names):
             raise ValueError(f"min_channels: {self.min_channels} of {len(names)} channels")
-        golden, limits, placed = self.golden, self.thresholds, self.placed
+        golden, limits = self.golden, self.thresholds
+        without, uncertain = self.placed.limit_without_percent, self.placed.limit_without_standard_error
         found = self.calibration.departures if self.calibration else None
         lists: dict[str, list[list[Any]]] = {
             "thresholds and floor": [limits.touch, limits.rest, limits.misfit, self.floor.gain, self.floor.zero_mm],
-            "placed": [one for one in (placed.limit_without_percent, placed.limit_without_standard_error) if one],
+            "placed": [without, uncertain] if without or uncertain else [],
             "influence": [*self.influence.mm_per_n],
             "golden": [*golden.deflection_mm, *(row for one in golden.whitening_per_mm for row in one)],
             "calibration.departures": [found.position_offset_mm, found.gain, found.offset_mm] if found else [],

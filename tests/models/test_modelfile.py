@@ -119,6 +119,14 @@ def test_wrong_golden_answers_are_refused(tmp_path: Path, bench_model: Path, ben
             "golden: each list must have 4 entries",
         ),
         ("beamtouch.noise", None, "beamtouch.noise: Field required"),
+        ("beamtouch.smallest_force", '{"position_mm": [1, 2], "force_n": [2]}', "2 positions with 1 forces"),
+        (
+            "beamtouch.placed",
+            '{"criterion": "position-error", "spare": 0, "limit_without_percent": [1, 1, 1, 1], '
+            '"limit_without_standard_error": []}',
+            "placed: each list must have 4 entries",
+        ),
+        ("misfit", [25, 25, 25, 1e9], r"thresholds\.misfit\.3: must be at most 1000000"),
         ("beamtouch.noise", "{", "not JSON"),
         ("beamtouch.length_mm", '"long"', "beamtouch.length_mm"),
         ("beamtouch.seed", "[" * 100_000, "its metadata is not JSON"),
