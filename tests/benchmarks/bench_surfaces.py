@@ -1,4 +1,4 @@
-"""How many surfaces of 1 kHz one core carries: the service on one core, senders on the others."""
+"""How many surfaces of 1 kHz one core carries, and what many at rest take: the service on a core, senders on others."""
 
 import json
 import os
@@ -15,6 +15,7 @@ from shipped import build
 from processes import processor_s, resident_mb
 
 MOST, SECONDS = 48, 3.0
+RESTING = 200
 PROMPT_MS = 20.0
 """A core carries the samples if from the taking of one to its receipt it takes no longer, but for 1 in 100."""
 LOAD = Path(__file__).parent / "sample_load.py"
@@ -25,7 +26,7 @@ def run() -> list[dict[str, object]]:
     with tempfile.TemporaryDirectory() as folder:
         model = build(Path(folder))
         (Path(folder) / "token").write_text(TOKEN)
-        surfaces = "".join(f'[surfaces.s{number}]\nmodel = "bench.onnx"\n' for number in range(MOST))
+        surfaces = "".join(f'[surfaces.s{number}]\nmodel = "bench.onnx"\n' for number in range(RESTING))
         (Path(folder) / "service.toml").write_text(f'[server]\nport = 0\nwrite_token_file = "token"\n{surfaces}')
         deflections_mm = model.metadata.golden.deflection_mm[0]
         channels = json.dumps(dict(zip(model.channels, deflections_mm, strict=True)))
@@ -36,6 +37,8 @@ def run() -> list[dict[str, object]]:
             with started as (service, port):
                 os.sched_setaffinity(0, cores[:-1] or cores)
                 carried, found, core = search(service.pid, port, channels)
+                calm = json.dumps(dict.fromkeys(model.channels, 0.0))
+                rests = {count: loaded(service.pid, port, calm, count, "--at-rest") for count in (MOST, RESTING)}
                 memory_mb = resident_mb(service.pid)
         finally:
             os.sched_setaffinity(0, cores)
@@ -50,7 +53,18 @@ def run() -> list[dict[str, object]]:
             "p99 to the receipt, ms": found["p99_ms"],
             "processor, %": core * 100,
         },
-        {"name": f"resident memory with {MOST} surfaces", "value": memory_mb, "unit": "MB"},
+        *(
+            {
+                "name": f"{count} surfaces at rest, 10 samples per second each",
+                "value": share * 100,
+                "unit": "% of a core",
+                "samples/s of each": rest["samples"] / SECONDS / count,
+                "p50 to the receipt, ms": rest["p50_ms"],
+                "p99 to the receipt, ms": rest["p99_ms"],
+            }
+            for count, (rest, share) in rests.items()
+        ),
+        {"name": f"resident memory with {RESTING} surfaces", "value": memory_mb, "unit": "MB"},
     ]
 
 
@@ -69,10 +83,10 @@ def search(pid: int, port: int, channels: str) -> tuple[int, dict[str, float], f
     return kept
 
 
-def loaded(pid: int, port: int, channels: str, count: int) -> tuple[dict[str, float], float]:
+def loaded(pid: int, port: int, channels: str, count: int, *options: str) -> tuple[dict[str, float], float]:
     """Send to so many surfaces for a turn; returns what the senders found, and the share of the core it took."""
     begin_s = processor_s(pid)
-    arguments = [sys.executable, str(LOAD), str(port), channels, str(count), str(SECONDS), TOKEN]
+    arguments = [sys.executable, str(LOAD), str(port), channels, str(count), str(SECONDS), TOKEN, *options]
     found: dict[str, float] = json.loads(subprocess.check_output(arguments, text=True))
     return found, (processor_s(pid) - begin_s) / SECONDS
 

@@ -1,4 +1,4 @@
-"""Sends samples of contacts as daemons do: `sample_load.py PORT CHANNELS SURFACES SECONDS TOKEN`, 1 kHz for each.
+"""Sends samples as daemons do: `sample_load.py PORT CHANNELS SURFACES SECONDS TOKEN [--at-rest]`, at 1 kHz or 10 Hz.
 
 Surfaces are named s0, s1 and so on; CHANNELS is a JSON object of channel names and deflections [mm]. Each sender
 waits for its answer before it sends what was taken meanwhile. Prints how many samples were acknowledged, and the
@@ -11,14 +11,15 @@ import sys
 import uuid
 from time import monotonic, time
 
-RATE_HZ, EVERY_S = 1000, 0.004
-"""As the daemon collects them."""
+FULL, AT_REST = (1000, 0.004), (10, 0.1)
+"""Samples per second, and the time between two batches, as the daemon collects them [s]."""
 
 
 class Sender:
     """One surface's samples over one connection."""
 
-    def __init__(self, surface: str, channels: dict[str, float], token: str) -> None:
+    def __init__(self, surface: str, channels: dict[str, float], token: str, pace: tuple[int, float]) -> None:
+        self._rate_hz, self._every_s = pace
         self.delays_s: list[float] = []
         self.acknowledged = 0
         self._head = (
@@ -34,32 +35,35 @@ class Sender:
         reader, writer = await asyncio.open_connection("127.0.0.1", port)
         begin_s, sent = monotonic(), 0
         while (now_s := monotonic()) < until_s:
-            due = int((now_s - begin_s) * RATE_HZ)
+            due = int((now_s - begin_s) * self._rate_hz)
             if due > sent:
                 writer.write(self._request(sent, due))
                 status = await reader.readline()
                 assert b" 200 " in status, status
                 head = await reader.readuntil(b"\r\n\r\n")
                 await reader.readexactly(int(head.lower().partition(b"content-length: ")[2].split(b"\r", 1)[0]))
-                self.delays_s.append(monotonic() - begin_s - sent / RATE_HZ)
+                self.delays_s.append(monotonic() - begin_s - sent / self._rate_hz)
                 self.acknowledged += due - sent
                 sent = due
-            await asyncio.sleep(max(0.0, now_s + EVERY_S - monotonic()))
+            await asyncio.sleep(max(0.0, now_s + self._every_s - monotonic()))
         writer.close()
 
     def _request(self, first: int, end: int) -> bytes:
         now_us = int(time() * 1e6)
+        period_us = 1_000_000 // self._rate_hz
         samples = ",".join(
-            f'{{"sequence":{number},"acquired_unix_us":{now_us + (number - end) * 1_000_000 // RATE_HZ},{self._sample}'
+            f'{{"sequence":{number},"acquired_unix_us":{now_us + (number - end) * period_us},{self._sample}'
             for number in range(first + 1, end + 1)
         )
         body = f"{self._begin}{samples}]}}"
         return f"{self._head}Content-Length: {len(body)}\r\n\r\n{body}".encode()
 
 
-async def load(port: int, channels: dict[str, float], surfaces: int, seconds: float, token: str) -> dict[str, float]:
+async def load(
+    port: int, channels: dict[str, float], surfaces: int, seconds: float, token: str, pace: tuple[int, float]
+) -> dict[str, float]:
     """Send to so many surfaces for so long."""
-    senders = [Sender(f"s{number}", channels, token) for number in range(surfaces)]
+    senders = [Sender(f"s{number}", channels, token, pace) for number in range(surfaces)]
     until_s = monotonic() + seconds
     await asyncio.gather(*(sender.run(port, until_s) for sender in senders))
     delays_ms = sorted(delay_s * 1e3 for sender in senders for delay_s in sender.delays_s)
@@ -72,6 +76,6 @@ async def load(port: int, channels: dict[str, float], surfaces: int, seconds: fl
 
 
 if __name__ == "__main__":
-    _, given_port, given_channels, given_surfaces, given_seconds, given_token = sys.argv
-    found = load(int(given_port), json.loads(given_channels), int(given_surfaces), float(given_seconds), given_token)
-    print(json.dumps(asyncio.run(found)))
+    _, given_port, given_channels, given_surfaces, given_seconds, given_token, *rest = sys.argv
+    given = int(given_port), json.loads(given_channels), int(given_surfaces), float(given_seconds), given_token
+    print(json.dumps(asyncio.run(load(*given, AT_REST if rest else FULL))))
