@@ -48,13 +48,17 @@ def test_with_noise_as_large_as_the_deflection_the_posterior_is_still_right() ->
     assert held.mean() > 0.93
 
 
-@pytest.mark.parametrize(("name", "sensors", "known"), [("paper", 2, True), ("bench", 4, False)])
+@pytest.mark.parametrize(
+    ("name", "sensors", "known"),
+    # Shear gives the curve a kink at each sensor.
+    [("paper", 2, True), ("bench", 4, False), ("short-deep", 3, True)],
+)
 def test_the_limit_holds_down_to_the_noise_that_float32_carries(name: str, sensors: int, known: bool) -> None:
     prior = prior_of(name, sensors, 1e-4, known=known)
     drawn = limit.draw(prior, 1000, 5)
     answers = answers_of(graph_of(prior), prior, drawn.deflection_mm)
     best = np.abs(limit.posterior_median_mm(prior, drawn.deflection_mm) - drawn.position_mm).mean()
-    assert np.abs(answers["position_mm"] - drawn.position_mm).mean() / best < 1.2
+    assert np.abs(answers["position_mm"] - drawn.position_mm).mean() / best < 1.05
     held = (answers["position_low_mm"] <= drawn.position_mm) & (drawn.position_mm <= answers["position_high_mm"])
     assert 0.93 < held.mean() < 0.995
 

@@ -72,7 +72,7 @@ def table_of(prior: Prior) -> Table:
     steps = FULL_TURN * np.sqrt(float(path.size.max()) / (8 * SAGITTA))
     position = cells_of(prior, int(np.clip(np.ceil(steps), *NODES)), path).edges_mm
     uncertain = None if prior.uncertainty is None else prior.uncertainty(position)
-    return Table(position, prior.table(position), uncertain)
+    return Table(position, prior.influence_within_noise(position), uncertain)
 
 
 Rows = tuple[str, str]
