@@ -61,6 +61,7 @@ class Curve:
         reach = 2 * (self.load_mm[1] - self.load_mm[0])
         low, high = np.maximum(position - reach, self.load_mm[0]), np.minimum(position + reach, self.load_mm[-1])
         shape, slope = self.at(position)
+        first = position, force, _explained(weight, force, shape, linear_mm)
         for _ in range(STEPS):
             moved = force[:, None] * slope
             left = linear_mm - force[:, None] * shape
@@ -77,7 +78,9 @@ class Curve:
             shape, slope = self.at(position)
             if known_force_n is None:
                 force = _dot(weight, shape, linear_mm) / np.maximum(_dot(weight, shape, shape), _TINY)
-        return position, force
+        # Beside a support, a step may end on the other side, where only a pull fits.
+        is_worse = _explained(weight, force, shape, linear_mm) < first[2]
+        return np.where(is_worse, first[0], position), np.where(is_worse, first[1], force)
 
     def unexplained(self, linear_mm: Floats, weight: Floats) -> Floats:
         """Return the weighted squares that the best contact leaves of deflections, (contacts,); a contact never pulls.
@@ -114,6 +117,12 @@ class InfluenceCurve(Curve):
         shape, slope = self.at(position_mm)
         bent = self.departures.slope(force_n[:, None] * shape) * force_n[:, None]
         return np.stack([bent * slope, bent * shape])
+
+
+def _explained(weight: Floats, force_n: Floats, shape: Floats, linear_mm: Floats) -> Floats:
+    """Return the weighted squares of deflections that contacts explain, (contacts,); none if they pull."""
+    force_n = np.maximum(force_n, 0.0)
+    return force_n * (2 * _dot(weight, shape, linear_mm) - force_n * _dot(weight, shape, shape))
 
 
 def _dot(weight: Floats, one: Floats, other: Floats) -> Floats:
