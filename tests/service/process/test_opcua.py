@@ -313,3 +313,37 @@ def test_nobody_reads_in_the_session_of_another_client(start_service: StartServi
             assert await read(client)
 
     asyncio.run(take_over())
+
+
+def test_nobody_ends_or_takes_over_the_subscription_of_another_client(
+    start_service: StartService, tmp_path: Path
+) -> None:
+    service, url = start(start_service, tmp_path, 60_000, "interval_ms = 50")
+
+    async def try_to_disturb() -> None:
+        changes = Changes()
+        async with connected(url) as client, connected(url) as stranger:
+            node = client.get_node(ua.NodeId("press-7/sequence", await client.get_namespace_index("urn:beamtouch")))
+            subscription = await client.create_subscription(50, changes)
+            item = await subscription.subscribe_data_change(node)
+            number = subscription.subscription_id
+            own = (await stranger.create_subscription(50, Changes())).subscription_id
+            assert own != number
+            answers = [
+                *await stranger.uaclient.delete_subscriptions([number]),
+                *await stranger.uaclient.set_publishing_mode(
+                    ua.SetPublishingModeParameters(PublishingEnabled=False, SubscriptionIds=[number])
+                ),
+                (await stranger.uaclient.transfer_subscriptions(ua.TransferSubscriptionsParameters([number])))[
+                    0
+                ].StatusCode,
+            ]
+            assert {answer.name for answer in answers} == {"BadSubscriptionIdInvalid"}
+            with pytest.raises(ua.UaStatusCodeError, match="BadSubscriptionIdInvalid"):
+                await stranger.uaclient.delete_monitored_items(ua.DeleteMonitoredItemsParameters(number, [item]))
+            assert [answer.name for answer in await stranger.uaclient.delete_subscriptions([own])] == ["Good"]
+            assert (await asyncio.to_thread(service.post, batch_of([0.0] * 3))).status_code == 200
+            told = changes.found.setdefault("press-7/sequence", [])
+            await asyncio.to_thread(wait_until, lambda: bool(told) and told[-1].Value.Value == 1)
+
+    asyncio.run(try_to_disturb())

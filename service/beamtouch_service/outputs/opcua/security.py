@@ -14,12 +14,14 @@ from asyncua.crypto import uacrypto
 from asyncua.crypto.permission_rules import User, UserRole
 from asyncua.crypto.truststore import TrustStore
 from asyncua.server.internal_server import InternalServer
+from asyncua.server.internal_session import InternalSession
 from cryptography.hazmat.primitives.asymmetric.rsa import RSAPrivateKey
 from cryptography.x509 import Certificate, verification
 
 from beamtouch_common.errors import FailedError, InputError
 from beamtouch_common.secrets import read_password
 from beamtouch_service.outputs.opcua.section import OpcUaSection
+from beamtouch_service.outputs.opcua.subscriptions import OwnSubscriptions
 
 ENCRYPTED = [
     ua.SecurityPolicyType.Basic256Sha256_SignAndEncrypt,
@@ -83,6 +85,12 @@ class ReadOnlyServer(InternalServer):  # type: ignore[misc]  # mypy skips the ty
 
     The library takes other servers into its list from anyone.
     """
+
+    def create_session(self, *args: object, **options: object) -> InternalSession:
+        """Begin a session that reaches no subscription but its own."""
+        session = super().create_session(*args, **options)
+        session.subscription_service = OwnSubscriptions(self.subscription_service, session.session_id)
+        return session
 
     def lookup_external_session(self, auth_token: ua.NodeId) -> None:
         """Find no session of another connection: the library would let it be used before it has seen who asks.

@@ -6,14 +6,17 @@ doubtful.
 
 The library takes any publishing interval. With one of a microsecond, it would do nothing else; with 0, by which a
 client asks for the shortest one, it never says that it is still there.
+
+It lets a session end, change and take over the subscriptions of every other one. Here each session has its own.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, MutableMapping
 from dataclasses import replace
 from typing import Any
 
 from asyncua import ua
 from asyncua.server.internal_server import InternalServer
+from asyncua.server.internal_subscription import InternalSubscription
 from asyncua.server.subscription_service import SubscriptionService
 
 MOST_WAITING = 100
@@ -29,7 +32,7 @@ class ExactSubscriptions(SubscriptionService):  # type: ignore[misc]  # mypy ski
         """Variables are looked at every `interval_ms`."""
         super().__init__(server.aspace, server)
         server.max_monitored_item_queue_size = server.max_unacked_messages_per_subscription = MOST_WAITING
-        self._interval_ms = interval_ms
+        self.interval_ms = interval_ms
 
     async def create_subscription(
         self,
@@ -40,7 +43,7 @@ class ExactSubscriptions(SubscriptionService):  # type: ignore[misc]  # mypy ski
     ) -> ua.CreateSubscriptionResult:
         """Create a subscription; returns its publishing interval, which is at least that of the looks."""
         # In this order, the interval of the looks counts where that of the client is no number.
-        interval_ms = max(self._interval_ms, params.RequestedPublishingInterval)
+        interval_ms = max(self.interval_ms, params.RequestedPublishingInterval)
         revised = replace(params, RequestedPublishingInterval=interval_ms)
         return await super().create_subscription(revised, callback, session_id, request_callback)
 
@@ -63,6 +66,50 @@ class ExactSubscriptions(SubscriptionService):  # type: ignore[misc]  # mypy ski
             ua.MonitoredItemModifyResult(REFUSED) if _has_deadband(item) else next(modified)
             for item in params.ItemsToModify
         ]
+
+
+class OwnSubscriptions(ExactSubscriptions):
+    """The subscriptions of a server as far as one session reaches: its own."""
+
+    def __init__(self, every: ExactSubscriptions, session_id: ua.NodeId) -> None:
+        super().__init__(every.iserver, every.interval_ms)
+        self._every = every
+        self.subscriptions = _Own(every.subscriptions, session_id)
+
+    async def create_subscription(
+        self,
+        params: ua.CreateSubscriptionParameters,
+        callback: Callable[..., Any],
+        session_id: ua.NodeId,
+        request_callback: Callable[..., Any] | None = None,
+    ) -> ua.CreateSubscriptionResult:
+        """Create a subscription among those of all, which are numbered together."""
+        return await self._every.create_subscription(params, callback, session_id, request_callback)
+
+
+class _Own(MutableMapping[int, InternalSubscription]):
+    """Those of all subscriptions, by number, that belong to a session."""
+
+    def __init__(self, every: dict[int, InternalSubscription], session_id: ua.NodeId) -> None:
+        self._every, self._session_id = every, session_id
+
+    def __getitem__(self, number: int) -> InternalSubscription:
+        found = self._every[number]
+        if found.session_id != self._session_id:
+            raise KeyError(number)
+        return found
+
+    def __setitem__(self, number: int, subscription: InternalSubscription) -> None:
+        self._every[number] = subscription
+
+    def __delitem__(self, number: int) -> None:
+        del self._every[self[number].data.SubscriptionId]
+
+    def __iter__(self) -> Iterator[int]:
+        return (number for number, one in list(self._every.items()) if one.session_id == self._session_id)
+
+    def __len__(self) -> int:
+        return sum(1 for _ in self)
 
 
 def _has_deadband(item: ua.MonitoredItemCreateRequest | ua.MonitoredItemModifyRequest) -> bool:
