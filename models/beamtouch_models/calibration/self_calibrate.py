@@ -149,10 +149,10 @@ def _check_single(fit: ContactFit, max_error: float) -> None:
     """Raise NotGoodEnoughError if contacts do not fit this surface; a relative error of `max_error` is allowed."""
     other = 1 - float(fit.single.mean())
     if other > MAX_NOT_SINGLE or fit.left_error > max_error:
-        left = f"leaves {fit.left_error:.1%} of the deflections unexplained"
+        left = f"{fit.left_error:.1%} of the deflections remain unexplained"
         shown = f"{other:.0%} of them are no single contacts on this beam" if other > MAX_NOT_SINGLE else left
         raise _refuse(
-            f"the contacts do not fit this model's surface. At best, {shown}. Check that file and model belong "
+            f"the contacts do not fit this model's surface: at best, {shown}. Check that file and model belong "
             "together, and that the order of the sensors and the beam are as modelled"
         )
 
