@@ -27,7 +27,7 @@ from sqlalchemy.types import TypeEngine
 
 from beamtouch_service.events.event import Begin, End, Event, EventKind
 
-FORMAT = 10
+FORMAT = 11
 """The format of the record. A record of another one is refused: count it up with every change of a table, which is also
 one of the fields of an `Event`, and of what cursors keep."""
 _NUMBER = BigInteger().with_variant(Integer, "sqlite")
