@@ -3,6 +3,7 @@
 The service answers by this for each sample; `design-sensors explain --zones` forecasts its answers.
 """
 
+from collections.abc import Mapping
 from enum import StrEnum
 from typing import Annotated, NamedTuple, Self
 
@@ -99,3 +100,9 @@ class Zone(BaseModel):
         if any(high < begin or low > end for low, high, begin, end in axes):
             return ZoneState.OUTSIDE
         return ZoneState.UNSURE
+
+
+def misfit_of(zones: Mapping[str, Zone], length_mm: float, *, estimates_force: bool) -> str:
+    """Return the first zone that has a misfit, with it; empty if none has."""
+    misfits = {name: zone.misfit(length_mm, estimates_force=estimates_force) for name, zone in zones.items()}
+    return next((f"zones.{name}: {misfit}" for name, misfit in misfits.items() if misfit), "")

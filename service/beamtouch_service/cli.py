@@ -81,7 +81,7 @@ def _registers(arguments: argparse.Namespace) -> int:
     sections = [section for section in settings.outputs if isinstance(section, ModbusServerSection)]
     section = sections[0] if sections else ModbusServerSection()
     show = document.as_json if arguments.json else document.as_text
-    print(show({name: one.zones for name, one in settings.surfaces.items()}, section.word_order))
+    print(show(settings.surfaces, section.word_order))
     return DONE
 
 

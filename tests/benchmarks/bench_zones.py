@@ -33,8 +33,7 @@ from beamtouch_models.sweeps import silent
 from beamtouch_models.world import SensorErrors
 from beamtouch_service.samples import Batch
 from beamtouch_service.sections import SurfaceSection
-from beamtouch_service.surfaces.follower import Follower, hold_us
-from beamtouch_service.zones.follow import ZoneFollower
+from beamtouch_service.surfaces.follower import Follower
 from example_scenes import SCENES
 
 EDGES_MM = {"bench": (120.0, 280.0), "conveyor": (400.0, 800.0)}
@@ -49,7 +48,6 @@ AT_ONCE = 100
 """Contacts that are simulated together."""
 GOAL = 0.5
 """Largest share of wrong answers [%]."""
-HOLD_MS = SurfaceSection().stale_ms
 
 
 class Course(NamedTuple):
@@ -170,14 +168,11 @@ def said(
         batch = Batch.model_validate(
             {"boot_id": f"boot-{number:04}", "channels": model.channels, "newest_age_ms": 0.0, "samples": samples}
         )
-        zones = ZoneFollower({"gate": zone})
-        zones.begin(metadata.length_mm, hold_us(model, HOLD_MS))
-        answers: list[Said] = [(None, False)] * first
-        for decision in Follower(model, "surface", HOLD_MS, lambda _took_s: None).follow(batch, batch.samples):
-            notes = decision.notes(model) if decision.state else []
-            zones.step(decision.seen(batch.boot_id, decision.estimate.sample.acquired_unix_us, notes))
-            answers.append((zones.answers["gate"], decision.state is State.CLEAR))
-        yield answers
+        follower = Follower(model, "surface", SurfaceSection(zones={"gate": zone}), lambda _took_s: None)
+        taken_us = [sample.acquired_unix_us for sample in batch.samples]
+        decisions = follower.follow(batch, batch.samples, taken_us, [])
+        said_of_each = [(one.zones.answers["gate"], one.state is State.CLEAR) for one in decisions]
+        yield [(None, False)] * first + said_of_each
 
 
 def count(zone: Zone, answers: list[Said], truth_mm: Floats, judged: Floats) -> Mapping[str, int]:

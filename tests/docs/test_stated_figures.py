@@ -18,8 +18,8 @@ from beamtouch_protocol.framing import MAX_FRAME_BYTES
 from beamtouch_protocol.messages import MESSAGE_TYPES
 from beamtouch_service.api.samples import MAX_BODY_BYTES, MAX_BODY_S
 from beamtouch_service.commissioning import course, pressing, verdict
+from beamtouch_service.commissioning.record import MAX_KEPT
 from beamtouch_service.events.boot import MAX_CAPTURED, MAX_WAITING
-from beamtouch_service.events.commissionings import MAX_KEPT
 from beamtouch_service.host.serve import IDLE_S
 from beamtouch_service.outputs.modbus.registers import BLOCK, CONSTANT, MAX_SURFACES, STATES
 from beamtouch_service.problems import Kind

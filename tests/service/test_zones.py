@@ -14,7 +14,7 @@ from beamtouch_service.host import models
 from beamtouch_service.host.models import ModelKeeper
 from beamtouch_service.sections import EventsSection, SurfaceSection
 from beamtouch_service.surfaces.surface import Surface
-from beamtouch_service.zones.follow import Seen, ZoneFollower
+from beamtouch_service.zones.follow import Seen, ZoneFollower, ZoneReport
 from service.conftest import Bench, BuildModel, Row, batch_of, surface_of
 
 GATE = Zone(from_mm=120, to_mm=200)
@@ -113,68 +113,52 @@ STORIES: dict[str, tuple[Zone, list[Step], list[ZoneState | None], int]] = {
 }
 
 
-def seen_in(story: list[Step]) -> list[Seen]:
-    sequence, at_us, found = 0, 1_000_000, []
+def follower_of(zone: Zone, former: ZoneFollower | None = None) -> ZoneFollower:
+    """Return the follower of a zone, which goes on from the memory of a former one."""
+    memory = json.loads(json.dumps(former.memory)) if former else None
+    return ZoneFollower({"gate": zone}, LENGTH_MM, HOLD_US, memory)
+
+
+def reports_of(zone: Zone, story: list[Step], *, restarts: bool = False) -> list[ZoneReport]:
+    """Return what each sample shows, to a service that is started anew after each of them if it `restarts`."""
+    follower, at_us, found = follower_of(zone), 1_000_000, []
     for what, passed_us, more in story:
-        sequence, at_us = sequence + more, at_us + passed_us
+        at_us += passed_us
+        if more > 1:
+            follower.miss()
         position = at(what) if isinstance(what, float | int) else None
-        found.append(Seen("boot-1", sequence, at_us, what == "clear", position))
+        found.append(follower.step(Seen(at_us, what == "clear", position)))
+        follower = follower_of(zone, follower) if restarts else follower
     return found
-
-
-def follower_of(zone: Zone) -> ZoneFollower:
-    follower = ZoneFollower({"gate": zone})
-    follower.begin(LENGTH_MM, HOLD_US)
-    return follower
-
-
-def test_with_another_sender_the_dwell_begins_anew() -> None:
-    follower = follower_of(SLOW)
-    for seen in seen_in(steps(*[150] * 5)):
-        follower.step(seen)
-    assert follower.answers["gate"] is I
-    follower.step(seen_in(steps(*[150] * 6))[-1]._replace(boot_id="boot-2"))
-    assert follower.answers["gate"] is U
 
 
 @pytest.mark.parametrize("name", STORIES)
 def test_answers_of_consecutive_samples(name: str) -> None:
     zone, story, expected, entries = STORIES[name]
-    follower, answers = follower_of(zone), []
-    for seen in seen_in(story):
-        follower.step(seen)
-        answers.append(follower.answers["gate"])
-    assert answers == expected
-    assert follower.entries == {"gate": entries}
+    reports = reports_of(zone, story)
+    assert [report.answers["gate"] for report in reports] == expected
+    assert sum(len(report.entered) for report in reports) == entries
 
 
 @pytest.mark.parametrize("name", STORIES)
-def test_the_time_inside_is_the_same_through_any_restart(name: str) -> None:
+def test_every_report_is_the_same_through_any_restart(name: str) -> None:
     zone, story, _, _ = STORIES[name]
-    whole = follower_of(zone)
-    expected = [whole.step(seen) for seen in seen_in(story)]
-    follower, found = follower_of(zone), []
-    for seen in seen_in(story):
-        found.append(follower.step(seen))
-        memory = json.loads(json.dumps(follower.memory))
-        follower = follower_of(zone)
-        follower.remember(memory)
-    assert found == expected
+    assert reports_of(zone, story, restarts=True) == reports_of(zone, story)
 
 
 def test_the_dwell_is_part_of_the_time_inside() -> None:
-    follower = follower_of(SLOW)
-    each = [follower.step(seen).get("gate") for seen in seen_in(steps(*[150] * 6, 100))]
+    each = [report.stays_us.get("gate") for report in reports_of(SLOW, steps(*[150] * 6, 100))]
     assert each == [None, None, None, None, 20_000, 5000, None]
 
 
 def test_a_zone_that_is_defined_anew_begins_anew() -> None:
     follower = follower_of(SLOW)
-    for seen in seen_in(steps(*[150] * 5)):
-        follower.step(seen)
-    other = follower_of(SLOW.model_copy(update={"from_mm": 110.0}))
-    other.remember(json.loads(json.dumps(follower.memory)))
-    assert other.answers == {"gate": None}
+    for at_us in range(0, 25_000, STEP_US):
+        report = follower.step(Seen(at_us, position=at(150)))
+    assert report.answers == {"gate": I}
+    seen = Seen(25_000, position=at(150))
+    assert follower_of(SLOW.model_copy(update={"from_mm": 110.0}), follower).step(seen).answers == {"gate": U}
+    assert follower_of(SLOW, follower).step(seen).answers == {"gate": I}
 
 
 def row(position_mm: float, force_n: float = 10.0) -> Row:
@@ -261,6 +245,19 @@ def test_a_clock_that_is_set_makes_no_contact_older_and_lets_none_enter_twice() 
     assert touch.entries == ["1.0", "1.0"]
 
 
+def test_with_another_sender_a_contact_enters_anew() -> None:
+    touch = Touch()
+    for _ in range(5):
+        answers = touch.goes_on()
+    assert answers == {"gate": "inside", "slow": "inside"}
+    touch.sequence += 1  # a sample is missing
+    assert touch.goes_on() == {"gate": "inside", "slow": "unsure"}
+    assert touch.entries == ["1.0", "1.0"]
+    touch.bench.send(row(150), boot_id="boot-0002")
+    assert zones_of(touch.bench) == {"gate": "inside", "slow": "unsure"}
+    assert touch.entries == ["2.0", "1.0"]
+
+
 @pytest.mark.parametrize("shared", [False, True])
 def test_events_say_which_zones_and_for_how_long(tmp_path: Path, *, shared: bool) -> None:
     """Also if another service takes over in the middle of the dwell."""
@@ -337,4 +334,4 @@ async def test_a_new_model_that_a_zone_is_off_leaves_the_old_one_in_use(build_mo
     assert surface.model is not None
     assert surface.model.metadata.name == "press-7"
     assert surface.model_error is not None
-    assert "gate: a bound of the force needs a scene" in surface.model_error
+    assert "zones.gate: a bound of the force needs a scene" in surface.model_error

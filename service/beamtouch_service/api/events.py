@@ -146,28 +146,19 @@ class EventList(BaseModel):
 
 
 def _members(number: int, recorded: RecordedEvent) -> dict[str, object]:
+    """Return the members of an answer, with fields of the record that no answer has."""
     end_us = recorded.last_us if recorded.lifted_us is None else recorded.lifted_us
     unexplained_us = recorded.unexplained_us + (max(0, end_us - recorded.last_us) if recorded.ends_unexplained else 0)
-    return {
+    return vars(recorded) | {
         "id": number,
-        "surface": recorded.surface,
-        "kind": recorded.kind,
         "touched_at": rfc3339(recorded.touched_us),
         "lifted_at": None if recorded.lifted_us is None else rfc3339(recorded.lifted_us),
-        "begin": recorded.begin,
-        "end": recorded.end,
         # The sender's clock may have been set back during the contact.
         "dwell_ms": max(0.0, round((end_us - recorded.touched_us) / 1e3, 3)),
         "unexplained_ms": round(unexplained_us / 1e3, 3),
-        "peak_force_n": recorded.peak_force_n,
-        "peak_position_mm": recorded.peak_position_mm,
         "mean_position_mm": None if recorded.mean_position_mm is None else round(recorded.mean_position_mm, 4),
-        "samples": recorded.samples,
-        "unsteady": recorded.unsteady,
         "quality": ContactQuality.DEGRADED if recorded.degraded else ContactQuality.GOOD,
         "zones": {zone: round(us / 1e3, 3) for zone, us in recorded.zones.items()},
-        "model": recorded.model,
-        "boot_id": recorded.boot_id,
     }
 
 
@@ -180,7 +171,7 @@ def _with_path(number: int, recorded: RecordedEvent) -> EventWithPath:
     """Return an event with its path."""
     points = thin(recorded.path)
     path = [{"at": rfc3339(at), "position_mm": position, "force_n": force} for at, position, force in points]
-    return EventWithPath.model_validate({**_members(number, recorded), "path": path, "capture": recorded.capture})
+    return EventWithPath.model_validate(_members(number, recorded) | {"path": path})
 
 
 @router.get("/events", response_model=EventList, responses={200: {"content": {_CSV: {"schema": {"type": "string"}}}}})

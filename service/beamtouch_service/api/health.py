@@ -17,7 +17,7 @@ from beamtouch_service.access import Role
 from beamtouch_service.api import gate
 from beamtouch_service.api.context import Context, ContextParameter
 from beamtouch_service.events.recorder import Recorder
-from beamtouch_service.problems import Kind
+from beamtouch_service.problems import Kind, Problem
 from beamtouch_service.samples import Quality
 from beamtouch_service.surfaces.state import SurfaceSummary, summary_of
 from beamtouch_service.surfaces.surface import Surface
@@ -152,10 +152,11 @@ def _of_zones(summaries: Summaries, now_s: float) -> Iterator[Metric]:
     words = "Times that a contact came to be inside the zone."
     entries = CounterMetricFamily("beamtouch_zone_entries", words, labels=["surface", "zone"])
     for surface, _ in summaries:
-        states = surface.zone_states(now_s)
-        for zone, count in surface.zones.entries.items():
+        answer = surface.answer(now_s)
+        states = {} if isinstance(answer, Problem) else answer.decision.zones.answers
+        for zone, count in surface.zone_entries.items():
             entries.add_metric([surface.name, zone], count)
-            for state in ZoneState if states[zone] else ():
+            for state in ZoneState if states.get(zone) else ():
                 zones.add_metric([surface.name, zone, state.value], states[zone] is state)
     yield from (zones, entries)
 

@@ -104,9 +104,8 @@ async def get_beam(context: ContextParameter, name: SurfaceInPath) -> Beam:
 
     It changes only with the model, so it is not part of the stream.
     """
-    model = _model(context, name)
-    length_mm, zones = model.metadata.length_mm, context.registry.named(name).zones.defined
-    return Beam(model=model.identity, length_mm=length_mm, drawn=model.metadata.drawn, zones=zones)
+    model, zones = _model(context, name), context.registry.named(name).section.zones
+    return Beam(model=model.identity, length_mm=model.metadata.length_mm, drawn=model.metadata.drawn, zones=zones)
 
 
 def _model(context: Context, name: str) -> ModelFile:

@@ -5,19 +5,17 @@ another process, makes the same events.
 """
 
 import logging
-from collections.abc import Mapping
 from math import isfinite
 from typing import Any
 
-from beamtouch_common.zones import Zone
-from beamtouch_models.modelfile import Memory, ModelFile, State, Suspects
+from beamtouch_models.modelfile import ModelFile, State, Suspects
 from beamtouch_service.events.best import Best, BestSamples, DisjointMean
 from beamtouch_service.events.event import Begin, ChannelDoubt, Contradiction, End, Event, EventKind, OpenEvent
 from beamtouch_service.events.store import BootChange, Cursor
+from beamtouch_service.sections import SurfaceSection
 from beamtouch_service.surfaces.contact import rfc3339
 from beamtouch_service.surfaces.estimate import Estimate
-from beamtouch_service.surfaces.follower import NEUTRAL, Decision, Judge, Past, hold_us
-from beamtouch_service.zones.follow import ZoneFollower
+from beamtouch_service.surfaces.follower import NEUTRAL, Decision, Judge, Past
 
 MAX_WAITING = 20_000
 """Samples of a boot that may wait to become durable. The sender keeps the others."""
@@ -32,15 +30,7 @@ _log = logging.getLogger("beamtouch.service.events")
 class Boot:
     """One boot, up to the next sample that the record expects."""
 
-    def __init__(
-        self,
-        surface: str,
-        boot_id: str,
-        model: ModelFile,
-        hold_ms: float,
-        durable: int,
-        zones: Mapping[str, Zone],
-    ) -> None:
+    def __init__(self, surface: str, section: SurfaceSection, boot_id: str, model: ModelFile, durable: int) -> None:
         """Begin after the sample with the number `durable`, with nothing known of the samples before."""
         self.durable = durable
         """Number of the last sample that is durable."""
@@ -54,15 +44,13 @@ class Boot:
         """Events that began, went on or ended since the last change that was made durable, in order."""
         self._ended: list[OpenEvent] = []
         """Events that ended since the last call of `take_best`."""
-        self._surface, self._boot_id, self._hold_ms = surface, boot_id, hold_ms
-        self._zones = ZoneFollower(zones)
+        self._surface, self._section, self._boot_id = surface, section, boot_id
         self._begin(model)
 
     def _begin(self, model: ModelFile, past: Past = NEUTRAL, rest: DisjointMean | None = None) -> None:
         self.model = model
         self._suspects = Suspects(model.metadata, model.run)
-        self._judge = Judge(model, self._surface, self._hold_ms, past)
-        self._zones.begin(model.metadata.length_mm, hold_us(model, self._hold_ms))
+        self._judge = Judge(model, self._surface, self._section, past)
         self._best = BestSamples(model, rest or DisjointMean())
         self._was_clear = False
 
@@ -81,11 +69,8 @@ class Boot:
             self.lose()
 
     def _remember(self, memory: dict[str, Any]) -> None:
-        memories = tuple(_read_memory(values) for values in memory["memories"])
-        past = Past(memories, memory["is_known"], memory["decided_us"], memory["is_held"])
-        self._begin(self.model, past, DisjointMean.read(memory["rest"]))
+        self._begin(self.model, Past.read(memory), DisjointMean.read(memory["rest"]))
         self._was_clear = memory["was_clear"]
-        self._zones.remember(memory["zones"])
 
     def _memory(self) -> dict[str, Any]:
         """Return what it needs beside the open event to go on, as JSON."""
@@ -93,7 +78,6 @@ class Boot:
             "was_clear": self._was_clear,
             "rest": self._best.rest.to_json(),
             "means": self.event.means if self.event else None,
-            "zones": self._zones.memory,
         }
 
     @property
@@ -157,23 +141,16 @@ class Boot:
     def add(self, estimate: Estimate) -> None:
         """Add the sample that is expected."""
         self.expected = estimate.sample.sequence + 1
-        if self._judge.is_over(estimate.sample.acquired_unix_us):
+        at_us = estimate.sample.acquired_unix_us
+        if self._judge.is_over(at_us):
             self.lose()
-        decision = self._judge.judge(estimate)
-        stays_us = self._follow_zones(decision)
+        decision = self._judge.judge(estimate, at_us)
         if decision.state is State.CLEAR and decision.is_certain:
             self._lift(decision)
         elif decision.held is not State.CLEAR and (self.event or (decision.state and decision.is_certain)):
-            self._extend(decision, stays_us)
+            self._extend(decision)
         else:
             self._interrupt()
-
-    def _follow_zones(self, decision: Decision) -> dict[str, int]:
-        """Take the next sample; return the zones that its contact is inside, with how much longer [us]."""
-        if not self._zones.defined:
-            return {}
-        notes = decision.notes(self.model) if decision.state else []
-        return self._zones.step(decision.seen(self._boot_id, decision.estimate.sample.acquired_unix_us, notes))
 
     def _lift(self, decision: Decision) -> None:
         if self.event:
@@ -197,11 +174,8 @@ class Boot:
                 self._changed.append(event)
         self._best.rest = DisjointMean()
 
-    def _extend(self, decision: Decision, stays_us: Mapping[str, int]) -> None:
-        """Add a sample that is not clear, with how much longer its contact has been inside zones [us].
-
-        A contact outlasts an unexplained stretch, but not the other way round.
-        """
+    def _extend(self, decision: Decision) -> None:
+        """Add a sample that is not clear. A contact outlasts an unexplained stretch, but not the other way round."""
         is_stretch, begin = decision.held is State.UNEXPLAINED, Begin.UNSEEN
         if self.event and self.event.event.kind is EventKind.UNEXPLAINED and not is_stretch:
             self.event.finish(End.CONTACT)
@@ -210,7 +184,6 @@ class Boot:
             self._best.rest, begin = rest, Begin.UNEXPLAINED
         event = self.event = self.event or OpenEvent(self._first(decision, begin, is_stretch=is_stretch))
         event.add(decision, self._best.reading_us)
-        event.stay(stays_us)
         event.best = self._best.choose(event.best, decision)
         if decision.state is State.UNEXPLAINED and len(event.event.capture) < MAX_CAPTURED:
             event.event.capture.append(self._capture(decision).model_dump())
@@ -248,11 +221,6 @@ class Boot:
             rest_misfit=_short(evidence.rest_misfit),
             channels=channels,
         )
-
-
-def _read_memory(values: list[Any]) -> Memory:
-    memory = Memory(*values)
-    return memory._replace(state=State(memory.state), seen_mm=memory.seen_mm and tuple(memory.seen_mm))
 
 
 def _short(value: float) -> float | None:

@@ -4,7 +4,7 @@ Consecutive samples that are not clear make at most two events: an unexplained s
 contact from there on, with all unexplained stretches that follow it.
 """
 
-from collections.abc import Mapping
+from copy import copy
 from dataclasses import asdict, dataclass, field
 from enum import StrEnum
 from typing import Any
@@ -89,7 +89,7 @@ class Contradiction(BaseModel):
 
 @dataclass
 class Event:
-    """An event as it is on record. Each field is a column of `tables.EVENTS`; `api.events` makes the answers."""
+    """An event as it is on record. `tables.EVENTS` has a column for each field; `api.events` makes the answers."""
 
     surface: str
     model: str
@@ -154,6 +154,8 @@ class OpenEvent:
         event.last_sequence, event.last_us = sample.sequence, sample.acquired_unix_us
         event.ends_unexplained = decision.held is State.UNEXPLAINED
         event.degraded |= bool(decision.estimate.bad) or decision.state is None
+        for zone, longer_us in decision.zones.stays_us.items():
+            event.zones[zone] = event.zones.get(zone, 0) + longer_us
         position_mm, force_n = decision.figures.position_mm, decision.figures.force_n
         if decision.is_odd or event.ends_unexplained or position_mm is None:
             return
@@ -167,11 +169,6 @@ class OpenEvent:
         mean.add(sample.acquired_unix_us, min(sample.readings or 1, max(1, most)), reading_us, [position_mm], [0.0])
         if event.unsteady == decision.is_unsteady and (whole := mean.of_all()):
             event.mean_position_mm = whole.mm[0]
-
-    def stay(self, longer_us: Mapping[str, int]) -> None:
-        """Note that the contact has been inside zones for that much longer."""
-        for zone, us in longer_us.items():
-            self.event.zones[zone] = self.event.zones.get(zone, 0) + us
 
     def _count(self, decision: Decision, position_mm: float) -> None:
         """Count the figures of a sample. Those of unsteady samples count only where there are no others."""
@@ -198,14 +195,8 @@ class OpenEvent:
 
     def row(self) -> dict[str, Any]:
         """Return the event so far, as it is recorded."""
-        event = self.event
-        best = asdict(self.best) if self.best else None
-        return vars(event) | {
-            "path": list(event.path),
-            "zones": dict(event.zones),
-            "capture": list(event.capture),
-            "best": best,
-        }
+        values = {name: copy(value) for name, value in vars(self.event).items()}
+        return values | {"best": asdict(self.best) if self.best else None}
 
 
 def thin(path: list[Point]) -> list[Point]:

@@ -42,7 +42,7 @@ class SurfaceRecord:
 
     def _new(self, boot_id: str, durable: int) -> Boot:
         surface = self.surface
-        return Boot(surface.name, boot_id, self.model, surface.stale_ms, durable, surface.zones.defined)
+        return Boot(surface.name, surface.section, boot_id, self.model, durable)
 
     def adopt(self, model: ModelFile) -> None:
         """Decide with this model from now on."""

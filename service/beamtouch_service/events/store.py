@@ -22,8 +22,6 @@ from sqlalchemy import (
     update,
 )
 
-from beamtouch_service.commissioning.report import Recorded, Report
-from beamtouch_service.events import commissionings
 from beamtouch_service.events.best import Best
 from beamtouch_service.events.database import open_database
 from beamtouch_service.events.event import End, Event, EventKind, OpenEvent
@@ -120,18 +118,18 @@ class Store:
         self._keep_s, self._max_bytes = events.keep_days * 86_400, events.max_mb * 1e6
         self.is_lasting = bool(events.url or events.file)
         """Whether the record outlives the service."""
-        self._database = open_database(events.url or events.file)
+        self.database = open_database(events.url or events.file)
 
     @property
     def away_because(self) -> str:
         """Why the database was away at the start; empty if it was not."""
-        return self._database.away_because
+        return self.database.away_because
 
     def load(self, surface: str, boot_id: str) -> tuple[list[Cursor], dict[str, Any] | None]:
         """Return the cursors of this boot and of those with an open event, and the row of the surface's health."""
         of_boot = (CURSORS.c.boot_id == boot_id) | CURSORS.c.event.is_not(null())
         query = select(CURSORS).where(CURSORS.c.surface == surface, of_boot)
-        with self._database.reading() as connection:
+        with self.database.reading() as connection:
             rows = connection.execute(query).all()
             numbers = [row.event for row in rows if row.event is not None]
             content = connection.execute(select(_c.id, *CONTENT).where(_c.id.in_(numbers)))
@@ -144,7 +142,7 @@ class Store:
 
     def healths(self) -> dict[str, dict[str, Any]]:
         """Return the row of the health of each surface."""
-        with self._database.reading() as connection:
+        with self.database.reading() as connection:
             return {row["surface"]: dict(row) for row in connection.execute(select(HEALTH)).mappings()}
 
     def commit(self, changes: Sequence[Change], now_s: float) -> tuple[dict[OpenEvent, int], set[str]]:
@@ -153,7 +151,7 @@ class Store:
         A surface of which a row no longer stands where its change says is left as it is. Returns the ids of new
         events, and the names of these surfaces.
         """
-        with self._database.writing() as connection:
+        with self.database.writing() as connection:
             lost = _find_lost(connection, changes)
             held = [change for change in changes if change.surface not in lost]
             boots = [(change.surface, boot) for change in held for boot in change.boots]
@@ -190,12 +188,12 @@ class Store:
         if after:
             query = query.where(tuple_(_c.touched_us, _c.id) < tuple_(*after))
         query = _newest(query, since_us, until_us, limit)
-        with self._database.reading() as connection:
+        with self.database.reading() as connection:
             return [_event_of(row) for row in connection.execute(query)]
 
     def get(self, number: int) -> Event | None:
         """Return the event of that id; None if there is none."""
-        with self._database.reading() as connection:
+        with self.database.reading() as connection:
             row = connection.execute(select(_c.id, *CONTENT).where(_c.id == number)).first()
         return _event_of(row)[1] if row else None
 
@@ -203,7 +201,7 @@ class Store:
         """Return the newest contacts of a surface that have a best sample, oldest first, by the time of their touch."""
         is_contact = _c.best["is_contact"].as_boolean()
         query = select(_c.id, _c.model, _c.best).where(_c.surface == surface, _c.best.is_not(null()), is_contact)
-        with self._database.reading() as connection:
+        with self.database.reading() as connection:
             rows = connection.execute(_newest(query, since_us, until_us, limit)).all()
         return [Sampled(row.id, row.model, Best.read(row.best)) for row in reversed(rows)]
 
@@ -220,7 +218,7 @@ class Store:
             .order_by(DELIVERIES.c.number)
             .limit(limit)
         )
-        with self._database.writing() as connection:
+        with self.database.writing() as connection:
             _make_known(connection, destination, from_start=from_start)
             count = connection.scalar(select(func.count()).select_from(DELIVERIES).where(is_due)) or 0
             rows = connection.execute(query).all() if limit and count else []
@@ -229,18 +227,8 @@ class Store:
     def acknowledge(self, delivered: Collection[Due]) -> None:
         """Note that these events were acknowledged."""
         numbers = [one.delivery for one in delivered]
-        with self._database.writing() as connection:
+        with self.database.writing() as connection:
             connection.execute(delete(DELIVERIES).where(DELIVERIES.c.number.in_(numbers)))
-
-    def add_commissioning(self, course: str, report: Report) -> int:
-        """Put the result of a course on record, unless it is there; return its id."""
-        with self._database.writing() as connection:
-            return commissionings.add(connection, course, report)
-
-    def commissionings(self, surface: str) -> list[Recorded]:
-        """Return the results of the commissionings of a surface, newest first."""
-        with self._database.reading() as connection:
-            return commissionings.read(connection, surface)
 
     def prune(self, now_s: float) -> int:
         """Delete events too old at `now_s` [s since 1970], and the oldest above the size limit; return how many.
@@ -249,10 +237,10 @@ class Store:
         """
         before_s = now_s - self._keep_s
         has_event = exists().where(_c.surface == CURSORS.c.surface, _c.boot_id == CURSORS.c.boot_id)
-        with self._database.writing() as connection:
+        with self.database.writing() as connection:
             deleted = connection.execute(delete(EVENTS).where(_c.recorded_s < before_s)).rowcount
             connection.execute(delete(CURSORS).where(CURSORS.c.recorded_s < before_s, ~has_event))
-            while self._database.used_bytes(connection) > self._max_bytes:
+            while self.database.used_bytes(connection) > self._max_bytes:
                 count = connection.scalar(select(func.count()).select_from(EVENTS).where(IS_FINISHED)) or 0
                 share = max(1, count // _PRUNE_SHARE)
                 oldest = select(_c.id).where(IS_FINISHED).order_by(_c.recorded_s).limit(share)
@@ -264,7 +252,7 @@ class Store:
 
     def close(self) -> None:
         """Close the connections."""
-        self._database.close()
+        self.database.close()
 
 
 def _newest(query: Select[Any], since_us: int | None, until_us: int | None, limit: int) -> Select[Any]:

@@ -1,6 +1,8 @@
 """The tables of the record."""
 
-from dataclasses import fields
+from dataclasses import Field, fields
+from types import UnionType
+from typing import Any, get_args, get_origin
 
 from sqlalchemy import (
     JSON,
@@ -21,11 +23,13 @@ from sqlalchemy import (
     literal_column,
     select,
 )
+from sqlalchemy.types import TypeEngine
 
 from beamtouch_service.events.event import Begin, End, Event, EventKind
 
-FORMAT = 10
-"""The format of the record. A record of another one is refused: count it up with every change of a table."""
+FORMAT = 11
+"""The format of the record. A record of another one is refused: count it up with every change of a table, which is also
+one of the fields of an `Event`, and of what cursors keep."""
 _NUMBER = BigInteger().with_variant(Integer, "sqlite")
 _ALL = MetaData()
 
@@ -34,33 +38,28 @@ def _words(words: type[Begin | End | EventKind]) -> Enum:
     return Enum(words, native_enum=False, length=20, values_callable=lambda members: [one.value for one in members])
 
 
+_TYPES: dict[object, TypeEngine[Any]] = {
+    str: String(),
+    int: BigInteger(),
+    float: Double(),
+    bool: Boolean(),
+    list: JSON(),
+    dict: JSON(none_as_null=True),
+}
+
+
+def _column(entry: Field[Any]) -> Column[Any]:
+    """Return the column of a field of an event. It may be empty if the field may be None."""
+    kind, *empty = get_args(entry.type) if isinstance(entry.type, UnionType) else (entry.type,)
+    plain = get_origin(kind) or kind
+    return Column(entry.name, _TYPES.get(plain) or _words(plain), nullable=bool(empty))
+
+
 EVENTS = Table(
     "events",
     _ALL,
     Column("id", _NUMBER, primary_key=True),
-    Column("surface", String, nullable=False),
-    Column("model", String, nullable=False),
-    Column("boot_id", String, nullable=False),
-    Column("first_sequence", BigInteger, nullable=False),
-    Column("last_sequence", BigInteger, nullable=False),
-    Column("touched_us", BigInteger, nullable=False),
-    Column("last_us", BigInteger, nullable=False),
-    Column("kind", _words(EventKind), nullable=False),
-    Column("begin", _words(Begin), nullable=False),
-    Column("end", _words(End), nullable=False),
-    Column("lifted_us", BigInteger),
-    Column("samples", BigInteger, nullable=False),
-    Column("mean_position_mm", Double),
-    Column("peak_force_n", Double),
-    Column("peak_position_mm", Double),
-    Column("unexplained_us", BigInteger, nullable=False),
-    Column("ends_unexplained", Boolean, nullable=False),
-    Column("degraded", Boolean, nullable=False),
-    Column("unsteady", Boolean, nullable=False),
-    Column("path", JSON, nullable=False),
-    Column("best", JSON(none_as_null=True)),
-    Column("zones", JSON, nullable=False),
-    Column("capture", JSON, nullable=False),
+    *map(_column, fields(Event)),
     Column("recorded_s", Double, nullable=False),
     sqlite_autoincrement=True,
 )

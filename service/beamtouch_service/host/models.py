@@ -2,11 +2,11 @@
 
 import asyncio
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from beamtouch_common.errors import InputError
-from beamtouch_common.zones import Zone
+from beamtouch_common.zones import misfit_of
 from beamtouch_models import modelfile
 from beamtouch_models.modelfile import ModelFile, ModelFileError
 from beamtouch_service.api.surfaces import describe
@@ -70,7 +70,7 @@ class ModelKeeper:
                 self._tried, self._waiting = stamp, None
                 # In a thread, because requests go on meanwhile.
                 self._adopt(await asyncio.to_thread(load, self.path))
-            elif self._waiting is not None and not self._mismatch(self._waiting):
+            elif self._waiting is not None and not self.mismatch(self._waiting):
                 self._adopt(self._waiting)
         except ModelFileError as error:
             self._refuse(error)
@@ -79,7 +79,7 @@ class ModelKeeper:
         """Use a model from the next sample on; raises ModelFileError if the samples are not those of the model."""
         old = self.surface.model
         if old is None or old.identity != model.identity:
-            if mismatch := self._mismatch(model):
+            if mismatch := self.mismatch(model):
                 self._waiting = model
                 raise ModelFileError(f"{self.path}: {mismatch}")
             self.surface.adopt(model)
@@ -95,8 +95,8 @@ class ModelKeeper:
         self.surface.model_error = f"the old model stays in use: {error}"
         _log.error("surface %s: the new model cannot be used, the old one stays in use: %s", self.surface.name, error)
 
-    def _mismatch(self, model: ModelFile) -> str:
-        """Return why a model does not fit the samples that arrive, or the zones; empty if it does.
+    def mismatch(self, model: ModelFile) -> str:
+        """Return why a model does not fit the samples that arrive, or a key of its surface; empty if it does.
 
         If they state no beam, it must be of the same beam as the model in use.
         """
@@ -112,14 +112,8 @@ class ModelKeeper:
         missing = [name for name in model.channels if offered is not None and name not in offered]
         if missing:
             return f"it needs {', '.join(missing)}, but the samples of this surface lack them"
-        return zone_misfit(self.surface.zones.defined, model)
-
-
-def zone_misfit(zones: Mapping[str, Zone], model: ModelFile) -> str:
-    """Return the first zone that cannot be of a model, and why; empty if all can."""
-    length_mm, estimates_force = model.metadata.length_mm, "force_n" in model.outputs
-    misfits = {name: zone.misfit(length_mm, estimates_force=estimates_force) for name, zone in zones.items()}
-    return next((f"{name}: {misfit}" for name, misfit in misfits.items() if misfit), "")
+        length_mm, estimates_force = model.metadata.length_mm, "force_n" in model.outputs
+        return misfit_of(self.surface.section.zones, length_mm, estimates_force=estimates_force)
 
 
 async def watch(keepers: Sequence[ModelKeeper]) -> None:

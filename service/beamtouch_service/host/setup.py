@@ -140,10 +140,11 @@ def _load_surface(name: str, section: SurfaceSection) -> tuple[Surface, ModelKee
         surface = Surface(name, None, section)
         surface.model_error = str(error)
     else:
-        if misfit := models.zone_misfit(section.zones, model):
-            raise InputError(f"surfaces.{name}.zones.{misfit}")
         surface = Surface(name or model.metadata.name, model, section)
-    return surface, ModelKeeper(surface, section.model, stamp)
+    keeper = ModelKeeper(surface, section.model, stamp)
+    if surface.model and (mismatch := keeper.mismatch(surface.model)):
+        raise InputError(f"surfaces.{name}.{mismatch}")
+    return surface, keeper
 
 
 def _warnings(settings: Settings, access: Access, address: Address) -> list[str]:

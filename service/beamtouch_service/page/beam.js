@@ -3,7 +3,6 @@
 import { axis, hatch, sensors, supports } from "./beam_parts.js";
 import { shapeUnder, spline } from "./curves.js";
 import { svg } from "./dom.js";
-import { bands } from "./zones.js";
 
 const MARGIN = 36;
 const LEAST_DEFLECTION_MM = 0.1;
@@ -23,8 +22,11 @@ export class BeamView {
     this.deepest = { mm: 0, at: 0 };
   }
 
-  /** `drawn`: supports and table by the model, or null while they are not known. `target`: where to press, or null. */
-  draw(shown, drawn, target = null) {
+  /**
+   * `drawn`: supports and table by the model, or null while they are not known. `under` and `over` take the scale and
+   * return what else is drawn, behind the beam and in front of it.
+   */
+  draw(shown, drawn, under, over) {
     const { width, height } = this.element.getBoundingClientRect();
     if (width < 50 || !shown.length) {
       this.element.replaceChildren();
@@ -37,13 +39,13 @@ export class BeamView {
     this.element.setAttribute("viewBox", `0 0 ${width} ${height}`);
     this.element.replaceChildren(
       hatch(),
-      ...bands(drawn?.zones ?? {}, shown.contact?.zones, scale, height),
+      ...under(scale),
       ...axis(scale),
       ...supports(drawn?.supports ?? [], scale),
       ...sensors(shown, drawn, scale),
       ...line(shown, drawn, seen, bent, scale),
       ...seen.map((channel) => mark(channel, shown, scale)),
-      ...(target === null ? [] : aim(target, scale)),
+      ...over(scale),
       ...(shown.kind === "contact" ? touch(shown.contact, bent, scale) : []),
     );
     this.caption(captionOf(shown, drawn, seen, scale));
@@ -62,6 +64,7 @@ export class BeamView {
     const factor = Math.max(1, [8, 6, 5, 4, 3, 2, 1].find((step) => step * power <= most) * power);
     return {
       width,
+      height,
       factor,
       length: shown.length,
       perMm,
@@ -114,16 +117,6 @@ function line(shown, drawn, seen, bent, scale) {
 function mark(channel, shown, scale) {
   const kind = channel.name === shown.suspect ? "seen suspect" : "seen";
   return svg("circle", { class: kind, cx: scale.x(channel.position_mm), cy: scale.y(channel.deflection_mm), r: 4 });
-}
-
-/** Where to press in a commissioning: a dashed arrow over the beam. */
-function aim(target, scale) {
-  const x = scale.x(target);
-  const y = scale.y(0) - 5;
-  return [
-    svg("path", { class: "target", d: `M${x} 4V${y - 11}` }),
-    svg("path", { class: "target-tip", d: `M${x} ${y}l-8-12h16z` }),
-  ];
 }
 
 function touch(contact, bent, scale) {

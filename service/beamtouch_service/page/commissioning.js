@@ -2,7 +2,7 @@
 //
 // The write token is held in memory and nowhere else, and sent in a header only.
 
-import { byId, html, setText, sign } from "./dom.js";
+import { byId, html, setText, sign, svg } from "./dom.js";
 import { possible, refuses } from "./token.js";
 
 const EVERY_MS = 300;
@@ -36,9 +36,16 @@ export class Commissioning {
     for (const format of ["text", "json"]) part(format).addEventListener("click", () => this.download(format));
   }
 
-  /** Where to press now [mm], or null. */
-  get target() {
-    return this.isOpen ? (this.course?.at_mm ?? null) : null;
+  /** Return a dashed arrow over the beam where to press now, if anywhere. */
+  aim(scale) {
+    const at = this.isOpen ? (this.course?.at_mm ?? null) : null;
+    if (at === null) return [];
+    const x = scale.x(at);
+    const y = scale.y(0) - 5;
+    return [
+      svg("path", { class: "target", d: `M${x} 4V${y - 11}` }),
+      svg("path", { class: "target-tip", d: `M${x} ${y}l-8-12h16z` }),
+    ];
   }
 
   forget() {

@@ -30,9 +30,8 @@ export class Drawing {
     }
   }
 
-  /** Return supports, table and zones by this model for a beam of this length, or null while they are not known. */
+  /** Return the answer for this model and a beam of this length, or null while there is none. */
   of(model, length) {
-    const { beam } = this;
-    return beam && beam.model === model && beam.length_mm === length ? { ...beam.drawn, zones: beam.zones } : null;
+    return this.beam?.model === model && this.beam.length_mm === length ? this.beam : null;
   }
 }

@@ -12,7 +12,7 @@ import { drawStrip, forceRange, History } from "./strip.js";
 import { drawChannels } from "./tables.js";
 import { Token } from "./token.js";
 import { TokenForm } from "./token_form.js";
-import { listZones } from "./zones.js";
+import { bands, listZones } from "./zones.js";
 
 const SIGNS = { problem: "warning", silent: "warning", lost: "warning" }; // others are called as their state
 const STEPS_PER_STRIP = 4;
@@ -117,9 +117,10 @@ function show() {
   drawChannels(shown.channels, shown.suspect);
   nameModel(shown.contact?.model ?? model);
   if (feed.link === "open") drawing.want(feed.chosen, model);
-  const drawn = drawing.of(model, shown.length);
-  beam.draw(shown, drawn, commissioning.target);
-  listZones(byId("zones"), drawn?.zones ?? {}, shown.contact?.zones);
+  const known = drawing.of(model, shown.length);
+  const under = (scale) => bands(known, shown.contact, scale);
+  beam.draw(shown, known?.drawn ?? null, under, (scale) => commissioning.aim(scale));
+  listZones(byId("zones"), known, shown.contact);
   if (steps++ % (calm.matches ? 1 : STEPS_PER_STRIP) === 0) drawStrips(shown);
 }
 

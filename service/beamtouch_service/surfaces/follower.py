@@ -1,7 +1,7 @@
 """The states that samples show, and what is doubtful about them. Pure but for the run of the model."""
 
-from collections.abc import Callable, Collection
-from typing import NamedTuple
+from collections.abc import Callable, Collection, Iterable, Mapping
+from typing import Any, NamedTuple
 
 from beamtouch_models.modelfile import (
     Evidence,
@@ -18,6 +18,7 @@ from beamtouch_models.modelfile import (
 )
 from beamtouch_service.problems import Problem
 from beamtouch_service.samples import Batch, Note, Sample
+from beamtouch_service.sections import SurfaceSection
 from beamtouch_service.surfaces.contact import (
     NO_FIGURES,
     Figures,
@@ -27,7 +28,7 @@ from beamtouch_service.surfaces.contact import (
 )
 from beamtouch_service.surfaces.estimate import Estimate, Estimator
 from beamtouch_service.surfaces.problems import unusable_estimate
-from beamtouch_service.zones.follow import Seen
+from beamtouch_service.zones.follow import NO_ZONES, Seen, ZoneFollower, ZoneReport
 
 _ALL = 40
 """Number of samples at the beginning of a stretch, all of which are examined without each channel: as many as name a
@@ -53,6 +54,19 @@ class Past(NamedTuple):
     """Time of the last decided sample [us since 1970]; None if it is not known."""
     is_held: bool = False
     """Whether the samples after that could not be decided, so that the state is held."""
+    zones: Mapping[str, Any] | None = None
+    """The memory of the zones."""
+
+    @classmethod
+    def read(cls, kept: Mapping[str, Any]) -> "Past":
+        """Return a past that was kept as JSON; raises KeyError, TypeError or ValueError for anything else."""
+        memories = tuple(_read_memory(values) for values in kept["memories"])
+        return cls(memories, kept["is_known"], kept["decided_us"], kept["is_held"], kept["zones"])
+
+
+def _read_memory(values: list[Any]) -> Memory:
+    memory = Memory(*values)
+    return memory._replace(state=State(memory.state), seen_mm=memory.seen_mm and tuple(memory.seen_mm))
 
 
 NEUTRAL = Past(memories_after(None))
@@ -78,6 +92,7 @@ class Decision(NamedTuple):
     """Why it could not be decided."""
     suspect: str | None = None
     """In the state `unexplained`, the channel that contradicts the others, as far as the samples so far say."""
+    zones: ZoneReport = NO_ZONES
 
     @property
     def evidence(self) -> Evidence:
@@ -97,15 +112,6 @@ class Decision(NamedTuple):
         }
         return [str(note) for note, applies in each.items() if applies]
 
-    def seen(self, boot_id: str, at_us: int, notes: Collection[str]) -> Seen:
-        """Return what zones are told of a sample of this sender and time [us], with these notes."""
-        at = boot_id, self.estimate.sample.sequence, at_us
-        if self.state is State.CLEAR and not self.is_unsteady:
-            return Seen(*at, is_clear=True)
-        if self.state is not State.CONTACT or self.is_odd or not _DOUBTS.isdisjoint(notes):
-            return Seen(*at)
-        return Seen(*at, False, self.figures.position, self.figures.force)
-
     def misfit(self, model: ModelFile) -> tuple[float, float]:
         """Return the misfit of a decided sample, the smaller of rest and of a contact, with its limit."""
         evidence, limits = self.evidence, model.metadata.thresholds
@@ -113,37 +119,46 @@ class Decision(NamedTuple):
         return min((evidence.rest_misfit, limits.rest[place]), (evidence.misfit, limits.misfit[place]))
 
 
-def hold_us(model: ModelFile, hold_ms: float) -> float:
-    """Return how long a state is held over undecided samples [us]."""
-    return max(hold_ms * 1e3, _HOLD_READINGS * 1e6 / model.metadata.sensor.rate_hz)
-
-
 class Judge:
     """Decides on consecutive samples of one sender.
 
-    Over undecided samples, a state is held for `hold_ms` of the sender's time, or some readings if those take longer;
+    Over undecided samples, a state is held for `stale_ms` of the sender's time, or some readings if those take longer;
     without any sample, for `_PAUSE` times that. After a longer pause, as of a device that was off, nothing is known.
     """
 
-    def __init__(self, model: ModelFile, surface: str, hold_ms: float, past: Past = NEUTRAL) -> None:
+    def __init__(self, model: ModelFile, surface: str, section: SurfaceSection, past: Past = NEUTRAL) -> None:
         """Begin after samples with that past."""
-        self._metadata, self._surface = model.metadata, surface
-        self._hold_us = hold_us(model, hold_ms)
+        self._model, self._metadata, self._surface = model, model.metadata, surface
+        self._hold_us = max(section.stale_ms * 1e3, _HOLD_READINGS * 1e6 / model.metadata.sensor.rate_hz)
         self._hypotheses = Hypotheses(model.metadata.thresholds, past.memories, is_known=past.is_known)
         self._decided_us, self._is_held = past.decided_us, past.is_held
+        self._zones = ZoneFollower(section.zones, model.metadata.length_mm, self._hold_us, past.zones)
 
     @property
     def past(self) -> Past:
         """What the samples so far mean for the next one."""
-        return Past(self._hypotheses.memories, self._hypotheses.is_known, self._decided_us, self._is_held)
+        state = self._hypotheses
+        return Past(state.memories, state.is_known, self._decided_us, self._is_held, self._zones.memory)
+
+    def miss(self) -> None:
+        """Note that samples before the next one are missing."""
+        self._hypotheses = Hypotheses(self._metadata.thresholds, NEUTRAL.memories)
+        self._decided_us, self._is_held = None, False
+        self._zones.miss()
 
     def is_over(self, at_us: int) -> bool:
         """Return whether the state is held no longer at the time of the next sample [us since 1970]."""
         longest_us = self._hold_us if self._is_held else _PAUSE * self._hold_us
         return self._decided_us is not None and abs(at_us - self._decided_us) > longest_us
 
-    def judge(self, estimate: Estimate) -> Decision:
-        """Decide on the next sample."""
+    def judge(self, estimate: Estimate, at_us: int, sender_notes: Iterable[str] = ()) -> Decision:
+        """Decide on the next sample, whose time for the zones is `at_us` [us], with these notes on its sender."""
+        decision = self._decide(estimate)
+        if not self._zones.defined:
+            return decision
+        return decision._replace(zones=self._follow_zones(decision, at_us, sender_notes))
+
+    def _decide(self, estimate: Estimate) -> Decision:
         at_us, evidence = estimate.sample.acquired_unix_us, estimate.evidence
         if self.is_over(at_us):
             self._hypotheses = Hypotheses(self._metadata.thresholds, NEUTRAL.memories)
@@ -168,17 +183,28 @@ class Judge:
         self._is_held = True
         return Decision(estimate, None, self._hypotheses.state, self._hypotheses.agree, problem=problem)
 
+    def _follow_zones(self, decision: Decision, at_us: int, sender_notes: Iterable[str]) -> ZoneReport:
+        """Return what a sample shows of the zones."""
+        if decision.state is State.CLEAR and not decision.is_unsteady:
+            return self._zones.step(Seen(at_us, is_clear=True))
+        is_explained = decision.state is State.CONTACT and not decision.is_odd
+        if is_explained and _DOUBTS.isdisjoint([*sender_notes, *decision.notes(self._model)]):
+            return self._zones.step(Seen(at_us, position=decision.figures.position, force=decision.figures.force))
+        return self._zones.step(Seen(at_us))
+
 
 class Follower:
     """Decides on the samples that move the answer of a surface, under one model."""
 
-    def __init__(self, model: ModelFile, surface: str, hold_ms: float, on_run: Callable[[float], None]) -> None:
+    def __init__(
+        self, model: ModelFile, surface: str, section: SurfaceSection, on_run: Callable[[float], None]
+    ) -> None:
         """Call `on_run` after each run of the graph on new samples, with the time that it took [s]."""
         self.model = model
         self.estimator = Estimator(model, surface, on_run)
-        self._begin = surface, hold_ms
-        self._judge = Judge(model, surface, hold_ms)
-        self._last: tuple[str, int] | None = None
+        self._begin = model, surface, section
+        self._judge = Judge(*self._begin)
+        self._last = "", 0
         """Boot id and number of the last sample."""
         self._suspects = Suspects(model.metadata, model.run)
         self._stretch_of: set[str] | None = None
@@ -194,16 +220,26 @@ class Follower:
         """Cables that seem to be swapped, or a sensor that seems to be inverted, in words; None if there is none."""
         return self._wirings.finding
 
-    def follow(self, batch: Batch, samples: list[Sample]) -> list[Decision]:
-        """Decide on samples of a batch, in order. After a gap, and with another sender, nothing is known."""
-        return [self._decide(batch.boot_id, estimate) for estimate in self.estimator.estimate(batch, samples)]
+    def follow(
+        self, batch: Batch, samples: list[Sample], taken_us: Iterable[int], sender_notes: Collection[str]
+    ) -> list[Decision]:
+        """Decide on samples of a batch, in order. After a gap, and with another sender, no state is known.
 
-    def _decide(self, boot_id: str, estimate: Estimate) -> Decision:
-        number = estimate.sample.sequence
-        if self._last != (boot_id, number - 1):
-            self._judge, self._stretch_of = Judge(self.model, *self._begin), None
+        `taken_us` are the times of the samples [us, monotonic], `sender_notes` what the service notes on their sender.
+        """
+        estimates = zip(self.estimator.estimate(batch, samples), taken_us, strict=True)
+        return [self._decide(batch.boot_id, estimate, at_us, sender_notes) for estimate, at_us in estimates]
+
+    def _decide(self, boot_id: str, estimate: Estimate, at_us: int, sender_notes: Collection[str]) -> Decision:
+        number, (last_boot_id, last_number) = estimate.sample.sequence, self._last
+        if (boot_id, number) != (last_boot_id, last_number + 1):
+            self._stretch_of = None
+            if boot_id == last_boot_id:
+                self._judge.miss()
+            else:
+                self._judge = Judge(*self._begin)
         self._last = boot_id, number
-        decision = self._judge.judge(estimate)
+        decision = self._judge.judge(estimate, at_us, sender_notes)
         self._seek_wiring(decision)
         if decision.state is None:
             return decision

@@ -5,7 +5,7 @@ No I/O and no clock: the caller gives the time, in seconds of the service's mono
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import NamedTuple
 
 from beamtouch_models.modelfile import ModelFile, State
@@ -16,11 +16,10 @@ from beamtouch_service.surfaces import problems
 from beamtouch_service.surfaces.channels import ChannelHealth, ChannelsOut, SurfaceHealth
 from beamtouch_service.surfaces.contact import Contact, ContactQuality, rfc3339
 from beamtouch_service.surfaces.estimate import Estimate
-from beamtouch_service.surfaces.follower import Decision, Follower, hold_us
+from beamtouch_service.surfaces.follower import Decision, Follower
 from beamtouch_service.surfaces.freshness import SampleClock, Transit
 from beamtouch_service.surfaces.order import Order, Rivals, SampleCounts
 from beamtouch_service.surfaces.unexplained import Stretches
-from beamtouch_service.zones.follow import ZoneFollower, ZoneStates
 
 _DEFAULTS = SurfaceSection()
 SENDER_GONE_S = 10.0
@@ -55,7 +54,6 @@ class Newest:
     """Notes on the sender: its own, and what the service says of it."""
     decided: tuple[ModelFile, Decision] | None = None
     """None without a model."""
-    zones: ZoneStates = field(default_factory=dict)
 
     def age_ms(self, now_s: float) -> float:
         """Return the age at `now_s` [s, monotonic], rounded."""
@@ -95,7 +93,7 @@ class Surface:
     """One surface: takes batches, gives the contact."""
 
     def __init__(self, name: str, model: ModelFile | None = None, section: SurfaceSection = _DEFAULTS) -> None:
-        self.name = name
+        self.name, self.section = name, section
         self.stale_ms = section.stale_ms
         self.model_error: str | None = None
         """Reason not to use the newest model file."""
@@ -117,8 +115,8 @@ class Surface:
         """The unexplained stretches in the samples that moved the answer."""
         self.channels_out = ChannelsOut(section.degraded_after_s)
         """The channels that were not good for too long in these samples."""
-        self.zones = ZoneFollower(section.zones)
-        """The zones, as the samples that moved the answer show them."""
+        self.zone_entries = dict.fromkeys(section.zones, 0)
+        """Zone -> times that a contact came to be inside it since the start."""
         self.health: SurfaceHealth | None = None
         """Health of the sensors, as the recorder finds it in the events so far."""
         self.on_fresh: Callable[[Surface], None] = lambda _surface: None
@@ -130,8 +128,7 @@ class Surface:
         self._follower = self._follow(model) if model else None
 
     def _follow(self, model: ModelFile) -> Follower:
-        self.zones.begin(model.metadata.length_mm, hold_us(model, self.stale_ms))
-        return Follower(model, self.name, self.stale_ms, self._note_run)
+        return Follower(model, self.name, self.section, self._note_run)
 
     def _note_run(self, took_s: float) -> None:
         self.on_run(took_s)
@@ -199,26 +196,26 @@ class Surface:
         """Move the contact to new samples, and return the decisions on them."""
         follower, decisions, decided = self._follower, list[Decision](), None
         moments = self._clock.tell(fresh, acquired_s)
+        sender_notes = [Note.SENDERS] if self.rivals.at(acquired_s) else []
         if follower is None:
             bad = [_bad(batch.channels, sample) for sample in fresh]
         else:
-            decisions = follower.follow(batch, fresh)
+            taken_us = [round(moment.taken_s * 1e6) for moment in moments]
+            decisions = follower.follow(batch, fresh, taken_us, sender_notes)
             decided = follower.model, decisions[-1]
             bad = [decision.estimate.bad for decision in decisions]
             for decision, moment in zip(decisions, moments, strict=True):
                 self.stretches.add(decision, moment.passed_s)
+                for zone in decision.zones.entered:
+                    self.zone_entries[zone] += 1
         for sample, out, moment in zip(fresh, bad, moments, strict=True):
             self.channels_out.add(sample.acquired_unix_us, out, moment.passed_s)
         notes: list[str] = list(batch.notes)
         if follower is not None:
             notes += [Note.NOISE] if follower.estimator.contradicts else []
             notes += [Note.DEGRADED] if self.channels_out.any else []
-            notes += [Note.SENDERS] if self.rivals.at(acquired_s) else []
-            for decision, moment in zip(decisions, moments, strict=True) if self.zones.defined else ():
-                own = decision.notes(follower.model) if decision.state else []
-                at_us = round(moment.taken_s * 1e6)
-                self.zones.step(decision.seen(batch.boot_id, at_us, [*notes, *own]))
-        self.newest = Newest(batch.boot_id, batch.channels, fresh[-1], acquired_s, notes, decided, self.zones.answers)
+            notes += sender_notes
+        self.newest = Newest(batch.boot_id, batch.channels, fresh[-1], acquired_s, notes, decided)
         return decisions
 
     def answer(self, now_s: float) -> Answer | Problem:
@@ -265,18 +262,13 @@ class Surface:
             degraded_channels=degraded,
             notes=answer.notes,
             model=answer.model.identity,
-            zones=newest.zones,
+            zones=decision.zones.answers,
         )
 
     def standing(self, now_s: float) -> State | Kind:
         """Return the state at `now_s` [s, monotonic], or the kind of the problem that prevents a contact."""
         answer = self.answer(now_s)
         return answer.kind if isinstance(answer, Problem) else answer.state
-
-    def zone_states(self, now_s: float) -> ZoneStates:
-        """Return the answer for each zone at `now_s` [s, monotonic]."""
-        answer = self.answer(now_s)
-        return dict.fromkeys(self.zones.defined) if isinstance(answer, Problem) else answer.newest.zones
 
     def is_stale(self, now_s: float) -> bool:
         """Return whether the newest sample is too old at `now_s` [s, monotonic]; False before the first."""

@@ -6,7 +6,7 @@ step back counts as no time, but a step forward cannot be told from samples at r
 
 Between two samples that follow each other, time counts as a whole. Where samples are missing in between, the contact
 may have been away: hysteresis and dwell begin anew, but a contact that is there afterwards has not entered again. After
-a pause longer than a contact is held, and with another sender, nothing is known of what was before.
+a pause longer than a contact is held, nothing is known of what was before.
 """
 
 from collections.abc import Mapping
@@ -22,8 +22,6 @@ ZoneStates = dict[str, ZoneState | None]
 class Seen(NamedTuple):
     """What a sample says of contacts."""
 
-    boot_id: str
-    sequence: int
     at_us: int
     """Its time, by the same clock as that of the sample before [us]."""
     is_clear: bool = False
@@ -32,6 +30,19 @@ class Seen(NamedTuple):
     """Of a contact that can be judged; None without one."""
     force: Span | None = None
     """None if the model does not estimate it."""
+
+
+class ZoneReport(NamedTuple):
+    """What a sample shows of the zones."""
+
+    answers: ZoneStates
+    stays_us: Mapping[str, int]
+    """Zone that the contact is inside -> how much longer it has been so [us]."""
+    entered: list[str]
+    """Zones that the contact came to be inside, from outside or from where nothing was known."""
+
+
+NO_ZONES = ZoneReport({}, {}, [])
 
 
 @dataclass(slots=True)
@@ -60,10 +71,6 @@ class _Course:
             return None
         return passed_us if was_inside else self.inside_us
 
-    def miss(self) -> None:
-        """Note that samples before the next one are missing."""
-        self.lies = self.answer = None
-
     def _lie(self, seen: Seen, length_mm: float) -> ZoneState | None:
         if seen.position is None:
             return None
@@ -72,63 +79,57 @@ class _Course:
 
 
 class ZoneFollower:
-    """Follows the samples of a surface, and counts how often a contact entered each zone."""
+    """Follows consecutive samples of one sender."""
 
-    def __init__(self, zones: Mapping[str, Zone]) -> None:
+    def __init__(
+        self, zones: Mapping[str, Zone], length_mm: float, hold_us: float, memory: Mapping[str, Any] | None = None
+    ) -> None:
+        """Begin with samples of a beam of this length, which hold a contact for `hold_us`, or go on from a memory.
+
+        A zone that is defined anew begins anew. Raises KeyError, TypeError or ValueError if `memory` is something else.
+        """
         self.defined = dict(zones)
-        self.entries = dict.fromkeys(self.defined, 0)
-        """Zone -> times that a contact came to be inside, from outside or from where nothing was known."""
-        self.begin(0.0, 0.0)
-
-    def begin(self, length_mm: float, hold_us: float) -> None:
-        """Forget the samples so far. Those to come are of a beam of this length, and hold a contact for `hold_us`."""
         self._length_mm, self._hold_us = length_mm, hold_us
-        self._last: tuple[str, int, int] | None = None
+        self._last_us = 0
+        """Time of the last sample."""
         self._forget()
+        if memory is not None:
+            self._last_us = memory["last_us"]
+            for name, (zone, lies, inside_us, answer, has_entered) in memory["zones"].items():
+                if name in self.defined and self.defined[name].model_dump() == zone:
+                    then, said = (one and ZoneState(one) for one in (lies, answer))
+                    self._courses[name] = _Course(self.defined[name], then, inside_us, said, has_entered)
 
     def _forget(self) -> None:
         self._courses = {name: _Course(zone) for name, zone in self.defined.items()}
 
     @property
-    def answers(self) -> ZoneStates:
-        """The answers after the last sample."""
-        return {name: course.answer for name, course in self._courses.items()}
-
-    def step(self, seen: Seen) -> dict[str, int]:
-        """Take the next sample; return the zones that the contact is in, each with how much longer it is so [us]."""
-        if not self.defined:
-            return {}
-        boot_id, sequence, at_us = self._last or (None, 0, 0)
-        self._last = seen.boot_id, seen.sequence, seen.at_us
-        passed_us = max(0, seen.at_us - at_us)
-        if seen.boot_id != boot_id or passed_us > self._hold_us:
-            self._forget()
-        elif seen.sequence != sequence + 1:
-            for course in self._courses.values():
-                course.miss()
-        more_us: dict[str, int] = {}
-        for name, course in self._courses.items():
-            gained_us = course.step(seen, self._length_mm, passed_us)
-            if gained_us is None:
-                continue
-            more_us[name] = gained_us
-            self.entries[name] += not course.has_entered
-            course.has_entered = True
-        return more_us
-
-    @property
     def memory(self) -> dict[str, Any]:
-        """What it needs to go on in another process, as JSON: a zone that is defined anew begins anew."""
+        """What it needs to go on in another process, as JSON."""
         kept = {
             name: [course.zone.model_dump(), course.lies, course.inside_us, course.answer, course.has_entered]
             for name, course in self._courses.items()
         }
-        return {"last": self._last, "zones": kept}
+        return {"last_us": self._last_us, "zones": kept}
 
-    def remember(self, memory: dict[str, Any]) -> None:
-        """Go on from what `memory` gave; KeyError, TypeError or ValueError for anything else."""
-        self._last = tuple(memory["last"]) if memory["last"] else None
-        for name, (zone, lies, inside_us, answer, has_entered) in memory["zones"].items():
-            if name in self.defined and self.defined[name].model_dump() == zone:
-                then, said = (one and ZoneState(one) for one in (lies, answer))
-                self._courses[name] = _Course(self.defined[name], then, inside_us, said, has_entered)
+    def miss(self) -> None:
+        """Note that samples before the next one are missing."""
+        for course in self._courses.values():
+            course.lies = course.answer = None
+
+    def step(self, seen: Seen) -> ZoneReport:
+        """Take the next sample; return what it shows."""
+        passed_us = max(0, seen.at_us - self._last_us)
+        self._last_us = seen.at_us
+        if passed_us > self._hold_us:
+            self._forget()
+        stays_us, entered = dict[str, int](), list[str]()
+        for name, course in self._courses.items():
+            longer_us = course.step(seen, self._length_mm, passed_us)
+            if longer_us is None:
+                continue
+            stays_us[name] = longer_us
+            if not course.has_entered:
+                entered.append(name)
+            course.has_entered = True
+        return ZoneReport({name: course.answer for name, course in self._courses.items()}, stays_us, entered)

@@ -8,8 +8,11 @@ import pytest
 from jinja2.sandbox import ImmutableSandboxedEnvironment
 
 from beamtouch_common.commands import version
+from beamtouch_common.zones import Zone
 from beamtouch_service.outputs.mqtt import discovery
 from beamtouch_service.outputs.mqtt.messages import Topics
+from beamtouch_service.sections import SurfaceSection
+from beamtouch_service.surfaces.surface import Surface
 from service.conftest import Row
 from service.event_story import RESTING, TOUCHING
 from service.process.broker import Subscriber
@@ -172,7 +175,10 @@ def test_home_assistant_learns_of_each_surface(line: Line) -> None:
     ],
 )
 def test_home_assistant_shows_a_zone_as_a_binary_sensor(contact: dict[str, object], shown: str) -> None:
-    said = json.loads(discovery.description(Topics("beamtouch"), "press-7", ["in.feed", "out"]))
+    zones = {name: Zone(from_mm=0, to_mm=100) for name in ("in.feed", "out")}
+    said = json.loads(
+        discovery.description(Topics("beamtouch"), Surface("press-7", section=SurfaceSection(zones=zones)))
+    )
     zone = said["components"]["zone_in.feed"]
     assert (zone["platform"], zone["state_topic"], zone["expire_after"]) == ("binary_sensor", CONTACT, 3)
     # Home Assistant renders it in such an environment, and takes "None" for unknown.

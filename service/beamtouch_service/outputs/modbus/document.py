@@ -1,21 +1,22 @@
 """The register map as text and JSON, as `beamtouch-service registers` prints it; a page of the site repeats it."""
 
 import json
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 from beamtouch_common.table import aligned_markdown
 from beamtouch_service.outputs.modbus.registers import BLOCK, REGISTERS, STATES, identity
 from beamtouch_service.problems import Kind
 from beamtouch_service.samples import Note
+from beamtouch_service.sections import SurfaceSection
 
 
-def as_json(surfaces: Mapping[str, Collection[str]], word_order: str) -> str:
-    """Return the map as one JSON object, with the blocks of these surfaces, each with its zones, in their order."""
+def as_json(surfaces: Mapping[str, SurfaceSection], word_order: str) -> str:
+    """Return the map as one JSON object, with the blocks of these surfaces in their order."""
     return json.dumps(describe(surfaces, word_order))
 
 
-def describe(surfaces: Mapping[str, Collection[str]], word_order: str) -> dict[str, Any]:
+def describe(surfaces: Mapping[str, SurfaceSection], word_order: str) -> dict[str, Any]:
     """Return the map as JSON values."""
     registers = [
         {"offset": one.offset, "name": one.name, "type": one.type.text, "registers": one.type.count}
@@ -31,13 +32,13 @@ def describe(surfaces: Mapping[str, Collection[str]], word_order: str) -> dict[s
         "notes": {note.value: note.bit for note in Note},
         "surfaces": [
             {"surface": name, "address": place * BLOCK, "identity": identity(name)}
-            | ({"zones": list(zones)} if zones else {})
-            for place, (name, zones) in enumerate(surfaces.items())
+            | ({"zones": list(section.zones)} if section.zones else {})
+            for place, (name, section) in enumerate(surfaces.items())
         ],
     }
 
 
-def as_text(surfaces: Mapping[str, Collection[str]], word_order: str) -> str:
+def as_text(surfaces: Mapping[str, SurfaceSection], word_order: str) -> str:
     """Return the map as Markdown tables, with the blocks of these surfaces in their order."""
     registers = [(_range(one.offset, one.type.count), f"`{one.name}`", one.type.text, one.meaning) for one in REGISTERS]
     states = [(str(code), f"`{_state_name(state)}`", words) for state, (code, words) in STATES.items()]
@@ -59,7 +60,7 @@ def as_text(surfaces: Mapping[str, Collection[str]], word_order: str) -> str:
     return "\n\n".join(parts)
 
 
-def _zones(surfaces: Mapping[str, Collection[str]]) -> list[tuple[str, ...]]:
+def _zones(surfaces: Mapping[str, SurfaceSection]) -> list[tuple[str, ...]]:
     """Return a row for each zone: which bits are set while it is inside, and the address of its counter."""
     offsets = {one.name: one.offset for one in REGISTERS}
     return [
@@ -70,8 +71,8 @@ def _zones(surfaces: Mapping[str, Collection[str]]) -> list[tuple[str, ...]]:
             f"bits {2 * place} and {2 * place + 1} of address {block * BLOCK + offsets['zones']} are both set",
             f"address {block * BLOCK + offsets[f'zone_{place + 1}_entries']}",
         )
-        for block, (name, zones) in enumerate(surfaces.items())
-        for place, zone in enumerate(zones)
+        for block, (name, section) in enumerate(surfaces.items())
+        for place, zone in enumerate(section.zones)
     ]
 
 

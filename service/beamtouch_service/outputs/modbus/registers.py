@@ -104,18 +104,17 @@ def _age_ms(one: Snapshot) -> int:
 
 
 def _zones(one: Snapshot) -> int:
-    return sum(ZONE_CODES[state] << 2 * place for place, state in enumerate(one.zones))
+    states = one.contact.zones.values() if one.contact else ()
+    return sum(ZONE_CODES[state] << 2 * place for place, state in enumerate(states))
 
 
 def _entries(place: int) -> Register:
+    def value(one: Snapshot) -> int:
+        counts = list(one.surface.zone_entries.values())
+        return counts[place] & MAX_UINT16 if place < len(counts) else 0
+
     meaning = f"entries into zone {place + 1} since the service started; wraps to 0 after 65535"
-    return Register(
-        43 + place,
-        f"zone_{place + 1}_entries",
-        Type.UINT16,
-        meaning,
-        lambda one: one.entries[place] & MAX_UINT16 if place < len(one.entries) else 0,
-    )
+    return Register(43 + place, f"zone_{place + 1}_entries", Type.UINT16, meaning, value)
 
 
 def _readings(one: Snapshot) -> int:
@@ -128,7 +127,7 @@ REGISTERS = (
         "identity",
         Type.UINT16,
         "CRC-16/XMODEM of the surface's name; compare it before you trust the block",
-        lambda one: identity(one.name),
+        lambda one: identity(one.surface.name),
     ),
     Register(
         1,

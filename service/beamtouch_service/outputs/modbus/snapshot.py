@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from beamtouch_common.zones import ZoneState
 from beamtouch_service.problems import Kind, ProblemError
 from beamtouch_service.samples import Quality
 from beamtouch_service.surfaces.contact import Contact
@@ -14,7 +13,7 @@ from beamtouch_service.surfaces.surface import Surface
 class Snapshot:
     """One surface at one time."""
 
-    name: str
+    surface: Surface
     now_s: float
     """The time [s, monotonic]."""
     outcome: Contact | Kind
@@ -27,10 +26,6 @@ class Snapshot:
     """Age of the newest sample; None before the first."""
     sequence: int
     """Number of the newest sample; 0 before the first."""
-    zones: list[ZoneState | None]
-    """The answer for each zone, in the order of the configuration."""
-    entries: list[int]
-    """Entries into each zone since the start of the service."""
 
     def channel_bits(self, quality: Quality) -> int:
         """Return a bit for each channel of this quality, the first channel in the lowest bit."""
@@ -61,15 +56,13 @@ def snapshot(surface: Surface, now_s: float) -> Snapshot:
     newest, outcome = surface.newest, _outcome(surface, now_s)
     is_current = isinstance(outcome, Contact) or outcome in {Kind.TOO_FEW_CHANNELS, Kind.UNUSABLE_ESTIMATE}
     return Snapshot(
-        name=surface.name,
+        surface=surface,
         now_s=now_s,
         outcome=outcome,
         channels=surface.model.channels if surface.model else [],
         bad=newest.bad if is_current and newest else {},
         age_ms=newest.age_ms(now_s) if newest else None,
         sequence=newest.sample.sequence if newest else 0,
-        zones=list(surface.zone_states(now_s).values()),
-        entries=list(surface.zones.entries.values()),
     )
 
 

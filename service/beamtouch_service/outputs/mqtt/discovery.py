@@ -2,12 +2,12 @@
 
 import json
 import re
-from collections.abc import Iterable
 
 from beamtouch_common.commands import version
 from beamtouch_common.zones import ZoneState
 from beamtouch_models.modelfile import State
 from beamtouch_service.outputs.mqtt.messages import OFFLINE, ONLINE, READY, Topics
+from beamtouch_service.surfaces.surface import Surface
 
 EXPIRE_S = 3
 """Without a contact for this long, Home Assistant shows the figures as unavailable. One arrives each second."""
@@ -20,9 +20,9 @@ def topic(topics: Topics, surface: str) -> str:
     return f"homeassistant/device/{_identifier(topics, surface)}/config"
 
 
-def description(topics: Topics, surface: str, zones: Iterable[str]) -> bytes:
+def description(topics: Topics, surface: Surface) -> bytes:
     """Return the description of a surface: its contact, its zones, and whether someone must look at it."""
-    contact, identifier = topics.contact(surface), _identifier(topics, surface)
+    contact, identifier = topics.contact(surface.name), _identifier(topics, surface.name)
 
     def entity(name: str, template: str, **more: object) -> dict[str, object]:
         named = {"name": name.capitalize(), "unique_id": f"{identifier}_{name}"}
@@ -44,7 +44,7 @@ def description(topics: Topics, surface: str, zones: Iterable[str]) -> bytes:
             f"'OFF' if value_json.status == '{READY}' else 'ON'",
             platform="binary_sensor",
             device_class="problem",
-            state_topic=topics.surface_status(surface),
+            state_topic=topics.surface_status(surface.name),
         ),
         **{
             f"zone_{zone}": entity(
@@ -54,11 +54,11 @@ def description(topics: Topics, surface: str, zones: Iterable[str]) -> bytes:
                 state_topic=contact,
                 expire_after=EXPIRE_S,
             )
-            for zone in zones
+            for zone in surface.section.zones
         },
     }
     whole = {
-        "device": {"identifiers": [identifier], "name": surface, "manufacturer": "Beamtouch"},
+        "device": {"identifiers": [identifier], "name": surface.name, "manufacturer": "Beamtouch"},
         "origin": {"name": "Beamtouch", "sw_version": version()},
         "availability_topic": topics.status,
         "payload_available": ONLINE,

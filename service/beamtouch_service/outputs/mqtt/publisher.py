@@ -95,7 +95,7 @@ class Publisher:
         messages = [(self._topics.status, ONLINE.encode(), TEXT)]
         if self._section.home_assistant_discovery:
             for surface in self._context.registry:
-                description = discovery.description(self._topics, surface.name, surface.zones.defined)
+                description = discovery.description(self._topics, surface)
                 messages.append((discovery.topic(self._topics, surface.name), description, JSON))
         for topic, text, content_type in messages:
             try:

@@ -70,7 +70,7 @@ VARIABLES: Mapping[str, Variable] = {
 
 def variables_of(surface: Surface) -> dict[str, Variable]:
     """Return the variables of a surface: those of every contact, and one for each of its zones."""
-    return {**VARIABLES, **{f"zones/{name}": _zone(name) for name in surface.zones.defined}}
+    return {**VARIABLES, **{f"zones/{name}": _zone(name) for name in surface.section.zones}}
 
 
 def _zone(name: str) -> Variable:

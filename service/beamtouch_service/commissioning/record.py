@@ -1,0 +1,31 @@
+"""The confirmed results of commissionings, in the record."""
+
+from sqlalchemy import delete, insert, select
+
+from beamtouch_service.commissioning.report import Recorded, Report
+from beamtouch_service.events.store import Store
+from beamtouch_service.events.tables import COMMISSIONINGS
+
+MAX_KEPT = 20
+"""Results that are kept of each surface, however old they are."""
+_c = COMMISSIONINGS.c
+
+
+def add(store: Store, course: str, report: Report) -> int:
+    """Put the result of a course on record, unless it is there, and drop those beyond the newest; return its id."""
+    of_surface = _c.surface == report.surface
+    row = {"surface": report.surface, "course": course, "report": report.model_dump(mode="json")}
+    with store.database.writing() as connection:
+        number: int | None = connection.scalar(select(_c.id).where(_c.course == course))
+        if number is None:
+            number = connection.execute(insert(COMMISSIONINGS).returning(_c.id), row).scalar_one()
+            newest = select(_c.id).where(of_surface).order_by(_c.id.desc()).limit(MAX_KEPT)
+            connection.execute(delete(COMMISSIONINGS).where(of_surface, _c.id.not_in(newest)))
+    return number
+
+
+def read(store: Store, surface: str) -> list[Recorded]:
+    """Return the results of a surface, newest first."""
+    query = select(_c.id, _c.report).where(_c.surface == surface).order_by(_c.id.desc())
+    with store.database.reading() as connection:
+        return [Recorded.model_validate({"id": row.id, **row.report}) for row in connection.execute(query)]
