@@ -18,6 +18,7 @@ from beamtouch_daemon.processing import at_rest, rate, zero_tracking
 from beamtouch_daemon.running.acquisition import PATIENCE_S
 from beamtouch_daemon.sources import board, rtu_bus, rtu_unit
 from beamtouch_models.calibration import recordings
+from beamtouch_models.challenge import challenge
 from beamtouch_models.decision import decider, evidence, wrong_channels
 from beamtouch_models.filters import rest
 from beamtouch_models.filters.look import STILL_PART
@@ -108,6 +109,15 @@ STATED = {
     ],
     "deploy/haproxy-one.cfg": [f"The service waits {MAX_BODY_S:g} s for a body"],
     "deploy/haproxy.cfg": [f"a service waits {MAX_BODY_S:g} s for it"],
+    "docs/challenge.md": [
+        f"at most {100 * challenge.MISLEADING:g} % of the samples mislead",
+        f"in {100 * challenge.HELD:g} % of the contacts without a note",
+        f"and in {100 * challenge.HELD_UNSTEADY:g} % of those with `unsteady`",
+        f"begins twice in at most {100 * challenge.GHOSTS:g} % of the courses",
+        f"at most {100 * challenge.NOTED:g} % of settled contacts carry a note",
+        f"at least {challenge.NOTICED:g} of the power",
+        f"by more than chance explains ({100 * challenge.CHANCE:g} %)",
+    ],
     "docs/decisions/015-health.md": [
         f"at least {WORDS[changes.MIN_CONTACTS]} contacts",
         f"beyond {WORDS[changes.DRIFT]} times the stated drift",
