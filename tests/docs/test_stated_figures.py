@@ -26,7 +26,8 @@ from beamtouch_models.health import changes
 from beamtouch_models.modelfile import State
 from beamtouch_models.physics.beam import MAX_SLOPE
 from beamtouch_models.reproduction.figure_8 import MEASURED_PERCENT as PAPER
-from beamtouch_models.reproduction.paper import SOURCE, TITLE
+from beamtouch_models.reproduction.figures import figure_4
+from beamtouch_models.reproduction.paper import NOISE_PERCENT, SOURCE, TITLE
 from beamtouch_protocol.framing import MAX_FRAME_BYTES
 from beamtouch_protocol.messages import MESSAGE_TYPES
 from beamtouch_service.api.errors import MAX_ERRORS
@@ -44,12 +45,13 @@ from beamtouch_service.sections import ServerSection, SurfaceSection
 from pasted import ROOT
 
 WORDS: dict[float, str] = {1: "a", 3: "three", 4: "four", 5: "five", 10: "ten"}
-PARTS = {0.1: "a tenth", 0.02: "a fiftieth", 0.125: "an eighth", 0.25: "a quarter", 0.4: "two fifths"}
+PARTS = {0.1: "a tenth", 0.02: "a fiftieth", 0.125: "an eighth", 0.25: "a quarter", 0.3: "a third", 0.4: "two fifths"}
 DOUBTFUL = sum(1 << note.bit for note in (Note.OVERLOAD, Note.UNSTEADY, Note.UNCHECKED, Note.SENDERS))
 PROBLEMS = min(code for state, (code, _) in STATES.items() if isinstance(state, Kind))
 RECEIVED_BYTES = 7 + max(message.max_payload_bytes() for kind, message in MESSAGE_TYPES.items() if kind < 0x80)
 """The longest frame that a device receives: a payload, with type, CRC, one byte of COBS and 00."""
 PYTHON = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["requires-python"].removeprefix(">=")
+FIGURE_4 = figure_4(0).results()
 ZONES = next(register.offset for register in REGISTERS if register.name == "zones")
 CONVERSION_US, OVERHEAD_US = (
     int(re.findall(rf"#define {name} (\d+)", (ROOT / "firmware_protocol" / "avr" / "config.h").read_text())[0])
@@ -126,6 +128,9 @@ STATED = {
     "docs/explanation/paper.md": [
         TITLE,
         SOURCE,
+        f"with B near {FIGURE_4['B'][0]:.0f}",
+        f"At {NOISE_PERCENT:g} % noise only {WORDS[FIGURE_4['larger'][0]]} components are larger than their error",
+        f"up to {PARTS[round(FIGURE_4['four_up_to_percent'] / NOISE_PERCENT, 1)]} of that noise",
         f"two sensors: {PAPER[2, 'equal']} % at equal pitch, {PAPER[2, 'optimised']} % optimised;",
         f"with five: {PAPER[5, 'equal']} and {PAPER[5, 'optimised']} %.",
     ],
