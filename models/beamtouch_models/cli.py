@@ -17,7 +17,7 @@ COMMANDS = {
     "explain": "print how much each physical effect matters in a scene",
     "inspect": "print the metadata of a model file",
     "new": "write a commented scene of a beam",
-    "place": "choose sensor positions and state how much better any other layout could be",
+    "place": "choose sensor positions and state the accuracy limit of the layout",
     "reproduce": "recompute the paper's figures and compare them with the paper",
     "scenes": "list the scenes that come with the program, or copy one",
     "schema": "print the JSON Schema of a scene, with which editors complete and check its keys",

@@ -15,7 +15,6 @@ from reference import FILES
 
 FOUND = [page.relative_to(ROOT) for page in (*ROOT.glob("*.md"), *ROOT.glob("[a-z]*/**/*.md"))]
 PAGES = [str(page) for page in FOUND if page.parts[0] != "build"]
-TABLE = (ROOT / "docs" / "reference" / "commands.md").read_text()
 _NAMES = "|".join(PROGRAMS)
 _COMMAND = re.compile(
     rf"(?:^|[$;|{{(`]|\bdo|\buntil|\bsudo(?: -\w+ \S+)*) *({_NAMES})((?: +[^\s|&<>#;`)]+)*)", re.MULTILINE
@@ -61,10 +60,3 @@ def test_every_file_that_a_page_writes_has_the_keys_of_its_kind(page: str) -> No
             if set(keys) == {"zones"}:  # a file for `explain --zones` has the zones of a surface
                 keys = {"surfaces": {"strip": keys}}
             assert any(kind.is_valid(keys) for kind in kinds.values()), f"{page}: {name}"
-
-
-def test_every_command_has_a_row_in_the_table() -> None:
-    rows = re.findall(r"^\| `((?:design-sensors|beamtouch-[a-z]+)(?: [a-z-]+)?)[ `]", TABLE, re.MULTILINE)
-    with_commands = {command.partition(" ")[0] for command in helps() if " " in command}
-    assert set(rows) == set(helps()) - with_commands
-    assert with_commands < set(PROGRAMS)

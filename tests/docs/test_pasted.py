@@ -33,6 +33,8 @@ GUIDES = {
 """What the guides print, among other things; patterns."""
 SAMPLES = ("json", "text")
 """Words of the fences of what commands print."""
+EXACT = re.compile(r"(sensors|error|answer|gate) .*\d")
+"""Lines whose figures follow from the scene and the seed: a sample has them as they are printed."""
 NUMBER = re.compile(r"\d+(?:\.\d+)?")
 TROUBLES = "docs/how-to/troubleshooting.md"
 PROGRAMS = "curl|sudo|systemctl|journalctl|beamtouch-|design-"
@@ -175,7 +177,8 @@ def answers_in(printed: str) -> list[dict[str, Any]]:
 def assert_samples_are_like(printed: str, page: str) -> None:
     """Check samples after commands.
 
-    JSON has the members of something that they printed, a problem also its words; lines have its first words.
+    JSON has the members of something that they printed, a problem also its words; lines have its first words, or are
+    exact.
     """
     pairs = list(pairwise(blocks_of(page)))
     samples = {word: [one for before, one in pairs if (before.word, one.word) == (COMMANDS, word)] for word in SAMPLES}
@@ -184,6 +187,13 @@ def assert_samples_are_like(printed: str, page: str) -> None:
     assert all(sample in answers for sample in expected if "detail" in sample), printed
     begun = first_words(printed)
     assert all(first_words(sample.text) <= begun for sample in samples["text"]), printed
+    exact = [line for sample in samples["text"] for line in lines_of(sample.text) if EXACT.match(line)]
+    assert [line for line in exact if line not in lines_of(printed)] == []
+
+
+def lines_of(text: str) -> list[str]:
+    """Return the lines of a text with one space between two words."""
+    return [" ".join(line.split()) for line in text.splitlines()]
 
 
 def first_words(text: str) -> set[str]:

@@ -1,6 +1,11 @@
 """Sentences of the pages that state a setting or a limit have the figure that the code has."""
 
 import math
+import re
+import struct
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -8,31 +13,50 @@ import pytest
 import facts
 from beamtouch_common.zones import BEGIN, HOLD, MAX_ZONES
 from beamtouch_daemon.delivery.log import MAX_BATCH
-from beamtouch_daemon.processing import at_rest
+from beamtouch_daemon.delivery.log_store import MEMORY_S
+from beamtouch_daemon.processing import at_rest, rate, zero_tracking
+from beamtouch_daemon.running.acquisition import PATIENCE_S
+from beamtouch_daemon.sources import board, rtu_bus, rtu_unit
 from beamtouch_models.calibration import recordings
+from beamtouch_models.challenge import challenge
 from beamtouch_models.decision import decider, evidence, wrong_channels
+from beamtouch_models.filters import rest
+from beamtouch_models.filters.look import STILL_PART
+from beamtouch_models.health import changes
 from beamtouch_models.modelfile import State
 from beamtouch_models.physics.beam import MAX_SLOPE
 from beamtouch_models.reproduction.figure_8 import MEASURED_PERCENT as PAPER
+from beamtouch_models.reproduction.figures import figure_4
+from beamtouch_models.reproduction.paper import NOISE_PERCENT, SOURCE, TITLE
 from beamtouch_protocol.framing import MAX_FRAME_BYTES
 from beamtouch_protocol.messages import MESSAGE_TYPES
+from beamtouch_service.api.errors import MAX_ERRORS
 from beamtouch_service.api.samples import MAX_BODY_BYTES, MAX_BODY_S
 from beamtouch_service.commissioning import course, pressing, verdict
 from beamtouch_service.commissioning.record import MAX_KEPT
 from beamtouch_service.events.boot import MAX_CAPTURED, MAX_WAITING
+from beamtouch_service.events.event import MAX_POINTS
 from beamtouch_service.host.serve import IDLE_S
-from beamtouch_service.outputs.modbus.registers import BLOCK, CONSTANT, MAX_SURFACES, STATES
+from beamtouch_service.outputs.modbus.registers import BLOCK, CONSTANT, MAX_SURFACES, REGISTERS, STATES
+from beamtouch_service.outputs.opcua.subscriptions import MOST_WAITING
 from beamtouch_service.problems import Kind
 from beamtouch_service.samples import MAX_SAMPLES, Note
 from beamtouch_service.sections import ServerSection, SurfaceSection
 from pasted import ROOT
 
 WORDS: dict[float, str] = {1: "a", 3: "three", 4: "four", 5: "five", 10: "ten"}
-PARTS = {0.1: "a tenth", 0.02: "a fiftieth", 0.125: "an eighth", 0.4: "two fifths"}
+PARTS = {0.1: "a tenth", 0.02: "a fiftieth", 0.125: "an eighth", 0.25: "a quarter", 0.3: "a third", 0.4: "two fifths"}
 DOUBTFUL = sum(1 << note.bit for note in (Note.OVERLOAD, Note.UNSTEADY, Note.UNCHECKED, Note.SENDERS))
 PROBLEMS = min(code for state, (code, _) in STATES.items() if isinstance(state, Kind))
 RECEIVED_BYTES = 7 + max(message.max_payload_bytes() for kind, message in MESSAGE_TYPES.items() if kind < 0x80)
 """The longest frame that a device receives: a payload, with type, CRC, one byte of COBS and 00."""
+PYTHON = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["requires-python"].removeprefix(">=")
+FIGURE_4 = figure_4(0).results()
+ZONES = next(register.offset for register in REGISTERS if register.name == "zones")
+CONVERSION_US, OVERHEAD_US = (
+    int(re.findall(rf"#define {name} (\d+)", (ROOT / "firmware_protocol" / "avr" / "config.h").read_text())[0])
+    for name in ("CONVERSION_US", "SCAN_OVERHEAD_US")
+)
 
 
 def code(state: State | Kind) -> int:
@@ -57,6 +81,13 @@ def share(times: float) -> float:
     return 100 * math.erf(times * 1.96 / math.sqrt(2))
 
 
+def in_the_wrong_word_order(value: float) -> float:
+    """Return a float32 whose two registers are swapped."""
+    first, second = struct.unpack(">HH", struct.pack(">f", value))
+    (swapped,) = struct.unpack(">f", struct.pack(">HH", second, first))
+    return float(swapped)
+
+
 STREAM = bounds("/stream", "interval_ms")
 DATA = bounds("/surfaces/{name}/calibration-data", "limit")
 SURFACE, SERVER = (
@@ -64,7 +95,42 @@ SURFACE, SERVER = (
 )
 
 STATED = {
+    "CITATION.cff": [TITLE],
+    "README.md": [TITLE, SOURCE, f"Linux and Python {PYTHON} or later"],
+    "daemon/beamtouch-daemon.service": [f"when a surface has hung for {PATIENCE_S:g} s"],
+    "daemon/daemon.example.toml": [
+        f"keeps such samples on disk after {MEMORY_S:g} s",
+        f"differs by more than {PARTS[rate.TOLERANCE]}",
+        f"tare allows {WORDS[at_rest.STATED_DEVIATIONS]} times",
+        f"is asked again after {rtu_bus.REST_TIMEOUTS:g} timeouts",
+        f"after {rtu_unit.FORGOTTEN_S:g} s or {rtu_unit.FORGOTTEN_TIMEOUTS} timeouts",
+        f"the band for {zero_tracking.CALM_S:g} s",
+        f"gap that differs by {PARTS[at_rest.LOAD_SHARE]} of it.",
+        f"Default: by {PARTS[at_rest.MOUNTED_WITHIN]} of range_mm",
+        f"{PARTS[at_rest.DRIFTS_WITHIN].split()[1]} from the last tare",
+    ],
+    "deploy/haproxy-one.cfg": [f"The service waits {MAX_BODY_S:g} s for a body"],
+    "deploy/haproxy.cfg": [f"a service waits {MAX_BODY_S:g} s for it"],
+    "docs/challenge.md": [
+        f"at most {100 * challenge.MISLEADING:g} % of the samples mislead",
+        f"in {100 * challenge.HELD:g} % of the contacts without a note",
+        f"and in {100 * challenge.HELD_UNSTEADY:g} % of those with `unsteady`",
+        f"begins twice in at most {100 * challenge.GHOSTS:g} % of the courses",
+        f"at most {100 * challenge.NOTED:g} % of settled contacts carry a note",
+        f"at least {challenge.NOTICED:g} of the power",
+        f"by more than chance explains ({100 * challenge.CHANCE:g} %)",
+    ],
+    "docs/decisions/015-health.md": [
+        f"at least {WORDS[changes.MIN_CONTACTS]} contacts",
+        f"beyond {WORDS[changes.DRIFT]} times the stated drift",
+    ],
+    "docs/decisions/031-samples-at-rest.md": [f"further from the mean than {WORDS[rest.EXPLAINED]} deviations"],
     "docs/explanation/paper.md": [
+        TITLE,
+        SOURCE,
+        f"with B near {FIGURE_4['B'][0]:.0f}",
+        f"At {NOISE_PERCENT:g} % noise only {WORDS[FIGURE_4['larger'][0]]} components are larger than their error",
+        f"up to {PARTS[round(FIGURE_4['four_up_to_percent'] / NOISE_PERCENT, 1)]} of that noise",
         f"two sensors: {PAPER[2, 'equal']} % at equal pitch, {PAPER[2, 'optimised']} % optimised;",
         f"with five: {PAPER[5, 'equal']} and {PAPER[5, 'optimised']} %.",
     ],
@@ -74,6 +140,7 @@ STATED = {
         f"by {PARTS[at_rest.MOUNTED_WITHIN]} of the sensor's range",
         f"each later one by {PARTS[at_rest.DRIFTS_WITHIN]}",
     ],
+    "docs/explanation/speed-or-accuracy.md": [f"agree for {PARTS[STILL_PART]} of the beam's slowest period"],
     "docs/how-to/calibrate.md": [
         f"with {WORDS[recordings.MIN_SAMPLES]} rows or more for each load",
         f"Loads may stand about {WORDS[recordings.STATED.placing_mm]} millimetre off",
@@ -93,6 +160,7 @@ STATED = {
         f"slopes by more than {MAX_SLOPE:g} rad",
         f"`damping_ratio` is {math.log(2) / (2 * math.pi):.2f} over this number",
     ],
+    "docs/how-to/opcua.md": [f"at most {MOST_WAITING} values of a variable"],
     "docs/how-to/plc.md": [
         f"Bit {Note.DEGRADED.bit} of `notes`, `degraded`",
         f"from `state` {PROBLEMS} on",
@@ -120,7 +188,10 @@ STATED = {
         f"a touch needs {WORDS[decider.CLEARLY]} times the log odds, or {WORDS[decider.PERSISTENCE]} samples in a row",
         f"the log odds fall to {PARTS[decider.LIFT_FRACTION]} of the threshold",
     ],
-    "docs/reference/events.md": [f"holds the first {WORDS[MAX_CAPTURED]} unexplained samples"],
+    "docs/reference/events.md": [
+        f"the path, at most {MAX_POINTS} points",
+        f"holds the first {WORDS[MAX_CAPTURED]} unexplained samples",
+    ],
     "docs/reference/http.md": [
         f"every `interval_ms` ({STREAM['minimum']} to {STREAM['maximum']}; default {STREAM['default']})",
         f"| a batch | {MAX_BODY_BYTES >> 20} MiB |",
@@ -137,6 +208,7 @@ STATED = {
         f"(the newest {DATA['default']}; at most {DATA['maximum']})",
         f"uses the newest {recordings.MAX_CONTACTS} contacts",
     ],
+    "docs/reference/problems.md": [f"`errors` (at most {MAX_ERRORS})"],
     "docs/reference/registers.md": [
         f"addresses 0 to {BLOCK - 1}, the second {BLOCK} to {2 * BLOCK - 1}",
         f"| surfaces | {MAX_SURFACES} |",
@@ -144,11 +216,24 @@ STATED = {
         f"doubtful := (w[3] AND 16#{DOUBTFUL:04X})",
         f"`no-samples`, and {code(Kind.STALE)}, `stale`",
         f"All other states from {PROBLEMS} on",
+        f"so take 16#{DOUBTFUL & ~(1 << Note.UNCHECKED.bit):04X} for `doubtful` there",
+        f"Read offsets 0 to {ZONES - 1} in one request, or 0 to {BLOCK - 2} with zones",
+        f"the numbers 1 to {MAX_ZONES}",
+        f"276.5215 becomes {in_the_wrong_word_order(276.5215):.1f}",
+    ],
+    "firmware_protocol/PROTOCOL.md": [
+        f"repeated every {board.HELLO_REPEAT_S:g} s until Hello arrives",
+        f"asks for {board.HELLO_TIMEOUT_S:g} s before it reports",
+        f"every {board.PING_S:g} s, sooner at first",
+        f"no reading for {board.SILENCE_S:g} s or {WORDS[board.SILENCE_PERIODS]} periods",
+        f"more than {MAX_FRAME_BYTES - 1} bytes before its 00",
+        f"no more than {RECEIVED_BYTES} bytes, the longest frame that it is sent",
     ],
     "firmware_protocol/README.md": [
         f"the longest frame, {MAX_FRAME_BYTES} bytes",
         f"receives no frame longer than {RECEIVED_BYTES} bytes, so define `BEAMTOUCH_MAX_FRAME_BYTES={RECEIVED_BYTES}`",
-        f"| limit of the ADC, with `oversampling` 1 | {cells(1e6, 40, 32)} |",
+        f"| limit of the ADC, with `oversampling` 1 | {cells(1e6, OVERHEAD_US, CONVERSION_US)} |",
+        f"1000000 / ({CONVERSION_US} x channels x oversampling + {OVERHEAD_US})",
         f"| limit of the line | {cells(1e5, 14, 2)} |",
         f"| `max_rate_hz`, without lost readings | {cells(0.9e5, 14, 2)} |",
     ],
@@ -158,6 +243,22 @@ STATED = {
 
 @pytest.mark.parametrize("page", STATED)
 def test_a_page_states_the_settings_and_limits_of_the_code(page: str) -> None:
-    text = " ".join((ROOT / page).read_text().split())
+    text = " ".join(re.sub(r"\n +# ", " ", (ROOT / page).read_text()).split())  # a comment may go on
 
     assert [sentence for sentence in STATED[page] if sentence not in text] == []
+
+
+def numbers_of(value: object) -> Iterator[float]:
+    """Yield the numbers in a TOML value, lengths in mm also in m."""
+    if isinstance(value, dict | list):
+        for one in value.values() if isinstance(value, dict) else value:
+            yield from numbers_of(one)
+    elif isinstance(value, int | float):
+        yield from (value, value / 1e3)
+
+
+@pytest.mark.parametrize("scene", sorted((ROOT / "models" / "scenes").glob("*.toml")), ids=lambda scene: scene.stem)
+def test_the_figures_in_the_first_line_of_a_scene_are_its_own(scene: Path) -> None:
+    first, _, rest = scene.read_text().partition("\n")
+
+    assert {float(number) for number in re.findall(r"[\d.]*\d", first)} <= set(numbers_of(tomllib.loads(rest)))

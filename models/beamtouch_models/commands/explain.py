@@ -51,8 +51,9 @@ def run(options: argparse.Namespace) -> Result:
     }
     rows: list[Block] = [
         Table(("effect", "price", "", "with/without", "remark"), [*map(_row, effects)], text=("", "remark")),
-        f"price: in units of a sample's noise, {digits(noise.sample_mm, 3)} mm; effects below {NEGLIGIBLE:g} are left "
-        f"out\nwith/without: measured time to compute an influence matrix of {SENSORS} sensors",
+        f"price: in units of a sample's noise, {digits(noise.sample_mm, 3)} mm; the cheapest effects are left out as "
+        f"long as their prices sum to less than {NEGLIGIBLE:g}\n"
+        f"with/without: measured time to compute an influence matrix of {SENSORS} sensors",
         *(told(ringing) if ringing else []),
     ]
     if zones:

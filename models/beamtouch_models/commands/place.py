@@ -1,4 +1,4 @@
-"""`design-sensors place`: places the sensors, and states how much better any other layout could be."""
+"""`design-sensors place`: places the sensors, and states the accuracy limit of the layout."""
 
 import argparse
 import math

@@ -27,7 +27,7 @@ from beamtouch_models.scene import Scene, change_scene
 Verdict = Literal["in", "out", "floor", "not stated", "not modelled"]
 
 NEGLIGIBLE = 0.1
-"""Price, in units of the noise, below which effects are left out."""
+"""Sum of the prices of the effects that are left out, in units of the noise, is less than this."""
 MAX_POSITIONS = 401
 """Largest number of sensor positions at which an effect is priced, evenly chosen from the allowed ones."""
 NEAR = 0.5
