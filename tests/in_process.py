@@ -16,6 +16,8 @@ class Outcome:
 
 
 Command = Callable[..., Outcome]
+Refusal = Callable[..., str]
+"""Runs a command that is wrong input, and returns the one line that it says."""
 
 
 def command_of(main: Callable[[list[str]], int], capsys: pytest.CaptureFixture[str]) -> Command:

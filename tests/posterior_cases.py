@@ -7,7 +7,7 @@ import numpy as np
 import onnx
 from numpy.typing import NDArray
 
-from beamtouch_models.accuracy.prior import MAX_FORCE_RATIO, Prior
+from beamtouch_models.accuracy.prior import MAX_FORCE_RATIO, Forces, Prior
 from beamtouch_models.accuracy.thresholds import directions
 from beamtouch_models.arrays import Floats
 from beamtouch_models.error_model import whitening
@@ -64,6 +64,30 @@ def answers_of(
 def graph_of(prior: Prior) -> onnx.ModelProto:
     """The posterior graph, with force where that is not known."""
     return posterior_graph(prior, with_force=not prior.force_is_known)
+
+
+def plain_posterior(prior: Prior, reading: Floats, covariance_mm2: Floats, forces: Forces) -> tuple[Floats, Floats]:
+    """The posterior of position: a grid of positions (1201,), and its density there, a sum over 2000 forces.
+
+    `reading` (channels,) scatters with the whole covariance.
+    """
+    grid = np.linspace(*prior.position_mm, 1201)
+    shape, precision = prior.influence_at(grid), np.linalg.inv(covariance_mm2)
+    square, along = np.einsum("gi,ij,gj->g", shape, precision, shape), shape @ precision @ reading
+    density = np.zeros(len(grid))
+    for piece in forces:
+        ends = np.linspace(piece.low_n, piece.high_n, 1 if piece.low_n == piece.high_n else 2001)
+        force = ends if len(ends) == 1 else (ends[1:] + ends[:-1]) / 2
+        # |z - F g|^2 expanded; in float64 that costs no digit that matters at these sizes.
+        misfit = reading @ precision @ reading - 2 * np.outer(along, force) + np.outer(square, force**2)
+        density += piece.share * np.exp(-misfit / 2).mean(axis=1)
+    return grid, density
+
+
+def quantiles_of(grid: Floats, density: Floats, *levels: float) -> Floats:
+    """Quantiles of a density on a grid, by the trapezoidal rule."""
+    below = np.append(0.0, np.cumsum(density[1:] + density[:-1]))
+    return np.interp(levels, below / below[-1], grid)
 
 
 def exceeding(

@@ -64,11 +64,11 @@ def _maps(pid: int) -> str:
 @contextmanager
 def dask(
     folder: Path, workers: int
-) -> Iterator[tuple[str, Callable[[Path | None], subprocess.Popen[bytes]], list[subprocess.Popen[bytes]]]]:
+) -> Iterator[tuple[str, Callable[[Path], subprocess.Popen[bytes]], list[subprocess.Popen[bytes]]]]:
     """A Dask scheduler with workers of one thread, without nannies.
 
-    Yields its address, a function that starts another worker, and the processes. Distributions in the folder that the
-    function takes come before those that are installed.
+    Yields its address, a function that starts another worker, and the processes. What is in the folder that the
+    function takes comes before what is installed.
     """
     if importlib.util.find_spec("distributed") is None:
         give_up("distributed is not installed: pip install 'beamtouch[cluster]'")
@@ -84,7 +84,7 @@ def dask(
             stack.callback(process.kill)
             return process
 
-        def start_worker(first: Path | None) -> subprocess.Popen[bytes]:
+        def start_worker(first: Path) -> subprocess.Popen[bytes]:
             before = log.read_bytes().count(b"Registered to")
             process = start("worker", address, "--nthreads", "1", "--no-nanny", first=first)
             wait_until(lambda: log.read_bytes().count(b"Registered to") > before, WITHIN_S)

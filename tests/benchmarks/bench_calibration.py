@@ -20,7 +20,7 @@ from beamtouch_models.calibration.calibrate import checked_fit
 from beamtouch_models.calibration.recordings import Loads, RecordingError
 from beamtouch_models.errors import NotGoodEnoughError
 from beamtouch_models.modelfile import ModelFile
-from recorded_loads import MISTAKES, random_imperfections, recorded, with_mistake
+from real_surfaces import MISTAKES, random_imperfections, recorded, with_mistake
 
 SCENE_NAMES = ("bench", "conveyor", "cantilever")
 RUNS = 6

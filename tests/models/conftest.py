@@ -10,7 +10,7 @@ from beamtouch_models.challenge.play import SimulatedSurface
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.rig import cli as rig_cli
 from few_draws import short_work
-from in_process import Command, command_of
+from in_process import Command, Refusal, command_of
 from quick_model import write_quick_model
 from toolchain import made_once
 
@@ -36,6 +36,18 @@ def design_sensors_here(capsys: pytest.CaptureFixture[str]) -> Command:
         return cli.main([*arguments, "--workers", "1"] if sweeps else arguments)
 
     return command_of(main, capsys)
+
+
+@pytest.fixture
+def refused(design_sensors_here: Command) -> Refusal:
+    """`design-sensors` in this process with what it refuses in one line, as wrong input; returns that line."""
+
+    def line(*arguments: object) -> str:
+        done = design_sensors_here(*arguments)
+        assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1), done.stderr
+        return done.stderr
+
+    return line
 
 
 @pytest.fixture

@@ -6,14 +6,19 @@ import subprocess
 import sys
 import tomllib
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import onnx
 import pytest
+from onnx import numpy_helper
 
 from beamtouch_models import cli, modelfile
 from beamtouch_models.building import measure
 from beamtouch_models.building.remarks import weak_spot
 from beamtouch_models.building.report import page
+from beamtouch_models.estimators import estimator
+from beamtouch_models.estimators.posterior.window import posterior_graph
 from beamtouch_models.modelfile import ModelFile
 from example_scenes import PAPER, SCENES
 from in_process import Command
@@ -137,6 +142,26 @@ def test_a_model_that_misses_its_bounds_is_not_written_by_build_and_is_a_note_of
     traded = design_sensors_here("trade", scene, "-o", tmp_path / "out", "--draws", 100, "--estimators", "posterior")
     assert why in traded.stderr
     assert "nothing was written" not in traded.stderr
+
+
+@pytest.mark.usefixtures("short_work")
+def test_a_model_with_answers_that_are_not_finite_is_not_written(
+    design_sensors_here: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def worn_out(*given: Any, **options: Any) -> onnx.ModelProto:  # noqa: ANN401
+        graph = posterior_graph(*given, **options)
+        largest = max(graph.graph.initializer, key=lambda one: len(one.raw_data))
+        values = np.full_like(numpy_helper.to_array(largest), np.nan)
+        largest.CopyFrom(numpy_helper.from_array(values, largest.name))
+        return graph
+
+    monkeypatch.setattr(estimator, "posterior_graph", worn_out)
+    scene, model = tmp_path / "scene.toml", tmp_path / "model.onnx"
+    scene.write_text(PAPER.replace("count = 2", "count = 2\ngrid_mm = 57"))
+    built = design_sensors_here("build", scene, "-o", model)
+    assert (built.returncode, built.stdout) == (1, "")
+    assert "design-sensors: nothing was written: some answers of the model are not finite; check the s" in built.stderr
+    assert not model.exists()
 
 
 @pytest.mark.usefixtures("short_work")

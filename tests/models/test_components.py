@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from beamtouch_models.arrays import Floats
 from beamtouch_models.physics.beam import influence
-from beamtouch_models.placement.eigenvalue_product import discernible, log_eigenvalue_product, principal_components
+from beamtouch_models.placement.eigenvalue_product import log_eigenvalue_product, principal_components
 from beamtouch_models.scene.beam import Beam
 from example_scenes import UNIT_BEAM
 
@@ -89,14 +89,6 @@ def test_the_product_is_right_for_sixty_four_sensors_and_for_a_single_load() -> 
     assert log_eigenvalue_product(one) == -np.inf
     assert log_eigenvalue_product(one, 1) == pytest.approx(np.log((one**2).sum()))
     assert principal_components(one).eigenvalues == pytest.approx([(one**2).sum()])
-
-
-def test_components_that_exceed_the_noise_are_counted() -> None:
-    # Magnitudes 10, 1 and 0.1.
-    eigenvalues = np.array([100.0, 1.0, 0.01])
-    assert [discernible(eigenvalues, noise) for noise in (20, 2, 0.5, 0.05, 0)] == [0, 1, 2, 3, 3]
-    # A component within rounding does not count, even without noise.
-    assert discernible(np.array([1.0, 1e-34]), 0) == 1
 
 
 def matrix_of(*positions_mm: float) -> Floats:

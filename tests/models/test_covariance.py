@@ -9,99 +9,54 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.stats import chi2
 
+from beamtouch_models.challenge.contacts import rings, touched
+from beamtouch_models.challenge.play import Drawn, Play, SimulatedSurface
 from beamtouch_models.filters import Chain, Filtered, FloatArray, Mean
 from beamtouch_models.filters.significance import chi_square_quantile
 
 NOISE_MM = 0.0045
 RATE_HZ = 200.0
-FIRST_HZ, DAMPING = 44.0, 0.01
 PERIOD = 0.098 * RATE_HZ
-"""Of the beam with a weight of 20 N on it, in readings."""
-SENSORS = np.array([0.15, 0.38, 0.62, 0.85])
+"""Of the beam of the bench with a weight of 20 N on it, in readings."""
 WINDOW = 4
 FILTER = Mean("moving-average", WINDOW, spike_mm=6 * NOISE_MM)
-MODES = np.arange(1, 13)
+BEFORE, LOADS = 60, 80
+"""Readings at rest before a load, more than the filter looks back, and loads."""
 
 
-def shape(place: FloatArray) -> FloatArray:
-    """Modes of a simply supported beam at places relative to its length, shape (..., modes)."""
-    return np.sin(math.pi * MODES * np.asarray(place)[..., np.newaxis])
-
-
-def static_mm(place: FloatArray, largest_mm: FloatArray) -> FloatArray:
-    """Deflection at the sensors, shape (..., sensors): the sum of the modes (Timoshenko), 1/k^4 of each."""
-    scale = 96 / math.pi**4 * largest_mm  # 48 E I / l^3 in the middle
-    deflection: FloatArray = scale[..., np.newaxis] * ((shape(place) / MODES**4) @ shape(SENSORS).T)
-    return deflection
-
-
-def response(seconds: FloatArray, lasting_s: float) -> FloatArray:
-    """Part of each mode's static deflection after a load that grows for so long, shape (..., modes)."""
-    omega = 2 * math.pi * FIRST_HZ * MODES**2
-    damped, decay = omega * math.sqrt(1 - DAMPING**2), DAMPING * omega
-
-    def integral(time: FloatArray) -> FloatArray:
-        """Return the integral of the response to a sudden load."""
-        time = np.maximum(time, 0.0)[..., np.newaxis]
-        swing = np.exp((1j * damped - decay) * time)
-        rest = ((swing - 1) / (1j * damped - decay)).real + decay / damped * ((swing - 1) / (1j * damped - decay)).imag
-        whole: FloatArray = time - rest
-        return whole
-
-    lasting = max(lasting_s, 1e-7)
-    grown: FloatArray = (integral(seconds) - integral(seconds - lasting)) / lasting
-    return grown
-
-
-def held(
-    chain: Chain, deflection: FloatArray, truth: FloatArray, samples: list[int], noise: np.random.Generator
-) -> FloatArray:
+def held(play: Play, still_mm: FloatArray, samples: list[int], noise: np.random.Generator) -> FloatArray:
     """Share of the loads whose normalised error is within its 95 % quantile, for each of the samples.
 
-    Deflections have shape (loads, readings, sensors); the truth is the static one.
+    The truth is the deflection at rest under each load, (loads, sensors).
     """
-    inside = np.zeros(len(samples))
-    for readings, true_mm in zip(deflection, truth, strict=True):
+    inside, first = np.zeros(len(samples)), min(samples) - BEFORE
+    chain = Chain(FILTER, 4, NOISE_MM, PERIOD)
+    for readings, true_mm in zip(play.deflection_mm[:, first:], still_mm, strict=True):
         chain.restart()
         filtered = chain.apply(readings + NOISE_MM * noise.standard_normal(readings.shape))
         for index, at in enumerate(samples):
-            mean = filtered.mean_mm[at]
+            mean = filtered.mean_mm[at - first]
             floor = np.diag((0.003 * mean) ** 2 + (NOISE_MM / 5) ** 2)
-            error = mean - true_mm[at]
-            inside[index] += error @ np.linalg.solve(filtered.covariance_mm2[at] + floor, error) <= chi2.ppf(0.95, 4)
-    return inside / len(deflection)
+            total, error = filtered.covariance_mm2[at - first] + floor, mean - true_mm
+            inside[index] += error @ np.linalg.solve(total, error) <= chi2.ppf(0.95, 4)
+    return inside / LOADS
 
 
-BEFORE = 60
-"""Readings at rest before a load, more than any filter here looks back."""
-LOADS = 80
+def test_at_the_touch_of_a_beam_that_follows_at_once_the_error_is_covered_at_every_reading(
+    surface: SimulatedSurface,
+) -> None:
+    drawn = Drawn.of(surface, LOADS, np.random.default_rng(3))
+    play = touched(drawn)
+    samples = [play.rows[0][1] + reading for reading in (0, 1, 2, 3, 4, 8, 20, 100)]
+    assert held(play, drawn.deflection_mm, samples, drawn.rng).min() >= 0.93
 
 
-def loads(random: np.random.Generator, lasting_s: float | None) -> tuple[FloatArray, FloatArray]:
-    """Deflections and static deflections, shape (loads, readings, sensors); None: the beam follows at once."""
-    place, largest = random.uniform(0.05, 0.95, LOADS), random.uniform(0.23, 2.26, LOADS)
-    seconds = (np.arange(-BEFORE, 104) + random.uniform(0, 1, (LOADS, 1))) / RATE_HZ
-    grown = np.clip(seconds / max(lasting_s or 0.0, 1e-7), 0.0, 1.0)[..., np.newaxis]
-    truth = grown * static_mm(place, largest)[:, np.newaxis]
-    if lasting_s is None:
-        return truth, truth
-    modal = (shape(place) / MODES**4)[:, np.newaxis] * response(seconds, lasting_s)
-    return (96 / math.pi**4 * largest)[:, np.newaxis, np.newaxis] * (modal @ shape(SENSORS).T), truth
-
-
-def test_at_the_touch_of_a_beam_that_follows_at_once_the_error_is_covered_at_every_reading() -> None:
-    random = np.random.default_rng(3)
-    deflection, truth = loads(random, None)
-    samples = [BEFORE + reading for reading in (0, 1, 2, 3, 4, 8, 20, 100)]
-    assert held(Chain(FILTER, 4, NOISE_MM, PERIOD), deflection, truth, samples, random).min() >= 0.93
-
-
-@pytest.mark.parametrize(("lasting_s", "first_ms"), [(0.0, 35), (0.03, 20)])
-def test_while_the_beam_rings_the_error_is_covered(lasting_s: float, first_ms: int) -> None:
-    random = np.random.default_rng(4)
-    deflection, truth = loads(random, lasting_s)
-    samples = [BEFORE + round(ms * 1e-3 * RATE_HZ) for ms in (first_ms, 50, 100, 200, 500)]
-    assert held(Chain(FILTER, 4, NOISE_MM, PERIOD), deflection, truth, samples, random).min() >= 0.93
+@pytest.mark.parametrize("lasting_s", [0.0, 0.03])
+def test_while_the_beam_rings_the_error_is_covered(surface: SimulatedSurface, lasting_s: float) -> None:
+    drawn = Drawn.of(surface, LOADS, np.random.default_rng(4))
+    play = rings(drawn, lasting_s=lasting_s)
+    samples = [reading for name, reading in play.rows if not name.endswith(" 20 ms")]
+    assert held(play, drawn.deflection_mm, samples, drawn.rng).min() >= 0.93
 
 
 def evidence(filtered: Filtered, samples: slice) -> FloatArray:

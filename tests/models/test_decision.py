@@ -78,7 +78,7 @@ def world(bench: ModelFile) -> World:
     return World(bench)
 
 
-COURSES = {
+SEQUENCES = {
     "a still load is a contact until it is gone": "rest: clear; load: contact; load: contact; rest: clear",
     # A window that mixes rest and load scatters along the deflection of the load, as far as it goes.
     "a touch is seen at its first reading, and a large covariance ends no contact": (
@@ -128,8 +128,8 @@ COURSES = {
 """Each step: the deflection, ~ along which the readings scatter, and the state; * if it is unsteady."""
 
 
-@pytest.mark.parametrize("course", COURSES.values(), ids=COURSES)
-def test_the_state_follows(world: World, course: str) -> None:
+@pytest.mark.parametrize("sequence", SEQUENCES.values(), ids=SEQUENCES)
+def test_the_state_follows(world: World, sequence: str) -> None:
     two, load = world.load((100, 8), (300, 8)), world.load((100, 8))
     shapes = {
         "rest": 0 * load,
@@ -146,7 +146,7 @@ def test_the_state_follows(world: World, course: str) -> None:
         total: Floats = sum((float((["1", *term])[-2]) * shapes[term[-1]] for term in terms), 0 * load)
         return total
 
-    for step in course.split(";"):
+    for step in sequence.split(";"):
         what, _, expected = step.strip().partition(": ")
         state, _, times = expected.partition(" x")
         what, lost = what.removesuffix(" without s3"), [2] * what.endswith("without s3")

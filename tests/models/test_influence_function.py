@@ -11,11 +11,10 @@ from scipy.interpolate import RegularGridInterpolator
 from beamtouch_models.accuracy import limit
 from beamtouch_models.accuracy.prior import Prior, SampleErrors
 from beamtouch_models.arrays import Floats
-from beamtouch_models.errors import SceneError
 from beamtouch_models.estimators.posterior.window import posterior_graph
 from beamtouch_models.physics.influence import InfluenceFunction
 from beamtouch_models.placement.layout import Candidates
-from beamtouch_models.placement.placing import fewest_sensors, place, place_by_position_error, recommended_count
+from beamtouch_models.placement.placing import place, place_by_position_error, recommended_count
 from posterior_cases import answers_of
 
 LENGTH_MM = 500.0
@@ -44,9 +43,8 @@ def measured_string() -> InfluenceFunction:
     return InfluenceFunction(LENGTH_MM, np.linspace(25.0, 475.0, 91), (1.0, 1.0), at)
 
 
-@pytest.mark.parametrize("count", [2, 3])
-def test_sensors_of_a_measured_string_stand_where_enumeration_puts_them(count: int) -> None:
-    string = measured_string()
+def test_sensors_of_a_measured_string_stand_where_enumeration_puts_them() -> None:
+    string, count = measured_string(), 3
     exact = sag_mm(RULES.position_mm, string.load_mm)
     scores: dict[tuple[float, ...], float] = {}
     for chosen in combinations(range(len(RULES.position_mm)), count):
@@ -67,17 +65,9 @@ def test_a_measured_string_has_a_number_of_sensors_a_limit_and_an_estimator() ->
     found = place_by_position_error(string, coarse, 2, 0, SampleErrors(NOISE_MM))
     prior = Prior.of(string, np.array(found.positions_mm), NOISE_MM)
     reached = limit.accuracy_limit(prior, 1_000, 1).percent
-    by_product = Prior.of(string, np.array(place(string, RULES, 2, 0).positions_mm), NOISE_MM)
-    other = limit.accuracy_limit(by_product, 1_000, 1)
-    assert reached <= other.percent + 3 * other.standard_error
     drawn = limit.draw(prior, 2_000, 2)
     answers = answers_of(posterior_graph(prior, with_force=False), prior, drawn.deflection_mm)
     assert np.abs(answers["position_mm"] - drawn.position_mm).mean() / LENGTH_MM * 100 < 1.1 * reached
-    wanted_mm = 1.1 * reached / 100 * LENGTH_MM
-    few = fewest_sensors(string, coarse, (2, 4), wanted_mm=wanted_mm, errors=SampleErrors(NOISE_MM), seed=0)
-    assert 2 <= len(few.positions_mm) <= 3
-    with pytest.raises(SceneError, match="not even 3 sensors reach"):
-        fewest_sensors(string, coarse, (2, 3), wanted_mm=1e-6, errors=SampleErrors(NOISE_MM), seed=0)
 
 
 LOADS_MM = np.linspace(25.0, 475.0, 91)

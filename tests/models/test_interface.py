@@ -129,8 +129,6 @@ S, M = "the scene", "the model"
         ("ringing_mm", (S, [1], [0]), {"damping_ratio": 2}, "damping_ratio = 2 must be more than 0"),
         ("read_scene", ("absent.toml",), {}, "absent.toml: No such file"),
         ("read_scene", (5,), {}, "the scene: give a path or TOML text, not int"),
-        ("build", ("absent.toml",), {}, "absent.toml: No such file"),
-        ("build", (5,), {}, "the scene: give a path or TOML text, not int"),
         ("build", (SCENE, "my name"), {}, "name = 'my name' must have 1 to 64 letters"),
         ("build", (S,), {"estimator": "best"}, "estimator = 'best' must be one of"),
         ("build", (S,), {"criterion": "best"}, "criterion = 'best' must be one of"),

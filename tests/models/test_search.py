@@ -13,7 +13,7 @@ from beamtouch_models.accuracy.prior import Prior, SampleErrors
 from beamtouch_models.arrays import Indices
 from beamtouch_models.names import SEARCHES
 from beamtouch_models.placement.layout import Candidates, equal_layout
-from beamtouch_models.placement.placing import place, place_by_position_error
+from beamtouch_models.placement.placing import place
 from beamtouch_models.placement.position_error import SPARE_NOTICES, PositionError, position_error_of
 from beamtouch_models.placement.search import first_best, search_from
 from beamtouch_models.scene import Scene, change_scene
@@ -72,19 +72,6 @@ def test_with_a_spare_the_score_is_the_worst_failure_less_what_is_noticed() -> N
     failed = [objective.error_mm(np.delete(layout, index)) for index in range(3)]
     worth = 1 - SPARE_NOTICES * objective.others.noticed(layout).mean()
     assert objective.scores(layout[None])[0] == pytest.approx(-max(failed) * worth, rel=1e-12)
-
-
-@pytest.mark.parametrize("spare", [0, pytest.param(1, marks=pytest.mark.soak)])
-def test_the_only_layout_is_found_and_fixed_sensors_stay(spare: int) -> None:
-    influence, rules = problem_in(scene_of(grid_mm=1, min_distance_mm=199))
-    only = place_by_position_error(influence, rules, 3, 0, ERRORS, spare=spare).positions_mm
-    assert only[0] <= 1
-    assert np.diff(only).min() >= 199
-    fixed = problem_in(scene_of(fixed_mm=[100.5, 300.0]))
-    found = place_by_position_error(*fixed, 3, 0, ERRORS, spare=spare).positions_mm
-    assert {100.5, 300.0} < set(found)
-    every = problem_in(scene_of(fixed_mm=[100.5, 200.0, 300.0]))
-    assert place_by_position_error(*every, 3, 0, ERRORS, spare=spare).positions_mm == (100.5, 200.0, 300.0)
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,7 @@ from beamtouch_models.estimators.posterior.window import windowed_graph
 from beamtouch_models.estimators.small_network import Network, first_stage, train
 from beamtouch_models.metadata import FORCE_OUTPUTS, POSITION_OUTPUTS
 from beamtouch_models.session import runner
-from posterior_cases import answers_of, check_sane, exceeding, graph_of, nonsense, prior_of, with_floor
+from posterior_cases import answers_of, exceeding, graph_of, prior_of, with_floor
 
 PRIOR = with_floor(prior_of("bench", 4, 0.2, known=False))
 CONTACTS = 1000
@@ -131,14 +131,3 @@ def test_it_holds_where_perfect_sensors_have_hardly_any_noise() -> None:
     assert share_held(answers, "position", "mm", drawn.position_mm) >= 0.93
     assert share_held(answers, "force", "n", drawn.force_n) >= 0.93
     assert np.quantile(answers["misfit"], 0.9) == pytest.approx(chdtri(3, 0.1), rel=0.2)
-
-
-@pytest.mark.parametrize(("noise_percent", "known"), [(100.0, True), (1.0, False), (1e-4, True)])
-def test_nonsense_gets_a_sane_answer(noise_percent: float, known: bool) -> None:
-    prior = prior_of("bench", 2, noise_percent, known=known)
-    untaught = train(prior, 1, lambda _done: None, fewest=2, examples=200, iterations=5)
-    graph, readings = graph_with(prior, untaught), nonsense(prior)
-    for kept in ([0, 1], [0], []):
-        valid = np.zeros(readings.shape, np.bool_)
-        valid[:, kept] = True
-        check_sane(prior, answers_of(graph, prior, readings, valid))

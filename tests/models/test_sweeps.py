@@ -3,6 +3,7 @@
 import json
 import logging
 import os
+import platform
 import signal
 import subprocess
 import sys
@@ -107,32 +108,48 @@ def test_a_cluster_without_its_extra_names_the_extra(
     assert (done.returncode, done.stdout, done.stderr) == (2, "", expected)
 
 
+def stating(folder: Path, name: str, version: str) -> Path:
+    """A folder that makes the Python that finds it first state another version, of itself or of a distribution."""
+    if name == "Python":
+        folder.mkdir()
+        (folder / "sitecustomize.py").write_text(f"import platform\nplatform.python_version = lambda: '{version}'\n")
+    else:
+        metadata_of = folder / f"{name}-{version}.dist-info"
+        metadata_of.mkdir(parents=True)
+        (metadata_of / "METADATA").write_text(f"Name: {name}\nVersion: {version}\n")
+    return folder
+
+
 @pytest.mark.soak
 def test_a_cluster_gives_the_same_bytes_and_is_refused_in_one_line_where_it_cannot_work(
     design_sensors_here: Command, spread_here: Command, quick_model: Path, tmp_path: Path
 ) -> None:
-    """One scheduler: without a worker, with one of another version, with one that fits, and gone."""
+    """One scheduler: without a worker, with one of another version, with one that fits, and gone.
+
+    A Python that differs only in its last number fits.
+    """
 
     def refusal(address: str) -> str:
         done = spread_here("evaluate", quick_model, "--cluster", address)
         assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1), done.stderr
         return done.stderr
 
-    first = tmp_path / "first"  # another version, for a worker to find first
-    other_version = first / "beamtouch-0.0.7.dist-info"
-    other_version.mkdir(parents=True)
-    (other_version / "METADATA").write_text("Name: beamtouch\nVersion: 0.0.7\n")
+    python = platform.python_version()
     with dask(tmp_path, workers=0) as (address, start_worker, (scheduler,)):
         assert "it has no workers; run `dask worker tcp://" in refusal(address)
 
-        other = start_worker(first)
-        ours = metadata.version("beamtouch")
-        said = f" has beamtouch 0.0.7; install 'beamtouch[design,cluster]' there, with beamtouch {ours}"
-        assert said in refusal(address)
-        other.kill()
-        other.wait()
+        for name, theirs, ours in (
+            ("beamtouch", "0.0.7", metadata.version("beamtouch")),
+            ("numpy", "1.0.0", metadata.version("numpy")),
+            ("Python", "3.5.0", python),
+        ):
+            other = start_worker(stating(tmp_path / name, name, theirs))
+            said = f" has {name} {theirs}; install 'beamtouch[design,cluster]' there, with {name} {ours}"
+            assert said in refusal(address)
+            other.kill()
+            other.wait()
 
-        start_worker(None)
+        start_worker(stating(tmp_path / "fits", "Python", f"{python.rpartition('.')[0]}.99"))
         arguments = ("challenge", "--draws", 10, quick_model, "--json")
         here = design_sensors_here(*arguments).stdout
         assert here == spread_here(*arguments, "--cluster", address).stdout

@@ -17,8 +17,8 @@ from example_scenes import paper_scene
 L_MM, EI = 400.0, 1.18125e7
 PINNED = [{"at_mm": 0, "slides": False}, {"at_mm": L_MM, "slides": False}]
 PROPPED = [{"at_mm": 0, "kind": "fixed"}, {"at_mm": L_MM, "slides": False}]
-# Lowest roots kl of sin, of tan kl = kl, and of 1 - cos kl; Timoshenko & Gere, Theory of Elastic Stability, ch. 2.
-CRITICAL = [(PINNED, math.pi), (PROPPED, 4.493409457909064), ("fixed-fixed", 2 * math.pi)]
+SLIDING = [{"at_mm": 0, "kind": "fixed"}, {"at_mm": L_MM, "kind": "fixed", "slides": True}]
+WALLS = [{"at_mm": at, "kind": "fixed"} for at in (0, 200, 400)]
 
 
 def beam(supports: object, **stated: object) -> Beam:
@@ -27,39 +27,42 @@ def beam(supports: object, **stated: object) -> Beam:
     return Beam.model_validate(plain | stated)
 
 
-@pytest.mark.parametrize(("supports", "root"), CRITICAL, ids=["pinned", "propped", "clamped"])
-def test_the_critical_force_is_that_of_euler(supports: object, root: float) -> None:
-    found = held(beam(supports))
-    assert found is not None
-    assert found.buckles_k * found.force_n_per_k == pytest.approx(root**2 * EI / L_MM**2, rel=1e-4)
-    # N = E A alpha T: 210 GPa times 75 mm^2 times 12e-6 are 189 N/K.
-    assert found.force_n_per_k == pytest.approx(189.0, rel=1e-12)
-    assert found.buckles_k == pytest.approx(root**2 * EI / L_MM**2 / 189, rel=1e-4)
+def thicker_to(end_mm: float) -> list[dict[str, float]]:
+    """Segments of which the first is twice as thick."""
+    return [{"to_mm": end_mm, "thickness_mm": 6}, {"to_mm": L_MM, "thickness_mm": 3}]
 
 
-def test_a_beam_that_can_lengthen_bears_no_force() -> None:
-    assert held(beam("simply-supported")) is None
-    assert held(beam("cantilever")) is None
-    assert held(beam("propped")) is None
-    roller = [{"at_mm": 0, "kind": "fixed"}, {"at_mm": L_MM, "kind": "fixed", "slides": True}]
-    assert held(beam(roller)) is None
+HELD = [
+    # N = E A alpha T: 210 GPa times 75 mm^2 times 12e-6 are 189 N/K. The lowest roots kl of sin, of tan kl = kl, and of
+    # 1 - cos kl; Timoshenko & Gere, Theory of Elastic Stability, ch. 2.
+    (beam(PINNED), 189.0, math.pi**2 * EI / L_MM**2),
+    (beam(PROPPED), 189.0, 4.493409457909064**2 * EI / L_MM**2),
+    (beam("fixed-fixed"), 189.0, 4 * math.pi**2 * EI / L_MM**2),
+    # Left 378 N/K, right 189 N/K; the right half buckles first, alone.
+    (beam(WALLS, segments=thicker_to(200)), 378.0, 4 * math.pi**2 * EI / 200**2),
+]
 
 
 def test_the_force_of_a_stepped_beam_is_that_of_its_sections_in_a_row() -> None:
-    segments = [{"to_mm": 100, "thickness_mm": 6}, {"to_mm": L_MM, "thickness_mm": 3}]
-    found = held(beam(PINNED, segments=segments))
+    found = held(beam(PINNED, segments=thicker_to(100)))
     # 100 mm of 31.5 MN and 300 mm of 15.75 MN: 4.8e-3 mm/K over (100/31.5e6 + 300/15.75e6) mm/N.
     assert found is not None
     assert found.force_n_per_k == pytest.approx(12e-6 * 400 / (100 / 31.5e6 + 300 / 15.75e6), rel=1e-12)
 
 
-def test_each_stretch_between_two_walls_has_its_own_force() -> None:
-    walls = [{"at_mm": at, "kind": "fixed"} for at in (0, 200, 400)]
-    found = held(beam(walls, segments=[{"to_mm": 200, "thickness_mm": 6}, {"to_mm": L_MM, "thickness_mm": 3}]))
-    # Left 378 N/K, right 189 N/K; the right half buckles first, alone, at 4 pi^2 EI / (200 mm)^2.
+@pytest.mark.parametrize(("stated", "force_n_per_k", "critical_n"), HELD)
+def test_a_held_beam_bears_the_force_of_its_sections_and_buckles_as_euler_found(
+    stated: Beam, force_n_per_k: float, critical_n: float
+) -> None:
+    found = held(stated)
     assert found is not None
-    assert found.force_n_per_k == pytest.approx(378, rel=1e-12)
-    assert found.buckles_k == pytest.approx(4 * math.pi**2 * EI / 200**2 / 189, rel=1e-3)
+    assert found.force_n_per_k == pytest.approx(force_n_per_k, rel=1e-12)
+    assert found.buckles_k == pytest.approx(critical_n / 189, rel=1e-3)
+
+
+@pytest.mark.parametrize("supports", ["simply-supported", "cantilever", "propped", SLIDING])
+def test_a_beam_that_can_lengthen_bears_no_force(supports: object) -> None:
+    assert held(beam(supports)) is None
 
 
 @pytest.mark.parametrize("share", [-3.0, 0.5, 0.9])

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from beamtouch_models import modelfile
 from beamtouch_models.accuracy.limit import Reached
 from beamtouch_models.accuracy.statistics import Measurement
+from beamtouch_models.building.measure import MAX_RATIO
 from beamtouch_models.estimators import paper_network
 from beamtouch_models.metadata import FilterChoice
 from beamtouch_models.modelfile import ModelFile
@@ -20,7 +21,7 @@ from beamtouch_models.surface import Surface
 from beamtouch_models.trade.measure import Model, Task, follow, measure, numbers_of_sensors
 from beamtouch_models.trade.trade import NotToBeHadError, Point, most_accurate, pareto_front, quickest
 from example_scenes import PAPER, SCENES
-from in_process import Command
+from in_process import Command, Refusal
 
 NONE, PLAIN = Measurement(0.0, 0.0), parse_scene(PAPER, "plain")
 
@@ -113,12 +114,10 @@ def test_the_answers_since_a_touch_are_of_the_filter_that_build_writes() -> None
 
 
 @pytest.mark.usefixtures("short_work")
-def test_a_trade_without_any_point_gives_the_reason(design_sensors_here: Command, tmp_path: Path) -> None:
+def test_a_trade_without_any_point_gives_the_reason(refused: Refusal, tmp_path: Path) -> None:
     scene = tmp_path / "narrow.toml"
     scene.write_text(PAPER.replace("count = 2", "count = [3, 4]\nmin_distance_mm = 250"))
-    done = design_sensors_here("trade", scene, "-o", tmp_path / "out", "--draws", 100)
-    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
-    assert "min_distance_mm" in done.stderr
+    assert "min_distance_mm" in refused("trade", scene, "-o", tmp_path / "out", "--draws", 100)
     assert not list(tmp_path.rglob("*.onnx"))
 
 
@@ -144,7 +143,9 @@ def test_the_command_writes_the_folder_names_what_fails_and_builds_the_choice(
     (failure,) = found["failures"]
     assert (failure["sensors"], failure["varied"]) == (4, "sensors")
     assert "min_distance_mm" in failure["reason"]
-    assert all(model["ratio"]["value"] > 0.97 for model in found["models"])
+    ratios = {model["changed"]: model["ratio"]["value"] for model in found["models"]}
+    assert min(ratios.values()) > 0.97
+    assert ratios["estimator"] > MAX_RATIO  # a network that is trained may miss the limit, and its error says so
     noisy = [model for model in found["models"] if model["changed"] == "noise"]
     assert [model["error_mm"] for model in noisy] == sorted(model["error_mm"] for model in noisy)
     noises = [model["reading_mm"] / found["models"][0]["reading_mm"] for model in noisy]

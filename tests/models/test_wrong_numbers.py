@@ -58,9 +58,3 @@ def test_only_a_number_is_a_number(kind: type[BaseModel], content: dict[str, Any
             continue
         taken.append(what)
     assert not taken
-
-
-@pytest.mark.parametrize("repeat", ["yes", 1, "true"])
-def test_only_a_truth_value_repeats_a_script(repeat: object) -> None:
-    with pytest.raises(ValidationError, match="repeat"):
-        Script.model_validate({"repeat": repeat, "step": [{"seconds": 1}]})

@@ -9,11 +9,11 @@ from example_scenes import PAPER
 from in_process import command_of
 
 BUILD, EVALUATE, TRADE = "build scene.toml -o m.onnx", "evaluate bench.onnx", "trade scene.toml -o out"
+CALIBRATE, SIZE = "calibrate bench.onnx loads.csv", "--length-mm 650 --width-mm 40 --thickness-mm"
+PRODUCT = ("--criterion eigenvalue-product", "--components 2")
 REQUESTS = [
     ("", "the following arguments are required: COMMAND"),
     ("guess", "argument COMMAND: invalid choice: 'guess' (choose from build, "),
-    ("inspect half.onnx", "damaged or not an ONNX file"),
-    ("inspect absent.onnx", "No such file"),
     ("build half.onnx -o new.onnx", "not a model file that holds its scene"),
     (f"{BUILD} --report a/b.html", "a: no such folder"),
     ("build absent.toml -o m.onnx", "absent.toml"),
@@ -24,15 +24,34 @@ REQUESTS = [
     (f"{EVALUATE} --noise 1e-9", "less than 1e-4 % of the largest deflection"),
     (f"{EVALUATE} --draws 5", "from 100"),
     (f"{EVALUATE} --draws 1000001", "to 1000000"),
-    ("evaluate half.onnx", "damaged or not an ONNX file"),
     ("challenge", "required: MODEL"),
-    ("challenge absent.onnx", "No such file"),
     ("challenge absent.onnx --draws 9", "from 10 to 10000"),
     (f"{TRADE} --latency-ms 0", "--latency-ms 0: give a positive number"),
     (f"{TRADE} --error-mm nan", "--error-mm nan: give a positive number"),
     (f"{TRADE} --error-mm 1 --latency-ms 1", "not allowed with argument --error-mm"),
+    *(
+        (f"place scene.toml {by} --spare 1", "spare = 1: give 0, or 1, which places by position error")
+        for by in PRODUCT
+    ),
     ("calibrate bench.onnx -o new.onnx", "READINGS.csv"),
-    ("calibrate bench.onnx loads.csv --events contacts.csv -o new.onnx", "READINGS.csv"),
+    (f"{CALIBRATE} --events contacts.csv -o new.onnx", "READINGS.csv"),
+    (f"{CALIBRATE} -o absent/real.onnx", "absent: no such folder; create it first"),
+    (f"{CALIBRATE} -o new.onnx --placing-mm 0", "--placing-mm 0 is not from 0.001 to 50"),
+    (f"{CALIBRATE} -o new.onnx --placing-mm nan", "--placing-mm nan is not from 0.001 to 50"),
+    (f"{CALIBRATE} -o new.onnx --force-percent 1e9", "--force-percent 1e+09 is not from 0.001 to 50"),
+    ("reproduce -o scene.toml", "is a file; give a folder"),
+    ("scenes --copy papr", "choose from bench, "),
+    ("scenes --copy paper a b", "b is one too many"),
+    ("new a.toml", "arguments are required: --length-mm, --width-mm, --thickness-mm"),
+    (f"new a.txt {SIZE} 2", "a.txt: give the scene a name that ends in .toml"),
+    (f"new a.toml {SIZE} 0.002", "beam.thickness_mm = 0.002 is too small for a beam; if it"),
+    (f"new a.toml {SIZE} nan", "--thickness-mm nan: give millimetres, more than 0"),
+    (f"new a.toml {SIZE} 2 --left free", "--left free --right roller: supports: one simple support lets"),
+    (f"new a.toml {SIZE} 2 --roller-mm 650", "--right roller --roller-mm 650: supports at [0.0, 650.0, 650.0] mm: two"),
+    (f"new a.toml {SIZE} 2 --roller-mm nan", "--roller-mm nan: must be a finite number"),
+    (f"new a.toml {SIZE} 2 --force-n 1 1e6", "at 1e+06 N the beam slopes by"),
+    (f"new a.toml {SIZE} 2 --position-mm 60 700", "--position-mm 60 700: give two places on the beam, 0..650 mm"),
+    (f"new a.toml {SIZE} 2 --material steal", "invalid choice: 'steal' (choose from steel, "),
     *(
         (f"{command} FILE {options}", said)
         for command in ("trade", "evaluate", "challenge")

@@ -1,9 +1,7 @@
 """What `design-sensors explain --zones` says of zones."""
 
-from __future__ import annotations
-
 import json
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,14 +10,9 @@ from beamtouch_common.zones import BEGIN, Span, Zone, ZoneState
 from beamtouch_models.accuracy.posterior import posterior_quantiles
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.zone_bands import band_at
+from beamtouch_models.arrays import Floats
 from example_scenes import SCENES
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
-    from subprocess import CompletedProcess
-
-    from beamtouch_models.arrays import Floats
+from in_process import Command, Refusal
 
 
 def _scales(load_mm: Floats) -> Floats:
@@ -61,7 +54,7 @@ def test_where_there_are_no_contacts_there_is_no_band() -> None:
 
 @pytest.mark.usefixtures("short_work")
 def test_explain_forecasts_each_edge_within_the_beam(
-    design_sensors_here: Callable[..., CompletedProcess[str]], tmp_path: Path
+    design_sensors_here: Command, refused: Refusal, tmp_path: Path
 ) -> None:
     path = tmp_path / "zones.toml"
     path.write_text("[zones.left]\nfrom_mm = 0\nto_mm = 120\n[zones.gate]\nfrom_mm = 120\nto_mm = 380\n")
@@ -76,12 +69,9 @@ def test_explain_forecasts_each_edge_within_the_beam(
     assert forced[0] == edges[0]
     assert forced[1]["unsure_mm"] < edges[1]["unsure_mm"]
     path.write_text("[zones.gate]\nfrom_mm = 120\nto_mm = 380\nleast_force_n = 21\n")
-    refused = design_sensors_here("explain", scene, "--zones", path)
-    assert refused.returncode == 2
-    assert "zones.gate: no contact of the scene has such a force; its forces are 2 to 20 N" in refused.stderr
+    said = "zones.gate: no contact of the scene has such a force; its forces are 2 to 20 N"
+    assert said in refused("explain", scene, "--zones", path)
 
     path.write_text("[zones.gate]\nfrom_mm = 120\nto_mm = 500\n")
-    refused = design_sensors_here("explain", scene, "--zones", path)
-    assert refused.returncode == 2
     words = f"design-sensors: {path}: zones.gate: to_mm = 500 is beyond the end of the beam, which is 400 mm long\n"
-    assert refused.stderr == words
+    assert refused("explain", scene, "--zones", path) == words

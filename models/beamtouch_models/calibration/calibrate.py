@@ -13,7 +13,7 @@ from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.arrays import Floats
 from beamtouch_models.building.measure import measure
 from beamtouch_models.calibration.fit import Fit, fit, supported_fit
-from beamtouch_models.calibration.mistaken import Suspect, mistaken, swapped
+from beamtouch_models.calibration.mistaken import MistakenLoad, mistaken, swapped
 from beamtouch_models.calibration.recordings import Loads, RecordingError
 from beamtouch_models.calibration.theory import Theory
 from beamtouch_models.errors import ModelFileError, NotGoodEnoughError
@@ -102,9 +102,9 @@ def checked_fit(model: ModelFile, loads: Loads, progress: Progress) -> CheckedFi
     swap = swapped(theory, loads, [channel.name for channel in model.metadata.layout])
     if swap:
         raise RecordingError(swap)
-    suspects = mistaken(theory, loads, lambda done: progress("looking for loads that do not fit", 0.3 * done))
-    if suspects:
-        raise RecordingError(_contradiction(loads, suspects))
+    mistaken_loads = mistaken(theory, loads, lambda done: progress("looking for loads that do not fit", 0.3 * done))
+    if mistaken_loads:
+        raise RecordingError(_contradiction(loads, mistaken_loads))
     found = supported_fit(theory, loads, lambda done: progress("fitting", 0.3 + 0.2 * done))
     expected_mm = theory.curve(np.zeros(theory.size)).measured_mm(loads.position_mm, loads.force_n)
     expected_mm = expected_mm[np.isfinite(loads.measured_mm)]
@@ -160,17 +160,17 @@ def limit_mm(prior: Prior, loads: Loads, seed: int, draws: int = 400) -> float:
     return float(np.abs(off).mean())
 
 
-def _contradiction(loads: Loads, suspects: tuple[Suspect, ...]) -> str:
+def _contradiction(loads: Loads, mistaken_loads: tuple[MistakenLoad, ...]) -> str:
     """Return the message that names the loads that contradict the others, and where the others place them."""
     told = [
         f"{loads.in_words(one.index)} says {loads.position_mm[one.index]:g} mm "
         f"and {loads.force_n[one.index]:g} N, but the other loads place it at {digits(one.position_mm, 4)} mm with "
         f"{digits(one.force_n, 3)} N"
-        for one in suspects
+        for one in mistaken_loads
     ]
-    alternatives = not all(one.certain for one in suspects)
-    what = "either load may be wrong: " if alternatives and len(suspects) > 1 else ""
-    numbers = " ".join(f"--leave-out {loads.number[one.index]}" for one in suspects)
+    alternatives = not all(one.certain for one in mistaken_loads)
+    what = "either load may be wrong: " if alternatives and len(mistaken_loads) > 1 else ""
+    numbers = " ".join(f"--leave-out {loads.number[one.index]}" for one in mistaken_loads)
     end = "record more loads to find out which" if what else f"correct it, or use {numbers}"
     return f"{what}{'; '.join(told)}; {end}; nothing was written"
 

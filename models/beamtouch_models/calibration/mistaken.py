@@ -70,7 +70,7 @@ MIN_FOR_PAIRS = 5
 
 
 @dataclass(frozen=True)
-class Suspect:
+class MistakenLoad:
     """A load that contradicts the others."""
 
     index: int
@@ -82,7 +82,7 @@ class Suspect:
     """Whether no other load can be the mistaken one instead."""
 
 
-def mistaken(theory: Theory, loads: Loads, progress: Fraction = silent) -> tuple[Suspect, ...]:
+def mistaken(theory: Theory, loads: Loads, progress: Fraction = silent) -> tuple[MistakenLoad, ...]:
     """Find loads that contradict the others.
 
     Returns
@@ -100,7 +100,7 @@ def mistaken(theory: Theory, loads: Loads, progress: Fraction = silent) -> tuple
         _, pair = _rank(theory, loads, pairs, progress)[0]
         without = _fit_without(theory, loads, pair)
         if all(_contradicts(without, loads, index) for index in pair):
-            return tuple(_suspect(without, loads, index, certain=True) for index in pair)
+            return tuple(_mistaken_load(without, loads, index, certain=True) for index in pair)
     if not _contradicts(best, loads, *first):
         return ()
     alike = {first[0]: best}
@@ -109,7 +109,7 @@ def mistaken(theory: Theory, loads: Loads, progress: Fraction = silent) -> tuple
             without = _fit_without(theory, loads, (index,))
             if _contradicts(without, loads, index):
                 alike[index] = without
-    return tuple(_suspect(without, loads, index, certain=len(alike) == 1) for index, without in alike.items())
+    return tuple(_mistaken_load(without, loads, index, certain=len(alike) == 1) for index, without in alike.items())
 
 
 def _rank(
@@ -143,9 +143,9 @@ def _contradicts(fitted: Fit, loads: Loads, index: int) -> bool:
     return bool(chance < CHANCE / len(loads.number))
 
 
-def _suspect(fitted: Fit, loads: Loads, index: int, *, certain: bool) -> Suspect:
+def _mistaken_load(fitted: Fit, loads: Loads, index: int, *, certain: bool) -> MistakenLoad:
     """Return where the load pressed and how hard, by least squares over the range of positions."""
     curve, measured = fitted.theory.curve(fitted.vector), loads.measured_mm[[index]]
     linear = np.nan_to_num(fitted.departures.linear_mm(measured))
     position, force = curve.best_contacts(linear, np.isfinite(measured).astype(np.float64))
-    return Suspect(index, float(position[0]), max(float(force[0]), 0.0), certain)
+    return MistakenLoad(index, float(position[0]), max(float(force[0]), 0.0), certain)

@@ -81,7 +81,7 @@ class Row:
     interval_mm: float | None
     """Median length of the intervals, with and without a note."""
     ghosts: float | None = None
-    """Share of all draws in which a contact begins more than once; stated in the last row of a course."""
+    """Share of all draws in which a contact begins more than once; stated in the last row of a play."""
     noticed: float | None = None
     """Share of a fault's samples that are unexplained or noted; None for honest contacts."""
     power: float | None = None

@@ -210,14 +210,14 @@ def lossy_cases(surface: SimulatedSurface) -> list[Case]:
 
 
 def interrupted(at: Drawn, *, make: Callable[..., Play], when: str, gap: int, since_s: float | None = None) -> Play:
-    """Return a course with a gap.
+    """Return a play with a gap.
 
     Parameters
     ----------
-    at : as for all courses
-    make, when : makes the course, of at least so many readings since the change of load, and what happens in it
+    at : as for all plays
+    make, when : makes the play, of at least so many readings since the change of load, and what happens in it
     gap : number of readings that are lost in a row
-    since_s : from the change of the load to the gap; None: the gap is as late as the course allows
+    since_s : from the change of the load to the gap; None: the gap is as late as the play allows
     """
     since = round((since_s or 0.0) * at.surface.metadata.sensor.rate_hz)
     play = make(at, least=since + gap + AFTER[-1])
@@ -230,7 +230,7 @@ def interrupted(at: Drawn, *, make: Callable[..., Play], when: str, gap: int, si
 
 
 def lossy(at: Drawn, *, make: Make, share: float) -> Play:
-    """Return a course of which a share of the readings is lost at random, and none that is judged.
+    """Return a play of which a share of the readings is lost at random, and none that is judged.
 
     It has one row for all that is judged.
     """

@@ -1,4 +1,4 @@
-"""A course: what the sensors of a simulated surface go through in time, and where the contact is, for many draws."""
+"""A play: what the sensors of a simulated surface go through in time, and where the contact is, for many draws."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -79,7 +79,7 @@ class SimulatedSurface:
 
 @dataclass(frozen=True)
 class Play:
-    """A course for many draws at once."""
+    """A play for many draws at once."""
 
     deflection_mm: Floats
     """(draws, readings, channels), true deflection at the sensors."""
@@ -106,7 +106,7 @@ class Drawn:
     surface: SimulatedSurface
     draws: int
     rng: np.random.Generator
-    """For whatever else a course draws."""
+    """For whatever else a play draws."""
     position_mm: Floats
     """(draws,)"""
     force_n: Floats
@@ -169,7 +169,7 @@ Make = Callable[[Drawn], Play]
 
 
 class Case(NamedTuple):
-    """A course and its rows."""
+    """A play and its rows."""
 
     honest: bool
     """Whether it is one contact, measured as honestly as the scene states."""

@@ -10,7 +10,7 @@ from beamtouch_models.names import CRITERIA, ESTIMATORS, SEARCHES
 MAX_DRAWS = 1_000_000
 """Bounds memory: each contact takes about 2 kB."""
 MAX_PLAYS = 10_000
-"""Bounds memory: each course takes about 100 kB."""
+"""Bounds memory: each play takes about 100 kB."""
 MAX_WORKERS = 1024
 """Bounds memory: each worker process takes about 300 MB."""
 ENDS = ("clamped", "pinned", "roller", "free")
@@ -126,7 +126,7 @@ def calibrate(parser: argparse.ArgumentParser) -> None:
 def challenge(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `challenge`."""
     _share(parser, "model")
-    words = "number of simulated courses per case (default: 400)"
+    words = "number of simulations of each case (default: 400)"
     parser.add_argument("--draws", type=whole_number(10, MAX_PLAYS), default=400, metavar="N", help=words)
     _share(parser, "--workers", "--seed", "--json")
 

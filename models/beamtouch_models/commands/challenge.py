@@ -13,7 +13,6 @@ from beamtouch_models.commands.shared import shown_progress
 from beamtouch_models.printing import Result, Table
 from beamtouch_models.workers import spread_over
 
-"""Bounds memory: each course takes about 100 kB."""
 NEEDED = ("position_low_mm", "position_high_mm", "contact_log_odds")
 """Outputs without which a model cannot say what it does not know."""
 

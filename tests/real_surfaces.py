@@ -1,16 +1,24 @@
-"""Recorded loads of random surfaces, honest or with a mistyped one, without a file."""
+"""Surfaces that differ from their scenes, and known loads recorded on them: the rig's formulas without its line."""
+
+import csv
+from pathlib import Path
 
 import numpy as np
 
+from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.arrays import Floats
 from beamtouch_models.calibration.recordings import Loads
 from beamtouch_models.metadata import Metadata
+from beamtouch_models.physics.beam import influence_of
 from beamtouch_models.rig.surface import Imperfections
 from beamtouch_models.scene import parse_scene
-from imperfect_surface import true_prior
+from beamtouch_models.surface import depart
 
 MISTAKES = ("20 mm", "40 mm", "60 mm", "2 x force", "10 x force")
+POSITIONS, FORCES = np.linspace(20.0, 380.0, 10), np.full(10, 12.0)
+"""Of ten loads on a beam of 400 mm."""
 SAMPLES = 200
+"""Samples of each load."""
 FORCE_PER_MM = 0.01
 """Relative deviation of a force per mm by which its load is misplaced: hands are as good with both."""
 
@@ -18,7 +26,7 @@ FORCE_PER_MM = 0.01
 def random_imperfections(metadata: Metadata, rng: np.random.Generator) -> Imperfections:
     """Departures that a fit can find, from a fifth of to all that is plausible."""
     size = rng.uniform(0.2, 1.0)
-    sensors = np.array([channel.position_mm for channel in metadata.layout])
+    sensors = metadata.layout_mm
     moved = np.clip(sensors + np.clip(size * rng.normal(size=len(sensors)), -2, 2), 0, metadata.length_mm) - sensors
     beam = parse_scene(metadata.scene, metadata.name).beam
     fixity = rng.permutation([size * rng.uniform(0, 0.1), 0.0]) if beam.supports == "simply-supported" else (0.0, 0.0)
@@ -29,6 +37,13 @@ def random_imperfections(metadata: Metadata, rng: np.random.Generator) -> Imperf
         fixity=(float(fixity[0]), float(fixity[1])),
         rigidity=float(1 + size * rng.uniform(-0.05, 0.05)),
     )
+
+
+def true_prior(metadata: Metadata, real: Imperfections) -> Prior:
+    """What an estimator would know that knew everything of the real surface."""
+    scene, layout_mm = parse_scene(metadata.scene, metadata.name), metadata.layout_mm
+    prior = Prior.of(influence_of(scene), layout_mm, metadata.noise.sample_mm)
+    return depart(prior, scene.beam, scene.contact.width_mm, layout_mm, real.departures(len(layout_mm)))
 
 
 def recorded(
@@ -78,3 +93,24 @@ def with_mistake(
     moved = position[row] + size * rng.choice([-1, 1])
     position[row] = moved if range_mm[0] <= moved <= range_mm[1] else 2 * position[row] - moved
     return position, force, row
+
+
+def write_readings(
+    path: Path, metadata: Metadata, real: Imperfections, position_mm: Floats = POSITIONS, force_n: Floats = FORCES
+) -> Path:
+    """Write what `record` would: samples of each load, with the noise of a reading in each; returns the path."""
+    rng, prior = np.random.default_rng(1), true_prior(metadata, real)
+    names = [channel.name for channel in metadata.layout]
+    clean = prior.measured(force_n[:, None] * prior.influence_at(position_mm))
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        columns = ("counts", "deflection_mm", "quality")
+        writer.writerow(
+            ["unix_time_s", "load", "position_mm", "force_n", *(f"{n}_{column}" for n in names for column in columns)]
+        )
+        for load, (position, force, row) in enumerate(zip(position_mm, force_n, clean, strict=True), start=1):
+            for _ in range(SAMPLES):
+                noisy = row + rng.normal(scale=metadata.noise.reading_mm, size=row.shape)
+                cells = [cell for value in noisy for cell in (1000, f"{value:.7g}", "good")]
+                writer.writerow([0.0, load, position, force, *cells])
+    return path
