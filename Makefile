@@ -39,7 +39,7 @@ faults: $(INSTALLED)  ## see that tests catch each fault of tests/faults/faults.
 coverage: $(INSTALLED)  ## the same tests, then the lines of the packages that no process of the tests ran
 	PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest --numprocesses $(WORKERS) -m "not soak" --cov
 
-bench: $(PEERS)  ## measure against peers and floors: a table, and build/bench.json; NAMES="beam ..." for some only
+bench: $(PEERS)  ## measure against peers and floors: a table, and build/bench.json; NAMES="service ..." for some only
 	@mkdir -p build
 	$(BIN)/python tests/benchmarks --json build/bench.json $(NAMES)
 

@@ -49,8 +49,3 @@ def spent(words: list[str], folder: Path) -> dict[str, float]:
 def row(name: str, found: dict[str, float], bare_s: float) -> dict[str, object]:
     """Return the row of a command."""
     return {"name": name, "value": found["processor, s"] / bare_s, "unit": "over python -c pass", **found}
-
-
-if __name__ == "__main__":
-    for each in run():
-        print(each)

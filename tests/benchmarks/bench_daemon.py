@@ -1,4 +1,4 @@
-"""Processor time and memory of the daemon, beside bare loops that only read, or only read and send."""
+"""Processor time of the daemon over Modbus TCP, beside a bare loop that only reads and sends."""
 
 import asyncio
 import sys
@@ -8,26 +8,16 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
 from daemon import configs
-from daemon.devices import SerialDevice, pymodbus_server
-from daemon.lines import terminal
+from daemon.devices import pymodbus_server
 from daemon.process import started
 from daemon.service import TOKEN, Service, serving
-from processes import processor_s, resident_mb
+from processes import processor_s
 
 SECONDS = 5.0
 CHANNELS = (0, 1, 2, 3)
-SERIAL_RATES_HZ = (200, 1000)
-MODBUS_RATE_HZ = 200
+RATE_HZ = 200
 COUNTS = [20_000] * len(CHANNELS)
 TURNS = 3
-
-READ_LOOP = """
-import os, sys, tty
-line = os.open(sys.argv[1], os.O_RDWR | os.O_NOCTTY)
-tty.setraw(line)
-while True:
-    os.read(line, 4096)
-"""
 
 POLL_LOOP = """
 import asyncio, sys, time
@@ -65,10 +55,9 @@ asyncio.run(main())
 
 
 def run() -> list[dict[str, object]]:
-    """All of them."""
+    """Return the only row."""
     with tempfile.TemporaryDirectory() as folder:
-        rows = [row for rate_hz in SERIAL_RATES_HZ for row in asyncio.run(serial(Path(folder), rate_hz))]
-        return [*rows, asyncio.run(modbus(Path(folder)))]
+        return [asyncio.run(beside_a_loop(Path(folder)))]
 
 
 async def used(pid: int) -> float:
@@ -89,64 +78,29 @@ async def of_loop(code: str, *arguments: str) -> float:
         await process.wait()
 
 
-async def serial(folder: Path, rate_hz: int) -> list[dict[str, object]]:
-    """At a rate over a serial line."""
-    with terminal() as line:
-        sender = SerialDevice(line, channels=len(CHANNELS))
-        async with serving(Service()) as service:
-            text = configs.surface(source=configs.serial(line.path), rate_hz=float(rate_hz), registers=CHANNELS)
-            config = configs.write(folder, text, url=service.url)
-            async with started("run", config) as daemon:
-                await service.until(rate_hz, within_s=60)
-                count = len(service.samples())
-                share, taken = await used(daemon.pid), len(service.samples()) - count
-                rss_mb = resident_mb(daemon.pid)
-                await daemon.stop()
-        sender.restart(rate_hz)
-        loop = await of_loop(READ_LOOP, line.path)
-    return [
-        {
-            "name": f"daemon at {rate_hz} Hz, 4 channels, serial: processor",
-            "value": share * 100,
-            "unit": "% of a core",
-            "goal": "at most 20" if rate_hz == max(SERIAL_RATES_HZ) else None,
-            "a bare read loop, %": loop * 100,
-            "samples/s": taken / SECONDS,
-        },
-        {"name": f"daemon at {rate_hz} Hz: resident memory", "value": rss_mb, "unit": "MB"},
-    ]
-
-
-async def modbus(folder: Path) -> dict[str, object]:
-    """Over Modbus TCP, in turns with the bare loop; both poll the same server and send to the same service."""
+async def beside_a_loop(folder: Path) -> dict[str, object]:
+    """Measure in turns with the bare loop; both poll the same server and send to the same service."""
     shares, loops = [], []
     async with serving(Service()) as service, pymodbus_server(COUNTS) as port:
-        text = configs.surface(source=configs.tcp(port), rate_hz=float(MODBUS_RATE_HZ), registers=CHANNELS)
+        text = configs.surface(source=configs.tcp(port), rate_hz=float(RATE_HZ), registers=CHANNELS)
         config = configs.write(folder, text, url=service.url)
         for _ in range(TURNS):
             begin = len(service.samples())
             async with started("run", config) as daemon:
-                await service.until(begin + MODBUS_RATE_HZ, within_s=60)
+                await service.until(begin + RATE_HZ, within_s=60)
                 shares.append(await used(daemon.pid))
                 await daemon.stop()
             begin = len(service.samples("bare"))
             loops.append(
-                await of_loop(
-                    POLL_LOOP, str(port), f"{service.url}/surfaces/bare/samples", TOKEN, str(1 / MODBUS_RATE_HZ)
-                )
+                await of_loop(POLL_LOOP, str(port), f"{service.url}/surfaces/bare/samples", TOKEN, str(1 / RATE_HZ))
             )
-            assert len(service.samples("bare")) - begin > SECONDS * MODBUS_RATE_HZ / 2, "the bare loop did not send"
+            assert len(service.samples("bare")) - begin > SECONDS * RATE_HZ / 2, "the bare loop did not send"
     share, loop = sorted(shares)[TURNS // 2], sorted(loops)[TURNS // 2]
     return {
-        "name": f"daemon at {MODBUS_RATE_HZ} Hz, 4 channels, Modbus TCP: over a bare pymodbus and aiohttp loop",
+        "name": f"daemon at {RATE_HZ} Hz, 4 channels, Modbus TCP: over a bare pymodbus and aiohttp loop",
         "value": share / loop,
         "unit": "processor time over processor time",
         "goal": "at most 1.2",
         "daemon, %": share * 100,
         "loop, %": loop * 100,
     }
-
-
-if __name__ == "__main__":
-    for row in run():
-        print(row)

@@ -4,15 +4,15 @@ import json
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 from time import perf_counter, sleep
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
 import numpy as np
-from bench_service import TOKEN, Flow, server, stream
+from bench_service import Flow, stream
+from serving import HERE, service, surfaces
 from shipped import build
 
 from beamtouch_models.modelfile import ModelFile
@@ -21,7 +21,6 @@ from opcua_hello import is_open
 from processes import processor_s, resident_mb
 from waiting import wait_until
 
-LOAD = Path(__file__).parent / "opcua_load.py"
 SUBSCRIBERS = (1, 10, 50)
 SECONDS = 15.0
 ZONES = 6
@@ -36,7 +35,7 @@ def run() -> list[dict[str, object]]:
     with tempfile.TemporaryDirectory() as temporary:
         folder, opcua = Path(temporary), free_port()
         model = build(folder)
-        surface = f'[surfaces.bench]\nmodel = "{folder}/bench.onnx"\n' + "".join(
+        surface = surfaces(["bench"]) + "".join(
             f"[surfaces.bench.zones.z{number}]\nfrom_mm = {60 * number}\nto_mm = {60 * number + 40}\n"
             for number in range(ZONES)
         )
@@ -50,7 +49,7 @@ def run() -> list[dict[str, object]]:
             wait_until(lambda: is_open(f"opc.tcp://127.0.0.1:{opcua}/"))
             rows.append(row("no subscriber", *used(pid)))
             for count in SUBSCRIBERS:
-                command = [sys.executable, str(LOAD), str(opcua), "bench", str(count), str(SECONDS)]
+                command = [sys.executable, str(HERE / "opcua_load.py"), str(opcua), "bench", str(count), str(SECONDS)]
                 with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as clients:
                     assert clients.stdout is not None
                     clients.stdout.readline()
@@ -63,16 +62,6 @@ def run() -> list[dict[str, object]]:
 def row(name: str, share: float, memory_mb: float) -> dict[str, object]:
     """Return a row of the table."""
     return {"name": name, "value": share, "unit": "% of a core", "memory_mb": memory_mb}
-
-
-@contextmanager
-def service(folder: Path, sections: str) -> Iterator[tuple[int, int]]:
-    """Run a service for a block; gives its process id and its port for HTTP."""
-    (folder / "token").write_text(TOKEN)
-    (folder / "service.toml").write_text(f'[server]\nwrite_token_file = "token"\n{sections}')
-    command = ("-m", "beamtouch_service.cli", "run", "--port", "0", "--config", folder / "service.toml")
-    with server(*command) as (process, port):
-        yield process.pid, port
 
 
 def moved(model: ModelFile) -> Callable[[int], list[float]]:

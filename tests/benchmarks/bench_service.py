@@ -5,7 +5,6 @@ Also its memory and the time per estimate.
 
 import http.client
 import json
-import subprocess
 import sys
 import tempfile
 import threading
@@ -18,15 +17,14 @@ from typing import NamedTuple
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
 import numpy as np
+from serving import TOKEN, loaded, server, service, surfaces
 from shipped import build
 
 from beamtouch_models.modelfile import ModelFile
-from processes import processor_s, resident_mb
+from processes import resident_mb
 
 TURNS, SECONDS = 5, 2.0
 ESTIMATES = 3000
-TOKEN = "a-token-of-this-benchmark"  # noqa: S105
-LOAD = Path(__file__).parent / "http_load.py"
 GOALS = {"a bare ASGI answer": "at least 0.3", "a plain FastAPI route": "at least 0.9"}
 
 HOSTED = """
@@ -66,13 +64,7 @@ def run() -> list[dict[str, object]]:
     """All of them."""
     with tempfile.TemporaryDirectory() as folder:
         model = build(Path(folder))
-        token = Path(folder) / "token"
-        token.write_text(TOKEN)
-        surfaces = "".join(f'[surfaces.{name}]\nmodel = "bench.onnx"\n' for name in RESTING.surfaces)
-        config = Path(folder) / "service.toml"
-        config.write_text(f'[server]\nport = 0\nwrite_token_file = "token"\n{surfaces}')
-        command = ("-m", "beamtouch_service.cli", "run", "--config", config)
-        with server(*command) as (service, port), stream(port, model, RESTING):
+        with service(Path(folder), surfaces(RESTING.surfaces)) as (pid, port), stream(port, model, RESTING):
             body = contact(port, path_of(RESTING))
             peers = {
                 "a bare ASGI answer": ("-c", HOSTED.format(app=BARE), str(len(body))),
@@ -80,10 +72,10 @@ def run() -> list[dict[str, object]]:
             }
             rows = []
             for name, program in peers.items():
-                with server(*program) as (peer, peer_port):
-                    pair = ((service.pid, port, path_of(RESTING)), (peer.pid, peer_port, "/"))
+                with server(*program) as (peer_pid, peer_port):
+                    pair = ((pid, port, path_of(RESTING)), (peer_pid, peer_port, "/"))
                     rows += [answers(pair, name, clients) for clients in (1, 16)]
-            rows.append({"name": "service: resident memory", "value": resident_mb(service.pid), "unit": "MB"})
+            rows.append({"name": "service: resident memory", "value": resident_mb(pid), "unit": "MB"})
         return [*rows, estimates(model)]
 
 
@@ -99,18 +91,6 @@ class Flow(NamedTuple):
 MOVING = Flow(("bench",), 250, 4)
 """A surface of 1 kHz under a load that moves."""
 RESTING = Flow(tuple(f"s{number}" for number in range(8)), 20, 1)
-
-
-@contextmanager
-def server(*command: str | Path) -> Iterator[tuple[subprocess.Popen[str], int]]:
-    """Run a server for a block; gives its process and its port."""
-    process = subprocess.Popen([sys.executable, *map(str, command)], stdout=subprocess.PIPE, text=True)
-    try:
-        assert process.stdout is not None
-        yield process, int(process.stdout.readline().rpartition(":")[2])
-    finally:
-        process.terminate()
-        process.wait(timeout=30)
 
 
 @contextmanager
@@ -199,7 +179,7 @@ def answers(pair: tuple[Asked, Asked], peer: str, clients: int) -> dict[str, obj
     turns: list[list[dict[str, float]]] = [[], []]
     for turn in range(TURNS):
         for which in (0, 1) if turn % 2 else (1, 0):
-            turns[which].append(loaded(*pair[which], clients))
+            turns[which].append(asked(*pair[which], clients))
     mine, theirs = turns
     row: dict[str, object] = {
         "name": f"GET /contact over {peer}, {clients} client{'s' if clients > 1 else ''}",
@@ -219,12 +199,9 @@ def ratio(mine: list[dict[str, float]], theirs: list[dict[str, float]], name: st
     return float(np.median([one[name] / other[name] for one, other in zip(mine, theirs, strict=True)]))
 
 
-def loaded(pid: int, port: int, path: str, clients: int) -> dict[str, float]:
+def asked(pid: int, port: int, path: str, clients: int) -> dict[str, float]:
     """Measure one server for a turn; its processor time is that of all it did meanwhile, per answer."""
-    arguments = [sys.executable, str(LOAD), str(port), path, str(clients), str(SECONDS)]
-    begin_s = processor_s(pid)
-    found = json.loads(subprocess.check_output(arguments, text=True))
-    used_s = processor_s(pid) - begin_s
+    found, used_s = loaded(pid, "http_load.py", port, path, clients, SECONDS)
     statuses = found.pop("statuses")
     assert statuses == ["200"], statuses
     return {name: float(value) for name, value in found.items()} | {"processor_us": used_s / found["count"] * 1e6}
@@ -253,8 +230,3 @@ def estimates(model: ModelFile) -> dict[str, object]:
         "us": float(np.median(mine)) * 1e6,
         "bare us": float(np.median(bare)) * 1e6,
     }
-
-
-if __name__ == "__main__":
-    for row in run():
-        print("  ".join(f"{key} {value:.4g}" if isinstance(value, float) else f"{value}" for key, value in row.items()))

@@ -17,6 +17,7 @@ sys.path.insert(0, str(Path(__file__).parent.parent))
 
 import numpy as np
 import tomli_w
+from serving import service, surfaces
 from shipped import build
 
 from beamtouch_daemon.config.settings import Surface
@@ -37,50 +38,15 @@ STEPS = 150
 LOAD = Load(150.0, 10.0)
 REST = Load(None, 0.0)
 LIFTED_S = 0.1
-TOKEN = "a-token-of-this-benchmark"  # noqa: S105
 
 
 def run(steps: int = STEPS, batch_ms: float | None = None) -> list[dict[str, object]]:
     """Step so often; the daemon collects samples for as long as it does by default, or for `batch_ms`."""
-    with tempfile.TemporaryDirectory() as folder:
-        return asyncio.run(stepped(Path(folder), steps, batch_ms))
-
-
-async def stepped(folder: Path, steps: int, batch_ms: float | None) -> list[dict[str, object]]:
-    """Run service and daemon as processes, and be the device."""
-    (scene, _), model = load_scene(SCENES / "bench.toml"), build(folder)
-    path, token = folder / "bench.onnx", folder / "token"
-    token.write_text(TOKEN)
-    beam, touching, changed_s = VirtualSurface(scene, model.metadata, seed=1, rings=False), [False], [0.0]
-
-    async def convert(_function: int, _start: int, _address: int, _count: int, now: list[int], _set: object) -> None:
-        now[:4] = beam.counts(LOAD if touching[0] else REST, 0.0)
-
-    async with pymodbus_server([0] * 4, convert) as device:
-        arguments = ("-m", "beamtouch_service.cli", "run", "--port", "0", "--model", path, "--write-token-file", token)
-        pipe = asyncio.subprocess.PIPE
-        service = await asyncio.create_subprocess_exec(sys.executable, *map(str, arguments), stdout=pipe)
-        assert service.stdout is not None
-        port = int((await service.stdout.readline()).decode().rpartition(":")[2])
-        config = tomllib.loads((folder / "generated.toml").read_text())
-        config["publish"] |= {"url": f"http://127.0.0.1:{port}", "token_file": str(token)} | (
-            {"batch_ms": batch_ms} if batch_ms else {}
-        )
-        (surface,) = config["surfaces"].values()
-        surface["source"] = {"kind": "modbus-tcp", "host": "127.0.0.1", "port": device}
-        (folder / "daemon.toml").write_text(tomli_w.dumps(config))
-        needed = readings_needed(Surface.model_validate(surface), beam, model)
-        async with started("run", folder / "daemon.toml"):
-            await asyncio.to_thread(wait_for, port, "clear")
-            delays_s = []
-            for _ in range(steps):
-                await asyncio.sleep(LIFTED_S + float(np.random.default_rng().uniform(0, 0.02)))
-                changed_s[0], touching[0] = monotonic(), True
-                delays_s.append(await asyncio.to_thread(wait_for, port, "contact") - changed_s[0])
-                touching[0] = False
-                await asyncio.to_thread(wait_for, port, "clear")
-        service.terminate()
-        await service.wait()
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        model = build(folder)
+        with service(folder, surfaces(["bench"])) as (_, port):
+            delays_s, needed = asyncio.run(stepped(folder, model, port, steps, batch_ms))
     period_ms = 1e3 / model.metadata.sensor.rate_hz
     rows: list[dict[str, object]] = []
     for quantile in (50, 99):
@@ -97,6 +63,36 @@ async def stepped(folder: Path, steps: int, batch_ms: float | None) -> list[dict
             }
         )
     return rows
+
+
+async def stepped(
+    folder: Path, model: modelfile.ModelFile, port: int, steps: int, batch_ms: float | None
+) -> tuple[list[float], int]:
+    """Run the daemon, and be the device; return the delays [s], and how many readings a contact needs."""
+    scene, _ = load_scene(SCENES / "bench.toml")
+    beam, load = VirtualSurface(scene, model.metadata, seed=1, rings=False), REST
+
+    async def convert(_function: int, _start: int, _address: int, _count: int, now: list[int], _set: object) -> None:
+        now[:4] = beam.counts(load, 0.0)
+
+    async with pymodbus_server([0] * 4, convert) as device:
+        config = tomllib.loads((folder / "generated.toml").read_text())
+        config["publish"] |= {"url": f"http://127.0.0.1:{port}", "token_file": "token"} | (
+            {"batch_ms": batch_ms} if batch_ms else {}
+        )
+        (surface,) = config["surfaces"].values()
+        surface["source"] = {"kind": "modbus-tcp", "host": "127.0.0.1", "port": device}
+        (folder / "daemon.toml").write_text(tomli_w.dumps(config))
+        async with started("run", folder / "daemon.toml"):
+            await asyncio.to_thread(wait_for, port, "clear")
+            delays_s = []
+            for _ in range(steps):
+                await asyncio.sleep(LIFTED_S + float(np.random.default_rng().uniform(0, 0.02)))
+                begin_s, load = monotonic(), LOAD
+                delays_s.append(await asyncio.to_thread(wait_for, port, "contact") - begin_s)
+                load = REST
+                await asyncio.to_thread(wait_for, port, "clear")
+    return delays_s, readings_needed(Surface.model_validate(surface), beam, model)
 
 
 def wait_for(port: int, state: str) -> float:

@@ -18,8 +18,8 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 import httpx2
 import numpy as np
-from bench_service import TOKEN, server
 from rest_trade import NO_LOAD, Taking, Trade
+from serving import TOKEN, service
 
 from beamtouch_daemon.processing.filters import rest_of
 from beamtouch_daemon.processing.pipeline import Pipeline, Taken
@@ -48,17 +48,12 @@ def course(seconds: float, touches: int, length_mm: float) -> list[Load]:
 def recorded(trade: Trade, folder: Path, loads: list[Load], rest_ms: int) -> dict[str, Any]:
     """Return the events of a service that is given the samples, how many these are, and the size of its record."""
     folder.mkdir()
-    (folder / "token").write_text(TOKEN)
-    config = folder / "service.toml"
-    config.write_text(
-        f'[server]\nport = 0\nwrite_token_file = "token"\n[events]\nfile = "events.sqlite"\n'
-        f'[surfaces.bench]\nmodel = "{folder.parent / "bench.onnx"}"\n'
-    )
+    sections = f'[events]\nfile = "events.sqlite"\n[surfaces.bench]\nmodel = "{folder.parent / "bench.onnx"}"\n'
     trade.beam = VirtualSurface(trade.scene, trade.model.metadata, seed=0)
     pipeline = Pipeline(trade.settings, rest=rest_of(trade.settings) if rest_ms else None)
     taking, waiting, sent, events = Taking(pipeline, rest_ms / 1e3, []), list[Taken](), 0, list[dict[str, Any]]()
     with (
-        server("-m", "beamtouch_service.cli", "run", "--config", config) as (_, port),
+        service(folder, sections) as (_, port),
         httpx2.Client(base_url=f"http://127.0.0.1:{port}", timeout=300, trust_env=False) as http,
     ):
         head = {"boot_id": "benchmark-1", "channels": trade.settings.channel_names, "backlog": True, "oldest": 1}

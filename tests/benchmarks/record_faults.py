@@ -24,7 +24,7 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "demo"))
 
 import httpx2
 import numpy as np
-from plant_watch import Watched, watch
+from contact_watch import Watched, watch
 from shipped import build
 
 from example_scenes import SCENES
@@ -34,7 +34,7 @@ from postgres import Postgres, running
 from tee import Boot, Tee, boots_of
 from waiting import wait_until
 
-REST_S, FROZEN_S, DROPPED_S = 4.0, 5.0, 20.0
+ASK_S, REST_S, FROZEN_S, DROPPED_S = 0.1, 4.0, 5.0, 20.0
 MAX_SAMPLES = 500
 SAME = 2e-3
 """Of positions in mm and forces in N. Figures are float32, computed in batches of other sizes."""
@@ -217,6 +217,7 @@ def report(line: TeedLine, found: dict[str, Watched], sent: dict[str, list[Boot]
         "contacts older than their limit": sum(len(one.too_old) for one in every),
         "contacts held against the truth": sum(one.compared for one in every),
         "of them outside the 95 % interval": sum(one.outside for one in every),
+        "of them unexplained": sum(one.unexplained for one in every),
         "of them contact for clear, or the other way round": sum(len(one.mistakes) for one in every),
         "the same, without the note unsteady": sum(
             "unsteady" not in contact["notes"] for one in every for contact in one.mistakes
@@ -245,7 +246,8 @@ def main() -> int:
         with line:
             time.sleep(REST_S)
             threads = [
-                threading.Thread(target=watch, args=(line, name, stop, one), daemon=True) for name, one in found.items()
+                threading.Thread(target=watch, args=(line, name, stop, one, ASK_S, lambda: line.disturbed), daemon=True)
+                for name, one in found.items()
             ]
             for thread in threads:
                 thread.start()

@@ -1,8 +1,9 @@
-"""Sends samples as daemons do: `sample_load.py PORT CHANNELS SURFACES SECONDS TOKEN [--at-rest]`, at 1 kHz or 10 Hz.
+"""Sends samples as daemons do: `sample_load.py PORT CHANNELS SURFACES SECONDS TOKEN RATE_HZ EVERY_S [IN_BATCH]`.
 
 Surfaces are named s0, s1 and so on; CHANNELS is a JSON object of channel names and deflections [mm]. Each sender
-waits for its answer before it sends what was taken meanwhile. Prints how many samples were acknowledged, and the
-percentiles of the time from the oldest sample of a batch to its receipt, as JSON. Little more than sockets.
+waits for its answer before it sends what was taken meanwhile, or IN_BATCH samples. Prints how many samples were
+acknowledged, and the percentiles of the time from the oldest sample of a batch to its receipt, as JSON. Little more
+than sockets.
 """
 
 import asyncio
@@ -10,16 +11,24 @@ import json
 import sys
 import uuid
 from time import monotonic, time
+from typing import NamedTuple
 
-FULL, AT_REST = (1000, 0.004), (10, 0.1)
-"""Samples per second, and the time between two batches, as the daemon collects them [s]."""
+
+class Pace(NamedTuple):
+    """How fast samples are taken and sent."""
+
+    rate_hz: int
+    every_s: float
+    """Time between two batches, as the daemon collects them."""
+    in_batch: int = 0
+    """Samples in each batch, however many were taken meanwhile; 0: those."""
 
 
 class Sender:
     """One surface's samples over one connection."""
 
-    def __init__(self, surface: str, channels: dict[str, float], token: str, pace: tuple[int, float]) -> None:
-        self._rate_hz, self._every_s = pace
+    def __init__(self, surface: str, channels: dict[str, float], token: str, pace: Pace) -> None:
+        self._pace = pace
         self.delays_s: list[float] = []
         self.acknowledged = 0
         self._head = (
@@ -35,22 +44,23 @@ class Sender:
         reader, writer = await asyncio.open_connection("127.0.0.1", port)
         begin_s, sent = monotonic(), 0
         while (now_s := monotonic()) < until_s:
-            due = int((now_s - begin_s) * self._rate_hz)
+            taken = int((now_s - begin_s) * self._pace.rate_hz)
+            due = sent + self._pace.in_batch if self._pace.in_batch else taken
             if due > sent:
                 writer.write(self._request(sent, due))
                 status = await reader.readline()
                 assert b" 200 " in status, status
                 head = await reader.readuntil(b"\r\n\r\n")
                 await reader.readexactly(int(head.lower().partition(b"content-length: ")[2].split(b"\r", 1)[0]))
-                self.delays_s.append(monotonic() - begin_s - sent / self._rate_hz)
+                self.delays_s.append(monotonic() - begin_s - sent / self._pace.rate_hz)
                 self.acknowledged += due - sent
                 sent = due
-            await asyncio.sleep(max(0.0, now_s + self._every_s - monotonic()))
+            await asyncio.sleep(max(0.0, now_s + self._pace.every_s - monotonic()))
         writer.close()
 
     def _request(self, first: int, end: int) -> bytes:
         now_us = int(time() * 1e6)
-        period_us = 1_000_000 // self._rate_hz
+        period_us = 1_000_000 // self._pace.rate_hz
         samples = ",".join(
             f'{{"sequence":{number},"acquired_unix_us":{now_us + (number - end) * period_us},{self._sample}'
             for number in range(first + 1, end + 1)
@@ -60,7 +70,7 @@ class Sender:
 
 
 async def load(
-    port: int, channels: dict[str, float], surfaces: int, seconds: float, token: str, pace: tuple[int, float]
+    port: int, channels: dict[str, float], surfaces: int, seconds: float, token: str, pace: Pace
 ) -> dict[str, float]:
     """Send to so many surfaces for so long."""
     senders = [Sender(f"s{number}", channels, token, pace) for number in range(surfaces)]
@@ -76,6 +86,6 @@ async def load(
 
 
 if __name__ == "__main__":
-    _, given_port, given_channels, given_surfaces, given_seconds, given_token, *rest = sys.argv
+    _, given_port, given_channels, given_surfaces, given_seconds, given_token, rate_hz, every_s, *more = sys.argv
     given = int(given_port), json.loads(given_channels), int(given_surfaces), float(given_seconds), given_token
-    print(json.dumps(asyncio.run(load(*given, AT_REST if rest else FULL))))
+    print(json.dumps(asyncio.run(load(*given, Pace(int(rate_hz), float(every_s), *map(int, more))))))

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from beamtouch_common.errors import FailedError, InputError
+from beamtouch_common.errors import InputError
 from beamtouch_common.secrets import read_password, read_token
 
 Read = Callable[[Path], str]
@@ -49,9 +49,3 @@ def test_a_secret_that_cannot_be_used_is_refused_with_its_file(
     (tmp_path / "secret").write_bytes(content)
     with pytest.raises(InputError, match=rf"file {tmp_path / 'secret'}: .*{problem}"):
         read(tmp_path / "secret")
-
-
-@pytest.mark.parametrize("read", [read_token, read_password])
-def test_a_file_that_cannot_be_read_may_come_later(tmp_path: Path, read: Read) -> None:
-    with pytest.raises(FailedError, match=r"file .*nothing: No such file or directory; write "):
-        read(tmp_path / "nothing")

@@ -5,13 +5,28 @@
  *
  * Says "ready" once it can be asked; ends with its standard input.
  */
-#include "libmodbus_common.h"
-
+#include <errno.h>
+#include <modbus.h>
+#include <poll.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 enum { REGISTERS = 10 };
+
+static int input_ended(void)
+{
+    struct pollfd input = {.fd = STDIN_FILENO, .events = POLLIN};
+    char byte;
+    return poll(&input, 1, 0) > 0 && read(STDIN_FILENO, &byte, 1) <= 0;
+}
+
+static int fail(const char *what)
+{
+    fprintf(stderr, "%s: %s\n", what, modbus_strerror(errno));
+    return 1;
+}
 
 int main(int argc, char **argv)
 {

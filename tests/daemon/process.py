@@ -50,6 +50,17 @@ class Daemon:
         self._process.send_signal(number)
         return await self.end()
 
+    async def said(self, end: str) -> str:
+        """Return what it writes to standard error up to these words, or up to its end."""
+        return await asyncio.to_thread(self._read, end)
+
+    def _read(self, end: str) -> str:
+        assert self._process.stderr is not None
+        said = ""
+        while not said.endswith(end) and (more := self._process.stderr.read(1)):
+            said += more
+        return said
+
     def answer(self, line: str) -> None:
         """Write a line to its standard input."""
         assert self._process.stdin is not None

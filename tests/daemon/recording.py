@@ -4,16 +4,14 @@ import asyncio
 import csv
 import random
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 from pathlib import Path
 
 from pymodbus.simulator.simdevice import SimAction
 
-from forked import Forked
-
 from . import configs
 from .devices import pymodbus_server
-from .process import COMMAND
+from .process import Outcome, started
 
 DOWN, REST, UP = 21_000, 20_000, 19_000
 """Counts of the second channel under a load, without one, and lifted."""
@@ -46,16 +44,9 @@ def noisy(moves_after: int, counts_per_reading: float) -> SimAction:
     return action
 
 
-@dataclass(frozen=True)
-class Told:
-    """How a recording ended, and what it printed."""
-
-    code: int
-    out: str
-    err: str
-
-
-async def talk(folder: Path, turns: Sequence[Turn], *options: object, action: SimAction | None = None) -> Told:
+async def talk(
+    folder: Path, turns: Sequence[Turn], *options: object, action: SimAction | None = None, code: str = ""
+) -> Outcome:
     """Answer the questions of `record`, which writes loads.csv; the second channel is down until a turn changes it."""
     second = DOWN
 
@@ -64,25 +55,12 @@ async def talk(folder: Path, turns: Sequence[Turn], *options: object, action: Si
 
     async with pymodbus_server([20_000, DOWN], action or loaded) as port:
         config = configs.write(folder, configs.surface(source=configs.tcp(port)) + LIMITS)
-        words = ["record", config, "-o", folder / "loads.csv", "--seconds", 0.2, *options]
-        process = await asyncio.to_thread(Forked, COMMAND, list(map(str, words)), Path.cwd())
-        try:
+        words = ("-o", folder / "loads.csv", "--seconds", 0.2, *options)
+        async with asyncio.timeout(120), started("record", config, *map(str, words), code=code) as daemon:
             said = ""
-            async with asyncio.timeout(120):
-                for turn in turns:
-                    said += await asyncio.to_thread(until_question, process)
-                    second, answer = (second, turn) if isinstance(turn, str) else turn
-                    process.stdin.write(f"{answer}\n")
-                    process.stdin.flush()
-                out, err = await asyncio.to_thread(process.communicate)
-                return Told(process.wait(), out, said + err)
-        finally:
-            process.kill()
-
-
-def until_question(process: Forked) -> str:
-    """Return what is printed up to the end of a question, or up to the end."""
-    said = ""
-    while not said.endswith("): ") and (more := process.stderr.read(1)):
-        said += more
-    return said
+            for turn in turns:
+                said += await daemon.said("): ")
+                second, answer = (second, turn) if isinstance(turn, str) else turn
+                daemon.answer(answer)
+            outcome = await daemon.end()
+    return replace(outcome, err=said + outcome.err)

@@ -8,14 +8,13 @@ from pathlib import Path
 import httpx2
 import pytest
 
-from forked import Forked
 from free_ports import free_port
 from plain_http import TIMEOUT_S
 from service.small_model import BEAM, write_model
 
 from . import configs
 from .devices import pymodbus_server
-from .process import COMMAND, PATIENT_STOP, command, started, summary_of
+from .process import PATIENT_STOP, command, started, summary_of
 from .service import TOKEN, real_service, serving_model
 
 pytestmark = pytest.mark.anyio
@@ -44,20 +43,6 @@ def written(folder: Path, url: str, source: str, channels: int = 4, token: str =
     path = configs.write(folder, configs.surface(source=source, registers=tuple(range(channels))), url=url)
     (folder / "beamtouch.token").write_text(token)
     return path
-
-
-async def waits_for(config: Path, text: str) -> bool:
-    """Start to wait for the service; return whether this is soon among the reasons."""
-    process = await asyncio.to_thread(Forked, COMMAND, ["check", str(config), "--wait", "300"], Path.cwd())
-    try:
-        async with asyncio.timeout(240):
-            while line := await asyncio.to_thread(process.stderr.readline):
-                if text in line:
-                    return True
-        return False
-    finally:
-        process.kill()
-        await asyncio.to_thread(process.communicate)
 
 
 async def test_check_waits_for_the_device_and_for_the_service(tmp_path: Path, asked: Asked) -> None:
@@ -94,7 +79,8 @@ async def test_a_service_that_takes_no_samples_is_reported(
     async with pymodbus_server([20_000] * 4) as port:
         config = written(tmp_path, asked.url, configs.tcp(port), channels, token)
         config.write_text(config.read_text().replace("surfaces.bench", f"surfaces.{name}"))
-        assert await waits_for(config, said)
+        async with asyncio.timeout(240), started("check", config, "--wait", "300") as waiting:
+            assert (await waiting.said(said)).endswith(said)
 
 
 async def test_a_service_that_takes_them_gets_none_and_a_configuration_without_beam_is_told_what_to_write(

@@ -1,15 +1,11 @@
 """Tares and recordings that do not show a beam at rest, and those that look like it but do."""
 
-import json
 import math
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from beamtouch_common.errors import InputError
-from beamtouch_daemon.config import tare_file
 from beamtouch_daemon.config.settings import Surface
 from beamtouch_daemon.processing.at_rest import NotAtRestError, rest_gaps, select_rest
 from beamtouch_models.filters import FloatArray
@@ -28,12 +24,6 @@ def tared(motion_mm: FloatArray, seed: int = 1) -> FloatArray:
     """Return counts of two gaps of 2.5 mm with noise, the second one moving."""
     noise = NOISE_MM * np.random.default_rng(seed).standard_normal((len(motion_mm), 2))
     return counts_of(noise + np.outer(motion_mm, [0.0, 1.0]))
-
-
-def test_the_rest_gap_is_the_mean_of_each_channel() -> None:
-    gaps = rest_gaps(tared(np.full(TARED, 0.1)), surface_of())
-    error_mm = 4 * NOISE_MM / math.sqrt(TARED)
-    assert gaps == {"s1": pytest.approx(2.5, abs=error_mm), "s2": pytest.approx(2.4, abs=error_mm)}
 
 
 @pytest.mark.parametrize("readings", [50, TARED])
@@ -64,37 +54,6 @@ VIBRATION = 5 * NOISE_MM * np.tile([1.0, -1.0], TARED // 2)
 def test_a_tare_of_a_surface_that_moves_is_refused(motion_mm: FloatArray, noise_mm: float | None) -> None:
     with pytest.raises(NotAtRestError, match="s2 moved: standard deviation"):
         rest_gaps(tared(motion_mm), surface_of(noise_mm=noise_mm))
-
-
-def test_a_tare_of_a_channel_that_is_not_good_is_refused() -> None:
-    counts = tared(np.zeros(TARED))
-    counts[7, 0] = 65_535
-    with pytest.raises(NotAtRestError, match="s1 is saturated in 1 of 200 readings"):
-        rest_gaps(counts, surface_of())
-
-
-def test_a_saved_tare_file_loads_again_and_nothing_else_is_left(tmp_path: Path) -> None:
-    path = tmp_path / "bench.tare.json"
-    assert tare_file.load(path, ["s1", "s2"]) == {}
-    for gap in (2.4, 2.5):
-        tare_file.save(path, "bench", TARED, {"s1": gap, "s2": 2.7})
-    assert tare_file.load(path, ["s1", "s2"]) == {"s1": 2.5, "s2": 2.7}
-    assert list(tmp_path.iterdir()) == [path]
-
-
-@pytest.mark.parametrize(
-    "content",
-    [
-        "{",
-        json.dumps({"surface": "bench", "taken_at": "", "readings": 1, "rest_gap_mm": {"s1": 2.5}}),
-        json.dumps({"surface": "bench", "taken_at": "", "readings": 1, "rest_gap_mm": {"s1": None, "s2": 2.5}}),
-    ],
-    ids=["cut off", "other channels", "no number"],
-)
-def test_a_tare_file_that_does_not_fit_is_refused_with_a_remedy(tmp_path: Path, content: str) -> None:
-    (tmp_path / "bench.tare.json").write_text(content)
-    with pytest.raises(InputError, match="delete it or run beamtouch-daemon tare again"):
-        tare_file.load(tmp_path / "bench.tare.json", ["s1", "s2"])
 
 
 def refusal(counts: FloatArray, surface: Surface | None = None, last_mm: dict[str, float] | None = None) -> str:

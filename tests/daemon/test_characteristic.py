@@ -28,13 +28,6 @@ def gaps(channel: dict[str, object], *counts: float) -> list[float]:
     return column
 
 
-def test_deflection_is_the_rest_gap_less_the_gap() -> None:
-    found = of(LINE)
-    gap = found.gap(np.array([[2000.0], [2300.0], [math.nan]]))
-    np.testing.assert_allclose(gap[:, 0], [2.5, 2.2, math.nan])
-    np.testing.assert_allclose(found.deflection(gap)[:2, 0], [0.0, 0.3])  # nearer to the sensor is positive
-
-
 def test_a_table_is_met_in_its_points_to_the_bit_and_straight_in_between_and_beyond() -> None:
     assert gaps(TABLED, 500, 1500, 3500) == [4.0, 2.0, 1.0]
     assert gaps(TABLED, 1000, 2500, 0, 4000) == pytest.approx([3.0, 1.5, 5.0, 0.75], rel=1e-14)

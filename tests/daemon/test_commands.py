@@ -66,6 +66,7 @@ async def test_check_fails_when_a_channel_is_not_good_or_a_surface_cannot_be_rea
         strict=True,
     ):
         assert words in line
+    assert "bench: not tared: s1 is saturated in 200 of 200 readings" in tared.err
     assert f"late: not tared: {absent}" in tared.err
 
 
@@ -79,7 +80,6 @@ async def test_check_reads_serial_lines_and_surfaces_that_share_a_bus(tmp_path: 
             outcome, table = await command("check", config, "--json"), await command("check", config)
     surfaces = json.loads(outcome.out)["surfaces"]
     assert [surface["error"] for surface in surfaces.values()] == [None] * 3
-    assert surfaces["a"]["limits"]
     assert all(f"a: {limit}" in table.out for limit in surfaces["a"]["limits"])
     assert [channel["counts"] for channel in surfaces["c"]["channels"]] == [20_000, 21_000]
 
@@ -155,25 +155,33 @@ async def test_tare_refuses_what_moves_or_stands_still_and_writes_nothing_for_it
     ("words", "said"),
     [
         ("tare {config} --surface press", "--surface: there is no surface press; choose one of bench"),
-        ("run {config}", "{folder}/bench.tare.json: not a tare file; delete it or run beamtouch-daemon tare again"),
         ("run {config} --summary {folder}/no/s.json", "{folder}/no: no such folder; create it first"),
     ],
 )
 def test_wrong_input_is_one_line(tmp_path: Path, refused: Refused, words: str, said: str) -> None:
     config = configs.write(tmp_path, configs.surface())
-    (tmp_path / "bench.tare.json").write_text("{}")
     arguments = words.format(config=config, folder=tmp_path).split()
     assert refused(*arguments) == said.format(folder=tmp_path)
 
 
-@pytest.mark.parametrize("options", [(), ("--token-file", "{folder}/elsewhere")])
-def test_a_token_file_that_is_missing_is_named_and_may_come_later(
-    tmp_path: Path, refused: Refused, options: tuple[str, ...]
+@pytest.mark.parametrize(
+    "gaps",
+    ["", '"rest_gap_mm": {"s1": 2.5}', '"rest_gap_mm": {"s1": null, "s2": 2.5}'],
+    ids=["none", "other channels", "no number"],
+)
+def test_a_tare_file_that_does_not_fit_is_refused_with_a_remedy(tmp_path: Path, refused: Refused, gaps: str) -> None:
+    path = tmp_path / "bench.tare.json"
+    path.write_text(f'{{"surface": "bench", "taken_at": "", "readings": 1{", " if gaps else ""}{gaps}}}')
+    said = refused("run", configs.write(tmp_path, configs.surface()))
+    assert said.startswith(f"{path}: ")
+    assert said.endswith("delete it or run beamtouch-daemon tare again")
+
+
+def test_a_token_file_of_the_command_line_that_is_missing_is_named_and_may_come_later(
+    tmp_path: Path, refused: Refused
 ) -> None:
-    config = configs.write(tmp_path, configs.surface())
-    (tmp_path / "beamtouch.token").unlink()
-    said = refused("run", config, *(word.format(folder=tmp_path) for word in options), code=1)
-    path = tmp_path / ("elsewhere" if options else "beamtouch.token")
+    path = tmp_path / "elsewhere"
+    said = refused("run", configs.write(tmp_path, configs.surface()), "--token-file", path, code=1)
     remedy = "publish.token_file must name a file with the service's token"
     assert said == f"token file {path}: No such file or directory; {remedy}"
 

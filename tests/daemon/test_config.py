@@ -6,13 +6,13 @@
 import asyncio
 import json
 import tomllib
+from collections.abc import Callable
 from pathlib import Path
 from typing import get_args
 
 import pytest
 from pydantic import ValidationError
 
-from beamtouch_common.errors import FailedError, InputError
 from beamtouch_daemon.config.file import load_config
 from beamtouch_daemon.config.settings import Config
 from beamtouch_daemon.config.signal import Filter, GrowingMean, NoFilter, ZeroTracking
@@ -20,6 +20,7 @@ from beamtouch_daemon.config.sources import ModbusTcp, Source
 from wrong_numbers import with_wrong_numbers
 
 from . import configs
+from .conftest import Refused
 from .devices import pymodbus_server
 from .process import command
 
@@ -31,14 +32,13 @@ KINDS = [
 ]
 """Each kind that a table can have; the example shows all of them."""
 TRACKING = "# [surfaces.bench.zero_tracking]"
+Complaint = Callable[[Path], str]
 
 
-def complaint(path: Path) -> str:
-    with pytest.raises(InputError) as caught:
-        load_config(path)
-    text = str(caught.value)
-    assert "\n" not in text
-    return text.removeprefix(f"{path}: ")
+@pytest.fixture
+def complaint(refused: Refused) -> Complaint:
+    """A function from a configuration to what `check` says of it, behind its path."""
+    return lambda path: refused("check", path).removeprefix(f"{path}: ")
 
 
 def uncommented(block: str) -> str:
@@ -137,7 +137,9 @@ SERIAL = configs.serial("/dev/x")
         (configs.rtu("/dev/x"), "register = 0", 'register = 0\nhost = "x"', "channel s1: host is for modbus-tcp"),
     ],
 )
-def test_an_error_is_one_line_with_the_key(tmp_path: Path, source: str, old: str, new: str, expected: str) -> None:
+def test_an_error_is_one_line_with_the_key(
+    tmp_path: Path, complaint: Complaint, source: str, old: str, new: str, expected: str
+) -> None:
     path = configs.write(tmp_path, configs.surface(source=source or configs.tcp(502)))
     text = path.read_text()
     assert old in text
@@ -158,14 +160,14 @@ def test_an_error_is_one_line_with_the_key(tmp_path: Path, source: str, old: str
     ],
 )
 def test_surfaces_share_a_bus_only_if_they_agree_on_its_line(
-    tmp_path: Path, surfaces: dict[str, str], expected: str
+    tmp_path: Path, complaint: Complaint, surfaces: dict[str, str], expected: str
 ) -> None:
     path = configs.write(tmp_path, *(configs.surface(name, source) for name, source in surfaces.items()))
     assert expected == (complaint(path) if expected else "")
     assert expected or load_config(path).surfaces.keys() == surfaces.keys()
 
 
-def test_an_input_of_a_module_has_its_register_and_its_limits(tmp_path: Path) -> None:
+def test_an_input_of_a_module_has_its_register_and_its_limits(tmp_path: Path, complaint: Complaint) -> None:
     source = f'{configs.tcp(502)}\nmodule = "iologik-e1240"'
     text = configs.surface(source=source, rate_hz=10.0).replace("register = ", "input = ")
     surface = load_config(configs.write(tmp_path, text)).surfaces["bench"]
@@ -174,17 +176,6 @@ def test_an_input_of_a_module_has_its_register_and_its_limits(tmp_path: Path) ->
     assert (surface.source.function_code, surface.source.max_request_registers) == (4, 8)
     beyond = configs.write(tmp_path, text.replace("input = 1", "input = 8"))
     assert complaint(beyond) == "surfaces.bench: channel s2: the module has inputs 0 to 7"
-
-
-@pytest.mark.parametrize("content", [None, b"two words\n"], ids=["absent", "two words"])
-def test_an_invalid_token_is_refused_with_a_remedy(tmp_path: Path, content: bytes | None) -> None:
-    config = load_config(configs.write(tmp_path, configs.surface()))
-    token = tmp_path / "beamtouch.token"
-    token.unlink()
-    if content is not None:
-        token.write_bytes(content)
-    with pytest.raises(FailedError if content is None else InputError, match=r"publish\.token_file .*'s token"):
-        config.read_token()
 
 
 @pytest.mark.parametrize(
@@ -201,7 +192,9 @@ def test_an_invalid_token_is_refused_with_a_remedy(tmp_path: Path, content: byte
         "daemon@plc",
     ],
 )
-def test_a_host_that_cannot_be_is_refused_wherever_one_is_stated(tmp_path: Path, host: str) -> None:
+def test_a_host_that_cannot_be_is_refused_wherever_one_is_stated(
+    tmp_path: Path, complaint: Complaint, host: str
+) -> None:
     path = configs.write(tmp_path, configs.surface(source=configs.tcp(502, host)))
     assert complaint(path).startswith("surfaces.bench.source.host: must be the name or address of a host")
     channel = configs.surface().replace("register = 1", f'register = 1\nhost = "{host}"')
@@ -226,22 +219,6 @@ def including(folder: Path, *own: str, **files: str) -> Path:
     return path
 
 
-def test_the_surfaces_of_all_files_are_read_once_and_each_knows_its_file(tmp_path: Path) -> None:
-    path = including(tmp_path, configs.surface("bench"), b=configs.surface("two"), a=configs.surface("one"))
-    surfaces = tmp_path / "surfaces"
-    (surfaces / ".c.toml.swp.toml").write_text("unfinished [")  # an editor's
-    (surfaces / "notes.txt").write_text("not a surface")
-    (surfaces / "old.toml").mkdir()
-    patterns = f'"surfaces/*.toml", "*/a.toml", "{tmp_path}/surf*/**/*.toml"'
-    path.write_text(path.read_text().replace('"surfaces/*.toml"', patterns))
-    config = load_config(path)
-    assert [(name, config.file_of(name)) for name in config.surfaces] == [
-        ("bench", path),
-        ("one", surfaces / "a.toml"),
-        ("two", surfaces / "b.toml"),
-    ]
-
-
 @pytest.mark.parametrize(
     ("text", "said"),
     [
@@ -257,7 +234,9 @@ def test_the_surfaces_of_all_files_are_read_once_and_each_knows_its_file(tmp_pat
         ),
     ],
 )
-def test_what_is_wrong_is_said_with_the_file_and_the_key(tmp_path: Path, text: str, said: str) -> None:
+def test_what_is_wrong_is_said_with_the_file_and_the_key(
+    tmp_path: Path, complaint: Complaint, text: str, said: str
+) -> None:
     path = including(tmp_path, configs.surface("bench"), a=configs.surface("other", SERIAL), z=text)
     expected = said.format(file=tmp_path / "surfaces" / "z.toml", path=path, other=tmp_path / "surfaces" / "a.toml")
     assert complaint(path).startswith(expected.removeprefix(f"{path}: "))
@@ -275,20 +254,26 @@ def test_what_is_wrong_is_said_with_the_file_and_the_key(tmp_path: Path, text: s
         ("[3]", "include[0]: must be "),
     ],
 )
-def test_a_wrong_pattern_is_said(tmp_path: Path, include: str, said: str) -> None:
+def test_a_wrong_pattern_is_said(tmp_path: Path, complaint: Complaint, include: str, said: str) -> None:
     path = including(tmp_path, configs.surface("bench"), a=configs.surface("other"))
     path.write_text(path.read_text().replace('["surfaces/*.toml"]', include))
     assert complaint(path).startswith(said)
 
 
 @pytest.mark.anyio
-async def test_check_shows_the_file_of_each_surface(tmp_path: Path) -> None:
+async def test_the_surfaces_of_all_files_are_read_once_and_check_shows_the_file_of_each(tmp_path: Path) -> None:
     async with pymodbus_server([20_000, 21_000]) as port:
-        bench, one = (configs.surface(name, configs.tcp(port)) for name in ("bench", "one"))
-        path = including(tmp_path, bench, a=one)
+        bench, one, two = (configs.surface(name, configs.tcp(port)) for name in ("bench", "one", "two"))
+        path = including(tmp_path, bench, b=two, a=one)
+        surfaces = tmp_path / "surfaces"
+        (surfaces / ".c.toml.swp.toml").write_text("unfinished [")  # an editor's
+        (surfaces / "notes.txt").write_text("not a surface")
+        (surfaces / "old.toml").mkdir()
+        patterns = f'"surfaces/*.toml", "*/a.toml", "{tmp_path}/surf*/**/*.toml"'
+        path.write_text(path.read_text().replace('"surfaces/*.toml"', patterns))
         table, report = await asyncio.gather(command("check", path), command("check", path, "--json"))
     assert (table.code, report.code) == (0, 0)
-    included = str(tmp_path / "surfaces" / "a.toml")
-    assert [line.split()[-1] for line in table.out.splitlines()[1:-1]] == [*[str(path)] * 2, *[included] * 2]
-    files = {name: found["file"] for name, found in json.loads(report.out)["surfaces"].items()}
-    assert files == {"bench": str(path), "one": included}
+    files = {"bench": str(path), "one": str(surfaces / "a.toml"), "two": str(surfaces / "b.toml")}
+    shown = [line.split()[-1] for line in table.out.splitlines()[1:-1]]
+    assert shown == [file for file in files.values() for _channel in range(2)]
+    assert {name: found["file"] for name, found in json.loads(report.out)["surfaces"].items()} == files

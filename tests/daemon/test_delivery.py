@@ -3,11 +3,8 @@
 import asyncio
 import random
 import threading
-from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager, suppress
 from pathlib import Path
 from time import clock_gettime, monotonic, sleep
-from urllib.parse import urlsplit
 
 import pytest
 
@@ -17,7 +14,6 @@ from beamtouch_daemon.delivery.log_store import LogStore
 from beamtouch_daemon.processing.pipeline import Taken
 from beamtouch_service.problems import Kind
 from beamtouch_service.samples import Batch, Note
-from beamtouch_service.surfaces.freshness import Transit
 from free_ports import free_port
 
 from .faulty import soon
@@ -85,61 +81,6 @@ async def test_a_sample_from_before_a_suspend_is_old(monkeypatch: pytest.MonkeyP
     assert (live_of(service)[0].newest_age_ms or 0.0) >= slept_s * 1e3
 
 
-class Relay:
-    """Passes on what it reads from connections, but holds it while it is told to."""
-
-    def __init__(self, url: str) -> None:
-        self._to = urlsplit(url)
-        self.opens = asyncio.Event()
-        self.opens.set()
-        self.holds = asyncio.Event()
-        """It has read something that it does not pass on."""
-
-    async def connected(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        onward, back = await asyncio.open_connection(self._to.hostname, self._to.port)
-        await asyncio.gather(self._pass_on(reader, back), self._pass_on(onward, writer))
-
-    async def _pass_on(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        with suppress(ConnectionError):
-            while piece := await reader.read(65536):
-                if not self.opens.is_set():
-                    self.holds.set()
-                    await self.opens.wait()
-                writer.write(piece)
-        writer.close()
-
-
-@asynccontextmanager
-async def relaying(service: Service) -> AsyncIterator[Relay]:
-    relay = Relay(service.url)
-    server = await asyncio.start_server(relay.connected, "127.0.0.1", 0)
-    service.url = f"http://127.0.0.1:{server.sockets[0].getsockname()[1]}"
-    try:
-        yield relay
-    finally:
-        server.close()
-
-
-async def test_the_service_tells_a_batch_that_was_held_from_one_that_was_not() -> None:
-    async with serving(Service()) as service, relaying(service) as relay, Bench(service) as bench:
-        for number in range(5):
-            bench.count(1)
-            await service.until(number + 1)
-        await until(lambda: bench.log.live_from == bench.log.next)
-        relay.opens.clear()
-        bench.count(1)
-        await relay.holds.wait()
-        begin_s = monotonic()
-        await asyncio.sleep(0.3)
-        held_s = monotonic() - begin_s
-        relay.opens.set()
-        await service.until(6)
-    transit = Transit()
-    waited = [at_s - transit.arrival_s(batch, at_s, at_s) for _, batch, at_s in service.batches if not batch.backlog]
-    assert waited[-1] >= held_s - max(waited[:-1]) - 0.001
-    assert min(waited) == 0.0
-
-
 @pytest.mark.parametrize("status", [500, 302])
 async def test_a_live_batch_that_fails_is_not_repeated_and_the_backlog_brings_it(status: int) -> None:
     service = Service()
@@ -172,15 +113,6 @@ async def test_after_an_outage_the_newest_samples_come_first(caplog: pytest.LogC
     assert max(len(batch.samples) for _, batch, _ in late.batches) == MAX_BATCH
     assert bench.logs.counts.dropped == 0
     assert "works again after" in caplog.text
-
-
-async def test_a_wrong_token_delivers_nothing_and_loses_nothing(caplog: pytest.LogCaptureFixture) -> None:
-    async with serving(Service()) as service, Bench(service, token="wrong") as bench:  # noqa: S106
-        bench.count(3)
-        await until(lambda: service.attempts >= 3)
-        assert (bench.logs.refused, bench.log.in_memory) == (1, 3)
-    assert service.batches == []
-    assert sum("wrong token" in text for text in caplog.messages) == 1
 
 
 async def test_full_memory_drops_the_oldest_which_are_counted_and_lost_to_the_record(

@@ -1,6 +1,5 @@
 """Modbus with programs that are not ours: a server on libmodbus, and mbpoll asking the rig."""
 
-import asyncio
 import re
 import subprocess
 from collections.abc import Iterator
@@ -74,19 +73,10 @@ async def test_a_libmodbus_server_is_read_over_tcp(server: Path) -> None:
 
 
 async def test_a_libmodbus_server_is_read_over_rtu(server: Path) -> None:
-    with joined_terminals() as (ours, theirs):
-        process = await asyncio.create_subprocess_exec(
-            server, "rtu", theirs, stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE
-        )
-        try:
-            assert process.stdout is not None
-            assert await process.stdout.readline() == b"ready\n"
-            table = f'kind = "modbus-rtu"\nport = "{ours}"\ntimeout_ms = 1000'
-            together = await first_readings(of(table, [3, 0, 9]), 100)
-            bridged = await first_readings(of(f"{table}\nbridge_registers = 9\nfunction = 3", [3, 0, 9]), 50)
-        finally:
-            process.kill()
-            await process.wait()
+    with joined_terminals() as (ours, theirs), serving(server, "rtu", theirs):
+        table = f'kind = "modbus-rtu"\nport = "{ours}"\ntimeout_ms = 1000'
+        together = await first_readings(of(table, [3, 0, 9]), 100)
+        bridged = await first_readings(of(f"{table}\nbridge_registers = 9\nfunction = 3", [3, 0, 9]), 50)
     assert {reading.counts for reading in together} == {(1003, 1000, 1009)}
     assert {reading.counts for reading in bridged} == {(2003, 2000, 2009)}
 

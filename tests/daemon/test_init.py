@@ -5,14 +5,12 @@ import stat
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import pytest
 
 from beamtouch_daemon.cli import main
 from in_process import Outcome, command_of
-from unprivileged import without_root
 
 from . import configs
 from .conftest import Refused
@@ -116,13 +114,6 @@ def test_comments_and_keys_in_any_spelling_stay_toml(tmp_path: Path, model: Path
     model.write_bytes(text.replace("\n", line_end).encode())
     assert init(*TCP, "--url", "http://b").returncode == 0
     assert content(tmp_path)["publish"] == {"url": "http://b", "token_file": "beamtouch.token", "batch_ms": 20}
-
-
-def test_a_folder_that_is_closed_to_this_user_is_said(refused: Refused) -> None:
-    with TemporaryDirectory() as name, without_root(Path(name)):
-        path = Path(name) / "closed" / "deep" / "daemon.toml"
-        path.parent.parent.mkdir(mode=0)
-        assert refused("init", path) == f"{path}: Permission denied"
 
 
 @pytest.mark.parametrize(

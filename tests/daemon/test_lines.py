@@ -45,7 +45,9 @@ async def test_a_serial_device_that_is_reset_or_plugged_in_again_is_read_within_
                 else:
                     device.reset(boot_id)
                 await soon(partial(more, service, len(service.samples()) + 20))
-            assert (await daemon.stop()).code == 0
+            outcome = await daemon.stop()
+            assert outcome.code == 0
+            assert "the device was reset" in outcome.err
         assert all(second == first + 1000 for first, second in counts_of(service.samples()))
         counts = summary_of(tmp_path)["bench"]
         assert counts["samples_published"] == counts["readings"] == len(service.samples())

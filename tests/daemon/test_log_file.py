@@ -15,7 +15,7 @@ from beamtouch_daemon.sources.reading import Reading
 from beamtouch_daemon.uptime import uptime_s
 from beamtouch_service.samples import Batch, Note, Sample
 
-from .publishing import ROOM, Bench, boot, keep, stored, taken, until
+from .publishing import Bench, boot, keep, stored, taken, until
 from .service import Service, serving
 
 pytestmark = pytest.mark.anyio
@@ -72,23 +72,6 @@ async def test_samples_of_earlier_boots_are_read_out_in_order_with_the_facts_the
         )
     assert [sample for batch in batches for sample in batch.samples] == [one.sample for one in stated]
     assert (await recorded(tmp_path / "samples")).record.numbers() == {}
-
-
-async def test_what_is_not_durable_after_a_while_is_on_disk_and_a_killed_daemon_leaves_it_there(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(log_store, "MEMORY_S", 0.1)
-    monkeypatch.setattr(log_store, "WRITE_S", 0.1)
-    store = log_store.LogStore(tmp_path / "samples", ROOM)
-    async with serving(Service()) as service:
-        service.problem_of = lambda *_: (503, "busy")
-        async with Bench(service, store) as bench:
-            bench.count(1500)
-            await until(lambda: bench.logs.on_disk == 1500)
-            bench.count(10)
-    await store.close()  # nothing is written at its end
-    service = await recorded(tmp_path / "samples")
-    assert service.record.numbers() == {"boot-0001": list(range(1, 1501))}
 
 
 async def test_beyond_its_size_the_oldest_are_dropped_and_counted_and_lost_to_the_record(tmp_path: Path) -> None:

@@ -30,8 +30,13 @@ from .sessions import source_in, take_across_sessions
 pytestmark = pytest.mark.anyio
 
 PATTERNS = patterns(seed=3)
-SLOW = ("late, 0.2 %, answers only values", "late, 3 %, one register")
-QUICK = [name for name, one in PATTERNS.items() if one.is_provable and one.sessions == 1 and name not in SLOW]
+SLOW = ("late, 3 %, one register", "echo, 20 ms, 1 % lost", "echo, 20 ms, 1 % lost, one register")
+"""Left to `rtu_faults.py` of the benchmarks, as are faults of less than 1 %, of which a few polls see none."""
+QUICK = [
+    name
+    for name, one in PATTERNS.items()
+    if one.is_provable and one.sessions == 1 and name not in SLOW and " 0." not in name
+]
 READ = 4
 PLACES = [f"register = {index}" for index in range(3)]
 LATEST_S = 2.0
@@ -103,16 +108,6 @@ async def test_damage_costs_its_readings_and_not_the_session(registers: int, *, 
     places, echo = PLACES[:registers], (lambda request: [(0.0, request)]) if echoes else no_echo
     _, errors, _ = await read_through(damage, 30, places=places, timeout_ms=500.0, echo=echo)
     assert errors == []
-
-
-async def test_a_refusal_is_an_error_that_says_so() -> None:
-    def refuse(number: int, frame: bytes) -> Pieces:
-        return [(0.0, with_crc(bytes([1, 0x84, 2])) if 5 < number < 12 else frame)]
-
-    _, errors, _ = await read_through(refuse, 20, timeout_ms=100.0, rate_hz=100.0)
-    # On a busy machine, an answer may also be late.
-    (error,) = {error for error in errors if "exception" in error}
-    assert error.startswith("unit 1 answers with exception 2: it has no such register: asked for 0 to 2; addresses")
 
 
 @pytest.mark.parametrize("is_killed", [False, True], ids=["goes on", "killed"])

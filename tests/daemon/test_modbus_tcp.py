@@ -61,27 +61,6 @@ async def test_a_refusal_is_an_error_that_says_why(code: ExcCodes, said: str) ->
             await first_readings(make_source(port, [0]), 1)
 
 
-async def test_a_channel_that_the_device_refuses_is_missing_and_the_others_are_there(
-    caplog: pytest.LogCaptureFixture,
-) -> None:
-    async with pymodbus_server([1, 2]) as port:
-        readings = await first_readings(make_source(port, [0, 1, 40]), 3)
-    assert [reading.counts for reading in readings] == [(1, 2, None)] * 3
-    assert caplog.text.count("it has no such register: asked for 40") == 1
-
-
-async def test_a_server_that_goes_away_is_an_error_and_can_be_read_again() -> None:
-    async with pymodbus_server([1, 2]) as port:
-        source = make_source(port, [0, 1])
-        stream = source.readings()
-        await anext(stream)
-    with pytest.raises(SourceError, match=f"does not answer within 10000 ms|no connection to 127.0.0.1:{port}"):
-        await asyncio.wait_for(anext(stream), 60)
-    async with pymodbus_server([3, 4], port=port):
-        (reading,) = await first_readings(source, 1)
-        assert reading.counts == (3, 4)
-
-
 def with_head(frame: bytes, transaction: int | None = None, unit: int | None = None) -> bytes:
     """Return an answer with another transaction number, or of another unit."""
     number = frame[:2] if transaction is None else transaction.to_bytes(2, "big")

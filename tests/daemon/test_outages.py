@@ -1,6 +1,5 @@
 """Outages, crashes, full disks and a stepped clock, on the daemon as a process: nothing taken is lost or doubled."""
 
-import asyncio
 import re
 import signal
 import sqlite3
@@ -8,20 +7,17 @@ import sys
 from contextlib import closing, suppress
 from itertools import pairwise
 from pathlib import Path
-from time import monotonic
 
 import pytest
 
-from beamtouch_service.samples import Quality, Sample
+from beamtouch_service.samples import Quality
 from free_ports import free_port
 from parts import require
 
 from . import configs
-from .devices import SerialDevice, pymodbus_server
+from .devices import SerialDevice
 from .faulty import (
-    BACK_S,
     LOG_FILE,
-    SLACK_S,
     batches_in,
     cable,
     counts_of,
@@ -29,7 +25,6 @@ from .faulty import (
     names,
     running,
     samples_in,
-    soon,
 )
 from .process import summary_of
 from .publishing import boot, stored, taken, until
@@ -42,55 +37,6 @@ BEFORE = 500
 """Readings before a device goes away."""
 OFTEN = "from beamtouch_daemon.delivery import log_store; log_store.MEMORY_S = log_store.WRITE_S = 0.1"
 """Code after which the log is written to its file ten times a second."""
-
-
-@pytest.mark.soak
-async def test_a_device_and_a_service_that_are_away_lose_nothing_that_was_taken(tmp_path: Path) -> None:
-    given = [20_000]
-
-    async def action(_function: int, _start: int, _address: int, _count: int, now: list[int], _set: object) -> None:
-        given[0] += 1
-        now[:2] = [given[0], given[0] + 1000]
-
-    def read_of(samples: list[Sample]) -> list[int]:
-        """Return the counts that came, which must be among those given and each there once."""
-        found = sorted(round(first) for first, _ in counts_of(samples))
-        assert len(set(found)) == len(found)
-        assert 20_001 <= found[0] <= found[-1] <= given[0]
-        return found
-
-    service_port, device_port = free_port(), free_port()
-    url, source = f"http://127.0.0.1:{service_port}", configs.tcp(device_port)
-    async with running(tmp_path, source, url, OFTEN) as daemon:
-        begin_s = monotonic()
-        async with pymodbus_server([0, 0], action, port=device_port):
-            await until(lambda: given[0] >= 20_000 + BEFORE)
-        await asyncio.sleep(30.0)
-        async with pymodbus_server([0, 0], action, port=device_port):
-            came_back = given[0]
-            await soon(lambda: given[0] >= came_back + 20)
-            # So long that more is new than the first live batch holds.
-            await asyncio.sleep(max(begin_s + 60.0 - monotonic(), 2.0))
-            late = Service(("127.0.0.1", service_port))
-            late.statuses = [500, 401, 503]
-            async with serving(late):
-                await soon(lambda: bool(late.samples()), 4 * BACK_S + SLACK_S)  # it refused three times
-                await until(lambda: any(not batch.backlog for _, batch, _ in late.batches))
-                first = next(batch for _, batch, _ in late.batches if not batch.backlog)
-                await everything(late)
-                assert (await daemon.stop()).code == 0
-    counts = summary_of(tmp_path)["bench"]
-    # A stop on a busy machine leaves what it has no time to deliver in the file.
-    kept = samples_in(tmp_path / LOG_FILE)
-    whole = late.record.whole() + kept
-    assert (counts["samples_dropped"], counts["samples_in_log"]) == (0, len(kept))
-    assert counts["samples_published"] == len(late.record.whole()) > BEFORE
-    assert [sample.sequence for sample in whole] == list(range(1, counts["readings"] + 1))
-    # New samples did not wait for the others: the first live batch is what was read after the device came back.
-    assert counts_of(first.samples)[0][0] > came_back
-    read = read_of(whole)
-    assert read[0] < came_back < read[-1]
-    assert sorted(counts_of(whole)) == [(float(n), float(n + 1000)) for n in read]
 
 
 @pytest.mark.parametrize("times", [3, pytest.param(20, marks=pytest.mark.soak)])

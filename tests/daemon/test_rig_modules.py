@@ -14,8 +14,6 @@ pytestmark = pytest.mark.anyio
 
 SCENE = SCENES / "bench.toml"
 FLOATS = ("--unit", "5", "--function", "3", "--register", "100", "--type", "f32", "--byte-order", "CDAB")
-TCP = 'kind = "modbus-tcp"\nhost = "127.0.0.1"\nport = {port}\ntimeout_ms = 30000\n'
-RTU = 'kind = "modbus-rtu"\nport = "{path}"\ntimeout_ms = {timeout_ms}\n'
 
 
 def configuration(folder: Path, source: str, channel: str) -> Path:
@@ -34,29 +32,23 @@ range_mm = [1.0, 4.0]
 
 
 @pytest.mark.parametrize(
-    ("played", "source", "channel"),
+    ("kind", "played", "source", "channel"),
     [
-        (("--unit", "255"), 'module = "iologik-e1240"\nunit = 255', "input = {index}"),
-        (FLOATS, 'function = 3\nunit = 5\nbyte_order = "CDAB"', 'register = {two}\ntype = "f32"'),
+        ("modbus-tcp", ("--unit", "255"), 'module = "iologik-e1240"\nunit = 255', "input = {index}"),
+        ("modbus-tcp", FLOATS, 'function = 3\nunit = 5\nbyte_order = "CDAB"', 'register = {two}\ntype = "f32"'),
+        ("modbus-rtu", ("--unit", "17"), 'module = "waveshare-8ch"\nunit = 17', "input = {index}"),
     ],
 )
-async def test_a_configuration_for_a_tcp_module_reads_the_rig(
-    bench_model: Path, tmp_path: Path, played: tuple[str, ...], source: str, channel: str
+async def test_a_configuration_for_a_module_reads_the_rig_and_another_unit_is_silent(
+    bench_model: Path, tmp_path: Path, kind: str, played: tuple[str, ...], source: str, channel: str
 ) -> None:
-    with rig(SCENE, bench_model, "--modbus-tcp", "127.0.0.1:0", "--by-hand", *played) as beam:
-        done = await command("check", configuration(tmp_path, TCP.format(port=beam.place) + source, channel))
-    assert done.code == 0, done.err
-    assert done.out.count("good") == 4
-
-
-async def test_a_configuration_for_an_rtu_module_reads_the_rig_and_another_unit_is_silent(
-    bench_model: Path, tmp_path: Path
-) -> None:
-    with rig(SCENE, bench_model, "--modbus-rtu", tmp_path / "line", "--by-hand", "--unit", "17") as beam:
-        module = RTU.format(path=beam.place, timeout_ms=30_000) + 'module = "waveshare-8ch"\nunit = '
-        done = await command("check", configuration(tmp_path, module + "17", "input = {index}"))
-        other = module.replace("30000", "100") + "18"
-        silent = await command("check", configuration(tmp_path, other, "input = {index}"))
+    where = "127.0.0.1:0" if kind == "modbus-tcp" else tmp_path / "line"
+    with rig(SCENE, bench_model, f"--{kind}", where, "--by-hand", *played) as beam:
+        place = f'host = "127.0.0.1"\nport = {beam.place}' if kind == "modbus-tcp" else f'port = "{beam.place}"'
+        text = f'kind = "{kind}"\n{place}\ntimeout_ms = 30000\n{source}'
+        done = await command("check", configuration(tmp_path, text, channel))
+        other = text.replace("30000", "100").replace(f"unit = {played[1]}", "unit = 18")
+        silent = await command("check", configuration(tmp_path, other, channel))
     assert done.code == 0, done.err
     assert done.out.count("good") == 4
     assert silent.code == 1

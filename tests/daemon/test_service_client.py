@@ -9,7 +9,6 @@ from pathlib import Path
 
 import pytest
 
-from beamtouch_common.errors import FailedError, InputError
 from beamtouch_daemon.config.file import load_config
 from beamtouch_daemon.config.publish import trust
 from beamtouch_daemon.delivery.client import Answer, ServiceClient, UnreachableError, Verdict
@@ -111,34 +110,10 @@ async def test_an_error_of_another_program_is_an_answer_however_deep_its_json_is
     assert (answer.verdict, answer.explanation) == (Verdict.LATER, "status 500")
 
 
-@pytest.mark.parametrize(
-    ("content", "error", "said"),
-    [
-        (None, FailedError, "cannot read .*No such file"),  # it may come later
-        (b"no PEM", InputError, "no PEM certificate"),
-    ],
-    ids=["missing", "something else"],
-)
-def test_an_invalid_certificate_is_refused_in_one_line(
-    tmp_path: Path, content: bytes | None, error: type[Exception], said: str
-) -> None:
-    path = with_certificate(tmp_path)
-    if content is not None:
-        (tmp_path / "certificate.pem").write_bytes(content)
-    with pytest.raises(error, match=rf"^publish\.certificate_file: .*{said}") as caught:
-        load_config(path).read_trust()
-    assert "\n" not in str(caught.value)
-
-
-def with_certificate(folder: Path) -> Path:
-    path = configs.write(folder, configs.surface())
+def test_a_certificate_is_found_beside_the_configuration(tmp_path: Path, certificates: Certificates) -> None:
+    path = configs.write(tmp_path, configs.surface())
     assert load_config(path).read_trust() is None
     path.write_text(path.read_text().replace("[publish]", '[publish]\ncertificate_file = "certificate.pem"'))
-    return path
-
-
-def test_a_certificate_is_found_beside_the_configuration(tmp_path: Path, certificates: Certificates) -> None:
-    path = with_certificate(tmp_path)
     (tmp_path / "certificate.pem").write_text(certificates.own[0].read_text())
     trusted = load_config(path).read_trust()
     assert trusted is not None

@@ -2,17 +2,17 @@
 
 import threading
 import time
-from collections import deque
+from collections import Counter, deque
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from datetime import datetime
 from typing import Any
 
 import httpx2
 
-from line import Truth
-from plant import PlantLine
+from line import Line, Truth
 
-ASK_S, STALE_MS = 0.1, 500.0
+STALE_MS = 500.0
 SETTLED_S = 0.2
 """A contact counts if the load was the same for this long before its sample."""
 ANSWERED_S = 0.5
@@ -28,23 +28,30 @@ class Watched:
     """What asking for one surface showed."""
 
     asked: int = 0
+    problems: Counter[str] = field(default_factory=Counter)
+    """By type, without what all have in common."""
     gaps_s: dict[str, float] = field(default_factory=dict)
     """Longest time between two contacts, by what was disturbed at the end of it."""
     compared: int = 0
     outside: int = 0
+    """The truth outside of the stated interval."""
+    unexplained: int = 0
+    """Answers that neither rest nor one contact explains the sample, though it does."""
     mistakes: list[dict[str, Any]] = field(default_factory=list)
-    """Contacts where nothing touched, or the other way round, with the times from and to a change of load."""
+    """Contacts where nothing touched, or the other way round."""
     too_old: list[dict[str, Any]] = field(default_factory=list)
-    """Contacts beyond their limit when they were asked for."""
+    """Contacts beyond their limit when they were asked for: there must be none."""
 
 
-def watch(line: PlantLine, name: str, stop: threading.Event, seen: Watched) -> None:
+def watch(
+    line: Line, name: str, stop: threading.Event, seen: Watched, ask_s: float, disturbed: Callable[[], str] = str
+) -> None:
     """Ask for one surface until told to stop."""
     truth = Truth(line.truth(name))
     answered_s = time.monotonic()
     waiting: deque[tuple[float, str, dict[str, Any]]] = deque()
     with httpx2.Client(base_url=line.url, trust_env=False, timeout=1.0) as client:
-        while not stop.wait(ASK_S):
+        while not stop.wait(ask_s):
             seen.asked += 1
             asked_unix_s = time.time()
             truth.read()
@@ -53,17 +60,19 @@ def watch(line: PlantLine, name: str, stop: threading.Event, seen: Watched) -> N
             try:
                 response = client.get(f"/contact?surface={name}")
             except httpx2.TransportError:
+                seen.problems["no answer"] += 1
                 continue
             if not response.is_success:
+                seen.problems[response.text.partition("urn:beamtouch:problem:")[2].partition('"')[0]] += 1
                 continue
             now_s, contact = time.monotonic(), response.json()
             gap_s, answered_s = now_s - answered_s, now_s
-            seen.gaps_s[line.disturbed] = max(seen.gaps_s.get(line.disturbed, 0.0), gap_s)
+            seen.gaps_s[disturbed()] = max(seen.gaps_s.get(disturbed(), 0.0), gap_s)
             # A replica that was frozen must not give an old sample for a new one. Daemon and rigs have this clock.
             true_age_s = asked_unix_s - datetime.fromisoformat(contact["sampled_at"]).timestamp()
             if contact["age_ms"] > STALE_MS or true_age_s > STALE_MS / 1e3 + HIDDEN_S:
-                seen.too_old.append({**contact, "true_age_s": true_age_s, "disturbed": line.disturbed})
-            waiting.append((now_s, line.disturbed, contact))
+                seen.too_old.append({**contact, "true_age_s": true_age_s, "disturbed": disturbed()})
+            waiting.append((now_s, disturbed(), contact))
     truth.close()
 
 
@@ -74,7 +83,9 @@ def _compare(disturbed: str, contact: dict[str, Any], truth: Truth, seen: Watche
     if load is None or not truth.steady(moment, SETTLED_S) or not truth.steady(moment + ANSWERED_S, ANSWERED_S):
         return
     seen.compared += 1
-    if (load[0] is not None) != (contact["state"] == "contact"):
+    if contact["state"] == "unexplained":
+        seen.unexplained += 1
+    elif (load[0] is not None) != (contact["state"] == "contact"):
         seen.mistakes.append({**contact, "truth_mm": load[0], "truth_n": load[1], "disturbed": disturbed})
     elif load[0] is not None:
         seen.outside += not contact["position_low_mm"] <= load[0] <= contact["position_high_mm"]

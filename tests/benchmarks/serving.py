@@ -1,0 +1,48 @@
+"""The service as a process of its own, and programs that ask it or send to it, for benchmarks."""
+
+import json
+import subprocess
+import sys
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from processes import processor_s
+
+TOKEN = "a-token-of-this-benchmark"  # noqa: S105
+HERE = Path(__file__).parent
+
+
+@contextmanager
+def server(*command: str | Path) -> Iterator[tuple[int, int]]:
+    """Run a server in Python for a block; gives its process id and its port."""
+    process = subprocess.Popen([sys.executable, *map(str, command)], stdout=subprocess.PIPE, text=True)
+    try:
+        assert process.stdout is not None
+        yield process.pid, int(process.stdout.readline().rpartition(":")[2])
+    finally:
+        process.terminate()
+        process.wait(timeout=30)
+
+
+@contextmanager
+def service(folder: Path, sections: str) -> Iterator[tuple[int, int]]:
+    """Run a service with these sections of a configuration for a block; gives its process id and its port."""
+    (folder / "token").write_text(TOKEN)
+    (folder / "service.toml").write_text(f'[server]\nport = 0\nwrite_token_file = "token"\n{sections}')
+    with server("-m", "beamtouch_service.cli", "run", "--config", folder / "service.toml") as running:
+        yield running
+
+
+def surfaces(names: Iterable[str]) -> str:
+    """Return the sections of surfaces with the model of the scene `bench`, which is beside the configuration."""
+    return "".join(f'[surfaces.{name}]\nmodel = "bench.onnx"\n' for name in names)
+
+
+def loaded(pid: int, script: str, *arguments: object) -> tuple[dict[str, Any], float]:
+    """Run a script of this folder that loads a server; return what it prints, and the server's processor time [s]."""
+    begin_s = processor_s(pid)
+    words = [sys.executable, str(HERE / script), *map(str, arguments)]
+    found: dict[str, Any] = json.loads(subprocess.check_output(words, text=True))
+    return found, processor_s(pid) - begin_s
