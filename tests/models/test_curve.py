@@ -15,7 +15,7 @@ def test_no_place_of_a_contact_explains_deflections_better_than_the_best(name: s
     scene, _ = load_scene(SCENES / f"{name}.toml")
     beam = influence_of(scene)
     sensor_mm = np.array([0.12, 0.26, 0.36, 0.7, 0.87]) * scene.beam.length_mm
-    places_mm = np.linspace(*beam.load_mm[[0, -1]], 301)
+    places_mm = np.linspace(beam.load_mm[0], beam.load_mm[-1], 301)
     influence = beam.at(sensor_mm, places_mm)
     rng = np.random.default_rng(4)
     contacts = influence[rng.integers(0, len(places_mm), 20)]
