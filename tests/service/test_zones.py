@@ -258,6 +258,17 @@ def test_with_another_sender_a_contact_enters_anew() -> None:
     assert touch.entries == ["2.0", "1.0"]
 
 
+def test_while_two_daemons_send_a_contact_is_in_no_zone() -> None:
+    bench, answers = Bench(zoned()), []
+    for number in range(1, 11):
+        bench.now_s += STEP_US / 1e6
+        for boot_id in ("daemon-one", "daemon-two"):
+            bench.send(row(150), sequence=number, boot_id=boot_id)
+        answers.append((bench.contact()["notes"], zones_of(bench)["gate"]))
+    assert answers[0] == ([], "inside")
+    assert answers[-1] == (["senders"], None)
+
+
 @pytest.mark.parametrize("shared", [False, True])
 def test_events_say_which_zones_and_for_how_long(tmp_path: Path, *, shared: bool) -> None:
     """Also if another service takes over in the middle of the dwell."""
