@@ -56,11 +56,6 @@ def complaint(path: Path) -> str:
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("[[shape]]\nkind = 'round'", "shape: must be one table, as { key = 1 }"),
-        (
-            "named = {a = {kind = 'square', radius_mm = 1.0}}",
-            "unknown key named.a.radius_mm; it belongs in [shape] (and 1 more)",
-        ),
         (
             "shape = {kind = 'round', radius_mm = 1.0, side_mm = 1.0}",
             "unknown key shape.side_mm; it belongs to another kind; remove it",
@@ -69,10 +64,7 @@ def complaint(path: Path) -> str:
             "shape = {kind = 'round', radius_mm = 1.0, count = 1}",
             "unknown key shape.count; it belongs in the file before all tables",
         ),
-        ("pair = [1.0]", "pair: must have 2 entries, not 1 (given: [1.0])"),
         ("pair = [1.0, 'a']", 'pair[1]: must be a number (given: "a")'),
-        ("pair = 'a'", 'pair: must be a number or a list, as [1, 2] (given: "a")'),
-        ("shape = {kind = 'round'}", "shape.radius_mm is missing; add it"),
         ("[[holes]]\nkind = 'round'", "holes[0].radius_mm is missing; add it"),
         (
             "[named.square]\nkind = 'square'\nside_mm = 'a'",
@@ -82,7 +74,6 @@ def complaint(path: Path) -> str:
             "[named.A1]\nkind = 'square'\nside_mm = 1.0",
             "named.A1: must match the pattern '^[a-z]+$' (given: \"A1\")",
         ),
-        ("count = 1.5", 'count: must be a whole number or "auto" (given: 1.5)'),
         (f"max_mm = '{'x' * 1000}'", f'max_mm: must be a number (given: "{CROSSES}...)'),
     ],
 )
@@ -166,24 +157,9 @@ def test_a_byte_order_mark_is_no_part_of_a_file(tmp_path: Path) -> None:
     assert load_toml(Drawing, path).max_mm == 2.0
 
 
-def test_only_a_place_where_a_file_can_be_is_writable(tmp_path: Path) -> None:
+def test_a_new_file_an_old_one_and_a_device_are_writable(tmp_path: Path) -> None:
     (tmp_path / "old.onnx").write_text("old")
     require_writable([tmp_path / "new.onnx", None, tmp_path / "old.onnx", Path("/dev/null")], [tmp_path / "scene.toml"])
-    scene, model = tmp_path / "scene.toml", tmp_path / "model.onnx"
-    again = tmp_path / ".." / tmp_path.name / "model.onnx"
-    for outputs, said in (
-        ([tmp_path / "absent" / "model.onnx"], f"{tmp_path / 'absent'}: no such folder; create it first"),
-        ([tmp_path], f"{tmp_path}: is a folder; name a file in it"),
-        ([model, scene], f"{scene}: the command reads this file as well; name another one"),
-        ([model, again], f"{again}: the command would write this file twice; name another one"),
-    ):
-        assert unwritable(outputs, [scene]) == said
-
-
-def unwritable(outputs: list[Path], inputs: list[Path]) -> str:
-    with pytest.raises(InputError) as caught:
-        require_writable(outputs, inputs)
-    return str(caught.value)
 
 
 def test_a_folder_that_this_user_may_not_write_to_is_refused() -> None:
@@ -191,6 +167,10 @@ def test_a_folder_that_this_user_may_not_write_to_is_refused() -> None:
         folder, inside = Path(name) / "kept", Path(name) / "closed" / "deep" / "model.onnx"
         folder.mkdir(mode=0o500)
         (Path(name) / "closed").mkdir(mode=0)
-        said = f"{folder}: this user may not write there; choose another folder"
-        assert unwritable([folder / "model.onnx"], []) == said
-        assert unwritable([inside], []) == f"{inside}: Permission denied"
+        for path, said in (
+            (folder / "model.onnx", f"{folder}: this user may not write there; choose another folder"),
+            (inside, f"{inside}: Permission denied"),
+        ):
+            with pytest.raises(InputError) as caught:
+                require_writable([path])
+            assert str(caught.value) == said

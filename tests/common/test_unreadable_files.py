@@ -1,4 +1,4 @@
-"""Files that a configuration includes or names and that cannot be read: one line that names the file.
+"""Files that a configuration includes or names and that cannot be read: one line that names the file and the reason.
 
 One that may come later ends the program with 1, as the service manager starts it again; any other one ends it with 2.
 """
@@ -28,72 +28,44 @@ def no_text(path: Path) -> None:
 
 
 DAEMON = configs.PUBLISH + configs.surface()
-INCLUDING = f'include = ["*.named"]\n{DAEMON}'
-NAMING = {
-    "token_file": DAEMON.replace("beamtouch.token", "one.named"),
-    "certificate_file": DAEMON.replace("[publish]", '[publish]\ncertificate_file = "one.named"'),
+COMES_LATER = {
+    "daemon publish.token_file": DAEMON.replace("beamtouch.token", "one.named"),
+    "daemon publish.certificate_file": DAEMON.replace("[publish]", '[publish]\ncertificate_file = "one.named"'),
+    "service server.write_token_file": '[server]\nwrite_token_file = "one.named"\n',
+    "service server.read_token_file": '[server]\nread_token_file = "one.named"\n',
+    "service server.certificate_file": '[server]\ncertificate_file = "one.named"\nkey_file = "one.named"\n',
+    "service mqtt.password_file": '[mqtt]\nhost = "b"\nusername = "u"\npassword_file = "one.named"\n',
+    "service opcua.password_file": '[opcua]\nusername = "u"\npassword_file = "one.named"\n',
+    "service opcua.certificate_file": '[opcua]\ncertificate_file = "one.named"\nkey_file = "one.named"\n',
 }
-"""Configurations of the daemon."""
-SERVING = {
-    "write_token_file": '[server]\nwrite_token_file = "one.named"\n',
-    "read_token_file": '[server]\nread_token_file = "one.named"\n',
-    "certificate_file": '[server]\ncertificate_file = "one.named"\nkey_file = "one.named"\n',
-    "mqtt.password_file": '[mqtt]\nhost = "b"\nusername = "u"\npassword_file = "one.named"\n',
-    "opcua.password_file": '[opcua]\nusername = "u"\npassword_file = "one.named"\n',
-    "opcua.certificate_file": '[opcua]\ncertificate_file = "one.named"\nkey_file = "one.named"\n',
+IS_THERE = {
+    "daemon include": f'include = ["*.named"]\n{DAEMON}',  # no pattern matches a folder
+    "service mqtt.ca_file": '[mqtt]\nhost = "b"\ntls = true\nca_file = "one.named"\n',
 }
-"""Configurations of the service. It also runs without its model files."""
-SERVE: tuple[object, ...] = ("run", "--port", 0, "--config")
-CA_FILE = '[mqtt]\nhost = "b"\ntls = true\nca_file = "one.named"\n'
+"""Configurations by program and key. Models have tests of their own: a service also runs without them."""
+REASONS: dict[Callable[[Path], None], str] = {
+    folder: "Is a directory",
+    dangling_link: "No such file or directory",
+    no_text: "",
+}
 
 
-@pytest.mark.parametrize(("make", "code"), [(folder, 1), (dangling_link, 1), (no_text, 2)])
-@pytest.mark.parametrize(
-    ("main", "words", "text"),
-    [
-        *(pytest.param(daemon_cli.main, ("run",), text, id=f"daemon {key}") for key, text in NAMING.items()),
-        *(pytest.param(service_cli.main, SERVE, text, id=f"service {key}") for key, text in SERVING.items()),
-    ],
-)
-def test_a_named_file_that_cannot_be_read_is_one_line(
-    main: Callable[[list[str]], int],
-    words: tuple[object, ...],
-    text: str,
-    make: Callable[[Path], None],
-    code: int,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
+@pytest.mark.parametrize("make", REASONS)
+@pytest.mark.parametrize("key", [*COMES_LATER, *IS_THERE])
+def test_a_file_that_cannot_be_read_is_one_line_with_its_reason(
+    key: str, make: Callable[[Path], None], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "beamtouch.token").write_text(TOKEN)
-    (tmp_path / "config.toml").write_text(text)
+    (tmp_path / "config.toml").write_text((COMES_LATER | IS_THERE)[key])
     make(tmp_path / "one.named")
-    done = command_of(main, capsys)(*words, tmp_path / "config.toml")
+    if key.startswith("daemon"):
+        done = command_of(daemon_cli.main, capsys)("run", tmp_path / "config.toml")
+    else:
+        done = command_of(service_cli.main, capsys)("run", "--port", 0, "--config", tmp_path / "config.toml")
+    code = 1 if key in COMES_LATER and make is not no_text else 2
     assert (done.returncode, done.stdout, done.stderr.count("\n")) == (code, "", 1), done.stderr
-    assert str(tmp_path / "one.named") in done.stderr
-
-
-@pytest.mark.parametrize(
-    ("main", "words", "text", "make", "said"),
-    [
-        (daemon_cli.main, ("check",), INCLUDING, folder, "config.toml: include: no file matches '*.named'"),
-        (daemon_cli.main, ("check",), INCLUDING, dangling_link, "one.named: No such file or directory"),
-        (daemon_cli.main, ("check",), INCLUDING, no_text, "one.named: not a text file in UTF-8"),
-        (service_cli.main, SERVE, CA_FILE, folder, "one.named: Is a directory"),
-        (service_cli.main, SERVE, CA_FILE, dangling_link, "one.named: No such file or directory"),
-        (service_cli.main, SERVE, CA_FILE, no_text, "one.named: not PEM"),
-    ],
-)
-def test_an_included_file_that_cannot_be_read_and_certificates_of_mqtt_are_wrong_input(
-    main: Callable[[list[str]], int],
-    words: tuple[object, ...],
-    text: str,
-    make: Callable[[Path], None],
-    said: str,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    (tmp_path / "config.toml").write_text(text)
-    make(tmp_path / "one.named")
-    done = command_of(main, capsys)(*words, tmp_path / "config.toml")
-    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1), done.stderr
-    assert done.stderr.partition(": ")[2].startswith(f"{tmp_path}/{said}")
+    is_unmatched = (key, make) == ("daemon include", folder)
+    for words in (
+        ("include: no file matches '*.named'",) if is_unmatched else (str(tmp_path / "one.named"), REASONS[make])
+    ):
+        assert words in done.stderr

@@ -53,12 +53,3 @@ def terminal() -> Iterator[Terminal]:
         yield one
     finally:
         one.unplug()
-
-
-@contextmanager
-def joined_terminals() -> Iterator[tuple[str, str]]:
-    """Paths of two pseudo-terminals of which each receives what the other sends, like two ports and a cable."""
-    with terminal() as left, terminal() as right:
-        left.on_data(right.write)
-        right.on_data(left.write)
-        yield left.path, right.path

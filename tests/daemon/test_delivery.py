@@ -239,7 +239,7 @@ async def test_what_is_refused_for_now_waits(tmp_path: Path, status: int, kind: 
         bench.count(1)
         await until(lambda: service.attempts >= 3)
         await store.write(None)
-        assert (bench.logs.on_disk, bench.logs.in_memory) == (1, 0)
+        assert (bench.logs.on_disk, bench.logs.in_memory, bench.logs.refused) == (1, 0, 1)
         service.problem_of = lambda *_: None
         await until(lambda: bench.log.is_empty)
     assert service.record.numbers() == {"boot-0001": [1]}

@@ -1,11 +1,18 @@
-"""Configurations written for real modules read the rig, as long as the rig plays their registers."""
+"""Configurations written for real modules read the rig, as long as it plays their registers; so does mbpoll.
 
+mbpoll is a client on libmodbus, which shares no code with daemon and rig.
+"""
+
+import json
+import re
 from pathlib import Path
 
 import pytest
 
 from example_scenes import SCENES
-from forked_line import rig
+from forked_line import Rig, rig
+from parts import require
+from toolchain import run
 
 from .configs import write
 from .process import command
@@ -13,6 +20,7 @@ from .process import command
 pytestmark = pytest.mark.anyio
 
 SCENE = SCENES / "bench.toml"
+LINE = ("-b", "115200", "-P", "none")
 FLOATS = ("--unit", "5", "--function", "3", "--register", "100", "--type", "f32", "--byte-order", "CDAB")
 
 
@@ -31,6 +39,16 @@ range_mm = [1.0, 4.0]
     return write(folder, f"[surfaces.bench]\nrate_hz = 10.0\n[surfaces.bench.source]\n{source}\n{channels}")
 
 
+def source_of(kind: str, beam: Rig) -> str:
+    """Return the table of the line of a rig."""
+    place = f'host = "127.0.0.1"\nport = {beam.place}' if kind == "modbus-tcp" else f'port = "{beam.place}"'
+    return f'kind = "{kind}"\n{place}\ntimeout_ms = 30000\n'
+
+
+def where(kind: str, folder: Path) -> str | Path:
+    return "127.0.0.1:0" if kind == "modbus-tcp" else folder / "line"
+
+
 @pytest.mark.parametrize(
     ("kind", "played", "source", "channel"),
     [
@@ -42,10 +60,8 @@ range_mm = [1.0, 4.0]
 async def test_a_configuration_for_a_module_reads_the_rig_and_another_unit_is_silent(
     bench_model: Path, tmp_path: Path, kind: str, played: tuple[str, ...], source: str, channel: str
 ) -> None:
-    where = "127.0.0.1:0" if kind == "modbus-tcp" else tmp_path / "line"
-    with rig(SCENE, bench_model, f"--{kind}", where, "--by-hand", *played) as beam:
-        place = f'host = "127.0.0.1"\nport = {beam.place}' if kind == "modbus-tcp" else f'port = "{beam.place}"'
-        text = f'kind = "{kind}"\n{place}\ntimeout_ms = 30000\n{source}'
+    with rig(SCENE, bench_model, f"--{kind}", where(kind, tmp_path), "--by-hand", *played) as beam:
+        text = source_of(kind, beam) + source
         done = await command("check", configuration(tmp_path, text, channel))
         other = text.replace("30000", "100").replace(f"unit = {played[1]}", "unit = 18")
         silent = await command("check", configuration(tmp_path, other, channel))
@@ -54,3 +70,18 @@ async def test_a_configuration_for_a_module_reads_the_rig_and_another_unit_is_si
     assert silent.code == 1
     assert "unit 18" in silent.err
     assert "does not answer" in silent.err
+
+
+@pytest.mark.parametrize("kind", ["modbus-tcp", "modbus-rtu"])
+async def test_mbpoll_and_the_daemon_read_the_same_of_the_rig(bench_model: Path, tmp_path: Path, kind: str) -> None:
+    mbpoll = require("mbpoll", "mbpoll")
+    with rig(SCENE, bench_model, f"--{kind}", where(kind, tmp_path), "--by-hand", "--no-ringing") as beam:
+        beam.put("200 20")
+        target = ["tcp", "-p", beam.place, "127.0.0.1"] if kind == "modbus-tcp" else ["rtu", *LINE, beam.place]
+        said = run(mbpoll, "-a", "1", "-t", "3", "-r", "1", "-c", "4", "-1", "-o", "5", "-m", *target)
+        done = await command("check", configuration(tmp_path, source_of(kind, beam), "register = {index}"), "--json")
+    foreign = [int(count) for count in re.findall(r"^\[\d\]:\s+(\d+)", said, re.MULTILINE)]
+    ours = [channel["counts"] for channel in json.loads(done.out)["surfaces"]["bench"]["channels"]]
+    spread = max(ours) - min(ours)
+    assert spread > 1000
+    assert foreign == pytest.approx(ours, abs=0.1 * spread)  # a tenth of it is ten deviations of the noise
