@@ -1,6 +1,5 @@
 """The growing mean: all readings since the load last changed, and never those before."""
 
-
 import numpy as np
 import pytest
 from scipy.stats import chi2

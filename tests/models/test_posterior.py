@@ -161,7 +161,7 @@ def test_the_error_is_at_the_limit_and_intervals_hold_the_truth(
     best = np.abs(limit.posterior_median_mm(prior, drawn.deflection_mm) - drawn.position_mm)
     ratio = error.mean() / best.mean()
     spread = (error - ratio * best).std() / best.mean() / len(error) ** 0.5
-    assert ratio < (1.2 if noise_percent == FINEST else 1.05) + 3 * spread
+    assert ratio < 1.05 + 3 * spread
     assert ratio > 0.999 - 3 * spread  # nothing is better than the limit, which is itself computed on a grid
     pairs = [("position_low_mm", "position_high_mm", drawn.position_mm)]
     if not known:
