@@ -32,10 +32,10 @@ class Drawn:
         self.zero_mm = self.random.normal(size=channels) * said.floor.zero_mm
         self.noise_mm = said.noise.reading_mm / readings**0.5 if readings else said.noise.sample_mm
 
-    def contacts(self, count: int, loads: int = 1, at_mm: Sequence[float] = ()) -> list[BestSample]:
-        """Return the next contacts: of several loads at once if asked for, or of equal loads at these positions."""
+    def contacts(self, count: int, at_mm: Sequence[float] = ()) -> list[BestSample]:
+        """Return the next contacts: of one load anywhere, or of equal loads at these positions."""
         said, channels = self.metadata, len(self.metadata.layout)
-        shape = count, len(at_mm) or loads
+        shape = count, len(at_mm) or 1
         position, force = (self.random.uniform(*ends, shape) for ends in (said.ranges.position_mm, said.ranges.force_n))
         if at_mm:
             position, force = np.broadcast_to(at_mm, shape), np.broadcast_to(force[:, :1], shape)

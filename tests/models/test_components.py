@@ -59,14 +59,6 @@ def test_eigenvalues_and_the_log_of_their_product_are_accurate(name: str) -> Non
     assert log_error < 1e-10
 
 
-@pytest.mark.parametrize("leading", [1, 8])
-def test_the_product_of_the_leading_eigenvalues_is_accurate(leading: int) -> None:
-    name = "32 at equal pitch"
-    with mpmath.workdps(60):
-        expected = float(mpmath.fsum(mpmath.log(value) for value in exact_eigenvalues(name)[:leading]))
-    assert log_eigenvalue_product(matrix_in(name), leading) == pytest.approx(expected, rel=1e-13)
-
-
 @settings(max_examples=30)
 @given(st.integers(-300, 300), st.integers(2, 6))
 def test_any_scale_gives_the_same_digits(exponent: int, sensors: int) -> None:

@@ -37,16 +37,6 @@ def test_the_graph_sees_the_smallest_force_as_stated(bench: ModelFile, share: fl
         assert 0.5 * erfc((margin + 0.5) / 2**0.5) - 0.02 < missed < 0.5 * erfc(margin / 2**0.5) + 0.02
 
 
-@pytest.mark.usefixtures("short_work")
-def test_build_and_evaluate_state_the_same(bench: ModelFile, bench_model: Path, design_sensors_here: Command) -> None:
-    described = json.loads(design_sensors_here("inspect", bench_model, "--json").stdout)["smallest_force"]
-    (evaluated,) = json.loads(design_sensors_here("evaluate", bench_model, "--draws", 200, "--json").stdout)[
-        "evaluations"
-    ]
-    assert described["force_n"] == bench.metadata.smallest_force.force_n
-    assert evaluated["smallest_force_n"] == pytest.approx([min(described["force_n"]), max(described["force_n"])])
-
-
 ROLLER = """
 [beam]
 length_mm = 800

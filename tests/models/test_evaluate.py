@@ -56,11 +56,14 @@ def test_a_model_answers_to_the_noise_that_a_sample_states(bench: ModelFile) -> 
 
 @pytest.mark.usefixtures("short_work")
 def test_one_json_object_and_a_table(design_sensors_here: Command, bench_model: Path, bench: ModelFile) -> None:
-    done = design_sensors_here("evaluate", bench_model, "--draws", 400, "--noise", 0.01, "--noise", 0, "--json")
+    noises = [option for noise in (0.01, 0, bench.metadata.noise.sample_mm) for option in ("--noise", noise)]
+    done = design_sensors_here("evaluate", bench_model, "--draws", 400, *noises, "--json")
     assert (done.returncode, done.stderr) == (0, "")
     found = json.loads(done.stdout)
     assert found["model"] == bench.identity
-    noisy, silent = found["evaluations"]
+    noisy, silent, usual = found["evaluations"]
+    forces = [force for force in bench.metadata.smallest_force.force_n if force is not None]
+    assert usual["smallest_force_n"] == pytest.approx([min(forces), max(forces)])
     assert noisy["noise_mm"] == 0.01
     assert noisy["span"]["ratio"]["standard_error"] > 0
     assert silent["span"]["ratio"] is silent["cramer_rao_mean_mm"] is None

@@ -1,7 +1,5 @@
 """The growing mean: all readings since the load last changed, and never those before."""
 
-import math
-
 import numpy as np
 import pytest
 from scipy.stats import chi2
@@ -53,7 +51,7 @@ def test_after_a_touch_all_readings_since_it_count_and_the_error_is_that_of_thei
     # The first reading waits for the second, as it may be a spike.
     for later in (1, 2, 5, 20, 100, 199):
         assert np.median(readings[:, 200 + later]) == later + 1
-        assert np.quantile(readings[:, 200 + later], 0.9) <= later + 1
+        assert (readings[:, 200 + later] <= later + 1).all()
     errors = np.array([((one.mean_mm - truth) ** 2).sum(axis=1) * one.readings for one in filtered])
     share = np.mean(errors < chi2.ppf(0.95, CHANNELS), axis=0)
     assert share[:200].mean() > 0.93
@@ -126,19 +124,6 @@ def test_turning_points_of_a_swing_of_few_readings_are_no_touch(period: float, d
         assert (found.readings[50:] >= 5).all()
 
 
-def test_the_first_swings_of_a_beam_are_no_touch_of_a_beam_that_lies_still() -> None:
-    since = np.clip(np.arange(320) - 200 + 0.4, 0, None)
-    swing = 1 - np.cos(2 * math.pi * since / PERIOD) * np.exp(-0.02 * since)
-    truth = 100 * swing[:, np.newaxis] * ALONG
-    for one in noise(320, 12, 20):
-        filtered = grown(truth + one, period=PERIOD)
-        error = filtered.mean_mm - truth[-1]
-        stated = np.einsum("ni,nij,nj->n", error, np.linalg.inv(filtered.covariance_mm2), error)
-        assert filtered.moves[202:240].all()
-        # From the third reading on; the very first ones do not show the load yet.
-        assert (stated[203:240] < chi2.ppf(0.999, CHANNELS)).mean() > 0.8
-
-
 def test_a_doubtful_reading_after_a_touch_leaves_it_open_whether_the_beam_rings() -> None:
     values = stepped(100, 203, 200) + noise(203, 25)
     values[202] -= values[201] / 2
@@ -191,21 +176,6 @@ def test_a_mean_of_readings_at_rest_is_the_last_of_all_and_a_touch_after_them_is
 @pytest.mark.parametrize("longest", [1, 4, 40])
 def test_a_mean_that_is_shorter_than_what_proves_rest_comes_to_rest(longest: int) -> None:
     assert grown(noise(2000, 26), longest, period=200.0).moves[500:].mean() < 0.01
-
-
-@pytest.mark.parametrize(("speed", "readings", "least"), [(0.02, 60, 0.93), (0.05, 30, 0.75)])
-def test_a_load_that_begins_to_move_is_within_the_covariance_before_any_test_finds_it(
-    speed: float, readings: int, least: float
-) -> None:
-    way = np.clip(np.arange(220 + readings) - 219, 0, None)[:, np.newaxis] * speed * ACROSS / np.linalg.norm(ACROSS)
-    floor = 0.3**2 * np.eye(CHANNELS)
-    held = []
-    for one in noise(220 + readings, 21, 60):
-        filtered = grown(way + one, period=PERIOD)
-        error = (filtered.mean_mm - way)[-readings // 3 :]
-        stated = filtered.covariance_mm2[-readings // 3 :] + floor
-        held.append(np.einsum("ni,nij,nj->n", error, np.linalg.inv(stated), error) < chi2.ppf(0.95, CHANNELS))
-    assert np.mean(held) > least
 
 
 @pytest.mark.parametrize("fewest", [4, 20])

@@ -84,12 +84,6 @@ def test_a_common_change_is_force_and_is_not_claimed_to_be_seen(drawn: Drawn) ->
     assert changed(health) == []
 
 
-def test_outer_channels_have_wider_intervals(drawn: Drawn) -> None:
-    drawn.begin(3)
-    width = [one.gain.high - one.gain.low for one in after(drawn, BASELINE).channels()]
-    assert min(width[0], width[3]) > 1.3 * max(width[1], width[2])
-
-
 def test_a_zero_that_creeps_is_no_gain(drawn: Drawn) -> None:
     drawn.begin(4)
     health = after(drawn, BASELINE)
@@ -124,15 +118,6 @@ def test_two_channels_that_change_one_after_the_other_are_both_named(drawn: Draw
     drawn.gain[1] /= 0.95
     health.add(drawn.contacts(60))
     assert changed(health) == [(3, "gain")]
-
-
-def test_a_few_contacts_of_two_loads_name_no_channel(drawn: Drawn) -> None:
-    drawn.begin(6)
-    health = after(drawn, BASELINE)
-    for _ in range(10):
-        health.add(drawn.contacts(1, loads=2))
-        health.add(drawn.contacts(9))
-        assert changed(health) == []
 
 
 def test_a_workpiece_on_two_feet_leaves_the_intervals_of_the_gains_true(drawn: Drawn) -> None:

@@ -30,25 +30,16 @@ def test_a_scene_of_any_ends_can_be_built(left: End, right: End, size_mm: tuple[
     assert (len(holding_mm(scene.beam)) > 1) == ({left, right} <= {"clamped", "pinned"})
 
 
-def test_a_roller_between_the_ends_carries_the_beam(
-    design_sensors_here: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_rollers_places_of_contacts_and_housings_are_those_of_the_command(
+    design_sensors_here: Command, tmp_path: Path
 ) -> None:
-    monkeypatch.chdir(tmp_path)
-    done = design_sensors_here("new", "strip.toml", *STRIP, "--roller-mm", 400, "--roller-mm", 200)
+    options = ("--roller-mm", 400, "--roller-mm", 200, "--position-mm", 60, 400, "--size-mm", 18, "--noise-mm", 0.003)
+    done = design_sensors_here("new", tmp_path / "strip.toml", *STRIP, *options)
     assert done.returncode == 0, done.stderr
-    scene, text = load_scene(Path("strip.toml"))
-    assert [support.at_mm for support in scene.beam.support_list] == [0, 200, 400, 650]
+    scene, text = load_scene(tmp_path / "strip.toml")
     Surface.of(scene).check()
+    assert [support.at_mm for support in scene.beam.support_list] == [0, 200, 400, 650]
     assert text.count("on a roller") == 3
-
-
-def test_places_of_contacts_and_housings_are_those_of_the_command(
-    design_sensors_here: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    done = design_sensors_here("new", "a.toml", *STRIP, "--position-mm", 60, 400, "--size-mm", 18, "--noise-mm", 0.003)
-    assert done.returncode == 0, done.stderr
-    scene, text = load_scene(Path("a.toml"))
     assert (scene.contact.position_mm, scene.sensors.size_mm) == ((60, 400), 18)
     assert "# zero_drift_mm = 0.0006 " in text
 

@@ -59,13 +59,10 @@ def test_training_reaches_the_composite_error_and_the_answers_are_as_accurate() 
     assert np.abs(answer - loads).mean() < 0.03 * 400
 
 
-def test_a_network_depends_on_the_seed_and_not_on_its_neighbours() -> None:
-    alone, again = (train([ONE_SENSOR], LOADS, 400.0, seed=4, max_epochs=30)[0] for _ in range(2))
-    beside = train([ONE_SENSOR, TWO_SENSORS], LOADS, 400.0, seed=4, max_epochs=30)[0]
-    other = train([ONE_SENSOR], LOADS, 400.0, seed=5, max_epochs=30)[0]
-    assert alone.hidden.tobytes() == again.hidden.tobytes()
+def test_a_network_does_not_depend_on_its_neighbours() -> None:
+    (alone,) = train([ONE_SENSOR], LOADS, 400.0, seed=4, max_epochs=30)
+    beside, _ = train([ONE_SENSOR, TWO_SENSORS], LOADS, 400.0, seed=4, max_epochs=30)
     assert beside.hidden == pytest.approx(alone.hidden, rel=1e-9)
-    assert not np.allclose(alone.hidden, other.hidden)
 
 
 def test_the_papers_network_as_a_graph(monkeypatch: pytest.MonkeyPatch) -> None:

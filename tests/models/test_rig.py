@@ -1,6 +1,5 @@
 """`beamtouch-rig`: scripts, loads and faults by hand, its devices, what it refuses, and how it ends."""
 
-import asyncio
 import contextlib
 import os
 import re
@@ -12,16 +11,12 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from beamtouch_models.errors import SceneError
-from beamtouch_models.rig.devices import MAX_RATE_HZ, SerialDevice
 from beamtouch_models.rig.faults import Faults
-from beamtouch_models.rig.lines import Relay, named_line
 from beamtouch_models.rig.loads import Load, default_script, load_script
 from beamtouch_models.scene import load_scene
 from beamtouch_protocol.framing import Decoder, encode
@@ -29,12 +24,12 @@ from beamtouch_protocol.messages import Hello, HelloRequest, Message, Ping, Pong
 from example_scenes import SCENES
 from in_process import Command
 from simulated_board import Board
+from waiting import wait_until
 
 SCENE = SCENES / "bench.toml"
 RIG = str(Path(sys.executable).parent / "beamtouch-rig")
 SIGMA_COUNTS = 79
 """Noise of a reading of the bench, in counts."""
-UNTROUBLED = Relay(Faults([]), time.monotonic)
 
 TOUCH_MOVE_LIFT = """
 [[step]]
@@ -96,6 +91,7 @@ NAMED = ("--serial", "line")
         ((*NAMED, "--firmware", "b", "e"), "the firmware's ADC has 10 bits; set sensors.adc_bits = 10 in the scene"),
         ((*TCP, "--firmware", "b", "e"), "--firmware needs --serial"),
         (("--serial", "absent/line"), "absent/line: No such file or directory"),
+        (("--serial", "taken"), "taken: exists already; choose another path or remove the file"),
         ((*NAMED, "--fault", "foo"), "fault foo: no such fault; give unplugged:s1, stuck:s1"),
         ((*NAMED, "--fault", "unplugged:s9"), "there is no sensor s9; the sensors are s1, s2, s3, s4"),
         ((*NAMED, "--fault", "unplugged"), "give one sensor, as in unplugged:s1"),
@@ -115,10 +111,12 @@ def test_wrong_arguments_are_one_line_and_exit_2(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.chdir(tmp_path)
+    Path("taken").write_text("keep me")
     done = rig_here(SCENE, "--model", bench_model, *options)
     assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
     assert done.stderr.startswith("beamtouch-rig: ")
     assert said in done.stderr
+    assert Path("taken").read_text() == "keep me"
 
 
 @pytest.mark.parametrize(
@@ -283,26 +281,134 @@ def test_a_port_that_is_taken_is_named(rig: Rig, rig_here: Command, bench_model:
     assert (done.returncode, done.stdout, done.stderr[: len(said)]) == (2, "", said)
 
 
-def test_lines_that_are_no_load_are_named_and_ctrl_c_is_130_and_removes_the_line(
-    bench_model: Path, tmp_path: Path
-) -> None:
-    line = tmp_path / "line"
-    with process_of(SCENE, "--model", bench_model, "--serial", line, "--by-hand") as process:
+class SerialRig:
+    """A rig on a serial line, by hand, and the host at the other end."""
+
+    def __init__(self, process: subprocess.Popen[str], line: Path) -> None:
         assert process.stdin is not None
         assert process.stdout is not None
-        assert process.stdout.readline() == f"listening on serial {line}\n"
-        os.write(process.stdin.fileno(), b"abc\n9999 10\n150\xa0mm 10\nstuck:s1@2..\n150 12\n")
-        assert process.stdout.readline() == "12 N at 150 mm is on\n"
+        assert process.stderr is not None
+        self._in, self._out, self._said = process.stdin, process.stdout, process.stderr
+        assert self._out.readline() == f"listening on serial {line}\n"
+        self._host, self._decoder = os.open(line, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK), Decoder()
+        (self.hello,) = self.until(bool)
+
+    def type(self, *lines: str) -> tuple[str, list[str]]:
+        """Type lines, of which the last one is right; returns what the rig says of it, and of the others."""
+        os.write(self._in.fileno(), "".join(f"{line}\n" for line in lines).encode("latin-1"))
+        return self._out.readline(), [self._said.readline() for _ in lines[1:]]
+
+    def send(self, *messages: Message) -> None:
+        """Send messages to the device, as fast as it takes them."""
+        data = b"".join(map(encode, messages))
+        while data:
+            with contextlib.suppress(BlockingIOError):
+                data = data[os.write(self._host, data) :]
+
+    def until(self, holds: Callable[[list[Message]], bool], within_s: float = 60.0) -> list[Message]:
+        """Return the messages of the device up to a condition."""
+        received: list[Message] = []
+
+        def enough() -> bool:
+            with contextlib.suppress(BlockingIOError):
+                received.extend(self._decoder.feed(os.read(self._host, 4096)))
+            return holds(received)
+
+        wait_until(enough, within_s, 0.001)
+        return received
+
+    def close(self) -> None:
+        os.close(self._host)
+
+
+@pytest.fixture(scope="module")
+def serial_rig(bench_model: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[SerialRig]:
+    """The rig of the tests of a serial line. A killed rig has left a link in its place; Ctrl-C ends it."""
+    line = tmp_path_factory.mktemp("serial") / "line"
+    line.symlink_to(line.with_name("gone"))
+    with process_of(SCENE, "--model", bench_model, "--serial", line, "--by-hand") as process:
+        one = SerialRig(process, line)
+        yield one
+        one.close()
         process.send_signal(signal.SIGINT)
         _, said = process.communicate(timeout=60)
-    assert process.returncode == 130
-    lines = said.splitlines()
+        assert (process.returncode, said) == (130, "")
+        assert not line.is_symlink()
+
+
+def test_lines_that_are_no_load_are_named(serial_rig: SerialRig) -> None:
+    told, lines = serial_rig.type("abc", "9999 10", "150\xa0mm 10", "stuck:s1@2..", "150 12")
+    assert told == "12 N at 150 mm is on\n"
     usage = r"beamtouch-rig: give a position in mm and a force in N, as in 150 10"
     for text, expected in zip(
         lines, (usage, r".* 10 N at 9999 mm is no load on a beam of 400 mm", usage, r".* leave out @"), strict=True
     ):
         assert re.match(expected, text), text
-    assert not line.is_symlink()
+
+
+def tokens(messages: list[Message]) -> list[int]:
+    return [one.token for one in messages if isinstance(one, Pong)]
+
+
+def readings_in(messages: list[Message]) -> list[Reading]:
+    return [one for one in messages if isinstance(one, Reading)]
+
+
+def test_the_serial_device_says_hello_streams_until_stopped_and_ignores_what_is_not_for_it(
+    serial_rig: SerialRig,
+) -> None:
+    # Neither a pong, nor a rate or an oversampling that it does not have, is for a device.
+    serial_rig.send(Pong(6, 0), Start(2001, 1), Start(500, 2), HelloRequest(), Ping(7), Start(500, 1))
+    received = serial_rig.until(lambda so_far: len(readings_in(so_far)) >= 50)
+    serial_rig.send(Stop(), Ping(8))
+    received += serial_rig.until(lambda so_far: 8 in tokens(so_far))
+    serial_rig.send(Ping(9))  # since the stop it has sent only answers
+    last = serial_rig.until(lambda so_far: 9 in tokens(so_far))
+    assert len(last) == 1
+    again, pong, *streamed, before_last = received
+    hello = serial_rig.hello
+    assert isinstance(hello, Hello)
+    assert again == hello
+    assert (hello.channel_count, hello.adc_bits, hello.is_compatible) == (4, 16, True)
+    assert tokens([pong, before_last]) == [7, 8]
+    readings = readings_in(streamed)
+    assert len(readings) == len(streamed)
+    numbers = [reading.sequence for reading in readings]
+    assert numbers == sorted(set(numbers))  # a scan that a busy machine skips has a number too
+    assert all(len(reading.counts) == 4 for reading in readings)
+    clocks = np.array([reading.device_us for reading in readings])
+    # A busy machine skips slots and is late for others, but never catches up.
+    assert (np.diff(clocks) > 0).all()
+    assert clocks[-1] - clocks[0] >= (len(readings) - 3) * 2000
+
+
+def test_frames_of_the_serial_protocol_are_lost_and_a_pause_stops_them(serial_rig: SerialRig) -> None:
+    serial_rig.type("lost:20")
+    serial_rig.send(Start(400, 1))
+    readings = readings_in(serial_rig.until(lambda so_far: len(readings_in(so_far)) >= 150))
+    sent = readings[-1].sequence - readings[0].sequence + 1
+    assert 1 - len(readings) / sent > 0.05  # 20 % by the fault, and more on a busy machine
+    serial_rig.type("mend")
+    serial_rig.send(Stop(), Ping(1))
+    serial_rig.until(lambda so_far: 1 in tokens(so_far))
+    serial_rig.type("pause")
+    serial_rig.send(Ping(2))
+    with pytest.raises(AssertionError, match="did not come true"):
+        serial_rig.until(bool, 0.3)
+    serial_rig.type("mend")
+    assert tokens(serial_rig.until(bool)) == [2]
+
+
+def test_frames_on_a_line_that_nobody_reads_are_lost_and_the_device_goes_on(serial_rig: SerialRig) -> None:
+    requests = 6000  # their answers are more than a pseudo-terminal holds
+    serial_rig.send(*[HelloRequest()] * requests)
+    # What was lost may have ended in the middle of a frame.
+    pings = iter(range(10, 1000))
+    received: list[Message] = []
+    while not tokens(received):
+        serial_rig.send(Ping(next(pings)))
+        received += serial_rig.until(lambda so_far: bool(tokens(so_far)) or len(so_far) > requests, 10.0)
+    assert len(received) < requests
 
 
 @pytest.mark.parametrize(
@@ -318,109 +424,6 @@ def test_a_fault_comes_and_goes_at_its_times(times: str, on: tuple[float, ...], 
     faults = Faults(["s1"], [f"pause{times}"])
     assert all(faults.pause_s(seconds) > 0 for seconds in on)
     assert not any(faults.pause_s(seconds) for seconds in off)
-
-
-@contextmanager
-def device_on(path: Path, channels: int, convert: Callable[[], list[int]], relay: Relay = UNTROUBLED) -> Iterator[int]:
-    """A serial device at work on a line; gives the host's end, which does not block."""
-    with named_line(path) as line:
-        device = asyncio.ensure_future(SerialDevice(line, convert, channels, 16, relay).serve())
-        host = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
-        try:
-            yield host
-        finally:
-            os.close(host)
-            device.cancel()
-
-
-async def read_until(host: int, received: list[Message], holds: Callable[[list[Message]], bool]) -> None:
-    """Add messages of a device until a condition holds."""
-    decoder = Decoder()
-    async with asyncio.timeout(60):
-        while not holds(received):
-            with contextlib.suppress(BlockingIOError):
-                received += decoder.feed(os.read(host, 4096))
-            await asyncio.sleep(0.001)
-
-
-@pytest.mark.anyio
-async def test_the_serial_device_says_hello_streams_until_stopped_and_ignores_what_is_not_for_it(
-    tmp_path: Path,
-) -> None:
-    received: list[Message] = []
-    with device_on(tmp_path / "line", 3, lambda: [1, 2, 65535]) as host:
-        # Neither a pong, nor a rate or an oversampling that it does not have, is for a device.
-        for message in (Pong(6, 0), Start(MAX_RATE_HZ + 1, 1), Start(500, 2), HelloRequest(), Ping(7), Start(500, 1)):
-            os.write(host, encode(message))
-        await read_until(host, received, lambda so_far: len(so_far) >= 53)
-        os.write(host, encode(Stop()) + encode(Ping(8)))
-        await read_until(host, received, lambda so_far: 8 in tokens(so_far))
-        os.write(host, encode(Ping(9)))  # since the stop it has sent only answers
-        await read_until(host, received, lambda so_far: 9 in tokens(so_far))
-    hello, again, pong, *readings, before_last, last = received
-    assert isinstance(hello, Hello)
-    assert again == hello
-    assert (hello.channel_count, hello.adc_bits, hello.is_compatible) == (3, 16, True)
-    assert tokens([pong, before_last, last]) == [7, 8, 9]
-    streamed = [one for one in readings if isinstance(one, Reading)]
-    assert len(streamed) == len(readings)
-    numbers = [reading.sequence for reading in streamed]
-    assert numbers[0] == 0
-    assert numbers == sorted(set(numbers))  # a scan that a busy machine skips has a number too
-    assert all(reading.counts == (1, 2, 65535) for reading in streamed)
-    clocks = np.array([reading.device_us for reading in streamed])
-    # A busy machine skips slots and is late for others, but never catches up.
-    assert (np.diff(clocks) > 0).all()
-    assert clocks[-1] - clocks[0] >= (len(streamed) - 3) * 2000
-
-
-@pytest.mark.anyio
-async def test_frames_of_the_serial_protocol_are_lost_and_a_pause_stops_them(tmp_path: Path) -> None:
-    relay, received = Relay(Faults([], ["lost:20", "pause@0..0.1/0.2"]), time.monotonic), list[Message]()
-    with device_on(tmp_path / "line", 4, lambda: [1] * 4, relay) as host:
-        os.write(host, encode(Start(400, 1)))
-        await read_until(host, received, lambda so_far: len(so_far) >= 150)
-    readings = [one for one in received if isinstance(one, Reading)]
-    sent = readings[-1].sequence - readings[0].sequence + 1
-    assert 1 - len(readings) / sent > 0.05  # 20 % by the fault, and more on a busy machine
-    gaps_us = [later.device_us - one.device_us for one, later in pairwise(readings)]
-    assert sum(gap > 90_000 for gap in gaps_us) >= 3
-
-
-@pytest.mark.anyio
-async def test_frames_on_a_line_that_nobody_reads_are_lost_and_the_device_goes_on(tmp_path: Path) -> None:
-    converted, received = [0], list[Message]()
-
-    def convert() -> list[int]:
-        converted[0] += 1
-        return [1] * 8
-
-    with device_on(tmp_path / "line", 8, convert) as host:
-        os.write(host, encode(Start(MAX_RATE_HZ, 1)))
-        async with asyncio.timeout(60):
-            while converted[0] < 1000:  # noqa: ASYNC110  # more than a pseudo-terminal holds
-                await asyncio.sleep(0.01)
-        await read_until(host, received, lambda so_far: newest(so_far) >= 1000)
-    assert sum(isinstance(one, Reading) for one in received) < newest(received)
-
-
-def tokens(messages: list[Message]) -> list[int]:
-    return [one.token for one in messages if isinstance(one, Pong)]
-
-
-def newest(messages: list[Message]) -> int:
-    return max((one.sequence for one in messages if isinstance(one, Reading)), default=-1)
-
-
-def test_a_line_replaces_a_link_that_a_killed_rig_left_and_never_a_file(tmp_path: Path) -> None:
-    (tmp_path / "line").symlink_to(tmp_path / "gone")
-    with named_line(tmp_path / "line"):
-        assert (tmp_path / "line").is_char_device()
-    assert not (tmp_path / "line").is_symlink()
-    (tmp_path / "file").write_text("keep me")
-    with pytest.raises(SceneError, match="exists already"), named_line(tmp_path / "file"):
-        pass
-    assert (tmp_path / "file").read_text() == "keep me"
 
 
 @pytest.mark.parametrize(
