@@ -119,6 +119,28 @@ class Watched:
         found: dict[str, Any] = self.page.evaluate(script)
         return found
 
+    def tab_through(self) -> list[str]:
+        """Return what the Tab key reaches: each control that is to be seen, in order, with a frame that shows it."""
+        name = "one.id || one.tagName + one.textContent"
+        controls: list[str] = self.page.evaluate(
+            "() => [...document.querySelectorAll('select, summary, a[href], button, input, [tabindex]')]"
+            f".filter(one => one.checkVisibility()).map(one => {name})"
+        )
+        # The body has the focus for once, so that the first Tab leads to the first control.
+        self.page.evaluate("() => { const {body} = document; body.tabIndex = -1; body.focus(); }")
+        self.page.evaluate("() => document.body.removeAttribute('tabindex')")
+        reached = []
+        for _ in controls:
+            self.page.keyboard.press("Tab")
+            where, outline = self.page.evaluate(
+                "() => { const one = document.activeElement; const style = getComputedStyle(one);"
+                f" return [{name}, style.outlineStyle + parseInt(style.outlineWidth)]; }}"
+            )
+            reached.append(where)
+            assert outline == "solid3", where
+        assert reached == controls
+        return reached
+
     def unreadable(self, least_texts: int = 6) -> list[tuple[str, float]]:
         """Every text that is to be seen whose contrast to what is behind it is below that of WCAG, level AA."""
         found: list[tuple[str, float]] = self.page.evaluate(_CONTRAST)

@@ -20,7 +20,10 @@ pytestmark = [pytest.mark.long, pytest.mark.timeout(900)]
 
 TUTORIAL = "docs/tutorial/index.md"
 GUIDES = {
-    "docs/how-to/calibrate.md": [r"gain +s1 \S+ \+- "],
+    # The gains that were put in: +3, -3, -2 and +2 %.
+    "docs/how-to/calibrate.md": [
+        r"gain +s1 \+[23]\.\S+ \+- \S+ s2 -[23]\.\S+ \+- \S+ s3 -[12]\.\S+ \+- \S+ s4 \+[12]\."
+    ],
     "docs/how-to/commissioning.md": [r"\nposition_mm 1[01]\d\.", r"\nposition_mm 2[1-4]\d\."],
     "docs/how-to/design.md": ["zero drift", "golden   9 answers reproduced"],
     "docs/how-to/several-surfaces.md": ['"surface":"left"', '"surface":"right"'],

@@ -24,6 +24,9 @@ TOKEN = "correct-horse-battery-staple"  # noqa: S105  # of these tests only
 READ_TOKEN = "reading-horse-battery-staple"  # noqa: S105
 PATIENT = "from beamtouch_service.events import recorder; recorder.LOAD_S = 60.0"
 """For services in tests: on a starved machine, a batch would come back before what is on record of its boot is read."""
+START_US = 1_795_218_046_123_456
+"""2026-11-20T23:40:46.123Z"""
+FIGURES = ("position_mm", "position_low_mm", "position_high_mm", "force_n", "force_low_n", "force_high_n")
 BuildModel = Callable[..., Path]
 Row = Sequence[float | None]
 """Deflections of a sample."""
@@ -37,6 +40,8 @@ class BatchOptions(TypedDict, total=False):
     boot_id: str
     channels: list[str] | None
     quality: list[str] | None
+    begin_us: int
+    every_us: int
 
 
 @pytest.fixture
@@ -142,13 +147,15 @@ def batch_of(
     boot_id: str = "boot-0001",
     channels: list[str] | None = None,
     quality: list[str] | None = None,
+    begin_us: int = START_US,
+    every_us: int = 5000,
 ) -> dict[str, Any]:
-    """One batch of samples numbered from `sequence` on, one per row of deflections."""
+    """One batch of samples numbered from `sequence` on, one per row of deflections, so far apart."""
     rows = rows or ([0.5, 0.25, 0.125],)
     samples = [
         {
             "sequence": sequence + i,
-            "acquired_unix_us": 1_795_218_046_123_456 + i * 5000,
+            "acquired_unix_us": begin_us + i * every_us,
             "deflection_mm": row,
             "quality": quality or ["good"] * len(row),
         }

@@ -1,11 +1,11 @@
 """Stories of samples that are delivered to a service, and the events that it makes of them."""
 
+from itertools import takewhile
 from typing import Any
 
-from service.conftest import Bench, Row, batch_of
+from service.conftest import START_US, Bench, Row, batch_of
 from waiting import wait_until
 
-START_US = 1_795_218_046_123_456
 TOUCHING: Row = [0.5, 0.25, 0.125]
 HARDER: Row = [0.5, 0.5, 0.25]
 RESTING: Row = [0.0, 0.0, 0.0]
@@ -24,20 +24,28 @@ class Story:
         self.later_us = 0
         """Pause of the device before the samples that are delivered next."""
         self.earlier: list[str] = []
+        self.is_growing = False
+        """Whether a sample is the mean of all readings since the beam changed."""
 
     def offer(self, first: int, last: int, **members: object) -> dict[str, Any]:
         """Send the samples from index `first` up to, but not including, `last` once; return the receipt."""
         rows = self.rows[first:last]
-        body = batch_of(*rows or [RESTING], sequence=first + 1, boot_id=self.boot_id)
+        begin_us = START_US + first * 5000 + self.later_us
+        body = batch_of(*rows or [RESTING], sequence=first + 1, boot_id=self.boot_id, begin_us=begin_us)
         body["samples"] = body["samples"][: len(rows)]
-        for offset, sample in enumerate(body["samples"]):
-            sample["acquired_unix_us"] = START_US + (first + offset) * 5000 + self.later_us
+        if self.is_growing:
+            for index, sample in enumerate(body["samples"], first):
+                sample["readings"] = self._readings(index)
         body |= {"oldest": self.oldest, "earlier": self.earlier} | members
         self.bench.now_s += 0.001
         answer = self.bench.post(body)
         assert answer.status_code == 200, answer.text
         receipt: dict[str, Any] = answer.json()
         return receipt
+
+    def _readings(self, index: int) -> int:
+        """Return the number of rows up to this one that are the same."""
+        return sum(1 for _ in takewhile(lambda row: row is self.rows[index], self.rows[index::-1]))
 
     def deliver(self, first: int, last: int, **members: object) -> dict[str, Any]:
         """Send samples, and again as a backlog until the record can be read; return the receipt."""

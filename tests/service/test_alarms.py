@@ -1,22 +1,17 @@
 """What a surface says when something is wrong for too long: unexplained, a channel out, a wrong wiring; and metrics."""
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
-import numpy as np
 import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
-from beamtouch_models import modelfile
-from beamtouch_models.arrays import Floats
-from beamtouch_service.api.stream import Pace
 from beamtouch_service.sections import SurfaceSection
-from beamtouch_service.surfaces.surface import Surface
 from service.conftest import Bench, Row, batch_of, surface_of
 from service.event_story import Story
-from service.touches import Touches
+from service.touches import Change, TouchedLine
 
 WEDGED: Row = [0.5, 0.25, 0.75, 0.125]
 """Without s3, a contact."""
@@ -86,24 +81,19 @@ def test_a_stretch_that_lasts_raises_a_metric_and_writes_one_line(
     assert metrics(soon)["beamtouch_unexplained_seconds_total.press-7"] < 4
 
 
-def test_contact_summary_and_stream_carry_the_state_and_its_suspect(soon: Bench) -> None:
-    (surface,) = soon.app.context.registry
+def test_contact_and_summary_carry_the_state_and_its_suspect(soon: Bench) -> None:
     soon.send(*[WEDGED] * 60)
     contact, summary = soon.contact(), soon.get("/surfaces/press-7").json()
-    stream = json.loads(str(Pace().next(surface, soon.now_s)))
     assert (contact["state"], contact["notes"], contact["position_mm"], contact["force_n"]) == (
         *("unexplained", ["check-s3"], None, None),
     )
-    assert stream["contact"] == contact
     assert (summary["state"], summary["notes"], summary["misfit"]) == ("unexplained", ["check-s3"], contact["misfit"])
-    assert summary["misfit"] > summary["misfit_limit"] == stream["misfit_limit"]
+    assert summary["misfit"] > summary["misfit_limit"]
     # A channel that drops out is not named any more.
     soon.send(*[[0.5, 0.25, 0.75, None]] * 3, sequence=61, quality=["good", "good", "good", "missing"])
     assert soon.contact()["notes"] == []
     soon.now_s += 10
     assert soon.get("/surfaces/press-7").json()["state"] is None
-    stream = json.loads(str(Pace().next(surface, soon.now_s)))
-    assert (stream["contact"], {channel["deflection_mm"] for channel in stream["channels"]}) == (None, {None})
 
 
 GOOD, BAD = ["good"] * 4, ["good", "good", "missing", "good"]
@@ -170,25 +160,17 @@ def test_a_pause_without_samples_counts_for_nothing(soon: Bench) -> None:
     assert cable.is_out
 
 
-TOUCHES = 12
+class Wired:
+    """A surface that is touched now and then, by cables that a test may change."""
 
+    def __init__(self, path: Path) -> None:
+        self._line, self._begin = TouchedLine(path), datetime(2026, 11, 23, 12, 0, tzinfo=UTC)
 
-class Line:
-    """A surface that is touched, and whose deflections a test may change on their way."""
-
-    def __init__(self, model: modelfile.ModelFile) -> None:
-        self.bench, self._touches = Bench(Surface("press-7", model)), Touches(model)
-        self._begin = datetime(2026, 11, 23, 12, 0, tzinfo=UTC)
-
-    def touch(self, change: Callable[[Floats], Floats], count: int = TOUCHES) -> str | None:
+    def touch(self, change: Change, count: int = 12) -> str | None:
         """Touch some times; return the wiring that the service names then."""
-        batch = self._touches.batch(count, self._begin, every_s=2.0)
-        for sample in batch["samples"]:
-            sample["deflection_mm"] = change(np.array(sample["deflection_mm"])).tolist()
+        self._line.touch(count, self._begin, 2.0, change)
         self._begin += timedelta(seconds=2.0 * count)
-        self.bench.now_s += 2.0 * count
-        self.bench.send(members=batch)
-        wiring: str | None = self.bench.get("/surfaces/press-7").json()["wiring"]
+        wiring: str | None = self._line.summary["wiring"]
         return wiring
 
 
@@ -200,10 +182,10 @@ class Line:
     ],
 )
 def test_a_wrong_wiring_is_named_after_some_contacts_and_is_over_once_it_is_right(
-    bench_model: Path, change: Callable[[Floats], Floats], wiring: str, caplog: pytest.LogCaptureFixture
+    bench_model: Path, change: Change, wiring: str, caplog: pytest.LogCaptureFixture
 ) -> None:
     caplog.set_level("INFO", "beamtouch.service")
-    line = Line(modelfile.load(bench_model))
+    line = Wired(bench_model)
     assert line.touch(change, count=2) is None
     assert line.touch(change) == wiring
     assert line.touch(lambda one: one) is None
@@ -213,7 +195,7 @@ def test_a_wrong_wiring_is_named_after_some_contacts_and_is_over_once_it_is_righ
 
 
 def test_other_faults_are_not_taken_for_a_wrong_wiring(bench_model: Path) -> None:
-    line = Line(modelfile.load(bench_model))
+    line = Wired(bench_model)
     assert line.touch(lambda one: one * [1, 0, 1, 1]) is None  # one that does not move
     assert line.touch(lambda one: one * [1, 0.6, 1, 1]) is None
     again = line.touch(lambda one: one + one[::-1])  # as heavy a load at the other end

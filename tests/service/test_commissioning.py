@@ -18,12 +18,12 @@ from beamtouch_service.events.recorder import Recorder
 from beamtouch_service.events.store import Store
 from beamtouch_service.sections import EventsSection
 from beamtouch_service.surfaces.surface import Surface
-from service.conftest import TOKEN, Bench, Row, batch_of, kind, surface_of
+from service.conftest import TOKEN, Bench, Row, kind, surface_of
+from service.event_story import RESTING
 from service.small_model import model_of
 
 PATH = "/surfaces/press-7/commissioning"
 STEP_US = 10_000
-AT_REST: Row = [0.0, 0.0, 0.0]
 SECOND = 105
 """Samples that last a little longer than a press must be held."""
 SWAPPED = (1, 0, 2)
@@ -85,20 +85,18 @@ class Course:
     def send(self, *rows: Row, boot_id: str = "boot-0001") -> None:
         """Send a batch with a second of samples of each row."""
         each = [row for row in rows for _ in range(SECOND)]
-        batch = batch_of(*each, sequence=self.sequence, boot_id=boot_id)
-        for sample in batch["samples"]:
-            sample["acquired_unix_us"] = STEP_US * sample["sequence"]
+        begin_us = STEP_US * self.sequence
+        self.bench.send(*each, sequence=self.sequence, boot_id=boot_id, begin_us=begin_us, every_us=STEP_US)
         self.sequence += len(each)
-        assert self.bench.post(batch).status_code == 200
 
     def press(self, at_mm: float, force_n: float = 8.0) -> None:
         moved = force_n * self.curve.at(np.array([at_mm]))[0][0]
         row: Row = moved[list(self.order)].tolist()
         if self.is_late:
-            self.send(row, AT_REST)
+            self.send(row, RESTING)
         else:
             self.send(row)
-            self.send(AT_REST)
+            self.send(RESTING)
 
     def act(self, action: str = "") -> httpx2.Response:
         return self.bench.post(b"", f"{PATH}{action}", TOKEN)
@@ -115,9 +113,9 @@ class Course:
 
     def follow(self) -> str:
         """Begin, and press as asked until every step is done; return the id."""
-        self.send(AT_REST)
+        self.send(RESTING)
         assert self.act().status_code == 200
-        self.send(AT_REST)
+        self.send(RESTING)
         while (course := self.now)["step"] < course["steps"]:
             self.press(course["at_mm"])
         return str(course["id"])
@@ -150,9 +148,9 @@ def test_from_the_first_press_to_the_record(course: Course) -> None:
 
 
 def test_a_step_that_is_not_seen_is_skipped_and_nothing_passes_then(course: Course) -> None:
-    course.send(AT_REST)
+    course.send(RESTING)
     course.act()
-    course.send(AT_REST)
+    course.send(RESTING)
     course.press(course.now["at_mm"])
     for step in range(1, 6):
         answer = course.act(f"/skip?course={course.now['id']}&step={step}")
@@ -165,9 +163,9 @@ def test_a_step_that_is_not_seen_is_skipped_and_nothing_passes_then(course: Cour
 
 
 def test_skip_waits_for_a_new_rest(course: Course) -> None:
-    course.send(AT_REST)
+    course.send(RESTING)
     course.act()
-    course.send(AT_REST)
+    course.send(RESTING)
     course.send([0.5, 0.2, 0.1])
     assert course.now["stage"] == "lift"
     course.act(f"/skip?course={course.now['id']}&step=0")
@@ -183,7 +181,7 @@ def test_nothing_begins_where_nothing_could_be_seen_of_a_press() -> None:
     assert kind(bench.post(b"", PATH)) == "no-model"
     bench = Bench(surface_of())
     assert kind(bench.post(b"", PATH)) == "no-samples"
-    bench.send(AT_REST)
+    bench.send(RESTING)
     bench.now_s += 10
     assert kind(bench.post(b"", PATH)) == "stale"
     assert kind(bench.post(b"", "/surfaces/nobody/commissioning")) == "unknown-surface"
@@ -194,7 +192,7 @@ def test_nothing_begins_where_nothing_could_be_seen_of_a_press() -> None:
 
 
 def test_several_people_cannot_undo_each_others_steps(course: Course) -> None:
-    course.send(AT_REST)
+    course.send(RESTING)
     course_id = course.act().json()["course"]["id"]
     answers = {
         "": "other-commissioning",
@@ -217,28 +215,28 @@ def test_several_people_cannot_undo_each_others_steps(course: Course) -> None:
 
 
 def test_another_model_ends_it_and_another_sender_begins_at_rest(course: Course) -> None:
-    course.send(AT_REST)
+    course.send(RESTING)
     course.act()
-    course.send(AT_REST)
+    course.send(RESTING)
     assert course.now["stage"] == "press"
     course.send([0.5, 0.2, 0.1], boot_id="boot-0002")
     assert (course.now["stage"], course.now["step"]) == ("rest", 0)
     (surface,) = course.bench.app.context.registry
     surface.adopt(model_of("press-7", min_channels=3))
-    course.send(AT_REST, boot_id="boot-0002")
+    course.send(RESTING, boot_id="boot-0002")
     assert course.state["course"] is None
     assert "The model of the surface changed" in course.state["ended"]
 
 
 def test_a_surface_that_falls_silent_says_so_and_keeps_the_steps(course: Course) -> None:
-    course.send(AT_REST)
+    course.send(RESTING)
     course.act()
-    course.send(AT_REST)
+    course.send(RESTING)
     course.press(course.now["at_mm"])
     asked = course.now["prompt"]
     course.bench.now_s += 10
     assert course.now["prompt"] == "The newest sample is too old. Go on once samples come again."
-    course.send(AT_REST)
+    course.send(RESTING)
     assert (course.now["prompt"], course.now["step"]) == (asked, 1)
 
 
@@ -276,7 +274,7 @@ def test_while_a_result_is_being_written_nothing_else_happens_to_its_course(
         answers["id"] = course.now["id"]
         (surface,) = bench.app.context.registry
         surface.adopt(model_of("press-7", min_channels=3))
-        course.send(AT_REST)
+        course.send(RESTING)
 
     async def write_slowly(query: Callable[[Store], int]) -> int:
         await run_in_thread(act_meanwhile)

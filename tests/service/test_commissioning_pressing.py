@@ -8,9 +8,9 @@ import pytest
 from beamtouch_models.modelfile import State
 from beamtouch_service.commissioning.pressing import HOLD_US, PressFinder, Stage
 from service.conftest import Row
+from service.event_story import RESTING
 
 STEP_US = 10_000
-AT_REST: Row = [0.0, 0.0, 0.0]
 SECOND = 105
 """Samples that last a little longer than a press must be held."""
 
@@ -65,9 +65,9 @@ def test_a_press_is_from_rest_once_it_has_been_held_and_the_next_one_needs_a_lif
 )
 def test_only_what_is_held_is_a_press(rows: Sequence[Row], count: int, is_found: bool) -> None:
     samples = Samples()
-    samples.add(AT_REST)
+    samples.add(RESTING)
     samples.add(*rows, count=count)
-    samples.add(AT_REST)
+    samples.add(RESTING)
     assert bool(samples.found) is is_found
     if is_found:
         middle_mm = np.mean(np.array([row[1] for row in rows], np.float64))
@@ -76,7 +76,7 @@ def test_only_what_is_held_is_a_press(rows: Sequence[Row], count: int, is_found:
 
 def test_a_pause_ends_a_press_that_was_not_held_for_long_enough() -> None:
     samples = Samples()
-    samples.add(AT_REST)
+    samples.add(RESTING)
     samples.add([0.5, 0.2, 0.0], count=SECOND - 20)
     samples.at_us += 2 * HOLD_US
     assert samples.add([0.5, 0.2, 0.0], count=20) is Stage.HOLD
@@ -96,11 +96,11 @@ def test_what_the_surface_calls_a_contact_is_no_rest_and_a_broken_cable_does_not
 def test_a_missing_value_leaves_its_channel_to_the_others_and_a_channel_without_most_is_not_known() -> None:
     samples = Samples()
     samples.add([None, 0.0, 0.0], count=1)
-    samples.add(AT_REST)
+    samples.add(RESTING)
     samples.add([0.5, 0.2, 0.1], count=40)
     samples.add([0.5, None, 0.1], count=1)
     samples.add([0.5, 0.2, None], count=60)
-    samples.add(AT_REST)
+    samples.add(RESTING)
     assert samples.found == [[0.5, 0.2, pytest.approx(np.nan, nan_ok=True)]]
 
 
@@ -108,10 +108,10 @@ def test_a_missing_value_leaves_its_channel_to_the_others_and_a_channel_without_
 def test_a_load_that_lies_on_at_the_beginning_is_no_rest(state: State | None) -> None:
     samples = Samples()
     assert samples.add([0.5, 0.2, 0.1], count=5 * SECOND, state=state) is Stage.REST
-    samples.add(AT_REST)
+    samples.add(RESTING)
     for _ in range(2):
         samples.add([0.5, 0.2, 0.1], state=state)
-        samples.add(AT_REST)
+        samples.add(RESTING)
     assert samples.found == [[0.5, 0.2, 0.1]] * 2
 
 
@@ -119,29 +119,29 @@ def test_a_load_that_lies_on_at_the_beginning_is_no_rest(state: State | None) ->
 def test_a_load_that_is_taken_off_is_no_press(state: State | None) -> None:
     samples = Samples()
     assert samples.add([0.5, 0.2, 0.1], count=10 * SECOND, state=state) is Stage.PRESS
-    assert samples.add(AT_REST, state=state) is Stage.LIFT
-    assert samples.add(AT_REST, count=10 * SECOND, state=state) is Stage.PRESS
+    assert samples.add(RESTING, state=state) is Stage.LIFT
+    assert samples.add(RESTING, count=10 * SECOND, state=state) is Stage.PRESS
     assert samples.found == []
     samples.add([0.5, 0.2, 0.1], state=state)
-    samples.add(AT_REST, state=state)
+    samples.add(RESTING, state=state)
     assert samples.found == [[0.5, 0.2, 0.1]]
 
 
 @pytest.mark.parametrize("state", [State.CONTACT, State.UNEXPLAINED, State.CLEAR, None])
 def test_a_press_that_begins_gently_does_not_become_the_rest(state: State | None) -> None:
     samples = Samples()
-    samples.add(AT_REST)
+    samples.add(RESTING)
     for step in range(10 * SECOND):
         force = min(step / (5 * SECOND), 1.0)
         samples.add([0.5 * force, 0.2 * force, 0.0], count=1, state=state)
-    samples.add(AT_REST, count=12 * SECOND)
+    samples.add(RESTING, count=12 * SECOND)
     assert all(first_mm > 0.0 < second_mm for first_mm, second_mm, _ in samples.found)
     assert bool(samples.found) is (state in {State.CONTACT, State.UNEXPLAINED})
 
 
 def test_zeros_may_drift_before_a_press_while_the_surface_is_clear() -> None:
     samples = Samples()
-    samples.add(AT_REST)
+    samples.add(RESTING)
     samples.add([0.08, 0.0, 0.0], count=2 * SECOND, state=State.CLEAR)
     samples.add([0.58, 0.2, 0.0])
     samples.add([0.08, 0.0, 0.0])
@@ -150,16 +150,8 @@ def test_zeros_may_drift_before_a_press_while_the_surface_is_clear() -> None:
 
 def test_a_channel_that_jumps_and_stays_does_not_stop_the_course() -> None:
     samples = Samples()
-    samples.add(AT_REST)
+    samples.add(RESTING)
     samples.add([0.5, 0.2, 0.1])
     assert samples.add([0.0, 0.0, 0.4], count=5 * SECOND) is Stage.LIFT
     assert samples.add([0.0, 0.0, 0.4], count=6 * SECOND) is Stage.PRESS
     assert samples.found == []
-
-
-def test_a_hand_that_stays_is_no_rest_while_the_surface_states_a_contact() -> None:
-    samples = Samples()
-    samples.add(AT_REST)
-    assert samples.add([0.5, 0.2, 0.1], count=15 * SECOND, state=State.CONTACT) is Stage.LIFT
-    samples.add(AT_REST)
-    assert samples.found == [[0.5, 0.2, 0.1]]

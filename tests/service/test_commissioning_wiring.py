@@ -103,6 +103,8 @@ def test_presses_above_all_sensors_show_the_wiring_for_certain(name: str) -> Non
     explanation = pressed(*faults)
     assert explanation.wiring == wiring
     assert (explanation.rivals, explanation.is_explained) == ([], True)
+    assert explanation.forces_n == pytest.approx([9, 12, 7, 14], rel=0.12)
+    assert explanation.shares == pytest.approx(wiring.signs, abs=0.05)
     found = find(explanation, NAMES, {"s3": Quality.SATURATED})
     sentences = advise(explanation, NAMES, found)
     assert [sentence[: len(begin)] for sentence, begin in zip(sentences, advice, strict=True)] == advice
@@ -188,18 +190,6 @@ def test_of_channels_that_differ_in_halves_neither_half_passes(
     explanation = explain(presses, influence)
     assert explanation.shares == pytest.approx(shares, rel=0.04)
     assert {one.finding for one in find(explanation, NAMES[: len(gains)], {})} == {finding}
-
-
-def test_the_force_and_what_each_channel_moved_are_stated() -> None:
-    explanation = pressed(SWAPPED, INVERTED, DEAD)
-    assert explanation.forces_n == pytest.approx([9, 12, 7, 14], rel=0.12)
-    assert explanation.shares == pytest.approx([1, -1, 0, 1], abs=0.05)
-
-
-def test_eight_sensors_with_four_faults() -> None:
-    sensors_mm = [40.0 + 45 * place for place in range(8)]
-    explanation = pressed(SWAPPED, partial(swap, 4, 6), INVERTED, DEAD, sensors_mm=sensors_mm)
-    assert explanation.wiring == Wiring((3, 1, 2, 0, 6, 5, 4, 7), (1, -1, 0, 1, 1, 1, 1, 1))
 
 
 def test_many_sensors_take_little_longer_than_few() -> None:

@@ -1,15 +1,12 @@
 """The contact: its figures, its age, its state from sample to sample, and the problem instead. Numbers by hand."""
 
-import numpy as np
 import pytest
 
-from service.conftest import Bench, Row, surface_of
+from service.conftest import FIGURES, Bench, Row, surface_of
+from service.event_story import RESTING, TOUCHING
 
-TOUCHING: Row = [0.5, 0.25, 0.125]
 BETWEEN: Row = [0.02, 0.0, 0.0]
 """Log odds of a fifth of those of a touch."""
-RESTING: Row = [0.0, 0.0, 0.0]
-FIGURES = ("position_mm", "position_low_mm", "position_high_mm", "force_n", "force_low_n", "force_high_n")
 
 
 def test_the_contact_is_the_one_of_the_design(bench: Bench) -> None:
@@ -171,12 +168,6 @@ def states(bench: Bench, rows: list[Row], each: int = 1) -> str:
 def test_between_the_thresholds_the_state_is_what_it_was(bench: Bench) -> None:
     """A contact ends at an eighth of the log odds at which it begins."""
     assert states(bench, [BETWEEN, TOUCHING, *[BETWEEN] * 6, RESTING, BETWEEN]) == "lc" + "c" * 6 + "ll"
-
-
-def test_a_load_at_the_threshold_gives_one_contact(bench: Bench) -> None:
-    noise = np.random.default_rng(1).normal(scale=0.02, size=300)
-    found = states(bench, [RESTING, *[[0.1 + float(one), 0.0, 0.0] for one in noise], RESTING])
-    assert found.replace("cl", "c l").replace("lc", "l c").count(" ") == 2
 
 
 @pytest.mark.parametrize(("each", "found"), [(1, "ccll"), (2, "cl"), (4, "l")])

@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 
 from beamtouch_service.events.event import MAX_POINTS
-from service.conftest import Bench, Row, batch_of, surface_of
-from service.event_story import BETWEEN, HARDER, ODD, RESTING, START_US, TOUCHING, Story
+from service.conftest import START_US, Bench, Row, batch_of, surface_of
+from service.event_story import BETWEEN, HARDER, ODD, RESTING, TOUCHING, Story
 from service.small_model import model_of
 
 
@@ -105,9 +105,8 @@ def test_an_unexplained_stretch_counts_in_a_contact_or_is_an_event_of_its_own(
 def test_undecided_samples_go_on_in_a_stretch(bench: Bench) -> None:
     story = Story(bench, [RESTING, *[ODD] * 7, *[RESTING] * 3])
     story.deliver(0, 5)
-    members = batch_of([None] * 3, sequence=6, quality=["missing"] * 3) | {"oldest": 1}
-    members["samples"][0]["acquired_unix_us"] = START_US + 25_000
-    bench.send(members=members)
+    missing: Row = [None] * 3
+    bench.send(missing, sequence=6, quality=["missing"] * 3, begin_us=START_US + 25_000, members={"oldest": 1})
     story.deliver(6, 11)
     assert told(story) == [("unexplained", "clear", "clear", 35.0, 35.0)]
     assert story.events[0]["quality"] == "degraded"
@@ -210,9 +209,10 @@ MOVING: dict[str, Any] = {"readings": 50, "covariance_mm2": [1e-3, 0.0, 1e-3, 0.
 
 def send(bench: Bench, *samples: tuple[Row, dict[str, Any]], sequence: int = 1) -> None:
     """Send these samples, 100 ms apart, each with its further members."""
-    members = batch_of(*(row for row, _ in samples), sequence=sequence)
-    for place, (sample, (_, more)) in enumerate(zip(members["samples"], samples, strict=True)):
-        sample.update(more, acquired_unix_us=1_795_218_000_000_000 + (sequence + place) * 100_000)
+    begin_us = 1_795_218_000_000_000 + sequence * 100_000
+    members = batch_of(*(row for row, _ in samples), sequence=sequence, begin_us=begin_us, every_us=100_000)
+    for sample, (_, more) in zip(members["samples"], samples, strict=True):
+        sample.update(more)
     noise_mm = [0.01] * len(members["channels"])
     bench.send(members=members | {"noise_mm": noise_mm, "characteristic": "as-taken"})
 

@@ -6,49 +6,27 @@ from typing import Any
 
 import pytest
 
-from beamtouch_models import modelfile
-from beamtouch_service.events.recorder import Recorder
-from beamtouch_service.sections import EventsSection
-from beamtouch_service.surfaces.surface import Surface
-from service.conftest import Bench
-from service.touches import Touches
+from service.touches import TouchedLine
 
 BASELINE, CHANGED = 100, 14
 BEGIN = datetime(2026, 2, 1, 12, tzinfo=UTC)
 DAY = datetime(2026, 3, 3, 12, tzinfo=UTC)
 
 
-class Line:
-    """A surface that is touched, with a file of events that each service goes on with."""
-
-    def __init__(self, model: modelfile.ModelFile, folder: Path) -> None:
-        self.touches, self._file = Touches(model), folder / "events.db"
-        self.start()
-
-    def start(self) -> None:
-        """Start the service anew; the old one is killed."""
-        self.bench = Bench(Surface("press-7", self.touches.model), recorder=Recorder(EventsSection(file=self._file)))
-        self.bench.get("/events")  # It reads what is on record.
-
-    def touch(self, count: int, begin: datetime, every_s: float = 60.0) -> None:
-        self.bench.send(members=self.touches.batch(count, begin, every_s))
-        self.bench.get("/events")  # It writes what there is so far.
-
-    @property
-    def health(self) -> dict[str, Any]:
-        health: dict[str, Any] = self.bench.get("/surfaces/press-7").json()["health"]
-        return health
-
-
 @pytest.fixture
-def line(bench_model: Path, tmp_path: Path) -> Line:
-    return Line(modelfile.load(bench_model), tmp_path)
+def line(bench_model: Path, tmp_path: Path) -> TouchedLine:
+    return TouchedLine(bench_model, tmp_path / "events.db")
 
 
-def test_a_gain_that_falls_is_named_with_its_day_at_every_door_and_survives_a_kill(line: Line) -> None:
-    assert line.health == {}
+def health(line: TouchedLine) -> dict[str, Any]:
+    health: dict[str, Any] = line.summary["health"]
+    return health
+
+
+def test_a_gain_that_falls_is_named_with_its_day_at_every_door_and_survives_a_kill(line: TouchedLine) -> None:
+    assert health(line) == {}
     line.touch(BASELINE, BEGIN, 3600)
-    for one in line.health.values():
+    for one in health(line).values():
         assert (one["changed"], one["contacts"]) == (False, BASELINE)
         assert one["gain_low_percent"] < 0 < one["gain_high_percent"]
         assert one["zero_low_mm"] < 0 < one["zero_high_mm"]
@@ -57,7 +35,7 @@ def test_a_gain_that_falls_is_named_with_its_day_at_every_door_and_survives_a_ki
 
     line.touches.gain[1] = 0.95
     line.touch(CHANGED, DAY)
-    found = line.health
+    found = health(line)
     assert {name: one["changes"] for name, one in found.items()} == {"s1": [], "s2": ["gain"], "s3": [], "s4": []}
     assert found["s2"]["gain_low_percent"] < -5 < found["s2"]["gain_high_percent"] < -3
     assert found["s2"]["since"].startswith("2026-03-03")
@@ -73,12 +51,17 @@ def test_a_gain_that_falls_is_named_with_its_day_at_every_door_and_survives_a_ki
 
     line.start()
     # Contacts are read again in other groups, so that they may weigh a little more or less.
-    assert {name: one["changes"] for name, one in line.health.items()} == {"s1": [], "s2": ["gain"], "s3": [], "s4": []}
-    assert line.health["s2"]["since"] == found["s2"]["since"]
+    assert {name: one["changes"] for name, one in health(line).items()} == {
+        "s1": [],
+        "s2": ["gain"],
+        "s3": [],
+        "s4": [],
+    }
+    assert health(line)["s2"]["since"] == found["s2"]["since"]
 
 
-def test_another_characteristic_begins_anew(line: Line) -> None:
+def test_another_characteristic_begins_anew(line: TouchedLine) -> None:
     line.touch(30, BEGIN)
     line.touches.characteristic = "tared-again"
     line.touch(4, DAY)
-    assert {(one["contacts"], one["since"][:10]) for one in line.health.values()} == {(4, "2026-03-03")}
+    assert {(one["contacts"], one["since"][:10]) for one in health(line).values()} == {(4, "2026-03-03")}

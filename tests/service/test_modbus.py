@@ -1,50 +1,29 @@
-"""Modbus: the registers of real surfaces, their map, and requests with their answers byte by byte."""
+"""Modbus: the registers of surfaces at moments that a test chooses, and their map."""
 
 import json
-import struct
 from pathlib import Path
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from beamtouch_models.modelfile import State
 from beamtouch_service import cli
-from beamtouch_service.outputs.modbus.blocks import Blocks, NoSuchRegisterError
+from beamtouch_service.outputs.modbus.blocks import Blocks
 from beamtouch_service.outputs.modbus.registers import BLOCK, REGISTERS, STATES
-from beamtouch_service.outputs.modbus.requests import HEAD_BYTES, MAX_FRAME_BYTES, NotModbusError, answer, frame_bytes
-from beamtouch_service.outputs.modbus.section import WordOrder
 from beamtouch_service.problems import Kind
 from beamtouch_service.samples import Note, Quality
 from beamtouch_service.surfaces.surface import Surface
-from contact_registers import FIGURES, decoded, expected, number
+from contact_registers import FIGURES, number
 from service.conftest import Row, parsed, surface_of
 
 NOW_S = 1000.0
-CHANNELS = ["s1", "s2", "s3"]
-TOUCH: Row = [0.2, 0.3, 0.3]
-CLEAR: Row = [0.0, 0.0, 0.0]
-ODD: Row = [0.2, 0.2, 0.4]
 
 
-def block(surface: Surface, now_s: float = NOW_S, word_order: WordOrder = "big") -> list[int]:
-    return Blocks([surface], word_order).read(0, 50, now_s)
+def block(surface: Surface, now_s: float = NOW_S) -> list[int]:
+    return Blocks([surface], "big").read(0, 50, now_s)
 
 
 def have_figures(words: list[int]) -> bool:
     return {number(words[offset : offset + 2], ">f") for offset in FIGURES.values()} != {None}
-
-
-@pytest.mark.parametrize("word_order", ["big", "little"])
-@pytest.mark.parametrize("row", [TOUCH, CLEAR, ODD, [2.4, 0.1, 0.05], [0.2, None, 0.3]])
-def test_a_block_says_what_the_contact_says(word_order: WordOrder, row: Row) -> None:
-    surface = surface_of()
-    quality = ["good" if value is not None else "missing" for value in row]
-    surface.receive(parsed(*[row] * 4, sequence=2**32 + 70_000, quality=quality), NOW_S)
-    words = block(surface, NOW_S + 0.0123, word_order)
-    contact = surface.contact(NOW_S + 0.0123).model_dump(mode="json")
-    assert decoded(words, CHANNELS, word_order) == expected(contact | {"sequence": 70_003})
-    assert (words[4], words[42:]) == (13, [0] * 8)
 
 
 def test_each_quality_and_the_channel_to_check_have_bits_in_the_order_of_the_model() -> None:
@@ -66,6 +45,7 @@ def test_each_quality_and_the_channel_to_check_have_bits_in_the_order_of_the_mod
 def test_a_surface_that_is_stale_gives_no_figure_and_no_bit() -> None:
     surface = surface_of()
     surface.receive(parsed(*[[0.2, None, 0.3]] * 3, quality=["good", "missing", "good"]), NOW_S)
+    assert block(surface, NOW_S + 0.0123)[4] == 13, "not younger than the sample"
     fresh, at_limit, stale = block(surface), block(surface, NOW_S + 0.5), block(surface, NOW_S + 0.5001)
     assert fresh[2] == at_limit[2] == 2
     assert (at_limit[4], at_limit[8:20]) == (500, fresh[8:20])
@@ -93,19 +73,6 @@ def test_a_surface_without_an_answer_says_why(
     assert (words[2], words[4], words[7], words[38]) == (state, age_ms, sequence, missing)
     assert not have_figures(words)
     assert block(Surface("bare"))[2] == 16
-
-
-def test_a_read_over_borders_holds_each_block_as_it_is() -> None:
-    first, second = surface_of("a"), Surface("b", None)
-    first.receive(parsed(TOUCH), NOW_S)
-    blocks = Blocks([first, second, first], "big")
-    whole = blocks.read(0, 150, NOW_S)
-    assert whole == block(first) + block(second) + block(first)
-    for address, count in ((0, 1), (8, 2), (9, 1), (49, 2), (45, 100), (50, 50), (99, 51), (149, 1)):
-        assert blocks.read(address, count, NOW_S) == whole[address : address + count]
-    for address, count in ((150, 1), (149, 2), (0, 151), (65_535, 1), (65_535, 125)):
-        with pytest.raises(NoSuchRegisterError):
-            blocks.read(address, count, NOW_S)
 
 
 def test_the_heartbeat_counts_tenths_of_a_second() -> None:
@@ -149,57 +116,3 @@ def test_the_command_lists_the_blocks_of_a_configuration(tmp_path: Path, capsys:
     assert [one["name"] for one in found["registers"]] == [one.name for one in REGISTERS]
     assert (found["states"]["contact"], found["states"]["stale"], found["notes"]["rate"]) == (2, 18, 3)
     assert "| `a-press` | 50 to 99  | 41422    |\n\nWord order: little." in text
-
-
-LAST = 149
-
-
-def read(address: int, count: int) -> list[int]:
-    if address + count - 1 > LAST:
-        raise NoSuchRegisterError
-    return list(range(address, address + count))
-
-
-def frame(body: bytes, transaction: int = 0x1234, unit: int = 7) -> bytes:
-    return struct.pack(">HHHB", transaction, 0, 1 + len(body), unit) + body
-
-
-def request(address: int, count: int) -> bytes:
-    return struct.pack(">BHH", 4, address, count)
-
-
-@pytest.mark.parametrize("unit", [0, 1, 7, 247, 255])
-def test_registers_are_read_under_any_unit(unit: int) -> None:
-    found = answer(frame(request(100, 3), unit=unit), read)
-    assert found == bytes.fromhex("1234 0000 0009") + bytes([unit]) + bytes.fromhex("04 06 0064 0065 0066")
-    most = answer(frame(request(0, 125), unit=unit), read)
-    assert (len(most), most[9:]) == (259, struct.pack(">125H", *range(125)))
-
-
-@pytest.mark.parametrize(
-    ("body", "exception"),
-    [
-        *((request(address, count), 2) for address, count in ((150, 1), (149, 2), (65_535, 125))),
-        *((request(0, count), 3) for count in (0, 126, 65_535)),
-        *((body, 3) for body in (b"\x04", b"\x04\x00\x00\x00", request(0, 1) + b"\x00")),
-        *((bytes([function]) + bytes(8), 1) for function in (0, 1, 2, 3, 5, 6, 8, 15, 16, 23, 43, 127, 0x84, 255)),
-    ],
-)
-def test_a_wrong_request_has_the_exception_of_the_standard(body: bytes, exception: int) -> None:
-    assert answer(frame(body), read) == bytes.fromhex("1234 0000 0003 07") + bytes([body[0] | 0x80, exception])
-
-
-@given(body=st.binary(min_size=1, max_size=253), transaction=st.integers(0, 65_535), unit=st.integers(0, 255))
-def test_every_frame_has_one_whole_answer(body: bytes, transaction: int, unit: int) -> None:
-    asked = frame(body, transaction, unit)
-    assert frame_bytes(asked[:HEAD_BYTES]) == len(asked)
-    found = answer(asked, read)
-    assert frame_bytes(found[:HEAD_BYTES]) == len(found) <= MAX_FRAME_BYTES
-    assert (found[:4], found[6]) == (asked[:4], unit)
-    assert found[7] in (body[0], body[0] | 0x80)
-
-
-@pytest.mark.parametrize("head", ["000100010006", "000180000006", "000000000000", "000000000001", "0000000000ff"])
-def test_other_bytes_begin_no_frame(head: str) -> None:
-    with pytest.raises(NotModbusError):
-        frame_bytes(bytes.fromhex(head))

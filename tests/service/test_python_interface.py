@@ -6,12 +6,9 @@ import numpy as np
 
 import beamtouch_models as models
 from beamtouch_service.surfaces.surface import Surface
-from service.conftest import Bench
+from service.conftest import FIGURES, Bench
 
 PLACES_MM = [60, 150, 300]
-FIGURES = [
-    "position_mm", "position_low_mm", "position_high_mm", "force_n", "force_low_n", "force_high_n",
-]  # fmt: skip
 
 
 def test_scripts_get_what_the_service_answers(bench_model: Path) -> None:

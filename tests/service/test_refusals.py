@@ -1,6 +1,7 @@
 """The command: wrong input ends in exit code 2 and one line that says what to do."""
 
 import json
+import os
 import subprocess
 import sys
 from collections.abc import Callable
@@ -43,7 +44,6 @@ def refused(service: Command) -> Callable[..., str]:
         ("run --host 127.0.0.1:8420", "--host: must be the name or address of a host"),
         ("run --host no.such.host.invalid", "no.such.host.invalid is open to the network"),
         ("run --key-file key.pem", "certificate_file is missing"),
-        ("check /dev/zero", "it is not a regular file"),
     ],
 )
 def test_a_wrong_option_is_one_line(refused: Callable[..., str], words: str, complaint: str) -> None:
@@ -76,6 +76,9 @@ def test_a_model_that_cannot_be_served_is_refused_by_run_and_check(refused: Call
         assert line.startswith(f"beamtouch-service: model {path}: ")
         assert complaint in line
         assert refused("check", path) == line
+    os.mkfifo(tmp_path / "pipe.onnx")
+    for command in (("run", "--model"), ("check",)):
+        assert "it is not a regular file" in refused(*command, tmp_path / "pipe.onnx"), "nobody ever writes to it"
 
 
 def test_check_says_what_a_model_is(service: Command, bench_model: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -104,46 +107,55 @@ def test_a_certificate_that_will_not_do(refused: Callable[..., str], certificate
     assert "nowhere.pem: No such file" in refused(*pair, pem.with_name("nowhere.pem"), "--key-file", key, code=1)
 
 
-def test_a_record_that_is_no_record_is_refused(refused: Callable[..., str], tmp_path: Path) -> None:
-    (tmp_path / "events.db").write_text("something else entirely\n" * 100)
-    config = tmp_path / "service.toml"
-    config.write_text("[events]\nfile = 'events.db'\n")
-    line = refused("run", "--port", 0, "--config", config)
-    assert line.endswith("events.db: file is not a database; set events.file to one that the service can write")
-    config.write_text("[events]\nurl = 'postgresql://beamtouch:secret@127.0.0.1:port/beamtouch'\n")
-    line = refused("run", "--port", 0, "--config", config)
-    assert "events.url cannot be read; it looks like postgresql://" in line
-    assert "secret" not in line
-
-
-def test_more_surfaces_than_modbus_has_addresses_are_refused(refused: Callable[..., str], tmp_path: Path) -> None:
-    surfaces = "\n".join(f"[surfaces.press-{number}]" for number in range(1311))
-    config = tmp_path / "service.toml"
-    config.write_text(f"[modbus_server]\nport = 0\n{surfaces}\n")
-    line = refused("run", "--port", 0, "--config", config)
-    assert "[modbus_server]: the addresses of Modbus hold 1310 surfaces, but there are 1311" in line
+URL = "postgresql://beamtouch:not-for-the-log@db/beamtouch"
+BROKER = '[mqtt]\nhost = "b"\n'
+SURFACES = "\n".join(f"[surfaces.press-{number}]" for number in range(1311))
 
 
 @pytest.mark.parametrize(
-    ("section", "words"),
+    ("text", "complaint"),
     [
-        ("port = 1883\n", "mqtt.host is missing; add it"),
-        ('host = "b"\nprefix = "a/+"\n', "mqtt.prefix: must match the pattern"),
-        ('host = "b"\nca_file = "ca.pem"\n', "mqtt: ca_file has no effect without TLS; set tls = true"),
-        ('host = "b"\ntls = true\nkey_file = "k"\n', "mqtt: certificate_file is missing; a client certificate needs"),
-        ('host = "b"\ntls = true\nca_file = "token"\n', "token: not PEM; set mqtt.ca_file to"),
-        ('host = "b"\ntls = true\ncertificate_file = "token"\nkey_file = "token"\n', "are not a PEM certificate"),
-        ('host = "b"\npassword_file = "token"\n', "mqtt: password_file has no effect without a user; set username"),
-        ('host = "b"\nusername = "u"\npassword_file = "lines"\n', "lines: not one line of text; write the password"),
+        ("[server]\ncertificate_file = 'c.pem'\n", "server.key_file is missing"),
+        ("[server]\nreplica = true\n[events]\nfile = 'events.db'\n", "server.replica: all replicas need one record"),
+        ("[server]\nwrite_token_file = 'token'\nread_token_file = 'token'\n", "each purpose needs its own token"),
+        ("[events]\nfile = 'lines'\n", "lines: file is not a database; set events.file to one that the service can"),
+        ("[events]\nurl = 'mysql://beamtouch:not-for-the-log@db/beamtouch'\n", "must look like postgresql://"),
+        ("[events]\nurl = 'postgresql://beamtouch:not-for-the-log@db'\n", "must look like postgresql://"),
+        ("[events]\nurl = 'postgresql://beamtouch:not-for-the-log@db:port/b'\n", "events.url cannot be read; it looks"),
+        (f"[events]\nurl = '{URL}'\nurls = 1\n", "unknown key events.urls"),
+        (f"[events]\nurl = '{URL}'\n{BROKER}", "as each service would send the events of all"),
+        (f"[events]\nurl = '{URL}'\n[opcua]\n", "as each service would send the events of all"),
+        ("[modbus_server]\nword_order = 'middle'\n", "modbus_server.word_order"),
+        (f"[modbus_server]\nport = 0\n{SURFACES}\n", "the addresses of Modbus hold 1310 surfaces, but there are 1311"),
+        ('[opcua]\ncertificate_file = "a.pem"\n', "key_file is missing"),
+        ('[opcua]\ntrusted_folder = "clients"\n', "trusted_folder has no effect"),
+        ('[opcua]\nusername = "scada"\n', "password_file is missing"),
+        ("[opcua]\ninterval_ms = 1\n", "opcua.interval_ms"),
+        ("[mqtt]\nport = 1883\n", "mqtt.host is missing; add it"),
+        (f'{BROKER}prefix = "a/+"\n', "mqtt.prefix: must match the pattern"),
+        (f'{BROKER}ca_file = "ca.pem"\n', "mqtt: ca_file has no effect without TLS; set tls = true"),
+        (f'{BROKER}tls = true\nkey_file = "k"\n', "mqtt: certificate_file is missing; a client certificate needs"),
+        (f'{BROKER}tls = true\nca_file = "token"\n', "token: not PEM; set mqtt.ca_file to"),
+        (f'{BROKER}tls = true\ncertificate_file = "token"\nkey_file = "token"\n', "are not a PEM certificate"),
+        (f'{BROKER}password_file = "token"\n', "mqtt: password_file has no effect without a user; set username"),
+        (f'{BROKER}username = "u"\npassword_file = "lines"\n', "lines: not one line of text; write the password"),
     ],
 )
-def test_settings_of_mqtt_that_cannot_work(
-    refused: Callable[..., str], tmp_path: Path, section: str, words: str
+def test_a_wrong_config_is_refused_with_the_place_that_is_wrong(
+    refused: Callable[..., str], tmp_path: Path, text: str, complaint: str
 ) -> None:
     (tmp_path / "token").write_text(TOKEN)
-    (tmp_path / "lines").write_text("one\ntwo\n")
-    (tmp_path / "service.toml").write_text(f"[mqtt]\n{section}")
-    assert words in refused("run", "--port", 0, "--config", tmp_path / "service.toml")
+    (tmp_path / "lines").write_text("one\ntwo\n" * 200)
+    (tmp_path / "service.toml").write_text(text)
+    line = refused("run", "--port", 0, "--config", tmp_path / "service.toml")
+    assert complaint in line
+    assert "not-for-the-log" not in line
+
+
+def test_one_model_is_not_for_several_surfaces(refused: Callable[..., str], tmp_path: Path) -> None:
+    (tmp_path / "service.toml").write_text("[surfaces.a]\n[surfaces.b]\n")
+    line = refused("run", "--config", tmp_path / "service.toml", "--model", "m.onnx")
+    assert "--model is for a single surface, but the config has a, b" in line
 
 
 @pytest.mark.parametrize(
@@ -202,15 +214,15 @@ def test_a_missing_library_of_the_service_names_the_extra() -> None:
     assert done.stderr == "beamtouch-service: fastapi is not installed; run: pip install 'beamtouch[service]'\n"
 
 
-def test_check_says_when_a_service_is_open_to_other_machines_without_a_proxy(
+def test_check_warns_of_what_is_open_to_others(
     service: Command, tmp_path: Path, token_file: Path, read_token_file: Path
 ) -> None:
     config = tmp_path / "service.toml"
     tokens = f'write_token_file = "{token_file}"\nread_token_file = "{read_token_file}"\n'
     surface = f'[surfaces.press-7]\nmodel = "{write_model(tmp_path).name}"\n'
 
-    def check(server: str, *options: str) -> str:
-        config.write_text(f"[server]\nport = 0\n{tokens}{server}\n{surface}")
+    def check(server: str, *options: str, more: str = "") -> str:
+        config.write_text(f"[server]\nport = 0\n{tokens}{server}\n{surface}{more}")
         done = service("check", "--config", config, *options)
         assert done.returncode == 0
         return done.stdout
@@ -221,3 +233,4 @@ def test_check_says_when_a_service_is_open_to_other_machines_without_a_proxy(
     assert "warning" not in check('host = "0.0.0.0"\nproxy = "192.168.1.4"')
     (line, *_) = json.loads(check('host = "0.0.0.0"', "--json"))["warnings"]
     assert line.startswith("no TLS")
+    assert "no token protects the Modbus TCP server" in check("", more="[modbus_server]\nport = 0\n")

@@ -277,14 +277,8 @@ def description(bench: Bench) -> dict[str, Any]:
     return content
 
 
-def test_the_description_names_every_operation_and_its_problems(description: dict[str, Any]) -> None:
+def test_the_description_describes_every_operation_and_its_problems(description: dict[str, Any]) -> None:
     operations = [one for each in description["paths"].values() for one in each.values()]
-    assert sorted(operation["operationId"] for operation in operations) == [
-        "get_beam", "get_calibration_data", "get_commissioning", "get_commissioning_result", "get_commissionings",
-        "get_contact", "get_event", "get_events", "get_live", "get_metrics", "get_model", "get_ready", "get_stream",
-        "get_surface", "get_surface_contact", "get_surface_stream", "get_surfaces", "post_commissioning",
-        "post_commissioning_abandon", "post_commissioning_confirm", "post_commissioning_skip", "post_samples",
-    ]  # fmt: skip
     for operation in operations:
         assert operation["description"]
         assert len(operation["tags"]) == 1

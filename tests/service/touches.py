@@ -1,13 +1,22 @@
 """Touches of the bench as a daemon would send them: rests, contacts drawn from the scene, and sensors that change."""
 
+from collections.abc import Callable
 from datetime import datetime
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from beamtouch_models import modelfile
 from beamtouch_models.arrays import Floats
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.surface import prior_of_model
+from beamtouch_service.events.recorder import Recorder
+from beamtouch_service.sections import EventsSection
+from beamtouch_service.surfaces.surface import Surface
+from service.conftest import Bench
+
+Change = Callable[[Floats], Floats]
 
 AT_REST, IN_CONTACT = 6, 5
 """Samples of each rest and of each contact."""
@@ -62,3 +71,31 @@ class Touches:
     def _measured(self, deflection_mm: Floats) -> Floats:
         noise: Floats = self.random.normal(size=deflection_mm.shape) * self._noise_mm
         return deflection_mm * self.gain + self.zero_mm + noise
+
+
+class TouchedLine:
+    """A surface that is touched again and again, with a record in a file or in memory."""
+
+    def __init__(self, path: Path, record: Path | None = None) -> None:
+        self.touches, self._record = Touches(modelfile.load(path)), record
+        self.start()
+
+    def start(self) -> None:
+        """Start the service anew; the old one is killed."""
+        recorder = Recorder(EventsSection(file=self._record))
+        self.bench = Bench(Surface("press-7", self.touches.model), recorder=recorder)
+        self.bench.get("/events")  # It reads what is on record.
+
+    def touch(self, count: int, begin: datetime, every_s: float = 60.0, change: Change = lambda one: one) -> None:
+        """Send touches whose deflections are changed on their way."""
+        batch = self.touches.batch(count, begin, every_s)
+        for sample in batch["samples"]:
+            sample["deflection_mm"] = change(np.array(sample["deflection_mm"])).tolist()
+        self.bench.now_s += every_s * count
+        self.bench.send(members=batch)
+        self.bench.get("/events")  # It writes what there is so far.
+
+    @property
+    def summary(self) -> dict[str, Any]:
+        summary: dict[str, Any] = self.bench.get("/surfaces/press-7").json()
+        return summary

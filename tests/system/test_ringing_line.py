@@ -1,15 +1,11 @@
-"""A rig that rings, the samples of the daemon, and what the service says of them, also after pauses and late."""
+"""A rig that rings, the samples of the daemon, and what the service says of them, also after pauses."""
 
 import tomllib
 from collections.abc import Iterator
-from contextlib import closing
 from dataclasses import dataclass
-from itertools import count, pairwise
-from typing import Any
+from itertools import count
 
 import numpy as np
-import pytest
-from fastapi.testclient import TestClient
 
 from beamtouch_daemon.config.settings import Surface as Config
 from beamtouch_daemon.processing.pipeline import Pipeline
@@ -19,8 +15,6 @@ from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.rig.loads import Load
 from beamtouch_models.rig.surface import Imperfections, VirtualSurface
 from beamtouch_models.scene import load_scene
-from beamtouch_service.api.app import create_app
-from beamtouch_service.events.recorder import Recorder
 from beamtouch_service.samples import Batch, Sample
 from beamtouch_service.surfaces.contact import Contact
 from beamtouch_service.surfaces.surface import Surface
@@ -31,8 +25,6 @@ TOUCHED_S, LIFTED_S = 0.8, 0.8
 DAMPING = 0.01
 PAUSE, PAUSED_EVERY = 12, 80
 """Readings, at 200 a second: pauses of 60 ms each 0.4 s."""
-PARTS = 40
-TOKEN = "correct-horse-battery-staple"  # noqa: S105  # of this test only
 
 
 @dataclass(frozen=True)
@@ -112,55 +104,3 @@ def test_no_contact_on_a_reading_or_two_is_sure_of_itself_while_a_module_pauses_
     ]
     assert len(held) > 200
     assert np.mean(held) > 0.95
-
-
-class Sender:
-    """Sends samples to a service, and keeps them until they are on record."""
-
-    def __init__(self, model: ModelFile, client: TestClient, samples: list[Sample]) -> None:
-        self._client, self._samples = client, [one.model_dump(mode="json") for one in samples]
-        self._body = {"boot_id": "boot-0001", "channels": model.channels, "oldest": 1}
-
-    def live(self, first: int, last: int) -> None:
-        self._post({"samples": self._samples[first:last], "newest_age_ms": 0.0})
-
-    def backlog(self, limit: int) -> bool:
-        """Send some of what the record lacks; return whether it lacks anything more."""
-        expected: int = self._post({"samples": [], "backlog": True})["expected"]
-        self._post({"samples": self._samples[expected - 1 :][:limit], "backlog": True})
-        return expected <= len(self._samples)
-
-    def _post(self, members: dict[str, Any]) -> dict[str, Any]:
-        headers = {"Authorization": f"Bearer {TOKEN}"}
-        answer = self._client.post("/surfaces/bench/samples", json=self._body | members, headers=headers)
-        assert answer.status_code == 200, answer.text
-        receipt: dict[str, Any] = answer.json()
-        return receipt
-
-
-def events(model: ModelFile, samples: list[Sample], cuts: list[int], lost: set[int]) -> list[dict[str, Any]]:
-    """Deliver samples in parts, of which those of some numbers come as a backlog only; return the events."""
-    recorder = Recorder()
-    app = create_app([Surface("bench", model)], TOKEN, clock=lambda: 1000.0, recorder=recorder)
-    with closing(recorder), TestClient(app) as client:
-        sender = Sender(model, client, samples)
-        for place, (first, last) in enumerate(pairwise([0, *cuts, len(samples)])):
-            if place not in lost:
-                sender.live(first, last)
-            elif place % 2:
-                sender.backlog(PARTS)
-        while sender.backlog(700):
-            pass
-        return [one | {"id": 0} for one in reversed(client.get("/events?limit=1000").json()["events"])]
-
-
-def test_growing_means_of_a_beam_that_rings_give_the_same_events_however_they_arrive(bench: ModelFile) -> None:
-    samples, rng = [moment.sample for moment in line(bench)], np.random.default_rng(5)
-    straight = events(bench, samples, [], set())
-    assert [(one["begin"], one["kind"]) for one in straight] == [("touch", "contact")] * TOUCHES
-    cuts = sorted(rng.choice(range(1, len(samples)), PARTS, replace=False).tolist())
-    lost = set(rng.choice(PARTS, PARTS // 3, replace=False).tolist())
-    for one, other in zip(events(bench, samples, cuts, lost), straight, strict=True):
-        for name in ("mean_position_mm", "peak_position_mm", "peak_force_n"):
-            one[name] = pytest.approx(one[name], abs=1e-3)
-        assert other == one

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 from beamtouch_models.physics.beam import influence
 from beamtouch_models.scene import load_scene
 from example_scenes import SCENES
-from service.conftest import batch_of
-from service.event_story import START_US
+from service.conftest import START_US, batch_of
 
 if TYPE_CHECKING:
     from beamtouch_models.arrays import Floats
@@ -43,12 +42,11 @@ class Bench:
         rows = [deflection_mm] * COUNT
         quality = ["missing" if one is None else "good" for one in deflection_mm]
         names = self.model.channels
-        batch = batch_of(*rows, sequence=self.sequence, channels=names, quality=quality) | members
+        begin_us = START_US + 5000 * self.sequence
+        batch = batch_of(*rows, sequence=self.sequence, channels=names, quality=quality, begin_us=begin_us) | members
         self.sequence += COUNT
-        for sample in batch["samples"]:
-            sample["acquired_unix_us"] = START_US + 5000 * sample["sequence"]
-            if covariance_mm2:
-                sample |= {"readings": 4, "covariance_mm2": covariance_mm2}
+        for sample in batch["samples"] if covariance_mm2 else []:
+            sample |= {"readings": 4, "covariance_mm2": covariance_mm2}
         answer = self.service.post(batch)
         assert answer.status_code == 200, answer.text
 

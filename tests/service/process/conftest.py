@@ -1,6 +1,7 @@
 """Real service processes on free ports of loopback."""
 
 import json
+import socket
 import subprocess
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -30,6 +31,11 @@ class Service:
         self.first_line = first_line
         self.token = token
         self.url = first_line.removeprefix("listening on ").strip()
+        self.port = int(self.url.rpartition(":")[2])
+
+    def connect(self) -> socket.socket:
+        """Return a connection, for requests that are no HTTP or that wait in the middle."""
+        return socket.create_connection(("127.0.0.1", self.port), timeout=TIMEOUT_S)
 
     def get(self, path: str, token: str | None = None) -> httpx2.Response:
         headers = {"Authorization": f"Bearer {token}"} if token else {}
@@ -87,17 +93,29 @@ def start_service(command: Command, token_file: Path) -> StartService:
 
 @pytest.fixture
 def start_press(
-    start_service: StartService, build_model: BuildModel, token_file: Path, read_token_file: Path
+    start_service: StartService, build_model: BuildModel, token_file: Path, read_token_file: Path, tmp_path: Path
 ) -> StartService:
-    """A function that starts a service of press-7, whose samples stay fresh for a minute; `read` is its read token."""
-    model = build_model()
+    """A function that starts a service of press-7, whose samples stay fresh for a minute; `read` is its read token.
 
-    def start(*options: str | Path, read: str | None = None, stale_ms: int = 60_000, **how: Any) -> Service:  # noqa: ANN401  # as `command`
+    `server` are further lines of its section, and `sections` are further sections of the configuration.
+    """
+
+    def start(
+        *options: str | Path,
+        model: Path | None = None,
+        read: str | None = None,
+        stale_ms: float = 60_000,
+        server: str = "",
+        sections: str = "",
+        **how: Any,  # noqa: ANN401  # as `command`
+    ) -> Service:
         if read is not None:
             read_token_file.write_text(read)
             options += ("--read-token-file", read_token_file)
-        given = ("--model", model, "--write-token-file", token_file, "--stale-ms", str(stale_ms))
-        return start_service(*given, *options, **how)
+        surface = f"[surfaces.press-7]\nmodel = '{model or build_model()}'\nstale_ms = {stale_ms}\n"
+        text = f"[server]\nwrite_token_file = '{token_file}'\n{server}\n{surface}{sections}\n"
+        (tmp_path / "service.toml").write_text(text)
+        return start_service("--config", "service.toml", *options, **how)
 
     return start
 
@@ -109,16 +127,11 @@ def fresh(start_press: StartService) -> Service:
 
 
 @pytest.fixture
-def start_bench(
-    start_service: StartService, token_file: Path, tmp_path: Path, bench_model: Path
-) -> Callable[..., Bench]:
+def start_bench(start_press: StartService, bench_model: Path) -> Callable[..., Bench]:
     """A function that starts a service of press-7 with the bench model; its samples stay fresh for a minute."""
 
-    def start(*options: str | Path, path: Path = bench_model, sections: str = "") -> Bench:
-        surface = f'[surfaces.press-7]\nmodel = "{path}"\nstale_ms = 60000\n'
-        (tmp_path / "service.toml").write_text(surface + sections)
-        service = start_service("--config", "service.toml", "--write-token-file", token_file, *options)
-        return Bench(service, modelfile.load(path))
+    def start(*options: str | Path, model: Path = bench_model, sections: str = "") -> Bench:
+        return Bench(start_press(*options, model=model, sections=sections), modelfile.load(model))
 
     return start
 

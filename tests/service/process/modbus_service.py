@@ -4,9 +4,6 @@ import re
 import socket
 import struct
 from dataclasses import dataclass
-from pathlib import Path
-
-from service.small_model import write_model
 
 from .conftest import Service, StartService
 
@@ -36,17 +33,9 @@ class ModbusService:
             return ask(connection, address, count)
 
 
-def start_modbus(
-    start: StartService,
-    folder: Path,
-    options: str,
-) -> ModbusService:
+def start_modbus(start_press: StartService, options: str) -> ModbusService:
     """Start a service with these lines in its section [modbus_server]."""
-    (folder / "service.toml").write_text(
-        f'[server]\nwrite_token_file = "token"\n[modbus_server]\nport = 0\n{options}\n'
-        f'[surfaces.press-7]\nmodel = "{write_model(folder)}"\nstale_ms = 60_000\n[surfaces.bare]\n'
-    )
-    service = start("--config", "service.toml")
+    service = start_press(sections=f"[surfaces.bare]\n[modbus_server]\nport = 0\n{options}\n")
     assert service.process.stderr is not None
     for line in service.process.stderr:
         if found := ADDRESS.search(line):
@@ -54,9 +43,14 @@ def start_modbus(
     raise AssertionError(service.process.communicate()[1])
 
 
-def request(address: int, count: int, transaction: int = 1, function: int = 4) -> bytes:
+def frame(body: bytes, transaction: int, unit: int = 1) -> bytes:
+    """Return function and data as a frame."""
+    return struct.pack(">HHHB", transaction, 0, 1 + len(body), unit) + body
+
+
+def request(address: int, count: int, transaction: int = 1) -> bytes:
     """Return a request for registers."""
-    return struct.pack(">HHHBBHH", transaction, 0, 6, 1, function, address, count)
+    return frame(struct.pack(">BHH", 4, address, count), transaction)
 
 
 def answered(connection: socket.socket) -> bytes:

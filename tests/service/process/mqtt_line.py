@@ -24,11 +24,8 @@ BATCH_S = 0.01
 
 def now_batch(*rows: Row, sequence: int, quality: list[str] | None = None) -> dict[str, Any]:
     """A batch whose samples were taken just now."""
-    batch = batch_of(*rows, sequence=sequence, quality=quality)
-    now_us = time.time_ns() // 1000
-    for index, sample in enumerate(batch["samples"]):
-        sample["acquired_unix_us"] = now_us - 1000 * (len(rows) - 1 - index)
-    return batch
+    begin_us = time.time_ns() // 1000 - 1000 * (len(rows) - 1)
+    return batch_of(*rows, sequence=sequence, quality=quality, begin_us=begin_us, every_us=1000)
 
 
 class Sender(threading.Thread):

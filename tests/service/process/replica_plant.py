@@ -7,7 +7,7 @@ import httpx2
 
 from balancer import Balancer
 from plain_http import NO_TLS, TIMEOUT_S
-from service.conftest import TOKEN, Row, batch_of
+from service.conftest import START_US, TOKEN, Row, batch_of
 from service.event_story import RESTING, TOUCHING
 from service.process.conftest import Service
 from waiting import wait_until
@@ -21,7 +21,7 @@ class Plant:
 
     def __init__(self, folder: Path, services: list[Service]) -> None:
         self.services = services
-        self.balancer = Balancer(folder, [int(service.url.rpartition(":")[2]) for service in services], 30)
+        self.balancer = Balancer(folder, [service.port for service in services], 30)
         self._sent = dict.fromkeys(SURFACES, 1)
 
     def get(self, path: str) -> httpx2.Response:
@@ -29,9 +29,7 @@ class Plant:
 
     def deliver(self, name: str, *values: Row) -> None:
         """Send the next samples of a surface, as often as it takes."""
-        body = batch_of(*values, sequence=self._sent[name])
-        for number, sample in enumerate(body["samples"], self._sent[name]):
-            sample["acquired_unix_us"] += number * 5000
+        body = batch_of(*values, sequence=self._sent[name], begin_us=START_US + self._sent[name] * 5000)
         url = f"{self.balancer.url}/surfaces/{name}/samples"
         headers = {"Authorization": f"Bearer {TOKEN}"}
 

@@ -24,11 +24,6 @@ def post(batch: dict[str, Any]) -> bytes:
     return f"{head}Content-Length: {len(body)}\r\n\r\n".encode() + body
 
 
-def connected(service: Service) -> socket.socket:
-    host, _, port = service.url.removeprefix("http://").rpartition(":")
-    return socket.create_connection((host, int(port)), timeout=60)
-
-
 def take_receipt(connection: socket.socket) -> None:
     received = b""
     while not received.endswith(b"}"):
@@ -44,7 +39,7 @@ def is_stopped(service: Service) -> bool:
 
 @pytest.mark.parametrize("is_new", [False, True], ids=["kept connection", "new connection"])
 def test_samples_that_waited_while_the_service_stood_still_are_as_old_as_they_are(fresh: Service, is_new: bool) -> None:
-    service, connection = fresh, connected(fresh)
+    service, connection = fresh, fresh.connect()
     assert service.post(batch_of()).status_code == 200
     if not is_new:
         connection.sendall(post(batch_of(sequence=2)))
@@ -54,7 +49,7 @@ def test_samples_that_waited_while_the_service_stood_still_are_as_old_as_they_ar
         wait_until(lambda: is_stopped(service))
         if is_new:
             connection.close()
-            connection = connected(service)
+            connection = service.connect()
         connection.sendall(post(batch_of(sequence=3)))
         sent_s = time.monotonic()
         wait_until(lambda: time.monotonic() > sent_s + FROZEN_S)

@@ -49,23 +49,19 @@ def test_a_name_that_does_not_resolve_is_waited_for(tmp_path: Path, token_file: 
 
 
 def test_what_is_missing_is_named_and_used_when_it_comes(
-    start_service: StartService,
-    build_model: BuildModel,
-    token_file: Path,
-    tmp_path: Path,
+    start_press: StartService, build_model: BuildModel, tmp_path: Path
 ) -> None:
     broker, record = Broker(tmp_path), tmp_path / "mount" / "events.db"
     model = build_model()
     absent = model.with_name("later.onnx")
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
-        (tmp_path / "service.toml").write_text(
-            f'[server]\nwrite_token_file = "{token_file}"\n[events]\nfile = "{record}"\n'
-            f'[modbus_server]\nport = {port}\n[mqtt]\nhost = "127.0.0.1"\nport = {broker.port}\n'
-            f'[surfaces.press-7]\nmodel = "{model}"\nstale_ms = 60000\n'
-            f'[surfaces.press-8]\nmodel = "{absent}"\nstale_ms = 60000\n'
+        service = start_press(
+            model=model,
+            sections=f'[events]\nfile = "{record}"\n[modbus_server]\nport = {port}\n'
+            f'[mqtt]\nhost = "127.0.0.1"\nport = {broker.port}\n'
+            f'[surfaces.press-8]\nmodel = "{absent}"\nstale_ms = 60000\n',
         )
-        service = start_service("--config", "service.toml")
         receipt = service.post(batch_of(RESTING, TOUCHING, RESTING) | {"oldest": 1}).json()
         # The other surface goes on, and its sender keeps the samples for the record.
         assert (receipt["durable"], receipt["expected"]) == (None, None)

@@ -5,38 +5,46 @@ import re
 import select
 import signal
 import socket
+import struct
 import subprocess
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, suppress
-from pathlib import Path
 
 import pytest
 
 from contact_registers import FIGURES, USED, decoded, expected
 from parts import require
 from processes import resident_mb
-from service.conftest import batch_of
-from service.event_story import RESTING, TOUCHING
+from service.conftest import Row, batch_of
+from service.event_story import ODD, RESTING, TOUCHING
 from waiting import wait_until
 
 from .conftest import StartService
-from .modbus_service import ModbusService, answered, ask, request, start_modbus
+from .modbus_service import ModbusService, answered, ask, frame, request, start_modbus
 
 IDLE_S, PERIOD_S = 5.0, 0.1
 """Of a connection without a request, and of a controller, which a starved machine may hold up for some seconds."""
 MAX_GROWTH_MB, MAX_SENT_BYTES = 30.0, 100_000_000
 STALE = 18
-NOT_MODBUS = [b"GET /contact HTTP/1.1\r\nHost: x\r\n\r\n", b"\0\1\0\5\0\6" + bytes(6), b"\x16\x03\x01" * 9]
-
-pytestmark = pytest.mark.usefixtures("token_file")
+NOT_MODBUS = [b"GET /contact HTTP/1.1\r\nHost: x\r\n\r\n", b"\x16\x03\x01" * 9]
+# Other protocols than 0, and lengths that no frame has.
+HEADS = ("0001 0006", "8000 0006", "0000 0000", "0000 0001", "0000 00ff")
+NOT_MODBUS += [bytes.fromhex(f"0001 {head}") for head in HEADS]
+ROWS: list[tuple[Row, list[str]]] = [
+    (RESTING, ["good"] * 3),
+    (TOUCHING, ["good"] * 3),
+    ([2.4, 0.1, 0.05], ["good"] * 3),  # overload
+    ([0.5, None, 0.125], ["good", "missing", "good"]),
+    (ODD, ["good"] * 3),
+]
 
 
 @pytest.fixture
-def server(start_service: StartService, tmp_path: Path) -> ModbusService:
+def server(start_press: StartService) -> ModbusService:
     """A server for four clients; press-7 has a contact."""
-    service = start_modbus(start_service, tmp_path, "max_clients = 4")
+    service = start_modbus(start_press, "max_clients = 4")
     assert service.http.post(batch_of()).status_code == 200
     return service
 
@@ -51,9 +59,9 @@ def polled(port: int, *options: str) -> list[str]:
 
 @pytest.mark.parametrize(("word_order", "floats"), [("big", ["-B"]), ("little", [])])
 def test_a_client_of_others_reads_the_contacts_and_that_they_are_stale(
-    start_service: StartService, tmp_path: Path, word_order: str, floats: list[str]
+    start_press: StartService, word_order: str, floats: list[str]
 ) -> None:
-    server = start_modbus(start_service, tmp_path, f'word_order = "{word_order}"')
+    server = start_modbus(start_press, f'word_order = "{word_order}"')
 
     def block() -> list[int]:
         return [int(word) for word in polled(server.port, "-t", "3", "-r", "0", "-c", str(USED))]
@@ -61,13 +69,16 @@ def test_a_client_of_others_reads_the_contacts_and_that_they_are_stale(
     def figures() -> list[float]:
         return [float(one) for one in polled(server.port, "-t", "3:float", *floats, "-r", "8", "-c", str(len(FIGURES)))]
 
-    for sequence, row in enumerate([RESTING, TOUCHING], start=1):
-        server.http.post(batch_of(row, sequence=sequence))
+    for number, (row, quality) in enumerate(ROWS):
+        sequence = 2**32 + 4 * number
+        assert server.http.post(batch_of(*[row] * 4, sequence=sequence, quality=quality)).status_code == 200
         contact = server.http.get("/surfaces/press-7/contact").json()
-        assert decoded(block(), ["s1", "s2", "s3"], word_order) == expected(contact)
-        said = [contact[name] if contact[name] is not None else math.nan for name in FIGURES]
-        assert figures() == pytest.approx(said, rel=1e-5, nan_ok=True)
-    server.http.post(batch_of(TOUCHING, sequence=3, age_ms=59_900.0))
+        # Of the number, the low half.
+        said = expected(contact | {"sequence": contact["sequence"] % 2**32})
+        assert decoded(block(), ["s1", "s2", "s3"], word_order) == said
+        figures_said = [contact[name] if contact[name] is not None else math.nan for name in FIGURES]
+        assert figures() == pytest.approx(figures_said, rel=1e-5, nan_ok=True)
+    server.http.post(batch_of(TOUCHING, sequence=2**33, age_ms=59_900.0))
     wait_until(lambda: block()[2] == STALE)
     assert all(map(math.isnan, figures()))
 
@@ -88,14 +99,31 @@ def test_requests_that_arrive_together_or_in_pieces_are_all_answered_in_order(se
     assert [int.from_bytes(answer[:2]) for answer in pieces] == list(range(5))
 
 
-def test_a_request_that_is_refused_leaves_the_connection_open(server: ModbusService) -> None:
-    refused = [request(0, 1, function=function) for function in (1, 3, 5, 6, 15, 16, 23, 43)]
+def asked(address: int, count: int) -> bytes:
+    return struct.pack(">BHH", 4, address, count)
+
+
+REFUSED = [
+    *((bytes([function]) + bytes(8), 1) for function in range(256) if function != 4),
+    *((asked(address, count), 2) for address, count in ((100, 1), (99, 2), (65_535, 125))),
+    *((asked(0, count), 3) for count in (0, 126, 65_535)),
+    *((body, 3) for body in (b"\x04", b"\x04\x00\x00\x00", asked(0, 1) + b"\x00")),
+]
+"""Function and data of requests, each with the exception that the standard wants."""
+
+
+def test_a_wrong_request_has_the_exception_of_the_standard_and_leaves_the_connection_open(
+    server: ModbusService,
+) -> None:
     with server.connected() as connection:
-        before = ask(connection, 2, 1)
-        for words, exception in [*[(one, 1) for one in refused], (request(100, 1), 2), (request(0, 126), 3)]:
-            connection.sendall(words)
-            assert answered(connection)[7:] == bytes([words[7] | 0x80, exception])
-        assert ask(connection, 2, 1) == before == [2]
+        for place, (body, exception) in enumerate(REFUSED):
+            transaction, unit = 1000 + place, place % 256  # any unit is answered, under its own number
+            connection.sendall(frame(body, transaction, unit))
+            assert answered(connection) == frame(bytes([body[0] | 0x80, exception]), transaction, unit)
+        assert ask(connection, 2, 1) == [2]
+        whole = ask(connection, 0, 100)
+        # A read over the border of two surfaces has each as it is.
+        assert ask(connection, 49, 2) == whole[49:51] == [0, ask(connection, 50, 1)[0]]
 
 
 def test_what_is_not_modbus_ends_its_connection_after_the_earlier_answers(server: ModbusService) -> None:
@@ -118,9 +146,9 @@ def test_a_client_that_ends_its_side_still_gets_its_answers(server: ModbusServic
         assert [answered(connection)[:2] for _ in range(3)] == [b"\x00\x01", b"\x00\x02", b""]
 
 
-def test_a_hundred_connections_do_not_disturb_a_controller(start_service: StartService, tmp_path: Path) -> None:
+def test_a_hundred_connections_do_not_disturb_a_controller(start_press: StartService) -> None:
     """Those above the limit are closed; when the others have been silent for too long, there is place again."""
-    server = start_modbus(start_service, tmp_path, f"max_clients = 4\nidle_s = {IDLE_S}")
+    server = start_modbus(start_press, f"max_clients = 4\nidle_s = {IDLE_S}")
     with ExitStack() as stack:
         controller = stack.enter_context(server.connected())
         crowd = []
@@ -144,8 +172,8 @@ def test_a_hundred_connections_do_not_disturb_a_controller(start_service: StartS
     assert (code, errors.count("too many connections")) == (0, 1)
 
 
-def test_a_client_that_does_not_read_costs_little_and_is_closed(start_service: StartService, tmp_path: Path) -> None:
-    server = start_modbus(start_service, tmp_path, "idle_s = 3.0")
+def test_a_client_that_does_not_read_costs_little_and_is_closed(start_press: StartService) -> None:
+    server = start_modbus(start_press, "idle_s = 3.0")
     before_mb = resident_mb(server.http.process.pid)
     with server.connected(timeout_s=1.0, receive_bytes=4096) as connection:
         sent_bytes = flood(connection, request(0, 100) * 1000, MAX_SENT_BYTES)
@@ -188,10 +216,3 @@ def test_a_stop_ends_all_connections(server: ModbusService) -> None:
         assert server.http.stop(signal.SIGTERM)[0] == 0
         assert closes(idle)
         assert closes(busy)
-
-
-@pytest.mark.usefixtures("read_token_file")
-def test_a_server_that_a_read_token_does_not_protect_says_so(start_service: StartService, tmp_path: Path) -> None:
-    (tmp_path / "service.toml").write_text('[server]\nread_token_file = "read-token"\n[modbus_server]\nport = 0\n')
-    service = start_service("--config", "service.toml")
-    assert "no token protects the Modbus TCP server" in service.stop(signal.SIGTERM)[1]

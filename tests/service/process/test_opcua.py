@@ -17,27 +17,21 @@ from asyncua.crypto.security_policies import SecurityPolicyBasic256Sha256
 from certificates import make_certificate
 from free_ports import free_port
 from opcua_hello import is_open
-from service.conftest import batch_of
+from service.conftest import FIGURES, batch_of
 from service.process.opcua_client import TIMEOUT_S, connected, read
-from service.small_model import write_model
 from waiting import wait_until
 
 from .conftest import Service, StartService
 
-pytestmark = pytest.mark.usefixtures("token_file")
 CHANGE = ua.DataChangeTrigger.StatusValue
-FIGURES = ("position_mm", "position_low_mm", "position_high_mm", "force_n", "force_low_n", "force_high_n")
 
 
-def start(start_service: StartService, folder: Path, stale_ms: float, options: str = "") -> tuple[Service, str]:
+def start(start_press: StartService, stale_ms: float, options: str = "") -> tuple[Service, str]:
     """Start a service of press-7 with an OPC UA server; return it with the address of that."""
     port = free_port()
-    (folder / "service.toml").write_text(
-        f'[server]\nwrite_token_file = "token"\n[opcua]\nport = {port}\n{options}\n'
-        f'[surfaces.press-7]\nmodel = "{write_model(folder)}"\nstale_ms = {stale_ms}\n'
-        "[surfaces.press-7.zones.left]\nfrom_mm = 0\nto_mm = 300\n"
-    )
-    return start_service("--config", "service.toml"), f"opc.tcp://127.0.0.1:{port}/"
+    zones = "[surfaces.press-7.zones.left]\nfrom_mm = 0\nto_mm = 300\n"
+    service = start_press(stale_ms=stale_ms, sections=f"{zones}[opcua]\nport = {port}\n{options}\n")
+    return service, f"opc.tcp://127.0.0.1:{port}/"
 
 
 class Changes:
@@ -55,9 +49,9 @@ class Changes:
 
 
 def test_a_read_gives_the_contact_of_its_moment_and_a_subscription_turns_bad_when_samples_stop(
-    start_service: StartService, tmp_path: Path
+    start_press: StartService,
 ) -> None:
-    service, url = start(start_service, tmp_path, 5000, "interval_ms = 20")
+    service, url = start(start_press, 5000, "interval_ms = 20")
     rest, touched = list[float | None]([0.0, 0.0, 0.0]), list[float | None]([0.2, 0.3, 0.3])
     odd = list[float | None]([0.2, 0.3, 0.5])
 
@@ -135,11 +129,9 @@ async def event_type(client: Client, index: int) -> Any:  # noqa: ANN401  # the 
     return await base.get_child(ua.QualifiedName("ContactEventType", index))
 
 
-def test_the_first_value_of_a_subscription_is_the_contact_of_its_moment(
-    start_service: StartService, tmp_path: Path
-) -> None:
+def test_the_first_value_of_a_subscription_is_the_contact_of_its_moment(start_press: StartService) -> None:
     # With this interval, nobody looks at the surface between the two samples.
-    service, url = start(start_service, tmp_path, 60_000, "interval_ms = 10000")
+    service, url = start(start_press, 60_000, "interval_ms = 10000")
 
     async def subscribe() -> list[Any]:
         new, woken = Changes(), Changes()
@@ -181,14 +173,14 @@ async def require_no_deadband(subscription: Subscription, node: Any) -> None:  #
     assert modified.StatusCode.name == "BadMonitoredItemFilterUnsupported"
 
 
-def test_only_the_user_reads_and_names_with_dots_are_nodes_of_their_own(
-    start_service: StartService, tmp_path: Path
+def test_only_the_user_reads_and_in_no_session_of_another_and_names_with_dots_are_nodes_of_their_own(
+    start_press: StartService, tmp_path: Path
 ) -> None:
     (tmp_path / "password").write_text("a long password\n")
     zone = "[surfaces.press-7.zones.state]\nfrom_mm = 0\nto_mm = 9"
     others = '[surfaces."press-7.model"]\n[surfaces."press-7.zones"]'
     account = 'username = "scada"\npassword_file = "password"'
-    _, url = start(start_service, tmp_path, 2000, f"{account}\n{zone}\n{others}")
+    _, url = start(start_press, 2000, f"{account}\n{zone}\n{others}")
 
     async def connect() -> None:
         for user, password in ((None, ""), ("scada", "wrong"), ("admin", "a long password")):
@@ -203,13 +195,27 @@ def test_only_the_user_reads_and_names_with_dots_are_nodes_of_their_own(
             for name in ("press-7", "press-7.model", "press-7.zones"):
                 assert await client.get_node(ua.NodeId(name, index)).read_node_class() is ua.NodeClass.Object
 
+    async def take_over() -> None:
+        async with connected(url, "scada", "a long password") as client:
+            stranger = Client(url, timeout=TIMEOUT_S)
+            await stranger.connect_socket()
+            await stranger.send_hello()
+            await stranger.open_secure_channel()
+            # Sessions are numbered, so that this is easily guessed.
+            stranger.uaclient.session.restore_authentication_token(client.uaclient.session.authentication_token)
+            with pytest.raises(ua.UaStatusCodeError, match="BadSessionIdInvalid"):
+                await stranger.uaclient.activate_session(ua.ActivateSessionParameters())
+            with pytest.raises(ua.UaStatusCodeError, match="BadUserAccessDenied"):
+                await read(stranger)
+            stranger.disconnect_socket()
+            assert await read(client)
+
     asyncio.run(connect())
+    asyncio.run(take_over())
 
 
-def test_a_client_adds_no_server_and_gets_no_more_than_the_looks_give(
-    start_service: StartService, tmp_path: Path
-) -> None:
-    _, url = start(start_service, tmp_path, 2000, "interval_ms = 50")
+def test_a_client_adds_no_server_and_gets_no_more_than_the_looks_give(start_press: StartService) -> None:
+    _, url = start(start_press, 2000, "interval_ms = 50")
 
     async def ask() -> None:
         async with connected(url) as client:
@@ -242,7 +248,7 @@ def application_certificate(folder: Path, name: str) -> tuple[Path, Path]:
 
 
 def test_with_a_certificate_only_trusted_clients_connect_and_only_encrypted(
-    start_service: StartService, tmp_path: Path
+    start_press: StartService, tmp_path: Path
 ) -> None:
     certificate, key = application_certificate(tmp_path / "own", "server")
     trusted, stranger = (application_certificate(tmp_path / folder, folder) for folder in ("clients", "strangers"))
@@ -251,7 +257,7 @@ def test_with_a_certificate_only_trusted_clients_connect_and_only_encrypted(
     (tmp_path / "trusted").mkdir()
     shutil.copy(trusted[0], tmp_path / "trusted" / "client.crt")
     keys = f'certificate_file = "{certificate}"\nkey_file = "server.key"\ntrusted_folder = "trusted"'
-    _, url = start(start_service, tmp_path, 2000, keys)
+    _, url = start(start_press, 2000, keys)
 
     async def connect(certificate: Path, key: Path, named: bytes | None) -> set[str]:
         await asyncio.to_thread(wait_until, lambda: is_open(url))
@@ -277,11 +283,10 @@ def test_with_a_certificate_only_trusted_clients_connect_and_only_encrypted(
 
 
 def test_a_server_with_a_certificate_refuses_clients_that_do_not_encrypt(
-    start_service: StartService, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    start_press: StartService, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     certificate, _ = application_certificate(tmp_path / "own", "server")
-    keys = f'certificate_file = "{certificate}"\nkey_file = "server-key.pem"'
-    _, url = start(start_service, tmp_path, 2000, keys)
+    _, url = start(start_press, 2000, f'certificate_file = "{certificate}"\nkey_file = "server-key.pem"')
     # The server offers no such endpoint; a client may ask for one all the same.
     monkeypatch.setattr(Client, "find_endpoint", lambda endpoints, _mode, _policy: endpoints[0])
 
@@ -291,28 +296,6 @@ def test_a_server_with_a_certificate_refuses_clients_that_do_not_encrypt(
 
     with pytest.raises(ua.UaStatusCodeError, match="BadSecurityModeRejected"):
         asyncio.run(connect_openly())
-
-
-def test_nobody_reads_in_the_session_of_another_client(start_service: StartService, tmp_path: Path) -> None:
-    (tmp_path / "password").write_text("a long password\n")
-    _, url = start(start_service, tmp_path, 2000, 'username = "scada"\npassword_file = "password"')
-
-    async def take_over() -> None:
-        async with connected(url, "scada", "a long password") as client:
-            stranger = Client(url, timeout=TIMEOUT_S)
-            await stranger.connect_socket()
-            await stranger.send_hello()
-            await stranger.open_secure_channel()
-            # Sessions are numbered, so that this is easily guessed.
-            stranger.uaclient.session.restore_authentication_token(client.uaclient.session.authentication_token)
-            with pytest.raises(ua.UaStatusCodeError, match="BadSessionIdInvalid"):
-                await stranger.uaclient.activate_session(ua.ActivateSessionParameters())
-            with pytest.raises(ua.UaStatusCodeError, match="BadUserAccessDenied"):
-                await read(stranger)
-            stranger.disconnect_socket()
-            assert await read(client)
-
-    asyncio.run(take_over())
 
 
 def test_nobody_ends_or_takes_over_the_subscription_of_another_client(
@@ -329,14 +312,12 @@ def test_nobody_ends_or_takes_over_the_subscription_of_another_client(
             number = subscription.subscription_id
             own = (await stranger.create_subscription(50, Changes())).subscription_id
             assert own != number
+            pause = ua.SetPublishingModeParameters(PublishingEnabled=False, SubscriptionIds=[number])
+            (taken,) = await stranger.uaclient.transfer_subscriptions(ua.TransferSubscriptionsParameters([number]))
             answers = [
+                taken.StatusCode,
+                *await stranger.uaclient.set_publishing_mode(pause),
                 *await stranger.uaclient.delete_subscriptions([number]),
-                *await stranger.uaclient.set_publishing_mode(
-                    ua.SetPublishingModeParameters(PublishingEnabled=False, SubscriptionIds=[number])
-                ),
-                (await stranger.uaclient.transfer_subscriptions(ua.TransferSubscriptionsParameters([number])))[
-                    0
-                ].StatusCode,
             ]
             assert {answer.name for answer in answers} == {"BadSubscriptionIdInvalid"}
             with pytest.raises(ua.UaStatusCodeError, match="BadSubscriptionIdInvalid"):

@@ -80,7 +80,7 @@ def test_it_is_asked_for_once_and_again_for_another_model(
 ) -> None:
     path = tmp_path / "press-7.onnx"
     shutil.copy(bench_model, path)
-    bench = start_bench(path=path)
+    bench = start_bench(model=path)
     bench.load((130, 12))
     seen = open_page(bench.service.url)
     wait_for_shape(seen)

@@ -16,7 +16,7 @@ OTHER = "another-token-since-the-restart"
 def again(start: StartService, service: Service, read: str | None) -> Service:
     """End the service and start it on the same port with another token for reading."""
     service.stop(signal.SIGTERM)
-    return start("--port", service.url.rpartition(":")[2], read=read)
+    return start("--port", str(service.port), read=read)
 
 
 def enter(seen: Watched, token: str, *, keep: bool = False) -> None:
@@ -54,7 +54,7 @@ def assert_only_refusals(seen: Watched) -> None:
     assert seen.strangers() == []
 
 
-def test_from_the_form_to_the_figures_and_back(start_press: StartService, open_page: OpenPage) -> None:
+def test_from_the_form_to_the_figures_and_back_by_keyboard(start_press: StartService, open_page: OpenPage) -> None:
     service = start_press(read=READ_TOKEN)
     service.post(batch_of([0.0, 0.0, 0.0], sequence=1))
     service.post(batch_of(sequence=2))
@@ -62,15 +62,23 @@ def test_from_the_form_to_the_figures_and_back(start_press: StartService, open_p
     assert_locked(seen)
     assert seen.text("token-error") == ""
     assert not seen.page.is_visible("#forget")
+    focused = "() => document.activeElement.id === 'token'"
+    seen.page.wait_for_function(focused)
+    seen.tab_through()
 
-    enter(seen, WRONG)
+    seen.page.focus("#token")
+    seen.page.keyboard.type(WRONG)
+    seen.page.keyboard.press("Enter")
     seen.wait_for_text("token-error", "This token is not accepted")
     assert seen.page.get_by_role("alert").inner_text() == "This token is not accepted"
     assert seen.page.get_attribute("#token", "aria-invalid") == "true"
     assert seen.page.evaluate(KEPT) == [0, 0]
     assert_locked(seen)
 
-    enter(seen, READ_TOKEN)
+    # The wrong one is selected, so that typing replaces it.
+    seen.page.wait_for_function(focused)
+    seen.page.keyboard.type(READ_TOKEN)
+    seen.page.keyboard.press("Enter")
     assert_open(seen)
     assert seen.page.input_value("#token") == ""
     seen.page.wait_for_selector("#events tr")
@@ -148,57 +156,6 @@ def test_a_service_that_comes_back_with_another_token(start_press: StartService,
     opened.post(batch_of())
     seen.page.wait_for_function("() => window.states.filter(state => state === 'lost').length > 1")
     assert_open(seen)
-
-
-def test_without_a_token_for_reading_there_is_no_form(start_press: StartService, open_page: OpenPage) -> None:
-    service = start_press()
-    service.post(batch_of())
-    seen = open_page(service.url)
-    seen.page.evaluate(
-        f"() => {{ window.forms = 0; new MutationObserver(() => forms++)"
-        f".observe(document.querySelector('{FORM}'), {{attributes: true}}); }}"
-    )
-    seen.watch()
-    assert_open(seen)
-    restarted = again(start_press, service, None)
-    seen.wait_for_text("headline", "no samples yet")
-    restarted.post(batch_of())
-    assert_open(seen)
-    assert seen.page.evaluate("() => window.forms") == 0
-    assert "locked" not in seen.states()
-    assert not seen.page.is_visible("#forget")
-    assert not seen.page.is_visible("#with-token")
-
-
-def test_by_keyboard_alone(start_press: StartService, open_page: OpenPage) -> None:
-    service = start_press(read=READ_TOKEN)
-    service.post(batch_of())
-    seen = open_page(service.url)
-    seen.wait_for_state("locked")
-    where = "() => document.activeElement.id || document.activeElement.textContent"
-    seen.page.wait_for_function(f"() => ({where})() === 'token'")
-    seen.page.keyboard.type(WRONG)
-    seen.page.keyboard.press("Enter")
-    seen.wait_for_text("token-error", "not accepted")
-    assert seen.page.evaluate(where) == "token"
-    # The wrong one is selected, so that typing replaces it.
-    seen.page.keyboard.type(READ_TOKEN)
-    reached = []
-    for _ in range(2):
-        seen.page.keyboard.press("Tab")
-        reached.append(seen.page.evaluate(where))
-        outline = "() => getComputedStyle(document.activeElement).outlineStyle"
-        assert seen.page.evaluate(outline) == "solid"
-    assert reached == ["keep", "Show the page"]
-    seen.page.keyboard.press("Shift+Tab")
-    seen.page.keyboard.press("Space")
-    seen.page.keyboard.press("Tab")
-    seen.page.keyboard.press("Enter")
-    assert_open(seen)
-    assert seen.page.evaluate(KEPT) == [0, 1]
-    seen.page.focus("#forget")
-    seen.page.keyboard.press("Enter")
-    seen.page.wait_for_function(f"() => ({where})() === 'token'")
 
 
 def test_the_form_and_the_button_fit_and_can_be_read(start_press: StartService, open_page: OpenPage) -> None:

@@ -15,10 +15,6 @@ from service.conftest import READ_TOKEN, TOKEN, batch_of
 from service.process.conftest import Service, StartService
 
 
-def address(service: Service) -> tuple[str, int]:
-    return "127.0.0.1", int(service.url.rpartition(":")[2])
-
-
 def told(connection: socket.socket) -> bytes:
     """Return all that comes until the other side closes."""
     connection.settimeout(60)
@@ -60,7 +56,7 @@ def test_no_token_is_ever_in_the_log(start_press: StartService) -> None:
             httpx2.post(
                 service.url + path, headers={"Authorization": f"Bearer {token}"}, trust_env=False, verify=NO_TLS
             )
-        with socket.create_connection(address(service)) as connection:
+        with service.connect() as connection:
             connection.sendall(f"GET /contact HTTP/1.1\r\nHost: x\r\nAuthorization Bearer {token}\r\n\r\n".encode())
             assert told(connection).startswith(b"HTTP/1.1 400")
     code, errors = service.stop(signal.SIGTERM)
@@ -76,7 +72,7 @@ def test_no_token_is_ever_in_the_log(start_press: StartService) -> None:
 @pytest.mark.long
 def test_a_body_that_trickles_is_given_up_after_ten_seconds(fresh: Service) -> None:
     head = f"POST /surfaces/press-7/samples HTTP/1.1\r\nHost: x\r\nAuthorization: Bearer {TOKEN}\r\n"
-    with socket.create_connection(address(fresh)) as connection:
+    with fresh.connect() as connection:
         connection.sendall(f"{head}Content-Length: 1000\r\n\r\n".encode())
         begin_s = time.monotonic()
         connection.settimeout(1)

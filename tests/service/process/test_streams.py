@@ -37,11 +37,10 @@ def opened(service: Service, stack: ExitStack, path: str = "/stream") -> httpx2.
 
 def deaf(service: Service, stack: ExitStack) -> socket.socket:
     """Ask for a stream and never read it."""
-    host, port = service.url.removeprefix("http://").split(":")
     client = stack.enter_context(socket.socket())
     client.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1024)
-    client.connect((host, int(port)))
-    client.sendall(f"GET /stream?interval_ms=20 HTTP/1.1\r\nHost: {host}\r\n\r\n".encode())
+    client.connect(("127.0.0.1", service.port))
+    client.sendall(b"GET /stream?interval_ms=20 HTTP/1.1\r\nHost: x\r\n\r\n")
     return client
 
 
@@ -81,12 +80,8 @@ def test_it_says_what_is_and_what_becomes(fresh: Service) -> None:
         assert again["age_ms"] > state["age_ms"]
 
 
-def test_so_many_streams_and_no_more_until_one_ends(
-    start_service: StartService, build_model: BuildModel, tmp_path: Path
-) -> None:
-    model = build_model()
-    (tmp_path / "service.toml").write_text(f"[server]\nmax_streams = 2\n[surfaces.press-7]\nmodel = '{model}'\n")
-    service = start_service("--config", "service.toml")
+def test_so_many_streams_and_no_more_until_one_ends(start_press: StartService) -> None:
+    service = start_press(server="max_streams = 2")
     with ExitStack() as stack:
         assert [opened(service, stack).status_code for _ in range(2)] == [200, 200]
         refused = service.get("/stream")
@@ -105,6 +100,7 @@ def test_so_many_streams_and_no_more_until_one_ends(
 def test_it_stops_with_streams_open_one_of_which_is_not_read(
     start_service: StartService, build_model: BuildModel, token_file: Path
 ) -> None:
+    # Without a configuration, the model names its surface.
     service = start_service("--model", build_model(channels=64), "--write-token-file", token_file)
     with ExitStack() as stack:
         read: list[int] = []
@@ -130,15 +126,10 @@ def test_it_stops_with_streams_open_one_of_which_is_not_read(
 
 @pytest.mark.long
 def test_a_client_that_does_not_read_is_dropped_and_costs_others_nothing(
-    start_service: StartService, build_model: BuildModel, token_file: Path, tmp_path: Path
+    start_press: StartService, build_model: BuildModel
 ) -> None:
     # Many channels, so that the buffers of the system are soon full.
-    model = build_model(channels=64)
-    (tmp_path / "service.toml").write_text(
-        f"[server]\nmax_streams = 1\nwrite_token_file = '{token_file}'\n"
-        f"[surfaces.press-7]\nmodel = '{model}'\nstale_ms = 60000\n"
-    )
-    service = start_service("--config", "service.toml")
+    service = start_press(model=build_model(channels=64), server="max_streams = 1")
     with ExitStack() as stack:
         deaf(service, stack)
         sequence, refused = itertools.count(1), set[int]()
