@@ -298,10 +298,8 @@ def test_a_server_with_a_certificate_refuses_clients_that_do_not_encrypt(
         asyncio.run(connect_openly())
 
 
-def test_nobody_ends_or_takes_over_the_subscription_of_another_client(
-    start_service: StartService, tmp_path: Path
-) -> None:
-    service, url = start(start_service, tmp_path, 60_000, "interval_ms = 50")
+def test_nobody_ends_or_takes_over_the_subscription_of_another_client(start_press: StartService) -> None:
+    service, url = start(start_press, 60_000, "interval_ms = 50")
 
     async def try_to_disturb() -> None:
         changes = Changes()
