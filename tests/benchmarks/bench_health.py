@@ -1,16 +1,15 @@
 """How fast a change of a sensor is named, and how often one is named by chance: contacts drawn from the scene."""
 
 import sys
-import tempfile
 from pathlib import Path
 
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
-from shipped import build
+from bench_calibration import model_of
 
-from beamtouch_models.modelfile import Health, ModelFile
+from beamtouch_models.modelfile import Health
 from drawn_contacts import Drawn
 
 RUNS, BASELINE = 100, 200
@@ -27,7 +26,7 @@ def run() -> list[dict[str, object]]:
     """Contacts until a gain that falls is named, for each channel of two scenes."""
     rows: list[dict[str, object]] = []
     for name in ("bench", "conveyor"):
-        drawn = Drawn(_model(name))
+        drawn = Drawn(model_of(name))
         rested = round(RESTED_MS * drawn.metadata.sensor.rate_hz / 1e3)
         for readings in (None, rested):
             label = f"{name}, {readings or drawn.metadata.filter.window} readings"
@@ -104,13 +103,3 @@ def _creep(drawn: Drawn, name: str) -> dict[str, object]:
         "unit": "%",
         "goal": "90",
     }
-
-
-def _model(name: str) -> ModelFile:
-    with tempfile.TemporaryDirectory() as folder:
-        return build(Path(folder), name)
-
-
-if __name__ == "__main__":
-    for row in run():
-        print("  ".join(f"{key} {value:.3g}" if isinstance(value, float) else f"{value}" for key, value in row.items()))

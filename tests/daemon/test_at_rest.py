@@ -10,8 +10,18 @@ from beamtouch_daemon.config.settings import Surface
 from beamtouch_daemon.processing.at_rest import NotAtRestError, rest_gaps, select_rest
 from beamtouch_models.filters import FloatArray
 
-from .noises import CHANNELS, MINUTE, NOISE_MM, autoregressive, counts_of, four_channels
-from .surfaces import RATE_HZ, STEP_MM, mean_of, surface_of
+from .surfaces import (
+    CHANNELS,
+    MINUTE,
+    NOISE_MM,
+    RATE_HZ,
+    STEP_MM,
+    autoregressive,
+    counts_of,
+    four_channels,
+    mean_of,
+    surface_of,
+)
 
 TARED = 200
 """Readings of a tare."""

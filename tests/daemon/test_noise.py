@@ -19,9 +19,8 @@ from beamtouch_models.pricing import noise as priced_noise
 from . import configs
 from .devices import SerialDevice, pymodbus_server
 from .lines import Terminal, terminal
-from .noises import CHANNELS, MINUTE, NOISE_MM, autoregressive, counts_of, four_channels
 from .process import command
-from .surfaces import RATE_HZ, STEP_MM, mean_of
+from .surfaces import CHANNELS, MINUTE, NOISE_MM, RATE_HZ, STEP_MM, autoregressive, counts_of, four_channels, mean_of
 
 
 def of_white(window: int, alike: float) -> float:
