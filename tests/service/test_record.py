@@ -20,7 +20,10 @@ from service.event_story import BETWEEN, HARDER, ODD, RESTING, TOUCHING, Story
 from service.small_model import model_of
 
 CONTACT: list[Row] = [RESTING, *[TOUCHING] * 8, RESTING]
-LONG: list[Row] = [RESTING, *[TOUCHING] * 3, *[ODD] * 5, *[HARDER] * 7, BETWEEN, RESTING, *[ODD] * 6, *[RESTING] * 4]
+LONG: list[Row] = [
+    *([0.002, 0.0, 0.0], [0.004, 0.0, 0.0], RESTING, *[TOUCHING] * 3, *[ODD] * 5, *[HARDER] * 7),
+    *(BETWEEN, RESTING, *[ODD] * 6, *[RESTING] * 4),
+]
 
 
 class Services:
@@ -230,6 +233,9 @@ def test_an_event_is_the_same_wherever_another_service_goes_on(services: Service
     second.deliver(cut, len(LONG))
     straight.deliver(0, len(LONG))
     assert rounded(second.events) == rounded(straight.events)
+    # The best sample of a contact stands beside the rest before it.
+    data = [story.bench.get("/surfaces/press-7/calibration-data").text for story in (second, straight)]
+    assert data[0] == data[1] != ""
 
 
 def test_a_service_that_lost_the_race_reads_the_record_anew(services: Services, shared_place: Path | str) -> None:

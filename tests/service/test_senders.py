@@ -39,6 +39,7 @@ def test_a_former_sender_never_goes_backwards(bench: Bench) -> None:
     bench.now_s += STEP_S
     assert moves(bench, "stray-by-hand", 1)
     bench.now_s += 10
+    assert not moves(bench, "daemon-one", 11)
     assert not moves(bench, "daemon-one", 12)
     assert bench.problem() == "stale"
     assert not moves(bench, "daemon-one", 13, age_s=10.1)
