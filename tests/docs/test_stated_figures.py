@@ -45,9 +45,15 @@ from beamtouch_service.sections import ServerSection, SurfaceSection
 from pasted import ROOT
 
 WORDS: dict[float, str] = {1: "a", 3: "three", 4: "four", 5: "five", 10: "ten"}
-PARTS = {0.1: "a tenth", 0.02: "a fiftieth", 0.125: "an eighth", 0.25: "a quarter", 0.3: "a third", 0.4: "two fifths"}
+PARTS = {0.1: "a tenth", 0.02: "a fiftieth", 0.125: "an eighth", 0.25: "a quarter", 0.4: "two fifths"}
 DOUBTFUL = sum(1 << note.bit for note in (Note.OVERLOAD, Note.UNSTEADY, Note.UNCHECKED, Note.SENDERS))
 PROBLEMS = min(code for state, (code, _) in STATES.items() if isinstance(state, Kind))
+
+
+def is_a_third(part: float) -> bool:
+    return math.isclose(part, 1 / 3, rel_tol=0.02)
+
+
 RECEIVED_BYTES = 7 + max(message.max_payload_bytes() for kind, message in MESSAGE_TYPES.items() if kind < 0x80)
 """The longest frame that a device receives: a payload, with type, CRC, one byte of COBS and 00."""
 PYTHON = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["requires-python"].removeprefix(">=")
@@ -107,7 +113,7 @@ STATED = {
         f"the band for {zero_tracking.CALM_S:g} s",
         f"gap that differs by {PARTS[at_rest.LOAD_SHARE]} of it.",
         f"Default: by {PARTS[at_rest.MOUNTED_WITHIN]} of range_mm",
-        f"{PARTS[at_rest.DRIFTS_WITHIN].split()[1]} from the last tare",
+        f"or {PARTS[at_rest.DRIFTS_WITHIN]} from the last tare",
     ],
     "deploy/haproxy-one.cfg": [f"The service waits {MAX_BODY_S:g} s for a body"],
     "deploy/haproxy.cfg": [f"a service waits {MAX_BODY_S:g} s for it"],
@@ -130,7 +136,7 @@ STATED = {
         SOURCE,
         f"with B near {FIGURE_4['B'][0]:.0f}",
         f"At {NOISE_PERCENT:g} % noise only {WORDS[FIGURE_4['larger'][0]]} components are larger than their error",
-        f"up to {PARTS[round(FIGURE_4['four_up_to_percent'] / NOISE_PERCENT, 1)]} of that noise",
+        f"up to {'a third' if is_a_third(FIGURE_4['four_up_to_percent'] / NOISE_PERCENT) else '?'} of that noise",
         f"two sensors: {PAPER[2, 'equal']} % at equal pitch, {PAPER[2, 'optimised']} % optimised;",
         f"with five: {PAPER[5, 'equal']} and {PAPER[5, 'optimised']} %.",
     ],
