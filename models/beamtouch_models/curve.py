@@ -14,6 +14,8 @@ from beamtouch_models.metadata import Departures, Metadata
 
 STEPS = 3
 """Steps of Gauss and Newton from the best entry of the table; each squares the distance to the best contact."""
+FLAT = 1e-9
+"""Deflection over the largest one below which an entry of the table counts as a support."""
 SINGULAR = 1e-9
 """Smallest part of the precision of a position that does not depend on the force."""
 _POWERS = np.arange(4)
@@ -49,8 +51,10 @@ class Curve:
 
         If the force is known, the position alone is found.
         """
-        along = (linear_mm * weight) @ self.influence.T
-        square = np.maximum(weight @ (self.influence**2).T, _TINY)
+        square = (self.influence**2).sum(axis=1)
+        # On a support, only rounding is left, which would fit anything under a huge force.
+        table = np.where(square[:, None] > (FLAT**2) * square.max(), self.influence, 0.0)
+        along, square = (linear_mm * weight) @ table.T, np.maximum(weight @ (table**2).T, _TINY)
         if known_force_n is None:
             best = (np.maximum(along, 0.0) ** 2 / square).argmax(axis=1)
             force = np.take_along_axis(along / square, best[:, None], axis=1)[:, 0]
