@@ -235,8 +235,49 @@ def test_a_client_adds_no_server_and_gets_no_more_than_the_looks_give(start_pres
                 items = ua.CreateMonitoredItemsParameters(given.SubscriptionId, ItemsToCreate=[item])
                 (created,) = await client.uaclient.session.create_monitored_items(items)
                 assert created.RevisedQueueSize == 100
+                longer = ua.MonitoredItemModifyRequest(
+                    created.MonitoredItemId, ua.MonitoringParameters(1, QueueSize=100_000)
+                )
+                wanted = ua.ModifyMonitoredItemsParameters(given.SubscriptionId, ItemsToModify=[longer])
+                (modified,) = await client.uaclient.session.modify_monitored_items(wanted)
+                assert modified.RevisedQueueSize == 100
 
     asyncio.run(ask())
+
+
+MOST_SUBSCRIPTIONS = 1000
+"""Of a server, by the library's default."""
+
+
+@pytest.mark.parametrize("says_so", [True, False])
+def test_subscriptions_end_with_the_session_of_their_client(start_press: StartService, says_so: bool) -> None:
+    _, url = start(start_press, 2000)
+    seldom = ua.CreateSubscriptionParameters(1e9, 100_000, 10_000, PublishingEnabled=True)
+
+    async def subscribe(client: Client) -> None:
+        await client.uaclient.session.create_subscription(seldom, lambda _message: None)
+
+    async def use_up() -> None:
+        client = Client(url, timeout=TIMEOUT_S)
+        await asyncio.to_thread(wait_until, lambda: is_open(url))
+        await client.connect()
+        for _ in range(MOST_SUBSCRIPTIONS):
+            await subscribe(client)
+        with pytest.raises(ua.UaStatusCodeError, match="BadTooManySubscriptions"):
+            await subscribe(client)
+        if says_so:
+            await client.uaclient.close_session(delete_subscriptions=False)
+        client.disconnect_socket()
+
+        async with connected(url) as other:
+            for _ in range(100):
+                try:
+                    return await subscribe(other)
+                except ua.UaStatusCodeError:
+                    await asyncio.sleep(0.1)  # the server learns of the end of a connection in its own time
+            raise AssertionError("the subscriptions of a client that is gone stay")
+
+    asyncio.run(use_up())
 
 
 def application_certificate(folder: Path, name: str) -> tuple[Path, Path]:

@@ -29,6 +29,8 @@ ENCRYPTED = [
     ua.SecurityPolicyType.Aes256Sha256RsaPss_SignAndEncrypt,
 ]
 
+NOBODY = User(role=UserRole.Anonymous)
+
 
 class TrustedCertificates(TrustStore):  # type: ignore[misc]  # mypy skips the types of the library
     """Certificates of clients, and of issuers of such."""
@@ -80,15 +82,28 @@ class Clients:
         return User(role=UserRole.User)
 
 
+class OwnSession(InternalSession):  # type: ignore[misc]  # mypy skips the types of the library
+    """A session whose subscriptions end with it, also if the client would leave them to others."""
+
+    async def close_session(self, delete_subs: bool = True) -> None:
+        """End the session."""
+        del delete_subs
+        await super().close_session(delete_subs=True)
+
+
 class ReadOnlyServer(InternalServer):  # type: ignore[misc]  # mypy skips the types of the library
     """A server to which clients add nothing, and whose sessions end with their connections.
 
     The library takes other servers into its list from anyone.
     """
 
-    def create_session(self, *args: object, **options: object) -> InternalSession:
-        """Begin a session that reaches no subscription but its own."""
-        session = super().create_session(*args, **options)
+    def create_session(self, name: str, user: User = NOBODY, external: bool = False) -> InternalSession:
+        """Begin a session that reaches no subscription but its own.
+
+        The library keeps `external` ones for minutes after their connection was lost, with their subscriptions.
+        """
+        del external
+        session = OwnSession(self, self.aspace, self.subscription_service, name, user=user)
         session.subscription_service = OwnSubscriptions(self.subscription_service, session.session_id)
         return session
 

@@ -60,7 +60,7 @@ class ExactSubscriptions(SubscriptionService):  # type: ignore[misc]  # mypy ski
 
     def modify_monitored_items(self, params: ua.ModifyMonitoredItemsParameters) -> list[ua.MonitoredItemModifyResult]:
         """Modify those items that ask for no deadband; returns a result for each. The others stay as they were."""
-        exact = [item for item in params.ItemsToModify if not _has_deadband(item)]
+        exact = [_bounded(item) for item in params.ItemsToModify if not _has_deadband(item)]
         modified = iter(super().modify_monitored_items(replace(params, ItemsToModify=exact)))
         return [
             ua.MonitoredItemModifyResult(REFUSED) if _has_deadband(item) else next(modified)
@@ -110,6 +110,13 @@ class _Own(MutableMapping[int, InternalSubscription]):
 
     def __len__(self) -> int:
         return sum(1 for _ in self)
+
+
+def _bounded(item: ua.MonitoredItemModifyRequest) -> ua.MonitoredItemModifyRequest:
+    """Return an item with a queue as long as that of a new one at most; the library takes any length here."""
+    asked = item.RequestedParameters
+    length = min(max(asked.QueueSize, 1), MOST_WAITING)
+    return replace(item, RequestedParameters=replace(asked, QueueSize=length))
 
 
 def _has_deadband(item: ua.MonitoredItemCreateRequest | ua.MonitoredItemModifyRequest) -> bool:
