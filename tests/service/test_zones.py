@@ -345,4 +345,4 @@ async def test_a_new_model_that_a_zone_is_off_leaves_the_old_one_in_use(build_mo
     assert surface.model is not None
     assert surface.model.metadata.name == "press-7"
     assert surface.model_error is not None
-    assert "zones.gate: a bound of the force needs a scene" in surface.model_error
+    assert f"{path}: gate: a bound of the force needs a scene" in surface.model_error
