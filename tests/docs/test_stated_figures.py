@@ -115,7 +115,7 @@ STATED = {
         f"at most {100 * challenge.MISLEADING:g} % of the samples mislead",
         f"in {100 * challenge.HELD:g} % of the contacts without a note",
         f"and in {100 * challenge.HELD_UNSTEADY:g} % of those with `unsteady`",
-        f"begins twice in at most {100 * challenge.GHOSTS:g} % of the courses",
+        f"begins twice in at most {100 * challenge.GHOSTS:g} % of the plays",
         f"at most {100 * challenge.NOTED:g} % of settled contacts carry a note",
         f"at least {challenge.NOTICED:g} of the power",
         f"by more than chance explains ({100 * challenge.CHANCE:g} %)",
