@@ -74,7 +74,7 @@ class Zone(BaseModel):
         """Whether it states a bound of the force."""
         return self.least_force_n is not None or self.largest_force_n is not None
 
-    def misfit(self, length_mm: float, *, estimates_force: bool) -> str:
+    def conflict(self, length_mm: float, *, estimates_force: bool) -> str:
         """Return why a beam of this length, or a model with or without the force, has no such zone; empty if it has."""
         if self.to_mm > length_mm:
             return f"to_mm = {self.to_mm:g} is beyond the end of the beam, which is {length_mm:g} mm long"
@@ -102,7 +102,9 @@ class Zone(BaseModel):
         return ZoneState.UNSURE
 
 
-def misfit_of(zones: Mapping[str, Zone], length_mm: float, *, estimates_force: bool) -> str:
-    """Return the first zone that has a misfit, with it; empty if none has."""
-    misfits = {name: zone.misfit(length_mm, estimates_force=estimates_force) for name, zone in zones.items()}
-    return next((f"zones.{name}: {misfit}" for name, misfit in misfits.items() if misfit), "")
+def first_conflict(zones: Mapping[str, Zone], length_mm: float, *, estimates_force: bool) -> str:
+    """Return the name of the first zone that has a conflict, and the conflict; empty if none has."""
+    for name, zone in zones.items():
+        if conflict := zone.conflict(length_mm, estimates_force=estimates_force):
+            return f"{name}: {conflict}"
+    return ""

@@ -50,8 +50,8 @@ GOAL = 0.5
 """Largest share of wrong answers [%]."""
 
 
-class Course(NamedTuple):
-    """Contacts in time."""
+class Loads(NamedTuple):
+    """Loads in time, one contact each."""
 
     deflection_mm: Floats
     """(contacts, readings, channels)"""
@@ -74,7 +74,7 @@ def of_scene(name: str, edges_mm: tuple[float, float], contacts: int) -> Iterato
     surface, zone = SimulatedSurface.of(model.metadata), Zone(from_mm=edges_mm[0], to_mm=edges_mm[1])
     forecast_mm = forecast(name, zone)
     near_mm = NEAR * forecast_mm
-    kinds: dict[str, list[Callable[[Drawn], Course]]] = {
+    kinds: dict[str, list[Callable[[Drawn], Loads]]] = {
         "at rest": [resting],
         "ringing": [ringing],
         "moving": [partial(moving, speed_mm_per_s=float(speed)) for speed in SPEEDS_MM_PER_S],
@@ -83,11 +83,11 @@ def of_scene(name: str, edges_mm: tuple[float, float], contacts: int) -> Iterato
         counted, rng = Counter[str](), np.random.default_rng([7, number])
         for turn in range(-(-contacts // AT_ONCE)):
             edge_mm, make = edges_mm[turn % 2], makes[turn // 2 % len(makes)]
-            course = make(drawn(surface, edge_mm + rng.uniform(-near_mm, near_mm, AT_ONCE), rng))
-            is_near = np.abs(course.truth_mm - edge_mm) <= near_mm
-            is_near[:, : course.begin] = False
+            loads = make(drawn(surface, edge_mm + rng.uniform(-near_mm, near_mm, AT_ONCE), rng))
+            is_near = np.abs(loads.truth_mm - edge_mm) <= near_mm
+            is_near[:, : loads.begin] = False
             for answers, truth_mm, judged in zip(
-                said(model, surface, zone, course, rng), course.truth_mm, is_near, strict=True
+                said(model, surface, zone, loads, rng), loads.truth_mm, is_near, strict=True
             ):
                 counted += count(zone, answers, truth_mm, judged)
         yield row(f"{name}, {kind}", counted, near_mm, forecast_mm if kind == "at rest" else None)
@@ -113,20 +113,20 @@ def readings_in(surface: SimulatedSurface, seconds: float) -> int:
     return round(seconds * surface.metadata.sensor.rate_hz)
 
 
-def resting(at: Drawn) -> Course:
+def resting(at: Drawn) -> Loads:
     """Return contacts that have settled."""
     count = readings_in(at.surface, JUDGED_S)
     play = rested(at, least=count)
-    return Course(play.deflection_mm, play.truth_mm, play.errors, play.deflection_mm.shape[1] - count)
+    return Loads(play.deflection_mm, play.truth_mm, play.errors, play.deflection_mm.shape[1] - count)
 
 
-def ringing(at: Drawn) -> Course:
+def ringing(at: Drawn) -> Loads:
     """Return sudden forces, judged from their beginning on."""
     play = rings(at, least=readings_in(at.surface, JUDGED_S))
-    return Course(play.deflection_mm, play.truth_mm, play.errors, at.surface.look_back)
+    return Loads(play.deflection_mm, play.truth_mm, play.errors, at.surface.look_back)
 
 
-def moving(at: Drawn, speed_mm_per_s: float) -> Course:
+def moving(at: Drawn, speed_mm_per_s: float) -> Loads:
     """Return loads that lie still and then move, either way; they are at their places in the middle of the way."""
     surface, (low, high) = at.surface, at.surface.metadata.ranges.position_mm
     rate_hz, before = surface.metadata.sensor.rate_hz, surface.look_back
@@ -139,16 +139,16 @@ def moving(at: Drawn, speed_mm_per_s: float) -> Course:
     deflection += surface.world.inertia_mm(path, at.force_n, 1 / rate_hz / STEPS)[:, ::STEPS]
     still, still_mm = np.repeat(deflection[:, :1], before, axis=1), np.repeat(there[:, :1], before, axis=1)
     deflection, there = np.concatenate([still, deflection[:, 1:]], 1), np.concatenate([still_mm, there[:, 1:]], 1)
-    return Course(deflection, there, at.honest, before)
+    return Loads(deflection, there, at.honest, before)
 
 
 def said(
-    model: ModelFile, surface: SimulatedSurface, zone: Zone, course: Course, rng: np.random.Generator
+    model: ModelFile, surface: SimulatedSurface, zone: Zone, loads: Loads, rng: np.random.Generator
 ) -> Iterator[list[Said]]:
     """Yield the answers for each contact, one a reading; none before those that are judged."""
-    metadata, first = model.metadata, max(0, course.begin - surface.decided)
+    metadata, first = model.metadata, max(0, loads.begin - surface.decided)
     noise_mm, per_count_mm = metadata.noise.reading_mm, metadata.sensor.gain_mm_per_count
-    readings = surface.world.readings(course.deflection_mm, course.errors, rng)
+    readings = surface.world.readings(loads.deflection_mm, loads.errors, rng)
     chain = chain_of(metadata.filter, surface.channels, noise_mm, per_count_mm, surface.slowest_period)
     step_us = 1e6 / metadata.sensor.rate_hz
     for number, mm in enumerate(readings):

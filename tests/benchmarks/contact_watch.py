@@ -43,10 +43,15 @@ class Watched:
     """Contacts beyond their limit when they were asked for: there must be none."""
 
 
+def nothing() -> str:
+    """Return what is disturbed where nothing is."""
+    return ""
+
+
 def watch(
-    line: Line, name: str, stop: threading.Event, seen: Watched, ask_s: float, disturbed: Callable[[], str] = str
+    line: Line, name: str, stop: threading.Event, seen: Watched, ask_s: float, disturbed: Callable[[], str] = nothing
 ) -> None:
-    """Ask for one surface until told to stop."""
+    """Ask for one surface until told to stop; `disturbed` says what is disturbed at the moment."""
     truth = Truth(line.truth(name))
     answered_s = time.monotonic()
     waiting: deque[tuple[float, str, dict[str, Any]]] = deque()

@@ -33,8 +33,6 @@ from .small_disks import small_disk
 
 pytestmark = [pytest.mark.anyio, pytest.mark.long]
 
-BEFORE = 500
-"""Readings before a device goes away."""
 OFTEN = "from beamtouch_daemon.delivery import log_store; log_store.MEMORY_S = log_store.WRITE_S = 0.1"
 """Code after which the log is written to its file ten times a second."""
 

@@ -33,7 +33,7 @@ from beamtouch_protocol.messages import MESSAGE_TYPES
 from beamtouch_service.api.errors import MAX_ERRORS
 from beamtouch_service.api.samples import MAX_BODY_BYTES, MAX_BODY_S
 from beamtouch_service.commissioning import course, pressing, verdict
-from beamtouch_service.commissioning.record import MAX_KEPT
+from beamtouch_service.commissioning.results import MAX_KEPT
 from beamtouch_service.events.boot import MAX_CAPTURED, MAX_WAITING
 from beamtouch_service.events.event import MAX_POINTS
 from beamtouch_service.host.serve import IDLE_S
@@ -121,7 +121,7 @@ STATED = {
         f"at most {100 * challenge.MISLEADING:g} % of the samples mislead",
         f"in {100 * challenge.HELD:g} % of the contacts without a note",
         f"and in {100 * challenge.HELD_UNSTEADY:g} % of those with `unsteady`",
-        f"begins twice in at most {100 * challenge.GHOSTS:g} % of the courses",
+        f"begins twice in at most {100 * challenge.GHOSTS:g} % of the plays",
         f"at most {100 * challenge.NOTED:g} % of settled contacts carry a note",
         f"at least {challenge.NOTICED:g} of the power",
         f"by more than chance explains ({100 * challenge.CHANCE:g} %)",

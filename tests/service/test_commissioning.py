@@ -10,7 +10,7 @@ import pytest
 from anyio.to_thread import run_sync as run_in_thread
 
 from beamtouch_models.modelfile import InfluenceCurve, State
-from beamtouch_service.commissioning import record
+from beamtouch_service.commissioning import results
 from beamtouch_service.commissioning.report import PlaceResult, Report, SensorResult
 from beamtouch_service.commissioning.verdict import advise_places, judge_place
 from beamtouch_service.events.database import EventsAwayError
@@ -334,16 +334,16 @@ def test_each_result_is_on_record_once_and_the_newest_of_each_surface_are_kept(
     reports = [
         Report.model_validate({"surface": name, "model": f"m@{number}", **at_rest})
         for name in ("left", "right")
-        for number in range(record.MAX_KEPT + 2)
+        for number in range(results.MAX_KEPT + 2)
     ]
-    numbers = [record.add(store, f"course-{index}", report) for index, report in enumerate(reports)]
-    assert record.add(store, f"course-{len(reports) - 1}", reports[-1]) == numbers[-1]
+    numbers = [results.add(store, f"course-{index}", report) for index, report in enumerate(reports)]
+    assert results.add(store, f"course-{len(reports) - 1}", reports[-1]) == numbers[-1]
     store.prune(1e12)
     if store.is_lasting:
         store.close()
         store = open_store()
     for name in ("left", "right"):
-        kept = record.read(store, name)
-        assert [one.model for one in kept] == [f"m@{number}" for number in range(record.MAX_KEPT + 1, 1, -1)]
+        kept = results.read(store, name)
+        assert [one.model for one in kept] == [f"m@{number}" for number in range(results.MAX_KEPT + 1, 1, -1)]
         assert {(one.surface, one.sensors[0].at_mm) for one in kept} == {(name, 1.5)}
     store.close()

@@ -15,7 +15,7 @@ from beamtouch_service.host.models import ModelKeeper
 from beamtouch_service.sections import EventsSection, SurfaceSection
 from beamtouch_service.surfaces.surface import Surface
 from beamtouch_service.zones.follow import Seen, ZoneFollower, ZoneReport
-from service.conftest import Bench, BuildModel, Row, batch_of, surface_of
+from service.conftest import Bench, BuildModel, Row, batch_of, parsed, surface_of
 
 GATE = Zone(from_mm=120, to_mm=200)
 SLOW = Zone(from_mm=120, to_mm=200, dwell_ms=20)
@@ -345,4 +345,25 @@ async def test_a_new_model_that_a_zone_is_off_leaves_the_old_one_in_use(build_mo
     assert surface.model is not None
     assert surface.model.metadata.name == "press-7"
     assert surface.model_error is not None
-    assert "zones.gate: a bound of the force needs a scene" in surface.model_error
+    assert f"{path}: gate: a bound of the force needs a scene" in surface.model_error
+
+
+@pytest.mark.anyio
+async def test_a_model_whose_samples_arrive_at_last_is_refused_once_for_a_zone(
+    build_model: BuildModel, caplog: pytest.LogCaptureFixture
+) -> None:
+    path = build_model()
+    surface = Surface("press-7", models.load(path), SurfaceSection(zones={"gate": PRESSED}))
+    keeper = ModelKeeper(surface, path, models.stamp_of(path))
+    surface.receive(parsed(), 10.0)
+    build_model(name="five", channels=5, outputs=POSITION_OUTPUTS).replace(path)
+    for _ in range(3):
+        await keeper.poll()
+    assert "it needs s4, s5, but" in str(surface.model_error)
+    surface.receive(parsed([0.5] * 5, boot_id="boot-0002"), 10.1)
+    for _ in range(3):
+        await keeper.poll()
+    assert surface.model is not None
+    assert surface.model.metadata.name == "press-7"
+    assert f"{path}: gate: a bound of the force needs a scene" in str(surface.model_error)
+    assert len(caplog.records) == 2

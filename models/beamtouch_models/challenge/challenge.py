@@ -36,7 +36,7 @@ from beamtouch_models.sweeps import Progress, Spread, in_turn, silent
 MISLEADING = 0.005
 """Largest share of samples of honest contacts that may mislead."""
 GHOSTS = 0.005
-"""Largest share of courses in which a contact may begin more than once."""
+"""Largest share of the draws of a play in which a contact may begin more than once."""
 HELD, HELD_UNSTEADY = 0.93, 0.90
 """Least share of intervals that hold the truth, without a note and with `unsteady`."""
 NOTICED, LIKELY = 0.9, 0.5

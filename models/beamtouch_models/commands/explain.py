@@ -15,7 +15,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from beamtouch_common.digits import digits
 from beamtouch_common.errors import InputError
 from beamtouch_common.files import load_toml
-from beamtouch_common.zones import MAX_ZONES, Zone, ZoneName
+from beamtouch_common.zones import MAX_ZONES, Zone, ZoneName, first_conflict
 from beamtouch_models.accuracy.zone_bands import band_at
 from beamtouch_models.building.remarks import remarks
 from beamtouch_models.building.sensors import place_sensors
@@ -125,14 +125,14 @@ def _load_zones(path: Path, scene: Scene) -> dict[str, Zone]:
     """Read zones; InputError if the file is wrong, or a zone is none of the scene's surface."""
     zones = load_toml(_File, path).zones
     estimates_force = "force" in scene.requirements.descriptors
+    if conflict := first_conflict(zones, scene.beam.length_mm, estimates_force=estimates_force):
+        raise InputError(f"{path}: zones.{conflict}")
+    least_n, most_n = scene.contact.force_range_n
     for name, zone in zones.items():
-        misfit = zone.misfit(scene.beam.length_mm, estimates_force=estimates_force)
-        low_n, high_n = _forces_n(zone, scene.contact.force_range_n)
-        if not misfit and low_n > high_n:
-            least_n, most_n = scene.contact.force_range_n
-            misfit = f"no contact of the scene has such a force; its forces are {least_n:g} to {most_n:g} N"
-        if misfit:
-            raise InputError(f"{path}: zones.{name}: {misfit}")
+        low_n, high_n = _forces_n(zone, (least_n, most_n))
+        if low_n > high_n:
+            problem = f"no contact of the scene has such a force; its forces are {least_n:g} to {most_n:g} N"
+            raise InputError(f"{path}: zones.{name}: {problem}")
     return zones
 
 

@@ -10,7 +10,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict
 from beamtouch_service.access import Role
 from beamtouch_service.api import gate
 from beamtouch_service.api.context import Context, ContextParameter, SurfaceInPath
-from beamtouch_service.commissioning import record
+from beamtouch_service.commissioning import results
 from beamtouch_service.commissioning.course import Course
 from beamtouch_service.commissioning.courses import hides_presses
 from beamtouch_service.commissioning.pressing import Stage
@@ -152,7 +152,7 @@ async def post_commissioning_confirm(
         raise ProblemError(Problem(Kind.OTHER_COMMISSIONING, detail, name))
     report = found.report.model_copy(update={"ended_at": rfc3339(_now_us()), "by": by})
     with context.courses.confirm(found):
-        number = await context.recorder.ask(lambda store: record.add(store, found.id, report))
+        number = await context.recorder.ask(lambda store: results.add(store, found.id, report))
     return Recorded(id=number, **report.model_dump())
 
 
@@ -194,4 +194,4 @@ async def get_commissioning_result(
 
 async def _recorded(context: Context, name: str) -> list[Recorded]:
     surface = context.registry.named(name).name
-    return await context.recorder.ask(lambda store: record.read(store, surface))
+    return await context.recorder.ask(lambda store: results.read(store, surface))

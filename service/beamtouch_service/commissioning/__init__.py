@@ -1,1 +1,4 @@
-"""The commissioning of a surface: presses above each sensor and at marked places, and a verdict. No web, no clock."""
+"""The commissioning of a surface: presses above each sensor and at marked places, and a verdict. No web, no clock.
+
+`results` writes the confirmed ones to the record.
+"""

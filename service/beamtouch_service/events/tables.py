@@ -1,7 +1,8 @@
 """The tables of the record."""
 
 from dataclasses import Field, fields
-from types import UnionType
+from enum import StrEnum
+from types import NoneType, UnionType
 from typing import Any, get_args, get_origin
 
 from sqlalchemy import (
@@ -28,13 +29,13 @@ from sqlalchemy.types import TypeEngine
 from beamtouch_service.events.event import Begin, End, Event, EventKind
 
 FORMAT = 11
-"""The format of the record. A record of another one is refused: count it up with every change of a table, which is also
-one of the fields of an `Event`, and of what cursors keep."""
+"""The format of the record. A record of another one is refused. Raise it when a table, a field of `Event` or the memory
+of a cursor changes."""
 _NUMBER = BigInteger().with_variant(Integer, "sqlite")
 _ALL = MetaData()
 
 
-def _words(words: type[Begin | End | EventKind]) -> Enum:
+def _words(words: type[StrEnum]) -> Enum:
     return Enum(words, native_enum=False, length=20, values_callable=lambda members: [one.value for one in members])
 
 
@@ -45,14 +46,20 @@ _TYPES: dict[object, TypeEngine[Any]] = {
     bool: Boolean(),
     list: JSON(),
     dict: JSON(none_as_null=True),
+    **{words: _words(words) for words in (Begin, End, EventKind)},
 }
 
 
 def _column(entry: Field[Any]) -> Column[Any]:
-    """Return the column of a field of an event. It may be empty if the field may be None."""
-    kind, *empty = get_args(entry.type) if isinstance(entry.type, UnionType) else (entry.type,)
-    plain = get_origin(kind) or kind
-    return Column(entry.name, _TYPES.get(plain) or _words(plain), nullable=bool(empty))
+    """Return the column of a field of an event; it may be empty if the field may be None.
+
+    Raises TypeError for a field of a type that has no column, as of one in quotation marks.
+    """
+    kinds = get_args(entry.type) if isinstance(entry.type, UnionType) else (entry.type,)
+    held = [get_origin(kind) or kind for kind in kinds if kind is not NoneType]
+    if len(held) != 1 or held[0] not in _TYPES:
+        raise TypeError(f"no column for the field {entry.name} of an event: {entry.type}")
+    return Column(entry.name, _TYPES[held[0]], nullable=NoneType in kinds)
 
 
 EVENTS = Table(

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from beamtouch_common.errors import InputError
-from beamtouch_common.zones import misfit_of
+from beamtouch_common.zones import first_conflict
 from beamtouch_models import modelfile
 from beamtouch_models.modelfile import ModelFile, ModelFileError
 from beamtouch_service.api.surfaces import describe
@@ -70,22 +70,28 @@ class ModelKeeper:
                 self._tried, self._waiting = stamp, None
                 # In a thread, because requests go on meanwhile.
                 self._adopt(await asyncio.to_thread(load, self.path))
-            elif self._waiting is not None and not self.mismatch(self._waiting):
+            elif self._waiting is not None and not self._mismatch(self._waiting):
                 self._adopt(self._waiting)
         except ModelFileError as error:
             self._refuse(error)
 
     def _adopt(self, model: ModelFile) -> None:
-        """Use a model from the next sample on; raises ModelFileError if the samples are not those of the model."""
-        old = self.surface.model
+        """Use a model from the next sample on.
+
+        Raises ModelFileError if the samples are not those of the model, which then waits for them, or if the beam of
+        the model does not have the zones of the surface.
+        """
+        old, self._waiting = self.surface.model, None
         if old is None or old.identity != model.identity:
-            if mismatch := self.mismatch(model):
+            if mismatch := self._mismatch(model):
                 self._waiting = model
                 raise ModelFileError(f"{self.path}: {mismatch}")
+            if conflict := self.zone_conflict(model):
+                raise ModelFileError(f"{self.path}: {conflict}")
             self.surface.adopt(model)
             former = old.identity if old else "none"
             _log.info("surface %s: model %s instead of %s", self.surface.name, model.identity, former)
-        self.surface.model_error = self._waiting = None
+        self.surface.model_error = None
 
     def _refuse(self, error: ModelFileError) -> None:
         if self.surface.model is None:
@@ -95,8 +101,13 @@ class ModelKeeper:
         self.surface.model_error = f"the old model stays in use: {error}"
         _log.error("surface %s: the new model cannot be used, the old one stays in use: %s", self.surface.name, error)
 
-    def mismatch(self, model: ModelFile) -> str:
-        """Return why a model does not fit the samples that arrive, or a key of its surface; empty if it does.
+    def zone_conflict(self, model: ModelFile) -> str:
+        """Return the first zone of the surface that a model cannot answer for, and why; empty if there is none."""
+        length_mm, estimates_force = model.metadata.length_mm, "force_n" in model.outputs
+        return first_conflict(self.surface.section.zones, length_mm, estimates_force=estimates_force)
+
+    def _mismatch(self, model: ModelFile) -> str:
+        """Return why a model does not fit the samples that arrive; empty if it does.
 
         If they state no beam, it must be of the same beam as the model in use.
         """
@@ -112,8 +123,7 @@ class ModelKeeper:
         missing = [name for name in model.channels if offered is not None and name not in offered]
         if missing:
             return f"it needs {', '.join(missing)}, but the samples of this surface lack them"
-        length_mm, estimates_force = model.metadata.length_mm, "force_n" in model.outputs
-        return misfit_of(self.surface.section.zones, length_mm, estimates_force=estimates_force)
+        return ""
 
 
 async def watch(keepers: Sequence[ModelKeeper]) -> None:

@@ -142,8 +142,8 @@ def _load_surface(name: str, section: SurfaceSection) -> tuple[Surface, ModelKee
     else:
         surface = Surface(name or model.metadata.name, model, section)
     keeper = ModelKeeper(surface, section.model, stamp)
-    if surface.model and (mismatch := keeper.mismatch(surface.model)):
-        raise InputError(f"surfaces.{name}.{mismatch}")
+    if surface.model and (conflict := keeper.zone_conflict(surface.model)):
+        raise InputError(f"surfaces.{name}.zones.{conflict}")
     return surface, keeper
 
 

@@ -9,7 +9,7 @@ export class Drawing {
   }
 
   forget() {
-    this.beam = null; // the newest answer
+    this.beam = null; // as the newest answer has it
     this.asked = { model: null, at: -Infinity }; // the newest question
   }
 
@@ -30,7 +30,7 @@ export class Drawing {
     }
   }
 
-  /** Return the answer for this model and a beam of this length, or null while there is none. */
+  /** Return the beam by this model if it has this length, or null while it is not known. */
   of(model, length) {
     return this.beam?.model === model && this.beam.length_mm === length ? this.beam : null;
   }

@@ -25,7 +25,7 @@ const token = new Token();
 const events = new Events(token);
 const health = new Health(token);
 const commissioning = new Commissioning(token);
-const beam = new BeamView(byId("beam"), (text) => setText(byId("beam-words"), text));
+const beamView = new BeamView(byId("beam"), (text) => setText(byId("beam-words"), text));
 const drawing = new Drawing(token);
 const feed = new Feed(token, remember, surfacesKnown);
 const form = new TokenForm(token, otherToken);
@@ -72,7 +72,7 @@ const addressed = () => new URLSearchParams(location.search).get("surface");
 
 function follow(name) {
   history.forget();
-  beam.forget();
+  beamView.forget();
   drawing.forget();
   nameModel(null);
   said = ""; // the other one may be in the same state
@@ -117,10 +117,10 @@ function show() {
   drawChannels(shown.channels, shown.suspect);
   nameModel(shown.contact?.model ?? model);
   if (feed.link === "open") drawing.want(feed.chosen, model);
-  const known = drawing.of(model, shown.length);
-  const under = (scale) => bands(known, shown.contact, scale);
-  beam.draw(shown, known?.drawn ?? null, under, (scale) => commissioning.aim(scale));
-  listZones(byId("zones"), known, shown.contact);
+  const beam = drawing.of(model, shown.length);
+  const under = (scale) => bands(beam, shown.contact, scale);
+  beamView.draw(shown, beam?.drawn ?? null, under, (scale) => commissioning.aim(scale));
+  listZones(byId("zones"), beam, shown.contact);
   if (steps++ % (calm.matches ? 1 : STEPS_PER_STRIP) === 0) drawStrips(shown);
 }
 

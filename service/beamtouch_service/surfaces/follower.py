@@ -36,7 +36,7 @@ suspect."""
 _EVERY = 20
 """Of later ones, one in this many is: it takes long."""
 _PAUSE = 4.0
-"""A device may give no sample for this many times `hold_ms` within one contact: a busy machine pauses, too."""
+"""A device may give no sample for this many times `stale_ms` within one contact: a busy machine pauses, too."""
 _HOLD_READINGS = 3
 """Readings for which a state is held at least: those of a slow surface may be far apart."""
 _DOUBTS = frozenset({Note.OVERLOAD, Note.UNCHECKED, Note.SENDERS})
@@ -128,7 +128,7 @@ class Judge:
 
     def __init__(self, model: ModelFile, surface: str, section: SurfaceSection, past: Past = NEUTRAL) -> None:
         """Begin after samples with that past."""
-        self._model, self._metadata, self._surface = model, model.metadata, surface
+        self._model, self._surface = model, surface
         self._hold_us = max(section.stale_ms * 1e3, _HOLD_READINGS * 1e6 / model.metadata.sensor.rate_hz)
         self._hypotheses = Hypotheses(model.metadata.thresholds, past.memories, is_known=past.is_known)
         self._decided_us, self._is_held = past.decided_us, past.is_held
@@ -142,7 +142,7 @@ class Judge:
 
     def miss(self) -> None:
         """Note that samples before the next one are missing."""
-        self._hypotheses = Hypotheses(self._metadata.thresholds, NEUTRAL.memories)
+        self._hypotheses = Hypotheses(self._model.metadata.thresholds, NEUTRAL.memories)
         self._decided_us, self._is_held = None, False
         self._zones.miss()
 
@@ -151,17 +151,21 @@ class Judge:
         longest_us = self._hold_us if self._is_held else _PAUSE * self._hold_us
         return self._decided_us is not None and abs(at_us - self._decided_us) > longest_us
 
-    def judge(self, estimate: Estimate, at_us: int, sender_notes: Iterable[str] = ()) -> Decision:
-        """Decide on the next sample, whose time for the zones is `at_us` [us], with these notes on its sender."""
+    def judge(self, estimate: Estimate, zone_clock_us: int, sender_notes: Iterable[str] = ()) -> Decision:
+        """Decide on the next sample, with these notes on its sender.
+
+        `zone_clock_us` is its time by the clock that times the zones [us]: any clock, but the same for all samples.
+        """
         decision = self._decide(estimate)
         if not self._zones.defined:
             return decision
-        return decision._replace(zones=self._follow_zones(decision, at_us, sender_notes))
+        return decision._replace(zones=self._follow_zones(decision, zone_clock_us, sender_notes))
 
     def _decide(self, estimate: Estimate) -> Decision:
+        metadata = self._model.metadata
         at_us, evidence = estimate.sample.acquired_unix_us, estimate.evidence
         if self.is_over(at_us):
-            self._hypotheses = Hypotheses(self._metadata.thresholds, NEUTRAL.memories)
+            self._hypotheses = Hypotheses(metadata.thresholds, NEUTRAL.memories)
         if isinstance(evidence, Problem):
             return self._undecided(estimate, evidence)
         figures = NO_FIGURES
@@ -169,28 +173,29 @@ class Judge:
             require_usable(evidence)
             verdict = self._hypotheses.step(evidence)
             if verdict.state is State.CONTACT:
-                figures = figures_of(evidence.answer, self._metadata.length_mm)
+                figures = figures_of(evidence.answer, metadata.length_mm)
         except UnusableEstimateError as error:
             detail = (
                 f"For the newest sample, {error}. Check the characteristics and tare of the sensors, then the model."
             )
             return self._undecided(estimate, unusable_estimate(self._surface, detail))
         self._decided_us, self._is_held = at_us, False
-        odd = is_odd(self._metadata.thresholds, evidence)
+        odd = is_odd(metadata.thresholds, evidence)
         return Decision(estimate, verdict.state, verdict.state, verdict.shown, odd, verdict.unsteady, figures)
 
     def _undecided(self, estimate: Estimate, problem: Problem) -> Decision:
         self._is_held = True
         return Decision(estimate, None, self._hypotheses.state, self._hypotheses.agree, problem=problem)
 
-    def _follow_zones(self, decision: Decision, at_us: int, sender_notes: Iterable[str]) -> ZoneReport:
+    def _follow_zones(self, decision: Decision, zone_clock_us: int, sender_notes: Iterable[str]) -> ZoneReport:
         """Return what a sample shows of the zones."""
         if decision.state is State.CLEAR and not decision.is_unsteady:
-            return self._zones.step(Seen(at_us, is_clear=True))
+            return self._zones.step(Seen(zone_clock_us, is_clear=True))
         is_explained = decision.state is State.CONTACT and not decision.is_odd
         if is_explained and _DOUBTS.isdisjoint([*sender_notes, *decision.notes(self._model)]):
-            return self._zones.step(Seen(at_us, position=decision.figures.position, force=decision.figures.force))
-        return self._zones.step(Seen(at_us))
+            position, force = decision.figures.position, decision.figures.force
+            return self._zones.step(Seen(zone_clock_us, position=position, force=force))
+        return self._zones.step(Seen(zone_clock_us))
 
 
 class Follower:
@@ -202,8 +207,8 @@ class Follower:
         """Call `on_run` after each run of the graph on new samples, with the time that it took [s]."""
         self.model = model
         self.estimator = Estimator(model, surface, on_run)
-        self._begin = model, surface, section
-        self._judge = Judge(*self._begin)
+        self._surface, self._section = surface, section
+        self._judge = Judge(model, surface, section)
         self._last = "", 0
         """Boot id and number of the last sample."""
         self._suspects = Suspects(model.metadata, model.run)
@@ -228,18 +233,18 @@ class Follower:
         `taken_us` are the times of the samples [us, monotonic], `sender_notes` what the service notes on their sender.
         """
         estimates = zip(self.estimator.estimate(batch, samples), taken_us, strict=True)
-        return [self._decide(batch.boot_id, estimate, at_us, sender_notes) for estimate, at_us in estimates]
+        return [self._follow_one(batch.boot_id, estimate, moment_us, sender_notes) for estimate, moment_us in estimates]
 
-    def _decide(self, boot_id: str, estimate: Estimate, at_us: int, sender_notes: Collection[str]) -> Decision:
+    def _follow_one(self, boot_id: str, estimate: Estimate, taken_us: int, sender_notes: Collection[str]) -> Decision:
         number, (last_boot_id, last_number) = estimate.sample.sequence, self._last
         if (boot_id, number) != (last_boot_id, last_number + 1):
             self._stretch_of = None
             if boot_id == last_boot_id:
                 self._judge.miss()
             else:
-                self._judge = Judge(*self._begin)
+                self._judge = Judge(self.model, self._surface, self._section)
         self._last = boot_id, number
-        decision = self._judge.judge(estimate, at_us, sender_notes)
+        decision = self._judge.judge(estimate, taken_us, sender_notes)
         self._seek_wiring(decision)
         if decision.state is None:
             return decision

@@ -46,8 +46,8 @@ NO_ZONES = ZoneReport({}, {}, [])
 
 
 @dataclass(slots=True)
-class _Course:
-    """One zone, as the samples so far show it."""
+class _Progress:
+    """How far a contact has come in one zone, as the samples so far show it."""
 
     zone: Zone
     lies: ZoneState | None = None
@@ -98,24 +98,24 @@ class ZoneFollower:
             for name, (zone, lies, inside_us, answer, has_entered) in memory["zones"].items():
                 if name in self.defined and self.defined[name].model_dump() == zone:
                     then, said = (one and ZoneState(one) for one in (lies, answer))
-                    self._courses[name] = _Course(self.defined[name], then, inside_us, said, has_entered)
+                    self._progress[name] = _Progress(self.defined[name], then, inside_us, said, has_entered)
 
     def _forget(self) -> None:
-        self._courses = {name: _Course(zone) for name, zone in self.defined.items()}
+        self._progress = {name: _Progress(zone) for name, zone in self.defined.items()}
 
     @property
     def memory(self) -> dict[str, Any]:
         """What it needs to go on in another process, as JSON."""
         kept = {
-            name: [course.zone.model_dump(), course.lies, course.inside_us, course.answer, course.has_entered]
-            for name, course in self._courses.items()
+            name: [progress.zone.model_dump(), progress.lies, progress.inside_us, progress.answer, progress.has_entered]
+            for name, progress in self._progress.items()
         }
         return {"last_us": self._last_us, "zones": kept}
 
     def miss(self) -> None:
         """Note that samples before the next one are missing."""
-        for course in self._courses.values():
-            course.lies = course.answer = None
+        for progress in self._progress.values():
+            progress.lies = progress.answer = None
 
     def step(self, seen: Seen) -> ZoneReport:
         """Take the next sample; return what it shows."""
@@ -124,12 +124,12 @@ class ZoneFollower:
         if passed_us > self._hold_us:
             self._forget()
         stays_us, entered = dict[str, int](), list[str]()
-        for name, course in self._courses.items():
-            longer_us = course.step(seen, self._length_mm, passed_us)
+        for name, progress in self._progress.items():
+            longer_us = progress.step(seen, self._length_mm, passed_us)
             if longer_us is None:
                 continue
             stays_us[name] = longer_us
-            if not course.has_entered:
+            if not progress.has_entered:
                 entered.append(name)
-            course.has_entered = True
-        return ZoneReport({name: course.answer for name, course in self._courses.items()}, stays_us, entered)
+            progress.has_entered = True
+        return ZoneReport({name: progress.answer for name, progress in self._progress.items()}, stays_us, entered)
