@@ -1,4 +1,4 @@
-"""Events of a real process: a stop, a commit that hangs, and a full disk."""
+"""Events of a real process: a stop, a kill, a locked file, a commit that hangs, and a full disk."""
 
 import resource
 import signal
@@ -45,10 +45,62 @@ def test_a_stop_makes_all_durable_and_a_contact_through_it_is_one_event(start: S
     assert [(event["end"], event["samples"]) for event in events(service)] == [("lift", 3), ("lift", 1)]
 
 
+def test_a_service_that_is_killed_during_contacts_records_each_of_them_once(start: StartService) -> None:
+    kills = 3
+    rows = [RESTING, *[TOUCHING] * 11, *[RESTING] * 5] * kills
+    service, sent = start(), 0
+
+    def expected() -> int | None:
+        sequence: int | None = service.post(log(batch_of() | {"samples": []})).json()["expected"]
+        return sequence
+
+    def catch_up() -> None:
+        """Send what the service expects, until it has all that was sent."""
+        while (sequence := expected()) is None or sequence <= sent:
+            if sequence is not None:
+                service.post(log(batch_of(*rows[sequence - 1 : sent], sequence=sequence)))
+
+    for number in range(kills):
+        sent = 17 * number + 6
+        catch_up()
+        if number % 2:
+            events(service)  # makes what came so far durable
+        service.stop(signal.SIGKILL)
+        service = start()
+    sent = len(rows)
+    catch_up()
+    assert [(event["begin"], event["end"], event["samples"]) for event in events(service)] == [
+        ("touch", "lift", 11)
+    ] * kills
+
+
 def on_record(tmp_path: Path) -> list[tuple[str, int]]:
     """End and number of samples of each event, read by another process, without a query to the service."""
     with closing(sqlite3.connect(tmp_path / "events.db")) as other:
         return other.execute('SELECT "end", samples FROM events ORDER BY touched_us, id').fetchall()
+
+
+IMPATIENT = "from beamtouch_service.events import database; database._BUSY_S = 0.1"
+
+
+def test_while_another_program_has_the_file_locked_nothing_is_durable_and_nothing_is_lost(
+    start: StartService, tmp_path: Path
+) -> None:
+    service, rows = start(code=f"{PATIENT}\n{IMPATIENT}"), [RESTING, TOUCHING, RESTING]
+    with closing(sqlite3.connect(tmp_path / "events.db", isolation_level=None)) as other:
+        other.execute("BEGIN EXCLUSIVE")  # like a backup that hangs
+        service.post(batch_of(*rows) | {"oldest": 1})
+        assert service.get("/contact").json()["state"] == "clear"
+        wait_until(lambda: "beamtouch_record_outages_total 1.0" in service.get("/metrics").text)
+        assert service.post(log(batch_of() | {"samples": []})).json()["durable"] in {0, None}
+        other.execute("ROLLBACK")
+    wait_until(lambda: service.get("/events").is_success)
+    wait_until(lambda: service.post(log(batch_of(*rows))).json()["expected"] == 4)
+    assert [(event["end"], event["samples"]) for event in events(service)] == [("lift", 1)]
+    code, errors = service.stop(signal.SIGTERM)
+    assert code == 0
+    assert "the record of events is away: database is locked" in errors
+    assert "the record of events is back" in errors
 
 
 HANGS = "from beamtouch_service.events import database; database._BUSY_S = 600.0"

@@ -1,0 +1,94 @@
+"""Files that a configuration includes or names and that cannot be read: one line that names the file and the reason.
+
+One that may come later ends the program with 1, as the service manager starts it again; any other one, and one whose
+contents are wrong, ends it with 2.
+"""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from beamtouch_daemon import cli as daemon_cli
+from beamtouch_service import cli as service_cli
+from daemon import configs
+from daemon.service import TOKEN
+from in_process import command_of
+
+
+def folder(path: Path) -> None:
+    path.mkdir()
+
+
+def dangling_link(path: Path) -> None:
+    path.symlink_to("gone")
+
+
+def no_text(path: Path) -> None:
+    path.write_bytes(b"\xff\xfe\x00")
+
+
+ABSENT = {folder: "Is a directory", dangling_link: "No such file or directory"}
+NO_TOKEN = ABSENT | {no_text: "more than one word of printable ASCII"}
+NO_PASSWORD = ABSENT | {no_text: "not one line of text"}
+DAEMON = configs.PUBLISH + configs.surface()
+Reasons = dict[Callable[[Path], None], str]
+ENDS_WITH_1: dict[str, tuple[str, Reasons]] = {
+    "daemon publish.token_file": (DAEMON.replace("beamtouch.token", "one.named"), NO_TOKEN),
+    "daemon publish.certificate_file": (
+        DAEMON.replace("[publish]", '[publish]\ncertificate_file = "one.named"'),
+        ABSENT | {no_text: "contains no PEM certificate"},
+    ),
+    "service server.write_token_file": ('[server]\nwrite_token_file = "one.named"\n', NO_TOKEN),
+    "service server.read_token_file": ('[server]\nread_token_file = "one.named"\n', NO_TOKEN),
+    "service server.certificate_file": (
+        '[server]\ncertificate_file = "one.named"\nkey_file = "one.named"\n',
+        ABSENT | {no_text: "are not a PEM certificate and its key without a passphrase"},
+    ),
+    "service mqtt.password_file": (
+        '[mqtt]\nhost = "b"\nusername = "u"\npassword_file = "one.named"\n',
+        NO_PASSWORD,
+    ),
+    "service opcua.password_file": ('[opcua]\nusername = "u"\npassword_file = "one.named"\n', NO_PASSWORD),
+    "service opcua.certificate_file": (
+        '[opcua]\ncertificate_file = "one.named"\nkey_file = "one.named"\n',
+        ABSENT | {no_text: "not a PEM or DER certificate"},
+    ),
+}
+"""Configurations by program and key, each with its reasons. A file that is absent ends the program with 1.
+
+Models have tests of their own: a service also runs without them.
+"""
+ENDS_WITH_2: dict[str, tuple[str, Reasons]] = {
+    # No pattern of an include matches a folder.
+    "daemon include": (
+        f'include = ["*.named"]\n{DAEMON}',
+        {dangling_link: ABSENT[dangling_link], no_text: "not a text file in UTF-8"},
+    ),
+    "service mqtt.ca_file": (
+        '[mqtt]\nhost = "b"\ntls = true\nca_file = "one.named"\n',
+        ABSENT | {no_text: "not PEM"},
+    ),
+}
+"""The same; a file that is absent ends the program with 2."""
+CONFIGURATIONS = ENDS_WITH_1 | ENDS_WITH_2
+
+
+@pytest.mark.parametrize(
+    ("key", "make"), [(key, make) for key, (_, reasons) in CONFIGURATIONS.items() for make in reasons]
+)
+def test_a_file_that_cannot_be_read_is_one_line_with_its_reason(
+    key: str, make: Callable[[Path], None], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text, reasons = CONFIGURATIONS[key]
+    (tmp_path / "beamtouch.token").write_text(TOKEN)
+    (tmp_path / "config.toml").write_text(text)
+    make(tmp_path / "one.named")
+    if key.startswith("daemon"):
+        done = command_of(daemon_cli.main, capsys)("run", tmp_path / "config.toml")
+    else:
+        done = command_of(service_cli.main, capsys)("run", "--port", 0, "--config", tmp_path / "config.toml")
+    code = 1 if key in ENDS_WITH_1 and make is not no_text else 2
+    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (code, "", 1), done.stderr
+    assert str(tmp_path / "one.named") in done.stderr
+    assert reasons[make] in done.stderr
