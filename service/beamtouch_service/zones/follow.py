@@ -94,11 +94,11 @@ class ZoneFollower:
         """Time of the last sample."""
         self._forget()
         if memory is not None:
-            self._last_us = memory["last_us"]
-            for name, (zone, lies, inside_us, answer, has_entered) in memory["zones"].items():
+            self._last_us = int(memory["last_us"])
+            for name, (zone, lies, inside_us, answer, has_entered) in dict(memory["zones"]).items():
                 if name in self.defined and self.defined[name].model_dump() == zone:
                     then, said = (one and ZoneState(one) for one in (lies, answer))
-                    self._progress[name] = _Progress(self.defined[name], then, inside_us, said, has_entered)
+                    self._progress[name] = _Progress(self.defined[name], then, int(inside_us), said, has_entered)
 
     def _forget(self) -> None:
         self._progress = {name: _Progress(zone) for name, zone in self.defined.items()}
