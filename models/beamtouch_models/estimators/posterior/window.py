@@ -30,8 +30,10 @@ from beamtouch_models.estimators.posterior.answers import MIN_MASS, Grid, Whiten
 from beamtouch_models.estimators.posterior.cells import cells_of, fixed_cells_graph, path_of, resolving_cells
 
 SAGITTA = 0.01
-"""Error of a straight line between two nodes that is aimed at, in deviations of the loudest contact. Where the path turns
-fastest it is larger: up to 0.3 on the shipped scenes, which neither error nor coverage shows."""
+"""Error of a straight line between two nodes that is aimed at, in deviations of the loudest contact.
+
+Where the path turns fastest it is larger: up to 0.3 on the shipped scenes, which neither error nor coverage shows.
+"""
 NODES = (128, 8192)
 """Smallest and largest number of steps between nodes."""
 FULL_TURN = 2.5
