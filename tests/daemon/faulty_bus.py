@@ -45,6 +45,8 @@ class Pattern:
     """How long the unit and the adapter take for an answer without a fault."""
     is_provable: bool = True
     """False: `check` says that this cannot be told from what is right."""
+    is_quick: bool = True
+    """False: it takes many polls, or a long time, until its faults have struck."""
 
 
 @dataclass
@@ -155,10 +157,12 @@ def patterns(seed: int) -> dict[str, Pattern]:
     return {
         "none": Pattern(),
         "late, 3 %": Pattern(often(0.03, faults.late)),
-        "late, 3 %, one register": Pattern(often(0.03, faults.late), registers=1),
-        "late by 1.5 s, 0.3 %": Pattern(often(0.003, faults.very_late)),
-        "late by 1.5 s, 0.3 %, one register": Pattern(often(0.003, faults.very_late), registers=1),
-        "late, 0.2 %, answers only values": Pattern(values_only(often(0.002, faults.late)), registers=1),
+        "late, 3 %, one register": Pattern(often(0.03, faults.late), registers=1, is_quick=False),
+        "late by 1.5 s, 0.3 %": Pattern(often(0.003, faults.very_late), is_quick=False),
+        "late by 1.5 s, 0.3 %, one register": Pattern(often(0.003, faults.very_late), registers=1, is_quick=False),
+        "late, 0.2 %, answers only values": Pattern(
+            values_only(often(0.002, faults.late)), registers=1, is_quick=False
+        ),
         "one probe, outage": Pattern(_one_probe(_outage), registers=2),
         "lost, 3 %": Pattern(often(0.03, faults.lost)),
         "in three parts, the last byte 16 ms late": Pattern(often(1.0, faults.split), busy_s=LATENCY_S + 0.002),
@@ -177,12 +181,12 @@ def patterns(seed: int) -> dict[str, Pattern]:
         ),
         "echo, 2 % of it damaged, 20 ms": Pattern(_busy(0.02), echo=faults.damaged_echo, busy_s=0.02),
         "one of these, 10 %, echo": Pattern(often(0.1, faults.any_of_them), echo=faults.echo),
-        "200 sessions anew, 30 ms": Pattern(_busy(0.03), sessions=200, timeout_s=0.1, busy_s=0.03),
+        "200 sessions anew, 30 ms": Pattern(_busy(0.03), sessions=200, timeout_s=0.1, busy_s=0.03, is_quick=False),
         "200 killed and started anew, 30 ms": Pattern(
-            _busy(0.03), sessions=200, timeout_s=0.1, busy_s=0.03, is_killed=True
+            _busy(0.03), sessions=200, timeout_s=0.1, busy_s=0.03, is_killed=True, is_quick=False
         ),
         "50 killed, late 10 %, one register": Pattern(
-            often(0.1, faults.late, _busy(0.01)), sessions=50, registers=1, is_killed=True, busy_s=0.01
+            often(0.1, faults.late, _busy(0.01)), sessions=50, registers=1, is_killed=True, busy_s=0.01, is_quick=False
         ),
         "a copy after the next request, 1 %": Pattern(often(0.01, faults.copied_late), is_provable=False),
         "another master asks the same, 1 %": Pattern(often(0.01, faults.asked_by_another_master), is_provable=False),

@@ -21,7 +21,7 @@ from beamtouch_daemon.tasks import cancel
 from . import configs
 from .devices import Fault, NumberingUnit, Pieces, StampingUnit, no_echo, rtu_units, with_crc
 from .faulty import plain
-from .faulty_bus import patterns, run, values_only
+from .faulty_bus import Pattern, patterns, run, values_only
 from .lines import terminal
 from .process import command
 from .publishing import until
@@ -30,13 +30,7 @@ from .sessions import source_in, take_across_sessions
 pytestmark = pytest.mark.anyio
 
 PATTERNS = patterns(seed=3)
-SLOW = ("late, 3 %, one register", "echo, 20 ms, 1 % lost", "echo, 20 ms, 1 % lost, one register")
-"""Left to `rtu_faults.py` of the benchmarks, as are faults of less than 1 %, of which a few polls see none."""
-QUICK = [
-    name
-    for name, one in PATTERNS.items()
-    if one.is_provable and one.sessions == 1 and name not in SLOW and " 0." not in name
-]
+PROVABLE = {name: one for name, one in PATTERNS.items() if one.is_provable}
 READ = 4
 PLACES = [f"register = {index}" for index in range(3)]
 LATEST_S = 2.0
@@ -84,11 +78,21 @@ def test_no_probe_is_answered_as_a_value_is_and_there_are_several(blocks: list[B
     assert not [probe for probe in probes if probe.function == READ and probe.count in lengths]
 
 
-@pytest.mark.parametrize("name", QUICK)
-async def test_no_value_is_stale_or_foreign(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+async def assert_no_value_is_stale_or_foreign(pattern: Pattern, polls: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(rtu_unit, "FORGOTTEN_S", LATEST_S)
-    outcome = await asyncio.wait_for(run(PATTERNS[name], 40, seed=3, answers=25), 120)
+    outcome = await asyncio.wait_for(run(pattern, polls, seed=3, answers=25), 240)
     assert (outcome.stale, outcome.foreign) == (0, 0)
+
+
+@pytest.mark.parametrize("name", [name for name, one in PROVABLE.items() if one.is_quick])
+async def test_no_value_is_stale_or_foreign(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    await assert_no_value_is_stale_or_foreign(PROVABLE[name], 40, monkeypatch)
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("name", [name for name, one in PROVABLE.items() if not one.is_quick])
+async def test_no_value_is_stale_or_foreign_in_many_polls(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    await assert_no_value_is_stale_or_foreign(PROVABLE[name], 400, monkeypatch)
 
 
 @pytest.mark.parametrize("registers", [1, 3])

@@ -187,6 +187,25 @@ def test_wide_contacts_agree_with_transfer_matrices(name: str) -> None:
     check(STRUCTURES[name], width=130.0, positions=POSITIONS[1:-1])
 
 
+@settings(max_examples=12)
+@given(
+    x=st.floats(0, 400),
+    a=st.floats(0, 400),
+    step=st.floats(0.5, 399.5),
+    thickness=st.floats(0.3, 300),
+    supports=st.sampled_from([*NAMES, simple(120, 310)]),
+    modulus=st.none() | st.floats(1e-3, 1e3),
+)
+def test_any_step_in_section_agrees_with_transfer_matrices(
+    x: float, a: float, step: float, thickness: float, supports: object, modulus: float | None
+) -> None:
+    segments = [{"to_mm": step, "thickness_mm": thickness}, {"to_mm": 400}]
+    beam = stated(STEEL, segments=segments, supports=supports, shear_modulus_gpa=modulus)
+    points = np.linspace(0, 400, 41)
+    expected = float(ExactBeam(beam, 80).deflection(x, a))
+    assert abs(influence(beam, [x], [a])[0, 0] - expected) <= 1e-11 * np.abs(influence(beam, points, points)).max()
+
+
 def test_a_load_nearly_on_a_support_is_not_refused() -> None:
     segments = [{"to_mm": 1.0, "thickness_mm": 2.0}, {"to_mm": 400}]
     beam = stated(STEEL, segments=segments, shear_modulus_gpa=2.0)

@@ -183,7 +183,7 @@ def test_weights_in_another_file_are_refused(
         model.graph.node.insert(0, helper.make_node("Constant", [], ["burden"], value=tensor))
     (tmp_path / "model.onnx").write_bytes(model.SerializeToString())
     said = refused("inspect", tmp_path / "model.onnx")
-    assert where == "constant" or "its weights are in another file" in said
+    assert "its weights are in another file" in said
 
 
 @pytest.mark.parametrize(

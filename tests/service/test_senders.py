@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from beamtouch_service.surfaces.surface import Surface
-from service.conftest import TOKEN, Bench, batch_of
+from service.conftest import TOKEN, Bench, batch_of, surface_of
 
 STALE_S = 0.5
 STEP_S = 0.1
@@ -52,6 +52,26 @@ def test_a_sender_that_started_anew_is_followed_at_once_but_not_with_older_sampl
     assert moves(bench, "first-life", 1000)
     assert moves(bench, "second-life", 1)
     assert not moves(bench, "third-life", 2, age_s=STEP_S)
+
+
+OFFERS = st.tuples(st.sampled_from("abc"), st.integers(1, 9), st.floats(0, 0.4), st.floats(0, 1))
+"""Sender, number, age and the pause before [s]."""
+
+
+@settings(max_examples=10)
+@given(st.lists(OFFERS, min_size=1, max_size=12))
+def test_no_sender_goes_backwards_and_none_takes_over_with_older_samples(
+    offers: list[tuple[str, int, float, float]],
+) -> None:
+    bench, newest, present, present_s = Bench(surface_of()), dict[str, int](), "", 0.0
+    for sender, number, age_s, pause_s in offers:
+        bench.now_s += pause_s
+        sequence = number + 100 * ord(sender)  # no two senders share a number
+        is_repeated = newest.get(present) == sequence
+        if moves(bench, f"boot-of-{sender}", sequence, age_s) and not is_repeated:
+            assert sequence > newest.get(sender, 0)
+            assert sender == present or not present or bench.now_s - age_s >= present_s
+            newest[sender], present, present_s = sequence, sender, bench.now_s - age_s
 
 
 class Numbers:

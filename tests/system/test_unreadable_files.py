@@ -28,11 +28,11 @@ def no_text(path: Path) -> None:
     path.write_bytes(b"\xff\xfe\x00")
 
 
-ABSENT = {folder: "Is a directory", dangling_link: "No such file or directory"}
+Reasons = dict[Callable[[Path], None], str]
+ABSENT: Reasons = {folder: "Is a directory", dangling_link: "No such file or directory"}
 NO_TOKEN = ABSENT | {no_text: "more than one word of printable ASCII"}
 NO_PASSWORD = ABSENT | {no_text: "not one line of text"}
 DAEMON = configs.PUBLISH + configs.surface()
-Reasons = dict[Callable[[Path], None], str]
 ENDS_WITH_1: dict[str, tuple[str, Reasons]] = {
     "daemon publish.token_file": (DAEMON.replace("beamtouch.token", "one.named"), NO_TOKEN),
     "daemon publish.certificate_file": (
@@ -45,10 +45,7 @@ ENDS_WITH_1: dict[str, tuple[str, Reasons]] = {
         '[server]\ncertificate_file = "one.named"\nkey_file = "one.named"\n',
         ABSENT | {no_text: "are not a PEM certificate and its key without a passphrase"},
     ),
-    "service mqtt.password_file": (
-        '[mqtt]\nhost = "b"\nusername = "u"\npassword_file = "one.named"\n',
-        NO_PASSWORD,
-    ),
+    "service mqtt.password_file": ('[mqtt]\nhost = "b"\nusername = "u"\npassword_file = "one.named"\n', NO_PASSWORD),
     "service opcua.password_file": ('[opcua]\nusername = "u"\npassword_file = "one.named"\n', NO_PASSWORD),
     "service opcua.certificate_file": (
         '[opcua]\ncertificate_file = "one.named"\nkey_file = "one.named"\n',
