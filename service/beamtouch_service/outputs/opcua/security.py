@@ -98,21 +98,16 @@ class ReadOnlyServer(InternalServer):  # type: ignore[misc]  # mypy skips the ty
     """
 
     def create_session(self, name: str, user: User = NOBODY, external: bool = False) -> InternalSession:
-        """Begin a session that reaches no subscription but its own.
+        """Begin a session that reaches no subscription but its own, and that no other connection can use.
 
-        The library keeps `external` ones for minutes after their connection was lost, with their subscriptions.
+        The library keeps `external` ones for minutes after their connection was lost, with their subscriptions. By
+        their numbers, which are easily guessed, it lets others use them before it has seen who asks. A client that has
+        lost its connection begins a new session.
         """
         del external
         session = OwnSession(self, self.aspace, self.subscription_service, name, user=user)
         session.subscription_service = OwnSubscriptions(self.subscription_service, session.session_id)
         return session
-
-    def lookup_external_session(self, auth_token: ua.NodeId) -> None:
-        """Find no session of another connection: the library would let it be used before it has seen who asks.
-
-        The numbers of sessions are easy to guess. A client that has lost its connection begins a new session.
-        """
-        del auth_token
 
     def register_server(self, server: object, conf: object = None) -> None:
         """Refuse to take a server into that list."""
