@@ -47,6 +47,8 @@ def test_events_of_an_outage_arrive_when_the_broker_is_back(line: Line) -> None:
     wait_connected(service)
     subscriber = line.broker.subscribe("-t", EVENT)
     wait_for(lambda: metric(service, "events_pending") == 0)
+    # The broker has them all; the subscriber may be reading still.
+    wait_for(lambda: len(subscriber.of(EVENT)) >= 10)
     assert {one["id"]: one for one in subscriber.of(EVENT)} == {one["id"]: one for one in events(service)}
     _, errors = service.stop(signal.SIGTERM)
     assert errors.count("the service goes on and tries again") == 1
