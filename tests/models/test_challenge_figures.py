@@ -63,7 +63,8 @@ FAULT = replace(GOOD, honest=False, noticed=0.8, power=1.0)
         (replace(GOOD, held_unsteady=0.85), ["held 85% when unsteady"]),
         (replace(GOOD, misleading=0.02), ["misleading 2.0%"]),
         (replace(GOOD, noted=0.04), ["noted 4.0%"]),
-        (replace(GOOD, ghosts=0.04), ["ghosts 4.0%"]),
+        (replace(GOOD, plays=400, ghosts=0.04), ["ghosts 4.0%"]),
+        (replace(GOOD, samples=2_000, plays=400, ghosts=0.01), []),  # 4 draws, where 2 are allowed
         (replace(GOOD, quiet=False, noted=0.04), []),
         (FAULT, ["noticed 80% of 100%"]),
         (replace(FAULT, power=0.85), []),

@@ -81,7 +81,9 @@ class Row:
     interval_mm: float | None
     """Median length of the intervals, with and without a note."""
     ghosts: float | None = None
-    """Share of all draws in which a contact begins more than once; stated in the last row of a play."""
+    """Share of `plays` in which a contact begins more than once; stated in the last row of a play."""
+    plays: int = 0
+    """Number of draws among which ghosts are counted: those in which no load crosses a support."""
     noticed: float | None = None
     """Share of a fault's samples that are unexplained or noted; None for honest contacts."""
     power: float | None = None
@@ -143,7 +145,7 @@ def rows_of(model: ModelFile, surface: SimulatedSurface, case: Case, draws: int,
             row = replace(row, power=power_of_shift(distances(surface, play.fault_mm, part.valid), alpha))
         found.append(row)
     felt = said.said if play.crosses is None else said.said[~play.crosses]
-    return [*found[:-1], replace(found[-1], ghosts=ghosts(felt) if len(felt) else None)]
+    return [*found[:-1], replace(found[-1], ghosts=ghosts(felt) if len(felt) else None, plays=len(felt))]
 
 
 def scored(name: str, said: Judged, truth_mm: Floats, *, honest: bool, quiet: bool = False) -> Row:
@@ -215,7 +217,7 @@ def misses(row: Row) -> list[str]:
     if row.honest:
         if _exceeds(row.misleading, row.samples, MISLEADING):
             found.append(f"misleading {row.misleading:.1%}")
-        if row.ghosts is not None and _exceeds(row.ghosts, row.samples, GHOSTS):
+        if row.ghosts is not None and _exceeds(row.ghosts, row.plays, GHOSTS):
             found.append(f"ghosts {row.ghosts:.1%}")
         for share, number, goal, when in (
             (row.held, row.plain, HELD, ""),
