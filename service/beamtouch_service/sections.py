@@ -7,7 +7,7 @@ from typing import Annotated, Self
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat, ValidationInfo, model_validator
 
-from beamtouch_common.errors import InputError
+from beamtouch_common.errors import FailedError, InputError
 from beamtouch_common.files import file_path
 from beamtouch_common.hosts import host_name
 from beamtouch_common.zones import MAX_ZONES, Zone, ZoneName
@@ -33,16 +33,23 @@ StaleMs = Annotated[FiniteFloat, Field(gt=0, le=60_000)]
 _DATABASE = re.compile(r"postgresql://[^/?#\s]*/[^/?#\s]+(\?\S*)?")
 
 
+def require_readable(*paths: Path) -> None:
+    """Raise FailedError for a file that cannot be read: it may come yet, as what is mounted late does."""
+    for path in paths:
+        try:
+            path.open("rb").close()
+        except OSError as error:
+            raise FailedError(f"{path}: {error.strerror}") from None
+
+
 def load_pair(context: SSLContext, certificate: Path, key: Path, advice: str) -> None:
-    """Load a certificate and its key; raises InputError with this advice if they cannot be used."""
+    """Load a certificate and its key; raises FailedError, and InputError with this advice if they cannot be used."""
+    require_readable(certificate, key)
     try:
         # An empty passphrase: otherwise OpenSSL would ask for one at the terminal and wait.
         context.load_cert_chain(certificate, key, password="")
-    except OSError as error:
-        reason = "" if isinstance(error, SSLError) else f" ({error.strerror})"
-        message = (
-            f"{certificate} and {key} are not a PEM certificate and its key without a passphrase{reason}; {advice}"
-        )
+    except SSLError:
+        message = f"{certificate} and {key} are not a PEM certificate and its key without a passphrase; {advice}"
         raise InputError(message) from None
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from beamtouch_common import log
-from beamtouch_common.errors import FailedError, InputError
+from beamtouch_common.errors import InputError
 from beamtouch_models.modelfile import ModelFileError
 from beamtouch_service.address import Address
 from beamtouch_service.api.app import create_app
@@ -108,11 +108,6 @@ def report(settings: Settings, *, as_json: bool) -> str:
 
 def _require_certificate(certificate: Path, key: Path) -> None:
     """Raise FailedError unless the files can be read, and InputError unless they belong together."""
-    for path in (certificate, key):
-        try:
-            path.open("rb").close()
-        except OSError as error:
-            raise FailedError(f"{path}: {error.strerror}") from None
     advice = "create them again, or correct server.certificate_file and server.key_file"
     load_pair(ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER), certificate, key, advice)
 

@@ -22,7 +22,7 @@ from beamtouch_service.outputs.mqtt.messages import JSON, ONLINE, TEXT, Topics, 
 from beamtouch_service.outputs.mqtt.section import MqttSection
 from beamtouch_service.outputs.mqtt.statuses import StatusSender
 from beamtouch_service.outputs.section import Output
-from beamtouch_service.sections import load_pair
+from beamtouch_service.sections import load_pair, require_readable
 
 RETRY_S, MAX_RETRY_S = 0.5, 8.0
 """Pause after a connection was lost, and the longest one."""
@@ -124,15 +124,16 @@ class Publisher:
 
 
 def _tls(section: MqttSection) -> ssl.SSLContext | None:
-    """Return the TLS context of connections; raises InputError if a file cannot be used."""
+    """Return the TLS context of connections; raises FailedError if a file cannot be read, InputError if it is wrong."""
     if not section.tls:
         return None
     certificate, key = section.certificate_file, section.key_file
+    if section.ca_file:
+        require_readable(section.ca_file)
     try:
         context = ssl.create_default_context(cafile=section.ca_file)
-    except OSError as error:
-        reason = "not PEM" if isinstance(error, ssl.SSLError) else error.strerror
-        message = f"{section.ca_file}: {reason}; set mqtt.ca_file to the PEM certificates of the broker's issuer"
+    except ssl.SSLError:
+        message = f"{section.ca_file}: not PEM; set mqtt.ca_file to the PEM certificates of the broker's issuer"
         raise InputError(message) from None
     if certificate and key:
         load_pair(context, certificate, key, "correct mqtt.certificate_file and mqtt.key_file")

@@ -140,9 +140,9 @@ async def read_security(section: OpcUaSection) -> Security:
     Raises
     ------
     InputError
-        A file is no certificate, key or password, or the folder of trusted certificates is empty.
+        A file is no certificate, key or password.
     FailedError
-        A file cannot be read.
+        A file cannot be read, or the folder of trusted certificates is empty.
     """
     password = read_password(section.password_file) if section.password_file else None
     own: tuple[Certificate, RSAPrivateKey] | None = None
@@ -157,7 +157,7 @@ async def read_security(section: OpcUaSection) -> Security:
             message = (
                 f"{folder}: no certificates of clients in it; set opcua.trusted_folder to a folder of PEM or DER files"
             )
-            raise InputError(message)
+            raise FailedError(message)  # they may come yet: a folder is empty until it is mounted
         trusted = TrustedCertificates([await _read_certificate(path) for path in paths])
     clients = Clients(section.username, password, trusted, are_encrypted=own is not None)
     return Security(clients, password is not None, trusted is not None, own)
