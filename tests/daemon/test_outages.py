@@ -187,7 +187,9 @@ async def test_a_disk_that_is_full_is_emptied_when_the_service_is_back_and_keeps
             assert (await daemon.stop()).code == 0
         after = summary_of(tmp_path)["bench"]
         assert after["samples_in_log"] == after["samples_dropped"] == 0
-        assert after["samples_published"] == after["readings"] + before["samples_in_log"]
+        # A chunk, of at most 250 samples, stays whole until all of it is durable: a part may be found durable twice.
+        again = after["samples_published"] - after["readings"] - before["samples_in_log"]
+        assert 0 <= again < 250
 
 
 MANY = """
