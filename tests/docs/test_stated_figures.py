@@ -20,8 +20,8 @@ from beamtouch_daemon.sources import board, rtu_bus, rtu_unit
 from beamtouch_models.calibration import recordings
 from beamtouch_models.challenge import challenge
 from beamtouch_models.decision import decider, evidence, wrong_channels
-from beamtouch_models.filters import rest
-from beamtouch_models.filters.look import STILL_PART
+from beamtouch_models.filters.look import DRIFT_PART, STILL_PART
+from beamtouch_models.filters.motion import SCATTER_PART
 from beamtouch_models.health import changes
 from beamtouch_models.modelfile import State
 from beamtouch_models.physics.beam import MAX_SLOPE
@@ -37,15 +37,17 @@ from beamtouch_service.commissioning.results import MAX_KEPT
 from beamtouch_service.events.boot import MAX_CAPTURED, MAX_WAITING
 from beamtouch_service.events.event import MAX_POINTS
 from beamtouch_service.host.serve import IDLE_S
-from beamtouch_service.outputs.modbus.registers import BLOCK, CONSTANT, MAX_SURFACES, REGISTERS, STATES
+from beamtouch_service.outputs.modbus.registers import BLOCK, CONSTANT, MAX_SURFACES, REGISTERS, STATES, identity
 from beamtouch_service.outputs.opcua.subscriptions import MOST_WAITING
 from beamtouch_service.problems import Kind
 from beamtouch_service.samples import MAX_SAMPLES, Note
 from beamtouch_service.sections import ServerSection, SurfaceSection
+from beamtouch_service.surfaces.follower import PAUSE
+from beamtouch_service.surfaces.freshness import WINDOW_S
 from pasted import ROOT
 
 WORDS: dict[float, str] = {1: "a", 3: "three", 4: "four", 5: "five", 10: "ten"}
-PARTS = {0.1: "a tenth", 0.02: "a fiftieth", 0.125: "an eighth", 0.25: "a quarter", 0.4: "two fifths"}
+PARTS = {0.1: "a tenth", 0.02: "a fiftieth", 0.125: "an eighth", 0.25: "a quarter", 0.4: "two fifths", 0.5: "half"}
 DOUBTFUL = sum(1 << note.bit for note in (Note.OVERLOAD, Note.UNSTEADY, Note.UNCHECKED, Note.SENDERS))
 PROBLEMS = min(code for state, (code, _) in STATES.items() if isinstance(state, Kind))
 
@@ -126,17 +128,31 @@ STATED = {
         f"at least {challenge.NOTICED:g} of the power",
         f"by more than chance explains ({100 * challenge.CHANCE:g} %)",
     ],
-    "docs/decisions/015-health.md": [
-        f"at least {WORDS[changes.MIN_CONTACTS]} contacts",
-        f"beyond {WORDS[changes.DRIFT]} times the stated drift",
+    "docs/decisions/002-freshness.md": [f"above the least of the last {WINDOW_S:g} to {2 * WINDOW_S:g} s"],
+    "docs/decisions/007-events.md": [f"longer than {WORDS[PAUSE]} times `stale_ms`"],
+    "docs/decisions/012-covariance.md": [
+        f"more recent than {PARTS[STILL_PART]} of the slowest period",
+        f"over {PARTS[SCATTER_PART]} of the slowest period",
     ],
-    "docs/decisions/031-samples-at-rest.md": [f"further from the mean than {WORDS[rest.EXPLAINED]} deviations"],
+    "docs/decisions/017-mean-since-touch.md": [
+        f"only {PARTS[1 / DRIFT_PART]} of them",
+        f"until {PARTS[STILL_PART]} of the slowest period agrees",
+    ],
+    "docs/decisions/018-when-a-state-begins-and-ends.md": [
+        f"begins and ends with {WORDS[decider.PERSISTENCE]} samples in a row"
+    ],
+    "docs/decisions/032-zones.md": [
+        f"the interval at {share(BEGIN):.1f} % lies on one side, and ends if that at {share(HOLD):.0f} % does not"
+    ],
     "docs/explanation/paper.md": [
         TITLE,
         SOURCE,
         f"with B near {FIGURE_4['B'][0]:.0f}",
         f"At {NOISE_PERCENT:g} % noise only {WORDS[FIGURE_4['larger'][0]]} components are larger than their error",
         f"up to {'a third' if is_a_third(FIGURE_4['four_up_to_percent'] / NOISE_PERCENT) else '?'} of that noise",
+        f"reverse order: {', '.join(f'{400 / (n + 1):.0f}' for n in (2, 3, 4))} and {400 / 6:.0f} mm belong",
+        f"on a simulated rig with {NOISE_PERCENT:g} % noise",
+        f"With {NOISE_PERCENT:g} % noise the paper's network errs more",
         f"two sensors: {PAPER[2, 'equal']} % at equal pitch, {PAPER[2, 'optimised']} % optimised;",
         f"with five: {PAPER[5, 'equal']} and {PAPER[5, 'optimised']} %.",
     ],
@@ -168,6 +184,7 @@ STATED = {
     ],
     "docs/how-to/opcua.md": [f"at most {MOST_WAITING} values of a variable"],
     "docs/how-to/plc.md": [
+        f"identity {identity('strip')}, heartbeat",
         f"Bit {Note.DEGRADED.bit} of `notes`, `degraded`",
         f"from `state` {PROBLEMS} on",
         f"reads offsets 0 to {BLOCK - 2}",
@@ -196,6 +213,7 @@ STATED = {
     ],
     "docs/reference/events.md": [
         f"the path, at most {MAX_POINTS} points",
+        f"gave none for longer than {WORDS[PAUSE]} times `stale_ms`",
         f"holds the first {WORDS[MAX_CAPTURED]} unexplained samples",
     ],
     "docs/reference/http.md": [
@@ -205,6 +223,7 @@ STATED = {
         f"| time for a batch to arrive | {MAX_BODY_S:g} s |",
         f"| time without a request, after an answer | {IDLE_S} s |",
         f"`max_streams`, {SERVER['max_streams']} |",
+        f"| the last {MAX_KEPT} results on record",
         f"| samples of a boot that are not durable yet | {MAX_WAITING:,} |".replace(",", " "),
     ],
     "docs/reference/loads.md": [
@@ -225,8 +244,13 @@ STATED = {
         f"so take 16#{DOUBTFUL & ~(1 << Note.UNCHECKED.bit):04X} for `doubtful` there",
         f"Read offsets 0 to {ZONES - 1} in one request, or 0 to {BLOCK - 2} with zones",
         f"the numbers 1 to {MAX_ZONES}",
+        f"**Register {BLOCK - 1}** of a block reads as 0, and so do {ZONES} to {BLOCK - 2} without zones",
+        f"w[0] = {identity('press-7')} (* the identity of press-7",
+        f"REAL_OF(w[20], w[21]) = {CONSTANT};",
+        f"**NaN** is 16#{struct.pack('>f', math.nan).hex().upper()}",
         f"276.5215 becomes {in_the_wrong_word_order(276.5215):.1f}",
     ],
+    "docs/reference/sensor-health.md": [f"within {WORDS[changes.DRIFT]} times the drift that the scene states"],
     "firmware_protocol/PROTOCOL.md": [
         f"repeated every {board.HELLO_REPEAT_S:g} s until Hello arrives",
         f"asks for {board.HELLO_TIMEOUT_S:g} s before it reports",
