@@ -32,6 +32,7 @@ from beamtouch_models.pricing import prices
 from beamtouch_models.reproduction.figure_8 import MEASURED_PERCENT as PAPER
 from beamtouch_models.reproduction.figures import EXPECTED_ITERATIONS, EXPECTED_MM, figure_4
 from beamtouch_models.reproduction.paper import NOISE_PERCENT, SOURCE, TITLE
+from beamtouch_models.rig.loads import default_script
 from beamtouch_protocol.framing import MAX_FRAME_BYTES
 from beamtouch_protocol.messages import MESSAGE_TYPES
 from beamtouch_service.api.errors import MAX_ERRORS
@@ -48,7 +49,7 @@ from beamtouch_service.samples import MAX_SAMPLES, Note
 from beamtouch_service.sections import ServerSection, SurfaceSection
 from beamtouch_service.surfaces.follower import PAUSE
 from beamtouch_service.surfaces.freshness import WINDOW_S
-from pasted import ROOT
+from pasted import ROOT, blocks_of
 
 WORDS: dict[float, str] = {1: "a", 2: "two", 3: "three", 4: "four", 5: "five", 10: "ten"}
 PARTS = {0.1: "a tenth", 0.02: "a fiftieth", 0.125: "an eighth", 0.25: "a quarter", 0.4: "two fifths", 0.5: "half"}
@@ -64,6 +65,9 @@ RECEIVED_BYTES = 7 + max(message.max_payload_bytes() for kind, message in MESSAG
 """The longest frame that a device receives: a payload, with type, CRC, one byte of COBS and 00."""
 PYTHON = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["requires-python"].removeprefix(">=")
 FIGURE_4 = figure_4(0).results()
+README_SCENE = next(block.text for block in blocks_of("README.md") if "[beam]" in block.text)
+TOUCH = default_script(read_scene(README_SCENE.split("END'\n")[1].split("END")[0])).step[3]
+"""The load of the rig's own script that rests before the first lift."""
 PAIRS_MM = [f"{left}/{right}" for left, right in zip(EXPECTED_MM[::2], EXPECTED_MM[1::2], strict=True)]
 BENCH = read_scene(ROOT / "models" / "scenes" / "bench.toml")
 (CHECKS,) = {int(fall) for fall in re.findall(r" fall (\d+) ", (ROOT / "deploy" / "haproxy.cfg").read_text())}
@@ -113,7 +117,12 @@ SURFACE, SERVER = (
 
 STATED = {
     "CITATION.cff": [TITLE],
-    "README.md": [TITLE, SOURCE, f"Linux and Python {PYTHON} or later"],
+    "README.md": [
+        TITLE,
+        SOURCE,
+        f"Linux and Python {PYTHON} or later",
+        f"pressed with {TOUCH.force_n:g} N at {TOUCH.position_mm:g} mm",
+    ],
     "daemon/beamtouch-daemon.service": [f"when a surface has hung for {PATIENCE_S:g} s"],
     "daemon/daemon.example.toml": [
         f"keeps such samples on disk after {MEMORY_S:g} s",
