@@ -1,4 +1,4 @@
-"""The JSON that pages show as an answer of the service is one of today: its members, its title and its sentence."""
+"""The answers of the service in pages are those of today: their members, titles and sentences."""
 
 import json
 from collections.abc import Set
@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 from pydantic import BaseModel
 
+from beamtouch_service.api.events import EventList, EventWithPath
 from beamtouch_service.problems import Kind
 from beamtouch_service.surfaces import problems
 from beamtouch_service.surfaces.channels import ChannelHealth
@@ -32,6 +33,12 @@ def test_an_answer_in_a_page_is_one_of_today(shown: dict[str, Any]) -> None:
     else:
         (health,) = shown.values()
         assert_is(health, ChannelHealth)
+
+
+def test_the_page_of_events_names_every_member_of_an_event() -> None:
+    page = (ROOT / "docs" / "reference" / "events.md").read_text()
+
+    assert [name for kind in (EventWithPath, EventList) for name in kind.model_fields if f"`{name}`" not in page] == []
 
 
 def assert_is(shown: dict[str, Any], model: type[BaseModel], left_out: Set[str] = frozenset()) -> None:

@@ -245,7 +245,7 @@ STATED = {
         f"the log odds fall to {PARTS[decider.LIFT_FRACTION]} of the threshold",
     ],
     "docs/reference/events.md": [
-        f"the path, at most {MAX_POINTS} points",
+        f"add `path`, at most {MAX_POINTS} points",
         f"gave none for longer than {WORDS[PAUSE]} times `stale_ms`",
         f"holds the first {WORDS[MAX_CAPTURED]} unexplained samples",
     ],
