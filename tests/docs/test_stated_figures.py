@@ -300,6 +300,7 @@ STATED = {
         f"receives no frame longer than {RECEIVED_BYTES} bytes, so define `BEAMTOUCH_MAX_FRAME_BYTES={RECEIVED_BYTES}`",
         f"| limit of the ADC, with `oversampling` 1 | {cells(1e6, OVERHEAD_US, CONVERSION_US)} |",
         f"1000000 / ({CONVERSION_US} x channels x oversampling + {OVERHEAD_US})",
+        f"`oversampling` is at most {0xFFFF // (2**10 - 1)}, so that sums fit 16 bits",
         f"| limit of the line | {cells(1e5, 14, 2)} |",
         f"| `max_rate_hz`, without lost readings | {cells(0.9e5, 14, 2)} |",
     ],
