@@ -1,4 +1,4 @@
-"""Endurance run: `python tests/benchmarks/soak.py --minutes 60 [--rate-hz 1000] [-o docs/soak.md]`.
+"""Endurance run: `python tests/benchmarks/soak.py --minutes 60 [--rate-hz 1000] [-o FILE]`.
 
 Rig, daemon and service as processes, loads moving all the time, contacts asked for 20 times a second and held against
 the rig's truth. Says every minute how things stand, and at the end writes a table.

@@ -33,6 +33,14 @@ def test_every_folder_at_the_top_has_a_heading() -> None:
     assert [folder.name for folder in FOLDERS if f"`{folder.name}/`" not in headings] == []
 
 
+def test_the_method_is_an_afternoon_of_reading() -> None:
+    section = HOUSE.split("## The method, in the order in which to read it")[1]
+    (limit,) = re.findall(r"Under (\d+) lines", section)
+    files = [ROOT / PACKAGES["models"] / name for name in re.findall(r"`([\w/]+\.py)`", section)]
+    assert len(files) > 10
+    assert sum(len(file.read_text(encoding="utf-8").splitlines()) for file in files) < int(limit)
+
+
 def test_every_link_to_a_file_leads_to_one_in_a_checkout() -> None:
     """A forge shows the files themselves; the site shows some of them as pages with other addresses."""
     broken, links = [], 0

@@ -1,5 +1,6 @@
 """Figures that a page repeats from the measured ones are those."""
 
+import math
 import re
 
 import pytest
@@ -54,6 +55,34 @@ def test_the_page_on_the_paper_repeats_how_many_statements_differ() -> None:
 def joined(page: str) -> str:
     """Return the words of a page with a space between two."""
     return " ".join((DOCS / page).read_text().split())
+
+
+def test_what_to_buy_follows_from_what_a_service_takes() -> None:
+    text = joined("figures.md").split("## Surfaces per core")[1].split(" ## ")[0]
+    four_us, one_us = numbers(r"batch of 4 samples takes (\d+) us of the service, a batch of one (\d+)", text)
+    least_mb, most_mb = numbers(r"Memory is (\d+) MB with one surface, .* and (\d+) MB with 500", text)
+    resting, percent = numbers(r"(\d+) surfaces at rest, .*? take (\d+) % of a core", text)
+    (daemon,) = numbers(r"of the service and ([\d.]+) % of the daemon", text)
+    page = (DOCS.parent / "deploy" / "README.md").read_text()
+    line = " ".join(page.split())
+    (planned,) = numbers(r"plans for (\d+) % of a core", line)
+    shares = {
+        "rests nearly always, any rate": percent / resting,
+        "1 kHz, always moving": 1000 / 4 * four_us / 1e4,
+        "200 Hz, always moving": 200 * one_us / 1e4,
+        "50 Hz, always moving": 50 * one_us / 1e4,
+    }
+
+    carried = {row: int(rows_of(page)[row][0]) for row in shares}
+    assert carried == {row: math.floor(planned / share) for row, share in shares.items()}
+    assert f"plan a core for {planned / daemon:.0f} surfaces at rest" in line
+    assert f"plan {least_mb:.0f} MB, and {(most_mb - least_mb) / 499:.1f} MB for each surface" in line
+
+
+def numbers(pattern: str, text: str) -> list[float]:
+    """Return the numbers in the only place of a text that a pattern with groups fits."""
+    (match,) = re.finditer(pattern, text)
+    return [float(number) for number in match.groups()]
 
 
 def test_the_guide_repeats_the_figures_of_a_calibration_from_contacts() -> None:

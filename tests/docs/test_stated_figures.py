@@ -17,17 +17,22 @@ from beamtouch_daemon.delivery.log_store import MEMORY_S
 from beamtouch_daemon.processing import at_rest, rate, zero_tracking
 from beamtouch_daemon.running.acquisition import PATIENCE_S
 from beamtouch_daemon.sources import board, rtu_bus, rtu_unit
+from beamtouch_models import read_scene
+from beamtouch_models.accuracy import thresholds
 from beamtouch_models.calibration import recordings
 from beamtouch_models.challenge import challenge
 from beamtouch_models.decision import decider, evidence, wrong_channels
-from beamtouch_models.filters import rest
-from beamtouch_models.filters.look import STILL_PART
+from beamtouch_models.filters.look import DRIFT_PART, STILL_PART
+from beamtouch_models.filters.motion import SCATTER_PART
 from beamtouch_models.health import changes
 from beamtouch_models.modelfile import State
 from beamtouch_models.physics.beam import MAX_SLOPE
+from beamtouch_models.physics.motion import DAMPING_RATIO
+from beamtouch_models.pricing import prices
 from beamtouch_models.reproduction.figure_8 import MEASURED_PERCENT as PAPER
-from beamtouch_models.reproduction.figures import figure_4
+from beamtouch_models.reproduction.figures import EXPECTED_ITERATIONS, EXPECTED_MM, figure_4
 from beamtouch_models.reproduction.paper import NOISE_PERCENT, SOURCE, TITLE
+from beamtouch_models.rig.loads import default_script
 from beamtouch_protocol.framing import MAX_FRAME_BYTES
 from beamtouch_protocol.messages import MESSAGE_TYPES
 from beamtouch_service.api.errors import MAX_ERRORS
@@ -37,15 +42,17 @@ from beamtouch_service.commissioning.results import MAX_KEPT
 from beamtouch_service.events.boot import MAX_CAPTURED, MAX_WAITING
 from beamtouch_service.events.event import MAX_POINTS
 from beamtouch_service.host.serve import IDLE_S
-from beamtouch_service.outputs.modbus.registers import BLOCK, CONSTANT, MAX_SURFACES, REGISTERS, STATES
+from beamtouch_service.outputs.modbus.registers import BLOCK, CONSTANT, MAX_SURFACES, REGISTERS, STATES, identity
 from beamtouch_service.outputs.opcua.subscriptions import MOST_WAITING
 from beamtouch_service.problems import Kind
 from beamtouch_service.samples import MAX_SAMPLES, Note
 from beamtouch_service.sections import ServerSection, SurfaceSection
-from pasted import ROOT
+from beamtouch_service.surfaces.follower import PAUSE
+from beamtouch_service.surfaces.freshness import WINDOW_S
+from pasted import ROOT, blocks_of
 
-WORDS: dict[float, str] = {1: "a", 3: "three", 4: "four", 5: "five", 10: "ten"}
-PARTS = {0.1: "a tenth", 0.02: "a fiftieth", 0.125: "an eighth", 0.25: "a quarter", 0.4: "two fifths"}
+WORDS: dict[float, str] = {1: "a", 2: "two", 3: "three", 4: "four", 5: "five", 10: "ten"}
+PARTS = {0.1: "a tenth", 0.02: "a fiftieth", 0.125: "an eighth", 0.25: "a quarter", 0.4: "two fifths", 0.5: "half"}
 DOUBTFUL = sum(1 << note.bit for note in (Note.OVERLOAD, Note.UNSTEADY, Note.UNCHECKED, Note.SENDERS))
 PROBLEMS = min(code for state, (code, _) in STATES.items() if isinstance(state, Kind))
 
@@ -58,6 +65,14 @@ RECEIVED_BYTES = 7 + max(message.max_payload_bytes() for kind, message in MESSAG
 """The longest frame that a device receives: a payload, with type, CRC, one byte of COBS and 00."""
 PYTHON = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["requires-python"].removeprefix(">=")
 FIGURE_4 = figure_4(0).results()
+README_SCENE = next(block.text for block in blocks_of("README.md") if "[beam]" in block.text)
+TOUCH = default_script(read_scene(README_SCENE.split("END'\n")[1].split("END")[0])).step[3]
+"""The load of the rig's own script that rests before the first lift."""
+PAIRS_MM = [f"{left}/{right}" for left, right in zip(EXPECTED_MM[::2], EXPECTED_MM[1::2], strict=True)]
+BENCH = read_scene(ROOT / "models" / "scenes" / "bench.toml")
+(CHECKS,) = {int(fall) for fall in re.findall(r" fall (\d+) ", (ROOT / "deploy" / "haproxy.cfg").read_text())}
+OFTEN = {1: "one false stretch of `unexplained` in a day", 0.5: "one in two days"}
+"""How often a day, in words."""
 ZONES = next(register.offset for register in REGISTERS if register.name == "zones")
 CONVERSION_US, OVERHEAD_US = (
     int(re.findall(rf"#define {name} (\d+)", (ROOT / "firmware_protocol" / "avr" / "config.h").read_text())[0])
@@ -102,7 +117,12 @@ SURFACE, SERVER = (
 
 STATED = {
     "CITATION.cff": [TITLE],
-    "README.md": [TITLE, SOURCE, f"Linux and Python {PYTHON} or later"],
+    "README.md": [
+        TITLE,
+        SOURCE,
+        f"Linux and Python {PYTHON} or later",
+        f"pressed with {TOUCH.force_n:g} N at {TOUCH.position_mm:g} mm",
+    ],
     "daemon/beamtouch-daemon.service": [f"when a surface has hung for {PATIENCE_S:g} s"],
     "daemon/daemon.example.toml": [
         f"keeps such samples on disk after {MEMORY_S:g} s",
@@ -115,6 +135,7 @@ STATED = {
         f"Default: by {PARTS[at_rest.MOUNTED_WITHIN]} of range_mm",
         f"or {PARTS[at_rest.DRIFTS_WITHIN]} from the last tare",
     ],
+    "deploy/README.md": [f"After {WORDS[CHECKS]} checks without an answer"],
     "deploy/haproxy-one.cfg": [f"The service waits {MAX_BODY_S:g} s for a body"],
     "deploy/haproxy.cfg": [f"a service waits {MAX_BODY_S:g} s for it"],
     "docs/challenge.md": [
@@ -126,17 +147,34 @@ STATED = {
         f"at least {challenge.NOTICED:g} of the power",
         f"by more than chance explains ({100 * challenge.CHANCE:g} %)",
     ],
-    "docs/decisions/015-health.md": [
-        f"at least {WORDS[changes.MIN_CONTACTS]} contacts",
-        f"beyond {WORDS[changes.DRIFT]} times the stated drift",
+    "docs/decisions/002-freshness.md": [f"above the least of the last {WINDOW_S:g} to {2 * WINDOW_S:g} s"],
+    "docs/decisions/007-events.md": [f"longer than {WORDS[PAUSE]} times `stale_ms`"],
+    "docs/decisions/012-covariance.md": [
+        f"more recent than {PARTS[STILL_PART]} of the slowest period",
+        f"over {PARTS[SCATTER_PART]} of the slowest period",
     ],
-    "docs/decisions/031-samples-at-rest.md": [f"further from the mean than {WORDS[rest.EXPLAINED]} deviations"],
+    "docs/decisions/017-mean-since-touch.md": [
+        f"only {PARTS[1 / DRIFT_PART]} of them",
+        f"until {PARTS[STILL_PART]} of the slowest period agrees",
+    ],
+    "docs/decisions/018-when-a-state-begins-and-ends.md": [
+        f"begins and ends with {WORDS[decider.PERSISTENCE]} samples in a row"
+    ],
+    "docs/decisions/032-zones.md": [
+        f"the interval at {share(BEGIN):.1f} % lies on one side, and ends if that at {share(HOLD):.0f} % does not"
+    ],
+    "docs/explanation/index.md": [f"while their prices sum to less than {PARTS[prices.NEGLIGIBLE]}"],
     "docs/explanation/paper.md": [
         TITLE,
         SOURCE,
         f"with B near {FIGURE_4['B'][0]:.0f}",
         f"At {NOISE_PERCENT:g} % noise only {WORDS[FIGURE_4['larger'][0]]} components are larger than their error",
         f"up to {'a third' if is_a_third(FIGURE_4['four_up_to_percent'] / NOISE_PERCENT) else '?'} of that noise",
+        f"reverse order: {', '.join(f'{400 / (n + 1):.0f}' for n in (2, 3, 4))} and {400 / 6:.0f} mm belong",
+        f"on a simulated rig with {NOISE_PERCENT:g} % noise",
+        f"With {NOISE_PERCENT:g} % noise the paper's network errs more",
+        f"after about {EXPECTED_ITERATIONS} iterations",
+        f"are near {', '.join(PAIRS_MM[:3])} and {PAIRS_MM[3]} mm",
         f"two sensors: {PAPER[2, 'equal']} % at equal pitch, {PAPER[2, 'optimised']} % optimised;",
         f"with five: {PAPER[5, 'equal']} and {PAPER[5, 'optimised']} %.",
     ],
@@ -147,6 +185,7 @@ STATED = {
         f"each later one by {PARTS[at_rest.DRIFTS_WITHIN]}",
     ],
     "docs/explanation/speed-or-accuracy.md": [f"agree for {PARTS[STILL_PART]} of the beam's slowest period"],
+    "docs/how-to/calibrate-without-loads.md": [f"With the {BENCH.sensors.gain_error_percent:g} % of `bench.toml`"],
     "docs/how-to/calibrate.md": [
         f"with {WORDS[recordings.MIN_SAMPLES]} rows or more for each load",
         f"Loads may stand about {WORDS[recordings.STATED.placing_mm]} millimetre off",
@@ -168,6 +207,7 @@ STATED = {
     ],
     "docs/how-to/opcua.md": [f"at most {MOST_WAITING} values of a variable"],
     "docs/how-to/plc.md": [
+        f"identity {identity('strip')}, heartbeat",
         f"Bit {Note.DEGRADED.bit} of `notes`, `degraded`",
         f"from `state` {PROBLEMS} on",
         f"reads offsets 0 to {BLOCK - 2}",
@@ -179,6 +219,7 @@ STATED = {
         f"| register | bit {Note.DEGRADED.bit} of `notes`;",
         f"| register | bit {Note.SENDERS.bit} of `notes` |",
         f"`beamtouch_unexplained` is 1 after {SURFACE['unexplained_after_s']:g} s",
+        f"after {SURFACE['unexplained_after_s']:g} s: `neither rest nor a single contact explains",
         f"the limit is {SURFACE['stale_ms']:g} ms.",
         f"After {WORDS[wrong_channels.CONTACTS]} contacts at different places "
         f"({WORDS[wrong_channels.OF_FEW]} with three sensors)",
@@ -188,14 +229,24 @@ STATED = {
         f"at most {MAX_ZONES} zones",
         f"{share(BEGIN):.1f} % to begin an answer and {share(HOLD):.0f} % to keep it",
     ],
-    "docs/explanation/what-it-can-know.md": [f"`check-NAME` needs {WORDS[evidence.CHECKED + 1]} working channels"],
+    "docs/explanation/what-it-can-know.md": [
+        f"`check-NAME` needs {WORDS[evidence.CHECKED + 1]} working channels",
+        f"allow {OFTEN[thresholds.PER_DAY]} of rest, and {OFTEN[thresholds.PER_DAY_OF_CONTACT]} of good contacts",
+    ],
     "docs/reference/contact.md": [
+        f"`check-NAME` needs {WORDS[evidence.CHECKED + 1]} working channels: without the named one, "
+        f"{WORDS[evidence.CHECKED]} must be left",
+        f"may be seen {WORDS[decider.PERSISTENCE - 1]} samples late",
+        f"because they are so uncertain, take {WORDS[decider.PERSISTENCE]} in a row",
+        f"**`unexplained` begins** after {WORDS[decider.PERSISTENCE]} samples in a row",
+        f"**and ends** after {WORDS[decider.PERSISTENCE]} that one of them explains",
         f"until {WORDS[decider.REST]} still samples in a row",
         f"a touch needs {WORDS[decider.CLEARLY]} times the log odds, or {WORDS[decider.PERSISTENCE]} samples in a row",
         f"the log odds fall to {PARTS[decider.LIFT_FRACTION]} of the threshold",
     ],
     "docs/reference/events.md": [
-        f"the path, at most {MAX_POINTS} points",
+        f"add `path`, at most {MAX_POINTS} points",
+        f"gave none for longer than {WORDS[PAUSE]} times `stale_ms`",
         f"holds the first {WORDS[MAX_CAPTURED]} unexplained samples",
     ],
     "docs/reference/http.md": [
@@ -205,6 +256,7 @@ STATED = {
         f"| time for a batch to arrive | {MAX_BODY_S:g} s |",
         f"| time without a request, after an answer | {IDLE_S} s |",
         f"`max_streams`, {SERVER['max_streams']} |",
+        f"| the last {MAX_KEPT} results on record",
         f"| samples of a boot that are not durable yet | {MAX_WAITING:,} |".replace(",", " "),
     ],
     "docs/reference/loads.md": [
@@ -224,9 +276,17 @@ STATED = {
         f"All other states from {PROBLEMS} on",
         f"so take 16#{DOUBTFUL & ~(1 << Note.UNCHECKED.bit):04X} for `doubtful` there",
         f"Read offsets 0 to {ZONES - 1} in one request, or 0 to {BLOCK - 2} with zones",
+        f"Read offsets 0 to {BLOCK - 2} of the block into `w : ARRAY[0..{BLOCK - 2}] OF WORD`",
+        f"without zones, 0 to {ZONES - 1}",
         f"the numbers 1 to {MAX_ZONES}",
+        f"**Register {BLOCK - 1}** of a block reads as 0, and so do {ZONES} to {BLOCK - 2} without zones",
+        f"w[0] = {identity('press-7')} (* the identity of press-7",
+        f"REAL_OF(w[20], w[21]) = {CONSTANT};",
+        f"**NaN** is 16#{struct.pack('>f', math.nan).hex().upper()}",
         f"276.5215 becomes {in_the_wrong_word_order(276.5215):.1f}",
     ],
+    "docs/reference/rig.md": [f"({100 * DAMPING_RATIO:g} % of critical if it states none)"],
+    "docs/reference/sensor-health.md": [f"within {WORDS[changes.DRIFT]} times the drift that the scene states"],
     "firmware_protocol/PROTOCOL.md": [
         f"repeated every {board.HELLO_REPEAT_S:g} s until Hello arrives",
         f"asks for {board.HELLO_TIMEOUT_S:g} s before it reports",
@@ -240,6 +300,7 @@ STATED = {
         f"receives no frame longer than {RECEIVED_BYTES} bytes, so define `BEAMTOUCH_MAX_FRAME_BYTES={RECEIVED_BYTES}`",
         f"| limit of the ADC, with `oversampling` 1 | {cells(1e6, OVERHEAD_US, CONVERSION_US)} |",
         f"1000000 / ({CONVERSION_US} x channels x oversampling + {OVERHEAD_US})",
+        f"`oversampling` is at most {0xFFFF // (2**10 - 1)}, so that sums fit 16 bits",
         f"| limit of the line | {cells(1e5, 14, 2)} |",
         f"| `max_rate_hz`, without lost readings | {cells(0.9e5, 14, 2)} |",
     ],

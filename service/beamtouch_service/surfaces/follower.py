@@ -35,7 +35,7 @@ _ALL = 40
 suspect."""
 _EVERY = 20
 """Of later ones, one in this many is: it takes long."""
-_PAUSE = 4.0
+PAUSE = 4.0
 """A device may give no sample for this many times `stale_ms` within one contact: a busy machine pauses, too."""
 _HOLD_READINGS = 3
 """Readings for which a state is held at least: those of a slow surface may be far apart."""
@@ -123,7 +123,7 @@ class Judge:
     """Decides on consecutive samples of one sender.
 
     Over undecided samples, a state is held for `stale_ms` of the sender's time, or some readings if those take longer;
-    without any sample, for `_PAUSE` times that. After a longer pause, as of a device that was off, nothing is known.
+    without any sample, for `PAUSE` times that. After a longer pause, as of a device that was off, nothing is known.
     """
 
     def __init__(self, model: ModelFile, surface: str, section: SurfaceSection, past: Past = NEUTRAL) -> None:
@@ -148,7 +148,7 @@ class Judge:
 
     def is_over(self, at_us: int) -> bool:
         """Return whether the state is held no longer at the time of the next sample [us since 1970]."""
-        longest_us = self._hold_us if self._is_held else _PAUSE * self._hold_us
+        longest_us = self._hold_us if self._is_held else PAUSE * self._hold_us
         return self._decided_us is not None and abs(at_us - self._decided_us) > longest_us
 
     def judge(self, estimate: Estimate, zone_clock_us: int, sender_notes: Iterable[str] = ()) -> Decision:

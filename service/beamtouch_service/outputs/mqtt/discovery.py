@@ -1,4 +1,4 @@
-"""Descriptions of the surfaces for Home Assistant (MQTT discovery of devices, from Home Assistant 2024.11 on). Pure."""
+"""Descriptions of the surfaces for Home Assistant (MQTT discovery of devices). Pure."""
 
 import json
 import re
