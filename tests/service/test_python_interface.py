@@ -5,8 +5,7 @@ from pathlib import Path
 import numpy as np
 
 import beamtouch_models as models
-from beamtouch_service.surfaces.surface import Surface
-from service.conftest import FIGURES, Bench
+from service.conftest import FIGURES, Bench, surface_with
 
 PLACES_MM = [60, 150, 300]
 
@@ -16,7 +15,7 @@ def test_scripts_get_what_the_service_answers(bench_model: Path) -> None:
     scene = models.read_scene(model.metadata.scene + "\n")
     at_mm = [channel.position_mm for channel in model.metadata.layout]
     samples = (5 * models.influence_matrix(scene, at_mm, PLACES_MM)).tolist()
-    service = Bench(Surface("bench", model))
+    service = Bench(surface_with(model, "bench"))
     answers = models.estimate(model, samples)
     for row, sample in enumerate(samples):
         service.send(sample, surface="bench", sequence=row + 1, channels=model.channels)
