@@ -4,25 +4,14 @@ import csv
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from beamtouch_models import influence_matrix, read_scene
 from beamtouch_models.modelfile import ModelFile
-
-Floats = NDArray[np.float64]
+from modelled import Floats
 
 POSITIONS, FORCES = np.linspace(20.0, 380.0, 10), np.full(10, 12.0)
 """Of ten loads on a beam of 400 mm."""
 SAMPLES = 200
 """Samples of each load."""
-
-
-def as_modelled(model: ModelFile, position_mm: Floats, force_n: Floats) -> Floats:
-    """Return the deflections (loads, channels) of loads on the beam of a model."""
-    scene = read_scene(f"{model.metadata.scene}\n")
-    at_mm = [channel.position_mm for channel in model.metadata.layout]
-    deflection_mm: Floats = force_n[:, None] * influence_matrix(scene, at_mm, position_mm)
-    return deflection_mm
 
 
 def write_readings(

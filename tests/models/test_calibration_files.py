@@ -9,8 +9,9 @@ import pytest
 
 from beamtouch_models import load_model
 from beamtouch_models.modelfile import ModelFile
-from calibration_files import FORCES, POSITIONS, Floats, as_modelled, write_contacts, write_readings
+from calibration_files import FORCES, POSITIONS, write_contacts, write_readings
 from in_process import Command, Outcome, Refusal
+from modelled import Floats, deflections_of
 
 Calibrate = Callable[..., Outcome]
 MAX_BYTES = 64 * 2**20
@@ -22,7 +23,7 @@ MIN_CONTACTS = 12
 def off_contacts(model: ModelFile, count: int) -> tuple[Floats, Floats]:
     """Return contacts over the ranges of a model on sensors whose gains are off by 2 %, and their deviations."""
     ranges, rng = model.metadata.ranges, np.random.default_rng(2)
-    clean_mm = as_modelled(model, rng.uniform(*ranges.position_mm, count), rng.uniform(*ranges.force_n, count))
+    clean_mm = deflections_of(model, rng.uniform(*ranges.position_mm, count), rng.uniform(*ranges.force_n, count))
     deviation_mm = np.full(clean_mm.shape, model.metadata.noise.sample_mm)
     gain = 1 + 0.02 * rng.normal(size=len(model.channels))
     return gain * clean_mm + deviation_mm * rng.normal(size=clean_mm.shape), deviation_mm
@@ -56,7 +57,7 @@ def test_a_recording_that_is_wrong_by_a_factor_is_refused_with_the_factor(
 ) -> None:
     # Few loads, as each is left out in turn.
     some = np.linspace(20.0, 380.0, 5), np.full(5, 12.0)
-    path = write_readings(tmp_path / "loads.csv", bench, as_modelled(bench, *some), *some)
+    path = write_readings(tmp_path / "loads.csv", bench, deflections_of(bench, *some), *some)
     path.write_text(change(path.read_text()))
     done = calibrate(path)
     assert (done.returncode, done.stdout) == (1, "")
@@ -197,7 +198,7 @@ def test_an_unusable_file_is_refused_in_one_line(
     if "--events" in option:
         write_contacts(path, bench, np.full((3, 4), 0.1), np.full((3, 4), 0.001))
     else:
-        write_readings(path, bench, as_modelled(bench, POSITIONS, FORCES))
+        write_readings(path, bench, deflections_of(bench, POSITIONS, FORCES))
     path.write_text(change(path.read_text().rstrip("\n")))
     given = (path, *option) if "--leave-out" in option else (*option, path)
     line = refused("calibrate", bench_model, *given, "-o", tmp_path / "new.onnx")

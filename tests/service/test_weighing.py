@@ -11,9 +11,8 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from beamtouch_models import influence_matrix, modelfile
-from beamtouch_models.scene import load_scene
-from example_scenes import SCENES
+from beamtouch_models import modelfile
+from modelled import deflections_of
 from service.conftest import Bench, batch_of, surface_with
 from service.event_story import BETWEEN, RESTING, TOUCHING
 
@@ -27,8 +26,7 @@ class Line:
         self.model = model
         self.channels = model.channels
         self.noise_mm = model.metadata.noise.reading_mm
-        scene, at_mm = load_scene(SCENES / "bench.toml")[0], [channel.position_mm for channel in model.metadata.layout]
-        shape = influence_matrix(scene, at_mm, [model.metadata.length_mm / 2])[0]
+        (shape,) = deflections_of(model, [model.metadata.length_mm / 2], [1.0])
         self.load_mm: list[float | None] = (25 * self.noise_mm * shape / shape.max()).tolist()
 
     def contact(self, *samples: dict[str, Any], **batch: object) -> dict[str, Any]:

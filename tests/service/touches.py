@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from beamtouch_models import modelfile
 from beamtouch_models.modelfile import ModelFile
-from beamtouch_models.surface import prior_of_model
 from beamtouch_service.sections import EventsSection
+from modelled import deflections_of
 from service.conftest import Bench, surface_with
 
 Change = Callable[[NDArray[np.float64]], NDArray[np.float64]]
@@ -26,8 +26,8 @@ class Touches:
     def __init__(self, model: ModelFile, seed: int = 1) -> None:
         said = model.metadata
         self.model, self.random = model, np.random.default_rng(seed)
-        self.prior = prior_of_model(said)
-        self.gain, self.zero_mm = np.ones(self.prior.channels), np.zeros(self.prior.channels)
+        channels = len(model.channels)
+        self.gain, self.zero_mm = np.ones(channels), np.zeros(channels)
         self.characteristic = "as-taken"
         self.readings = 16
         self.sequence = 1
@@ -39,7 +39,7 @@ class Touches:
         position = self.random.uniform(low, high, count)
         force = self.random.uniform(*self.model.metadata.ranges.force_n, count)
         rows, at_us = [], []
-        for index, deflection_mm in enumerate(force[:, None] * self.prior.influence_at(position)):
+        for index, deflection_mm in enumerate(deflections_of(self.model, position, force)):
             rows += (
                 [np.zeros_like(deflection_mm)] * AT_REST + [deflection_mm] * IN_CONTACT + [np.zeros_like(deflection_mm)]
             )
@@ -53,7 +53,7 @@ class Touches:
             "channels": self.model.channels,
             "newest_age_ms": 0.0,
             "characteristic": self.characteristic,
-            "noise_mm": [self.model.metadata.noise.reading_mm] * self.prior.channels,
+            "noise_mm": [self.model.metadata.noise.reading_mm] * len(self.model.channels),
             "samples": [
                 {
                     "sequence": sequence,
