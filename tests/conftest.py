@@ -17,9 +17,8 @@ from hypothesis import HealthCheck, settings
 from playwright.sync_api import Browser
 from xdist.remote import Producer
 
+import beamtouch_models
 from beamtouch_models import modelfile
-from beamtouch_models.scene import load_scene
-from beamtouch_models.sweeps import silent
 from browser import OpenPage, chromium, pages
 from example_scenes import SCENES
 from few_draws import few_draws, short_work
@@ -81,21 +80,23 @@ ROUGHLY = {"cantilever", "conveyor", "two-spans"}
 
 
 def _build(path: Path, name: str, folder: Path) -> None:
-    """Write the model of a scene into a folder, with the paper's layout: known numbers that take less time to find."""
-    # Here, as most folders of tests build no model, and each of their processes would take a second to import this.
-    from beamtouch_models.building.build import Choices, build_model  # noqa: PLC0415
-    from beamtouch_models.placement.placing import Aim  # noqa: PLC0415
+    """Write the model of a scene, `NAME.onnx`, and the configuration for the daemon, `NAME.toml`, into a folder.
 
-    choices = Choices(aim=Aim("eigenvalue-product"))
-    scene, text = load_scene(path)
+    It has the paper's layout: known numbers that take less time to find.
+    """
     with few_draws() if name in ROUGHLY else nullcontext():
-        built = build_model(scene, text, name, count=None, seed=0, progress=silent, choices=choices)
-    (folder / f"{name}.onnx").write_bytes(built.content)
+        content = beamtouch_models.build(
+            path, name, criterion="eigenvalue-product", daemon_config=folder / f"{name}.toml"
+        )
+    (folder / f"{name}.onnx").write_bytes(content)
 
 
 @pytest.fixture(scope="session")
 def built_model(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
-    """A function from the name of a shipped scene to its model file; built once, whichever test process asks first."""
+    """A function from the name of a shipped scene to its model file, beside which is the configuration for the daemon.
+
+    Each is built once, whichever test process asks first.
+    """
 
     def model(name: str) -> Path:
         made = partial(_build, SCENES / f"{name}.toml", name)

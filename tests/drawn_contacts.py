@@ -5,10 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from beamtouch_models.arrays import Floats
-from beamtouch_models.decision.evidence import Weighed, evidence
-from beamtouch_models.modelfile import Answers, BestSample, ModelFile
-from beamtouch_models.surface import prior_of_model
+from beamtouch_models.modelfile import Answers, BestSample, ModelFile, Weighed, evidence
+from modelled import Floats, deflections_of
 
 REST_READINGS = 32
 
@@ -20,7 +18,6 @@ class Drawn:
 
     def __init__(self, model: ModelFile) -> None:
         self.model, self.metadata = model, model.metadata
-        self.table = prior_of_model(self.metadata).table
         self.begin(0)
 
     def begin(self, seed: int, readings: int | None = None) -> None:
@@ -39,7 +36,8 @@ class Drawn:
         position, force = (self.random.uniform(*ends, shape) for ends in (said.ranges.position_mm, said.ranges.force_n))
         if at_mm:
             position, force = np.broadcast_to(at_mm, shape), np.broadcast_to(force[:, :1], shape)
-        true = (force[:, :, None] * self.table(position)).sum(axis=1)
+        each = deflections_of(self.model, position.ravel(), force.ravel()).reshape(*shape, channels)
+        true = each.sum(axis=1)
         rest_noise_mm = said.noise.reading_mm / REST_READINGS**0.5
         measured = true * self.gain + self.zero_mm + self._noise(count, self.noise_mm)
         rest = self.zero_mm + self._noise(count, rest_noise_mm)

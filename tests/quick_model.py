@@ -5,10 +5,7 @@ Its scene gives no remark: away from the supports, every force is seen.
 
 from pathlib import Path
 
-from beamtouch_models.building.build import Choices, build_model
-from beamtouch_models.placement.placing import Aim
-from beamtouch_models.scene import parse_scene
-from beamtouch_models.sweeps import silent
+from beamtouch_models import build
 from example_scenes import PAPER
 from few_draws import short_work
 
@@ -18,13 +15,9 @@ SCENE = (
     .replace("[1, 399]", "[20, 380]")
     .replace("max = 2", "max = 0.2")
 )
-CHOICES = Choices(aim=Aim("eigenvalue-product"))
 
 
 def write_quick_model(folder: Path) -> None:
     """Write `quick.onnx` into a folder."""
     with short_work():
-        built = build_model(
-            parse_scene(SCENE, "quick.toml"), SCENE, "quick", count=None, seed=0, progress=silent, choices=CHOICES
-        )
-    (folder / "quick.onnx").write_bytes(built.content)
+        (folder / "quick.onnx").write_bytes(build(SCENE, "quick", criterion="eigenvalue-product"))

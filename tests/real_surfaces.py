@@ -1,7 +1,4 @@
-"""Surfaces that differ from their scenes, and known loads recorded on them: the rig's formulas without its line."""
-
-import csv
-from pathlib import Path
+"""Surfaces that differ from their scenes, and known loads on them: the rig's formulas without its line."""
 
 import numpy as np
 
@@ -13,12 +10,9 @@ from beamtouch_models.physics.beam import influence_of
 from beamtouch_models.rig.surface import Imperfections
 from beamtouch_models.scene import parse_scene
 from beamtouch_models.surface import depart
+from calibration_files import FORCES, POSITIONS, SAMPLES
 
 MISTAKES = ("20 mm", "40 mm", "60 mm", "2 x force", "10 x force")
-POSITIONS, FORCES = np.linspace(20.0, 380.0, 10), np.full(10, 12.0)
-"""Of ten loads on a beam of 400 mm."""
-SAMPLES = 200
-"""Samples of each load."""
 FORCE_PER_MM = 0.01
 """Relative deviation of a force per mm by which its load is misplaced: hands are as good with both."""
 
@@ -95,22 +89,8 @@ def with_mistake(
     return position, force, row
 
 
-def write_readings(
-    path: Path, metadata: Metadata, real: Imperfections, position_mm: Floats = POSITIONS, force_n: Floats = FORCES
-) -> Path:
-    """Write what `record` would: samples of each load, with the noise of a reading in each; returns the path."""
-    rng, prior = np.random.default_rng(1), true_prior(metadata, real)
-    names = [channel.name for channel in metadata.layout]
-    clean = prior.measured(force_n[:, None] * prior.influence_at(position_mm))
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        columns = ("counts", "deflection_mm", "quality")
-        writer.writerow(
-            ["unix_time_s", "load", "position_mm", "force_n", *(f"{n}_{column}" for n in names for column in columns)]
-        )
-        for load, (position, force, row) in enumerate(zip(position_mm, force_n, clean, strict=True), start=1):
-            for _ in range(SAMPLES):
-                noisy = row + rng.normal(scale=metadata.noise.reading_mm, size=row.shape)
-                cells = [cell for value in noisy for cell in (1000, f"{value:.7g}", "good")]
-                writer.writerow([0.0, load, position, force, *cells])
-    return path
+def as_on(metadata: Metadata, real: Imperfections, position_mm: Floats = POSITIONS, force_n: Floats = FORCES) -> Floats:
+    """Return what the sensors of a real surface measure of loads, without noise: (loads, channels) in mm."""
+    prior = true_prior(metadata, real)
+    measured_mm: Floats = prior.measured(force_n[:, None] * prior.influence_at(position_mm))
+    return measured_mm

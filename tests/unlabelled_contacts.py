@@ -1,8 +1,6 @@
 """Contacts of unknown place and force on surfaces that differ from their scenes, as the service keeps them."""
 
-import csv
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
@@ -87,21 +85,6 @@ def _anywhere(prior: Prior, rng: np.random.Generator, count: int) -> Floats:
         rng.uniform(*prior.position_mm, count)
     )
     return deflection
-
-
-def write_contacts(path: Path, model: ModelFile, contacts: UnlabelledContacts) -> Path:
-    """Write contacts as the service offers them, one per second."""
-    names = model.channels
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        columns = [f"{name}_{end}" for end in ("mm", "sd_mm") for name in names]
-        writer.writerow(["event", "time", "model", "characteristic", "readings", *columns])
-        rows = np.concatenate([contacts.measured_mm, contacts.deviation_mm], axis=1)
-        for number, row in enumerate(rows, start=1):
-            time = f"2026-11-22T{number // 3600:02}:{number // 60 % 60:02}:{number % 60:02}.000Z"
-            cells = [f"{value:.9f}" for value in row]
-            writer.writerow([number, time, model.identity, "a1", 4, *cells])
-    return path
 
 
 def missed_mm(theory: Theory, vector: Floats, metadata: Metadata, real: Imperfections) -> float:

@@ -3,12 +3,8 @@
 import re
 from pathlib import Path
 
-from beamtouch_models import modelfile
-from beamtouch_models.building.build import build_model
-from beamtouch_models.building.daemon_config import daemon_config
+import beamtouch_models
 from beamtouch_models.modelfile import ModelFile
-from beamtouch_models.scene import parse_scene
-from beamtouch_models.sweeps import silent
 from example_scenes import SCENES
 
 
@@ -20,9 +16,7 @@ def build(folder: Path, name: str = "bench", rate_hz: int | None = None) -> Mode
     text = (SCENES / f"{name}.toml").read_text()
     if rate_hz is not None:
         text = re.sub(r"rate_hz = \S+", f"rate_hz = {rate_hz}", text)
-    path = folder / f"{name}.onnx"
-    path.write_bytes(build_model(parse_scene(text, name), text, name, count=None, seed=0, progress=silent).content)
-    (folder / f"{name}.toml").write_text(text)
-    model = modelfile.load(path)
-    (folder / "generated.toml").write_text(daemon_config(model.metadata))
-    return model
+    path, scene = folder / f"{name}.onnx", folder / f"{name}.toml"
+    scene.write_text(text)
+    path.write_bytes(beamtouch_models.build(scene, name, daemon_config=folder / "generated.toml"))
+    return beamtouch_models.load_model(path)

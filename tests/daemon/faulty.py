@@ -12,8 +12,9 @@ from beamtouch_service.samples import Batch, Sample
 
 from . import configs
 from .lines import Terminal
-from .process import PATIENT_STOP, Daemon, started
+from .process import PATIENT_STOP, Daemon, started, summary_of
 from .service import Service
+from .waits import until
 
 LOG_FILE = "beamtouch-daemon.samples"
 RATE_HZ = 200.0
@@ -96,6 +97,16 @@ async def running(
     code = "; ".join(filter(None, [code, PATIENT_STOP]))
     async with started("run", config, "--summary", folder / "summary.json", code=code, prefix=prefix) as daemon:
         yield daemon
+
+
+async def leave_samples(folder: Path, config: Path, enough: Callable[[], bool]) -> dict[str, int]:
+    """Run a daemon whose service is away until it has read enough; return what its summary says of its only surface."""
+    async with started("run", config, "--summary", folder / "summary.json") as daemon:
+        await until(enough)
+        assert (await daemon.stop()).code == 0
+    counts: dict[str, int]
+    (counts,) = summary_of(folder).values()
+    return counts
 
 
 def names(batches: list[Batch]) -> list[tuple[str, int]]:

@@ -1,7 +1,7 @@
 """A log with its two readers, and samples for it."""
 
 import asyncio
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
 
@@ -11,9 +11,9 @@ from beamtouch_daemon.delivery.readers import Backlog, Live
 from beamtouch_daemon.processing.pipeline import Taken
 from beamtouch_daemon.sources.reading import Reading
 from beamtouch_daemon.tasks import cancel
-from beamtouch_daemon.uptime import uptime_s
 from beamtouch_service.samples import Batch, Note, Quality, Sample
 
+from .devices import uptime_s
 from .service import TOKEN, Service
 
 CHANNELS = ["s1", "s2"]
@@ -96,9 +96,3 @@ async def keep(path: Path, *numbers: int, boot_id: str = "boot-0000", channels: 
         for number in numbers:
             log.put(taken(log.next, number))
             await store.write(None)
-
-
-async def until(holds: Callable[[], bool]) -> None:
-    async with asyncio.timeout(60):
-        while not holds():  # noqa: ASYNC110 - what it asks for is elsewhere
-            await asyncio.sleep(0.01)

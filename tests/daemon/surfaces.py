@@ -52,3 +52,9 @@ def counts_of(deviation_mm: FloatArray) -> FloatArray:
     """Return the counts of deflections [mm]."""
     counts: FloatArray = np.rint((2.0 + deviation_mm) / STEP_MM)
     return counts
+
+
+def of_white(window: int, alike: float) -> float:
+    """Standard deviation of a mean of autoregressive noise over that of white noise: the sum of all covariances."""
+    lags = np.arange(1, window)
+    return math.sqrt(1 + 2 * float(np.sum((1 - lags / window) * alike**lags)))

@@ -17,9 +17,10 @@ from beamtouch_service.samples import Batch, Note
 from free_ports import free_port
 
 from .faulty import soon
-from .publishing import Bench, keep, stored, taken, until
+from .publishing import Bench, keep, stored, taken
 from .record import Record
 from .service import Service, serving
+from .waits import until
 
 pytestmark = pytest.mark.anyio
 

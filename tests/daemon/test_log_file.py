@@ -12,11 +12,12 @@ import pytest
 from beamtouch_daemon.delivery import log_store
 from beamtouch_daemon.processing.pipeline import Taken
 from beamtouch_daemon.sources.reading import Reading
-from beamtouch_daemon.uptime import uptime_s
 from beamtouch_service.samples import Batch, Note, Sample
 
-from .publishing import Bench, boot, keep, stored, taken, until
+from .devices import uptime_s
+from .publishing import Bench, boot, keep, stored, taken
 from .service import Service, serving
+from .waits import until
 
 pytestmark = pytest.mark.anyio
 

@@ -24,8 +24,8 @@ from .faulty import plain
 from .faulty_bus import Pattern, patterns, run, values_only
 from .lines import terminal
 from .process import command
-from .publishing import until
 from .sessions import source_in, take_across_sessions
+from .waits import until
 
 pytestmark = pytest.mark.anyio
 

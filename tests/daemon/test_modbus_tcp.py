@@ -10,9 +10,8 @@ from pymodbus.constants import ExcCodes
 
 from beamtouch_daemon.sources.polled import PolledSource
 from beamtouch_daemon.sources.reading import Reading, SourceError, first_readings
-from beamtouch_daemon.uptime import uptime_s
 
-from .devices import Fault, NumberingUnit, Pieces, StampingUnit, pymodbus_server, tcp_unit
+from .devices import Fault, NumberingUnit, Pieces, StampingUnit, pymodbus_server, tcp_unit, uptime_s
 from .sessions import polled, take_across_sessions
 
 pytestmark = pytest.mark.anyio

@@ -12,15 +12,14 @@ from beamtouch_daemon.sources import board
 from beamtouch_daemon.sources.board import BoardPort, BoardSource
 from beamtouch_daemon.sources.reading import Reading, SourceError, first_readings
 from beamtouch_daemon.sources.serial_port import SerialPort
-from beamtouch_daemon.uptime import uptime_s
 from beamtouch_protocol import messages
 from beamtouch_protocol.messages import HelloRequest, Message, Ping, Pong, Start, Stop
 
 from . import configs
-from .devices import SerialDevice, StampingUnit, rtu_units
+from .devices import SerialDevice, StampingUnit, rtu_units, uptime_s
 from .lines import Terminal, terminal
-from .publishing import until
 from .sessions import polled
+from .waits import until
 
 pytestmark = pytest.mark.anyio
 

@@ -1,23 +1,32 @@
 """What tests of the models share: commands without processes of their own, and a simulated surface."""
 
-from collections.abc import Iterator
+import json
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from beamtouch_models import cli
-from beamtouch_models.challenge.play import SimulatedSurface
+from beamtouch_models import cli, format_scene
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.rig import cli as rig_cli
+from beamtouch_models.scene import Scene
 from few_draws import short_work
 from in_process import Command, Refusal, command_of
 from quick_model import write_quick_model
 from toolchain import made_once
 
+if TYPE_CHECKING:
+    from beamtouch_models.challenge.play import SimulatedSurface
+
+Explain = Callable[[Scene], dict[str, Any]]
+
 
 @pytest.fixture(scope="session")
-def surface(bench: ModelFile) -> SimulatedSurface:
+def surface(bench: ModelFile) -> "SimulatedSurface":
     """The surface of the bench, as `challenge` simulates it."""
+    from beamtouch_models.challenge.play import SimulatedSurface  # noqa: PLC0415  # for tests of other subjects
+
     return SimulatedSurface.of(bench.metadata)
 
 
@@ -36,6 +45,21 @@ def design_sensors_here(capsys: pytest.CaptureFixture[str]) -> Command:
         return cli.main([*arguments, "--workers", "1"] if sweeps else arguments)
 
     return command_of(main, capsys)
+
+
+@pytest.fixture
+def explain(design_sensors_here: Command, tmp_path: Path) -> Explain:
+    """A function from a scene to what `design-sensors explain --json` says of it, with its effects by name."""
+
+    def run(scene: Scene) -> dict[str, Any]:
+        path = tmp_path / "explained.toml"
+        path.write_text(format_scene(scene))
+        done = design_sensors_here("explain", path, "--json")
+        assert done.returncode == 0, done.stderr
+        told: dict[str, Any] = json.loads(done.stdout)
+        return told | {"effects": {one["name"]: one for one in told["effects"]}}
+
+    return run
 
 
 @pytest.fixture

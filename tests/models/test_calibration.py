@@ -13,16 +13,17 @@ from beamtouch_models import modelfile
 from beamtouch_models.accuracy import limit
 from beamtouch_models.calibration.calibrate import Calibrated, calibrate
 from beamtouch_models.calibration.fit import fit, residuals_of
-from beamtouch_models.calibration.recordings import read_loads
+from beamtouch_models.calibration.recordings import read_contacts, read_loads
 from beamtouch_models.calibration.self_calibrate import self_calibrate
 from beamtouch_models.calibration.theory import Theory
 from beamtouch_models.modelfile import ModelFile, Weighed, evidence
 from beamtouch_models.rig.surface import Imperfections
 from beamtouch_models.surface import prior_of_model
 from beamtouch_models.sweeps import silent
+from calibration_files import write_contacts, write_readings
 from few_draws import short_work
 from in_process import Command
-from real_surfaces import random_imperfections, recorded, true_prior, write_readings
+from real_surfaces import as_on, random_imperfections, recorded, true_prior
 from unlabelled_contacts import Kind, drawn, missed_mm
 
 pytestmark = pytest.mark.long
@@ -36,7 +37,7 @@ def real(bench: ModelFile) -> Imperfections:
 
 @pytest.fixture(scope="module")
 def recording(bench: ModelFile, real: Imperfections, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_readings(tmp_path_factory.mktemp("loads") / "loads.csv", bench.metadata, real)
+    return write_readings(tmp_path_factory.mktemp("loads") / "loads.csv", bench, as_on(bench.metadata, real))
 
 
 @pytest.fixture(scope="module")
@@ -170,3 +171,25 @@ def test_the_command_prints_the_departures(
     assert [float(number) for number in re.findall(r"s\d (\S+) \+-", lines["gain"])] == pytest.approx(
         [100 * (gain - 1) for gain in found["calibration"]["departures"]["gain"]], abs=0.006
     )
+
+
+def test_a_recording_that_a_spreadsheet_saved_is_read(bench: ModelFile, recording: Path, tmp_path: Path) -> None:
+    honest, path = read_loads(recording, bench.metadata), tmp_path / "loads.csv"
+    without_time = "".join(line.partition(",")[2] for line in recording.read_text().splitlines(keepends=True))
+    path.write_text(without_time, encoding="utf-8-sig")  # with a byte order mark before the first column
+    assert np.array_equal(read_loads(path, bench.metadata).measured_mm, honest.measured_mm)
+    path.write_text(without_time.replace(",", ", "))
+    assert np.array_equal(read_loads(path, bench.metadata).measured_mm, honest.measured_mm)
+
+
+def test_rows_of_the_newest_characteristic_count_and_each_event_once(bench: ModelFile, tmp_path: Path) -> None:
+    measured_mm = np.random.default_rng(2).uniform(0.0, 1.0, (9, 4))
+    deviation_mm = np.linspace(0.001, 0.002, 36).reshape(9, 4)
+    path = write_contacts(tmp_path / "contacts.csv", bench, measured_mm, deviation_mm)
+    head, *rows = path.read_text().splitlines()
+    old = [row.replace(",a1,", ",a0,") for row in rows[:4]]
+    path.write_text("\n".join([head, *old, *rows[4:], *rows[6:]]))
+    found = read_contacts(path, bench.metadata)
+    assert (len(found), found.other_characteristic) == (5, 4)
+    assert found.measured_mm == pytest.approx(measured_mm[4:], abs=1e-9)
+    assert found.deviation_mm == pytest.approx(deviation_mm[4:], abs=1e-9)

@@ -7,16 +7,26 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from beamtouch_models.calibration.recordings import MAX_BYTES, UnlabelledContacts, read_contacts, read_loads
-from beamtouch_models.calibration.self_calibrate import MIN_CONTACTS
-from beamtouch_models.loading import load
+from beamtouch_models import load_model
 from beamtouch_models.modelfile import ModelFile
-from beamtouch_models.rig.surface import Imperfections
+from calibration_files import FORCES, POSITIONS, write_contacts, write_readings
 from in_process import Command, Outcome, Refusal
-from real_surfaces import write_readings
-from unlabelled_contacts import OFF, drawn, surface, write_contacts
+from modelled import Floats, deflections_of
 
 Calibrate = Callable[..., Outcome]
+MAX_BYTES = 64 * 2**20
+"""The largest file that is read."""
+MIN_CONTACTS = 12
+"""With fewer contacts, there is no fit."""
+
+
+def off_contacts(model: ModelFile, count: int) -> tuple[Floats, Floats]:
+    """Return contacts over the ranges of a model on sensors whose gains are off by 2 %, and their deviations."""
+    ranges, rng = model.metadata.ranges, np.random.default_rng(2)
+    clean_mm = deflections_of(model, rng.uniform(*ranges.position_mm, count), rng.uniform(*ranges.force_n, count))
+    deviation_mm = np.full(clean_mm.shape, model.metadata.noise.sample_mm)
+    gain = 1 + 0.02 * rng.normal(size=len(model.channels))
+    return gain * clean_mm + deviation_mm * rng.normal(size=clean_mm.shape), deviation_mm
 
 
 @pytest.fixture
@@ -27,16 +37,6 @@ def calibrate(design_sensors_here: Command, bench_model: Path, tmp_path: Path) -
         return design_sensors_here("calibrate", bench_model, *given, "-o", tmp_path / "new.onnx")
 
     return run
-
-
-def test_a_recording_that_a_spreadsheet_saved_is_read(bench: ModelFile, tmp_path: Path) -> None:
-    path = write_readings(tmp_path / "loads.csv", bench.metadata, Imperfections())
-    honest = read_loads(path, bench.metadata)
-    without_time = "".join(line.partition(",")[2] for line in path.read_text().splitlines(keepends=True))
-    path.write_text(without_time, encoding="utf-8-sig")  # with a byte order mark before the first column
-    assert np.array_equal(read_loads(path, bench.metadata).measured_mm, honest.measured_mm)
-    path.write_text(without_time.replace(",", ", "))
-    assert np.array_equal(read_loads(path, bench.metadata).measured_mm, honest.measured_mm)
 
 
 @pytest.mark.parametrize(
@@ -57,42 +57,34 @@ def test_a_recording_that_is_wrong_by_a_factor_is_refused_with_the_factor(
 ) -> None:
     # Few loads, as each is left out in turn.
     some = np.linspace(20.0, 380.0, 5), np.full(5, 12.0)
-    path = write_readings(tmp_path / "loads.csv", bench.metadata, Imperfections(), *some)
+    path = write_readings(tmp_path / "loads.csv", bench, deflections_of(bench, *some), *some)
     path.write_text(change(path.read_text()))
     done = calibrate(path)
     assert (done.returncode, done.stdout) == (1, "")
     assert said in done.stderr
 
 
-def test_rows_of_the_newest_characteristic_count_and_each_event_once(
+def test_contacts_of_an_older_characteristic_are_left_out(
     calibrate: Calibrate, bench: ModelFile, tmp_path: Path
 ) -> None:
-    real = surface(bench.metadata, OFF, np.random.default_rng(1))
-    contacts = drawn(bench.metadata, real, OFF, np.random.default_rng(2), 9)
-    path = write_contacts(tmp_path / "contacts.csv", bench, contacts)
+    path = write_contacts(tmp_path / "contacts.csv", bench, *off_contacts(bench, 9))
     head, *rows = path.read_text().splitlines()
-    old = [row.replace(",a1,", ",a0,") for row in rows[:4]]
-    path.write_text(
-        "\n".join([f"{head},s1_rest_mm,s1_rest_sd_mm", *(f"{row},," for row in [*old, *rows[4:], *rows[6:]])])
-    )
+    rows[:4] = [f"{row.replace(',a1,', ',a0,')}" for row in rows[:4]]
+    path.write_text("\n".join([f"{head},s1_rest_mm,s1_rest_sd_mm", *(f"{row},," for row in rows)]))
     done = calibrate("--events", path)
     assert "4 contacts with an older characteristic are left out; the newest 5 are used" in done.stderr
-    found = read_contacts(path, bench.metadata)
-    assert (len(found), found.other_characteristic) == (5, 4)
-    assert found.measured_mm == pytest.approx(contacts.measured_mm[4:], abs=1e-9)
-    assert found.deviation_mm == pytest.approx(contacts.deviation_mm[4:], abs=1e-9)
+    assert "5 contacts are too few" in done.stderr
 
 
 def test_contacts_that_are_too_few_write_nothing_and_those_whose_zeros_moved_are_told(
     calibrate: Calibrate, bench: ModelFile, tmp_path: Path
 ) -> None:
-    real, rng = surface(bench.metadata, OFF, np.random.default_rng(1)), np.random.default_rng(2)
-    contacts = drawn(bench.metadata, real, OFF, rng, 11)
-    path, floor_mm = write_contacts(tmp_path / "contacts.csv", bench, contacts), bench.metadata.floor.zero_mm[1]
+    rng, floor_mm = np.random.default_rng(2), bench.metadata.floor.zero_mm[1]
+    path = write_contacts(tmp_path / "contacts.csv", bench, *off_contacts(bench, MIN_CONTACTS - 1))
     head, *rows = path.read_text().splitlines()
     names = [f"s{channel}_rest_{end}mm" for end in ("", "sd_") for channel in (1, 2, 3, 4)]
     for moved, named in ((0.0, False), (60.0, True)):
-        rest_mm = rng.normal(scale=3 * floor_mm, size=contacts.measured_mm.shape)
+        rest_mm = rng.normal(scale=3 * floor_mm, size=(MIN_CONTACTS - 1, 4))
         rest_mm[6:, 1] += moved * floor_mm
         rests = [",".join(f"{value:.9f}" for value in [*each, *[3 * floor_mm] * 4]) for each in rest_mm]
         cells = zip([head, *rows], [",".join(names), *rests], strict=True)
@@ -204,9 +196,9 @@ def test_an_unusable_file_is_refused_in_one_line(
 ) -> None:
     path = tmp_path / "file.csv"
     if "--events" in option:
-        write_contacts(path, bench, UnlabelledContacts(np.full((3, 4), 0.1), np.full((3, 4), 0.001)))
+        write_contacts(path, bench, np.full((3, 4), 0.1), np.full((3, 4), 0.001))
     else:
-        write_readings(path, bench.metadata, Imperfections())
+        write_readings(path, bench, deflections_of(bench, POSITIONS, FORCES))
     path.write_text(change(path.read_text().rstrip("\n")))
     given = (path, *option) if "--leave-out" in option else (*option, path)
     line = refused("calibrate", bench_model, *given, "-o", tmp_path / "new.onnx")
@@ -245,11 +237,9 @@ def test_a_file_that_cannot_be_read_is_refused(
 def test_deviations_that_no_sensor_has_end_in_words(
     design_sensors_here: Command, built_model: Callable[[str], Path], tmp_path: Path
 ) -> None:
-    model = load(built_model("paper"))
-    real = surface(model.metadata, OFF, np.random.default_rng(1))
-    contacts = drawn(model.metadata, real, OFF, np.random.default_rng(2), MIN_CONTACTS)
-    tiny = UnlabelledContacts(contacts.measured_mm, np.zeros_like(contacts.deviation_mm))
-    path = write_contacts(tmp_path / "contacts.csv", model, tiny)
+    model = load_model(built_model("paper"))
+    measured_mm, _ = off_contacts(model, MIN_CONTACTS)
+    path = write_contacts(tmp_path / "contacts.csv", model, measured_mm, np.zeros_like(measured_mm))
     path.write_text(path.read_text().replace(",0.000000000,0.000000000", ",1e-300,1e-300"))
     done = design_sensors_here("calibrate", built_model("paper"), "--events", path, "-o", tmp_path / "new.onnx")
     assert (done.returncode, done.stdout, done.stderr.count("\n")) == (1, "", 1)

@@ -6,21 +6,12 @@ import subprocess
 import sys
 import tomllib
 from pathlib import Path
-from typing import Any
 
-import numpy as np
 import onnx
 import pytest
-from onnx import numpy_helper
 
 from beamtouch_models import cli, modelfile
-from beamtouch_models.building import measure
-from beamtouch_models.building.remarks import weak_spot
-from beamtouch_models.building.report import page
-from beamtouch_models.estimators import estimator
-from beamtouch_models.estimators.posterior.window import posterior_graph
-from beamtouch_models.modelfile import ModelFile
-from example_scenes import PAPER, SCENES
+from example_scenes import SCENES
 from in_process import Command
 from tags import Tags
 
@@ -100,84 +91,6 @@ def test_an_old_model_is_refused_with_the_command_that_rebuilds_it_for_its_mount
     assert rebuilt["placed"]["criterion"] == "eigenvalue-product"
     assert modelfile.load(path).identity == rebuilt["model"]
     assert "the model's" in " ".join(Tags(report.read_text()).text)  # no search finds its layout
-
-
-@pytest.mark.parametrize(
-    ("sensors", "fewest", "spare", "said"),
-    [
-        (1, 1, 0, "one failed sensor ends this surface: it has no other; add one"),
-        (2, 2, 0, "one failed sensor ends this surface: all 2 channels must work; add a sensor, or place them with --"),
-        (2, 2, 1, "one failed sensor ends this surface: all 2 channels must work; add a sensor"),
-        (4, 2, 0, "if s1 fails, the mean position error grows from 1 to 3 % of the length; add a sensor, or place th"),
-        (4, 2, 1, "if s1 fails, the mean position error grows from 1 to 3 % of the length; add a sensor"),
-    ],
-)
-def test_what_one_failed_sensor_costs_is_said(
-    bench: ModelFile, sensors: int, fewest: int, spare: int, said: str
-) -> None:
-    metadata, without = bench.metadata, [3.0, 1.1, 1.1, 1.1][:sensors]
-    some = {
-        "layout": metadata.layout[:sensors],
-        "min_channels": fewest,
-        "placed": metadata.placed.model_copy(update={"spare": spare, "limit_without_percent": without}),
-        "accuracy": metadata.accuracy.model_copy(update={"limit_percent": 1.0}),
-    }
-    weak = weak_spot(metadata.model_copy(update=some))
-    assert weak.startswith(said)
-    assert ("--spare" in weak) is ("--" in said or said.endswith("th"))
-
-
-@pytest.mark.usefixtures("short_work")
-def test_a_model_that_misses_its_bounds_is_not_written_by_build_and_is_a_note_of_trade(
-    design_sensors_here: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(measure, "MAX_RATIO", 0.1)  # no model is better than the limit
-    scene, model = tmp_path / "scene.toml", tmp_path / "model.onnx"
-    scene.write_text(PAPER.replace("count = 2", "count = [2, 2]\ngrid_mm = 57"))
-    why = "with 0.0226 mm of noise the error is "
-    built = design_sensors_here("build", scene, "-o", model)
-    assert (built.returncode, built.stdout) == (1, "")
-    assert f"design-sensors: nothing was written: {why}" in built.stderr
-    assert not model.exists()
-    traded = design_sensors_here("trade", scene, "-o", tmp_path / "out", "--draws", 100, "--estimators", "posterior")
-    assert why in traded.stderr
-    assert "nothing was written" not in traded.stderr
-
-
-@pytest.mark.usefixtures("short_work")
-def test_a_model_with_answers_that_are_not_finite_is_not_written(
-    design_sensors_here: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def worn_out(*given: Any, **options: Any) -> onnx.ModelProto:  # noqa: ANN401
-        graph = posterior_graph(*given, **options)
-        largest = max(graph.graph.initializer, key=lambda one: len(one.raw_data))
-        values = np.full_like(numpy_helper.to_array(largest), np.nan)
-        largest.CopyFrom(numpy_helper.from_array(values, largest.name))
-        return graph
-
-    monkeypatch.setattr(estimator, "posterior_graph", worn_out)
-    scene, model = tmp_path / "scene.toml", tmp_path / "model.onnx"
-    scene.write_text(PAPER.replace("count = 2", "count = 2\ngrid_mm = 57"))
-    built = design_sensors_here("build", scene, "-o", model)
-    assert (built.returncode, built.stdout) == (1, "")
-    assert "design-sensors: nothing was written: some answers of the model are not finite; check the s" in built.stderr
-    assert not model.exists()
-
-
-@pytest.mark.usefixtures("short_work")
-def test_a_build_that_is_interrupted_while_it_measures_for_the_report_leaves_nothing(
-    design_sensors_here: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def interrupt(*_: object) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(page, "gather", interrupt)
-    scene = tmp_path / "scene.toml"
-    scene.write_text(PAPER.replace("count = 2", "count = 2\ngrid_mm = 57"))
-    files = ("-o", tmp_path / "m.onnx", "--daemon-config", tmp_path / "d.toml", "--report", tmp_path / "r.html")
-    done = design_sensors_here("build", scene, *files)
-    assert (done.returncode, done.stdout) == (130, "")
-    assert list(tmp_path.iterdir()) == [scene]
 
 
 def test_inspect_for_a_person(design_sensors_here: Command, bench_model: Path) -> None:

@@ -6,23 +6,26 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from beamtouch_models.arrays import Floats
-from beamtouch_models.decision.decider import AT_REST
-from beamtouch_models.decision.evidence import Evidence, is_odd
 from beamtouch_models.modelfile import (
     Answers,
+    Evidence,
     Hypotheses,
+    Memory,
     ModelFile,
     State,
     Suspects,
     Weighed,
     evidence,
+    is_odd,
     is_unchecked,
     memories_after,
 )
-from beamtouch_models.surface import prior_of_model
+from modelled import Floats, deflections_of
 
 CLEAR, CONTACT, UNEXPLAINED = "clear", "contact", "unexplained"
+
+
+AT_REST = Memory(State.CLEAR, armed=True)
 
 
 class World:
@@ -30,7 +33,6 @@ class World:
 
     def __init__(self, model: ModelFile) -> None:
         self.model, self.metadata = model, model.metadata
-        self.table = prior_of_model(model.metadata).table
         self.rng = np.random.default_rng(1)
         self.channels = len(model.channels)
         self.decider = Hypotheses(model.metadata.thresholds, [AT_REST])
@@ -40,9 +42,7 @@ class World:
 
     def load(self, *loads: tuple[float, float]) -> Floats:
         """Deflection (channels,) under loads of (position_mm, force_n)."""
-        found: Floats = sum(
-            (force_n * self.table(np.array([at_mm]))[0] for at_mm, force_n in loads), np.zeros(self.channels)
-        )
+        found: Floats = deflections_of(self.model, *np.array(loads).T).sum(axis=0)
         return found
 
     def sample(

@@ -7,13 +7,14 @@ import random
 import numpy as np
 import pytest
 
-from beamtouch_models.decision.decider import AT_REST, decide
 from beamtouch_models.metadata import Thresholds
 from beamtouch_models.modelfile import (
     LOG_ODDS,
     MISFIT,
     Evidence,
     Hypotheses,
+    Memory,
+    State,
     memories_after,
 )
 
@@ -48,18 +49,19 @@ def test_a_state_that_is_shown_does_not_depend_on_the_samples_before() -> None:
     shown = known = 0
     for seed in range(150):
         rng = random.Random(seed)  # noqa: S311 - samples, not secrets
-        whole, part = AT_REST, Hypotheses(THRESHOLDS, memories_after(None))
+        whole = Hypotheses(THRESHOLDS, [Memory(State.CLEAR, armed=True)])
+        part = Hypotheses(THRESHOLDS, memories_after(None))
         for _ in range(rng.randint(0, 20)):
-            whole = decide(THRESHOLDS, whole, any_sample(rng))[0]
+            whole.step(any_sample(rng))
         for _ in range(30):
             one = any_sample(rng)
-            whole = decide(THRESHOLDS, whole, one)[0]
+            whole.step(one)
             if part.step(one).shown:
                 shown += 1
                 assert part.state is whole.state
             if len(part.memories) == 1:
                 known += 1
-                assert part.memories == (whole,)
+                assert part.memories == whole.memories
     # Most of the 4500 samples show the state, so this compares something.
     assert shown > 2250
     assert known > 2250

@@ -18,7 +18,8 @@ from beamtouch_models.accuracy.prior import TAIL, Prior, forces_of
 from beamtouch_models.arrays import Floats
 from beamtouch_models.error_model import whitening
 from beamtouch_models.physics.beam import influence_of
-from beamtouch_models.scene import load_scene
+from beamtouch_models.pricing.prices import Effect
+from beamtouch_models.scene import Scene, change_scene, load_scene
 from beamtouch_models.surface import Surface
 from example_scenes import SCENES, paper_scene
 from posterior_cases import plain_posterior, prior_of, quantiles_of
@@ -141,3 +142,34 @@ def test_the_limit_lies_between_the_bound_and_a_guess(known: bool) -> None:
     # One channel gives no position if the force is open.
     one = dataclasses.replace(Prior.of(influence_of(paper_scene()), np.array([122.0]), 0.002), force_n=(2.0, 20.0))
     assert position_deviation_mm(one, [50.0, 200.0], 10.0).min() > 1e6
+
+
+SOFT_MIDDLE = [{"to_mm": 150, "thickness_mm": 3}, {"to_mm": 200, "thickness_mm": 2.99}, {"to_mm": 400}]
+
+
+@pytest.mark.parametrize(
+    ("name", "beam"), [("shear", {"shear_modulus_gpa": 80.0}), ("steps", {"segments": SOFT_MIDDLE})]
+)
+def test_a_barely_negligible_effect_changes_the_accuracy_by_less_than_a_percent(
+    name: str, beam: dict[str, object]
+) -> None:
+    def with_noise(noise_mm: float) -> tuple[Scene, Surface, Effect]:
+        paper = paper_scene(noise_percent_of_max=None, noise_mm=noise_mm)
+        scene = change_scene(paper, beam=beam, contact={"force_n": (2.0, 20.0)})
+        surface = Surface.of(scene)
+        return scene, surface, next(effect for effect in surface.effects if effect.name == name)
+
+    # At this noise the price is 0.095, so the effect is out; at half of the noise it is in.
+    noise_mm = 0.01 * (with_noise(0.01)[2].price or 0.0) / 0.095
+    (scene, surface, effect), (_, _, dearer) = with_noise(noise_mm), with_noise(noise_mm / 2)
+    assert (effect.verdict, dearer.verdict) == ("out", "in")
+    assert surface.scene != scene
+    # The same contacts with the same noise, estimated with the effect and without it.
+    layout_mm = np.array([68.0, 156.0, 244.0, 332.0])
+    having, lacking = (Prior.of(influence_of(one), layout_mm, noise_mm) for one in (scene, surface.scene))
+    drawn = limit.draw(having, 1000, 1)
+    best, without = (
+        np.abs(limit.posterior_median_mm(prior, drawn.deflection_mm) - drawn.position_mm).mean()
+        for prior in (having, lacking)
+    )
+    assert abs(without / best - 1) < 0.01

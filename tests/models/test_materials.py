@@ -4,8 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from beamtouch_models.building.remarks import remarks
-from beamtouch_models.physics.motion import first_frequency_hz
+from beamtouch_models import frequency_hz
 from beamtouch_models.scene import Scene, parse_scene
 from beamtouch_models.scene.beam import changed_beam
 from beamtouch_models.scene.materials import MATERIALS, MaterialName
@@ -33,12 +32,12 @@ def test_every_material_is_plausible_and_names_its_source(name: MaterialName) ->
 
 def test_a_material_is_worth_its_modulus_and_density_to_the_bit() -> None:
     text = (SCENES / "bench.toml").read_text()
-    stated = parse_scene(text, "stated").beam
-    named = parse_scene(
-        text.replace("youngs_modulus_gpa = 210", 'material = "steel"').replace("density_kg_m3 = 7850\n", ""), "named"
-    ).beam
+    stated = parse_scene(text, "stated")
+    as_steel = text.replace("youngs_modulus_gpa = 210", 'material = "steel"').replace("density_kg_m3 = 7850\n", "")
+    steel = parse_scene(as_steel, "named")
+    named = steel.beam
     assert named.youngs_modulus_gpa is named.density_kg_m3 is None
-    assert (named.rigidity_n_mm2, first_frequency_hz(named)) == (stated.rigidity_n_mm2, first_frequency_hz(stated))
+    assert (named.rigidity_n_mm2, frequency_hz(steel)) == (stated.beam.rigidity_n_mm2, frequency_hz(stated))
     assert named.expansion_per_k == pytest.approx(12e-6)
     assert changed_beam(named, 1.1, (0.0, 0.0)).rigidity_n_mm2 == pytest.approx(1.1 * named.rigidity_n_mm2)
 
@@ -72,13 +71,10 @@ def test_what_is_stated_goes_before_the_material() -> None:
         ('material = "steel"', None),
     ],
 )
-def test_a_modulus_that_does_not_fit_its_material_is_remarked(instead: str, said: str | None) -> None:
-    assert remarks(scene(instead)) == ([] if said is None else [said])
-
-
-def test_commands_print_remarks_as_notes(design_sensors_here: Command, tmp_path: Path) -> None:
+def test_a_modulus_that_does_not_fit_its_material_is_a_note_of_commands(
+    design_sensors_here: Command, tmp_path: Path, instead: str, said: str | None
+) -> None:
     path = tmp_path / "scene.toml"
-    path.write_text(PAPER.replace(MODULUS, 'material = "glass-fibre"').replace("force_n = 10.0", "force_n = 1.0"))
-    (told,) = remarks(scene('material = "glass-fibre"'))
+    path.write_text(PAPER.replace(MODULUS, instead).replace("force_n = 10.0", "force_n = 1.0"))
     done = design_sensors_here("explain", path, "--json")
-    assert (done.returncode, done.stderr) == (0, f"note:    {told}\n")
+    assert (done.returncode, done.stderr) == (0, "" if said is None else f"note:    {said}\n")

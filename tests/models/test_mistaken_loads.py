@@ -21,8 +21,9 @@ from beamtouch_models.calibration.theory import Theory
 from beamtouch_models.errors import NotGoodEnoughError
 from beamtouch_models.rig.surface import Imperfections
 from beamtouch_models.sweeps import silent
+from calibration_files import write_readings
 from in_process import Command
-from real_surfaces import MISTAKES, random_imperfections, recorded, with_mistake, write_readings
+from real_surfaces import MISTAKES, as_on, random_imperfections, recorded, with_mistake
 
 pytestmark = pytest.mark.long
 
@@ -47,9 +48,9 @@ def test_a_mistyped_load_is_named_and_can_be_left_out(
     design_sensors_here: Command, built_model: Callable[[str], Path], tmp_path: Path
 ) -> None:
     path, output, model = tmp_path / "loads.csv", tmp_path / "out.onnx", built_model("cantilever")
-    metadata = modelfile.load(model).metadata
-    real = random_imperfections(metadata, np.random.default_rng(1))
-    write_readings(path, metadata, real, np.linspace(29.0, 191.0, 10), np.full(10, 2.25))
+    loaded, loads = modelfile.load(model), (np.linspace(29.0, 191.0, 10), np.full(10, 2.25))
+    real = random_imperfections(loaded.metadata, np.random.default_rng(1))
+    write_readings(path, loaded, as_on(loaded.metadata, real, *loads), *loads)
     change_load(path, "6", "position_mm", "179")  # by 60 mm: it pressed at 119
     given = ("calibrate", model, path, "-o", output)
     done = design_sensors_here(*given)

@@ -5,9 +5,10 @@ import math
 import numpy as np
 import pytest
 from scipy.integrate import quad
+from scipy.optimize import brentq
 
 from beamtouch_models.physics.beam import influence
-from beamtouch_models.physics.motion import MODES, Modes, beyond_rest, first_frequency_hz, swings
+from beamtouch_models.physics.motion import MODES, Modes, beyond_rest, first_frequency_hz, slowest_period_ms, swings
 from beamtouch_models.scene import load_scene
 from beamtouch_models.scene.beam import Beam
 from example_scenes import SCENES
@@ -96,3 +97,32 @@ def test_a_mode_under_a_force_that_crosses_the_beam_moves_as_fryba_found() -> No
     )
     found = target + beyond_rest(target, step_s, omega, 1e-9)
     np.testing.assert_allclose(found[0], exact, atol=1e-4)
+
+
+def test_the_slowest_period_is_that_of_the_beam_with_the_heaviest_load_on_it() -> None:
+    # The lowest root of 1 = m w^2 sum phi_k^2 / (w_k^2 - w^2), of a mass m = 20 N / g in the middle of the bench beam,
+    # which weighs 0.2355 kg and has modes w_k = k^2 2 pi 43.9754 / s with phi_k^2 = 2 sin^2(k pi / 2) / 0.2355 kg.
+    order = np.arange(1, 400, 2)
+    squares, phi = (2 * math.pi * 43.9754 * order**2) ** 2, 2 / 0.2355
+
+    def left(square: float) -> float:
+        return float(1 - 20 / 9.80665 * square * np.sum(phi / (squares - square)))
+
+    exact_ms = 1e3 * 2 * math.pi / math.sqrt(brentq(left, 1.0, 0.99 * squares[0]))
+    scene, _ = load_scene(SCENES / "bench.toml")
+    assert exact_ms <= (slowest_period_ms(scene) or 0.0) <= 1.03 * exact_ms
+
+
+@pytest.mark.parametrize(
+    ("name", "period_ms"),
+    [
+        # The second mode of the conveyor's rail swings at 96 Hz, 4 Hz from the 100 readings per second. It would seem
+        # to need 0.25 s for a period, but at 1 % of damping it rings for 1 / (0.01 x 2 pi x 96) = 0.166 s.
+        ("conveyor", 166),
+        # The paper's beam swings at 43.975 Hz. At 100 readings per second these alternate between two sides, and their
+        # amplitude has a period of 1 / (50 - 43.975) s, so that two readings in a row may agree while the beam rings.
+        ("paper", 1e3 / (50 - 43.9749)),
+    ],
+)
+def test_a_mode_near_the_rate_of_the_readings_or_half_of_it_seems_slow(name: str, period_ms: float) -> None:
+    assert slowest_period_ms(load_scene(SCENES / f"{name}.toml")[0]) == pytest.approx(period_ms, rel=0.01)

@@ -12,8 +12,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from beamtouch_common.commands import WRONG_INPUT
-from beamtouch_models import cli
-from beamtouch_models.loading import load
+from beamtouch_models import cli, load_model
 from example_scenes import INSTEAD, OPTIONS, PLAIN, Tables
 from wrong_numbers import numbers_in, with_value
 
@@ -102,7 +101,7 @@ def test_a_model_is_built_where_zeros_drift_far_more_than_readings_scatter(tmp_p
     scene.write_text(tomli_w.dumps(ZEROS_FAR_ABOVE_NOISE))
     code, _, err = run("build", str(scene), "-o", str(model), "--criterion", "eigenvalue-product", "--json")
     assert code == 0, err
-    touch = load(model).metadata.thresholds.touch
+    touch = load_model(model).metadata.thresholds.touch
     # Zeros lie within two of their deviations: alone, they move one channel by no more, which is odds of 2^2 / 2.
     assert 0 < touch[0] < 2.1
     assert touch[-1] > 1

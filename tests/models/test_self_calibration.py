@@ -18,10 +18,11 @@ from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.rig.surface import Imperfections
 from beamtouch_models.surface import prior_of_model
 from beamtouch_models.sweeps import silent
+from calibration_files import write_contacts
 from few_draws import short_work
 from in_process import Command
 from real_surfaces import true_prior
-from unlabelled_contacts import OFF, Kind, fitted, random_contacts, write_contacts
+from unlabelled_contacts import OFF, Kind, fitted, random_contacts
 
 pytestmark = pytest.mark.long
 
@@ -105,7 +106,8 @@ def test_the_command_writes_a_model_and_says_what_it_changed(
 ) -> None:
     # The fit was made above; the guide's steps, in the tests of the system, make theirs.
     monkeypatch.setattr("beamtouch_models.commands.calibrate.self_calibrate", lambda *_given: found[0])
-    path = write_contacts(tmp_path / "contacts.csv", bench, random_contacts(bench, TWO_AT_ONCE, 3)[0])
+    contacts, _ = random_contacts(bench, TWO_AT_ONCE, 3)
+    path = write_contacts(tmp_path / "contacts.csv", bench, contacts.measured_mm, contacts.deviation_mm)
     output = tmp_path / "new.onnx"
     done = design_sensors_here("calibrate", bench_model, "--events", path, "-o", output, "--json")
     assert done.returncode == 0

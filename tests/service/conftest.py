@@ -1,24 +1,26 @@
 """A service in the test's process, its tokens, and batches for it."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any, ClassVar, TypedDict, Unpack
+from typing import TYPE_CHECKING, Any, ClassVar, TypedDict, Unpack
 
 import httpx2
 import pytest
 from anyio.from_thread import BlockingPortal, start_blocking_portal
 from fastapi.testclient import TestClient
 
-from beamtouch_service.access import Access
-from beamtouch_service.api.app import create_app
-from beamtouch_service.events.recorder import Recorder
-from beamtouch_service.events.store import Store
+from beamtouch_models.modelfile import ModelFile
 from beamtouch_service.samples import Batch
-from beamtouch_service.sections import SurfaceSection
-from beamtouch_service.surfaces.surface import Surface
+from beamtouch_service.sections import EventsSection, SurfaceSection
 from certificates import make_certificate
 from service.small_model import ModelOptions, model_of, write_model
+
+if TYPE_CHECKING:
+    from beamtouch_service.api.app import Application
+    from beamtouch_service.surfaces.surface import Surface
 
 TOKEN = "correct-horse-battery-staple"  # noqa: S105  # of these tests only
 READ_TOKEN = "reading-horse-battery-staple"  # noqa: S105
@@ -55,18 +57,30 @@ class Bench:
 
     event_loop: ClassVar[BlockingPortal | None] = None
     """Of the requests of all tests: to start one for each takes longer than an answer."""
-    stores: ClassVar[list[Store]] = []
-    """Of the test that runs; closed at its end."""
+    started: ClassVar[list[Bench]] = []
+    """In the test that runs; their records are closed at its end."""
 
     def __init__(
-        self, *surfaces: Surface, token: str | Access | None = TOKEN, recorder: Recorder | None = None
+        self,
+        *surfaces: Surface,
+        token: str | None = TOKEN,
+        read_token: str | None = None,
+        events: EventsSection | None = None,
     ) -> None:
         self.now_s = 1000.0
-        recorder = recorder or Recorder()
-        self.stores.append(recorder.store)
-        self.app = create_app(surfaces, token, clock=lambda: self.now_s, recorder=recorder)
+        self.app = _application(self, surfaces, token, read_token, events or EventsSection())
+        self.started.append(self)
         self.client = TestClient(self.app, raise_server_exceptions=False)
         self.client.portal = self.event_loop
+
+    def adopt(self, model: ModelFile) -> None:
+        """Give its only surface another model."""
+        (surface,) = self.app.context.registry
+        surface.adopt(model)
+
+    def stop(self) -> None:
+        """Stop as a service does: what is not durable yet is written."""
+        self.app.context.recorder.close()
 
     def get(self, path: str, token: str | None = None) -> httpx2.Response:
         return self.client.get(path, headers={"Authorization": f"Bearer {token}"} if token else {})
@@ -110,6 +124,18 @@ class Bench:
         return self.get("/metrics").text
 
 
+def _application(
+    bench: Bench, surfaces: Sequence[Surface], token: str | None, read_token: str | None, events: EventsSection
+) -> Application:
+    # Here, so that tests of other subjects do not need these modules.
+    from beamtouch_service.access import Access  # noqa: PLC0415
+    from beamtouch_service.api.app import create_app  # noqa: PLC0415
+    from beamtouch_service.events.recorder import Recorder  # noqa: PLC0415
+
+    access = Access(token, read_token)
+    return create_app(surfaces, access, clock=lambda: bench.now_s, recorder=Recorder(events))
+
+
 @pytest.fixture(scope="session", autouse=True)
 def _event_loop() -> Iterator[None]:
     with start_blocking_portal() as Bench.event_loop:
@@ -118,11 +144,11 @@ def _event_loop() -> Iterator[None]:
 
 
 @pytest.fixture(autouse=True)
-def _close_stores() -> Iterator[None]:
+def _close_records() -> Iterator[None]:
     yield
-    for store in Bench.stores:
-        store.close()
-    Bench.stores.clear()
+    for bench in Bench.started:
+        bench.app.context.recorder.store.close()
+    Bench.started.clear()
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -132,7 +158,14 @@ def _patient() -> None:
 
 def surface_of(name: str = "press-7", section: SurfaceSection | None = None, **model: Unpack[ModelOptions]) -> Surface:
     """Return a surface with a model of `model_of`."""
-    return Surface(name, model_of(**model), section or SurfaceSection())
+    return surface_with(model_of(**model), name, section)
+
+
+def surface_with(model: ModelFile | None, name: str = "press-7", section: SurfaceSection | None = None) -> Surface:
+    """Return a surface with this model, or without one."""
+    from beamtouch_service.surfaces.surface import Surface  # noqa: PLC0415  # as above
+
+    return Surface(name, model, section or SurfaceSection())
 
 
 @pytest.fixture

@@ -2,23 +2,22 @@
 
 import re
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 from fastapi.routing import iter_route_contexts
 
-from beamtouch_service.access import Access
-from beamtouch_service.api.page import FOLDER
-from beamtouch_service.surfaces.surface import Surface
-from service.conftest import READ_TOKEN, TOKEN, Bench, batch_of, kind, surface_of
+import beamtouch_service
+from service.conftest import READ_TOKEN, TOKEN, Bench, batch_of, kind, surface_of, surface_with
 
-ALL = Access(write=TOKEN, read=READ_TOKEN)
+FOLDER = Path(beamtouch_service.__file__).with_name("page")
 PAGE = {"/" if path.name == "index.html" else f"/{path.name}" for path in FOLDER.iterdir()}
 NOT_TOKENS = [None, "wrong", READ_TOKEN[:-1], READ_TOKEN + "x", TOKEN[:-1], TOKEN + "x"]
 
 
 @pytest.fixture
 def guarded() -> Bench:
-    bench = Bench(surface_of(), token=ALL)
+    bench = Bench(surface_of(), read_token=READ_TOKEN)
     bench.send()
     return bench
 
@@ -57,7 +56,7 @@ def test_nothing_but_the_whole_token_opens_a_route(guarded: Bench, token: str | 
 
 @pytest.mark.parametrize("has_read_token", [False, True])
 def test_every_route_takes_the_tokens_that_its_description_names(has_read_token: bool) -> None:
-    bench = Bench(Surface("press-7"), token=Access(TOKEN, READ_TOKEN if has_read_token else None))
+    bench = Bench(surface_with(None), read_token=READ_TOKEN if has_read_token else None)
     description = bench.get("/openapi.json", token=TOKEN).json()
     tokens = {"read_token": READ_TOKEN, "write_token": TOKEN} if has_read_token else {"write_token": TOKEN}
     for path, operations in description["paths"].items():
@@ -89,7 +88,7 @@ def test_the_read_token_does_not_write_and_an_intruder_learns_no_name(guarded: B
 
 
 def test_a_service_without_a_token_refuses_every_write_and_says_how_to_allow_it() -> None:
-    response = Bench(Surface("press-7"), token=None).post(batch_of())
+    response = Bench(surface_with(None), token=None).post(batch_of())
     assert response.status_code == 401
     assert "--write-token-file" in response.json()["detail"]
 
@@ -118,4 +117,4 @@ def test_refusals_are_counted_and_logged_once_a_minute_without_the_token(
     text = guarded.get("/metrics", token=READ_TOKEN).text
     assert 'beamtouch_refusals_total{kind="unauthorized"} 5.0' in text
     assert 'beamtouch_refusals_total{kind="forbidden"} 5.0' in text
-    assert "horse" not in repr(ALL)
+    assert "horse" not in repr(guarded.app.context.access)

@@ -1,4 +1,4 @@
-"""A commissioning from its first press to the record: words, routes, refusals, and the record."""
+"""A commissioning from its first press to the record: routes and refusals."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -9,16 +9,9 @@ import numpy as np
 import pytest
 from anyio.to_thread import run_sync as run_in_thread
 
-from beamtouch_models.modelfile import InfluenceCurve, State
-from beamtouch_service.commissioning import results
-from beamtouch_service.commissioning.report import PlaceResult, Report, SensorResult
-from beamtouch_service.commissioning.verdict import advise_places, judge_place
-from beamtouch_service.events.database import EventsAwayError
-from beamtouch_service.events.recorder import Recorder
-from beamtouch_service.events.store import Store
+from beamtouch_models.modelfile import InfluenceCurve
 from beamtouch_service.sections import EventsSection
-from beamtouch_service.surfaces.surface import Surface
-from service.conftest import TOKEN, Bench, Row, kind, surface_of
+from service.conftest import TOKEN, Bench, Row, kind, surface_of, surface_with
 from service.event_story import RESTING
 from service.small_model import model_of
 
@@ -27,46 +20,6 @@ STEP_US = 10_000
 SECOND = 105
 """Samples that last a little longer than a press must be held."""
 SWAPPED = (1, 0, 2)
-
-
-# Marked places.
-
-
-def place(at_mm: float, position_mm: float | None, half_mm: float = 1.0) -> PlaceResult:
-    if position_mm is None:
-        return judge_place(PlaceResult(at_mm=at_mm, state=State.UNEXPLAINED))
-    ends = {"position_low_mm": position_mm - half_mm, "position_high_mm": position_mm + half_mm}
-    return judge_place(PlaceResult(at_mm=at_mm, state=State.CONTACT, position_mm=position_mm, **ends))
-
-
-@pytest.mark.parametrize(
-    ("stated", "is_wired", "last"),
-    [
-        ((103.0, 198.0, 305.9), True, "The largest error of a position is 5.9 mm."),
-        (
-            (112.0, 211.0, 310.0),
-            True,
-            "All positions are about 11 mm too large: the marks may count from another point.",
-        ),
-        (
-            (88.0, 189.0, 290.0),
-            True,
-            "All positions are about 11 mm too small: the marks may count from another point.",
-        ),
-        ((106.2, 198.0, 300.0), True, "This is more than aim explains. Repeat the commissioning; if it stays so,"),
-        ((101.0, None, 300.0), True, "The largest error of a position is 1.0 mm."),
-        ((None, None, None), True, "At 300 mm: no position: unexplained."),
-        ((112.0, 211.0, 310.0), False, "Positions mean little until every sensor moves as it should."),
-    ],
-)
-def test_the_words_for_errors_of_position(stated: tuple[float | None, ...], is_wired: bool, last: str) -> None:
-    places = [place(at_mm, position_mm) for at_mm, position_mm in zip((100.0, 200.0, 300.0), stated, strict=True)]
-    sentences = advise_places(places, is_wired=is_wired)
-    assert sentences[-1].startswith(last)
-    assert len([one for one in sentences if "no position" in one]) == stated.count(None)
-
-
-# The routes.
 
 
 class Course:
@@ -177,7 +130,7 @@ def test_skip_waits_for_a_new_rest(course: Course) -> None:
 
 
 def test_nothing_begins_where_nothing_could_be_seen_of_a_press() -> None:
-    bench = Bench(Surface("press-7"))
+    bench = Bench(surface_with(None))
     assert kind(bench.post(b"", PATH)) == "no-model"
     bench = Bench(surface_of())
     assert kind(bench.post(b"", PATH)) == "no-samples"
@@ -221,8 +174,7 @@ def test_another_model_ends_it_and_another_sender_begins_at_rest(course: Course)
     assert course.now["stage"] == "press"
     course.send([0.5, 0.2, 0.1], boot_id="boot-0002")
     assert (course.now["stage"], course.now["step"]) == ("rest", 0)
-    (surface,) = course.bench.app.context.registry
-    surface.adopt(model_of("press-7", min_channels=3))
+    course.bench.adopt(model_of("press-7", min_channels=3))
     course.send(RESTING, boot_id="boot-0002")
     assert course.state["course"] is None
     assert "The model of the surface changed" in course.state["ended"]
@@ -240,46 +192,55 @@ def test_a_surface_that_falls_silent_says_so_and_keeps_the_steps(course: Course)
     assert (course.now["prompt"], course.now["step"]) == (asked, 1)
 
 
+def damage(database: Path) -> bytes:
+    """Overwrite a database; return what it was."""
+    whole = database.read_bytes()
+    for one in database.parent.glob(f"{database.name}*"):
+        one.write_bytes(b"no database" * 4096)
+    return whole
+
+
+def restore(database: Path, whole: bytes) -> None:
+    for one in database.parent.glob(f"{database.name}*"):
+        one.unlink()
+    database.write_bytes(whole)
+
+
 def test_while_the_record_is_away_the_result_waits(tmp_path: Path) -> None:
     path = tmp_path / "events.db"
-    recorder = Recorder(EventsSection(file=path))
-    course = Course(Bench(surface_of(), recorder=recorder))
+    course = Course(Bench(surface_of(), events=EventsSection(file=path)))
     course_id = course.follow()
-    whole = path.read_bytes()
-    for one in tmp_path.glob("events.db*"):
-        one.write_bytes(b"no database" * 4096)
+    whole = damage(path)
     refusal = course.act(f"/confirm?course={course_id}&by=Ann")
     assert (refusal.status_code, kind(refusal)) == (503, "events-away")
     assert course.now["id"] == course_id
-    for one in tmp_path.glob("events.db*"):
-        one.unlink()
-    path.write_bytes(whole)
+    restore(path, whole)
     assert course.act(f"/confirm?course={course_id}&by=Ann").status_code == 200
-    recorder.close()
 
 
 @pytest.mark.parametrize("is_away", [False, True])
 def test_while_a_result_is_being_written_nothing_else_happens_to_its_course(
-    bench: Bench, monkeypatch: pytest.MonkeyPatch, is_away: bool
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, is_away: bool
 ) -> None:
+    path = tmp_path / "events.db"
+    bench = Bench(surface_of(), events=EventsSection(file=path))
     course = Course(bench)
     course_id = course.follow()
     recorder = bench.app.context.recorder
-    write = recorder.ask
-    answers = dict[str, str]()
+    write, answers, whole = recorder.ask, dict[str, str](), b""
 
     def act_meanwhile() -> None:
         for action in ("", f"/confirm?course={course_id}&by=Ann", f"/abandon?course={course_id}"):
             answers[action.partition("?")[0]] = kind(course.act(action))
         answers["id"] = course.now["id"]
-        (surface,) = bench.app.context.registry
-        surface.adopt(model_of("press-7", min_channels=3))
+        bench.adopt(model_of("press-7", min_channels=3))
         course.send(RESTING)
 
-    async def write_slowly(query: Callable[[Store], int]) -> int:
+    async def write_slowly(query: Callable[[Any], int]) -> int:
+        nonlocal whole
         await run_in_thread(act_meanwhile)
         if is_away:
-            raise EventsAwayError("away")
+            whole = damage(path)
         return await write(query)
 
     with monkeypatch.context() as patch:
@@ -290,6 +251,7 @@ def test_while_a_result_is_being_written_nothing_else_happens_to_its_course(
     assert answer.status_code == (503 if is_away else 200)
     assert (course.state["course"] is not None) is is_away
     if is_away:
+        restore(path, whole)
         assert course.act(f"/confirm?course={course_id}&by=Ann").status_code == 200
 
 
@@ -311,39 +273,3 @@ def test_a_name_is_one_line_of_what_can_be_printed(course: Course) -> None:
     lines = course.bench.get(f"{PATH}s/1?format=text").text.splitlines()
     assert [line for line in lines if line.startswith("result")] == ["result    NOT PASSED"]
     assert len([line for line in lines if "Ann" in line]) == 1
-
-
-# The record.
-
-
-@pytest.fixture(params=["memory", "file", "PostgreSQL"])
-def open_store(request: pytest.FixtureRequest, tmp_path: Path) -> Callable[[], Store]:
-    events = EventsSection()
-    if request.param == "file":
-        events = EventsSection(file=tmp_path / "events.db")
-    elif request.param == "PostgreSQL":
-        events = EventsSection(url=request.getfixturevalue("events_url"))
-    return lambda: Store(events)
-
-
-def test_each_result_is_on_record_once_and_the_newest_of_each_surface_are_kept(
-    open_store: Callable[[], Store],
-) -> None:
-    store = open_store()
-    at_rest = {"beam": "b", "begun_at": "x", "sensors": [SensorResult(name="s1", at_mm=1.5)], "places": []}
-    reports = [
-        Report.model_validate({"surface": name, "model": f"m@{number}", **at_rest})
-        for name in ("left", "right")
-        for number in range(results.MAX_KEPT + 2)
-    ]
-    numbers = [results.add(store, f"course-{index}", report) for index, report in enumerate(reports)]
-    assert results.add(store, f"course-{len(reports) - 1}", reports[-1]) == numbers[-1]
-    store.prune(1e12)
-    if store.is_lasting:
-        store.close()
-        store = open_store()
-    for name in ("left", "right"):
-        kept = results.read(store, name)
-        assert [one.model for one in kept] == [f"m@{number}" for number in range(results.MAX_KEPT + 1, 1, -1)]
-        assert {(one.surface, one.sensors[0].at_mm) for one in kept} == {(name, 1.5)}
-    store.close()

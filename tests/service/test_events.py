@@ -7,7 +7,6 @@ from typing import Any
 
 import pytest
 
-from beamtouch_service.events.event import MAX_POINTS
 from service.conftest import START_US, Bench, Row, batch_of, surface_of
 from service.event_story import BETWEEN, HARDER, ODD, RESTING, TOUCHING, Story
 from service.small_model import model_of
@@ -49,7 +48,7 @@ def test_a_contact_that_goes_on_is_an_open_event_and_its_path_is_thinned_evenly(
     (event,) = story.events
     assert (event["end"], event["samples"], event["dwell_ms"]) == ("lift", 1000, 5000.0)
     seconds = [float(point["at"][17:-1]) for point in event["path"]]
-    assert len(seconds) <= MAX_POINTS
+    assert len(seconds) <= 200  # points of a path, `docs/reference/events.md`
     assert (seconds[0], seconds[-1]) == (46.128, 51.123)
     assert max(later - earlier for earlier, later in pairwise(seconds)) < 0.06
 
@@ -278,11 +277,10 @@ def test_an_event_without_a_steady_sample_of_one_contact_has_no_row(bench: Bench
 
 
 def test_contacts_of_another_layout_of_channels_have_no_row() -> None:
-    surface = surface_of(channels=4)
-    bench = Bench(surface)
+    bench = Bench(surface_of(channels=4))
     send(bench, *(([*row, 0.0], STILL) for row in (RESTING, TOUCHING, RESTING)))
     assert list(best_samples(bench)[0])[5:9] == ["s1_mm", "s2_mm", "s3_mm", "s4_mm"]
-    surface.adopt(model_of("other"))
+    bench.adopt(model_of("other"))
     send(bench, *((row, STILL) for row in (RESTING, TOUCHING, RESTING)), sequence=10)
     (row,) = best_samples(bench)
     assert row["model"].startswith("other@")

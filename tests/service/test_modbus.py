@@ -9,11 +9,11 @@ from beamtouch_models.modelfile import State
 from beamtouch_service import cli
 from beamtouch_service.outputs.modbus.blocks import Blocks
 from beamtouch_service.outputs.modbus.registers import BLOCK, REGISTERS, STATES
-from beamtouch_service.problems import Kind
+from beamtouch_service.problems import Kind, ProblemError
 from beamtouch_service.samples import Note, Quality
 from beamtouch_service.surfaces.surface import Surface
 from contact_registers import FIGURES, number
-from service.conftest import Row, parsed, surface_of
+from service.conftest import Row, parsed, surface_of, surface_with
 
 NOW_S = 1000.0
 
@@ -72,11 +72,18 @@ def test_a_surface_without_an_answer_says_why(
     words = block(surface)
     assert (words[2], words[4], words[7], words[38]) == (state, age_ms, sequence, missing)
     assert not have_figures(words)
-    assert block(Surface("bare"))[2] == 16
+
+
+def test_a_surface_whose_samples_are_of_another_beam_or_that_has_no_model_says_so() -> None:
+    surface = surface_of()
+    with pytest.raises(ProblemError):
+        surface.receive(parsed().model_copy(update={"beam": "beam-2"}), NOW_S)
+    assert block(surface)[2] == 21
+    assert block(surface_with(None))[2] == 16
 
 
 def test_the_heartbeat_counts_tenths_of_a_second() -> None:
-    found = [block(Surface("a"), second)[1] for second in (12.3, 12.4, 6553.5, 6553.6)]
+    found = [block(surface_with(None), second)[1] for second in (12.3, 12.4, 6553.5, 6553.6)]
     assert found == [123, 124, 65_535, 0]
 
 

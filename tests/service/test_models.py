@@ -8,12 +8,13 @@ from pathlib import Path
 import onnx
 import pytest
 
+from beamtouch_common.zones import Zone
 from beamtouch_models.metadata import POSITION_OUTPUTS
 from beamtouch_service.host import models
 from beamtouch_service.host.models import ModelKeeper
 from beamtouch_service.problems import ProblemError
-from beamtouch_service.surfaces.surface import Surface
-from service.conftest import Bench, parsed
+from beamtouch_service.sections import SurfaceSection
+from service.conftest import Bench, parsed, surface_with
 from service.small_model import content_of, write_model
 
 pytestmark = pytest.mark.anyio
@@ -23,8 +24,8 @@ NO_FORCE = content_of(outputs=POSITION_OUTPUTS)
 class Kept(ModelKeeper):
     """The keeper of the model of one surface `press-7`, and of its file."""
 
-    def __init__(self, path: Path) -> None:
-        super().__init__(Surface("press-7", models.load(path)), path, models.stamp_of(path))
+    def __init__(self, path: Path, section: SurfaceSection | None = None) -> None:
+        super().__init__(surface_with(models.load(path), section=section), path, models.stamp_of(path))
 
     @property
     def identity(self) -> str:
@@ -171,3 +172,31 @@ async def test_a_model_of_another_beam_waits_for_samples_of_that_beam(
     assert (kept.identity != old, kept.surface.model_error) == (True, None)
     kept.surface.receive(other, 10.2)
     assert kept.surface.contact(10.2).model == kept.identity
+
+
+@pytest.fixture
+def zoned(tmp_path: Path) -> Kept:
+    """Of a surface with a zone that has a bound of the force."""
+    zone = Zone(from_mm=120, to_mm=200, least_force_n=5)
+    return Kept(write_model(tmp_path), SurfaceSection(zones={"gate": zone}))
+
+
+async def test_a_new_model_that_a_zone_is_off_leaves_the_old_one_in_use(zoned: Kept) -> None:
+    old = zoned.identity
+    await zoned.polls(NO_FORCE)
+    assert zoned.identity == old
+    assert f"{zoned.path}: gate: a bound of the force needs a scene" in str(zoned.surface.model_error)
+
+
+async def test_a_model_whose_samples_arrive_at_last_is_refused_once_for_a_zone(
+    zoned: Kept, caplog: pytest.LogCaptureFixture
+) -> None:
+    old = zoned.identity
+    zoned.surface.receive(parsed(), 10.0)
+    await zoned.polls(content_of("five", channels=5, outputs=POSITION_OUTPUTS))
+    assert "it needs s4, s5, but" in str(zoned.surface.model_error)
+    zoned.surface.receive(parsed([0.5] * 5, boot_id="boot-0002"), 10.1)
+    await zoned.polls()
+    assert zoned.identity == old
+    assert f"{zoned.path}: gate: a bound of the force needs a scene" in str(zoned.surface.model_error)
+    assert len(caplog.records) == 2

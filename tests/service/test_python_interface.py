@@ -5,18 +5,16 @@ from pathlib import Path
 import numpy as np
 
 import beamtouch_models as models
-from beamtouch_service.surfaces.surface import Surface
-from service.conftest import FIGURES, Bench
+from modelled import deflections_of
+from service.conftest import FIGURES, Bench, surface_with
 
 PLACES_MM = [60, 150, 300]
 
 
 def test_scripts_get_what_the_service_answers(bench_model: Path) -> None:
     model = models.load_model(bench_model)
-    scene = models.read_scene(model.metadata.scene + "\n")
-    at_mm = [channel.position_mm for channel in model.metadata.layout]
-    samples = (5 * models.influence_matrix(scene, at_mm, PLACES_MM)).tolist()
-    service = Bench(Surface("bench", model))
+    samples = deflections_of(model, PLACES_MM, [5.0] * len(PLACES_MM)).tolist()
+    service = Bench(surface_with(model, "bench"))
     answers = models.estimate(model, samples)
     for row, sample in enumerate(samples):
         service.send(sample, surface="bench", sequence=row + 1, channels=model.channels)

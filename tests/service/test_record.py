@@ -2,7 +2,6 @@
 
 import random
 import sqlite3
-from collections.abc import Iterator
 from contextlib import closing
 from itertools import pairwise
 from pathlib import Path
@@ -12,10 +11,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from beamtouch_service.events.recorder import Recorder
 from beamtouch_service.sections import EventsSection
-from beamtouch_service.surfaces.surface import Surface
-from service.conftest import Bench, Row, batch_of
+from service.conftest import Bench, Row, batch_of, surface_with
 from service.event_story import BETWEEN, HARDER, ODD, RESTING, TOUCHING, Story
 from service.small_model import model_of
 
@@ -31,15 +28,11 @@ class Services:
 
     def __init__(self) -> None:
         self.model = model_of()
-        self._recorders: list[Recorder] = []
 
     def story(self, rows: list[Row], place: Path | str | None = None) -> Story:
         """Return a service that has started now, and the samples to deliver."""
         events = EventsSection(url=place) if isinstance(place, str) else EventsSection(file=place)
-        recorder = Recorder(events)
-        self._recorders.append(recorder)
-        surface = Surface("press-7", self.model)
-        return Story(Bench(surface, recorder=recorder), rows)
+        return Story(Bench(surface_with(self.model), events=events), rows)
 
     def straight(self, rows: list[Row]) -> list[dict[str, Any]]:
         """Return the events of a service without faults."""
@@ -47,16 +40,10 @@ class Services:
         story.deliver(0, len(rows))
         return story.events
 
-    def close(self) -> None:
-        for recorder in self._recorders:
-            recorder.close()
-
 
 @pytest.fixture
-def services() -> Iterator[Services]:
-    services = Services()
-    yield services
-    services.close()
+def services() -> Services:
+    return Services()
 
 
 @pytest.fixture(params=["file", "PostgreSQL"])
@@ -211,7 +198,7 @@ def test_another_model_ends_the_open_event(services: Services, tmp_path: Path) -
 
 
 def test_without_a_model_there_is_no_record() -> None:
-    surface = Surface("press-7")
+    surface = surface_with(None)
     story = Story(Bench(surface), CONTACT)
     assert story.deliver(0, 4)["durable"] == 4
     assert story.events == []

@@ -10,13 +10,10 @@ import pytest
 from beamtouch_service.api.events import Event
 from beamtouch_service.api.samples import MAX_BODY_BYTES
 from beamtouch_service.api.stream import Pace
-from beamtouch_service.outputs.modbus.blocks import Blocks
-from beamtouch_service.problems import MEDIA_TYPE, Problem
+from beamtouch_service.problems import MEDIA_TYPE
 from beamtouch_service.samples import MAX_SAMPLES, Batch
-from beamtouch_service.samples import Batch as ReceivedBatch
 from beamtouch_service.surfaces.contact import Contact
-from beamtouch_service.surfaces.surface import Answer, Received, Surface
-from service.conftest import Bench, batch_of, kind, surface_of
+from service.conftest import Bench, batch_of, kind, surface_of, surface_with
 from service.small_model import model_of
 
 MQTT = Path(__file__).parents[2] / "docs" / "how-to" / "mqtt.md"
@@ -32,23 +29,21 @@ def test_a_service_without_a_surface_says_so_everywhere() -> None:
 
 
 def test_a_surface_without_a_model_takes_samples_and_says_why_it_gives_nothing() -> None:
-    surface = Surface("press-7")
-    bench = Bench(surface)
+    bench = Bench(surface_with(None))
     bench.send([0.5], channels=["any"])
     for path in ("/contact", "/surfaces/press-7/model", "/surfaces/press-7/beam"):
         assert bench.problem(path) == "no-model"
     # A model says nothing of a sample from before it.
-    surface.adopt(model_of())
+    bench.adopt(model_of())
     assert bench.problem() == "no-samples"
     bench.send(boot_id="boot-0002")
     assert bench.contact()["state"] == "contact"
 
 
 def test_model_and_beam_are_those_in_use(bench: Bench) -> None:
-    (surface,) = bench.app.context.registry
     bench.send()
     before = bench.contact()
-    surface.adopt(model_of("other", channels=4))
+    bench.adopt(model_of("other", channels=4))
     model, beam = (bench.get(f"/surfaces/press-7/{what}").json() for what in ("model", "beam"))
     assert (model["channels"], model["positions_mm"]) == (["s1", "s2", "s3", "s4"], [100.0, 200.0, 300.0, 400.0])
     assert model["ranges"] == {"position_mm": [1.0, 399.0], "force_n": [1.0, 20.0]}
@@ -126,15 +121,13 @@ def test_a_wrong_method_is_a_problem_that_names_the_right_one(bench: Bench) -> N
         assert response.headers["allow"] == allowed
 
 
-def test_a_failure_inside_is_a_problem_without_its_traceback() -> None:
-    class Broken(Surface):
-        def answer(self, now_s: float) -> Answer | Problem:
-            raise RuntimeError(f"secret at {now_s}")
+def test_a_failure_inside_is_a_problem_without_its_traceback(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*arguments: object) -> None:
+        raise RuntimeError(f"secret {arguments}")
 
-        def receive(self, batch: ReceivedBatch, arrival_s: float, address: str = "") -> Received:
-            raise RuntimeError(f"secret at {arrival_s} from {address} in {batch}")
-
-    bench = Bench(Broken("press-7"))
+    (surface,) = bench.app.context.registry
+    for name in ("answer", "receive"):
+        monkeypatch.setattr(surface, name, fail)
     for response in (bench.get("/surfaces"), bench.post(batch_of())):
         assert (response.status_code, kind(response)) == (500, "internal")
         assert "secret" not in response.text
@@ -252,7 +245,6 @@ def test_samples_of_another_beam_are_refused_and_every_answer_says_so(
     assert bench.get("/health/ready").json()["surfaces"]["press-7"] == contact
     summary = bench.get("/surfaces/press-7").json()
     assert (summary["beam"], summary["state"], summary["problem"]) == ("beam-1", None, contact)
-    assert Blocks(bench.app.context.registry, "big").read(2, 1, bench.now_s) == [21]
     assert [one.getMessage() for one in caplog.records] == [f"surface press-7: its samples are refused: {DETAIL}"]
     bench.now_s += 9
     assert bench.problem() == "other-beam"  # a daemon that is refused asks again within seconds

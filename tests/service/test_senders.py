@@ -6,8 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from beamtouch_service.surfaces.surface import Surface
-from service.conftest import TOKEN, Bench, batch_of, surface_of
+from service.conftest import TOKEN, Bench, batch_of, surface_of, surface_with
 
 STALE_S = 0.5
 STEP_S = 0.1
@@ -78,7 +77,7 @@ class Numbers:
     """Sends samples of these numbers to a surface without a model."""
 
     def __init__(self) -> None:
-        self._bench = Bench(Surface("press-7"))
+        self._bench = Bench(surface_with(None))
 
     def send(self, numbers: Iterable[int], boot_id: str = "boot-0001") -> tuple[int, int]:
         """Return how many of them count as new, and how many as repeated."""

@@ -12,11 +12,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from beamtouch_models import modelfile
-from beamtouch_models.physics.beam import influence_matrix
-from beamtouch_models.scene import load_scene
-from beamtouch_service.surfaces.surface import Surface
-from example_scenes import SCENES
-from service.conftest import Bench, batch_of
+from modelled import deflections_of
+from service.conftest import Bench, batch_of, surface_with
 from service.event_story import BETWEEN, RESTING, TOUCHING
 
 READINGS = 4
@@ -29,13 +26,12 @@ class Line:
         self.model = model
         self.channels = model.channels
         self.noise_mm = model.metadata.noise.reading_mm
-        scene, at_mm = load_scene(SCENES / "bench.toml")[0], [channel.position_mm for channel in model.metadata.layout]
-        shape = influence_matrix(scene, at_mm, [model.metadata.length_mm / 2])[0]
+        (shape,) = deflections_of(model, [model.metadata.length_mm / 2], [1.0])
         self.load_mm: list[float | None] = (25 * self.noise_mm * shape / shape.max()).tolist()
 
     def contact(self, *samples: dict[str, Any], **batch: object) -> dict[str, Any]:
         """Return the contact that a new service finds in samples; each has the load unless it states others."""
-        bench = Bench(Surface("bench", self.model))
+        bench = Bench(surface_with(self.model, "bench"))
         channels = batch.get("channels", self.channels)
         assert isinstance(channels, list)
         plain = {"deflection_mm": self.load_mm, "quality": ["good"] * len(channels)}
@@ -222,7 +218,7 @@ def answer_to(covariance_mm2: np.ndarray[Any, Any]) -> str:
     """Return what a surface without a model, which takes any channels, says to a sample of this covariance."""
     body = batch_of([0.5] * len(covariance_mm2))
     body["samples"][0] |= stated(covariance_mm2)
-    return Bench(Surface("press-7")).post(body).text
+    return Bench(surface_with(None)).post(body).text
 
 
 factors = st.integers(1, 8).flatmap(

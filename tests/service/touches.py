@@ -6,17 +6,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from beamtouch_models import modelfile
-from beamtouch_models.arrays import Floats
 from beamtouch_models.modelfile import ModelFile
-from beamtouch_models.surface import prior_of_model
-from beamtouch_service.events.recorder import Recorder
 from beamtouch_service.sections import EventsSection
-from beamtouch_service.surfaces.surface import Surface
-from service.conftest import Bench
+from modelled import deflections_of
+from service.conftest import Bench, surface_with
 
-Change = Callable[[Floats], Floats]
+Change = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
 AT_REST, IN_CONTACT = 6, 5
 """Samples of each rest and of each contact."""
@@ -28,8 +26,8 @@ class Touches:
     def __init__(self, model: ModelFile, seed: int = 1) -> None:
         said = model.metadata
         self.model, self.random = model, np.random.default_rng(seed)
-        self.prior = prior_of_model(said)
-        self.gain, self.zero_mm = np.ones(self.prior.channels), np.zeros(self.prior.channels)
+        channels = len(model.channels)
+        self.gain, self.zero_mm = np.ones(channels), np.zeros(channels)
         self.characteristic = "as-taken"
         self.readings = 16
         self.sequence = 1
@@ -41,7 +39,7 @@ class Touches:
         position = self.random.uniform(low, high, count)
         force = self.random.uniform(*self.model.metadata.ranges.force_n, count)
         rows, at_us = [], []
-        for index, deflection_mm in enumerate(force[:, None] * self.prior.influence_at(position)):
+        for index, deflection_mm in enumerate(deflections_of(self.model, position, force)):
             rows += (
                 [np.zeros_like(deflection_mm)] * AT_REST + [deflection_mm] * IN_CONTACT + [np.zeros_like(deflection_mm)]
             )
@@ -55,7 +53,7 @@ class Touches:
             "channels": self.model.channels,
             "newest_age_ms": 0.0,
             "characteristic": self.characteristic,
-            "noise_mm": [self.model.metadata.noise.reading_mm] * self.prior.channels,
+            "noise_mm": [self.model.metadata.noise.reading_mm] * len(self.model.channels),
             "samples": [
                 {
                     "sequence": sequence,
@@ -68,8 +66,8 @@ class Touches:
             ],
         }
 
-    def _measured(self, deflection_mm: Floats) -> Floats:
-        noise: Floats = self.random.normal(size=deflection_mm.shape) * self._noise_mm
+    def _measured(self, deflection_mm: NDArray[np.float64]) -> NDArray[np.float64]:
+        noise: NDArray[np.float64] = self.random.normal(size=deflection_mm.shape) * self._noise_mm
         return deflection_mm * self.gain + self.zero_mm + noise
 
 
@@ -82,8 +80,7 @@ class TouchedLine:
 
     def start(self) -> None:
         """Start the service anew; the old one is killed."""
-        recorder = Recorder(EventsSection(file=self._record))
-        self.bench = Bench(Surface("press-7", self.touches.model), recorder=recorder)
+        self.bench = Bench(surface_with(self.touches.model), events=EventsSection(file=self._record))
         self.bench.get("/events")  # It reads what is on record.
 
     def touch(self, count: int, begin: datetime, every_s: float = 60.0, change: Change = lambda one: one) -> None:

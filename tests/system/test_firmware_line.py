@@ -6,8 +6,6 @@ from typing import Any
 import httpx2
 import pytest
 
-from beamtouch_models import modelfile
-from beamtouch_models.building.daemon_config import daemon_config
 from forked_line import ForkedLine
 from line import Surface
 from plain_http import NO_TLS, TIMEOUT_S
@@ -18,11 +16,10 @@ SCRIPT = "repeat = false\n[[step]]\nseconds = 1e6\nposition_mm = 120\nforce_n = 
 
 
 def test_a_touch_is_found_through_the_firmware(board: Board, ten_bits: tuple[Path, Path], tmp_path: Path) -> None:
-    (scene, model), config = ten_bits, tmp_path / "generated.toml"
-    config.write_text(daemon_config(modelfile.load(model).metadata))
+    scene, model = ten_bits
     (tmp_path / "script.toml").write_text(SCRIPT)
     surface = Surface("bench", "serial", tmp_path / "script.toml", ("--firmware", *board.command))
-    with ForkedLine(tmp_path, scene, model, config, [surface]) as line:
+    with ForkedLine(tmp_path, scene, model, model.with_suffix(".toml"), [surface]) as line:
         contact: dict[str, Any] = {}
 
         def rests() -> bool:

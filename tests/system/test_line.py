@@ -13,8 +13,6 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from beamtouch_models import modelfile
-from beamtouch_models.building.daemon_config import daemon_config
 from example_scenes import SCENES
 from forked_line import ForkedLine
 from line import Kind, Line, Surface, Truth
@@ -49,11 +47,9 @@ INNER_MM = (60.0, 340.0)
 
 
 @pytest.fixture(scope="session")
-def generated_config(bench_model: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def generated_config(bench_model: Path) -> Path:
     """The daemon config that belongs to the model."""
-    path = tmp_path_factory.mktemp("config") / "daemon.toml"
-    path.write_text(daemon_config(modelfile.load(bench_model).metadata))
-    return path
+    return bench_model.with_suffix(".toml")
 
 
 @pytest.fixture

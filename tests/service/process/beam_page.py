@@ -5,13 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from beamtouch_models.physics.beam import influence
+from beamtouch_models import influence_matrix
 from beamtouch_models.scene import load_scene
 from example_scenes import SCENES
 from service.conftest import START_US, batch_of
 
 if TYPE_CHECKING:
-    from beamtouch_models.arrays import Floats
+    import numpy as np
+    from numpy.typing import NDArray
+
     from beamtouch_models.modelfile import ModelFile
     from browser import Watched
     from service.process.conftest import Service
@@ -82,8 +84,8 @@ def circles(seen: Watched) -> list[tuple[float, float]]:
     return [(x, y) for x, y in seen.page.eval_on_selector_all("#beam circle.seen", script)]
 
 
-def bench_shape(at_mm: list[float], load_mm: float) -> Floats:
+def bench_shape(at_mm: list[float], load_mm: float) -> NDArray[np.float64]:
     """Return the deflection per newton [mm/N] at positions of the beam of the bench under a load."""
     scene, _ = load_scene(SCENES / "bench.toml")
-    shape: Floats = influence(scene.beam, at_mm, [load_mm])[0]
+    shape: NDArray[np.float64] = influence_matrix(scene, at_mm, [load_mm])[0]
     return shape

@@ -7,7 +7,6 @@ from typing import Any
 import httpx2
 import pytest
 
-from beamtouch_service.outputs.modbus.registers import ZONE_CODES
 from browser import OpenPage
 from free_ports import free_port
 from plain_http import TIMEOUT_S
@@ -28,6 +27,8 @@ least_force_n = 5
 from_mm = 200
 to_mm = 400
 """
+CODES = {"outside": 1, "unsure": 2, "inside": 3}
+"""The two bits of a zone in its register."""
 SIZES = {"desk": (1280, 900), "phone": (390, 844)}
 
 
@@ -85,8 +86,7 @@ def test_every_door_says_the_same_of_the_same_sample(line: Line) -> None:
             return bool(same)
 
         wait_for(told)
-        codes = {str(state): code for state, code in ZONE_CODES.items()}
-        assert registers(42, 7) == [codes[gate] | codes[end] << 2, entries, 0, 0, 0, 0, 0]
+        assert registers(42, 7) == [CODES[gate] | CODES[end] << 2, entries, 0, 0, 0, 0, 0]
         read_there = asyncio.run(over_opcua(f"opc.tcp://127.0.0.1:{opcua}/"))
         assert read_there == {"sequence": sequence + 7, "zones/gate": gate, "zones/end": end}
     with httpx2.stream("GET", f"{service.url}/stream", trust_env=False, timeout=TIMEOUT_S) as answer:

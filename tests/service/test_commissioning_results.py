@@ -1,0 +1,80 @@
+"""The results of a commissioning: the words for errors of position, and the record of them."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from beamtouch_models.modelfile import State
+from beamtouch_service.commissioning import results
+from beamtouch_service.commissioning.report import PlaceResult, Report, SensorResult
+from beamtouch_service.commissioning.verdict import advise_places, judge_place
+from beamtouch_service.events.store import Store
+from beamtouch_service.sections import EventsSection
+
+
+def place(at_mm: float, position_mm: float | None, half_mm: float = 1.0) -> PlaceResult:
+    if position_mm is None:
+        return judge_place(PlaceResult(at_mm=at_mm, state=State.UNEXPLAINED))
+    ends = {"position_low_mm": position_mm - half_mm, "position_high_mm": position_mm + half_mm}
+    return judge_place(PlaceResult(at_mm=at_mm, state=State.CONTACT, position_mm=position_mm, **ends))
+
+
+@pytest.mark.parametrize(
+    ("stated", "is_wired", "last"),
+    [
+        ((103.0, 198.0, 305.9), True, "The largest error of a position is 5.9 mm."),
+        (
+            (112.0, 211.0, 310.0),
+            True,
+            "All positions are about 11 mm too large: the marks may count from another point.",
+        ),
+        (
+            (88.0, 189.0, 290.0),
+            True,
+            "All positions are about 11 mm too small: the marks may count from another point.",
+        ),
+        ((106.2, 198.0, 300.0), True, "This is more than aim explains. Repeat the commissioning; if it stays so,"),
+        ((101.0, None, 300.0), True, "The largest error of a position is 1.0 mm."),
+        ((None, None, None), True, "At 300 mm: no position: unexplained."),
+        ((112.0, 211.0, 310.0), False, "Positions mean little until every sensor moves as it should."),
+    ],
+)
+def test_the_words_for_errors_of_position(stated: tuple[float | None, ...], is_wired: bool, last: str) -> None:
+    places = [place(at_mm, position_mm) for at_mm, position_mm in zip((100.0, 200.0, 300.0), stated, strict=True)]
+    sentences = advise_places(places, is_wired=is_wired)
+    assert sentences[-1].startswith(last)
+    assert len([one for one in sentences if "no position" in one]) == stated.count(None)
+
+
+@pytest.fixture(params=["memory", "file", "PostgreSQL"])
+def open_store(request: pytest.FixtureRequest, tmp_path: Path) -> Callable[[], Store]:
+    events = EventsSection()
+    if request.param == "file":
+        events = EventsSection(file=tmp_path / "events.db")
+    elif request.param == "PostgreSQL":
+        events = EventsSection(url=request.getfixturevalue("events_url"))
+    return lambda: Store(events)
+
+
+def test_each_result_is_on_record_once_and_the_newest_of_each_surface_are_kept(
+    open_store: Callable[[], Store],
+) -> None:
+    store = open_store()
+    at_rest = {"beam": "b", "begun_at": "x", "sensors": [SensorResult(name="s1", at_mm=1.5)], "places": []}
+    reports = [
+        Report.model_validate({"surface": name, "model": f"m@{number}", **at_rest})
+        for name in ("left", "right")
+        for number in range(results.MAX_KEPT + 2)
+    ]
+    numbers = [results.add(store, f"course-{index}", report) for index, report in enumerate(reports)]
+    assert results.add(store, f"course-{len(reports) - 1}", reports[-1]) == numbers[-1]
+    store.prune(1e12)
+    if store.is_lasting:
+        store.close()
+        store = open_store()
+    for name in ("left", "right"):
+        kept = results.read(store, name)
+        assert [one.model for one in kept] == [f"m@{number}" for number in range(results.MAX_KEPT + 1, 1, -1)]
+        assert {(one.surface, one.sensors[0].at_mm) for one in kept} == {(name, 1.5)}
+    store.close()

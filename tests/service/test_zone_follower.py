@@ -1,0 +1,119 @@
+"""The answers of zones to consecutive samples, as pure functions."""
+
+import json
+from typing import Literal
+
+import pytest
+
+from beamtouch_common.zones import Span, Zone, ZoneState
+from beamtouch_service.zones.follow import Seen, ZoneFollower, ZoneReport
+
+GATE = Zone(from_mm=120, to_mm=200)
+SLOW = Zone(from_mm=120, to_mm=200, dwell_ms=20)
+LENGTH_MM, HOLD_US, STEP_US = 400.0, 100_000, 5000
+
+I, O, U = ZoneState.INSIDE, ZoneState.OUTSIDE, ZoneState.UNSURE  # noqa: E741  # as short as the rows need
+What = float | Literal["clear"] | None
+Step = tuple[What, int, int]
+
+
+def at(middle: float, half: float = 1.0) -> Span:
+    return Span(middle, middle - half, middle + half)
+
+
+def steps(*whats: What) -> list[Step]:
+    return [(what, STEP_US, 1) for what in whats]
+
+
+STORIES: dict[str, tuple[Zone, list[Step], list[ZoneState | None], int]] = {
+    "an answer is harder to begin than to keep": (
+        GATE,
+        steps(121.7, 121.4, 121.2, 121.4, 121.7, 118.6, 118.3, 118.6, 118.8, 118.6),
+        [I, I, U, U, I, U, O, O, U, U],
+        1,
+    ),
+    "an entry follows on outside, not on unsure": (GATE, steps(150, 120, 150, 100, 150), [I, U, I, O, I], 2),
+    "a lift ends the stay": (GATE, steps(150, "clear", 150), [I, O, I], 2),
+    "a touch beside the edge of a clear beam is not sure to be outside": (GATE, steps("clear", 118.6), [O, U], 0),
+    "without a contact to judge there is no answer": (GATE, steps(150, None, 150), [I, None, I], 2),
+    "inside comes after the dwell": (SLOW, steps(*[150] * 6), [U, U, U, U, I, I], 1),
+    "what interrupts the contact begins the dwell anew": (
+        SLOW,
+        steps(150, 150, 150, 150, 121, *[150] * 5),
+        [U, U, U, U, U, U, U, U, U, I],
+        1,
+    ),
+    "where samples are missing, the dwell begins anew": (
+        SLOW,
+        [*steps(*[150] * 4), (150, 90_000, 18), *steps(*[150] * 4)],
+        [*[U] * 8, I],
+        1,
+    ),
+    "where a sample is missing, an answer begins anew, but a contact does not enter again": (
+        GATE,
+        [*steps(121.7, 121.4), (121.4, 2 * STEP_US, 2), *steps(121.7), (150, 2 * STEP_US, 2)],
+        [I, I, U, I, I],
+        1,
+    ),
+    "samples at rest count in full": (SLOW, [*steps(150), (150, 90_000, 1)], [U, I], 1),
+    "after a pause longer than a contact is held nothing is known": (
+        SLOW,
+        [*steps(*[150] * 5), (150, 100_001, 1), *steps(*[150] * 4)],
+        [U, U, U, U, I, U, U, U, U, I],
+        2,
+    ),
+    "a clock that is set back takes no time away": (
+        SLOW,
+        [*steps(150, 150, 150), (150, -1, 1), *steps(150, 150), (150, -90_000, 1)],
+        [U, U, U, U, U, I, I],
+        1,
+    ),
+}
+
+
+def follower_of(zone: Zone, former: ZoneFollower | None = None) -> ZoneFollower:
+    """Return the follower of a zone, which goes on from the memory of a former one."""
+    memory = json.loads(json.dumps(former.memory)) if former else None
+    return ZoneFollower({"gate": zone}, LENGTH_MM, HOLD_US, memory)
+
+
+def reports_of(zone: Zone, story: list[Step], *, restarts: bool = False) -> list[ZoneReport]:
+    """Return what each sample shows, to a service that is started anew after each of them if it `restarts`."""
+    follower, at_us, found = follower_of(zone), 1_000_000, []
+    for what, passed_us, more in story:
+        at_us += passed_us
+        if more > 1:
+            follower.miss()
+        position = at(what) if isinstance(what, float | int) else None
+        found.append(follower.step(Seen(at_us, what == "clear", position)))
+        follower = follower_of(zone, follower) if restarts else follower
+    return found
+
+
+@pytest.mark.parametrize("name", STORIES)
+def test_answers_of_consecutive_samples(name: str) -> None:
+    zone, story, expected, entries = STORIES[name]
+    reports = reports_of(zone, story)
+    assert [report.answers["gate"] for report in reports] == expected
+    assert sum(len(report.entered) for report in reports) == entries
+
+
+@pytest.mark.parametrize("name", STORIES)
+def test_every_report_is_the_same_through_any_restart(name: str) -> None:
+    zone, story, _, _ = STORIES[name]
+    assert reports_of(zone, story, restarts=True) == reports_of(zone, story)
+
+
+def test_the_dwell_is_part_of_the_time_inside() -> None:
+    each = [report.stays_us.get("gate") for report in reports_of(SLOW, steps(*[150] * 6, 100))]
+    assert each == [None, None, None, None, 20_000, 5000, None]
+
+
+def test_a_zone_that_is_defined_anew_begins_anew() -> None:
+    follower = follower_of(SLOW)
+    for at_us in range(0, 25_000, STEP_US):
+        report = follower.step(Seen(at_us, position=at(150)))
+    assert report.answers == {"gate": I}
+    seen = Seen(25_000, position=at(150))
+    assert follower_of(SLOW.model_copy(update={"from_mm": 110.0}), follower).step(seen).answers == {"gate": U}
+    assert follower_of(SLOW, follower).step(seen).answers == {"gate": I}
