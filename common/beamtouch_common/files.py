@@ -13,7 +13,7 @@ from beamtouch_common.complaints import complaint, parser_complaint
 from beamtouch_common.errors import InputError
 
 MAX_BYTES = 1024 * 1024
-"""Largest text file, a thousand times a usual one; a larger file was given by mistake."""
+"""Largest file that people write, a thousand times a usual one; a larger file was given by mistake."""
 
 Context = Mapping[str, Any] | None
 """What validators of a model need to know beside the file."""
@@ -28,18 +28,25 @@ def load_toml(kind: type[Model], path: Path, *, context: Context = None) -> Mode
 def read_text(path: Path) -> str:
     """Read a text file in UTF-8 of at most `MAX_BYTES`; InputError with the reason in one line."""
     try:
-        with path.open("rb") as file:
-            content = file.read(MAX_BYTES + 1)
+        content = read_bounded(path)
     except OSError as error:
         raise InputError(f"{path}: {error.strerror}") from None
-    except ValueError:  # a null character
-        raise InputError(f"{str(path)!r} cannot be the path of a file") from None
-    if len(content) > MAX_BYTES:
-        raise InputError(f"{path}: larger than {MAX_BYTES >> 20} MiB; is it the right file?")
     try:
         return content.decode("utf-8-sig")  # some editors begin a file with a byte order mark
     except UnicodeDecodeError:
         raise InputError(f"{path}: not a text file in UTF-8") from None
+
+
+def read_bounded(path: Path) -> bytes:
+    """Read a file of at most `MAX_BYTES`; InputError if it is larger, as a device is that never ends, else OSError."""
+    try:
+        with path.open("rb") as file:
+            content = file.read(MAX_BYTES + 1)
+    except ValueError:  # a null character
+        raise InputError(f"{str(path)!r} cannot be the path of a file") from None
+    if len(content) > MAX_BYTES:
+        raise InputError(f"{path}: larger than {MAX_BYTES >> 20} MiB; is it the right file?")
+    return content
 
 
 def parse_toml(kind: type[Model], text: str, origin: str, *, context: Context = None) -> Model:

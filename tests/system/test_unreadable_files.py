@@ -28,28 +28,37 @@ def no_text(path: Path) -> None:
     path.write_bytes(b"\xff\xfe\x00")
 
 
+def endless(path: Path) -> None:
+    path.symlink_to("/dev/zero")
+
+
 Reasons = dict[Callable[[Path], None], str]
 ABSENT: Reasons = {folder: "Is a directory", dangling_link: "No such file or directory"}
-NO_TOKEN = ABSENT | {no_text: "more than one word of printable ASCII"}
-NO_PASSWORD = ABSENT | {no_text: "not one line of text"}
+NO_TOKEN = ABSENT | {no_text: "more than one word of printable ASCII", endless: "longer than 4096 bytes"}
+NO_PASSWORD = ABSENT | {no_text: "not one line of text", endless: "not one line of text"}
+TOO_LARGE = "larger than 1 MiB; is it the right file?"
 DAEMON = configs.PUBLISH + configs.surface()
 ENDS_WITH_1: dict[str, tuple[str, Reasons]] = {
     "daemon publish.token_file": (DAEMON.replace("beamtouch.token", "one.named"), NO_TOKEN),
     "daemon publish.certificate_file": (
         DAEMON.replace("[publish]", '[publish]\ncertificate_file = "one.named"'),
-        ABSENT | {no_text: "contains no PEM certificate"},
+        ABSENT | {no_text: "contains no PEM certificate", endless: "contains no PEM certificate"},
+    ),
+    "daemon tare_file": (
+        DAEMON.replace("rate_hz", 'tare_file = "one.named"\nrate_hz', 1),
+        {folder: ABSENT[folder], no_text: "not a tare file", endless: TOO_LARGE},
     ),
     "service server.write_token_file": ('[server]\nwrite_token_file = "one.named"\n', NO_TOKEN),
     "service server.read_token_file": ('[server]\nread_token_file = "one.named"\n', NO_TOKEN),
     "service server.certificate_file": (
         '[server]\ncertificate_file = "one.named"\nkey_file = "one.named"\n',
-        ABSENT | {no_text: "are not a PEM certificate and its key without a passphrase"},
+        ABSENT | dict.fromkeys((no_text, endless), "are not a PEM certificate and its key without a passphrase"),
     ),
     "service mqtt.password_file": ('[mqtt]\nhost = "b"\nusername = "u"\npassword_file = "one.named"\n', NO_PASSWORD),
     "service opcua.password_file": ('[opcua]\nusername = "u"\npassword_file = "one.named"\n', NO_PASSWORD),
     "service opcua.certificate_file": (
         '[opcua]\ncertificate_file = "one.named"\nkey_file = "one.named"\n',
-        ABSENT | {no_text: "not a PEM or DER certificate"},
+        ABSENT | {no_text: "not a PEM or DER certificate", endless: TOO_LARGE},
     ),
 }
 """Configurations by program and key, each with its reasons. A file that is absent ends the program with 1.
@@ -60,14 +69,16 @@ ENDS_WITH_2: dict[str, tuple[str, Reasons]] = {
     # No pattern of an include matches a folder.
     "daemon include": (
         f'include = ["*.named"]\n{DAEMON}',
-        {dangling_link: ABSENT[dangling_link], no_text: "not a text file in UTF-8"},
+        {dangling_link: ABSENT[dangling_link], no_text: "not a text file in UTF-8", endless: TOO_LARGE},
     ),
     "service mqtt.ca_file": (
         '[mqtt]\nhost = "b"\ntls = true\nca_file = "one.named"\n',
-        ABSENT | {no_text: "not PEM"},
+        ABSENT | {no_text: "not PEM", endless: "not PEM"},
     ),
 }
 """The same; a file that is absent ends the program with 2."""
+WRONG = {no_text, endless}
+"""What makes files whose contents are wrong."""
 CONFIGURATIONS = ENDS_WITH_1 | ENDS_WITH_2
 
 
@@ -85,7 +96,7 @@ def test_a_file_that_cannot_be_read_is_one_line_with_its_reason(
         done = command_of(daemon_cli.main, capsys)("run", tmp_path / "config.toml")
     else:
         done = command_of(service_cli.main, capsys)("run", "--port", 0, "--config", tmp_path / "config.toml")
-    code = 1 if key in ENDS_WITH_1 and make is not no_text else 2
+    code = 1 if key in ENDS_WITH_1 and make not in WRONG else 2
     assert (done.returncode, done.stdout, done.stderr.count("\n")) == (code, "", 1), done.stderr
     assert str(tmp_path / "one.named") in done.stderr
     assert reasons[make] in done.stderr

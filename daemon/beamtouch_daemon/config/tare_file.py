@@ -7,7 +7,7 @@ from pathlib import Path
 from pydantic import BaseModel, ConfigDict, FiniteFloat, ValidationError
 
 from beamtouch_common.errors import FailedError, InputError
-from beamtouch_common.files import write_atomically
+from beamtouch_common.files import read_bounded, write_atomically
 from beamtouch_service.samples import ChannelName, SurfaceName
 
 MODE = 0o644
@@ -40,7 +40,7 @@ def load(path: Path, channels: Sequence[str]) -> dict[str, float]:
     InputError if the file cannot be used; FailedError if it cannot be read now.
     """
     try:
-        content = TareFile.model_validate_json(path.read_bytes())
+        content = TareFile.model_validate_json(read_bounded(path))
     except FileNotFoundError:
         return {}
     except OSError as error:

@@ -19,6 +19,7 @@ from cryptography.hazmat.primitives.asymmetric.rsa import RSAPrivateKey
 from cryptography.x509 import Certificate, verification
 
 from beamtouch_common.errors import FailedError, InputError
+from beamtouch_common.files import read_bounded
 from beamtouch_common.secrets import read_password
 from beamtouch_service.outputs.opcua.section import OpcUaSection
 from beamtouch_service.outputs.opcua.subscriptions import OwnSubscriptions
@@ -185,9 +186,9 @@ async def _read_key(path: Path) -> RSAPrivateKey:
 
 
 def _read(path: Path) -> tuple[bytes, str]:
-    """Return the content of a file, and its kind as the library calls it; raises FailedError."""
+    """Return the content of a file, and its kind as the library calls it; raises InputError and FailedError."""
     try:
-        content = path.read_bytes()
+        content = read_bounded(path)
     except OSError as error:
         raise FailedError(f"{path}: {error.strerror}") from None
     return content, "pem" if b"-----BEGIN" in content else "der"
