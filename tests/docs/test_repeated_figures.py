@@ -73,10 +73,14 @@ def test_what_to_buy_follows_from_what_a_service_takes() -> None:
         "50 Hz, always moving": 50 * one_us / 1e4,
     }
 
-    carried = {row: int(rows_of(page)[row][0]) for row in shares}
-    assert carried == {row: math.floor(planned / share) for row, share in shares.items()}
+    cells = {row: [int(cell) for cell in rows_of(page)[row]] for row in shares}
+    carried = {row: math.floor(planned / share) for row, share in shares.items()}
+    assert cells == {row: [one, *(math.ceil(all_ / one) for all_ in (100, 1000, 5000))] for row, one in carried.items()}
     assert f"plan a core for {planned / daemon:.0f} surfaces at rest" in line
-    assert f"plan {least_mb:.0f} MB, and {(most_mb - least_mb) / 499:.1f} MB for each surface" in line
+    each_mb = (most_mb - least_mb) / 499
+    assert f"plan {least_mb:.0f} MB, and {each_mb:.1f} MB for each surface" in line
+    thousands_gb = [(least_mb + each_mb * number) / 1000 for number in (1000, 5000)]
+    assert "({:.1f} GB with 1000, {:.1f} GB with 5000)".format(*thousands_gb) in line
 
 
 def numbers(pattern: str, text: str) -> list[float]:

@@ -22,6 +22,7 @@ from beamtouch_models.accuracy import thresholds
 from beamtouch_models.calibration import recordings
 from beamtouch_models.challenge import challenge
 from beamtouch_models.decision import decider, evidence, wrong_channels
+from beamtouch_models.filters import rest
 from beamtouch_models.filters.look import DRIFT_PART, STILL_PART
 from beamtouch_models.filters.motion import SCATTER_PART
 from beamtouch_models.health import changes
@@ -153,6 +154,10 @@ STATED = {
         f"more recent than {PARTS[STILL_PART]} of the slowest period",
         f"over {PARTS[SCATTER_PART]} of the slowest period",
     ],
+    "docs/decisions/015-health.md": [
+        f"at least {WORDS[changes.MIN_CONTACTS]} contacts",
+        f"beyond {WORDS[changes.DRIFT]} times the stated drift",
+    ],
     "docs/decisions/017-mean-since-touch.md": [
         f"only {PARTS[1 / DRIFT_PART]} of them",
         f"until {PARTS[STILL_PART]} of the slowest period agrees",
@@ -160,6 +165,7 @@ STATED = {
     "docs/decisions/018-when-a-state-begins-and-ends.md": [
         f"begins and ends with {WORDS[decider.PERSISTENCE]} samples in a row"
     ],
+    "docs/decisions/031-samples-at-rest.md": [f"further from the mean than {WORDS[rest.EXPLAINED]} deviations"],
     "docs/decisions/032-zones.md": [
         f"the interval at {share(BEGIN):.1f} % lies on one side, and ends if that at {share(HOLD):.0f} % does not"
     ],

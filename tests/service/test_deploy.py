@@ -24,7 +24,7 @@ def test_the_password_comes_from_a_file_that_a_group_may_read(
     url = load_settings(FOLDER / "service.toml", {}).events.url
     assert url is not None
     assert "Environment=PGSERVICEFILE=" in UNIT.read_text()
-    # As newer versions of systemd pass a credential.
+    # As systemd 254 and later pass a credential.
     file = tmp_path / "pg_service.conf"
     file.write_text(f"[beamtouch]\npassword={PASSWORD}\n")
     file.chmod(0o440)
