@@ -15,7 +15,9 @@ from pydantic import ValidationError
 from beamtouch_daemon.config.file import load_config
 from beamtouch_daemon.config.settings import Config, Surface
 from beamtouch_daemon.config.sources import ModbusTcp
-from wrong_numbers import with_wrong_numbers
+from beamtouch_daemon.processing.pipeline import Pipeline
+from beamtouch_daemon.sources.reading import Reading
+from wrong_numbers import numbers_in, with_value, with_wrong_numbers
 
 from . import configs
 from .conftest import Refused
@@ -26,6 +28,7 @@ EXAMPLE = Path(__file__).parents[2] / "daemon" / "daemon.example.toml"
 TABLES = Surface.model_json_schema()["properties"]
 KINDS = [(table, kind) for table in ("source", "filter") for kind in TABLES[table]["discriminator"]["mapping"]]
 """Each kind that a table can have; the example shows all of them."""
+EXTREMES = [sign * 10.0**power for sign in (-1, 1) for power in (-320, -300, -100, -12, -3, 3, 6, 12, 100, 300, 308)]
 TRACKING = "# [surfaces.bench.zero_tracking]"
 Complaint = Callable[[Path], str]
 
@@ -82,6 +85,26 @@ def test_every_kind_in_the_example_is_valid_and_only_a_number_is_a_number(table:
             continue
         taken.append(what)
     assert not taken
+
+
+@pytest.mark.parametrize("kind", [kind for table, kind in KINDS if table == "filter"])
+def test_each_number_is_refused_or_makes_samples_without_overflow(kind: str) -> None:
+    content, context = tomllib.loads(choose("filter", kind)), {"directory": Path()}
+    accepted = 0
+    for place in numbers_in(content["surfaces"]):
+        for number in EXTREMES:
+            changed = with_value(content, ("surfaces", *place), number)
+            try:
+                config = Config.model_validate(changed, context=context)
+            except ValidationError:
+                continue
+            for surface in config.surfaces.values():
+                rows = [tuple(4000.0 * step + 1000 for _ in surface.channels) for step in range(8)]
+                readings = [Reading(index / max(surface.rate_hz, 1.0), row) for index, row in enumerate(rows)]
+                taken = Pipeline(surface).process(readings, 1e9)
+                assert taken, (place, number)
+            accepted += 1
+    assert accepted > len(EXTREMES)
 
 
 def test_without_a_filter_table_every_reading_is_a_sample(tmp_path: Path) -> None:

@@ -13,7 +13,16 @@ from beamtouch_common.secrets import read_token
 from beamtouch_daemon.config import tare_file
 from beamtouch_daemon.config.modules import Encoding, Module
 from beamtouch_daemon.config.publish import Publish, trust
-from beamtouch_daemon.config.signal import Channel, Filter, GrowingMean, NoFilter, Pair, Positive, ZeroTracking
+from beamtouch_daemon.config.signal import (
+    LARGEST_MM,
+    Channel,
+    Filter,
+    GrowingMean,
+    NoFilter,
+    Positive,
+    Range,
+    ZeroTracking,
+)
 from beamtouch_daemon.config.sources import ModbusRtu, ModbusTcp, NetworkPort, RelativePath, SerialLine, Source, Strict
 from beamtouch_service.samples import MAX_CHANNELS, BeamIdentity, SurfaceName
 
@@ -33,7 +42,7 @@ class Metrics(Strict):
 class Loads(Strict):
     """The loads that the model covers; `record` refuses others."""
 
-    position_mm: Pair
+    position_mm: Range
     """Range of positions, from the left end of the beam."""
     max_force_n: Positive
     """Largest force."""
@@ -56,7 +65,7 @@ class Surface(Strict):
     measures it. `tare` refuses a surface that moves more. It also determines after how many equal readings a channel is
     stuck. Samples state their covariance only if it is given.
     """
-    zero_drift_mm: Annotated[FiniteFloat, Field(ge=0)] = 0.0
+    zero_drift_mm: Annotated[FiniteFloat, Field(ge=0, le=LARGEST_MM)] = 0.0
     """Standard deviation of each rest gap since the last tare, from drift and warmth; `tare` allows four times as much.
     """
     slowest_period_ms: Annotated[FiniteFloat | None, Field(gt=0, le=60_000)] = None

@@ -11,15 +11,28 @@ from beamtouch_daemon.config.sources import Host, Strict
 from beamtouch_models.filters import readings_within
 from beamtouch_service.samples import ChannelName
 
+LARGEST = 1e6
+"""Largest number in any unit. A larger one is a mistake, and figures overflow."""
+LARGEST_MM = 1e4
+"""Largest length. The service takes no larger noise."""
+LARGEST_COUNT = 1e12
+"""Largest count, beyond those of 32 bits."""
+SMALLEST_SLOPE = 1e-12
+"""Smallest slope of a characteristic [mm per count]: with it, all counts of 32 bits span 4 nm."""
+
 
 def _nonzero(value: float) -> float:
-    if value == 0:
+    if abs(value) < SMALLEST_SLOPE:
         raise ValueError("must not be 0: every count would give the same gap")
     return value
 
 
-Positive = Annotated[FiniteFloat, Field(gt=0)]
-Pair = Annotated[tuple[FiniteFloat, FiniteFloat], Field(strict=False)]
+Positive = Annotated[FiniteFloat, Field(gt=0, le=LARGEST)]
+Length = Annotated[FiniteFloat, Field(ge=-LARGEST_MM, le=LARGEST_MM)]
+Count = Annotated[FiniteFloat, Field(ge=-LARGEST_COUNT, le=LARGEST_COUNT)]
+Range = Annotated[tuple[Length, Length], Field(strict=False)]
+Counts = Annotated[tuple[Count, Count], Field(strict=False)]
+Point = Annotated[tuple[Count, Length], Field(strict=False)]
 
 
 class _Spike(Strict):
@@ -104,22 +117,22 @@ class Channel(Strict):
     """Modbus TCP: device of this channel; default: the source's."""
     type: Encoding | None = None
     """Modbus: data type of the counts; default: the module's, or u16."""
-    gain_mm_per_count: Annotated[FiniteFloat, AfterValidator(_nonzero)] | None = None
+    gain_mm_per_count: Annotated[Length, AfterValidator(_nonzero)] | None = None
     """gap = offset + gain x counts."""
-    offset_mm: FiniteFloat | None = None
+    offset_mm: Length | None = None
     """Gap at 0 counts."""
-    table: Annotated[tuple[Pair, ...], Field(strict=False)] | None = None
+    table: Annotated[tuple[Point, ...], Field(strict=False)] | None = None
     """[counts, gap] points instead of gain and offset, joined by straight lines; out-of-range beyond the ends."""
-    rest_gap_mm: FiniteFloat
+    rest_gap_mm: Length
     """Gap with nothing on the beam; the tare file overrides it."""
     smallest_force_mm: Positive | None = None
     """Deflection here under the model's smallest force, where it moves this sensor most. `tare` refuses a rest gap that
     differs by a tenth of it. Default: a load shows only beyond a part of `range_mm`."""
-    range_mm: Pair
+    range_mm: Range
     """Linear range of the sensor; gaps outside it are out-of-range."""
     adc_bits: Annotated[int, Field(ge=1, le=16)] = 16
     """Counts of 0 and of 2**adc_bits - 1 are saturated."""
-    counts_range: Pair | None = None
+    counts_range: Counts | None = None
     """Counts at these ends and beyond are saturated; overrides `adc_bits`."""
     stuck_after_ms: Positive | None = None
     """A channel is stuck when its counts have not changed for longer; default: from the surface's `noise_mm`."""
@@ -166,5 +179,5 @@ def _check_table(table: tuple[tuple[float, float], ...]) -> None:
         if after[1] == before[1] or (after[1] > before[1]) != (table[1][1] > table[0][1]):
             message = f"table: gaps must all increase or all decrease, but {after[1]:g} mm follows {before[1]:g} mm"
             raise ValueError(message)
-        if not 0 < abs(after[1] - before[1]) / (after[0] - before[0]) < math.inf:
+        if not SMALLEST_SLOPE <= abs(after[1] - before[1]) / (after[0] - before[0]) <= LARGEST:
             raise ValueError(f"table: no slope can be computed from {before[0]:g} to {after[0]:g} counts")
