@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from scipy.special import chdtri
 
-from beamtouch_models.accuracy.limit import accuracy_limit
 from beamtouch_models.accuracy.posterior import posterior_quantiles
 from beamtouch_models.accuracy.prior import Prior, cautious_forces, forces_of
 from beamtouch_models.error_model import whitening
@@ -246,7 +245,9 @@ def test_of_many_sensors_neighbours_show_how_many_are_enough() -> None:
     def share(kept: range) -> float:
         """The error of neighbours over that of a guess, a quarter of the range."""
         some = prior.without(*(set(range(9)) - set(kept)))
-        return accuracy_limit(some, 512, 0).percent / ((399 - 1) / 4 / 400 * 100)
+        drawn = draw(some, 512, 0)
+        error_mm = np.abs(best_position_mm(some, drawn.deflection_mm) - drawn.position_mm)
+        return float(error_mm.mean()) / ((399 - 1) / 4)
 
     assert max(share(range(first, first + found)) for first in range(9 - found + 1)) <= ENOUGH
     assert max(share(range(first, first + found - 1)) for first in range(9 - found + 2)) > ENOUGH
