@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammaln
 
-from beamtouch_models.accuracy import limit
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.thresholds import (
     DRIFTS,
@@ -32,7 +31,7 @@ from beamtouch_models.scene import Scene, load_scene
 from beamtouch_models.session import Run, runner
 from beamtouch_models.surface import Surface
 from example_scenes import SCENES
-from posterior_cases import graph_of
+from posterior_cases import draw, graph_of
 from rare_rest import FARTHEST, Sequences, at_rest, log_tilt, overlapping_means, rest_like_contact, tilted
 from stated_problems import fewest_mm, real_prior
 
@@ -119,7 +118,7 @@ def false_stretches_of_contacts_per_day(on: Watched, kept: tuple[int, ...], draw
 
 def _stretches_of_contacts(on: Watched, kept: tuple[int, ...], window: int, draws: int, seed: int) -> float:
     prior, size, rng = on.prior, len(kept), np.random.default_rng(seed)
-    contacts = limit.draw(prior, draws, seed)
+    contacts = draw(prior, draws, seed)
     clean = contacts.force_n[:, None] * prior.table(contacts.position_mm)
     moved = contacts.force_n[:, None] * prior.table(contacts.position_mm, 1)
     deviation = prior.deviation_mm(clean)

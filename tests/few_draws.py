@@ -20,11 +20,11 @@ def few_draws() -> Iterator[None]:
 
 @contextmanager
 def short_work() -> Iterator[None]:
-    """Also score few layouts, draw few contacts for every figure, and time few inferences."""
+    """Also score few layouts, draw few contacts for every figure, train little, and time few inferences."""
     from beamtouch_models.building import sensors, since_touch  # noqa: PLC0415  # as above
     from beamtouch_models.building.report import page  # noqa: PLC0415
     from beamtouch_models.commands import explain, place  # noqa: PLC0415
-    from beamtouch_models.estimators import estimator  # noqa: PLC0415
+    from beamtouch_models.estimators import estimator, paper_network  # noqa: PLC0415
     from beamtouch_models.placement import placing, position_error, search  # noqa: PLC0415
     from beamtouch_models.trade import measure  # noqa: PLC0415
 
@@ -41,6 +41,7 @@ def short_work() -> Iterator[None]:
             (since_touch, "CONTACTS", 8),
             (since_touch, "MOST", 64),
             (estimator, "DRAWS", 64),
+            (paper_network, "PATIENCE", 10),
             (page, "PROFILE_DRAWS", 500),
             (page, "LAYOUT_DRAWS", 200),
             (measure, "CALLS", 5),

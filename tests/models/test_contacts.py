@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from beamtouch_models.accuracy import limit, posterior
+from beamtouch_models.accuracy import posterior
 from beamtouch_models.accuracy.limit import simulated
 from beamtouch_models.accuracy.statistics import Measurement, mean_of, quantile_of, share_of
-from posterior_cases import prior_of
+from posterior_cases import draw, prior_of
 
 SEEDS = 50
 CASES = [
@@ -56,7 +56,7 @@ def test_the_stated_standard_errors_are_those_over_seeds(case: tuple[str, int, f
 def test_the_figures_are_those_of_plain_draws(case: tuple[str, int, float, bool], draws: int) -> None:
     name, sensors, noise, known = case
     prior = prior_of(name, sensors, noise, known=known)
-    drawn = limit.draw(prior, draws, 7)
+    drawn = draw(prior, draws, 7)
     quantiles, deviation = posterior.posterior_quantiles(prior, drawn.deflection_mm)
     median = quantiles[:, 0]
     plain = {

@@ -9,13 +9,13 @@ import numpy as np
 import onnx
 import pytest
 
-from beamtouch_models.accuracy import limit
 from beamtouch_models.accuracy.evaluation import at_noise, evaluate
 from beamtouch_models.description import unseen
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.surface import prior_of_model
 from example_scenes import PAPER
 from in_process import Command
+from posterior_cases import draw
 
 
 @pytest.mark.long
@@ -33,7 +33,7 @@ def test_the_model_of_the_bench_is_at_its_limit(bench: ModelFile) -> None:
     assert found.unexplained is not None
     assert found.unexplained.value < 1e-3
     # Plain draws, by hand.
-    drawn = limit.draw(prior, 40_000, 5)
+    drawn = draw(prior, 40_000, 5)
     answer = bench.run(drawn.deflection_mm, prior.whitening(drawn.deflection_mm))
     error = np.abs(answer["position_mm"] - drawn.position_mm)
     mean = found.span.mean_mm

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from scipy.special import chdtri
 
-from beamtouch_models.accuracy import limit
 from beamtouch_models.accuracy.posterior import posterior_quantiles
 from beamtouch_models.accuracy.prior import Prior, cautious_forces, forces_of
 from beamtouch_models.error_model import whitening
@@ -22,7 +21,9 @@ from example_scenes import paper_scene
 from false_alarms import surface
 from posterior_cases import (
     answers_of,
+    best_position_mm,
     check_sane,
+    draw,
     graph_of,
     nonsense,
     plain_posterior,
@@ -39,7 +40,7 @@ FINEST = 1e-4
 @pytest.mark.parametrize("noise_percent", [10.0, 2.0])
 def test_answers_are_those_of_a_plain_integral_over_position_and_force(noise_percent: float, known: bool) -> None:
     prior = prior_of("bench", 3, noise_percent, known=known)
-    drawn = limit.draw(prior, 12, 5)
+    drawn = draw(prior, 12, 5)
     answers = answers_of(graph_of(prior), prior, drawn.deflection_mm)
     # Where nothing speaks for a contact, no position is ever stated.
     for row in np.flatnonzero(answers["contact_log_odds"] > 2):
@@ -69,7 +70,7 @@ def test_the_misfit_of_a_contact_is_chi_square_and_that_of_a_fault_is_not(
     name: str, sensors: int, noise_percent: float
 ) -> None:
     prior = with_floor(prior_of(name, sensors, noise_percent, known=False))
-    drawn = limit.draw(prior, 4000, 6)
+    drawn = draw(prior, 4000, 6)
     graph = graph_of(prior)
     misfit = answers_of(graph, prior, drawn.deflection_mm)["misfit"]
     inside = (prior.position_mm[0] + 20 < drawn.position_mm) & (drawn.position_mm < prior.position_mm[1] - 20)
@@ -107,7 +108,7 @@ def test_intervals_lean_on_neither_end_of_the_range_of_the_force(name: str) -> N
 
 def test_a_known_force_stays_known_within_the_floor() -> None:
     prior = with_floor(prior_of("bench", 4, 0.3, known=True))
-    drawn = limit.draw(prior, 500, 3)
+    drawn = draw(prior, 500, 3)
     graph = posterior_graph(prior, with_force=True)
     answers = answers_of(graph, prior, drawn.deflection_mm)
     inside = (drawn.position_mm > 40) & (drawn.position_mm < 360)
@@ -152,10 +153,10 @@ def test_the_error_is_at_the_limit_and_intervals_hold_the_truth(
 ) -> None:
     prior = prior_of(name, sensors, noise_percent, known=known)
     prior = with_floor(prior) if floor else prior
-    drawn = limit.draw(prior, 1200, 11)
+    drawn = draw(prior, 1200, 11)
     answers = answers_of(graph_of(prior), prior, drawn.deflection_mm)
     error = np.abs(answers["position_mm"] - drawn.position_mm)
-    best = np.abs(limit.posterior_median_mm(prior, drawn.deflection_mm) - drawn.position_mm)
+    best = np.abs(best_position_mm(prior, drawn.deflection_mm) - drawn.position_mm)
     ratio = error.mean() / best.mean()
     spread = (error - ratio * best).std() / best.mean() / len(error) ** 0.5
     assert ratio < 1.05 + 3 * spread
@@ -172,9 +173,9 @@ def test_the_error_is_at_the_limit_and_intervals_hold_the_truth(
 
 def test_with_noise_as_large_as_the_deflection_the_posterior_is_still_right() -> None:
     prior = prior_of("bench", 3, 100.0, known=False)
-    drawn = limit.draw(prior, 1500, 1)
+    drawn = draw(prior, 1500, 1)
     answers = answers_of(graph_of(prior), prior, drawn.deflection_mm)
-    best = limit.posterior_median_mm(prior, drawn.deflection_mm)
+    best = best_position_mm(prior, drawn.deflection_mm)
     width = answers["position_high_mm"] - answers["position_low_mm"]
     assert (np.abs(answers["position_mm"] - best) < 0.07 * width).all()
     held = (answers["position_low_mm"] <= drawn.position_mm) & (drawn.position_mm <= answers["position_high_mm"])
@@ -189,9 +190,9 @@ def test_with_noise_as_large_as_the_deflection_the_posterior_is_still_right() ->
 )
 def test_the_limit_holds_down_to_the_noise_that_float32_carries(name: str, sensors: int, known: bool) -> None:
     prior = prior_of(name, sensors, FINEST, known=known)
-    drawn = limit.draw(prior, 1000, 5)
+    drawn = draw(prior, 1000, 5)
     answers = answers_of(graph_of(prior), prior, drawn.deflection_mm)
-    best = np.abs(limit.posterior_median_mm(prior, drawn.deflection_mm) - drawn.position_mm).mean()
+    best = np.abs(best_position_mm(prior, drawn.deflection_mm) - drawn.position_mm).mean()
     assert np.abs(answers["position_mm"] - drawn.position_mm).mean() / best < 1.05
     held = (answers["position_low_mm"] <= drawn.position_mm) & (drawn.position_mm <= answers["position_high_mm"])
     assert 0.93 < held.mean() < 0.995
@@ -204,7 +205,7 @@ def test_any_channels_that_determine_a_position_do_so_as_well_as_they_can(name: 
     prior = prior_of(name, sensors, 1.0, known=known)
     fewest = fewest_channels(prior, 0)
     assert fewest < sensors
-    drawn = limit.draw(prior, 800, 12)
+    drawn = draw(prior, 800, 12)
     graph = graph_of(prior)
     for size in range(fewest, sensors):
         for kept in combinations(range(sensors), size):
@@ -212,7 +213,7 @@ def test_any_channels_that_determine_a_position_do_so_as_well_as_they_can(name: 
             valid[:, kept] = True
             answers = answers_of(graph, prior, drawn.deflection_mm, valid)
             missing = set(range(sensors)) - set(kept)
-            best = limit.posterior_median_mm(prior.without(*missing), drawn.deflection_mm[:, kept])
+            best = best_position_mm(prior.without(*missing), drawn.deflection_mm[:, kept])
             error, least = (np.abs(x - drawn.position_mm).mean() for x in (answers["position_mm"], best))
             assert error < 1.05 * least, kept
             held = (answers["position_low_mm"] <= drawn.position_mm) & (
@@ -225,7 +226,7 @@ def test_an_estimator_resolves_the_posterior_of_samples_of_the_most_readings() -
     prior = with_floor(prior_of("two-spans", 5, 0.25, known=False))
     settled = dataclasses.replace(prior, noise_mm=prior.noise_mm / 20**0.5)
     made = estimator_of("posterior", prior, min_noise_mm=settled.noise_mm, with_force=True, seed=0, progress=silent)
-    drawn = limit.draw(settled, 1000, 9)
+    drawn = draw(settled, 1000, 9)
     answers = answers_of(made.graph, settled, drawn.deflection_mm)
     levels = np.tile([0.025, 0.975], (len(drawn.position_mm), 1))
     low, high = posterior_quantiles(settled, drawn.deflection_mm, levels)[0].T
@@ -244,7 +245,9 @@ def test_of_many_sensors_neighbours_show_how_many_are_enough() -> None:
     def share(kept: range) -> float:
         """The error of neighbours over that of a guess, a quarter of the range."""
         some = prior.without(*(set(range(9)) - set(kept)))
-        return limit.accuracy_limit(some, 512, 0).percent / ((399 - 1) / 4 / 400 * 100)
+        drawn = draw(some, 512, 0)
+        error_mm = np.abs(best_position_mm(some, drawn.deflection_mm) - drawn.position_mm)
+        return float(error_mm.mean()) / ((399 - 1) / 4)
 
     assert max(share(range(first, first + found)) for first in range(9 - found + 1)) <= ENOUGH
     assert max(share(range(first, first + found - 1)) for first in range(9 - found + 2)) > ENOUGH
@@ -285,7 +288,7 @@ def test_without_any_channel_the_answer_is_the_whole_range() -> None:
 
 def test_forces_over_six_decades() -> None:
     prior = dataclasses.replace(prior_of("bench", 4, 0.1, known=False), force_n=(2e-5, 20.0))
-    drawn = limit.draw(prior, 1500, 3)
+    drawn = draw(prior, 1500, 3)
     # Evenly over the decades instead of over the range: most contacts are then below the noise.
     rng = np.random.default_rng(3)
     force = 10 ** rng.uniform(np.log10(2e-5), np.log10(20), len(drawn.force_n))
@@ -293,7 +296,7 @@ def test_forces_over_six_decades() -> None:
     readings = clean + rng.normal(scale=prior.noise_mm, size=clean.shape)
     answers = answers_of(graph_of(prior), prior, readings)
     check_sane(prior, answers)
-    best = limit.posterior_median_mm(prior, readings)
+    best = best_position_mm(prior, readings)
     width = answers["position_high_mm"] - answers["position_low_mm"]
     # Where nothing speaks for a contact, the position means nothing.
     seen = answers["contact_log_odds"] > 5

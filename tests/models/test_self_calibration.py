@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from beamtouch_models import modelfile
-from beamtouch_models.accuracy import limit
 from beamtouch_models.calibration.recordings import UnlabelledContacts
 from beamtouch_models.calibration.self_calibrate import SelfCalibrated, self_calibrate, self_fit
 from beamtouch_models.calibration.theory import FIXITY, GAIN
@@ -21,6 +20,7 @@ from beamtouch_models.sweeps import silent
 from calibration_files import write_contacts
 from few_draws import short_work
 from in_process import Command
+from posterior_cases import best_position_mm, draw
 from real_surfaces import true_prior
 from unlabelled_contacts import OFF, Kind, fitted, random_contacts
 
@@ -43,9 +43,9 @@ def test_200_contacts_bring_the_error_to_the_limit(
     calibrated, real = found
     model = modelfile.load_bytes(calibrated.content, "calibrated")  # its golden answers come out
     prior = true_prior(bench.metadata, real)
-    fresh = limit.draw(prior, 1500, 9)
+    fresh = draw(prior, 1500, 9)
     reading = prior.measured(fresh.deflection_mm)
-    best = np.abs(limit.posterior_median_mm(prior, fresh.deflection_mm) - fresh.position_mm).mean()
+    best = np.abs(best_position_mm(prior, fresh.deflection_mm) - fresh.position_mm).mean()
 
     def seen(one: ModelFile) -> dict[str, np.ndarray]:
         return one.graph.estimate(

@@ -8,7 +8,6 @@ import pytest
 from numpy.typing import NDArray
 from scipy.special import chdtri
 
-from beamtouch_models.accuracy import limit
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.thresholds import rate_per_sample, touch_thresholds
 from beamtouch_models.arrays import Floats
@@ -18,7 +17,7 @@ from beamtouch_models.estimators.posterior.window import windowed_graph
 from beamtouch_models.estimators.small_network import Network, first_stage, train
 from beamtouch_models.metadata import FORCE_OUTPUTS, POSITION_OUTPUTS
 from beamtouch_models.session import runner
-from posterior_cases import answers_of, exceeding, graph_of, prior_of, with_floor
+from posterior_cases import answers_of, best_position_mm, draw, exceeding, graph_of, prior_of, with_floor
 
 PRIOR = with_floor(prior_of("bench", 4, 0.2, known=False))
 CONTACTS = 1000
@@ -74,7 +73,7 @@ def test_it_answers_as_the_posterior_under_any_covariance_and_mask(
     graph: onnx.ModelProto, kind: str, missing: int | None
 ) -> None:
     covariance = covariances()[kind]
-    drawn = limit.draw(PRIOR, CONTACTS, 7)
+    drawn = draw(PRIOR, CONTACTS, 7)
     rng = np.random.default_rng(8)
     excess = covariance - np.eye(4) * PRIOR.noise_mm**2
     reading = drawn.deflection_mm + rng.multivariate_normal(np.zeros(4), excess, CONTACTS)
@@ -123,9 +122,9 @@ def test_a_load_beyond_a_known_force_is_placed_where_it_is() -> None:
 def test_it_holds_where_perfect_sensors_have_hardly_any_noise() -> None:
     prior = prior_of("two-spans", 5, 3e-3, known=False)
     graph = graph_with(prior, trained(prior))
-    drawn = limit.draw(prior, 600, 4)
+    drawn = draw(prior, 600, 4)
     answers = answers_of(graph, prior, drawn.deflection_mm)
-    best = limit.posterior_median_mm(prior, drawn.deflection_mm)
+    best = best_position_mm(prior, drawn.deflection_mm)
     error, least = (np.abs(place - drawn.position_mm).mean() for place in (answers["position_mm"], best))
     assert error < 1.05 * least
     assert share_held(answers, "position", "mm", drawn.position_mm) >= 0.93
