@@ -89,11 +89,16 @@ def file_path(path: Path) -> Path:
 def write_atomically(path: Path, content: bytes, *, mode: int | None = None) -> None:
     """Replace a file in one step, so that no reader ever sees a part of it; OSError if that is impossible.
 
+    A device or a pipe, such as /dev/null, is written to and stays what it is.
+
     Parameters
     ----------
     path, content : The file, and all of its content.
     mode : Its permissions; by default the umask decides.
     """
+    if path.exists() and not path.is_file() and not path.is_dir():
+        path.write_bytes(content)
+        return
     partial = path.with_name(f".{path.name}.{secrets.token_hex(4)}.partial")
     try:
         descriptor = os.open(partial, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666 if mode is None else mode)

@@ -96,5 +96,6 @@ def _print_table(table: Table) -> None:
         drawn.add_column(heading, justify="left" if is_text else "right", overflow="fold")
     for place, cells in enumerate(table.rows):
         drawn.add_row(*cells, style="bold" if place in table.bold else None)
-    width = None if sys.stdout.isatty() else WIDTH_WITHOUT_TERMINAL
+    is_terminal = sys.stdout is not None and sys.stdout.isatty()  # None if it was closed before the start
+    width = None if is_terminal else WIDTH_WITHOUT_TERMINAL
     Console(width=width, highlight=False, markup=False).print(drawn)

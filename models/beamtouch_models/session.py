@@ -77,7 +77,9 @@ class Graph:
     def run(self, deflection_mm: NDArray[np.floating], whitening_per_mm: NDArray[np.floating]) -> Answers:
         """Answer any number of samples of any precision, in chunks that fit the cache; otherwise as `estimate`."""
         inputs = deflection_mm.astype(np.float32), whitening_per_mm.astype(np.float32)
-        chunks = [slice(start, start + CHUNK) for start in range(0, max(1, len(deflection_mm)), CHUNK)]
+        if not len(deflection_mm):  # onnxruntime refuses to multiply no matrices
+            return {name: np.empty(0, np.float32) for name in self.outputs}
+        chunks = [slice(start, start + CHUNK) for start in range(0, len(deflection_mm), CHUNK)]
         parts = [self.estimate(inputs[0][chunk], inputs[1][chunk]) for chunk in chunks]
         return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 

@@ -21,7 +21,7 @@ from beamtouch_models.filters import Chain
 from beamtouch_models.metadata import Departures, FilterChoice, Metadata, Noise, Sensor
 from beamtouch_models.numbers import at_least, at_most
 from beamtouch_models.physics.beam import Travel, influence, influence_of, sensor_positions_mm, travel_of
-from beamtouch_models.physics.influence import InfluenceFunction
+from beamtouch_models.physics.influence import InfluenceFunction, check_own
 from beamtouch_models.physics.motion import slowest_period_ms
 from beamtouch_models.placement.layout import Candidates, equal_layout
 from beamtouch_models.pricing.noise import ReadingErrors, chain_of, check_errors, choose_filter, step_mm
@@ -60,8 +60,11 @@ class Surface:
         Raises
         ------
         SceneError
-            The beam cannot be computed, or no reading fits in the latency. So do the properties.
+            The beam cannot be computed, no reading fits in the latency, or the influence function is of another length
+            or for other contacts. So do the properties.
         """
+        if own_influence is not None:
+            check_own(own_influence, scene.beam.length_mm, scene.contact.position_mm, scene.contact.force_range_n)
         travel = travel_of(scene)
         readings = ReadingErrors.of(scene, travel.largest_mm)
         return cls(scene, chosen or choose_filter(scene, readings.reading_mm), travel, readings, own_influence)

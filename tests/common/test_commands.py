@@ -19,6 +19,7 @@ from beamtouch_daemon import cli as daemon
 from beamtouch_models import cli as design
 from beamtouch_models.rig import cli as rig
 from beamtouch_service import cli as service
+from example_scenes import SCENES
 
 Main = Callable[[list[str]], int]
 PROGRAMS: dict[str, tuple[Main, str]] = {
@@ -129,6 +130,8 @@ def opened_by_its_reader(pipe: Path, process: subprocess.Popen[str]) -> int:
 
 REGISTERS = [sys.executable, "-m", "beamtouch_service.cli", "registers"]
 """A command that prints much, and does nothing else."""
+EXPLAIN = [sys.executable, "-m", "beamtouch_models.cli", "explain", str(SCENES / "bench.toml")]
+"""One that prints a table."""
 
 
 @pytest.mark.parametrize(
@@ -147,9 +150,10 @@ def test_an_output_that_is_lost_is_a_failure_in_one_line(where: str, buffering: 
     assert (done.returncode, done.stderr) == (1, said)
 
 
-def test_a_command_without_standard_output_does_its_work() -> None:
+@pytest.mark.parametrize("command", [REGISTERS, EXPLAIN], ids=["lines", "a table"])
+def test_a_command_without_standard_output_does_its_work(command: list[str]) -> None:
     done = subprocess.run(
-        ["sh", "-c", 'exec "$@" >&-', "sh", *REGISTERS], stderr=subprocess.PIPE, text=True, check=False, timeout=60
+        ["sh", "-c", 'exec "$@" >&-', "sh", *command], stderr=subprocess.PIPE, text=True, check=False, timeout=60
     )
     assert (done.returncode, done.stderr) == (0, "")
 

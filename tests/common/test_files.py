@@ -157,6 +157,18 @@ def test_a_byte_order_mark_is_no_part_of_a_file(tmp_path: Path) -> None:
     assert load_toml(Drawing, path).max_mm == 2.0
 
 
+def test_a_pipe_and_a_device_are_written_to_and_stay(tmp_path: Path) -> None:
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    reader = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
+    write_atomically(pipe, b"new")
+    assert os.read(reader, 9) == b"new"
+    os.close(reader)
+    assert [path.is_fifo() for path in tmp_path.iterdir()] == [True]
+    write_atomically(Path("/dev/null"), b"new")
+    assert Path("/dev/null").is_char_device()
+
+
 def test_a_new_file_an_old_one_and_a_device_are_writable(tmp_path: Path) -> None:
     (tmp_path / "old.onnx").write_text("old")
     require_writable([tmp_path / "new.onnx", None, tmp_path / "old.onnx", Path("/dev/null")], [tmp_path / "scene.toml"])

@@ -180,6 +180,11 @@ def test_a_recording_that_a_spreadsheet_saved_is_read(bench: ModelFile, recordin
     assert np.array_equal(read_loads(path, bench.metadata).measured_mm, honest.measured_mm)
     path.write_text(without_time.replace(",", ", "))
     assert np.array_equal(read_loads(path, bench.metadata).measured_mm, honest.measured_mm)
+    # Empty rows, as a sheet has them between two loads and after the last one.
+    path.write_text(without_time.replace("2,60.0,", ",,,\n\n2,60.0,", 1) + ",,,,\n")
+    found = read_loads(path, bench.metadata)
+    assert np.array_equal(found.measured_mm, honest.measured_mm)
+    assert found.in_words(1) == "load 2 (lines 204 to 403)"
 
 
 def test_rows_of_the_newest_characteristic_count_and_each_event_once(bench: ModelFile, tmp_path: Path) -> None:

@@ -140,7 +140,18 @@ LOADS: list[tuple[Change, str]] = [
     (substituted(r"^(0.0,2,60.0,12.0,1000,)[^,]*", r"\g<1>1e308"), "s1 states 1e+308 mm in line 202"),
     (substituted(r"([^,]*),good$", r"\g<1>e5,good"), "s4 states "),
     (lambda text: text.replace(",20.0,12.0,", ",900.0,12.0,"), "is not within 1..399 mm"),
-    (lambda text: text.replace(",20.0,12.0,", ",abc,12.0,"), "not a number"),
+    (lambda text: text.replace(",60.0,12.0,", ",60 mm,12.0,"), "line 202: position_mm states '60 mm', which is not a"),
+    (lambda text: text.replace(",60.0,12.0,", ",60.0,,"), "line 202: force_n is empty; write 12.5, without a unit"),
+    (lambda text: text.replace(",60.0,12.0,", ',60.0,"12,0",'), "line 202: force_n states '12,0', which is not a"),
+    (
+        lambda text: text.replace(",60.0,12.0,", ",60.0,12,0,"),
+        "line 202 has 17 values in 16 columns; write decimals with",
+    ),
+    (
+        lambda text: text.replace("0.0,2,60.0,12.0", "\n0.0,2.5,60.0,12.0", 1),
+        "line 203: load is 2.5; number the loads 1,",
+    ),
+    (lambda text: text.replace("force_n", "position_mm"), "two columns are named position_mm; take one out"),
     (lambda text: "\n".join(text.splitlines()[:601]), "cannot determine a fit"),
     (
         lambda text: text.replace("0.0,2,60.0,12.0", "0.0,1,60.0,12.0"),

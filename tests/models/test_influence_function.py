@@ -79,6 +79,15 @@ GOOD: dict[str, Any] = {
 }
 
 
+def test_a_gap_in_the_measurements_is_refused_where_it_is_asked_for() -> None:
+    def at(sensor_mm: Floats, load_mm: Floats) -> Floats:
+        return np.where(np.abs(sensor_mm - 300) < 5, np.nan, sag_mm(sensor_mm, load_mm))
+
+    string = InfluenceFunction(**{**GOOD, "at": at})
+    with pytest.raises(ValueError, match=r"finite .*, not nan for a sensor at 300 and a load at 25 mm"):
+        place(string, RULES, 3, 0)
+
+
 @pytest.mark.parametrize(
     ("name", "value"),
     [

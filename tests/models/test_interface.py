@@ -71,6 +71,9 @@ def test_a_model_locates_the_load_that_bent_the_beam(scene: models.Scene, bench_
     assert found["position_mm"] == pytest.approx([100, 250], abs=2)
     assert found["force_n"] == pytest.approx([10, 10], rel=0.02)
     assert np.all(found["position_low_mm"] < found["position_high_mm"])
+    assert {name: values.shape for name, values in models.estimate(model, np.empty((0, 4))).items()} == dict.fromkeys(
+        found, (0,)
+    )
     others = (str(bench_model), bench_model.read_bytes())
     assert {models.load_model(one).identity for one in others} == {model.identity}
 
@@ -92,6 +95,13 @@ def test_a_touched_beam_rings_around_its_deflection(scene: models.Scene) -> None
     assert models.ringing_mm(damped, [1.0], [0.01]) == pytest.approx(stated)
     with pytest.raises(SceneError, match="density_kg_m3"):
         models.frequency_hz(models.change_scene(scene, beam={"density_kg_m3": None}))
+
+
+def own(
+    length_mm: float = 400.0, load_mm: tuple[float, float] = (1.0, 399.0), force_n: tuple[float, float] = (2.0, 20.0)
+) -> models.InfluenceFunction:
+    """An influence function of a script's own."""
+    return models.InfluenceFunction(length_mm, np.array(load_mm), force_n, lambda sensor, load: np.outer(load, sensor))
 
 
 S, M = "the scene", "the model"
@@ -129,6 +139,28 @@ S, M = "the scene", "the model"
         ("interpolate_influence", (S, [10, 390], [1, 399], [[1, 2], [3, 4]]), {}, "sensor_mm: give tw"),
         ("interpolate_influence", (S, [0, 400], [1, 200], [[1, 2], [3, 4]]), {}, "load_mm: give two"),
         ("interpolate_influence", (S, [0, 400], [1, 399], [[1, 2]]), {}, "matrix: give 2 rows"),
+        ("place", (S, 3), {"influence": np.eye(3)}, "influence: give an InfluenceFunction, not ndarray"),
+        (
+            "place",
+            (S, 3),
+            {"influence": own(300.0, (1.0, 299.0))},
+            "influence: its length_mm is 300, but that of the scene",
+        ),
+        (
+            "accuracy_limit",
+            (S, [9]),
+            {"influence": own(force_n=(20.0, 200.0))},
+            "its force_n is 20 to 200, but that of",
+        ),
+        (
+            "evaluate",
+            (M,),
+            {"influence": own(load_mm=(10.0, 290.0))},
+            "its load_mm is 10 to 290, but that of the scene",
+        ),
+        ("change_scene", (SCENE,), {}, "scene: give what read_scene returns, not str"),
+        ("change_scene", (S,), {"sensors": None}, "sensors: give a table, as a dict of its keys, not NoneType"),
+        ("format_scene", (SCENE,), {}, "scene: give what read_scene returns, not str"),
         ("evaluate", ("bench.onnx",), {}, "model: give what load_model returns"),
         ("evaluate", (M,), {"noise_mm": -1}, "noise_mm: must be finite, at least 0"),
     ],

@@ -51,6 +51,7 @@ REQUESTS = [
     (f"new a.toml {SIZE} 2 --roller-mm nan", "--roller-mm nan: must be a finite number"),
     (f"new a.toml {SIZE} 2 --force-n 1 1e6", "at 1e+06 N the beam slopes by"),
     (f"new a.toml {SIZE} 2 --position-mm 60 700", "--position-mm 60 700: give two places on the beam, 0..650 mm"),
+    (f"new a.toml {SIZE} 2 --range-mm 4 1", "--range-mm 4 1: give two gaps in mm, the smaller one first"),
     (f"new a.toml {SIZE} 2 --material steal", "invalid choice: 'steal' (choose from steel, "),
     *(
         (f"{command} FILE {options}", said)

@@ -6,6 +6,7 @@ and it must not move while it is recorded. A load that the user accepts is recor
 
 import argparse
 import asyncio
+import shlex
 import sys
 import time
 from collections import deque
@@ -83,7 +84,7 @@ def run(arguments: argparse.Namespace) -> int:
             dialogue.record_stated()
     except SourceError as error:
         raise FailedError(f"{name}: {error}; {file.loads} loads are in {path}") from None
-    print(f"{file.loads} loads in {path}; next: design-sensors calibrate MODEL {path} -o MODEL")
+    print(f"{file.loads} loads in {path}; next: design-sensors calibrate MODEL {shlex.quote(str(path))} -o MODEL")
     if dialogue.refused:
         raise FailedError(f"{name}: not recorded: {', '.join(map(str, dialogue.refused))}; put them on again")
     return DONE if file.loads else FAILED

@@ -14,7 +14,7 @@ from beamtouch_models.arrays import Floats
 from beamtouch_models.errors import SceneError
 from beamtouch_models.loading import ModelFile
 from beamtouch_models.numbers import number, numbers, places_in, require, whole
-from beamtouch_models.physics.influence import InfluenceFunction
+from beamtouch_models.physics.influence import InfluenceFunction, check_own
 from beamtouch_models.pricing.noise import check_scale
 from beamtouch_models.scene import Scene
 from beamtouch_models.surface import Surface, prior_of_model
@@ -126,7 +126,7 @@ def evaluate(
     draws, seed, metadata = whole(draws, "draws", 1), whole(seed, "seed", 0), model.metadata
     prior = prior_of_model(metadata)
     if influence is not None:
-        require(influence, InfluenceFunction, "influence", "an InfluenceFunction")
+        check_own(influence, prior.length_mm, prior.position_mm, prior.force_n)
         gain = np.array(metadata.departures.gain)
         prior = replace(prior, influence_at=partial(_scaled, influence, metadata.layout_mm, gain))
     if noise_mm is not None:

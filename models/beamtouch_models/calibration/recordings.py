@@ -7,6 +7,7 @@ import csv
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
+from itertools import zip_longest
 from pathlib import Path
 
 import numpy as np
@@ -90,17 +91,41 @@ def read_loads(path: Path, metadata: Metadata, leave_out: Sequence[int] = ()) ->
         _check(loads, metadata)
     except RecordingError as error:
         raise RecordingError(f"{path}: {error}") from None
-    except (ValueError, TypeError):
-        raise RecordingError(f"{path}: a value is not a number; record again") from None
     return loads
 
 
-def _read_rows(path: Path) -> tuple[list[dict[str, str]], Sequence[str]]:
-    """Return the rows and the columns of a CSV file; raises RecordingError if it is none."""
+@dataclass(frozen=True)
+class _Line:
+    """A row of a CSV file, and its last line there, counted from 1."""
+
+    number: int
+    cells: dict[str, str]
+    """By the names of their columns; empty if the row is too short."""
+
+    def number_in(self, column: str) -> float:
+        """Return the number in a column; raises RecordingError if there is none."""
+        cell = self.cells[column]
+        try:
+            return float(cell)
+        except ValueError:
+            stated = f"states {cell!r}, which is not a number" if cell else "is empty"
+            raise RecordingError(f"line {self.number}: {column} {stated}; write 12.5, without a unit") from None
+
+    def load(self) -> int:
+        """Return the number of the load; raises RecordingError if it is no whole number."""
+        number = self.number_in("load")
+        if not number.is_integer():
+            raise RecordingError(f"line {self.number}: load is {number:g}; number the loads 1, 2, 3")
+        return int(number)
+
+
+def _read_rows(path: Path) -> tuple[list[_Line], Sequence[str]]:
+    """Return the rows of a CSV file, without empty ones, and the columns; raises RecordingError if it is none."""
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
-            reader = csv.DictReader(file, skipinitialspace=True)
-            rows, columns = list(reader), reader.fieldnames or []
+            reader = csv.reader(file, skipinitialspace=True)
+            columns = next(reader, [])
+            given = [(reader.line_num, cells) for cells in reader if any(cells)]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         reason = error.strerror if isinstance(error, OSError) else "not a CSV file"
         raise RecordingError(f"{path}: {reason}") from None
@@ -108,27 +133,28 @@ def _read_rows(path: Path) -> tuple[list[dict[str, str]], Sequence[str]]:
         if len(columns) == 1 and mark in columns[0]:
             remedy = "separate them by commas, and write decimals with a point"
             raise RecordingError(f"{path}: {name} separate the columns; {remedy}")
+    twice = [name for name in columns if name and columns.count(name) > 1]
+    if twice:
+        raise RecordingError(f"{path}: two columns are named {twice[0]}; take one out")
+    for number, cells in given:
+        if any(cells[len(columns) :]):
+            raise RecordingError(
+                f"{path}: line {number} has {len(cells)} values in {len(columns)} columns; write decimals with a point"
+            )
+    rows = [_Line(number, dict(zip_longest(columns, cells[: len(columns)], fillvalue=""))) for number, cells in given]
     return rows, columns
 
 
-def _averaged(rows: list[dict[str, str]], channels: list[str], metadata: Metadata) -> Loads:
-    """Return the means of all loads; ValueError or TypeError if a value is not a number."""
-    number = np.array([int(row["load"]) for row in rows])
-    position, force = (np.array([float(row[column]) for row in rows]) for column in ("position_mm", "force_n"))
-    measured = np.array(
-        [
-            [
-                float(row[f"{name}_deflection_mm"] or "nan") if row.get(f"{name}_quality", GOOD) == GOOD else np.nan
-                for name in channels
-            ]
-            for row in rows
-        ]
-    )
+def _averaged(rows: list[_Line], channels: list[str], metadata: Metadata) -> Loads:
+    """Return the means of all loads; raises RecordingError if a value is not a number."""
+    number, line = np.array([row.load() for row in rows]), np.array([row.number for row in rows])
+    position, force = (np.array([row.number_in(column) for row in rows]) for column in ("position_mm", "force_n"))
+    measured = np.array([[_deflection_mm(row, name) for name in channels] for row in rows])
     beyond = np.argwhere(np.abs(measured) > MAX_DEFLECTIONS * metadata.max_deflection_mm)
     if len(beyond):
-        line, channel = beyond[0]
+        row, channel = beyond[0]
         raise RecordingError(
-            f"{channels[channel]} states {measured[line, channel]:g} mm in line {line + 2}, but this surface deflects "
+            f"{channels[channel]} states {measured[row, channel]:g} mm in line {line[row]}, but this surface deflects "
             f"by {digits(metadata.max_deflection_mm, 3)} mm at most; check the unit and the daemon's config"
         )
     loads = np.unique(number)
@@ -139,8 +165,8 @@ def _averaged(rows: list[dict[str, str]], channels: list[str], metadata: Metadat
             differs = own[(values[own] != said) & ~np.isnan(said)]
             if len(differs):
                 raise RecordingError(
-                    f"load {load} has a {name} of {said:g} in line {own[0] + 2} and of {values[differs[0]]:g} in line "
-                    f"{differs[0] + 2}; give each load a number of its own"
+                    f"load {load} has a {name} of {said:g} in line {line[own[0]]} and of {values[differs[0]]:g} in "
+                    f"line {line[differs[0]]}; give each load a number of its own"
                 )
     good = np.array([np.isfinite(measured[own]).sum(axis=0) for own in each])
     sums = np.array([np.nansum(measured[own], axis=0) for own in each])
@@ -148,7 +174,13 @@ def _averaged(rows: list[dict[str, str]], channels: list[str], metadata: Metadat
     # Samples of a moving average share readings, so their mean is only as good as that of as many readings.
     deviation = metadata.noise.reading_mm / np.sqrt(np.maximum(good, 1))
     ends = np.array([(own[0], own[-1]) for own in each])
-    return Loads(loads, position[ends[:, 0]], force[ends[:, 0]], mean, deviation, ends + 2)
+    return Loads(loads, position[ends[:, 0]], force[ends[:, 0]], mean, deviation, line[ends])
+
+
+def _deflection_mm(row: _Line, channel: str) -> float:
+    """Return a channel's deflection; NaN if it has none, or is not good."""
+    column, quality = f"{channel}_deflection_mm", row.cells.get(f"{channel}_quality", GOOD)
+    return row.number_in(column) if row.cells[column] and quality == GOOD else np.nan
 
 
 def _check(loads: Loads, metadata: Metadata) -> None:
@@ -268,11 +300,11 @@ def read_contacts(path: Path, metadata: Metadata) -> UnlabelledContacts:
     if not given:
         raise RecordingError(f"{path}: no contacts; fetch them with GET /surfaces/NAME/calibration-data")
     by_event = {}
-    for line, row in enumerate(given, start=2):
+    for line in given:
         try:
-            checked = _checked(row, channels, metadata)
+            checked = _checked(line.cells, channels, metadata)
         except RecordingError as error:
-            raise RecordingError(f"{path}: line {line}: {error}") from None
+            raise RecordingError(f"{path}: line {line.number}: {error}") from None
         by_event[checked.event] = checked
     rows = sorted(by_event.values(), key=lambda row: row.time)
     same = [row for row in rows if row.characteristic == rows[-1].characteristic]

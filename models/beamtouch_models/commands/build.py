@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import shlex
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -40,11 +41,12 @@ def run(options: argparse.Namespace) -> Result:
         )
         write_products(scene, built, model=options.output, config=config, report=options.report, progress=progress)
     if config is not None:
-        token = write_token_if_absent(config.parent)
+        files = options.scene, options.output, write_token_if_absent(config.parent), config
+        read, model, token, told = (shlex.quote(str(path)) for path in files)
         print(
-            f"try it:  beamtouch-rig {options.scene} --model {options.output} --modbus-tcp 127.0.0.1:5020\n"
-            f"         beamtouch-service run --model {options.output} --write-token-file {token}\n"
-            f"         beamtouch-daemon run {config}",
+            f"try it:  beamtouch-rig {read} --model {model} --modbus-tcp 127.0.0.1:5020\n"
+            f"         beamtouch-service run --model {model} --write-token-file {token}\n"
+            f"         beamtouch-daemon run {told}",
             file=sys.stderr,
         )
     note(_assumed_errors(built.surface), missed_requirement(built.metadata, scene), unseen(built.metadata))

@@ -1,6 +1,7 @@
 """`design-sensors new`: writes a commented scene."""
 
 import argparse
+import shlex
 from dataclasses import fields
 from pathlib import Path
 
@@ -27,8 +28,9 @@ def run(options: argparse.Namespace) -> Result:
     lists = {name: tuple(value) for name, value in given.items() if isinstance(value, list)}
     text = _check(Answers(**{name: value for name, value in given.items() if value is not None} | lists), target)
     write_atomically(target, text.encode())
-    then = f"then design-sensors build {target} -o MODEL.onnx --daemon-config daemon.toml"
-    return Result({}, [f"{target}: next, design-sensors explain {target}, {then}"])
+    typed = shlex.quote(str(target))
+    then = f"then design-sensors build {typed} -o MODEL.onnx --daemon-config daemon.toml"
+    return Result({}, [f"{target}: next, design-sensors explain {typed}, {then}"])
 
 
 def _check(answers: Answers, target: Path) -> str:
@@ -42,6 +44,9 @@ def _check(answers: Answers, target: Path) -> str:
         if not 0 <= low < high <= answers.length_mm:
             places = f"two places on the beam, 0..{answers.length_mm:g} mm, in order"
             raise SceneError(f"--position-mm {low:g} {high:g}: give {places}")
+    low, high = answers.range_mm
+    if not 0 < low < high < float("inf"):
+        raise SceneError(f"--range-mm {low:g} {high:g}: give two gaps in mm, the smaller one first")
     try:
         text = scene_text(answers, surface_name(target))
     except ValidationError as error:

@@ -58,14 +58,13 @@ class Graph:
         """Convert to another number type."""
         return self.apply("Cast", value, to=int(helper.np_dtype_to_tensor_dtype(np.dtype(kind))))
 
-    def top(self, value: str, count: int, axis: int, *, largest: bool) -> str:
-        """Return the `count` largest or smallest values along an axis, the best first."""
+    def top(self, value: str, count: int, axis: int, *, largest: bool) -> tuple[str, str]:
+        """Return the `count` largest or smallest values along an axis, the best first, and their indices."""
         name = f"{self.name}top_{len(self.nodes)}"
+        names = (name, f"{name}_index")
         inputs = [value, self.ints(count)]
-        self.nodes.append(
-            helper.make_node("TopK", inputs, [name, f"{name}_index"], axis=axis, largest=int(largest), sorted=1)
-        )
-        return name
+        self.nodes.append(helper.make_node("TopK", inputs, names, axis=axis, largest=int(largest), sorted=1))
+        return names
 
     def split(self, value: str, parts: int, axis: int) -> list[str]:
         """Cut into equal parts along an axis."""

@@ -47,7 +47,7 @@ def first_stage(network: Network) -> FirstStage:
     """Return the first stage that names the node of the network."""
     steps = network.table.steps
 
-    def add(graph: Graph, seen: Whitened) -> tuple[str, None]:
+    def add(graph: Graph, seen: Whitened) -> tuple[list[str], list[str]]:
         square = graph.apply("ReduceSumSquare", seen.reading, axes=[1], keepdims=1)
         square = graph.apply("Add", square, graph.constant(FAINT * network.largest_mm**2))
         value = graph.apply("Div", seen.reading, graph.apply("Sqrt", square))
@@ -57,7 +57,7 @@ def first_stage(network: Network) -> FirstStage:
         half = steps / 2
         value = graph.apply("Gemm", value, graph.constant(weights * half), graph.constant((bias + 1) * half))
         value = graph.apply("Clip", value, graph.constant(0.0), graph.constant(steps - 0.5))
-        return graph.cast(value, np.int64), None
+        return [graph.cast(value, np.int64)], []
 
     return add
 

@@ -6,10 +6,13 @@ A scene is one way to fill it (`physics.beam.influence_of`). A measured beam or 
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from beamtouch_models.arrays import Floats
+from beamtouch_models.errors import SceneError
+from beamtouch_models.numbers import array_of, require
 
 EVEN = 1e-6
 """Largest difference between the steps of even load positions, relative to a step."""
@@ -51,21 +54,13 @@ class InfluenceFunction:
         low, high = self.force_n
         self._require("force_n", 0 < low <= high < math.inf, "positive, the first no larger than the second")
         self._require("unit_mm_per_n", 0 < self.unit_mm_per_n < math.inf, "a positive number")
-        self._check_at()
+        object.__setattr__(self, "at", partial(_checked, self.at))
+        # A few values, in no order, so that a function with swapped arguments is refused at once.
+        self.at(self.length_mm * np.array([0.7, 0.2, 0.5]), load[[-1, 0]])
 
     def _require(self, name: str, is_kept: bool, wanted: str) -> None:
         if not is_kept:
             raise ValueError(f"{name} of an influence function must be {wanted}, not {getattr(self, name)}")
-
-    def _check_at(self) -> None:
-        """Ask for a few values, in no order, so that a function with swapped arguments is refused at once."""
-        sensor, load = self.length_mm * np.array([0.7, 0.2, 0.5]), self.load_mm[[-1, 0]]
-        matrix = np.asarray(self.at(sensor, load))
-        if matrix.shape != (2, 3) or not np.isfinite(matrix).all():
-            raise ValueError(
-                "at of an influence function must return finite values of shape (loads, sensors), here (2, 3), not "
-                f"{matrix.tolist()}"
-            )
 
     @property
     def position_mm(self) -> tuple[float, float]:
@@ -86,3 +81,31 @@ class InfluenceFunction:
         # At an end of the beam the sensor can move to one side only.
         deviation: Floats = change * (tolerance_mm / np.maximum(right - left, np.finfo(np.float64).tiny))
         return deviation
+
+
+def _checked(at: Callable[[Floats, Floats], Floats], sensor_mm: Floats, load_mm: Floats) -> Floats:
+    """Return what the user's function returns; ValueError unless these are finite numbers of the right shape."""
+    matrix, wanted = array_of(at(sensor_mm, load_mm), "at of an influence function"), (len(load_mm), len(sensor_mm))
+    must = "at of an influence function must return finite values of shape (loads, sensors)"
+    if matrix.shape != wanted:
+        raise ValueError(f"{must}, here {wanted}, not {matrix.shape}")
+    if not np.isfinite(matrix).all():
+        load, sensor = np.argwhere(~np.isfinite(matrix))[0]
+        where = f"for a sensor at {sensor_mm[sensor]:g} and a load at {load_mm[load]:g} mm"
+        raise ValueError(f"{must}, not {matrix[load, sensor]} {where}")
+    return matrix
+
+
+def check_own(
+    influence: InfluenceFunction, length_mm: float, position_mm: tuple[float, float], force_n: tuple[float, float]
+) -> None:
+    """Raise SceneError unless what a user gives is an influence function for a scene's length and contacts."""
+    require(influence, InfluenceFunction, "influence", "an InfluenceFunction")
+    for name, own, scene in (
+        ("length_mm", (influence.length_mm,), (length_mm,)),
+        ("load_mm", influence.position_mm, position_mm),
+        ("force_n", influence.force_n, force_n),
+    ):
+        if not np.allclose(own, scene, rtol=EVEN, atol=0.0):
+            ours, theirs = (" to ".join(f"{value:g}" for value in values) for values in (own, scene))
+            raise SceneError(f"influence: its {name} is {ours}, but that of the scene is {theirs}; make them equal")

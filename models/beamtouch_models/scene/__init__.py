@@ -14,6 +14,7 @@ from pydantic import Field, model_validator
 from beamtouch_common.digits import digits
 from beamtouch_common.errors import InputError
 from beamtouch_common.files import parse_toml, read_text, validate
+from beamtouch_models.numbers import require
 from beamtouch_models.rates import MAX_FALSE, max_false_per_day
 from beamtouch_models.scene.beam import Beam, identity_of
 from beamtouch_models.scene.plausible import in_other_units, misplaced
@@ -120,13 +121,17 @@ def change_scene(scene: Scene, **tables: Mapping[str, Any]) -> Scene:
     InputError
         It is no scene any more; the message names the key.
     """
+    require(scene, Scene, "scene", "what read_scene returns")
     stated = scene.model_dump(exclude_unset=True)
-    whole = {name: {**stated.get(name, {}), **values} for name, values in tables.items()}
-    return make_scene(**_without_none(stated | whole))
+    for name, values in tables.items():
+        require(values, Mapping, name, "a table, as a dict of its keys")
+        stated[name] = {**stated.get(name, {}), **values}
+    return make_scene(**_without_none(stated))
 
 
 def format_scene(scene: Scene) -> str:
     """Return a scene as TOML text, with the keys that it states."""
+    require(scene, Scene, "scene", "what read_scene returns")
     tables = _without_none(scene.model_dump(mode="json", exclude_unset=True))
     return "\n".join(
         f"[{name}]\n" + "".join(f"{key} = {_toml(value)}\n" for key, value in table.items())

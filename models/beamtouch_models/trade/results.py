@@ -1,5 +1,6 @@
 """The trade in sentences and tables, as JSON, and as four small charts on one axis of the error."""
 
+import shlex
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from math import hypot
@@ -115,10 +116,10 @@ def _estimators_in_words(trade: Trade) -> Iterator[str]:
 
 def _command(point: Model, scene: str, seed: int, model: str) -> str:
     """Return the command that builds a model of a scene."""
-    words = ["design-sensors build", scene, f"--sensors {point.sensors}"]
+    words = ["design-sensors build", shlex.quote(scene), f"--sensors {point.sensors}"]
     words += [f"--estimator {point.task.estimator}"] if point.task.estimator != ESTIMATORS[0] else []
     words += [f"--seed {seed}"] if seed else []
-    return " ".join([*words, f"-o {model}"])
+    return " ".join([*words, f"-o {shlex.quote(model)}"])
 
 
 def _model_row(trade: Trade, model: Model) -> tuple[str, ...]:

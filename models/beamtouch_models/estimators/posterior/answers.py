@@ -109,14 +109,22 @@ def scored(graph: Graph, seen: Whitened, largest_n: float, influence: str, uncer
         return Scored(sample, sample, shape, *_fitted(graph, sample, shape, largest_n), None)
     # The likeliest force says how much the mounting of the sensors adds to the variance of each channel.
     _, force, _ = _fitted(graph, sample, shape, largest_n)
-    given = INPUTS[1]
-    moved = graph.apply("MatMul", graph.apply("Mul", given, given), uncertain)
-    moved = graph.apply("Mul", moved, graph.apply("Mul", force, force))
-    wider = graph.apply("Sqrt", graph.apply("Add", moved, graph.constant(1.0)))
+    wider = widening(graph, force, uncertain)
     shape = graph.apply("Div", shape, wider)
     each = graph.apply("Div", sample, wider)
     found = _fitted(graph, each, shape, largest_n, own=True)
     return Scored(sample, each, shape, *found, graph.apply("ReduceProd", wider, axes=[1], keepdims=1))
+
+
+def widening(graph: Graph, force: str, uncertain: str) -> str:
+    """Return the factors by which the mounting of the sensors widens the errors, (batch, channels, N).
+
+    `force` is (batch, 1, N) or one number, and `uncertain` as that of `scored`.
+    """
+    given = INPUTS[1]
+    moved = graph.apply("MatMul", graph.apply("Mul", given, given), uncertain)
+    moved = graph.apply("Mul", moved, graph.apply("Mul", force, force))
+    return graph.apply("Sqrt", graph.apply("Add", moved, graph.constant(1.0)))
 
 
 def _fitted(graph: Graph, sample: str, shape: str, largest_n: float, *, own: bool = False) -> tuple[str, str, str]:
@@ -138,7 +146,7 @@ def lowest_of(graph: Graph, squares: str) -> tuple[str, str]:
 
     The latter is that of a parabola through the best three cells, which are neighbours. Both are (batch, 1, 1).
     """
-    three = graph.top(squares, 3, 2, largest=False)
+    three, _ = graph.top(squares, 3, 2, largest=False)
     # Least value, twice that, slope and curvature, scaled so that the parabola is lowest at 2 R - slope^2 / curvature.
     parabola: Floats = np.array([[1.0, 2.0, 0.0, -2.0], [0.0, 0.0, -0.5, 1.0], [0.0, 0.0, 0.5, 1.0]])
     least, value, slope, curvature = graph.split(graph.apply("MatMul", three, graph.constant(parabola)), 4, 2)

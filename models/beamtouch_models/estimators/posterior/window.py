@@ -1,6 +1,6 @@
-"""A window around a place, and the posterior on a few cells there: for a posterior that no fixed cells resolve.
+"""Windows around places, and the posterior on a few cells there: for a posterior that no fixed cells resolve.
 
-A first stage names a node of a table of the influence along the range. Positions count nodes, z is the sample and W its
+A first stage names nodes of a table of the influence along the range. Positions count nodes, z is the sample and W its
 whitening.
 
     n = the node for z                               g = influence, t = its change per node, both at n
@@ -9,16 +9,22 @@ whitening.
     s = 1 / (f |T|)                                  the deviation of its end
     a, b = n + d -+ (WITHIN s + DOUBTED |d|)         the window
 
-A known force F moves the size of the reading as well as its direction, which tells the place more narrowly. Its window
-has T = W t and f = F; the other one remains, for a sample of another force.
+Where two places bend the beam nearly alike, as on either side of a support, the posterior has two narrow peaks. So
+there are two windows, around the two places that explain the sample best, neither of them beside a better one.
 
-Each window has CELLS even cells, and the whole range OUTER. The edges of all, in order, are those of the cells on
-which the posterior is computed as in `posterior.answers`. They follow the sample, its covariance and the channels that
-work, and are a fraction of a deviation wide. The misfit is that of the best cell.
+A known force F moves the size of the reading as well as its direction, which tells the place more narrowly. Its windows
+have T = W t and f = F; one for any force remains, for a sample of another force.
+
+The mounting of the sensors widens the errors in all of these, as in `posterior.answers`.
+
+Each window has CELLS even cells, and each stretch between two places at which the beam is held OUTER. The edges of all,
+in order, are those of the cells on which the posterior is computed as in `posterior.answers`. They follow the sample,
+its covariance and the channels that work, and are a fraction of a deviation wide. The misfit is that of the best cell.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import onnx
@@ -26,7 +32,16 @@ import onnx
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.arrays import Floats
 from beamtouch_models.estimators.onnx_graph import Graph, model
-from beamtouch_models.estimators.posterior.answers import MIN_MASS, Grid, Whitened, scored, state_answers, whitened
+from beamtouch_models.estimators.posterior.answers import (
+    MIN_MASS,
+    Grid,
+    Scored,
+    Whitened,
+    scored,
+    state_answers,
+    whitened,
+    widening,
+)
 from beamtouch_models.estimators.posterior.cells import cells_of, fixed_cells_graph, path_of, resolving_cells
 
 SAGITTA = 0.01
@@ -39,7 +54,9 @@ NODES = (128, 8192)
 FULL_TURN = 2.5
 """Typical length of the path of the direction, in radians."""
 CELLS, OUTER = 64, 64
-"""Cells of each window, and of the whole range."""
+"""Cells of each window, and of each stretch of the range."""
+HELD = 0.05
+"""Size of a reading, over the largest, below which its least marks a place at which the beam is held."""
 WITHIN = 6.0
 """Half the window, in deviations of the position."""
 DOUBTED = 0.25
@@ -50,6 +67,8 @@ SCANNED = 512
 """Most nodes that a scan looks at; the steps from the nearest of them arrive."""
 TINY = 1e-26
 """Keeps divisors off zero."""
+LOWEST = float(np.finfo(np.float32).min)
+"""In place of what is no peak."""
 
 
 @dataclass(frozen=True)
@@ -62,6 +81,8 @@ class Table:
     """(nodes, channels) mm/N"""
     uncertain: Floats | None
     """(nodes, channels) mm/N, deviation of the influence; None if the sensors' positions are exact."""
+    stretches: Floats
+    """(stretches + 1,) ends of the range, and between them the places at which the beam is held, in nodes."""
 
     @property
     def steps(self) -> int:
@@ -75,16 +96,20 @@ def table_of(prior: Prior) -> Table:
     steps = FULL_TURN * np.sqrt(float(path.size.max()) / (8 * SAGITTA))
     position = cells_of(prior, int(np.clip(np.ceil(steps), *NODES)), path).edges_mm
     uncertain = None if prior.uncertainty is None else prior.uncertainty(position)
-    return Table(position, prior.influence_within_noise(position), uncertain)
+    size = path.size[1:-1]
+    is_held = (size <= path.size[:-2]) & (size < path.size[2:]) & (size < HELD * path.size.max())
+    held = np.interp(path.position_mm[1:-1][is_held], position, np.arange(len(position)))
+    stretches = np.concatenate([[0.0], held, [len(position) - 1.0]])
+    return Table(position, prior.influence_within_noise(position), uncertain, stretches)
 
 
 Rows = tuple[str, str]
 """Names of the influence, and of the squares of its deviation, at each node, and of their change to the next node."""
 
 
-FirstStage = Callable[[Graph, Whitened], tuple[str, str | None]]
-"""Adds what names the nodes at which to look for a whitened sample, rounded down, (batch, 1) integers: that for any
-force, and that for the known one; None if the force is open, or if the end of the steps from the first node will do."""
+FirstStage = Callable[[Graph, Whitened], tuple[list[str], list[str]]]
+"""Adds what names the nodes at which to look for a whitened sample, rounded down, (batch, 1) integers: those for any
+force, and those for the known one; none if the force is open, or if the end of the steps from the last node will do."""
 
 
 def windowed_graph(prior: Prior, table: Table, first: FirstStage, *, with_force: bool) -> onnx.ModelProto:
@@ -94,7 +119,7 @@ def windowed_graph(prior: Prior, table: Table, first: FirstStage, *, with_force:
     parts = [table.influence] if table.uncertain is None else [table.influence, table.uncertain**2]
     every = np.concatenate(parts, axis=1)
     rows = graph.constant(every[:-1]), graph.constant(np.diff(every, axis=0))
-    edges = _edges(graph, _windows(graph, prior, seen, first(graph, seen), table.steps, rows), table.steps)
+    edges = _edges(graph, _windows(graph, prior, seen, first(graph, seen), table.steps, rows), table)
     width, influence, uncertain = _cells(graph, prior, edges, table, rows)
     found = scored(graph, seen, prior.force_n[1], influence, uncertain)
     low, high = prior.position_mm
@@ -108,35 +133,55 @@ def windowed_graph(prior: Prior, table: Table, first: FirstStage, *, with_force:
 
 
 def scan(prior: Prior, table: Table) -> FirstStage:
-    """Return the first stage that names the node with the smallest misfit, of SCANNED at most."""
+    """Return the first stage that names the two nodes that explain a sample best, neither of them beside a better one.
+
+    It looks at SCANNED nodes at most.
+    """
     looked = np.unique(np.linspace(0, table.steps - 1, min(SCANNED, table.steps)).round().astype(int))
     middle = (table.influence[looked] + table.influence[looked + 1]) / 2
+    squares = None if table.uncertain is None else table.uncertain**2
+    uncertain = None if squares is None else (squares[looked] + squares[looked + 1]) / 2
 
-    def least(graph: Graph, misfit: str) -> str:
-        best = graph.apply("ArgMin", graph.apply("Squeeze", misfit, graph.ints(1)), axis=1, keepdims=1)
-        return graph.apply("Gather", graph.constant(looked, np.int64), best, axis=0)
+    def best_two(graph: Graph, unlikeliness: str) -> list[str]:
+        height = graph.apply("Neg", unlikeliness)
+        around = graph.apply("MaxPool", height, kernel_shape=[3], pads=[1, 1])
+        peaks = graph.apply("Where", graph.apply("Equal", height, around), height, graph.constant(LOWEST))
+        _, best = graph.top(peaks, 2, 2, largest=True)
+        nodes = graph.apply("Gather", graph.constant(looked, np.int64), graph.apply("Squeeze", best, graph.ints(1)))
+        return graph.split(nodes, 2, 1)
 
-    def add(graph: Graph, seen: Whitened) -> tuple[str, str | None]:
-        found = scored(graph, seen, prior.force_n[1], graph.constant(middle.T), None)
-        node = least(graph, found.misfit)
+    def add(graph: Graph, seen: Whitened) -> tuple[list[str], list[str]]:
+        spread = None if uncertain is None else graph.constant(uncertain.T)
+        found = scored(graph, seen, prior.force_n[1], graph.constant(middle.T), spread)
+        any_force = best_two(graph, _unlikeliness(graph, found, found.misfit))
         if not prior.force_is_known:
-            return node, None
+            return any_force, []
         left = graph.apply("Mul", found.shape, graph.constant(prior.force_n[1]))
-        left = graph.apply("Sub", seen.sample, left)
-        return node, least(graph, graph.apply("ReduceSumSquare", left, axes=[1], keepdims=1))
+        left = graph.apply("Sub", found.own, left)
+        square = graph.apply("ReduceSumSquare", left, axes=[1], keepdims=1)
+        return any_force[:1], best_two(graph, _unlikeliness(graph, found, square))
 
     return add
 
 
+def _unlikeliness(graph: Graph, found: Scored, square: str) -> str:
+    """Return minus the log likelihood of each place, up to a constant, from half the square of what it leaves."""
+    return square if found.widened is None else graph.apply("Add", square, graph.apply("Log", found.widened))
+
+
 def _windows(
-    graph: Graph, prior: Prior, seen: Whitened, nodes: tuple[str, str | None], steps: int, rows: Rows
+    graph: Graph, prior: Prior, seen: Whitened, nodes: tuple[list[str], list[str]], steps: int, rows: Rows
 ) -> list[str]:
     """Return the ends of each window after the steps from its node, in nodes, (batch, 2, 1)."""
+    any_force, known = nodes
+    starts: list[tuple[str | None, float | None]] = [(node, None) for node in any_force]
+    if prior.force_is_known:
+        starts += [(node, prior.force_n[1]) for node in known] or [(None, prior.force_n[1])]
     ends, middle = [], ""
-    for known_n in (None, prior.force_n[1]) if prior.force_is_known else (None,):
-        node = nodes[0] if known_n is None else nodes[1]
+    for start, known_n in starts:
+        node = start
         for _ in range(STEPS):
-            # The first stage names the first node, or the steps for any force do.
+            # The first stage names the node, or the steps before end at it.
             middle, step, half = _step(graph, prior, seen, node or _node_at(graph, middle, steps), rows, known_n)
             node = None
         doubted = graph.apply("Mul", graph.apply("Abs", step), graph.constant(DOUBTED))
@@ -157,23 +202,33 @@ def _step(
     graph: Graph, prior: Prior, seen: Whitened, node: str, rows: Rows, known_n: float | None
 ) -> tuple[str, str, str]:
     """Return the end and the length of a Gauss-Newton step, and WITHIN deviations of it; (batch, 1, 1), in nodes."""
-    axes, columns = graph.ints(1, 2), (graph.ints(0), graph.ints(prior.channels), graph.ints(2))
-    at = [graph.apply("Slice", graph.apply("Gather", one, node, axis=0), *columns) for one in rows]
-    both = graph.apply("Transpose", graph.apply("Concat", *at, axis=1), perm=[0, 2, 1])
+    axes, channels = graph.ints(1, 2), prior.channels
+    at = [graph.apply("Gather", one, node, axis=0) for one in rows]
+    every = graph.apply("Transpose", graph.apply("Concat", *at, axis=1), perm=[0, 2, 1])
+    both = graph.apply("Slice", every, graph.ints(0), graph.ints(channels), graph.ints(1))
     shape, turned = graph.split(graph.apply("MatMul", seen.whitening, both), 2, 2)
+    sample = seen.sample
 
     def along(first: str, second: str) -> str:
         return graph.apply("ReduceSum", graph.apply("Mul", first, second), axes, keepdims=1)
 
-    if known_n is None:
+    def best_force() -> tuple[str, str]:
         size = graph.apply("Add", along(shape, shape), graph.constant(TINY))
+        return size, graph.apply("Max", graph.apply("Div", along(shape, sample), size), graph.constant(TINY))
+
+    if prior.uncertainty is not None:
+        ends = graph.ints(0, channels), graph.ints(1, 2 * channels), graph.ints(2, 1)
+        force = best_force()[1] if known_n is None else graph.constant(known_n)
+        wider = widening(graph, force, graph.apply("Slice", every, *ends))
+        shape, turned, sample = (graph.apply("Div", one, wider) for one in (shape, turned, sample))
+    if known_n is None:
+        size, force = best_force()
         part = graph.apply("Div", along(shape, turned), size)
         turned = graph.apply("Sub", turned, graph.apply("Mul", part, shape))
-        force = graph.apply("Max", graph.apply("Div", along(shape, seen.sample), size), graph.constant(TINY))
     else:
         force = graph.constant(known_n)
     # Of the sample itself, rounding would leave more along T than a step near a support may err.
-    left = graph.apply("Sub", seen.sample, graph.apply("Mul", shape, force))
+    left = graph.apply("Sub", sample, graph.apply("Mul", shape, force))
     turned = graph.apply("Mul", turned, force)
     square = graph.apply("Add", along(turned, turned), graph.constant(TINY))
     step = graph.apply("Div", along(turned, left), square)
@@ -183,18 +238,20 @@ def _step(
     return graph.apply("Add", start, step), step, half
 
 
-def _edges(graph: Graph, windows: list[str], steps: int) -> str:
+def _edges(graph: Graph, windows: list[str], table: Table) -> str:
     """Return the edges of all cells in order, (batch, edges, 1), in nodes."""
     part, count = np.linspace(0.0, 1.0, CELLS + 1), len(windows)
     inner = np.kron(np.eye(count), np.stack([1 - part, part], axis=1))
-    # Towards the ends of the range the cells are narrower: next to a support, contacts at either end look alike.
-    outer = steps * (1 - np.cos(np.linspace(0.0, np.pi, OUTER + 1))) / 2
-    # A linear function of the ends of all windows; the edges over the whole range depend on none.
+    # Towards the ends of a stretch the cells are narrower: next to a support, contacts at either end look alike.
+    along = (1 - np.cos(np.linspace(0.0, np.pi, OUTER + 1))) / 2
+    outer = np.unique([start + (end - start) * along for start, end in pairwise(table.stretches)])
+    # A linear function of the ends of all windows; the edges of the stretches depend on none.
     marks = np.concatenate([inner, np.zeros((len(outer), 2 * count))])
     offset = np.concatenate([np.zeros(len(inner)), outer])
     ends = graph.apply("Concat", *windows, axis=1)
     every = graph.apply("Add", graph.apply("MatMul", graph.constant(marks), ends), graph.constant(offset[:, None]))
-    return graph.top(every, len(offset), 1, largest=False)
+    edges, _ = graph.top(every, len(offset), 1, largest=False)
+    return edges
 
 
 def _cells(graph: Graph, prior: Prior, edges: str, table: Table, rows: Rows) -> tuple[str, str, str | None]:
