@@ -1,11 +1,15 @@
 """Accounts, rights and TLS at a real broker, and settings that cannot work."""
 
 import signal
+import socket
 import subprocess
 from pathlib import Path
 
+import pytest
+
 from certificates import make_certificate
 from parts import require
+from plain_http import TIMEOUT_S
 from service.event_story import RESTING, TOUCHING
 from service.process.mqtt_line import (
     CONTACT,
@@ -55,6 +59,30 @@ def test_a_wrong_password_is_one_line_and_the_service_goes_on(line: Line) -> Non
     wait_connected(service)
     _, errors = service.stop(signal.SIGTERM)
     assert PASSWORD not in errors
+
+
+@pytest.mark.parametrize(
+    ("answer", "advice"),
+    [
+        (b"\x20\x02\x00\x01", "it does not speak MQTT 5; use a broker that does"),  # as MQTT 3.1.1 refuses
+        (b"\x20\x03\x00\x9d\x00", "it says that the broker has moved; correct mqtt.host"),
+        (b"\x20\x00", "are mqtt.host and mqtt.port those of a broker that speaks it?"),
+    ],
+)
+def test_what_is_no_broker_for_the_service_is_a_line_that_says_what_to_do(
+    line: Line, answer: bytes, advice: str
+) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        line.broker.port = listener.getsockname()[1]
+        service = line.start()
+        listener.settimeout(TIMEOUT_S)
+        with listener.accept()[0] as client:
+            client.recv(1)  # not before paho has sent its question
+            client.sendall(answer)
+            wait_for(lambda: "mqtt" in service.get("/health/ready").json().get("missing", {}))
+        _, errors = service.stop(signal.SIGTERM)
+    (said,) = [one for one in errors.splitlines() if "MQTT broker" in one]
+    assert advice in said
 
 
 def test_events_that_the_broker_refuses_wait(line: Line) -> None:

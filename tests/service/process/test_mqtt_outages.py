@@ -56,6 +56,16 @@ def test_events_of_an_outage_arrive_when_the_broker_is_back(line: Line) -> None:
     assert "ERROR" not in errors
 
 
+def test_services_that_take_each_others_connection_fill_no_log(line: Line) -> None:
+    services = [line.start(), line.start()]
+    wait_for(lambda: line.broker.log.count("already connected, closing old connection") >= 6)
+    for service in services:
+        _, errors = service.stop(signal.SIGTERM)
+        reasons = [one.partition("WARNING")[2] for one in errors.splitlines() if "tries again" in one]
+        assert len(reasons) == len(set(reasons)) >= 1
+        assert errors.count("connected again after") <= len(reasons)
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("is_long", [False, pytest.param(True, marks=pytest.mark.soak)])
 def test_a_frozen_broker_finds_no_old_contact_when_it_goes_on(line: Line, *, is_long: bool) -> None:

@@ -40,11 +40,20 @@ _DROP_UNSENT = struct.pack("ii", 1, 0)
 """SO_LINGER: a close drops what the system still holds."""
 _NO_ANSWER, _LOST = "it does not answer", "the connection is lost"
 _ACCOUNT = "check mqtt.username and mqtt.password_file"
+_OTHER = "use a broker that does"
 _WORDS = {
     "Unspecified error": _LOST,
     "Keep alive timeout": _NO_ANSWER,
     "Bad user name or password": f"it refuses the user name or the password; {_ACCOUNT}",
     "Not authorized": f"it refuses this client: not authorized; {_ACCOUNT}, and the rights of this user",
+    "Unsupported protocol version": f"it does not speak MQTT 5; {_OTHER}",
+    "QoS not supported": f"it does not take messages of QoS 1; {_OTHER}",
+    "Retain not supported": f"it does not retain messages; {_OTHER}",
+    "Packet too large": "it takes no messages of this size; raise its limit to 64 KiB or more",
+    "Client identifier not valid": "it refuses the client identifier; correct mqtt.client_id",
+    "Use another server": "it says that another broker is to be used; correct mqtt.host",
+    "Server moved": "it says that the broker has moved; correct mqtt.host",
+    "Protocol error": "its answers are not MQTT 5; are mqtt.host and mqtt.port those of a broker that speaks it?",
     "Session taken over": "another client has the same mqtt.client_id; each service needs a prefix of its own",
 }
 """What the protocol says of a failure, and what the log says instead."""

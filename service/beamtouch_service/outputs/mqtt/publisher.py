@@ -10,6 +10,7 @@ from time import monotonic
 from prometheus_client import Counter, Gauge
 
 from beamtouch_common.errors import InputError
+from beamtouch_common.log import Repeated
 from beamtouch_common.secrets import read_password
 from beamtouch_common.waits import Backoff
 from beamtouch_service.access import Access
@@ -59,7 +60,10 @@ class Publisher:
         self._statuses = StatusSender(context, topics)
         self._events = EventSender(context, section, topics, sent.labels("event"))
         self._problem = ""
-        """Why there is no connection, as it was logged."""
+        """Why there is no connection, as it was logged; empty while there is one, and if it was not logged."""
+        self._repeated = Repeated(_log)
+        self._is_announced = False
+        """Whether the log has the broker."""
         self._lost_s = monotonic()
 
     async def run(self) -> None:
@@ -105,22 +109,26 @@ class Publisher:
                 raise RefusedError(message) from None
         if self._problem:
             _log.info("MQTT broker %s: connected again after %.1f s", self._where, monotonic() - self._lost_s)
-        else:
+        elif not self._is_announced:
             _log.info("MQTT broker %s: connected; topics %s/...", self._where, self._section.prefix)
-        self._problem = ""
+        self._problem, self._is_announced = "", True
         self._connected.set(1)
         self._context.missing[self._section.name] = ""
 
     def _note_failure(self, failure: Exception) -> None:
-        """Log why there is no connection: once per outage, and again if the broker refuses what it did not before."""
-        reason = str(failure)
-        self._context.missing[self._section.name] = f"broker {self._where}: {reason}"
-        is_first = not self._problem
-        if is_first:
+        """Log why there is no connection: once per outage, and again if the broker refuses what it did not before.
+
+        Outages that follow each other within a minute for the same reason are counted in the next line.
+        """
+        reason, name = str(failure), self._section.name
+        if not self._context.missing.get(name):
             self._lost_s = monotonic()
-        if is_first or (isinstance(failure, RefusedError) and reason != self._problem):
-            _log.warning("MQTT broker %s: %s; the service goes on and tries again", self._where, reason)
-            self._problem = reason
+        self._context.missing[name] = f"broker {self._where}: {reason}"
+        is_new = not self._problem or (isinstance(failure, RefusedError) and reason != self._problem)
+        if is_new and (times := self._repeated.due(reason)):
+            count = f" ({times} times since the last such line)" if times > 1 else ""
+            _log.warning("MQTT broker %s: %s; the service goes on and tries again%s", self._where, reason, count)
+            self._problem, self._is_announced = reason, True
 
 
 def _tls(section: MqttSection) -> ssl.SSLContext | None:
