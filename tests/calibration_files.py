@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
+from array_types import Floats
 from beamtouch_models.modelfile import ModelFile
-from modelled import Floats
 
 POSITIONS, FORCES = np.linspace(20.0, 380.0, 10), np.full(10, 12.0)
 """Of ten loads on a beam of 400 mm."""

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammaln
 
+from array_types import Floats
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.thresholds import (
     DRIFTS,
@@ -21,7 +22,6 @@ from beamtouch_models.accuracy.thresholds import (
     readings_alike,
     shapes_at_rest,
 )
-from beamtouch_models.arrays import Floats
 from beamtouch_models.building.measure import thresholds_of
 from beamtouch_models.decision.decider import PERSISTENCE
 from beamtouch_models.estimators.onnx_graph import to_bytes

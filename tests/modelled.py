@@ -3,12 +3,11 @@
 from functools import cache
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from array_types import Floats
 from beamtouch_models import Scene, influence_matrix, read_scene
 from beamtouch_models.modelfile import ModelFile
-
-Floats = NDArray[np.float64]
 
 _read_scene = cache(read_scene)
 

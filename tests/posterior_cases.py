@@ -8,10 +8,10 @@ import numpy as np
 import onnx
 from numpy.typing import NDArray
 
+from array_types import Floats
 from beamtouch_models.accuracy.posterior import posterior_quantiles
 from beamtouch_models.accuracy.prior import MAX_FORCE_RATIO, Forces, Prior
 from beamtouch_models.accuracy.thresholds import directions
-from beamtouch_models.arrays import Floats
 from beamtouch_models.error_model import whitening
 from beamtouch_models.estimators.onnx_graph import to_bytes
 from beamtouch_models.estimators.posterior.window import posterior_graph

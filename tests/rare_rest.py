@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import gammaln
 
+from array_types import Floats
 from beamtouch_models.accuracy.thresholds import DRIFTS, MIN_EXPONENT, exceeded_with
-from beamtouch_models.arrays import Floats
 from beamtouch_models.decision.decider import PERSISTENCE
 
 FARTHEST = 14.0

@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from array_types import Floats
 from beamtouch_models.accuracy.prior import Prior, SampleErrors
-from beamtouch_models.arrays import Floats
 from beamtouch_models.physics.beam import influence_of
 from beamtouch_models.physics.influence import InfluenceFunction
 from beamtouch_models.placement.layout import Candidates

@@ -11,13 +11,9 @@ from contextlib import aclosing
 from dataclasses import dataclass, field
 from time import monotonic
 
-from beamtouch_daemon.sources.configured import Buses
-from beamtouch_daemon.sources.reading import Reading, Source, SourceError
-from beamtouch_daemon.tasks import cancel
-
 from .devices import Fault, NumberingUnit, Pieces, no_echo, no_fault, rtu_units, with_crc
 from .lines import terminal
-from .sessions import source_in
+from .sessions import Buses, Reading, Source, SourceError, source_in
 
 FOREIGN = 60_000
 """Values of the answers to another master are from here on."""
@@ -233,7 +229,8 @@ async def run(pattern: Pattern, polls: int, seed: int, answers: int = 0) -> Outc
                     assert not reading.done()
                 if pattern.sessions > 1:
                     await asyncio.sleep(chance.uniform(0.0, pattern.timeout_s))
-                await cancel([reading])
+                reading.cancel()
+                await asyncio.gather(reading, return_exceptions=True)
             outcome.polls, outcome.took_s = unit.polls, monotonic() - begin_s
     return outcome
 

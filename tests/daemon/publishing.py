@@ -1,9 +1,11 @@
 """A log with its two readers, and samples for it."""
 
 import asyncio
+import threading
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
+from time import sleep
 
 from beamtouch_daemon.delivery.client import ServiceClient
 from beamtouch_daemon.delivery.log_store import LogStore
@@ -29,13 +31,30 @@ def taken(first: int, number: int, age_s: float = 0.0, notes: tuple[Note, ...] =
     """Return samples with these numbers, all of the same age."""
     good = [Quality.GOOD, Quality.MISSING]
     return [
-        Taken(
-            Reading(uptime_s() - age_s, (None, None)),
-            Sample(sequence=sequence, acquired_unix_us=sequence, deflection_mm=[0.1, None], quality=good),
-            notes,
+        taken_of(
+            Sample(sequence=sequence, acquired_unix_us=sequence, deflection_mm=[0.1, None], quality=good), age_s, notes
         )
         for sequence in range(first, first + number)
     ]
+
+
+def taken_of(sample: Sample, age_s: float = 0.0, notes: tuple[Note, ...] = ()) -> Taken:
+    """Return a sample of this age."""
+    return Taken(Reading(uptime_s() - age_s, (None, None)), sample, notes)
+
+
+class Interrupting(Taken):
+    """A sample at which the sender is interrupted, as by other programs."""
+
+    @property
+    def monotonic_s(self) -> float:
+        sleep(0.2)
+        return self.reading.monotonic_s
+
+
+async def hang(store: LogStore, hangs: threading.Event) -> None:
+    """Hold up the disk of a log until an event is set."""
+    await store._call(lambda _: hangs.wait(60))
 
 
 class Bench:
@@ -75,6 +94,14 @@ class Bench:
     def count(self, number: int, age_s: float = 0.0) -> None:
         """Add as many samples with the next numbers."""
         self.put(taken(self.log.next, number, age_s))
+
+
+async def put_chunks(store: LogStore, surface: str, number: int) -> None:
+    """Write so many chunks of ten samples each."""
+    log = store.surface(surface).begin(boot(), 100)
+    for _ in range(number):
+        log.put(taken(log.next, 10))
+        await store.write(None)
 
 
 @asynccontextmanager

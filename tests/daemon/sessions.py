@@ -5,19 +5,53 @@ import tomllib
 from collections.abc import Callable
 from contextlib import aclosing
 
+import pytest
+
 from beamtouch_daemon.config.settings import Surface
+from beamtouch_daemon.sources import board, rtu_unit
 from beamtouch_daemon.sources.configured import Buses, source_of
-from beamtouch_daemon.sources.polled import PolledSource
-from beamtouch_daemon.sources.reading import Reading, Source, SourceError
+from beamtouch_daemon.sources.reading import Reading, Source, SourceError, first_readings
+
+__all__ = [
+    "Buses", "Reading", "Source", "SourceError", "change_waits", "first_readings", "polled", "source_in",
+    "take_across_sessions",
+]  # fmt: skip
 
 
-def polled(source: str, registers: list[int], rate_hz: float, others: list[str] | None = None) -> PolledSource:
-    """Return a Modbus source.
+def change_waits(
+    monkeypatch: pytest.MonkeyPatch,
+    *,
+    forgotten_s: float = rtu_unit.FORGOTTEN_S,
+    learn_again_s: float = rtu_unit.LEARN_AGAIN_S,
+    hello_s: float = board.HELLO_TIMEOUT_S,
+    silence_s: float = board.SILENCE_S,
+) -> None:
+    """Let sources wait for other times than those of the daemon [s].
+
+    Parameters
+    ----------
+    forgotten_s
+        For an answer that a unit owes.
+    learn_again_s
+        Until a unit is asked again what it answers.
+    hello_s
+        For a board to say what it is, and to answer a ping.
+    silence_s
+        For a reading of a board.
+    """
+    monkeypatch.setattr(rtu_unit, "FORGOTTEN_S", forgotten_s)
+    monkeypatch.setattr(rtu_unit, "LEARN_AGAIN_S", learn_again_s)
+    monkeypatch.setattr(board, "HELLO_TIMEOUT_S", hello_s)
+    monkeypatch.setattr(board, "SILENCE_S", silence_s)
+
+
+def polled(source: str, registers: list[int], rate_hz: float, others: list[str] | None = None) -> Source:
+    """Return the source that a table of the configuration describes.
 
     Parameters
     ----------
     source
-        Its table, as in the configuration.
+        The table.
     registers
         Of its channels.
     rate_hz
@@ -29,14 +63,12 @@ def polled(source: str, registers: list[int], rate_hz: float, others: list[str] 
     return source_in({}, source, places, rate_hz)
 
 
-def source_in(buses: Buses, source: str, places: list[str], rate_hz: float) -> PolledSource:
-    """Return a Modbus source of channels in these places, which shares buses with others."""
+def source_in(buses: Buses, source: str, places: list[str], rate_hz: float) -> Source:
+    """Return a source of channels in these places, which shares buses with others."""
     channel = "gain_mm_per_count = 1.0\noffset_mm = 0.0\nrest_gap_mm = 0.0\nrange_mm = [0.0, 65535.0]"
     tables = [f'[[channels]]\nname = "s{index}"\n{place}\n{channel}\n' for index, place in enumerate(places)]
     text = f"rate_hz = {rate_hz}\n[source]\n{source}\n{''.join(tables)}"
-    made = source_of(Surface.model_validate(tomllib.loads(text)), "bench", buses)
-    assert isinstance(made, PolledSource)
-    return made
+    return source_of(Surface.model_validate(tomllib.loads(text)), "bench", buses)
 
 
 async def take_across_sessions(

@@ -4,25 +4,23 @@ import asyncio
 import random
 import threading
 from pathlib import Path
-from time import clock_gettime, monotonic, sleep
+from time import clock_gettime, monotonic
 
 import pytest
 
-from beamtouch_daemon.delivery.client import INVALID_REQUEST, NEVER_ACCEPTED, OTHER_BEAM, TOO_LARGE
-from beamtouch_daemon.delivery.log import MAX_BATCH
-from beamtouch_daemon.delivery.log_store import LogStore
-from beamtouch_daemon.processing.pipeline import Taken
-from beamtouch_service.problems import Kind
 from beamtouch_service.samples import Batch, Note
 from free_ports import free_port
 
 from .faulty import soon
-from .publishing import Bench, keep, stored, taken
+from .publishing import Bench, Interrupting, hang, keep, stored, taken
 from .record import Record
 from .service import Service, serving
 from .waits import until
 
 pytestmark = pytest.mark.anyio
+
+MAX_BATCH = 250
+"""Samples that the daemon sends at once, `docs/reference/http.md`."""
 
 
 def live_of(service: Service) -> list[Batch]:
@@ -51,15 +49,6 @@ async def test_samples_arrive_once_and_in_order_with_their_age_and_are_forgotten
         assert age_s <= one.newest_age_ms / 1e3 <= age_s + arrival_s - begin_s
     assert (batch.oldest, batch.earlier) == (1, [])
     assert bench.logs.counts.published == 10
-
-
-class Interrupting(Taken):
-    """A sample at which the sender is interrupted, as by other programs."""
-
-    @property
-    def monotonic_s(self) -> float:
-        sleep(0.2)
-        return self.reading.monotonic_s
 
 
 async def test_a_sender_that_is_interrupted_makes_no_sample_younger() -> None:
@@ -147,7 +136,7 @@ async def test_a_disk_that_hangs_holds_up_no_new_samples(tmp_path: Path) -> None
     async with stored(tmp_path / "samples") as store:
         hangs = threading.Event()
         async with serving(Service()) as service, Bench(service, store) as bench:
-            stuck = asyncio.ensure_future(_hang(store, hangs))
+            stuck = asyncio.ensure_future(hang(store, hangs))
             try:
                 for number in range(1, 31):
                     bench.count(1)
@@ -160,10 +149,6 @@ async def test_a_disk_that_hangs_holds_up_no_new_samples(tmp_path: Path) -> None
                 await stuck
             await until(lambda: bench.log.is_empty and not bench.logs.on_disk)
         assert service.record.numbers() == {"boot-0000": list(range(1, 11)), "boot-0001": list(range(1, 31))}
-
-
-async def _hang(store: LogStore, hangs: threading.Event) -> None:
-    await store._call(lambda _: hangs.wait(60))
 
 
 async def test_answers_go_on_while_the_record_is_away_and_it_gets_everything_later() -> None:
@@ -181,13 +166,6 @@ async def test_answers_go_on_while_the_record_is_away_and_it_gets_everything_lat
         bench.count(1)
         await until(lambda: bench.log.is_empty)
     assert record.numbers() == {"boot-0001": list(range(1, 202))}
-
-
-def test_the_types_of_problems_are_those_of_the_service() -> None:
-    assert Kind.OTHER_BEAM.type_uri == OTHER_BEAM
-    never = {Kind.TOO_LARGE: TOO_LARGE, Kind.INVALID_REQUEST: INVALID_REQUEST}
-    assert {Kind.MALFORMED_JSON.type_uri, *(kind.type_uri for kind in never)} == {*never.values()} | NEVER_ACCEPTED
-    assert all(kind.type_uri == uri for kind, uri in never.items())
 
 
 async def test_a_service_that_died_is_asked_within_a_second_and_gets_again_what_it_had_not_made_durable() -> None:

@@ -9,13 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from beamtouch_daemon.delivery import log_store
-from beamtouch_daemon.processing.pipeline import Taken
-from beamtouch_daemon.sources.reading import Reading
 from beamtouch_service.samples import Batch, Note, Sample
 
-from .devices import uptime_s
-from .publishing import Bench, boot, keep, stored, taken
+from .publishing import Bench, boot, hang, keep, put_chunks, stored, taken, taken_of
 from .service import Service, serving
 from .waits import until
 
@@ -45,13 +41,12 @@ async def test_samples_of_earlier_boots_are_read_out_in_order_with_the_facts_the
         beam="beam-1",
     )
     stated = [
-        Taken(
-            Reading(uptime_s(), (None, None)),
+        taken_of(
             Sample.model_validate(
                 {"sequence": number, "acquired_unix_us": 5, "deflection_mm": [0.1 * number, None]}
                 | {"quality": ["good", "missing"], "readings": 4, "covariance_mm2": [0.01, 0.0, 0.0]}
             ),
-            (Note.RATE,) if number > 4 else (),
+            notes=(Note.RATE,) if number > 4 else (),
         )
         for number in range(1, 8)
     ]
@@ -77,10 +72,10 @@ async def test_samples_of_earlier_boots_are_read_out_in_order_with_the_facts_the
 
 async def test_beyond_its_size_the_oldest_are_dropped_and_counted_and_lost_to_the_record(tmp_path: Path) -> None:
     async with stored(tmp_path / "tiny", 50) as store:
-        await _chunks(store, "bench", 2)
+        await put_chunks(store, "bench", 2)
         assert (store.surface("bench").counts.dropped, store.surface("bench").on_disk) == (20, 0)
     async with stored(tmp_path / "samples", 20_000) as store:
-        await _chunks(store, "bench", 40)
+        await put_chunks(store, "bench", 40)
         counts = store.surface("bench").counts
         assert 0 < store.surface("bench").on_disk == 400 - counts.dropped < 400
     assert (tmp_path / "samples").stat().st_size < 70_000
@@ -94,7 +89,7 @@ async def test_a_chunk_that_is_dropped_while_it_is_about_to_be_read_is_a_loss_an
     await keep(tmp_path / "samples", 10, 10)
     go_on = threading.Event()
     async with stored(tmp_path / "samples", 2000) as store, serving(Service()) as service:
-        disk = asyncio.ensure_future(store._call(lambda _: go_on.wait(60)))
+        disk = asyncio.ensure_future(hang(store, go_on))
         async with Bench(service, store) as bench:
             bench.count(5)
             writes = asyncio.ensure_future(store.write(None))
@@ -105,13 +100,6 @@ async def test_a_chunk_that_is_dropped_while_it_is_about_to_be_read_is_a_loss_an
             await until(lambda: bench.log.is_empty and not bench.logs.on_disk)
     assert service.record.lost["bench", "boot-0000"] == list(range(1, 11))
     assert service.record.numbers() == {"boot-0000": list(range(11, 21)), "boot-0001": list(range(1, 6))}
-
-
-async def _chunks(store: log_store.LogStore, surface: str, number: int) -> None:
-    log = store.surface(surface).begin(boot(), 100)
-    for _ in range(number):
-        log.put(taken(log.next, 10))
-        await store.write(None)
 
 
 @contextmanager

@@ -10,21 +10,13 @@ from time import monotonic
 
 import pytest
 
-from beamtouch_daemon.sources import rtu_unit
-from beamtouch_daemon.sources.configured import Buses
-from beamtouch_daemon.sources.polled import PolledSource
-from beamtouch_daemon.sources.reading import Reading, SourceError
-from beamtouch_daemon.sources.registers import Block
-from beamtouch_daemon.sources.rtu_unit import probes_for
-from beamtouch_daemon.tasks import cancel
-
 from . import configs
 from .devices import Fault, NumberingUnit, Pieces, StampingUnit, no_echo, rtu_units, with_crc
 from .faulty import plain
 from .faulty_bus import Pattern, patterns, run, values_only
 from .lines import terminal
 from .process import command
-from .sessions import source_in, take_across_sessions
+from .sessions import Buses, Reading, Source, SourceError, change_waits, source_in, take_across_sessions
 from .waits import until
 
 pytestmark = pytest.mark.anyio
@@ -61,7 +53,7 @@ async def read_through(
     timeout_ms: float = 2000.0,
     rate_hz: float = 50.0,
     echo: Callable[[bytes], Pieces] = no_echo,
-) -> tuple[list[Reading], list[str], PolledSource]:
+) -> tuple[list[Reading], list[str], Source]:
     """Read a unit with a fault so often; return readings, errors and the source. No value may be an older one."""
     with terminal() as line:
         unit = NumberingUnit(fault)
@@ -70,16 +62,8 @@ async def read_through(
             return *(await take_across_sessions(source, number, of(*[unit] * len(places)))), source
 
 
-@pytest.mark.parametrize("blocks", [[Block(4, 3)], [Block(0, 1), Block(4, 3)], [Block(4, 1)], [Block(0, 125)]])
-def test_no_probe_is_answered_as_a_value_is_and_there_are_several(blocks: list[Block]) -> None:
-    probes = probes_for(blocks)
-    lengths = {block.count for block in blocks}
-    assert len(probes) >= 3
-    assert not [probe for probe in probes if probe.function == READ and probe.count in lengths]
-
-
 async def assert_no_value_is_stale_or_foreign(pattern: Pattern, polls: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(rtu_unit, "FORGOTTEN_S", LATEST_S)
+    change_waits(monkeypatch, forgotten_s=LATEST_S)
     outcome = await asyncio.wait_for(run(pattern, polls, seed=3, answers=25), 240)
     assert (outcome.stale, outcome.foreign) == (0, 0)
 
@@ -143,7 +127,7 @@ async def test_a_session_that_begins_while_an_answer_is_owed_gives_no_old_value(
 async def test_a_single_register_that_comes_1500_ms_late_is_not_believed(
     kind: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(rtu_unit, "FORGOTTEN_S", LATEST_S)
+    change_waits(monkeypatch, forgotten_s=LATEST_S)
 
     def late(number: int, frame: bytes) -> Pieces:
         return [(1.5 if number == 20 else 0.0, frame)]
@@ -157,7 +141,7 @@ async def test_a_single_register_that_comes_1500_ms_late_is_not_believed(
 async def test_a_unit_with_one_probe_that_was_off_at_the_start_is_read_once_it_is_on(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(rtu_unit, "FORGOTTEN_S", LATEST_S)
+    change_waits(monkeypatch, forgotten_s=LATEST_S)
     is_on = False
     requests = asyncio.Semaphore(0)
 
@@ -232,8 +216,7 @@ async def test_each_start_asks_its_probes_in_another_order() -> None:
 async def test_a_unit_that_was_replaced_by_one_without_these_probes_is_read_again(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(rtu_unit, "LEARN_AGAIN_S", 0.5)
-    monkeypatch.setattr(rtu_unit, "FORGOTTEN_S", 0.5)
+    change_waits(monkeypatch, forgotten_s=0.5, learn_again_s=0.5)
     values = 0
 
     def replaced(_number: int, frame: bytes) -> Pieces:
@@ -378,7 +361,9 @@ async def test_other_units_are_read_after_each_timeout_of_a_unit_whose_probes_ar
                 for source in (one, two)
             ]
             await until(lambda: asked.count(2) > (1 if answers == "nothing" else 4))
-            await cancel(tasks)
+            for task in tasks:
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
     in_a_row = [len(list(group)) for unit, group in itertools.groupby(asked) if unit == 2]
     assert max(in_a_row) <= 2
 

@@ -8,11 +8,8 @@ from contextlib import aclosing
 import pytest
 from pymodbus.constants import ExcCodes
 
-from beamtouch_daemon.sources.polled import PolledSource
-from beamtouch_daemon.sources.reading import Reading, SourceError, first_readings
-
 from .devices import Fault, NumberingUnit, Pieces, StampingUnit, pymodbus_server, tcp_unit, uptime_s
-from .sessions import polled, take_across_sessions
+from .sessions import Reading, Source, SourceError, first_readings, polled, take_across_sessions
 
 pytestmark = pytest.mark.anyio
 
@@ -21,7 +18,7 @@ def table(port: int, timeout_ms: float = 10_000.0) -> str:
     return f'kind = "modbus-tcp"\nhost = "127.0.0.1"\nport = {port}\ntimeout_ms = {timeout_ms}'
 
 
-def make_source(port: int, registers: list[int], rate_hz: float = 200.0, timeout_ms: float = 10_000.0) -> PolledSource:
+def make_source(port: int, registers: list[int], rate_hz: float = 200.0, timeout_ms: float = 10_000.0) -> Source:
     return polled(table(port, timeout_ms), registers, rate_hz)
 
 

@@ -7,18 +7,13 @@ from typing import Any
 
 import pytest
 
-from beamtouch_daemon.config.sources import SerialLine
-from beamtouch_daemon.sources import board
-from beamtouch_daemon.sources.board import BoardPort, BoardSource
-from beamtouch_daemon.sources.reading import Reading, SourceError, first_readings
-from beamtouch_daemon.sources.serial_port import SerialPort
 from beamtouch_protocol import messages
 from beamtouch_protocol.messages import HelloRequest, Message, Ping, Pong, Start, Stop
 
 from . import configs
 from .devices import SerialDevice, StampingUnit, rtu_units, uptime_s
 from .lines import Terminal, terminal
-from .sessions import polled
+from .sessions import Reading, Source, SourceError, change_waits, first_readings, polled, source_in
 from .waits import until
 
 pytestmark = pytest.mark.anyio
@@ -33,9 +28,9 @@ PIECE_BYTES = 62
 
 def make_source(
     path: str, indices: list[int] | None = None, rate_hz: float = RATE_HZ, bits: int = 16, oversampling: int = 1
-) -> BoardSource:
-    settings = SerialLine(kind="serial", port=path, oversampling=oversampling)
-    return BoardSource(settings, indices or [0, 1], rate_hz, adc_bits=[bits])
+) -> Source:
+    places = [f"register = {index}\nadc_bits = {bits}" for index in indices or [0, 1]]
+    return source_in({}, f"{configs.serial(path)}\noversampling = {oversampling}", places, rate_hz)
 
 
 async def drain(stream: AsyncGenerator[list[Reading], None]) -> None:
@@ -151,14 +146,14 @@ class WithoutClock(SerialDevice):
 async def test_a_silent_device_is_an_error_in_the_hello_at_the_ping_and_in_the_stream(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(board, "HELLO_TIMEOUT_S", 0.4)
+    change_waits(monkeypatch, hello_s=0.4)
     with terminal() as line:
         with pytest.raises(SourceError, match=r"no hello within 0\.4 s"):
             await first_readings(make_source(line.path), 1)
         WithoutClock(line)
         with pytest.raises(SourceError, match=r"no answer to a ping within 0\.4 s, so the age of its readings is"):
             await first_readings(make_source(line.path), 1)
-        monkeypatch.setattr(board, "HELLO_TIMEOUT_S", 60.0)
+        change_waits(monkeypatch, hello_s=60.0)
         device = SerialDevice(line)
         async with aclosing(make_source(line.path).readings()) as stream:
             await anext(stream)
@@ -167,7 +162,7 @@ async def test_a_silent_device_is_an_error_in_the_hello_at_the_ping_and_in_the_s
                 await drain(stream)
 
 
-async def test_a_port_that_is_in_use_unplugged_or_full_is_an_error_at_once() -> None:
+async def test_a_port_that_is_in_use_or_unplugged_is_an_error_at_once() -> None:
     with terminal() as line:
         device = SerialDevice(line)
         async with aclosing(make_source(line.path).readings()) as stream:
@@ -179,22 +174,6 @@ async def test_a_port_that_is_in_use_unplugged_or_full_is_an_error_at_once() -> 
             line.unplug()
             with pytest.raises(SourceError, match=r"is gone|accepts no data"):
                 await drain(stream)
-    with terminal() as line:
-        port = SerialPort(line.path, 115_200)
-        line.unplug()  # the event loop has no turn in which it could notice
-        with pytest.raises(SourceError, match=f"{line.path} is gone or accepts no data"):
-            port.send(b"\x01")
-    with terminal() as line:
-        opened = BoardPort(line.path, 115_200)
-        with pytest.raises(SourceError, match=f"{line.path} accepts no data: its buffer is full"):
-            send_many(opened)
-        opened.close()
-
-
-def send_many(opened: BoardPort) -> None:
-    """Send more than any driver keeps."""
-    for _ in range(100_000):
-        opened.tell(HelloRequest())
 
 
 class Adapter(Terminal):
@@ -263,7 +242,7 @@ async def device_behind(held_s: float) -> AsyncIterator[tuple[DatedDevice, str]]
 async def test_no_reading_of_a_bursting_line_is_stamped_newer_than_it_is(
     held_s: float, rate_hz: float, still_sends: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(board, "SILENCE_S", PATIENCE_S)
+    change_waits(monkeypatch, silence_s=PATIENCE_S)
     async with device_behind(held_s) as (device, path):
         if still_sends:
             device.restart(round(rate_hz))

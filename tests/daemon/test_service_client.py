@@ -11,7 +11,17 @@ import pytest
 
 from beamtouch_daemon.config.file import load_config
 from beamtouch_daemon.config.publish import trust
-from beamtouch_daemon.delivery.client import Answer, ServiceClient, UnreachableError, Verdict
+from beamtouch_daemon.delivery.client import (
+    INVALID_REQUEST,
+    NEVER_ACCEPTED,
+    OTHER_BEAM,
+    TOO_LARGE,
+    Answer,
+    ServiceClient,
+    UnreachableError,
+    Verdict,
+)
+from beamtouch_service.problems import Kind
 from certificates import make_certificate
 
 from . import configs
@@ -118,3 +128,10 @@ def test_a_certificate_is_found_beside_the_configuration(tmp_path: Path, certifi
     trusted = load_config(path).read_trust()
     assert trusted is not None
     assert len(trusted.get_ca_certs()) == 1
+
+
+def test_the_types_of_problems_are_those_of_the_service() -> None:
+    assert Kind.OTHER_BEAM.type_uri == OTHER_BEAM
+    never = {Kind.TOO_LARGE: TOO_LARGE, Kind.INVALID_REQUEST: INVALID_REQUEST}
+    assert {Kind.MALFORMED_JSON.type_uri, *(kind.type_uri for kind in never)} == {*never.values()} | NEVER_ACCEPTED
+    assert all(kind.type_uri == uri for kind, uri in never.items())

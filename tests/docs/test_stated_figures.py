@@ -4,8 +4,6 @@ import math
 import re
 import struct
 import tomllib
-from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -319,19 +317,3 @@ def test_a_page_states_the_settings_and_limits_of_the_code(page: str) -> None:
     text = " ".join(re.sub(r"\n +# ", " ", (ROOT / page).read_text()).split())  # a comment may go on
 
     assert [sentence for sentence in STATED[page] if sentence not in text] == []
-
-
-def numbers_of(value: object) -> Iterator[float]:
-    """Yield the numbers in a TOML value, lengths in mm also in m."""
-    if isinstance(value, dict | list):
-        for one in value.values() if isinstance(value, dict) else value:
-            yield from numbers_of(one)
-    elif isinstance(value, int | float):
-        yield from (value, value / 1e3)
-
-
-@pytest.mark.parametrize("scene", sorted((ROOT / "models" / "scenes").glob("*.toml")), ids=lambda scene: scene.stem)
-def test_the_figures_in_the_first_line_of_a_scene_are_its_own(scene: Path) -> None:
-    first, _, rest = scene.read_text().partition("\n")
-
-    assert {float(number) for number in re.findall(r"[\d.]*\d", first)} <= set(numbers_of(tomllib.loads(rest)))

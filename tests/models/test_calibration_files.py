@@ -7,11 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from array_types import Floats
 from beamtouch_models import load_model
 from beamtouch_models.modelfile import ModelFile
 from calibration_files import FORCES, POSITIONS, write_contacts, write_readings
 from in_process import Command, Outcome, Refusal
-from modelled import Floats, deflections_of
+from modelled import deflections_of
 
 Calibrate = Callable[..., Outcome]
 MAX_BYTES = 64 * 2**20

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy.interpolate import RegularGridInterpolator
 
+from array_types import Floats
 from beamtouch_models.accuracy.prior import Prior, SampleErrors
-from beamtouch_models.arrays import Floats
 from beamtouch_models.estimators.posterior.window import posterior_graph
 from beamtouch_models.physics.influence import InfluenceFunction
 from beamtouch_models.placement.layout import Candidates

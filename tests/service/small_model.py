@@ -6,6 +6,7 @@ from typing import TypedDict, Unpack
 
 import numpy as np
 import onnx
+import onnxruntime
 from onnx import TensorProto, helper
 
 from beamtouch_models import modelfile
@@ -28,7 +29,6 @@ from beamtouch_models.metadata import (
     Thresholds,
 )
 from beamtouch_models.modelfile import ModelFile
-from beamtouch_models.session import open_session
 
 Rows = list[list[float]]
 BEAM = "beam-1"
@@ -98,7 +98,7 @@ def _graph(channels: int, outputs: tuple[str, ...], spoiled: str) -> onnx.ModelP
 def _golden(model: onnx.ModelProto, channels: int) -> Golden:
     deflection: Rows = [[0.1] * channels, [0.0] * channels]
     whitening = (np.eye(channels) * 100).tolist()
-    session = open_session(model.SerializeToString())
+    session = onnxruntime.InferenceSession(model.SerializeToString(), providers=["CPUExecutionProvider"])
     values = session.run(
         None,
         {
