@@ -101,22 +101,6 @@ def test_a_file_that_may_come_later_is_no_wrong_input(refused: Callable[..., str
     assert "empty; write at least 16 random characters to it" in line
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        '[mqtt]\nhost = "b"\ntls = true\nca_file = "later"\n',
-        '[mqtt]\nhost = "b"\ntls = true\ncertificate_file = "later"\nkey_file = "later"\n',
-        '[mqtt]\nhost = "b"\nusername = "u"\npassword_file = "later"\n',
-        '[opcua]\ncertificate_file = "later"\nkey_file = "later"\n',
-        '[opcua]\nusername = "u"\npassword_file = "later"\n',
-    ],
-)
-def test_a_file_of_an_output_may_come_later(refused: Callable[..., str], tmp_path: Path, text: str) -> None:
-    (tmp_path / "service.toml").write_text(text)
-    line = refused("run", "--port", 0, "--config", tmp_path / "service.toml", code=1)
-    assert f"{tmp_path}/later: No such file or directory" in line
-
-
 def test_certificates_of_clients_may_come_later(refused: Callable[..., str], tmp_path: Path) -> None:
     own, key = make_certificate(tmp_path, key_kind=("rsa:2048",))
     text = f'[opcua]\ncertificate_file = "{own}"\nkey_file = "{key}"\ntrusted_folder = "later"\n'

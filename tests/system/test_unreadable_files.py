@@ -54,6 +54,14 @@ ENDS_WITH_1: dict[str, tuple[str, Reasons]] = {
         '[server]\ncertificate_file = "one.named"\nkey_file = "one.named"\n',
         ABSENT | dict.fromkeys((no_text, endless), "are not a PEM certificate and its key without a passphrase"),
     ),
+    "service mqtt.ca_file": (
+        '[mqtt]\nhost = "b"\ntls = true\nca_file = "one.named"\n',
+        ABSENT | {no_text: "not PEM", endless: "not PEM"},
+    ),
+    "service mqtt.certificate_file": (
+        '[mqtt]\nhost = "b"\ntls = true\ncertificate_file = "one.named"\nkey_file = "one.named"\n',
+        ABSENT | dict.fromkeys((no_text, endless), "are not a PEM certificate and its key without a passphrase"),
+    ),
     "service mqtt.password_file": ('[mqtt]\nhost = "b"\nusername = "u"\npassword_file = "one.named"\n', NO_PASSWORD),
     "service opcua.password_file": ('[opcua]\nusername = "u"\npassword_file = "one.named"\n', NO_PASSWORD),
     "service opcua.certificate_file": (
@@ -70,10 +78,6 @@ ENDS_WITH_2: dict[str, tuple[str, Reasons]] = {
     "daemon include": (
         f'include = ["*.named"]\n{DAEMON}',
         {dangling_link: ABSENT[dangling_link], no_text: "not a text file in UTF-8", endless: TOO_LARGE},
-    ),
-    "service mqtt.ca_file": (
-        '[mqtt]\nhost = "b"\ntls = true\nca_file = "one.named"\n',
-        ABSENT | {no_text: "not PEM", endless: "not PEM"},
     ),
 }
 """The same; a file that is absent ends the program with 2."""
