@@ -1,4 +1,4 @@
-"""Priors of the shipped scenes for tests of the posterior, and running graphs on contacts and at rest."""
+"""Priors of the shipped scenes for tests of the posterior, and running graphs on contacts."""
 
 import dataclasses
 from functools import cache, lru_cache
@@ -9,19 +9,15 @@ import onnx
 from numpy.typing import NDArray
 
 from array_types import Floats
+from beamtouch_models import place
 from beamtouch_models.accuracy.posterior import posterior_quantiles
 from beamtouch_models.accuracy.prior import MAX_FORCE_RATIO, Forces, Prior
-from beamtouch_models.accuracy.thresholds import directions
-from beamtouch_models.error_model import whitening
 from beamtouch_models.estimators.onnx_graph import to_bytes
 from beamtouch_models.estimators.posterior.window import posterior_graph
 from beamtouch_models.physics.beam import influence_of, travel_of
-from beamtouch_models.placement.placing import place
 from beamtouch_models.scene import load_scene
-from beamtouch_models.session import Run, runner
+from beamtouch_models.session import runner
 from example_scenes import SCENES
-from rare_rest import rest_like_contact
-from stated_problems import problem_in
 
 TINY = np.nextafter(np.float32(0), np.float32(1))
 """The smallest subnormal of float32."""
@@ -44,7 +40,7 @@ def prior_of(name: str, sensors: int, noise_percent: float, *, known: bool) -> P
 def _positions_mm(name: str, sensors: int) -> Floats:
     """The layout of sensors on a shipped scene, whatever the force and the noise."""
     scene, _ = load_scene(SCENES / f"{name}.toml")
-    return np.array(place(*problem_in(scene), sensors, 1).positions_mm)
+    return place(scene, sensors, criterion="eigenvalue-product", seed=1)
 
 
 def with_floor(prior: Prior) -> Prior:
@@ -112,25 +108,6 @@ def quantiles_of(grid: Floats, density: Floats, *levels: float) -> Floats:
     """Quantiles of a density on a grid, by the trapezoidal rule."""
     below = np.append(0.0, np.cumsum(density[1:] + density[:-1]))
     return np.interp(levels, below / below[-1], grid)
-
-
-def exceeding(
-    run: Run, prior: Prior, covariance: Floats, kept: tuple[int, ...], rate: float, threshold: float
-) -> float:
-    """The rate at which rest exceeds a threshold, through the graph, by importance sampling, over what was asked."""
-    channels, draws = prior.channels, 2048
-    valid = np.zeros((draws, channels), np.bool_)
-    valid[:, kept] = True
-    weights = whitening(np.zeros((draws, channels)), covariance, 0.0, prior.zero_mm, valid)
-    part = weights[0][np.ix_(kept, kept)]
-    shapes = prior.table(np.linspace(*prior.position_mm, 201))[:, kept] @ part.T
-    # What is not noise is the zero.
-    noise = np.sqrt(np.diag(part @ covariance[np.ix_(kept, kept)] @ part.T))
-    rest = rest_like_contact(directions(shapes), noise, rate, draws, 5)
-    reading = np.zeros((draws, channels))
-    reading[:, kept] = np.linalg.solve(part, rest.sample.T).T
-    odds = run(reading, weights)["contact_log_odds"]
-    return float(np.where(odds > threshold, rest.weight, 0.0).mean() / rate)
 
 
 def nonsense(prior: Prior) -> Floats:

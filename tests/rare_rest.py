@@ -11,8 +11,11 @@ import numpy as np
 from scipy.special import gammaln
 
 from array_types import Floats
-from beamtouch_models.accuracy.thresholds import DRIFTS, MIN_EXPONENT, exceeded_with
+from beamtouch_models.accuracy.prior import Prior
+from beamtouch_models.accuracy.thresholds import DRIFTS, MIN_EXPONENT, directions, exceeded_with
 from beamtouch_models.decision.decider import PERSISTENCE
+from beamtouch_models.error_model import whitening
+from beamtouch_models.session import Run
 
 FARTHEST = 14.0
 """Largest r, in deviations."""
@@ -107,6 +110,25 @@ def rest_like_contact(unit: Floats, noise: Floats, rate: float, draws: int, seed
     white = rng.normal(size=zero.shape) + np.take_along_axis(shift, at[:, None], axis=1) * along[at]
     drawn = shift * (white @ along.T) - shift**2 / 2 + log_tilt(zero[:, None], tilt, reach)
     return Rest(zero, white * noise, 1 / np.exp(np.minimum(drawn, MAX_LOG)).mean(axis=1))
+
+
+def exceeding(
+    run: Run, prior: Prior, covariance: Floats, kept: tuple[int, ...], rate: float, threshold: float
+) -> float:
+    """The rate at which rest exceeds a threshold, through the graph, by importance sampling, over what was asked."""
+    channels, draws = prior.channels, 2048
+    valid = np.zeros((draws, channels), np.bool_)
+    valid[:, kept] = True
+    weights = whitening(np.zeros((draws, channels)), covariance, 0.0, prior.zero_mm, valid)
+    part = weights[0][np.ix_(kept, kept)]
+    shapes = prior.table(np.linspace(*prior.position_mm, 201))[:, kept] @ part.T
+    # What is not noise is the zero.
+    noise = np.sqrt(np.diag(part @ covariance[np.ix_(kept, kept)] @ part.T))
+    rest = rest_like_contact(directions(shapes), noise, rate, draws, 5)
+    reading = np.zeros((draws, channels))
+    reading[:, kept] = np.linalg.solve(part, rest.sample.T).T
+    odds = run(reading, weights)["contact_log_odds"]
+    return float(np.where(odds > threshold, rest.weight, 0.0).mean() / rate)
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,6 @@ from contextlib import aclosing
 import pytest
 
 from beamtouch_daemon.config.settings import Surface
-from beamtouch_daemon.sources import board, rtu_unit
 from beamtouch_daemon.sources.configured import Buses, source_of
 from beamtouch_daemon.sources.reading import Reading, Source, SourceError, first_readings
 
@@ -18,31 +17,23 @@ __all__ = [
 ]  # fmt: skip
 
 
-def change_waits(
-    monkeypatch: pytest.MonkeyPatch,
-    *,
-    forgotten_s: float = rtu_unit.FORGOTTEN_S,
-    learn_again_s: float = rtu_unit.LEARN_AGAIN_S,
-    hello_s: float = board.HELLO_TIMEOUT_S,
-    silence_s: float = board.SILENCE_S,
-) -> None:
+def change_waits(monkeypatch: pytest.MonkeyPatch, **waits_s: float) -> None:
     """Let sources wait for other times than those of the daemon [s].
 
-    Parameters
-    ----------
-    forgotten_s
-        For an answer that a unit owes.
-    learn_again_s
-        Until a unit is asked again what it answers.
-    hello_s
-        For a board to say what it is, and to answer a ping.
-    silence_s
-        For a reading of a board.
+    `forgotten_s` is that for an answer that a unit owes, `learn_again_s` that until a unit is asked again what it
+    answers, `hello_s` that for a board to say what it is and to answer a ping, `silence_s` that for its readings.
     """
-    monkeypatch.setattr(rtu_unit, "FORGOTTEN_S", forgotten_s)
-    monkeypatch.setattr(rtu_unit, "LEARN_AGAIN_S", learn_again_s)
-    monkeypatch.setattr(board, "HELLO_TIMEOUT_S", hello_s)
-    monkeypatch.setattr(board, "SILENCE_S", silence_s)
+    from beamtouch_daemon.sources import board, rtu_unit  # noqa: PLC0415  # for the tests that wait
+
+    homes = {
+        "forgotten_s": (rtu_unit, "FORGOTTEN_S"),
+        "learn_again_s": (rtu_unit, "LEARN_AGAIN_S"),
+        "hello_s": (board, "HELLO_TIMEOUT_S"),
+        "silence_s": (board, "SILENCE_S"),
+    }
+    for name, wait_s in waits_s.items():
+        module, constant = homes[name]
+        monkeypatch.setattr(module, constant, wait_s)
 
 
 def polled(source: str, registers: list[int], rate_hz: float, others: list[str] | None = None) -> Source:

@@ -74,7 +74,7 @@ async def test_the_log_of_a_removed_surface_is_delivered_once_its_file_is_free(t
     with cable(tmp_path) as usb:
         device, source = SerialDevice(usb.plug()), configs.serial(str(usb.path))
         config = configs.write(tmp_path, configs.surface("press", source), url=f"http://127.0.0.1:{free_port()}")
-        left = (await leave_samples(tmp_path, config, lambda: device.sequence >= 50))["samples_in_log"]
+        left = (await leave_samples(tmp_path, config, lambda: device.sequence >= 300))["samples_in_log"]
         (boot_id,) = {batch.boot_id for batch in batches_in(tmp_path / LOG_FILE)}
         with closing(sqlite3.connect(tmp_path / LOG_FILE)) as other:
             other.execute("BEGIN EXCLUSIVE")

@@ -27,7 +27,8 @@ from false_alarms import (
     false_stretches_per_day,
     surface,
 )
-from posterior_cases import exceeding, graph_of, prior_of
+from posterior_cases import graph_of, prior_of
+from rare_rest import exceeding
 from stated_problems import fewest_mm, real_prior
 
 pytestmark = pytest.mark.long
