@@ -34,7 +34,7 @@ def open_record(tmp_path: Path) -> Iterator[OpenRecord]:
     opened: list[Recorder] = []
 
     def start(**limits: float) -> tuple[Bench, Recorder]:
-        recorder = Recorder(EventsSection(file=tmp_path / "events.db", **limits))
+        recorder = Recorder(EventsSection.model_validate({"file": tmp_path / "events.db"} | limits))
         opened.append(recorder)
         return Bench(Surface("press-7", model_of()), recorder=recorder), recorder
 
