@@ -1,0 +1,79 @@
+"""The limits of the record: how old and how large it becomes."""
+
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from beamtouch_service.events.recorder import Recorder
+from beamtouch_service.sections import EventsSection
+from beamtouch_service.surfaces.surface import Surface
+from service.conftest import Bench, Row
+from service.event_story import RESTING, TOUCHING, Story
+from service.small_model import model_of
+from service.test_record import execute
+
+CONTACT: list[Row] = [RESTING, *[TOUCHING] * 3, *[RESTING] * 3]
+DAY_S = 86_400.0
+BOOTS = 2000
+"""Boots whose cursors are more than a MB."""
+AS_THE_FIRST = f"""
+WITH RECURSIVE boot(number) AS (SELECT 1 UNION SELECT number + 1 FROM boot WHERE number < {BOOTS})
+INSERT INTO cursors (surface, boot_id, durable, version, model, memory, event, recorded_s)
+SELECT surface, 'restless-' || number, durable, version, model, memory, event, recorded_s
+FROM cursors JOIN boot WHERE boot_id = 'restless-0'
+"""  # noqa: S608  # a number of this file
+
+OpenRecord = Callable[..., tuple[Bench, Recorder]]
+
+
+@pytest.fixture
+def open_record(tmp_path: Path) -> Iterator[OpenRecord]:
+    """A function that returns a service of one surface, with a record in a file with these limits."""
+    opened: list[Recorder] = []
+
+    def start(**limits: float) -> tuple[Bench, Recorder]:
+        recorder = Recorder(EventsSection.model_validate({"file": tmp_path / "events.db"} | limits))
+        opened.append(recorder)
+        return Bench(Surface("press-7", model_of()), recorder=recorder), recorder
+
+    yield start
+    for recorder in opened:
+        recorder.close()
+
+
+def deliver(bench: Bench, contacts: int, boot_id: str = "boot-0001") -> None:
+    """Deliver contacts of one boot, and make them durable."""
+    story = Story(bench, CONTACT * contacts, boot_id)
+    story.deliver(0, len(story.rows))
+    assert numbers(bench)  # the list is that of what is durable
+    assert story.ask()["durable"] == len(story.rows)
+
+
+def numbers(bench: Bench) -> list[int]:
+    return [event["id"] for event in bench.get("/events?limit=1000").json()["events"]]
+
+
+def test_events_leave_the_record_with_their_age(open_record: OpenRecord) -> None:
+    bench, recorder = open_record(keep_days=2)
+    deliver(bench, 3)
+    assert recorder.store.prune(time.time() + 1.9 * DAY_S) == 0
+    assert numbers(bench) == [3, 2, 1]
+    assert recorder.store.prune(time.time() + 2.1 * DAY_S) == 3
+    assert numbers(bench) == []
+
+
+def test_boots_without_events_take_no_room_from_events_for_longer_than_a_day(
+    open_record: OpenRecord, tmp_path: Path
+) -> None:
+    bench, recorder = open_record(max_mb=1)
+    deliver(bench, 3)
+    Story(bench, [RESTING], "restless-0").deliver(0, 1)
+    deliver(bench, 1, "restless-at-last")
+    # All are as the first one, which takes a tenth of the time of their samples.
+    execute(tmp_path / "events.db", AS_THE_FIRST)
+    with recorder.store.database.reading() as connection:
+        assert recorder.store.database.used_bytes(connection) > 1e6
+    assert recorder.store.prune(time.time() + 1.1 * DAY_S) == 0
+    assert sorted(numbers(bench)) == [1, 2, 3, 4]
