@@ -1,17 +1,11 @@
 """The limits of the record: how old and how large it becomes."""
 
 import time
-from collections.abc import Callable, Iterator
 from pathlib import Path
 
-import pytest
-
-from beamtouch_service.events.recorder import Recorder
 from beamtouch_service.sections import EventsSection
-from beamtouch_service.surfaces.surface import Surface
-from service.conftest import Bench, Row
+from service.conftest import Bench, Row, surface_of
 from service.event_story import RESTING, TOUCHING, Story
-from service.small_model import model_of
 from service.test_record import execute
 
 CONTACT: list[Row] = [RESTING, *[TOUCHING] * 3, *[RESTING] * 3]
@@ -25,22 +19,15 @@ SELECT surface, 'restless-' || number, durable, version, model, memory, event, r
 FROM cursors JOIN boot WHERE boot_id = 'restless-0'
 """  # noqa: S608  # a number of this file
 
-OpenRecord = Callable[..., tuple[Bench, Recorder]]
+
+def opened(folder: Path, **limits: float) -> Bench:
+    """Return a service of one surface, with a record in a file with these limits."""
+    return Bench(surface_of(), events=EventsSection(file=folder / "events.db", **limits))
 
 
-@pytest.fixture
-def open_record(tmp_path: Path) -> Iterator[OpenRecord]:
-    """A function that returns a service of one surface, with a record in a file with these limits."""
-    opened: list[Recorder] = []
-
-    def start(**limits: float) -> tuple[Bench, Recorder]:
-        recorder = Recorder(EventsSection.model_validate({"file": tmp_path / "events.db"} | limits))
-        opened.append(recorder)
-        return Bench(Surface("press-7", model_of()), recorder=recorder), recorder
-
-    yield start
-    for recorder in opened:
-        recorder.close()
+def prune(bench: Bench, days: float) -> int:
+    """Have the record look at its limits so many days from now; return how many events it deletes."""
+    return bench.app.context.recorder.store.prune(time.time() + days * DAY_S)
 
 
 def deliver(bench: Bench, contacts: int, boot_id: str = "boot-0001") -> None:
@@ -55,25 +42,24 @@ def numbers(bench: Bench) -> list[int]:
     return [event["id"] for event in bench.get("/events?limit=1000").json()["events"]]
 
 
-def test_events_leave_the_record_with_their_age(open_record: OpenRecord) -> None:
-    bench, recorder = open_record(keep_days=2)
+def test_events_leave_the_record_with_their_age(tmp_path: Path) -> None:
+    bench = opened(tmp_path, keep_days=2)
     deliver(bench, 3)
-    assert recorder.store.prune(time.time() + 1.9 * DAY_S) == 0
+    assert prune(bench, 1.9) == 0
     assert numbers(bench) == [3, 2, 1]
-    assert recorder.store.prune(time.time() + 2.1 * DAY_S) == 3
+    assert prune(bench, 2.1) == 3
     assert numbers(bench) == []
 
 
-def test_boots_without_events_take_no_room_from_events_for_longer_than_a_day(
-    open_record: OpenRecord, tmp_path: Path
-) -> None:
-    bench, recorder = open_record(max_mb=1)
+def test_boots_without_events_take_no_room_from_events_for_longer_than_a_day(tmp_path: Path) -> None:
+    bench = opened(tmp_path, max_mb=1)
     deliver(bench, 3)
     Story(bench, [RESTING], "restless-0").deliver(0, 1)
     deliver(bench, 1, "restless-at-last")
     # All are as the first one, which takes a tenth of the time of their samples.
     execute(tmp_path / "events.db", AS_THE_FIRST)
-    with recorder.store.database.reading() as connection:
-        assert recorder.store.database.used_bytes(connection) > 1e6
-    assert recorder.store.prune(time.time() + 1.1 * DAY_S) == 0
+    database = bench.app.context.recorder.store.database
+    with database.reading() as connection:
+        assert database.used_bytes(connection) > 1e6
+    assert prune(bench, 1.1) == 0
     assert sorted(numbers(bench)) == [1, 2, 3, 4]
