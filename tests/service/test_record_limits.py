@@ -20,11 +20,6 @@ FROM cursors JOIN boot WHERE boot_id = 'restless-0'
 """  # noqa: S608  # a number of this file
 
 
-def opened(folder: Path, **limits: float) -> Bench:
-    """Return a service of one surface, with a record in a file with these limits."""
-    return Bench(surface_of(), events=EventsSection(file=folder / "events.db", **limits))
-
-
 def prune(bench: Bench, days: float) -> int:
     """Have the record look at its limits so many days from now; return how many events it deletes."""
     return bench.app.context.recorder.store.prune(time.time() + days * DAY_S)
@@ -43,7 +38,7 @@ def numbers(bench: Bench) -> list[int]:
 
 
 def test_events_leave_the_record_with_their_age(tmp_path: Path) -> None:
-    bench = opened(tmp_path, keep_days=2)
+    bench = Bench(surface_of(), events=EventsSection(file=tmp_path / "events.db", keep_days=2))
     deliver(bench, 3)
     assert prune(bench, 1.9) == 0
     assert numbers(bench) == [3, 2, 1]
@@ -52,7 +47,7 @@ def test_events_leave_the_record_with_their_age(tmp_path: Path) -> None:
 
 
 def test_boots_without_events_take_no_room_from_events_for_longer_than_a_day(tmp_path: Path) -> None:
-    bench = opened(tmp_path, max_mb=1)
+    bench = Bench(surface_of(), events=EventsSection(file=tmp_path / "events.db", max_mb=1))
     deliver(bench, 3)
     Story(bench, [RESTING], "restless-0").deliver(0, 1)
     deliver(bench, 1, "restless-at-last")
