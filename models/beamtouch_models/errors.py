@@ -16,3 +16,9 @@ class ModelFileError(InputError):
 
 class NotGoodEnoughError(FailedError):
     """The result is not fit for use and was not written. The message has the figures."""
+
+
+def require(value: object, kind: type, name: str, wanted: str) -> None:
+    """Raise SceneError unless an argument is of this kind; `wanted` says in words which."""
+    if not isinstance(value, kind):
+        raise SceneError(f"{name}: give {wanted}, not {type(value).__name__} {str(value)[:40]!r}")

@@ -14,9 +14,9 @@ from beamtouch_common.digits import digits
 from beamtouch_models import description
 from beamtouch_models.arrays import Floats
 from beamtouch_models.error_model import whitening
-from beamtouch_models.errors import ModelFileError, SceneError
+from beamtouch_models.errors import ModelFileError, SceneError, require
 from beamtouch_models.metadata import INPUTS, THIS_FILE, Metadata
-from beamtouch_models.numbers import array_of, require
+from beamtouch_models.numbers import array_of
 from beamtouch_models.session import Answers, Graph, GraphError, graph_errors
 
 GOLDEN_TOLERANCE = 1e-3

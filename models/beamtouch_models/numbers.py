@@ -56,12 +56,6 @@ def whole(value: object, name: str, least: int) -> int:
     return found
 
 
-def require(value: object, kind: type, name: str, wanted: str) -> None:
-    """Raise SceneError unless an argument is of this kind; `wanted` says in words which."""
-    if not isinstance(value, kind):
-        raise SceneError(f"{name}: give {wanted}, not {type(value).__name__} {str(value)[:40]!r}")
-
-
 def three_digits(value: float) -> str:
     """Return a number with three decimals, or with three significant digits if it is less than 0.1."""
     return f"{value:.3f}" if value >= 0.1 else digits(value, 3)

@@ -105,3 +105,15 @@ def test_a_model_is_built_where_zeros_drift_far_more_than_readings_scatter(tmp_p
     # Zeros lie within two of their deviations: alone, they move one channel by no more, which is odds of 2^2 / 2.
     assert 0 < touch[0] < 2.1
     assert touch[-1] > 1
+
+
+@pytest.mark.usefixtures("short_work")
+def test_a_model_that_large_errors_of_gains_keep_from_the_limit_is_not_written(tmp_path: Path) -> None:
+    scene, model = tmp_path / "scene.toml", tmp_path / "scene.onnx"
+    plain = PLAIN | {"sensors": PLAIN["sensors"] | {"count": 4, "gain_error_percent": 100.0}}
+    scene.write_text(tomli_w.dumps(plain))
+    code, out, err = run("build", str(scene), "-o", str(model), "--criterion", "eigenvalue-product")
+    assert (code, out) == (1, "")
+    assert "nothing was written: with" in err
+    assert err.endswith("95 % intervals; calibrate, and state a smaller gain_error_percent\n")
+    assert not model.exists()

@@ -11,9 +11,9 @@ from beamtouch_models.accuracy.evaluation import Evaluation, at_noise
 from beamtouch_models.accuracy.posterior import posterior_quantiles
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.arrays import Floats
-from beamtouch_models.errors import SceneError
+from beamtouch_models.errors import SceneError, require
 from beamtouch_models.loading import ModelFile
-from beamtouch_models.numbers import number, numbers, places_in, require, whole
+from beamtouch_models.numbers import number, numbers, places_in, whole
 from beamtouch_models.physics.influence import InfluenceFunction, check_own
 from beamtouch_models.pricing.noise import check_scale
 from beamtouch_models.scene import Scene

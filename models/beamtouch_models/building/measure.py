@@ -11,6 +11,7 @@ import numpy as np
 from beamtouch_common.digits import digits
 from beamtouch_models.accuracy import limit
 from beamtouch_models.accuracy.limit import MeanError, Reached, simulated_enough
+from beamtouch_models.accuracy.posterior import LARGE_GAIN
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.statistics import share_of
 from beamtouch_models.accuracy.thresholds import (
@@ -133,9 +134,11 @@ def reach(made: Estimator, prior: Prior, run: Run, draws: int, seed: int) -> Rea
         and coverage.value + SURE * coverage.standard_error >= MIN_COVERAGE
     ):
         return reached
+    are_gains_large = float(np.max(prior.gain)) > LARGE_GAIN
+    remedy = "calibrate, and state a smaller gain_error_percent" if are_gains_large else "state a larger noise"
     raise NotGoodEnoughError(
         f"with {digits(prior.noise_mm, 3)} mm of noise the error is {digits(ratio.value, 3)} times the accuracy "
-        f"limit, and {coverage.value:.1%} of positions lie in their 95 % intervals; state a larger noise"
+        f"limit, and {coverage.value:.1%} of positions lie in their 95 % intervals; {remedy}"
     )
 
 

@@ -8,10 +8,10 @@ from beamtouch_common.files import require_writable, write_atomically
 from beamtouch_models.building.build import Built, Choices, build_model
 from beamtouch_models.building.daemon_config import daemon_config as daemon_config_of
 from beamtouch_models.building.sensors import count_of
-from beamtouch_models.errors import SceneError
+from beamtouch_models.errors import SceneError, require
 from beamtouch_models.metadata import NAME
 from beamtouch_models.names import ESTIMATORS, Criterion, EstimatorName
-from beamtouch_models.numbers import require, whole
+from beamtouch_models.numbers import whole
 from beamtouch_models.placement.placing import DEFAULT_AIM, Aim
 from beamtouch_models.scene import Scene, format_scene, load_scene, path_of, read_scene
 from beamtouch_models.sweeps import Progress, silent

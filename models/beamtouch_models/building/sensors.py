@@ -19,10 +19,10 @@ from beamtouch_models.accuracy.thresholds import (
     touch_threshold,
 )
 from beamtouch_models.arrays import Floats
-from beamtouch_models.errors import SceneError
+from beamtouch_models.errors import SceneError, require
 from beamtouch_models.estimators.estimator import Estimator, estimator_of
 from beamtouch_models.names import Criterion, EstimatorName
-from beamtouch_models.numbers import require, whole
+from beamtouch_models.numbers import whole
 from beamtouch_models.physics.influence import InfluenceFunction
 from beamtouch_models.placement.placing import DEFAULT_AIM, Aim, Placement, fewest_sensors, score_positions
 from beamtouch_models.scene import Scene

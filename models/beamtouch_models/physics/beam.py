@@ -9,8 +9,8 @@ from numpy.typing import ArrayLike
 
 from beamtouch_common.digits import digits
 from beamtouch_models.arrays import Floats
-from beamtouch_models.errors import SceneError
-from beamtouch_models.numbers import array_of, at_least, at_most, places_in, require
+from beamtouch_models.errors import SceneError, require
+from beamtouch_models.numbers import array_of, at_least, at_most, places_in
 from beamtouch_models.physics.closed_forms import patch_influence, point_influence, span_of
 from beamtouch_models.physics.influence import InfluenceFunction
 from beamtouch_models.physics.mesh import element_influence

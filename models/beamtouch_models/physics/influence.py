@@ -11,8 +11,8 @@ from functools import partial
 import numpy as np
 
 from beamtouch_models.arrays import Floats
-from beamtouch_models.errors import SceneError
-from beamtouch_models.numbers import array_of, require
+from beamtouch_models.errors import SceneError, require
+from beamtouch_models.numbers import array_of
 
 EVEN = 1e-6
 """Largest difference between the steps of even load positions, relative to a step."""

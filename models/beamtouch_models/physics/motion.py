@@ -17,9 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beamtouch_models.arrays import Floats
-from beamtouch_models.errors import SceneError
+from beamtouch_models.errors import SceneError, require
 from beamtouch_models.metadata import FilterChoice
-from beamtouch_models.numbers import require
 from beamtouch_models.physics.beam import influence, load_positions_mm
 from beamtouch_models.physics.closed_forms import span_of
 from beamtouch_models.scene import Scene

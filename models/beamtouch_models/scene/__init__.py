@@ -14,7 +14,7 @@ from pydantic import Field, model_validator
 from beamtouch_common.digits import digits
 from beamtouch_common.errors import InputError
 from beamtouch_common.files import parse_toml, read_text, validate
-from beamtouch_models.numbers import require
+from beamtouch_models.errors import require
 from beamtouch_models.rates import MAX_FALSE, max_false_per_day
 from beamtouch_models.scene.beam import Beam, identity_of
 from beamtouch_models.scene.plausible import in_other_units, misplaced
