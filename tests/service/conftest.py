@@ -132,6 +132,7 @@ def _application(
     from beamtouch_service.api.app import create_app  # noqa: PLC0415
     from beamtouch_service.events.recorder import Recorder  # noqa: PLC0415
 
+    exec(PATIENT, {})  # noqa: S102 - as in the processes of the service
     access = Access(token, read_token)
     return create_app(surfaces, access, clock=lambda: bench.now_s, recorder=Recorder(events))
 
@@ -149,11 +150,6 @@ def _close_records() -> Iterator[None]:
     for bench in Bench.started:
         bench.app.context.recorder.store.close()
     Bench.started.clear()
-
-
-@pytest.fixture(scope="session", autouse=True)
-def _patient() -> None:
-    exec(PATIENT, {})  # noqa: S102 - as in the processes of the service
 
 
 def surface_of(name: str = "press-7", section: SurfaceSection | None = None, **model: Unpack[ModelOptions]) -> Surface:
