@@ -54,10 +54,10 @@ def cable(folder: Path) -> Iterator[Cable]:
 
 
 def plain(source: str) -> str:
-    """Return a surface whose samples are eighths of the counts, negative: no filter, a count is 1/8 mm of gap."""
+    """Return a surface whose samples are the counts themselves, negative: no filter, a gap is a count."""
     text = configs.surface(source=source, rate_hz=RATE_HZ)
-    text = text.replace("-0.0001", "0.125").replace("= 4.5", "= 0.0").replace("= 2.5", "= 0.0")
-    text = text.replace("[1.0, 4.0]", "[0.0, 8192.0]")
+    text = text.replace("-0.0001", "1.0").replace("= 4.5", "= 0.0").replace("= 2.5", "= 0.0")
+    text = text.replace("[1.0, 4.0]", "[0.0, 65535.0]")
     head, _, tail = text.partition('kind = "moving-average"\nwindow = 1')
     return f'{head}kind = "none"{tail}'
 
@@ -65,7 +65,7 @@ def plain(source: str) -> str:
 def counts_of(samples: list[Sample]) -> list[tuple[float, float]]:
     """Return the counts of samples of which both channels are good."""
     return [
-        (-8 * first, -8 * second)
+        (-first, -second)
         for first, second in (sample.deflection_mm for sample in samples)
         if first is not None and second is not None
     ]

@@ -56,7 +56,7 @@ def polled(source: str, registers: list[int], rate_hz: float, others: list[str] 
 
 def source_in(buses: Buses, source: str, places: list[str], rate_hz: float) -> Source:
     """Return a source of channels in these places, which shares buses with others."""
-    channel = "gain_mm_per_count = 0.1\noffset_mm = 0.0\nrest_gap_mm = 0.0\nrange_mm = [0.0, 6553.5]"
+    channel = "gain_mm_per_count = 1.0\noffset_mm = 0.0\nrest_gap_mm = 0.0\nrange_mm = [0.0, 65535.0]"
     tables = [f'[[channels]]\nname = "s{index}"\n{place}\n{channel}\n' for index, place in enumerate(places)]
     text = f"rate_hz = {rate_hz}\n[source]\n{source}\n{''.join(tables)}"
     return source_of(Surface.model_validate(tomllib.loads(text)), "bench", buses)
