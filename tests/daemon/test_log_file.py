@@ -164,6 +164,7 @@ async def test_a_damaged_file_is_set_aside_whole_and_a_new_one_begins(
 
 
 async def test_damaged_files_do_not_pile_up_and_the_newest_stays(tmp_path: Path) -> None:
+    await keep(tmp_path / "samples", 1)
     for turn in range(6):
         (tmp_path / "samples").write_bytes(b"this is no database" * 100 + bytes([turn]))
         async with stored(tmp_path / "samples"):

@@ -198,6 +198,18 @@ def test_a_log_file_of_another_program_is_an_error_in_one_line(tmp_path: Path, r
     assert (tmp_path / "orders.db").read_bytes() == content
 
 
+def test_a_log_file_that_is_something_else_is_an_error_in_one_line_and_keeps_its_name(
+    tmp_path: Path, refused: Refused
+) -> None:
+    config = configs.write(tmp_path, configs.surface())
+    config.write_text(config.read_text().replace("batch_ms", 'log_file = "daemon.toml"\nbatch_ms'))
+    content = config.read_text()
+    expected = f"publish.log_file: {config} is something else than a log; choose another file"
+    assert [refused("run", config) for _ in range(2)] == [expected] * 2
+    assert config.read_text() == content
+    assert sorted(one.name for one in tmp_path.iterdir()) == ["beamtouch.token", "daemon.toml"]
+
+
 async def metrics(port: int, surface: str, is_missing: int) -> str:
     """Wait until the metrics say whether the device of a surface is missing; return what they say of the surface."""
     async with asyncio.timeout(60), httpx2.AsyncClient(trust_env=False) as client:

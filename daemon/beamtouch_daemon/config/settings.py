@@ -14,7 +14,7 @@ from beamtouch_daemon.config import tare_file
 from beamtouch_daemon.config.modules import Encoding, Module
 from beamtouch_daemon.config.publish import Publish, trust
 from beamtouch_daemon.config.signal import (
-    LARGEST_MM,
+    LARGEST,
     Channel,
     Filter,
     GrowingMean,
@@ -24,7 +24,7 @@ from beamtouch_daemon.config.signal import (
     ZeroTracking,
 )
 from beamtouch_daemon.config.sources import ModbusRtu, ModbusTcp, NetworkPort, RelativePath, SerialLine, Source, Strict
-from beamtouch_service.samples import MAX_CHANNELS, BeamIdentity, SurfaceName
+from beamtouch_service.samples import MAX_CHANNELS, BeamIdentity, Noise, SurfaceName
 
 MAX_PERIOD_READINGS = 4000
 """Limit of the readings in a slowest period: every sample is compared with half of them."""
@@ -58,14 +58,14 @@ class Surface(Strict):
     beam than that of its model. Default: not stated, and a model of another beam passes unnoticed."""
     tare_file: RelativePath | None = None
     """Rest gaps that `tare` measured; default: NAME.tare.json beside the configuration."""
-    noise_mm: Positive | None = None
+    noise_mm: Noise | None = None
     """Standard deviation of one reading; default: estimated from the readings.
 
     If successive readings are alike, that of white readings whose filtered values would scatter as much: `noise`
     measures it. `tare` refuses a surface that moves more. It also determines after how many equal readings a channel is
     stuck. Samples state their covariance only if it is given.
     """
-    zero_drift_mm: Annotated[FiniteFloat, Field(ge=0, le=LARGEST_MM)] = 0.0
+    zero_drift_mm: Annotated[FiniteFloat, Field(ge=0, le=LARGEST)] = 0.0
     """Standard deviation of each rest gap since the last tare, from drift and warmth; `tare` allows four times as much.
     """
     slowest_period_ms: Annotated[FiniteFloat | None, Field(gt=0, le=60_000)] = None

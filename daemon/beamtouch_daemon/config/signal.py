@@ -13,8 +13,6 @@ from beamtouch_service.samples import ChannelName
 
 LARGEST = 1e6
 """Largest number in any unit. A larger one is a mistake, and figures overflow."""
-LARGEST_MM = 1e4
-"""Largest length. The service takes no larger noise."""
 LARGEST_COUNT = 1e12
 """Largest count, beyond those of 32 bits."""
 SMALLEST_SLOPE = 1e-12
@@ -28,7 +26,7 @@ def _nonzero(value: float) -> float:
 
 
 Positive = Annotated[FiniteFloat, Field(gt=0, le=LARGEST)]
-Length = Annotated[FiniteFloat, Field(ge=-LARGEST_MM, le=LARGEST_MM)]
+Length = Annotated[FiniteFloat, Field(ge=-LARGEST, le=LARGEST)]
 Count = Annotated[FiniteFloat, Field(ge=-LARGEST_COUNT, le=LARGEST_COUNT)]
 Range = Annotated[tuple[Length, Length], Field(strict=False)]
 Counts = Annotated[tuple[Count, Count], Field(strict=False)]

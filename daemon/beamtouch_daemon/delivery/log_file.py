@@ -19,6 +19,7 @@ JOURNAL_BYTES = 65_536
 """Initial length of the journal: several times what the deletion of a chunk needs, also while the disk is full."""
 FEW_ROWS = 8
 """Rows whose deletion fits into that journal, however many samples each has."""
+_HEAD = b"SQLite format 3\0"
 _SCHEMA = """CREATE TABLE chunk (
     id INTEGER PRIMARY KEY AUTOINCREMENT, surface TEXT NOT NULL, boot TEXT NOT NULL,
     first INTEGER NOT NULL, last INTEGER NOT NULL, bytes INTEGER NOT NULL, checksum INTEGER NOT NULL,
@@ -35,7 +36,7 @@ class LogFileError(Exception):
 
 
 class ForeignFileError(LogFileError):
-    """The file belongs to another program: only another path helps."""
+    """The file is something else: only another path helps."""
 
 
 class Chunk(NamedTuple):
@@ -131,6 +132,7 @@ class LogFile:
             self._database = None
 
     def _open(self) -> list[tuple[str, Chunk, Batch]]:
+        self._require_own()
         self._database = database = sqlite3.connect(self._path, timeout=1.0)
         database.text_factory = lambda text: text.decode(errors="replace")
         database.execute("PRAGMA locking_mode = EXCLUSIVE")
@@ -159,6 +161,16 @@ class LogFile:
             (surface, Chunk(row, int(first), int(last)), examples[surface, boot])
             for row, _, first, last, surface, boot in rows
         ]
+
+    def _require_own(self) -> None:
+        """Raise ForeignFileError if the file never was a log: a path given by mistake must not cost a file its name."""
+        # A log that was damaged still has its journal beside it.
+        if not self._path.is_file() or Path(f"{self._path}-journal").exists():
+            return
+        with self._path.open("rb") as file:
+            head = file.read(len(_HEAD))
+        if head and head != _HEAD:
+            raise ForeignFileError(f"{self._path} is something else than a log; choose another file")
 
     @contextmanager
     def _use(self, doing: str) -> Iterator[sqlite3.Connection]:
