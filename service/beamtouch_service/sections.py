@@ -30,7 +30,8 @@ Text = Annotated[str, Field(min_length=1)]
 Host = Annotated[Text, AfterValidator(host_name)]
 File = Annotated[Path, Field(strict=False), AfterValidator(_from_folder)]
 StaleMs = Annotated[FiniteFloat, Field(gt=0, le=60_000)]
-_DATABASE = re.compile(r"postgresql://[^/?#\s]*/[^/?#\s]+(\?\S*)?")
+_DATABASE = re.compile(r"postgresql://([^@/?#\s]*@)?[^@/?#\s]*/[^/?#\s]+(\?\S*)?")
+"""With a second @, a part of the password would be taken for the host, and stand in the log."""
 
 
 def require_readable(*paths: Path) -> None:
@@ -102,7 +103,8 @@ class EventsSection(Section):
             raise ValueError("file and url are both given; events are in a file or in a database")
         if self.url and not _DATABASE.fullmatch(self.url):
             # Not at the field: a complaint there quotes the value, which may hold a password.
-            raise ValueError("url must look like postgresql://beamtouch@127.0.0.1/beamtouch")
+            message = "url must look like postgresql://beamtouch@127.0.0.1/beamtouch; in a password, write @ as %40"
+            raise ValueError(message)
         return self
 
 

@@ -130,6 +130,7 @@ SURFACES = "\n".join(f"[surfaces.press-{number}]" for number in range(1311))
         ("[events]\nfile = 'lines'\n", "lines: file is not a database; set events.file to one that the service can"),
         ("[events]\nurl = 'mysql://beamtouch:not-for-the-log@db/beamtouch'\n", "must look like postgresql://"),
         ("[events]\nurl = 'postgresql://beamtouch:not-for-the-log@db'\n", "must look like postgresql://"),
+        ("[events]\nurl = 'postgresql://beamtouch:a@not-for-the-log@db/b'\n", "in a password, write @ as %40"),
         ("[events]\nurl = 'postgresql://beamtouch:not-for-the-log@db:port/b'\n", "events.url cannot be read; it looks"),
         (f"[events]\nurl = '{URL}'\nurls = 1\n", "unknown key events.urls"),
         (f"[events]\nurl = '{URL}'\n{BROKER}", "as each service would send the events of all"),
