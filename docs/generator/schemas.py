@@ -59,7 +59,11 @@ _WORDS = {"number": "number", "integer": "whole number", "string": "text", "bool
 def _collection(part: Schema, defs: Mapping[str, Schema]) -> str:
     """Return the type of a list or of tables by name in words; empty for a single value."""
     if "prefixItems" in part:
-        return f"[{', '.join(type_of(one, defs) for one in part['prefixItems'])}]"
+        items, bounds = part["prefixItems"], {_bounds(one) for one in part["prefixItems"]}
+        types = ", ".join(type_of(one, defs).removesuffix(_bounds(one)) for one in items)
+        # Bounds inside the pair would hide it; those that differ are in the words about the key.
+        alike = bounds.pop() if len(bounds) == 1 else ""
+        return f"[{types}]{alike and ', each' + alike.removeprefix(',')}"
     if part.get("type") == "array":
         return f"list of {type_of(part.get('items', {}), defs)}"
     if isinstance(part.get("additionalProperties"), dict):

@@ -1,4 +1,4 @@
-"""Errors of models and scenes. Their bases in `beamtouch_common.errors` give the exit code."""
+"""Errors of models and scenes, and the check of an argument's kind. Their bases give the exit code (`common`)."""
 
 from beamtouch_common.errors import FailedError, InputError
 

@@ -61,7 +61,7 @@ class Surface:
         ------
         SceneError
             The beam cannot be computed, no reading fits in the latency, or the influence function is of another length
-            or for other contacts. So do the properties.
+            or for other contacts. The properties raise it for a beam that cannot be computed.
         """
         if own_influence is not None:
             check_own(own_influence, scene.beam.length_mm, scene.contact.position_mm, scene.contact.force_range_n)

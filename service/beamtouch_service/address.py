@@ -10,7 +10,6 @@ from ipaddress import ip_address
 from beamtouch_common.errors import InputError
 from beamtouch_common.listening import remedy
 from beamtouch_common.log import Repeated
-from beamtouch_service.descriptors import refuse_what_has_no_descriptor
 
 RETRY_S = 1.0
 """Time between two attempts to listen."""
@@ -72,7 +71,6 @@ class Address:
             await asyncio.sleep(RETRY_S)
             bound = await asyncio.to_thread(self._open)
         log.over(f"{self.shown} is there")
-        refuse_what_has_no_descriptor()
         self.missing = ""
         note("")
         return bound

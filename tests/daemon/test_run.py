@@ -204,7 +204,7 @@ def test_a_log_file_that_is_something_else_is_an_error_in_one_line_and_keeps_its
     config = configs.write(tmp_path, configs.surface())
     config.write_text(config.read_text().replace("batch_ms", 'log_file = "daemon.toml"\nbatch_ms'))
     content = config.read_text()
-    expected = f"publish.log_file: {config} is something else than a log; choose another file"
+    expected = f"publish.log_file: {config} is not a log; choose another file"
     assert [refused("run", config) for _ in range(2)] == [expected] * 2
     assert config.read_text() == content
     assert sorted(one.name for one in tmp_path.iterdir()) == ["beamtouch.token", "daemon.toml"]

@@ -12,16 +12,16 @@ from beamtouch_models.filters import readings_within
 from beamtouch_service.samples import ChannelName
 
 LARGEST = 1e6
-"""Largest number in any unit. A larger one is a mistake, and figures overflow."""
+"""Largest length [mm], time [ms] and slope: a larger one is a mistake, and figures overflow."""
 LARGEST_COUNT = 1e12
 """Largest count, beyond those of 32 bits."""
 SMALLEST_SLOPE = 1e-12
-"""Smallest slope of a characteristic [mm per count]: with it, all counts of 32 bits span 4 nm."""
+"""Smallest slope of a characteristic [mm per count]: with it, all counts of 32 bits span 4 um."""
 
 
-def _nonzero(value: float) -> float:
+def _not_flat(value: float) -> float:
     if abs(value) < SMALLEST_SLOPE:
-        raise ValueError("must not be 0: every count would give the same gap")
+        raise ValueError(f"must be at least {SMALLEST_SLOPE:g}, with either sign: every count would give the same gap")
     return value
 
 
@@ -115,7 +115,7 @@ class Channel(Strict):
     """Modbus TCP: device of this channel; default: the source's."""
     type: Encoding | None = None
     """Modbus: data type of the counts; default: the module's, or u16."""
-    gain_mm_per_count: Annotated[Length, AfterValidator(_nonzero)] | None = None
+    gain_mm_per_count: Annotated[Length, AfterValidator(_not_flat)] | None = None
     """gap = offset + gain x counts."""
     offset_mm: Length | None = None
     """Gap at 0 counts."""
@@ -178,4 +178,5 @@ def _check_table(table: tuple[tuple[float, float], ...]) -> None:
             message = f"table: gaps must all increase or all decrease, but {after[1]:g} mm follows {before[1]:g} mm"
             raise ValueError(message)
         if not SMALLEST_SLOPE <= abs(after[1] - before[1]) / (after[0] - before[0]) <= LARGEST:
-            raise ValueError(f"table: no slope can be computed from {before[0]:g} to {after[0]:g} counts")
+            span = f"from {before[0]:g} to {after[0]:g} counts"
+            raise ValueError(f"table: the slope {span} is not within {SMALLEST_SLOPE:g} to {LARGEST:g} mm per count")

@@ -20,6 +20,7 @@ JOURNAL_BYTES = 65_536
 FEW_ROWS = 8
 """Rows whose deletion fits into that journal, however many samples each has."""
 _HEAD = b"SQLite format 3\0"
+"""How SQLite begins each file."""
 _SCHEMA = """CREATE TABLE chunk (
     id INTEGER PRIMARY KEY AUTOINCREMENT, surface TEXT NOT NULL, boot TEXT NOT NULL,
     first INTEGER NOT NULL, last INTEGER NOT NULL, bytes INTEGER NOT NULL, checksum INTEGER NOT NULL,
@@ -36,7 +37,7 @@ class LogFileError(Exception):
 
 
 class ForeignFileError(LogFileError):
-    """The file is something else: only another path helps."""
+    """The file is no log of this program: only another path helps."""
 
 
 class Chunk(NamedTuple):
@@ -170,7 +171,7 @@ class LogFile:
         with self._path.open("rb") as file:
             head = file.read(len(_HEAD))
         if head and head != _HEAD:
-            raise ForeignFileError(f"{self._path} is something else than a log; choose another file")
+            raise ForeignFileError(f"{self._path} is not a log; choose another file")
 
     @contextmanager
     def _use(self, doing: str) -> Iterator[sqlite3.Connection]:

@@ -205,8 +205,8 @@ def _finer(grids: Floats, density: Floats) -> tuple[Floats, Bools]:
     """Return finer grids over the cells of each posterior, with a margin of two cells, and which posteriors are narrow.
 
     A posterior in two pieces, such as that of a known force near either support, keeps both. Where a grid is much wider
-    than a piece, its nodes miss the peak: there it may rise by an eighth of the bend of a parabola, and four times as
-    much is allowed for.
+    than a piece, its nodes miss the peak. A parabola through three nodes rises above the middle one by at most an
+    eighth of its drop to the lower neighbour; half of the drop is allowed for.
     """
     beside = np.pad(density, ((0, 0), (1, 1)), mode="edge")
     lower, higher = np.minimum(beside[:, :-2], beside[:, 2:]), np.maximum(beside[:, :-2], beside[:, 2:])

@@ -26,7 +26,7 @@ class Contact(Strict):
     """The contacts that the surface is designed for, uniform over their ranges."""
 
     force_n: PositiveFinite | PositivePair
-    """One number if the force is known, which intervals then trust, else its range."""
+    """One number if the force is known: intervals then trust it. Otherwise its range."""
     position_mm: Pair
     """Range of positions, from the left end of the beam."""
     width_mm: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0

@@ -39,7 +39,7 @@ from beamtouch_service.sections import EventsSection
 
 _PRUNE_SHARE = 20
 """Above the size limit, 1/20 of the events goes at a time."""
-QUIET_BOOT_S = 86_400.0
+_QUIET_BOOT_S = 86_400.0
 """The cursor of a boot without an event on record is deleted this long after its last sample. A daemon that is started
 anew every few seconds would fill the record with them, and so displace events."""
 _c = EVENTS.c
@@ -236,10 +236,10 @@ class Store:
     def prune(self, now_s: float) -> int:
         """Delete events too old at `now_s` [s since 1970], and the oldest above the size limit; return how many.
 
-        The cursor of a boot stays as long as an event of it. Without one, the record begins anew with what its sender
-        keeps, should that come yet.
+        The cursor of a boot stays as long as an event of it. A boot without events loses its cursor after a day; if its
+        sender comes back, the record begins with what that keeps.
         """
-        before_s, quiet_s = now_s - self._keep_s, now_s - min(self._keep_s, QUIET_BOOT_S)
+        before_s, quiet_s = now_s - self._keep_s, now_s - min(self._keep_s, _QUIET_BOOT_S)
         has_event = exists().where(_c.surface == CURSORS.c.surface, _c.boot_id == CURSORS.c.boot_id)
         with self.database.writing() as connection:
             deleted = connection.execute(delete(EVENTS).where(_c.recorded_s < before_s)).rowcount

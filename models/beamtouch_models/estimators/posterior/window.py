@@ -56,7 +56,7 @@ FULL_TURN = 2.5
 CELLS, OUTER = 64, 64
 """Cells of each window, and of each stretch of the range."""
 HELD = 0.05
-"""Size of a reading, over the largest, below which its least marks a place at which the beam is held."""
+"""Below this share of the largest size of a reading, a least one marks a place at which the beam is held."""
 WITHIN = 6.0
 """Half the window, in deviations of the position."""
 DOUBTED = 0.25
@@ -68,7 +68,7 @@ SCANNED = 512
 TINY = 1e-26
 """Keeps divisors off zero."""
 LOWEST = float(np.finfo(np.float32).min)
-"""In place of what is no peak."""
+"""Height of a node that is no peak."""
 
 
 @dataclass(frozen=True)
@@ -181,7 +181,7 @@ def _windows(
     for start, known_n in starts:
         node = start
         for _ in range(STEPS):
-            # The first stage names the node, or the steps before end at it.
+            # The first step begins at the node that the first stage named, a later one where the last step ended.
             middle, step, half = _step(graph, prior, seen, node or _node_at(graph, middle, steps), rows, known_n)
             node = None
         doubted = graph.apply("Mul", graph.apply("Abs", step), graph.constant(DOUBTED))

@@ -23,7 +23,7 @@ _WORDS = (
 )
 
 
-def refuse_what_has_no_descriptor() -> None:
+def refuse_beyond_open_files() -> None:
     """From now on, close new connections of the running event loop at once while no descriptor is left."""
     reserve, repeated = _Reserve(), Repeated(logging.getLogger("beamtouch.service"))
 
