@@ -12,6 +12,7 @@ from beamtouch_daemon.processing.noise import ChannelNoise, keys_of, measure_noi
 from beamtouch_models.pricing import noise as priced_noise
 
 from .surfaces import (
+    CHANNEL,
     CHANNELS,
     MINUTE,
     NOISE_MM,
@@ -127,6 +128,12 @@ def test_where_only_some_channels_are_hidden_the_drift_states_their_rounding() -
     assert keys.daemon_noise_mm == pytest.approx(1.04 * STEP_MM, rel=0.06)
     assert keys.zero_drift_mm >= math.sqrt(2 / 12) * STEP_MM
     assert keys.stuck_after_ms == {"s3": 3_600_000.0, "s4": 3_600_000.0}
+    # The configuration takes what is printed.
+    channels = [
+        CHANNEL | {"name": name, "register": at, "stuck_after_ms": ms}
+        for at, (name, ms) in enumerate(keys.stuck_after_ms.items())
+    ]
+    assert [one.stuck_after_ms for one in four_channels(channels=channels).channels] == [3_600_000.0] * 2
 
 
 def test_a_channel_that_changes_slowly_is_not_stuck_by_its_own_noise() -> None:

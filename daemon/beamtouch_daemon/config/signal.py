@@ -12,7 +12,7 @@ from beamtouch_models.filters import readings_within
 from beamtouch_service.samples import ChannelName
 
 LARGEST = 1e6
-"""Largest length [mm], time [ms] and slope: a larger one is a mistake, and figures overflow."""
+"""Largest length [mm], rate and slope: a larger one is a mistake, and figures overflow."""
 LARGEST_COUNT = 1e12
 """Largest count, beyond those of 32 bits."""
 SMALLEST_SLOPE = 1e-12
@@ -26,6 +26,8 @@ def _not_flat(value: float) -> float:
 
 
 Positive = Annotated[FiniteFloat, Field(gt=0, le=LARGEST)]
+Duration = Annotated[FiniteFloat, Field(gt=0, le=86_400_000)]
+"""In ms, up to a day: `noise` prints times up to an hour."""
 Length = Annotated[FiniteFloat, Field(ge=-LARGEST, le=LARGEST)]
 Count = Annotated[FiniteFloat, Field(ge=-LARGEST_COUNT, le=LARGEST_COUNT)]
 Range = Annotated[tuple[Length, Length], Field(strict=False)]
@@ -132,7 +134,7 @@ class Channel(Strict):
     """Counts of 0 and of 2**adc_bits - 1 are saturated."""
     counts_range: Counts | None = None
     """Counts at these ends and beyond are saturated; overrides `adc_bits`."""
-    stuck_after_ms: Positive | None = None
+    stuck_after_ms: Duration | None = None
     """A channel is stuck when its counts have not changed for longer; default: from the surface's `noise_mm`."""
 
     @model_validator(mode="after")
