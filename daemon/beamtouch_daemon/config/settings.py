@@ -19,7 +19,6 @@ from beamtouch_daemon.config.signal import (
     Filter,
     GrowingMean,
     NoFilter,
-    Positive,
     Range,
     ZeroTracking,
 )
@@ -44,7 +43,7 @@ class Loads(Strict):
 
     position_mm: Range
     """Range of positions, from the left end of the beam."""
-    max_force_n: Positive
+    max_force_n: Annotated[FiniteFloat, Field(gt=0)]
     """Largest force."""
 
 
