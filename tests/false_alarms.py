@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.special import gammaln
 
 from array_types import Floats
+from beamtouch_models.accuracy.limit import draw
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.thresholds import (
     DRIFTS,
@@ -31,7 +32,7 @@ from beamtouch_models.scene import Scene, load_scene
 from beamtouch_models.session import Run, runner
 from beamtouch_models.surface import Surface
 from example_scenes import SCENES
-from posterior_cases import draw, graph_of
+from posterior_cases import graph_of
 from rare_rest import FARTHEST, Sequences, at_rest, log_tilt, overlapping_means, rest_like_contact, tilted
 from stated_problems import fewest_mm, real_prior
 
