@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from array_types import Floats
+from beamtouch_models.arrays import Floats
 from beamtouch_models.modelfile import Answers, BestSample, ModelFile, Weighed, evidence
 from modelled import deflections_of
 

@@ -9,10 +9,8 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import gammaln
 
-from array_types import Floats
 from beamtouch_models.accuracy.limit import draw
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.thresholds import (
@@ -23,6 +21,7 @@ from beamtouch_models.accuracy.thresholds import (
     readings_alike,
     shapes_at_rest,
 )
+from beamtouch_models.arrays import Bools, Floats
 from beamtouch_models.building.measure import thresholds_of
 from beamtouch_models.decision.decider import PERSISTENCE
 from beamtouch_models.estimators.onnx_graph import to_bytes
@@ -162,9 +161,9 @@ def _stretches_per_day(on: Watched, kept: tuple[int, ...], drawn: Sequences, rea
     return float((drawn.weight[counted] / runs[counted].sum(axis=1)).sum() / len(odd)) * on.samples_per_day
 
 
-def _odd(on: Watched, kept: tuple[int, ...], reading: Floats) -> NDArray[np.bool_]:
+def _odd(on: Watched, kept: tuple[int, ...], reading: Floats) -> Bools:
     answers, misfit = on.answers(kept, reading), on.thresholds.misfit[len(kept) - 1]
-    odd: NDArray[np.bool_] = (answers["rest"] > on.thresholds.rest[len(kept) - 1]) & (answers["misfit"] > misfit)
+    odd: Bools = (answers["rest"] > on.thresholds.rest[len(kept) - 1]) & (answers["misfit"] > misfit)
     return odd
 
 

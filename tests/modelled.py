@@ -5,8 +5,8 @@ from functools import cache
 import numpy as np
 from numpy.typing import ArrayLike
 
-from array_types import Floats
 from beamtouch_models import Scene, influence_matrix, read_scene
+from beamtouch_models.arrays import Floats
 from beamtouch_models.modelfile import ModelFile
 
 _read_scene = cache(read_scene)

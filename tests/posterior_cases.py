@@ -5,11 +5,10 @@ from functools import cache, lru_cache
 
 import numpy as np
 import onnx
-from numpy.typing import NDArray
 
-from array_types import Floats
 from beamtouch_models import place
 from beamtouch_models.accuracy.prior import MAX_FORCE_RATIO, Forces, Prior
+from beamtouch_models.arrays import Bools, Floats
 from beamtouch_models.estimators.onnx_graph import to_bytes
 from beamtouch_models.estimators.posterior.window import posterior_graph
 from beamtouch_models.physics.beam import influence_of, travel_of
@@ -47,7 +46,7 @@ def with_floor(prior: Prior) -> Prior:
 
 
 def answers_of(
-    graph: onnx.ModelProto, prior: Prior, deflection_mm: Floats, valid: NDArray[np.bool_] | None = None
+    graph: onnx.ModelProto, prior: Prior, deflection_mm: Floats, valid: Bools | None = None
 ) -> dict[str, Floats]:
     """Answers in float64 to deflections (samples, channels) with the prior's own noise and floor."""
     present = np.ones(deflection_mm.shape, np.bool_) if valid is None else valid

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from array_types import Floats
 from beamtouch_models.accuracy.prior import Prior
+from beamtouch_models.arrays import Floats
 from beamtouch_models.calibration.recordings import Loads
 from beamtouch_models.metadata import Metadata
 from beamtouch_models.physics.beam import influence_of

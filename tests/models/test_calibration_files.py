@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from array_types import Floats
 from beamtouch_models import load_model
+from beamtouch_models.arrays import Floats
 from beamtouch_models.modelfile import ModelFile
 from calibration_files import FORCES, POSITIONS, write_contacts, write_readings
 from in_process import Command, Outcome, Refusal

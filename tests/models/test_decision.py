@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from array_types import Floats
+from beamtouch_models.arrays import Floats
 from beamtouch_models.modelfile import (
     Answers,
     Evidence,

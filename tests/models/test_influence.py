@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from beamtouch_models import influence_matrix
+from beamtouch_models.arrays import Floats
 from beamtouch_models.errors import SceneError
 from beamtouch_models.scene import parse_scene
 from beamtouch_models.scene.beam import Beam, changed_beam
@@ -23,7 +24,7 @@ SPANS: list[Any] = [*NAMES, fixed(1.0), [*simple(0.0), *fixed(1.0)]]
 """All closed forms, and the mirrored ones."""
 
 
-def influence(beam: Beam, sensor_mm: ArrayLike, load_mm: ArrayLike, width_mm: float = 0.0) -> NDArray[np.float64]:
+def influence(beam: Beam, sensor_mm: ArrayLike, load_mm: ArrayLike, width_mm: float = 0.0) -> Floats:
     """Return the influence matrix of a scene with this beam and this width of its contact."""
     contact = SCENE.contact.model_copy(update={"width_mm": width_mm})
     return influence_matrix(SCENE.model_copy(update={"beam": beam, "contact": contact}), sensor_mm, load_mm)

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from scipy.interpolate import RegularGridInterpolator
 
-from array_types import Floats
 from beamtouch_models.accuracy.limit import draw, posterior_median_mm
 from beamtouch_models.accuracy.prior import Prior, SampleErrors
+from beamtouch_models.arrays import Floats
 from beamtouch_models.estimators.posterior.window import posterior_graph
 from beamtouch_models.physics.influence import InfluenceFunction
 from beamtouch_models.placement.layout import Candidates

@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from array_types import Floats
 from beamtouch_models import modelfile
+from beamtouch_models.arrays import Floats
 from beamtouch_models.calibration.calibrate import checked_fit
 from beamtouch_models.calibration.fit import fit
 from beamtouch_models.calibration.mistaken import mistaken

@@ -8,10 +8,10 @@ import pytest
 from numpy.typing import NDArray
 from scipy.special import chdtri
 
-from array_types import Floats
 from beamtouch_models.accuracy.limit import draw, posterior_median_mm
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.thresholds import rate_per_sample, touch_thresholds
+from beamtouch_models.arrays import Floats
 from beamtouch_models.error_model import whitening
 from beamtouch_models.estimators.onnx_graph import to_bytes
 from beamtouch_models.estimators.posterior.window import windowed_graph
