@@ -10,6 +10,8 @@ from time import monotonic
 
 import pytest
 
+from beamtouch_daemon.tasks import cancel
+
 from . import configs
 from .devices import Fault, NumberingUnit, Pieces, StampingUnit, no_echo, rtu_units, with_crc
 from .faulty import plain
@@ -117,8 +119,7 @@ async def test_a_session_that_begins_while_an_answer_is_owed_gives_no_old_value(
                 owing = asyncio.ensure_future(anext(stream))
                 requests.clear()
                 await requests.wait()
-                owing.cancel()
-                await asyncio.gather(owing, return_exceptions=True)
+                await cancel([owing])
                 await stream.aclose()
                 buses = {} if is_killed else buses
 
@@ -361,9 +362,7 @@ async def test_other_units_are_read_after_each_timeout_of_a_unit_whose_probes_ar
                 for source in (one, two)
             ]
             await until(lambda: asked.count(2) > (1 if answers == "nothing" else 4))
-            for task in tasks:
-                task.cancel()
-            await asyncio.gather(*tasks, return_exceptions=True)
+            await cancel(tasks)
     in_a_row = [len(list(group)) for unit, group in itertools.groupby(asked) if unit == 2]
     assert max(in_a_row) <= 2
 
