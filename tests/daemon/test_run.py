@@ -32,8 +32,8 @@ from .waits import until
 
 pytestmark = pytest.mark.anyio
 
-REOPEN_S = 2.0
-"""Pause between two attempts to open a device."""
+SEVERAL_ATTEMPTS_S = 2.0
+"""Time for several attempts; the daemon waits 0.5 s at most between two."""
 WAITING = "STATUS=reading bench; waiting for the device of late"
 
 
@@ -269,7 +269,7 @@ async def test_names_that_do_not_resolve_are_waited_for(tmp_path: Path) -> None:
         config = configs.write(tmp_path, configs.surface(source=configs.tcp(device, "module.plant")), url=url)
         async with started("run", config, prefix=names.prefix) as daemon:
             await daemon.said("module.plant does not resolve")
-            await asyncio.sleep(REOPEN_S)  # for more attempts, of which nothing is said
+            await asyncio.sleep(SEVERAL_ATTEMPTS_S)  # nothing is said of them
             names.add("module.plant", "127.0.0.1")
             said = await daemon.said("no such host is known")
             names.add("service.plant", "127.0.0.1")
