@@ -89,7 +89,9 @@ def with_mistake(
     return position, force, row
 
 
-def as_on(metadata: Metadata, real: Imperfections, position_mm: Floats = POSITIONS, force_n: Floats = FORCES) -> Floats:
+def deflections_on(
+    metadata: Metadata, real: Imperfections, position_mm: Floats = POSITIONS, force_n: Floats = FORCES
+) -> Floats:
     """Return what the sensors of a real surface measure of loads, without noise: (loads, channels) in mm."""
     prior = true_prior(metadata, real)
     measured_mm: Floats = prior.measured(force_n[:, None] * prior.influence_at(position_mm))

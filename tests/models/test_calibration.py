@@ -23,7 +23,7 @@ from beamtouch_models.sweeps import silent
 from calibration_files import write_contacts, write_readings
 from few_draws import short_work
 from in_process import Command
-from real_surfaces import as_on, random_imperfections, recorded, true_prior
+from real_surfaces import deflections_on, random_imperfections, recorded, true_prior
 from unlabelled_contacts import Kind, drawn, missed_mm
 
 pytestmark = pytest.mark.long
@@ -37,7 +37,7 @@ def real(bench: ModelFile) -> Imperfections:
 
 @pytest.fixture(scope="module")
 def recording(bench: ModelFile, real: Imperfections, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_readings(tmp_path_factory.mktemp("loads") / "loads.csv", bench, as_on(bench.metadata, real))
+    return write_readings(tmp_path_factory.mktemp("loads") / "loads.csv", bench, deflections_on(bench.metadata, real))
 
 
 @pytest.fixture(scope="module")

@@ -21,7 +21,7 @@ from beamtouch_models.modelfile import (
     is_unchecked,
     memories_after,
 )
-from modelled import deflections_of
+from deflections import deflections_of
 
 CLEAR, CONTACT, UNEXPLAINED = "clear", "contact", "unexplained"
 
