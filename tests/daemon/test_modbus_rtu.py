@@ -10,6 +10,8 @@ from time import monotonic
 
 import pytest
 
+from beamtouch_daemon.sources.registers import Block
+from beamtouch_daemon.sources.rtu_unit import probes_for
 from beamtouch_daemon.tasks import cancel
 
 from . import configs
@@ -198,6 +200,14 @@ async def test_copies_of_answers_are_not_believed_once_one_was_noticed() -> None
 
     await read_through(copying, 60, timeout_ms=300.0, rate_hz=200.0)
     assert late_copies >= 3
+
+
+@pytest.mark.parametrize("blocks", [[Block(4, 3)], [Block(0, 1), Block(4, 3)], [Block(4, 1)], [Block(0, 125)]])
+def test_no_probe_is_answered_as_a_value_is_and_there_are_several(blocks: list[Block]) -> None:
+    probes = probes_for(blocks)
+    lengths = {block.count for block in blocks}
+    assert len(probes) >= 3
+    assert not [probe for probe in probes if probe.function == READ and probe.count in lengths]
 
 
 async def test_each_start_asks_its_probes_in_another_order() -> None:
