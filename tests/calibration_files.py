@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from array_types import Floats
+from beamtouch_models.arrays import Floats
 from beamtouch_models.modelfile import ModelFile
 
 POSITIONS, FORCES = np.linspace(20.0, 380.0, 10), np.full(10, 12.0)

@@ -82,7 +82,7 @@ ROUGHLY = {"cantilever", "conveyor", "two-spans"}
 def _build(path: Path, name: str, folder: Path) -> None:
     """Write the model of a scene, `NAME.onnx`, and the configuration for the daemon, `NAME.toml`, into a folder.
 
-    It has the paper's layout: known numbers that take less time to find.
+    The model has the paper's layout: known numbers that take less time to find.
     """
     with few_draws() if name in ROUGHLY else nullcontext():
         content = beamtouch_models.build(

@@ -5,9 +5,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from array_types import Floats
+from beamtouch_models.arrays import Floats
 from beamtouch_models.modelfile import Answers, BestSample, ModelFile, Weighed, evidence
-from modelled import deflections_of
+from deflections import deflections_of
 
 REST_READINGS = 32
 

@@ -9,10 +9,9 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import gammaln
 
-from array_types import Floats
+from beamtouch_models.accuracy.limit import draw
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.thresholds import (
     DRIFTS,
@@ -22,6 +21,7 @@ from beamtouch_models.accuracy.thresholds import (
     readings_alike,
     shapes_at_rest,
 )
+from beamtouch_models.arrays import Bools, Floats
 from beamtouch_models.building.measure import thresholds_of
 from beamtouch_models.decision.decider import PERSISTENCE
 from beamtouch_models.estimators.onnx_graph import to_bytes
@@ -31,7 +31,7 @@ from beamtouch_models.scene import Scene, load_scene
 from beamtouch_models.session import Run, runner
 from beamtouch_models.surface import Surface
 from example_scenes import SCENES
-from posterior_cases import draw, graph_of
+from posterior_cases import graph_of
 from rare_rest import FARTHEST, Sequences, at_rest, log_tilt, overlapping_means, rest_like_contact, tilted
 from stated_problems import fewest_mm, real_prior
 
@@ -161,9 +161,9 @@ def _stretches_per_day(on: Watched, kept: tuple[int, ...], drawn: Sequences, rea
     return float((drawn.weight[counted] / runs[counted].sum(axis=1)).sum() / len(odd)) * on.samples_per_day
 
 
-def _odd(on: Watched, kept: tuple[int, ...], reading: Floats) -> NDArray[np.bool_]:
+def _odd(on: Watched, kept: tuple[int, ...], reading: Floats) -> Bools:
     answers, misfit = on.answers(kept, reading), on.thresholds.misfit[len(kept) - 1]
-    odd: NDArray[np.bool_] = (answers["rest"] > on.thresholds.rest[len(kept) - 1]) & (answers["misfit"] > misfit)
+    odd: Bools = (answers["rest"] > on.thresholds.rest[len(kept) - 1]) & (answers["misfit"] > misfit)
     return odd
 
 

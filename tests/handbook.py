@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from array_types import Floats
+from beamtouch_models.arrays import Floats
 
 
 def deflection_per_newton(sensor_mm: Floats, load_mm: Floats) -> Floats:

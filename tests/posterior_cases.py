@@ -2,16 +2,13 @@
 
 import dataclasses
 from functools import cache, lru_cache
-from typing import NamedTuple
 
 import numpy as np
 import onnx
-from numpy.typing import NDArray
 
-from array_types import Floats
 from beamtouch_models import place
-from beamtouch_models.accuracy.posterior import posterior_quantiles
 from beamtouch_models.accuracy.prior import MAX_FORCE_RATIO, Forces, Prior
+from beamtouch_models.arrays import Bools, Floats
 from beamtouch_models.estimators.onnx_graph import to_bytes
 from beamtouch_models.estimators.posterior.window import posterior_graph
 from beamtouch_models.physics.beam import influence_of, travel_of
@@ -48,30 +45,8 @@ def with_floor(prior: Prior) -> Prior:
     return dataclasses.replace(prior, gain=0.003, zero_mm=0.4 * prior.noise_mm)
 
 
-class Contacts(NamedTuple):
-    """Contacts of a prior, and what sensors with its errors measure of them."""
-
-    position_mm: Floats
-    force_n: Floats
-    deflection_mm: Floats
-    """(contacts, channels)"""
-
-
-def draw(prior: Prior, count: int, seed: int) -> Contacts:
-    """Draw contacts uniformly from the ranges, with errors per sample and channel."""
-    rng = np.random.default_rng(seed)
-    position, force = rng.uniform(*prior.position_mm, size=count), rng.uniform(*prior.force_n, size=count)
-    clean, deviation = prior.sampled(position, force)
-    return Contacts(position, force, clean + rng.normal(size=clean.shape) * deviation)
-
-
-def best_position_mm(prior: Prior, deflection_mm: Floats) -> Floats:
-    """Return the posterior median, whose mean error is the limit, for deflections (contacts, channels)."""
-    return posterior_quantiles(prior, deflection_mm)[0][:, 0]
-
-
 def answers_of(
-    graph: onnx.ModelProto, prior: Prior, deflection_mm: Floats, valid: NDArray[np.bool_] | None = None
+    graph: onnx.ModelProto, prior: Prior, deflection_mm: Floats, valid: Bools | None = None
 ) -> dict[str, Floats]:
     """Answers in float64 to deflections (samples, channels) with the prior's own noise and floor."""
     present = np.ones(deflection_mm.shape, np.bool_) if valid is None else valid

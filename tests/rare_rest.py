@@ -10,9 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import gammaln
 
-from array_types import Floats
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.thresholds import DRIFTS, MIN_EXPONENT, directions, exceeded_with
+from beamtouch_models.arrays import Floats
 from beamtouch_models.decision.decider import PERSISTENCE
 from beamtouch_models.error_model import whitening
 from beamtouch_models.session import Run

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from array_types import Floats
 from beamtouch_models.accuracy.prior import Prior
+from beamtouch_models.arrays import Floats
 from beamtouch_models.calibration.recordings import Loads
 from beamtouch_models.metadata import Metadata
 from beamtouch_models.physics.beam import influence_of
@@ -89,7 +89,9 @@ def with_mistake(
     return position, force, row
 
 
-def as_on(metadata: Metadata, real: Imperfections, position_mm: Floats = POSITIONS, force_n: Floats = FORCES) -> Floats:
+def deflections_on(
+    metadata: Metadata, real: Imperfections, position_mm: Floats = POSITIONS, force_n: Floats = FORCES
+) -> Floats:
     """Return what the sensors of a real surface measure of loads, without noise: (loads, channels) in mm."""
     prior = true_prior(metadata, real)
     measured_mm: Floats = prior.measured(force_n[:, None] * prior.influence_at(position_mm))

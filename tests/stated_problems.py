@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from array_types import Floats
 from beamtouch_models import InfluenceFunction
 from beamtouch_models.accuracy.prior import Prior, SampleErrors
+from beamtouch_models.arrays import Floats
 from beamtouch_models.physics.beam import influence_of
 from beamtouch_models.scene import Scene
 from beamtouch_models.surface import Surface

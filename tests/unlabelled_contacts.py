@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from array_types import Floats
 from beamtouch_models.accuracy.prior import Prior
+from beamtouch_models.arrays import Floats
 from beamtouch_models.calibration.recordings import UnlabelledContacts
 from beamtouch_models.calibration.self_calibrate import SelfFit, self_fit
 from beamtouch_models.calibration.theory import Theory

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from beamtouch_models.arrays import Floats
 from beamtouch_models.names import SearchName
 from beamtouch_models.physics.beam import influence_of
 from beamtouch_models.placement.eigenvalue_product import eigenvalue_product_of, largest_gap
@@ -27,7 +28,6 @@ from beamtouch_models.placement.search import first_best, search_from
 from example_scenes import paper_scene
 from stated_problems import problem_in
 
-Array = NDArray[np.float64]
 Search = Callable[["Peer", int, int], Any]
 
 SEEDS = 20
@@ -44,12 +44,12 @@ class Peer:
         self.position_mm = np.arange(1.0, 400.0)
         self.matrix = influence_of(paper_scene()).matrix(self.position_mm)
 
-    def scorer(self) -> Callable[[NDArray[Any]], Array]:
+    def scorer(self) -> Callable[[NDArray[Any]], Floats]:
         """A function from layouts (population, sensors) of indices to their log determinants."""
         scaled = self.matrix / self.matrix.max()
         moment = scaled.T @ scaled
 
-        def scores(layouts: NDArray[Any]) -> Array:
+        def scores(layouts: NDArray[Any]) -> Floats:
             index = np.clip(np.rint(layouts).astype(int), 0, len(moment) - 1)
             sign, logs = np.linalg.slogdet(moment[index[:, :, None], index[:, None, :]])
             return np.where((sign > 0) & (logs > WORTHLESS), logs, WORTHLESS)
@@ -57,7 +57,7 @@ class Peer:
         return scores
 
 
-def _ours(count: int, search: SearchName, seed: int) -> Array:
+def _ours(count: int, search: SearchName, seed: int) -> Floats:
     product = eigenvalue_product_of(*problem_in(paper_scene()), count)
     return product.rules.position_mm[first_best(search_from(product.starts(seed), product, search, seed)).layout] - 1
 
@@ -96,7 +96,7 @@ def _pymoo(peer: Peer, count: int, seed: int) -> Any:  # noqa: ANN401  # the pac
         def __init__(self) -> None:
             super().__init__(n_var=count, n_obj=1, xl=0, xu=len(peer.position_mm) - 1, vtype=int)
 
-        def _evaluate(self, x: NDArray[Any], out: dict[str, Array], *_: object, **__: object) -> None:
+        def _evaluate(self, x: NDArray[Any], out: dict[str, Floats], *_: object, **__: object) -> None:
             out["F"] = -scores(x)
 
     algorithm = import_module("pymoo.algorithms.soo.nonconvex.ga").GA(

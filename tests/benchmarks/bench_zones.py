@@ -19,9 +19,9 @@ sys.path.insert(0, str(Path(__file__).parent.parent))
 
 import numpy as np
 
-from array_types import Floats
 from beamtouch_common.zones import Zone, ZoneState
 from beamtouch_daemon.processing.filters import uncertainties
+from beamtouch_models.arrays import Floats
 from beamtouch_models.building.build import build_model
 from beamtouch_models.challenge.contacts import STEPS, rested, rings
 from beamtouch_models.challenge.play import Drawn, SimulatedSurface

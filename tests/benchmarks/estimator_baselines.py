@@ -7,7 +7,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from estimator_cases import SEED, Array, Case, answer_of, drawn_of, in_turns
+from estimator_cases import SEED, Case, answer_of, drawn_of, in_turns
 from numpy.typing import NDArray
 from sklearn.exceptions import ConvergenceWarning
 from sklearn.gaussian_process import GaussianProcessRegressor
@@ -21,6 +21,7 @@ from sklearn.preprocessing import FunctionTransformer, StandardScaler
 from beamtouch_models.accuracy import limit
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.statistics import ratio_of
+from beamtouch_models.arrays import Floats
 from beamtouch_models.estimators.estimator import estimator_of
 from beamtouch_models.estimators.onnx_graph import to_bytes
 from beamtouch_models.session import runner
@@ -81,13 +82,13 @@ def _regressors(prior: Prior) -> dict[str, Any]:
     }
 
 
-def _direction_and_size(deflection_mm: Array, noise_mm: float) -> Array:
+def _direction_and_size(deflection_mm: Floats, noise_mm: float) -> Floats:
     scaled = deflection_mm / noise_mm
     size = np.sqrt((scaled**2).sum(axis=1, keepdims=True) + 1)
     return np.concatenate([scaled / size, np.log(size)], axis=1)
 
 
-def _row(case: Case, name: str, error: NDArray[Any], best: Array, took_s: float) -> dict[str, object]:
+def _row(case: Case, name: str, error: NDArray[Any], best: Floats, took_s: float) -> dict[str, object]:
     ratio = ratio_of(error.astype(np.float64), best)
     return {
         "name": f"{name}: {case}",

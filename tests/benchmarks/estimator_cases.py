@@ -14,11 +14,11 @@ from typing import NamedTuple
 sys.path.insert(0, str(Path(__file__).parent.parent))  # for what tests and benchmarks share
 
 import numpy as np
-from numpy.typing import NDArray
 
 from beamtouch_models.accuracy import limit
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.statistics import ratio_of
+from beamtouch_models.arrays import Floats
 from beamtouch_models.estimators.estimator import estimator_of
 from beamtouch_models.estimators.onnx_graph import to_bytes
 from beamtouch_models.estimators.posterior.cells import resolving_cells
@@ -32,8 +32,6 @@ from beamtouch_models.surface import Surface
 from beamtouch_models.sweeps import silent
 from example_scenes import SCENES
 from stated_problems import problem_in, real_prior
-
-Array = NDArray[np.float64]
 
 DRAWS = 8000
 SEED = 11
@@ -79,7 +77,7 @@ def placed(name: str, sensors: int) -> tuple[Scene, tuple[float, ...]]:
 
 
 @lru_cache(maxsize=4)
-def drawn_of(case: Case) -> tuple[Prior, limit.Draws, Array]:
+def drawn_of(case: Case) -> tuple[Prior, limit.Draws, Floats]:
     """Prior, contacts, and the error of the posterior's median for each."""
     scene, layout = placed(case.scene, case.sensors)
     low, high = scene.contact.force_range_n
@@ -100,7 +98,7 @@ def case_row(case: Case) -> dict[str, object]:
     answers = runner(content)(reading, prior.whitening(reading))
     ratio = ratio_of(np.abs(answers["position_mm"] - drawn.position_mm), best)
 
-    def held(quantity: str, unit: str, truth: Array) -> float:
+    def held(quantity: str, unit: str, truth: Floats) -> float:
         low, high = (answers[f"{quantity}_{end}_{unit}"] for end in ("low", "high"))
         return float(((low <= truth) & (truth <= high)).mean()) * 100
 
@@ -156,7 +154,7 @@ def latency_rows() -> list[dict[str, object]]:
     return rows
 
 
-def answer_of(content: bytes, reading: Array, whitening: Array) -> Callable[[], object]:
+def answer_of(content: bytes, reading: Floats, whitening: Floats) -> Callable[[], object]:
     """A call that answers one sample."""
     session = open_session(content)
     feed = {"deflection_mm": reading.astype(np.float32), "whitening_per_mm": whitening.astype(np.float32)}

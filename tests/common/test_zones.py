@@ -3,16 +3,10 @@
 import pytest
 
 from beamtouch_common.zones import BEGIN, Span, Zone, ZoneState
+from zone_cases import GATE, I, O, U, at
 
-GATE = Zone(from_mm=120, to_mm=200)
 PRESSED = Zone(from_mm=120, to_mm=200, least_force_n=5, largest_force_n=15)
 LENGTH_MM = 400.0
-
-I, O, U = ZoneState.INSIDE, ZoneState.OUTSIDE, ZoneState.UNSURE  # noqa: E741  # as short as the rows need
-
-
-def at(middle: float, half: float = 1.0) -> Span:
-    return Span(middle, middle - half, middle + half)
 
 
 @pytest.mark.parametrize(

@@ -6,13 +6,14 @@ import struct
 from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import asynccontextmanager, closing, suppress
 from functools import partial
-from time import CLOCK_BOOTTIME, clock_gettime
 
 from pymodbus.framer.rtu import FramerRTU
 from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 from pymodbus.simulator.simdevice import SimAction
 
+from beamtouch_daemon.tasks import cancel
+from beamtouch_daemon.uptime import uptime_s
 from beamtouch_protocol.framing import Decoder, encode
 from beamtouch_protocol.messages import (
     PROTOCOL_VERSION,
@@ -33,11 +34,6 @@ Pieces = list[tuple[float, bytes]]
 """How long a device is busy [s] and what it sends then, one after the other."""
 Fault = Callable[[int, bytes], Pieces]
 """Takes the number of a request and the frame that answers it; returns what the device makes of it."""
-
-
-def uptime_s() -> float:
-    """Return the time since the machine started [s], by the clock of the ages of readings."""
-    return clock_gettime(CLOCK_BOOTTIME)
 
 
 def no_fault(_number: int, frame: bytes) -> Pieces:
@@ -153,9 +149,7 @@ async def rtu_units(
     try:
         yield
     finally:
-        for task in tasks:
-            task.cancel()
-        await asyncio.gather(*tasks, return_exceptions=True)
+        await cancel(tasks)
 
 
 @asynccontextmanager

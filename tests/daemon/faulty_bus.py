@@ -11,6 +11,8 @@ from contextlib import aclosing
 from dataclasses import dataclass, field
 from time import monotonic
 
+from beamtouch_daemon.tasks import cancel
+
 from .devices import Fault, NumberingUnit, Pieces, no_echo, no_fault, rtu_units, with_crc
 from .lines import terminal
 from .sessions import Buses, Reading, Source, SourceError, source_in
@@ -229,8 +231,7 @@ async def run(pattern: Pattern, polls: int, seed: int, answers: int = 0) -> Outc
                     assert not reading.done()
                 if pattern.sessions > 1:
                     await asyncio.sleep(chance.uniform(0.0, pattern.timeout_s))
-                reading.cancel()
-                await asyncio.gather(reading, return_exceptions=True)
+                await cancel([reading])
             outcome.polls, outcome.took_s = unit.polls, monotonic() - begin_s
     return outcome
 

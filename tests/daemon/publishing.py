@@ -13,9 +13,9 @@ from beamtouch_daemon.delivery.readers import Backlog, Live
 from beamtouch_daemon.processing.pipeline import Taken
 from beamtouch_daemon.sources.reading import Reading
 from beamtouch_daemon.tasks import cancel
+from beamtouch_daemon.uptime import uptime_s
 from beamtouch_service.samples import Batch, Note, Quality, Sample
 
-from .devices import uptime_s
 from .service import TOKEN, Service
 
 CHANNELS = ["s1", "s2"]
@@ -96,11 +96,11 @@ class Bench:
         self.put(taken(self.log.next, number, age_s))
 
 
-async def put_chunks(store: LogStore, surface: str, number: int) -> None:
-    """Write so many chunks of ten samples each."""
-    log = store.surface(surface).begin(boot(), 100)
-    for _ in range(number):
-        log.put(taken(log.next, 10))
+async def put_chunks(store: LogStore, head: Batch, *numbers: int) -> None:
+    """Write a chunk of each of these numbers of samples, from a boot whose batches begin with `head`."""
+    log = store.surface("bench").begin(head, sum(numbers))
+    for number in numbers:
+        log.put(taken(log.next, number))
         await store.write(None)
 
 
@@ -119,7 +119,4 @@ async def stored(path: Path, max_bytes: int = ROOM) -> AsyncIterator[LogStore]:
 async def keep(path: Path, *numbers: int, boot_id: str = "boot-0000", channels: list[str] = CHANNELS) -> None:
     """Leave samples of an earlier boot in the file: as many in each chunk."""
     async with stored(path) as store:
-        log = store.surface("bench").begin(boot(boot_id, channels), sum(numbers))
-        for number in numbers:
-            log.put(taken(log.next, number))
-            await store.write(None)
+        await put_chunks(store, boot(boot_id, channels), *numbers)

@@ -72,10 +72,10 @@ async def test_samples_of_earlier_boots_are_read_out_in_order_with_the_facts_the
 
 async def test_beyond_its_size_the_oldest_are_dropped_and_counted_and_lost_to_the_record(tmp_path: Path) -> None:
     async with stored(tmp_path / "tiny", 50) as store:
-        await put_chunks(store, "bench", 2)
+        await put_chunks(store, boot(), *[10] * 2)
         assert (store.surface("bench").counts.dropped, store.surface("bench").on_disk) == (20, 0)
     async with stored(tmp_path / "samples", 20_000) as store:
-        await put_chunks(store, "bench", 40)
+        await put_chunks(store, boot(), *[10] * 40)
         counts = store.surface("bench").counts
         assert 0 < store.surface("bench").on_disk == 400 - counts.dropped < 400
     assert (tmp_path / "samples").stat().st_size < 70_000

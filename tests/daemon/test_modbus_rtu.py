@@ -10,6 +10,10 @@ from time import monotonic
 
 import pytest
 
+from beamtouch_daemon.sources.registers import Block
+from beamtouch_daemon.sources.rtu_unit import probes_for
+from beamtouch_daemon.tasks import cancel
+
 from . import configs
 from .devices import Fault, NumberingUnit, Pieces, StampingUnit, no_echo, rtu_units, with_crc
 from .faulty import plain
@@ -117,8 +121,7 @@ async def test_a_session_that_begins_while_an_answer_is_owed_gives_no_old_value(
                 owing = asyncio.ensure_future(anext(stream))
                 requests.clear()
                 await requests.wait()
-                owing.cancel()
-                await asyncio.gather(owing, return_exceptions=True)
+                await cancel([owing])
                 await stream.aclose()
                 buses = {} if is_killed else buses
 
@@ -197,6 +200,14 @@ async def test_copies_of_answers_are_not_believed_once_one_was_noticed() -> None
 
     await read_through(copying, 60, timeout_ms=300.0, rate_hz=200.0)
     assert late_copies >= 3
+
+
+@pytest.mark.parametrize("blocks", [[Block(4, 3)], [Block(0, 1), Block(4, 3)], [Block(4, 1)], [Block(0, 125)]])
+def test_no_probe_is_answered_as_a_value_is_and_there_are_several(blocks: list[Block]) -> None:
+    probes = probes_for(blocks)
+    lengths = {block.count for block in blocks}
+    assert len(probes) >= 3
+    assert not [probe for probe in probes if probe.function == READ and probe.count in lengths]
 
 
 async def test_each_start_asks_its_probes_in_another_order() -> None:
@@ -361,9 +372,7 @@ async def test_other_units_are_read_after_each_timeout_of_a_unit_whose_probes_ar
                 for source in (one, two)
             ]
             await until(lambda: asked.count(2) > (1 if answers == "nothing" else 4))
-            for task in tasks:
-                task.cancel()
-            await asyncio.gather(*tasks, return_exceptions=True)
+            await cancel(tasks)
     in_a_row = [len(list(group)) for unit, group in itertools.groupby(asked) if unit == 2]
     assert max(in_a_row) <= 2
 

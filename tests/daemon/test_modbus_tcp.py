@@ -8,7 +8,9 @@ from contextlib import aclosing
 import pytest
 from pymodbus.constants import ExcCodes
 
-from .devices import Fault, NumberingUnit, Pieces, StampingUnit, pymodbus_server, tcp_unit, uptime_s
+from beamtouch_daemon.uptime import uptime_s
+
+from .devices import Fault, NumberingUnit, Pieces, StampingUnit, pymodbus_server, tcp_unit
 from .sessions import Reading, Source, SourceError, first_readings, polled, take_across_sessions
 
 pytestmark = pytest.mark.anyio

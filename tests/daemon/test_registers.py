@@ -11,7 +11,6 @@ from pymodbus.client.mixin import ModbusClientMixin
 from beamtouch_daemon.config.modules import Encoding, module_of, names, words_of
 from beamtouch_daemon.config.sources import ByteOrder
 from beamtouch_daemon.sources.registers import Block, Value, blocks_of
-from beamtouch_daemon.sources.rtu_unit import probes_for
 
 
 def words(*registers: int) -> list[Value]:
@@ -77,11 +76,3 @@ def test_every_module_is_whole() -> None:
         assert module.register_of(module.inputs - 1) + words_of(module.type) - 1 <= 65_535
     with pytest.raises(ValueError, match="there is no module nonesuch; choose one of adam-6017, "):
         module_of("nonesuch")
-
-
-@pytest.mark.parametrize("blocks", [[Block(4, 3)], [Block(0, 1), Block(4, 3)], [Block(4, 1)], [Block(0, 125)]])
-def test_no_probe_is_answered_as_a_value_is_and_there_are_several(blocks: list[Block]) -> None:
-    probes = probes_for(blocks)
-    lengths = {block.count for block in blocks}
-    assert len(probes) >= 3
-    assert not [probe for probe in probes if probe.function == 4 and probe.count in lengths]

@@ -6,16 +6,21 @@ import re
 import signal
 import socket
 import sqlite3
+from collections.abc import Callable
 from contextlib import closing, suppress
 from pathlib import Path
 from random import Random
 from time import monotonic, time
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import httpx2
 import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
+from beamtouch_daemon.config.sources import ModbusRtu
+from beamtouch_daemon.running.acquisition import PATIENCE_S, Acquisition
+from beamtouch_daemon.sources.rtu_bus import REST_TIMEOUTS
 from beamtouch_service.samples import Quality
 from free_ports import free_port
 from own_names import own_names_in
@@ -32,8 +37,8 @@ from .waits import until
 
 pytestmark = pytest.mark.anyio
 
-REOPEN_S = 2.0
-"""Pause between two attempts to open a device."""
+SEVERAL_ATTEMPTS_S = 2.0
+"""Time for several attempts; the daemon waits 0.5 s at most between two."""
 WAITING = "STATUS=reading bench; waiting for the device of late"
 
 
@@ -269,7 +274,7 @@ async def test_names_that_do_not_resolve_are_waited_for(tmp_path: Path) -> None:
         config = configs.write(tmp_path, configs.surface(source=configs.tcp(device, "module.plant")), url=url)
         async with started("run", config, prefix=names.prefix) as daemon:
             await daemon.said("module.plant does not resolve")
-            await asyncio.sleep(REOPEN_S)  # for more attempts, of which nothing is said
+            await asyncio.sleep(SEVERAL_ATTEMPTS_S)  # nothing is said of them
             names.add("module.plant", "127.0.0.1")
             said = await daemon.said("no such host is known")
             names.add("service.plant", "127.0.0.1")
@@ -316,6 +321,22 @@ async def test_metrics_are_those_of_the_summary_and_only_on_this_machine(tmp_pat
     assert ("beamtouch_samples_in_log", "memory") in found
     assert 0 < found["beamtouch_readings_per_second", ""] < 210
     assert found["beamtouch_rate_wrong", ""] in {0, 1}
+
+
+def test_a_line_without_progress_hangs_and_one_without_a_device_does_not() -> None:
+    def line(turned_s: float, rate_hz: float = 100.0, timeout_ms: float = 1.0) -> Acquisition:
+        source = ModbusRtu(kind="modbus-rtu", port="/dev/ttyUSB0", timeout_ms=timeout_ms)
+        found = SimpleNamespace(surface=SimpleNamespace(rate_hz=rate_hz, source=source), turned_s=turned_s)
+        return cast("Acquisition", found)
+
+    now_s, long_ago_s = 1000.0, 1000.0 - PATIENCE_S - 1
+    hangs: Callable[[Acquisition, float], bool] = Acquisition.hangs
+    assert not hangs(line(now_s), now_s)
+    assert hangs(line(long_ago_s), now_s)  # reading stands still
+    assert PATIENCE_S * 2 <= 30  # before the watchdog of the unit
+    assert not hangs(line(long_ago_s, rate_hz=0.1), now_s)  # it reads that seldom
+    rested_s = now_s - (REST_TIMEOUTS + 1) * 4.0
+    assert not hangs(line(rested_s, timeout_ms=4000.0), now_s)  # a unit that is off is asked that seldom
 
 
 async def test_the_service_manager_is_told_of_start_progress_missing_devices_and_stop(tmp_path: Path) -> None:

@@ -7,11 +7,12 @@ from typing import Any
 
 import pytest
 
+from beamtouch_daemon.uptime import uptime_s
 from beamtouch_protocol import messages
 from beamtouch_protocol.messages import HelloRequest, Message, Ping, Pong, Start, Stop
 
 from . import configs
-from .devices import SerialDevice, StampingUnit, rtu_units, uptime_s
+from .devices import SerialDevice, StampingUnit, rtu_units
 from .lines import Terminal, terminal
 from .sessions import Reading, Source, SourceError, change_waits, first_readings, polled, source_in
 from .waits import until

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from beamtouch_models import modelfile
+from beamtouch_models.accuracy.limit import draw, posterior_median_mm
 from beamtouch_models.calibration.calibrate import Calibrated, calibrate
 from beamtouch_models.calibration.fit import fit, residuals_of
 from beamtouch_models.calibration.recordings import read_contacts, read_loads
@@ -22,8 +23,7 @@ from beamtouch_models.sweeps import silent
 from calibration_files import write_contacts, write_readings
 from few_draws import short_work
 from in_process import Command
-from posterior_cases import best_position_mm, draw
-from real_surfaces import as_on, random_imperfections, recorded, true_prior
+from real_surfaces import deflections_on, random_imperfections, recorded, true_prior
 from unlabelled_contacts import Kind, drawn, missed_mm
 
 pytestmark = pytest.mark.long
@@ -37,7 +37,7 @@ def real(bench: ModelFile) -> Imperfections:
 
 @pytest.fixture(scope="module")
 def recording(bench: ModelFile, real: Imperfections, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_readings(tmp_path_factory.mktemp("loads") / "loads.csv", bench, as_on(bench.metadata, real))
+    return write_readings(tmp_path_factory.mktemp("loads") / "loads.csv", bench, deflections_on(bench.metadata, real))
 
 
 @pytest.fixture(scope="module")
@@ -55,7 +55,7 @@ def error_over_limit(model: ModelFile, real: Imperfections) -> tuple[float, floa
     answers = model.graph.estimate(
         stated, prior_of_model(model.metadata).whitening(stated.astype(np.float64)).astype(np.float32)
     )
-    best = np.abs(best_position_mm(prior, drawn.deflection_mm) - drawn.position_mm).mean()
+    best = np.abs(posterior_median_mm(prior, drawn.deflection_mm) - drawn.position_mm).mean()
     held = (answers["position_low_mm"] <= drawn.position_mm) & (drawn.position_mm <= answers["position_high_mm"])
     return float(np.abs(answers["position_mm"] - drawn.position_mm).mean() / best), float(held.mean())
 

@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from array_types import Floats
 from beamtouch_models import load_model
+from beamtouch_models.arrays import Floats
 from beamtouch_models.modelfile import ModelFile
 from calibration_files import FORCES, POSITIONS, write_contacts, write_readings
+from deflections import deflections_of
 from in_process import Command, Outcome, Refusal
-from modelled import deflections_of
 
 Calibrate = Callable[..., Outcome]
 MAX_BYTES = 64 * 2**20

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from array_types import Floats
+from beamtouch_models.arrays import Floats
 from beamtouch_models.physics.beam import influence
 from beamtouch_models.placement.eigenvalue_product import log_eigenvalue_product, principal_components
 from beamtouch_models.scene.beam import Beam

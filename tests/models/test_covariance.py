@@ -9,13 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from beamtouch_models.filters import Chain, Filtered, FloatArray, Mean
-
-NOISE_MM = 0.0045
-RATE_HZ = 200.0
-PERIOD = 0.098 * RATE_HZ
-"""Of the beam of the bench with a weight of 20 N on it, in readings."""
-WINDOW = 4
-FILTER = Mean("moving-average", WINDOW, spike_mm=6 * NOISE_MM)
+from covariance_cases import FILTER, NOISE_MM, PERIOD, RATE_HZ
 
 
 def evidence(filtered: Filtered, samples: slice) -> FloatArray:

@@ -6,12 +6,9 @@ from scipy.stats import chi2
 
 from beamtouch_models.challenge.contacts import rings, touched
 from beamtouch_models.challenge.play import Drawn, Play, SimulatedSurface
-from beamtouch_models.filters import Chain, FloatArray, Mean
+from beamtouch_models.filters import Chain, FloatArray
+from covariance_cases import FILTER, NOISE_MM, PERIOD
 
-NOISE_MM = 0.0045
-PERIOD = 0.098 * 200.0
-"""Of the beam of the bench with a weight of 20 N on it, in readings."""
-FILTER = Mean("moving-average", 4, spike_mm=6 * NOISE_MM)
 BEFORE, LOADS = 60, 80
 """Readings at rest before a load, more than the filter looks back, and loads."""
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from array_types import Floats
+from beamtouch_models.arrays import Floats
 from beamtouch_models.modelfile import (
     Answers,
     Evidence,
@@ -21,7 +21,7 @@ from beamtouch_models.modelfile import (
     is_unchecked,
     memories_after,
 )
-from modelled import deflections_of
+from deflections import deflections_of
 
 CLEAR, CONTACT, UNEXPLAINED = "clear", "contact", "unexplained"
 

@@ -10,12 +10,12 @@ import onnx
 import pytest
 
 from beamtouch_models.accuracy.evaluation import at_noise, evaluate
+from beamtouch_models.accuracy.limit import draw
 from beamtouch_models.description import unseen
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.surface import prior_of_model
 from example_scenes import PAPER
 from in_process import Command
-from posterior_cases import draw
 
 
 @pytest.mark.long

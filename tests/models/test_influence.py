@@ -1,4 +1,7 @@
-"""The influence matrix against published values and transfer matrices in many digits: closed forms, then elements."""
+"""The influence matrix against published values and transfer matrices in many digits: closed forms, then elements.
+
+The lift of a span follows from it.
+"""
 
 from typing import Any
 
@@ -7,10 +10,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from beamtouch_models import influence_matrix
+from beamtouch_models.arrays import Floats
 from beamtouch_models.errors import SceneError
+from beamtouch_models.physics.beam import travel_of
 from beamtouch_models.scene import parse_scene
 from beamtouch_models.scene.beam import Beam, changed_beam
 from exact_beam import ExactBeam, fixed, simple
@@ -23,7 +28,7 @@ SPANS: list[Any] = [*NAMES, fixed(1.0), [*simple(0.0), *fixed(1.0)]]
 """All closed forms, and the mirrored ones."""
 
 
-def influence(beam: Beam, sensor_mm: ArrayLike, load_mm: ArrayLike, width_mm: float = 0.0) -> NDArray[np.float64]:
+def influence(beam: Beam, sensor_mm: ArrayLike, load_mm: ArrayLike, width_mm: float = 0.0) -> Floats:
     """Return the influence matrix of a scene with this beam and this width of its contact."""
     contact = SCENE.contact.model_copy(update={"width_mm": width_mm})
     return influence_matrix(SCENE.model_copy(update={"beam": beam, "contact": contact}), sensor_mm, load_mm)
@@ -259,6 +264,12 @@ def test_shear_spans_overhangs_and_steps_agree_with_published_values() -> None:
     beam = stated({"length_mm": 400}, supports="cantilever", segments=halves(200, 2e7, 1e7))
     found = influence(beam, [400.0], [400.0])[0, 0]
     assert found == pytest.approx((1 / 8 + 7 / 16) / 3 * 400**3 / 1e7, rel=1e-13)
+
+
+def test_a_load_on_one_of_two_spans_lifts_the_other() -> None:
+    text = PAPER.replace("[contact]", "supports = [{at_mm = 0}, {at_mm = 200}, {at_mm = 400}]\n[contact]")
+    travel = travel_of(parse_scene(text, "x"))
+    assert 0 < travel.lift_mm < travel.fall_mm == travel.largest_mm
 
 
 def with_tip(tip: float) -> dict[str, Any]:

@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 from scipy.interpolate import RegularGridInterpolator
 
-from array_types import Floats
+from beamtouch_models.accuracy.limit import draw, posterior_median_mm
 from beamtouch_models.accuracy.prior import Prior, SampleErrors
+from beamtouch_models.arrays import Floats
 from beamtouch_models.estimators.posterior.window import posterior_graph
 from beamtouch_models.physics.influence import InfluenceFunction
 from beamtouch_models.placement.layout import Candidates
 from beamtouch_models.placement.placing import place, place_by_position_error, recommended_count
-from posterior_cases import answers_of, best_position_mm, draw
+from posterior_cases import answers_of
 
 LENGTH_MM = 500.0
 TENSION_N = 50.0
@@ -64,7 +65,7 @@ def test_a_measured_string_has_a_number_of_sensors_a_limit_and_an_estimator() ->
     found = place_by_position_error(string, coarse, 2, 0, SampleErrors(NOISE_MM))
     prior = Prior.of(string, np.array(found.positions_mm), NOISE_MM)
     drawn = draw(prior, 2_000, 2)
-    best = np.abs(best_position_mm(prior, drawn.deflection_mm) - drawn.position_mm).mean()
+    best = np.abs(posterior_median_mm(prior, drawn.deflection_mm) - drawn.position_mm).mean()
     answers = answers_of(posterior_graph(prior, with_force=False), prior, drawn.deflection_mm)
     assert np.abs(answers["position_mm"] - drawn.position_mm).mean() < 1.1 * best
 

@@ -5,7 +5,6 @@ import dataclasses
 import numpy as np
 import pytest
 
-from array_types import Floats
 from beamtouch_models.accuracy import limit
 from beamtouch_models.accuracy.limit import (
     accuracy_limit,
@@ -16,6 +15,7 @@ from beamtouch_models.accuracy.limit import (
 )
 from beamtouch_models.accuracy.posterior import posterior_quantiles
 from beamtouch_models.accuracy.prior import TAIL, Prior, forces_of
+from beamtouch_models.arrays import Floats
 from beamtouch_models.error_model import whitening
 from beamtouch_models.physics.beam import influence_of
 from beamtouch_models.pricing.prices import Effect

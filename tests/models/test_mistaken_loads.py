@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from array_types import Floats
 from beamtouch_models import modelfile
+from beamtouch_models.arrays import Floats
 from beamtouch_models.calibration.calibrate import checked_fit
 from beamtouch_models.calibration.fit import fit
 from beamtouch_models.calibration.mistaken import mistaken
@@ -23,7 +23,7 @@ from beamtouch_models.rig.surface import Imperfections
 from beamtouch_models.sweeps import silent
 from calibration_files import write_readings
 from in_process import Command
-from real_surfaces import MISTAKES, as_on, random_imperfections, recorded, with_mistake
+from real_surfaces import MISTAKES, deflections_on, random_imperfections, recorded, with_mistake
 
 pytestmark = pytest.mark.long
 
@@ -50,7 +50,7 @@ def test_a_mistyped_load_is_named_and_can_be_left_out(
     path, output, model = tmp_path / "loads.csv", tmp_path / "out.onnx", built_model("cantilever")
     loaded, loads = modelfile.load(model), (np.linspace(29.0, 191.0, 10), np.full(10, 2.25))
     real = random_imperfections(loaded.metadata, np.random.default_rng(1))
-    write_readings(path, loaded, as_on(loaded.metadata, real, *loads), *loads)
+    write_readings(path, loaded, deflections_on(loaded.metadata, real, *loads), *loads)
     change_load(path, "6", "position_mm", "179")  # by 60 mm: it pressed at 119
     given = ("calibrate", model, path, "-o", output)
     done = design_sensors_here(*given)

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from array_types import Floats
 from beamtouch_models.accuracy.limit import accuracy_limit
 from beamtouch_models.accuracy.prior import Prior, SampleErrors
+from beamtouch_models.arrays import Floats
 from beamtouch_models.placement.placing import place, place_by_position_error
 from beamtouch_models.placement.position_error import FORCES, PLACES, SLACK, OtherLoads, other_loads
 from beamtouch_models.scene import Scene, change_scene

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from array_types import Floats
 from beamtouch_models import modelfile
+from beamtouch_models.arrays import Floats
 from beamtouch_models.estimators.paper_network import _initial, _present, paper_graph, train, trained_as_in_the_paper
 from beamtouch_models.reproduction.paper import deflection_mm
 from example_scenes import SCENES

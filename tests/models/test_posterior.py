@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.special import chdtri
 
+from beamtouch_models.accuracy.limit import draw, posterior_median_mm
 from beamtouch_models.accuracy.posterior import posterior_quantiles
 from beamtouch_models.accuracy.prior import Prior, cautious_forces, forces_of
 from beamtouch_models.error_model import whitening
@@ -21,9 +22,7 @@ from example_scenes import paper_scene
 from false_alarms import surface
 from posterior_cases import (
     answers_of,
-    best_position_mm,
     check_sane,
-    draw,
     graph_of,
     nonsense,
     plain_posterior,
@@ -156,7 +155,7 @@ def test_the_error_is_at_the_limit_and_intervals_hold_the_truth(
     drawn = draw(prior, 1200, 11)
     answers = answers_of(graph_of(prior), prior, drawn.deflection_mm)
     error = np.abs(answers["position_mm"] - drawn.position_mm)
-    best = np.abs(best_position_mm(prior, drawn.deflection_mm) - drawn.position_mm)
+    best = np.abs(posterior_median_mm(prior, drawn.deflection_mm) - drawn.position_mm)
     ratio = error.mean() / best.mean()
     spread = (error - ratio * best).std() / best.mean() / len(error) ** 0.5
     assert ratio < 1.05 + 3 * spread
@@ -175,7 +174,7 @@ def test_with_noise_as_large_as_the_deflection_the_posterior_is_still_right() ->
     prior = prior_of("bench", 3, 100.0, known=False)
     drawn = draw(prior, 1500, 1)
     answers = answers_of(graph_of(prior), prior, drawn.deflection_mm)
-    best = best_position_mm(prior, drawn.deflection_mm)
+    best = posterior_median_mm(prior, drawn.deflection_mm)
     width = answers["position_high_mm"] - answers["position_low_mm"]
     assert (np.abs(answers["position_mm"] - best) < 0.07 * width).all()
     held = (answers["position_low_mm"] <= drawn.position_mm) & (drawn.position_mm <= answers["position_high_mm"])
@@ -192,7 +191,7 @@ def test_the_limit_holds_down_to_the_noise_that_float32_carries(name: str, senso
     prior = prior_of(name, sensors, FINEST, known=known)
     drawn = draw(prior, 1000, 5)
     answers = answers_of(graph_of(prior), prior, drawn.deflection_mm)
-    best = np.abs(best_position_mm(prior, drawn.deflection_mm) - drawn.position_mm).mean()
+    best = np.abs(posterior_median_mm(prior, drawn.deflection_mm) - drawn.position_mm).mean()
     assert np.abs(answers["position_mm"] - drawn.position_mm).mean() / best < 1.05
     held = (answers["position_low_mm"] <= drawn.position_mm) & (drawn.position_mm <= answers["position_high_mm"])
     assert 0.93 < held.mean() < 0.995
@@ -213,7 +212,7 @@ def test_any_channels_that_determine_a_position_do_so_as_well_as_they_can(name: 
             valid[:, kept] = True
             answers = answers_of(graph, prior, drawn.deflection_mm, valid)
             missing = set(range(sensors)) - set(kept)
-            best = best_position_mm(prior.without(*missing), drawn.deflection_mm[:, kept])
+            best = posterior_median_mm(prior.without(*missing), drawn.deflection_mm[:, kept])
             error, least = (np.abs(x - drawn.position_mm).mean() for x in (answers["position_mm"], best))
             assert error < 1.05 * least, kept
             held = (answers["position_low_mm"] <= drawn.position_mm) & (
@@ -246,7 +245,7 @@ def test_of_many_sensors_neighbours_show_how_many_are_enough() -> None:
         """The error of neighbours over that of a guess, a quarter of the range."""
         some = prior.without(*(set(range(9)) - set(kept)))
         drawn = draw(some, 512, 0)
-        error_mm = np.abs(best_position_mm(some, drawn.deflection_mm) - drawn.position_mm)
+        error_mm = np.abs(posterior_median_mm(some, drawn.deflection_mm) - drawn.position_mm)
         return float(error_mm.mean()) / ((399 - 1) / 4)
 
     assert max(share(range(first, first + found)) for first in range(9 - found + 1)) <= ENOUGH
@@ -296,7 +295,7 @@ def test_forces_over_six_decades() -> None:
     readings = clean + rng.normal(scale=prior.noise_mm, size=clean.shape)
     answers = answers_of(graph_of(prior), prior, readings)
     check_sane(prior, answers)
-    best = best_position_mm(prior, readings)
+    best = posterior_median_mm(prior, readings)
     width = answers["position_high_mm"] - answers["position_low_mm"]
     # Where nothing speaks for a contact, the position means nothing.
     seen = answers["contact_log_odds"] > 5

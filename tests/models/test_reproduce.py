@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from array_types import Floats
+from beamtouch_models.arrays import Floats
 from beamtouch_models.reproduction import figure_8 as eighth
 from beamtouch_models.reproduction import figures
 from beamtouch_models.reproduction.figure_8 import NOISES_PERCENT, figure_8, measure

@@ -8,9 +8,9 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from array_types import Indices
 from beamtouch_models.accuracy import limit
 from beamtouch_models.accuracy.prior import Prior, SampleErrors
+from beamtouch_models.arrays import Indices
 from beamtouch_models.names import SEARCHES
 from beamtouch_models.placement.layout import Candidates, equal_layout
 from beamtouch_models.placement.placing import place

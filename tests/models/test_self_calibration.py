@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from beamtouch_models import modelfile
+from beamtouch_models.accuracy.limit import draw, posterior_median_mm
 from beamtouch_models.calibration.recordings import UnlabelledContacts
 from beamtouch_models.calibration.self_calibrate import SelfCalibrated, self_calibrate, self_fit
 from beamtouch_models.calibration.theory import FIXITY, GAIN
@@ -20,7 +21,6 @@ from beamtouch_models.sweeps import silent
 from calibration_files import write_contacts
 from few_draws import short_work
 from in_process import Command
-from posterior_cases import best_position_mm, draw
 from real_surfaces import true_prior
 from unlabelled_contacts import OFF, Kind, fitted, random_contacts
 
@@ -45,7 +45,7 @@ def test_200_contacts_bring_the_error_to_the_limit(
     prior = true_prior(bench.metadata, real)
     fresh = draw(prior, 1500, 9)
     reading = prior.measured(fresh.deflection_mm)
-    best = np.abs(best_position_mm(prior, fresh.deflection_mm) - fresh.position_mm).mean()
+    best = np.abs(posterior_median_mm(prior, fresh.deflection_mm) - fresh.position_mm).mean()
 
     def seen(one: ModelFile) -> dict[str, np.ndarray]:
         return one.graph.estimate(

@@ -8,16 +8,17 @@ import pytest
 from numpy.typing import NDArray
 from scipy.special import chdtri
 
-from array_types import Floats
+from beamtouch_models.accuracy.limit import draw, posterior_median_mm
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.thresholds import rate_per_sample, touch_thresholds
+from beamtouch_models.arrays import Floats
 from beamtouch_models.error_model import whitening
 from beamtouch_models.estimators.onnx_graph import to_bytes
 from beamtouch_models.estimators.posterior.window import windowed_graph
 from beamtouch_models.estimators.small_network import Network, first_stage, train
 from beamtouch_models.metadata import FORCE_OUTPUTS, POSITION_OUTPUTS
 from beamtouch_models.session import runner
-from posterior_cases import answers_of, best_position_mm, draw, graph_of, prior_of, with_floor
+from posterior_cases import answers_of, graph_of, prior_of, with_floor
 from rare_rest import exceeding
 
 PRIOR = with_floor(prior_of("bench", 4, 0.2, known=False))
@@ -125,7 +126,7 @@ def test_it_holds_where_perfect_sensors_have_hardly_any_noise() -> None:
     graph = graph_with(prior, trained(prior))
     drawn = draw(prior, 600, 4)
     answers = answers_of(graph, prior, drawn.deflection_mm)
-    best = best_position_mm(prior, drawn.deflection_mm)
+    best = posterior_median_mm(prior, drawn.deflection_mm)
     error, least = (np.abs(place - drawn.position_mm).mean() for place in (answers["position_mm"], best))
     assert error < 1.05 * least
     assert share_held(answers, "position", "mm", drawn.position_mm) >= 0.93

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scipy.stats import special_ortho_group
 
-from array_types import Floats
+from beamtouch_models.arrays import Floats
 from beamtouch_models.error_model import whitening
 
 GAIN, ZERO_MM = np.array([0.003, 0.01, 0.0]), np.array([1e-3, 0.0, 5e-3])

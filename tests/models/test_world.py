@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from array_types import Floats
+from beamtouch_models.arrays import Floats
 from beamtouch_models.challenge import contacts
 from beamtouch_models.challenge.challenge import distances
 from beamtouch_models.challenge.play import Drawn, SimulatedSurface

@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from array_types import Floats
 from beamtouch_common.zones import BEGIN, Span, Zone, ZoneState
 from beamtouch_models.accuracy.posterior import posterior_quantiles
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.zone_bands import band_at
+from beamtouch_models.arrays import Floats
 from example_scenes import SCENES
 from in_process import Command, Refusal
 

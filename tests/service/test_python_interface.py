@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 import beamtouch_models as models
-from modelled import deflections_of
+from deflections import deflections_of
 from service.conftest import FIGURES, Bench, surface_with
 
 PLACES_MM = [60, 150, 300]

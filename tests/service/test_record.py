@@ -1,8 +1,6 @@
 """The record: every sample once and in order, whatever the batches, and whatever happens to the service."""
 
 import random
-import sqlite3
-from contextlib import closing
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -14,6 +12,7 @@ from hypothesis import strategies as st
 from beamtouch_service.sections import EventsSection
 from service.conftest import Bench, Row, batch_of, surface_with
 from service.event_story import BETWEEN, HARDER, ODD, RESTING, TOUCHING, Story
+from service.record_file import execute
 from service.small_model import model_of
 
 CONTACT: list[Row] = [RESTING, *[TOUCHING] * 8, RESTING]
@@ -314,12 +313,6 @@ def test_events_and_cursor_are_written_together_or_not_at_all(services: Services
     assert story.ask()["durable"] == 5
     story.catch_up()
     assert rounded(story.events) == rounded(services.straight(CONTACT))
-
-
-def execute(path: Path, statement: str) -> None:
-    with closing(sqlite3.connect(path)) as connection:
-        connection.execute(statement)
-        connection.commit()
 
 
 def test_while_the_record_is_damaged_answers_go_on_and_the_cursor_stands(

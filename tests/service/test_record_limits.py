@@ -6,7 +6,7 @@ from pathlib import Path
 from beamtouch_service.sections import EventsSection
 from service.conftest import Bench, Row, surface_of
 from service.event_story import RESTING, TOUCHING, Story
-from service.test_record import execute
+from service.record_file import execute
 
 CONTACT: list[Row] = [RESTING, *[TOUCHING] * 3, *[RESTING] * 3]
 DAY_S = 86_400.0
@@ -51,7 +51,7 @@ def test_boots_without_events_take_no_room_from_events_for_longer_than_a_day(tmp
     deliver(bench, 3)
     Story(bench, [RESTING], "restless-0").deliver(0, 1)
     deliver(bench, 1, "restless-at-last")
-    # All are as the first one, which takes a tenth of the time of their samples.
+    # Copies of the first: sending samples would take ten times as long.
     execute(tmp_path / "events.db", AS_THE_FIRST)
     database = bench.app.context.recorder.store.database
     with database.reading() as connection:

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from beamtouch_models import modelfile
-from modelled import deflections_of
+from deflections import deflections_of
 from service.conftest import Bench, batch_of, surface_with
 from service.event_story import BETWEEN, RESTING, TOUCHING
 

@@ -5,20 +5,15 @@ from typing import Literal
 
 import pytest
 
-from beamtouch_common.zones import Span, Zone, ZoneState
+from beamtouch_common.zones import Zone, ZoneState
 from beamtouch_service.zones.follow import Seen, ZoneFollower, ZoneReport
+from zone_cases import GATE, I, O, U, at
 
-GATE = Zone(from_mm=120, to_mm=200)
 SLOW = Zone(from_mm=120, to_mm=200, dwell_ms=20)
 LENGTH_MM, HOLD_US, STEP_US = 400.0, 100_000, 5000
 
-I, O, U = ZoneState.INSIDE, ZoneState.OUTSIDE, ZoneState.UNSURE  # noqa: E741  # as short as the rows need
 What = float | Literal["clear"] | None
 Step = tuple[What, int, int]
-
-
-def at(middle: float, half: float = 1.0) -> Span:
-    return Span(middle, middle - half, middle + half)
 
 
 def steps(*whats: What) -> list[Step]:

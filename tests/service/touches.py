@@ -6,15 +6,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from beamtouch_models import modelfile
+from beamtouch_models.arrays import Floats
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_service.sections import EventsSection
-from modelled import deflections_of
+from deflections import deflections_of
 from service.conftest import Bench, surface_with
 
-Change = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+Change = Callable[[Floats], Floats]
 
 AT_REST, IN_CONTACT = 6, 5
 """Samples of each rest and of each contact."""
@@ -66,8 +66,8 @@ class Touches:
             ],
         }
 
-    def _measured(self, deflection_mm: NDArray[np.float64]) -> NDArray[np.float64]:
-        noise: NDArray[np.float64] = self.random.normal(size=deflection_mm.shape) * self._noise_mm
+    def _measured(self, deflection_mm: Floats) -> Floats:
+        noise: Floats = self.random.normal(size=deflection_mm.shape) * self._noise_mm
         return deflection_mm * self.gain + self.zero_mm + noise
 
 

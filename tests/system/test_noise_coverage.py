@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 import tomli_w
 
-from array_types import Floats
 from beamtouch_daemon.config.settings import Surface as Settings
 from beamtouch_daemon.processing.at_rest import select_rest
 from beamtouch_daemon.processing.characteristic import Characteristic
 from beamtouch_daemon.processing.noise import Keys, keys_of, measure_noise
 from beamtouch_daemon.processing.pipeline import Pipeline
 from beamtouch_daemon.sources.reading import Reading
+from beamtouch_models.arrays import Floats
 from beamtouch_models.error_model import whitening
 from beamtouch_models.estimators.onnx_graph import to_bytes
 from beamtouch_models.metadata import Sensor

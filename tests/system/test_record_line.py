@@ -9,8 +9,8 @@ from typing import Any
 import httpx2
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from beamtouch_models.arrays import Floats
 from example_scenes import SCENES
 from forked_line import ForkedLine
 from line import Surface
@@ -70,7 +70,7 @@ def test_each_press_is_one_event_whatever_happens_to_the_service(tmp_path: Path,
     assert np.min(np.abs(found_s - true_s)) < 0.05, found_s - true_s
 
 
-def presses_s(truth: Path) -> NDArray[np.float64]:
+def presses_s(truth: Path) -> Floats:
     """Return when each press began and ended [s], by the rig's own clock, shape (presses, 2)."""
     rows = [line.split(",") for line in truth.read_text(encoding="ascii").splitlines()[1:]]
     times_s, pressed = np.array([float(row[0]) for row in rows]), np.array([bool(row[1]) for row in rows])

@@ -11,9 +11,7 @@ from example_scenes import SCENES
 from service.conftest import START_US, batch_of
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
+    from beamtouch_models.arrays import Floats
     from beamtouch_models.modelfile import ModelFile
     from browser import Watched
     from service.process.conftest import Service
@@ -84,8 +82,8 @@ def circles(seen: Watched) -> list[tuple[float, float]]:
     return [(x, y) for x, y in seen.page.eval_on_selector_all("#beam circle.seen", script)]
 
 
-def bench_shape(at_mm: list[float], load_mm: float) -> NDArray[np.float64]:
+def bench_shape(at_mm: list[float], load_mm: float) -> Floats:
     """Return the deflection per newton [mm/N] at positions of the beam of the bench under a load."""
     scene, _ = load_scene(SCENES / "bench.toml")
-    shape: NDArray[np.float64] = influence_matrix(scene, at_mm, [load_mm])[0]
+    shape: Floats = influence_matrix(scene, at_mm, [load_mm])[0]
     return shape

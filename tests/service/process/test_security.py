@@ -2,7 +2,6 @@
 
 import json
 import signal
-import socket
 import ssl
 import time
 from pathlib import Path
@@ -13,25 +12,14 @@ import pytest
 from plain_http import NO_TLS, TIMEOUT_S
 from service.conftest import READ_TOKEN, TOKEN, batch_of
 from service.process.conftest import Service, StartService
-
-
-def told(connection: socket.socket) -> bytes:
-    """Return all that comes until the other side closes."""
-    connection.settimeout(60)
-    found = b""
-    try:
-        while chunk := connection.recv(65536):
-            found += chunk
-    except ConnectionResetError:
-        pass
-    return found
+from service.process.connections import read_to_end
 
 
 @pytest.mark.parametrize("certified", [False, True])
 def test_beyond_loopback_a_service_without_tls_warns_and_one_with_a_certificate_answers_over_https(
     start_press: StartService,
     certificate: tuple[Path, Path],
-    certified: bool,  # a case of the test
+    certified: bool,
 ) -> None:
     options = ("--certificate-file", certificate[0], "--key-file", certificate[1]) if certified else ()
     service = start_press("--host", "0.0.0.0", *options, read=READ_TOKEN)  # noqa: S104  # the warning is about that
@@ -58,7 +46,7 @@ def test_no_token_is_ever_in_the_log(start_press: StartService) -> None:
             )
         with service.connect() as connection:
             connection.sendall(f"GET /contact HTTP/1.1\r\nHost: x\r\nAuthorization Bearer {token}\r\n\r\n".encode())
-            assert told(connection).startswith(b"HTTP/1.1 400")
+            assert read_to_end(connection).startswith(b"HTTP/1.1 400")
     code, errors = service.stop(signal.SIGTERM)
 
     assert code == 0
@@ -83,7 +71,7 @@ def test_a_body_that_trickles_is_given_up_after_ten_seconds(fresh: Service) -> N
                 found = connection.recv(65536)
             except TimeoutError:
                 continue
-        found += told(connection)
+        found += read_to_end(connection)
 
     assert found.startswith(b"HTTP/1.1 408 ")
     assert json.loads(found.partition(b"\r\n\r\n")[2])["type"] == "urn:beamtouch:problem:too-slow"
