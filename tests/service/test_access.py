@@ -8,7 +8,7 @@ import pytest
 from fastapi.routing import iter_route_contexts
 
 import beamtouch_service
-from service.conftest import READ_TOKEN, TOKEN, Bench, batch_of, kind, surface_of, surface_with
+from service.bench import READ_TOKEN, TOKEN, Bench, batch_of, kind, surface_of, surface_with
 
 FOLDER = Path(beamtouch_service.__file__).with_name("page")
 PAGE = {"/" if path.name == "index.html" else f"/{path.name}" for path in FOLDER.iterdir()}

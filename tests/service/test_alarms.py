@@ -9,7 +9,7 @@ import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
 from beamtouch_service.sections import SurfaceSection
-from service.conftest import Bench, Row, batch_of, surface_of
+from service.bench import Bench, Row, batch_of, surface_of
 from service.event_story import Story
 from service.touches import Change, TouchedLine
 

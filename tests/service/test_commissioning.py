@@ -11,7 +11,7 @@ from anyio.to_thread import run_sync as run_in_thread
 
 from beamtouch_models.modelfile import InfluenceCurve
 from beamtouch_service.sections import EventsSection
-from service.conftest import TOKEN, Bench, Row, kind, surface_of, surface_with
+from service.bench import TOKEN, Bench, Row, kind, surface_of, surface_with
 from service.event_story import RESTING
 from service.small_model import model_of
 

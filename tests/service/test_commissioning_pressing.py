@@ -7,7 +7,7 @@ import pytest
 
 from beamtouch_models.modelfile import State
 from beamtouch_service.commissioning.pressing import HOLD_US, PressFinder, Stage
-from service.conftest import Row
+from service.bench import Row
 from service.event_story import RESTING
 
 STEP_US = 10_000

@@ -2,7 +2,7 @@
 
 import pytest
 
-from service.conftest import FIGURES, Bench, Row, surface_of
+from service.bench import FIGURES, Bench, Row, surface_of
 from service.event_story import RESTING, TOUCHING
 
 BETWEEN: Row = [0.02, 0.0, 0.0]

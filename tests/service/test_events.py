@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from service.conftest import START_US, Bench, Row, batch_of, surface_of
+from service.bench import START_US, Bench, Row, batch_of, surface_of
 from service.event_story import BETWEEN, HARDER, ODD, RESTING, TOUCHING, Story
 from service.small_model import model_of
 

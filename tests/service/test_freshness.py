@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from beamtouch_service.sections import SurfaceSection
-from service.conftest import Bench, surface_of
+from service.bench import Bench, surface_of
 
 WINDOW_S = 30.0
 """Of the quickest batch: it counts for one to two of these."""

@@ -13,7 +13,7 @@ from beamtouch_service.problems import Kind, ProblemError
 from beamtouch_service.samples import Note, Quality
 from beamtouch_service.surfaces.surface import Surface
 from contact_registers import FIGURES, number
-from service.conftest import Row, parsed, surface_of, surface_with
+from service.bench import Row, parsed, surface_of, surface_with
 
 NOW_S = 1000.0
 

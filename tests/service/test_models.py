@@ -14,7 +14,7 @@ from beamtouch_service.host import models
 from beamtouch_service.host.models import ModelKeeper
 from beamtouch_service.problems import ProblemError
 from beamtouch_service.sections import SurfaceSection
-from service.conftest import Bench, parsed, surface_with
+from service.bench import Bench, parsed, surface_with
 from service.small_model import content_of, write_model
 
 pytestmark = pytest.mark.anyio

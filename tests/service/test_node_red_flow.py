@@ -6,7 +6,7 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from pasted import blocks_of
-from service.conftest import Bench
+from service.bench import Bench
 from toolchain import need
 
 (FLOW,) = [block.text for block in blocks_of("docs/how-to/node-red.md") if block.word == "json"]

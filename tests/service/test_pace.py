@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from beamtouch_service.outputs.mqtt.pace import ALIVE_S, Pace
-from service.conftest import Row, parsed, surface_of
+from service.bench import Row, parsed, surface_of
 from service.event_story import RESTING, TOUCHING
 
 

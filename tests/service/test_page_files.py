@@ -5,7 +5,7 @@ from importlib import resources
 import pytest
 
 from beamtouch_service.samples import Note
-from service.conftest import Bench
+from service.bench import Bench
 from tags import Tags
 
 PAGE = resources.files("beamtouch_service") / "page"

@@ -6,7 +6,7 @@ import numpy as np
 
 import beamtouch_models as models
 from deflections import deflections_of
-from service.conftest import FIGURES, Bench, surface_with
+from service.bench import FIGURES, Bench, surface_with
 
 PLACES_MM = [60, 150, 300]
 

@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from beamtouch_service.sections import EventsSection
-from service.conftest import Bench, Row, batch_of, surface_with
+from service.bench import Bench, Row, batch_of, surface_with
 from service.event_story import BETWEEN, HARDER, ODD, RESTING, TOUCHING, Story
 from service.record_file import execute
 from service.small_model import model_of

@@ -1,10 +1,13 @@
 """The limits of the record: how old and how large it becomes."""
 
 import time
+from functools import partial
 from pathlib import Path
 
+import pytest
+
 from beamtouch_service.sections import EventsSection
-from service.conftest import Bench, Row, surface_of
+from service.bench import Bench, Row, surface_of
 from service.event_story import RESTING, TOUCHING, Story
 from service.record_file import execute
 
@@ -22,7 +25,9 @@ FROM cursors JOIN boot WHERE boot_id = 'restless-0'
 
 def prune(bench: Bench, days: float) -> int:
     """Have the record look at its limits so many days from now; return how many events it deletes."""
-    return bench.app.context.recorder.store.prune(time.time() + days * DAY_S)
+    prune_at = partial(bench.app.context.recorder.prune, time.time() + days * DAY_S)
+    assert bench.event_loop is not None
+    return bench.event_loop.call(prune_at)
 
 
 def deliver(bench: Bench, contacts: int, boot_id: str = "boot-0001") -> None:
@@ -58,3 +63,17 @@ def test_boots_without_events_take_no_room_from_events_for_longer_than_a_day(tmp
         assert database.used_bytes(connection) > 1e6
     assert prune(bench, 1.1) == 0
     assert sorted(numbers(bench)) == [1, 2, 3, 4]
+
+
+@pytest.mark.parametrize("keeps", [True, False])
+def test_a_boot_goes_on_after_a_day_without_samples(tmp_path: Path, keeps: bool) -> None:
+    """Its sender may keep what is not durable, or nothing."""
+    bench = Bench(surface_of(), events=EventsSection(file=tmp_path / "events.db"))
+    story = Story(bench, [RESTING, *CONTACT])
+    story.oldest = 1 if keeps else None
+    story.deliver(0, 1)
+    assert numbers(bench) == []
+    prune(bench, 1.1)
+    story.deliver(1, len(story.rows))
+    assert numbers(bench) == [1]
+    assert bench.app.context.recorder.races == 0

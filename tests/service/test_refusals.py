@@ -15,7 +15,7 @@ from beamtouch_service import cli
 from certificates import make_certificate
 from in_process import Command, command_of
 from parts import require
-from service.conftest import TOKEN
+from service.bench import TOKEN
 from service.small_model import content_of, write_model
 
 

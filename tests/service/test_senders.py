@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from service.conftest import TOKEN, Bench, batch_of, surface_of, surface_with
+from service.bench import TOKEN, Bench, batch_of, surface_of, surface_with
 
 STALE_S = 0.5
 STEP_S = 0.1

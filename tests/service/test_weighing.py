@@ -13,7 +13,7 @@ from hypothesis.extra.numpy import arrays
 
 from beamtouch_models import modelfile
 from deflections import deflections_of
-from service.conftest import Bench, batch_of, surface_with
+from service.bench import Bench, batch_of, surface_with
 from service.event_story import BETWEEN, RESTING, TOUCHING
 
 READINGS = 4

@@ -9,7 +9,7 @@ from beamtouch_common.zones import Zone
 from beamtouch_models.metadata import POSITION_OUTPUTS
 from beamtouch_service import cli
 from beamtouch_service.sections import EventsSection, SurfaceSection
-from service.conftest import Bench, BuildModel, Row, batch_of, surface_of
+from service.bench import Bench, BuildModel, Row, batch_of, surface_of
 from service.event_story import ODD
 
 ZONES = SurfaceSection(zones={"gate": Zone(from_mm=120, to_mm=200), "slow": Zone(from_mm=120, to_mm=200, dwell_ms=20)})

@@ -12,7 +12,7 @@ from beamtouch_models.arrays import Floats
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_service.sections import EventsSection
 from deflections import deflections_of
-from service.conftest import Bench, surface_with
+from service.bench import Bench, surface_with
 
 Change = Callable[[Floats], Floats]
 

@@ -26,6 +26,11 @@ class SurfaceRecord:
         """Number of samples that are not durable."""
         return sum(boot.expected - 1 - boot.durable for boot in self._boots.values())
 
+    @property
+    def boot_ids(self) -> list[str]:
+        """The boots that are in memory."""
+        return list(self._boots)
+
     def boot(self, boot_id: str) -> Boot | None:
         """Return a boot; None if it has yet to be read."""
         return self._boots.get(boot_id)

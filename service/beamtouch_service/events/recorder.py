@@ -233,10 +233,15 @@ class Recorder:
 
     async def _tidy(self) -> None:
         try:
-            if dropped := await self.look(lambda store: store.prune(time.time())):
+            if dropped := await self.prune(time.time()):
                 _log.info("%d events were dropped: too old, or above the size limit", dropped)
         except EventsAwayError as error:
             self._note(str(error))
+
+    async def prune(self, now_s: float) -> int:
+        """Keep the record within its limits at a time [s since 1970]; return how many events that costs."""
+        held = [(name, boot_id) for name, record in self._records.items() for boot_id in record.boot_ids]
+        return await self.look(lambda store: store.prune(now_s, held))
 
     def _note_end(self, commit: "asyncio.Task[None]") -> None:
         """Note that the record is away if a commit ended in an error that no database is known to raise."""

@@ -233,17 +233,19 @@ class Store:
         with self.database.writing() as connection:
             connection.execute(delete(DELIVERIES).where(DELIVERIES.c.number.in_(numbers)))
 
-    def prune(self, now_s: float) -> int:
+    def prune(self, now_s: float, held: Collection[tuple[str, str]] = ()) -> int:
         """Delete events too old at `now_s` [s since 1970], and the oldest above the size limit; return how many.
 
-        The cursor of a boot stays as long as an event of it. A boot without events loses its cursor after a day; if its
-        sender comes back, the record begins with what that keeps.
+        The cursor of a boot stays as long as an event of it, and while this service goes on from it: `held` are the
+        surfaces and boots of these. Any other loses its cursor after a day; if its sender comes back, the record begins
+        with what that keeps.
         """
         before_s, quiet_s = now_s - self._keep_s, now_s - min(self._keep_s, _QUIET_BOOT_S)
         has_event = exists().where(_c.surface == CURSORS.c.surface, _c.boot_id == CURSORS.c.boot_id)
+        is_held = tuple_(CURSORS.c.surface, CURSORS.c.boot_id).in_(list(held))
         with self.database.writing() as connection:
             deleted = connection.execute(delete(EVENTS).where(_c.recorded_s < before_s)).rowcount
-            connection.execute(delete(CURSORS).where(CURSORS.c.recorded_s < quiet_s, ~has_event))
+            connection.execute(delete(CURSORS).where(CURSORS.c.recorded_s < quiet_s, ~has_event, ~is_held))
             while self.database.used_bytes(connection) > self._max_bytes:
                 count = connection.scalar(select(func.count()).select_from(EVENTS).where(IS_FINISHED)) or 0
                 share = max(1, count // _PRUNE_SHARE)

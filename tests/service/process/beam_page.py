@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from beamtouch_models import influence_matrix
 from beamtouch_models.scene import load_scene
 from example_scenes import SCENES
-from service.conftest import START_US, batch_of
+from service.bench import START_US, batch_of
 
 if TYPE_CHECKING:
     from beamtouch_models.arrays import Floats

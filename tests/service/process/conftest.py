@@ -13,7 +13,7 @@ import pytest
 from beamtouch_models import modelfile
 from forked import Forked
 from plain_http import NO_TLS, TIMEOUT_S
-from service.conftest import PATIENT, BuildModel
+from service.bench import PATIENT, BuildModel
 from service.process.beam_page import Bench
 from service.process.broker import broker_in
 from service.process.mqtt_line import Line

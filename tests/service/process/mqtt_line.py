@@ -7,7 +7,7 @@ import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from service.conftest import PATIENT, Row, batch_of
+from service.bench import PATIENT, Row, batch_of
 from service.event_story import RESTING, TOUCHING
 from waiting import wait_until
 

@@ -7,7 +7,7 @@ import httpx2
 
 from balancer import Balancer
 from plain_http import NO_TLS, TIMEOUT_S
-from service.conftest import START_US, TOKEN, Row, batch_of
+from service.bench import START_US, TOKEN, Row, batch_of
 from service.event_story import RESTING, TOUCHING
 from service.process.conftest import Service
 from waiting import wait_until

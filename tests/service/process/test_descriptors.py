@@ -11,7 +11,7 @@ import httpx2
 import pytest
 
 from plain_http import TIMEOUT_S
-from service.conftest import batch_of
+from service.bench import batch_of
 from service.process.conftest import Service, StartService
 from service.process.connections import read_to_end
 from service.process.modbus_service import start_modbus

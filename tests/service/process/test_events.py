@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from service.conftest import PATIENT, batch_of
+from service.bench import PATIENT, batch_of
 from service.event_story import RESTING, TOUCHING
 from service.process.conftest import Service, StartService
 from waiting import wait_until

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from service.conftest import TOKEN, batch_of
+from service.bench import TOKEN, batch_of
 from service.process.conftest import Service
 from waiting import wait_until
 

@@ -16,7 +16,7 @@ import pytest
 from balancer import answers
 from free_ports import free_port
 from parts import require
-from service.conftest import TOKEN, batch_of
+from service.bench import TOKEN, batch_of
 from service.process.conftest import Service
 from waiting import wait_until
 

@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 from own_names import own_names_in
-from service.conftest import BuildModel, batch_of
+from service.bench import BuildModel, batch_of
 from service.event_story import RESTING, TOUCHING
 from service.process.broker import Broker
 from service.process.conftest import CLI, Command, Process, Service, StartService, service_of

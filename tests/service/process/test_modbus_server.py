@@ -17,7 +17,7 @@ import pytest
 from contact_registers import FIGURES, USED, decoded, expected
 from parts import require
 from processes import resident_mb
-from service.conftest import Row, batch_of
+from service.bench import Row, batch_of
 from service.event_story import ODD, RESTING, TOUCHING
 from waiting import wait_until
 

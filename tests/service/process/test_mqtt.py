@@ -8,7 +8,7 @@ import pytest
 from jinja2.sandbox import ImmutableSandboxedEnvironment
 
 from beamtouch_common.commands import version
-from service.conftest import Row
+from service.bench import Row
 from service.event_story import RESTING, TOUCHING
 from service.process.broker import Subscriber
 from service.process.conftest import Service

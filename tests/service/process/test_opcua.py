@@ -17,7 +17,7 @@ from asyncua.crypto.security_policies import SecurityPolicyBasic256Sha256
 from certificates import make_certificate
 from free_ports import free_port
 from opcua_hello import is_open
-from service.conftest import FIGURES, batch_of
+from service.bench import FIGURES, batch_of
 from service.process.opcua_client import TIMEOUT_S, connected, read
 from waiting import wait_until
 

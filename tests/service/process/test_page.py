@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from browser import NO_FIGURE, SCREENS, OpenPage, Watched
-from service.conftest import batch_of
+from service.bench import batch_of
 from service.process.conftest import Service, StartService
 from waiting import wait_until
 

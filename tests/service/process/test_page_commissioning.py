@@ -9,7 +9,7 @@ from playwright.sync_api import ViewportSize
 
 from browser import OpenPage, Watched
 from plain_http import TIMEOUT_S
-from service.conftest import TOKEN, Row, batch_of
+from service.bench import TOKEN, Row, batch_of
 from service.process.beam_page import Bench, StartBench
 from service.process.conftest import Service, StartService
 

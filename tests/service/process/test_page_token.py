@@ -4,7 +4,7 @@ import re
 import signal
 
 from browser import NO_FIGURE, SCREENS, OpenPage, Watched
-from service.conftest import READ_TOKEN, batch_of
+from service.bench import READ_TOKEN, batch_of
 from service.process.conftest import Service, StartService
 
 WRONG = "a-wrong-token-that-someone-mistyped"

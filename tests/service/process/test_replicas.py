@@ -12,7 +12,7 @@ import pytest
 
 from plain_http import TIMEOUT_S
 from postgres import PASSWORD, Postgres, rows
-from service.conftest import BuildModel, kind
+from service.bench import BuildModel, kind
 from service.event_story import RESTING, TOUCHING
 from service.process.conftest import StartService
 from waiting import wait_until

@@ -10,7 +10,7 @@ import httpx2
 import pytest
 
 from plain_http import NO_TLS, TIMEOUT_S
-from service.conftest import READ_TOKEN, TOKEN, batch_of
+from service.bench import READ_TOKEN, TOKEN, batch_of
 from service.process.conftest import Service, StartService
 from service.process.connections import read_to_end
 

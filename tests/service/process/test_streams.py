@@ -14,7 +14,7 @@ import httpx2
 import pytest
 
 from plain_http import NO_TLS
-from service.conftest import BuildModel, batch_of
+from service.bench import BuildModel, batch_of
 from service.process.conftest import Service, StartService
 from waiting import wait_until
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import httpx2
 import pytest
 
-from service.conftest import BuildModel, batch_of
+from service.bench import BuildModel, batch_of
 from service.process.conftest import Service, StartService
 from service_manager import Manager
 from waiting import wait_until

@@ -10,7 +10,7 @@ import pytest
 from browser import OpenPage
 from free_ports import free_port
 from plain_http import TIMEOUT_S
-from service.conftest import Row, batch_of
+from service.bench import Row, batch_of
 from service.event_story import RESTING
 from service.process.beam_page import StartBench
 from service.process.modbus_service import ADDRESS, ModbusService
