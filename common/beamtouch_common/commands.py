@@ -108,8 +108,9 @@ def _complain_of(error: Exception, program: str, input_errors: tuple[type[Except
     """Report an expected error in one line and return its exit code; None for any other."""
     if _is_interrupted(error):
         return complain(program, "interrupted", INTERRUPTED)
-    is_output_lost = _is_output_lost(tries=isinstance(error, OSError) and error.filename is None)
-    if isinstance(error, OSError) and (is_output_lost or isinstance(error, BrokenPipeError)):
+    names_no_file = isinstance(error, OSError) and error.filename is None
+    is_output_lost = _is_output_lost(tries=names_no_file)
+    if isinstance(error, OSError) and (is_output_lost or (names_no_file and isinstance(error, BrokenPipeError))):
         return complain(program, f"not all was printed to standard output: {error.strerror}", FAILED)
     if isinstance(error, FailedError):
         for line in error.args:

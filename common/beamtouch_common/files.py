@@ -89,16 +89,26 @@ def file_path(path: Path) -> Path:
 def write_atomically(path: Path, content: bytes, *, mode: int | None = None) -> None:
     """Replace a file in one step, so that no reader ever sees a part of it; OSError if that is impossible.
 
-    A device or a pipe, such as /dev/null, is written to and stays what it is.
+    A device or a pipe, such as /dev/null, is written to and stays what it is. So does a link: the file that it leads to
+    is replaced.
 
     Parameters
     ----------
     path, content : The file, and all of its content.
     mode : Its permissions; by default the umask decides.
     """
-    if path.exists() and not path.is_file() and not path.is_dir():
-        path.write_bytes(content)
-        return
+    try:
+        if path.exists() and not path.is_file() and not path.is_dir():
+            path.write_bytes(content)
+        else:
+            _replace(path.resolve() if path.is_symlink() else path, content, mode)
+    except OSError as error:
+        error.filename, error.filename2 = str(path), None  # the file that the user named
+        raise
+
+
+def _replace(path: Path, content: bytes, mode: int | None) -> None:
+    """Write a file beside it, and put that in its place."""
     partial = path.with_name(f".{path.name}.{secrets.token_hex(4)}.partial")
     try:
         descriptor = os.open(partial, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666 if mode is None else mode)
@@ -109,10 +119,8 @@ def write_atomically(path: Path, content: bytes, *, mode: int | None = None) -> 
             file.flush()
             os.fsync(file.fileno())
         partial.replace(path)
-    except BaseException as error:
+    except BaseException:
         partial.unlink(missing_ok=True)
-        if isinstance(error, OSError):
-            error.filename, error.filename2 = str(path), None  # the file that the user named
         raise
 
 

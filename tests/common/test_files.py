@@ -167,6 +167,19 @@ def test_a_pipe_and_a_device_are_written_to_and_stay(tmp_path: Path) -> None:
     assert [path.is_fifo() for path in tmp_path.iterdir()] == [True]
     write_atomically(Path("/dev/null"), b"new")
     assert Path("/dev/null").is_char_device()
+    full = tmp_path / "full"
+    full.symlink_to("/dev/full")
+    with pytest.raises(OSError, match="No space left") as caught:
+        write_atomically(full, b"new")
+    assert caught.value.filename == str(full)
+
+
+def test_a_link_stays_and_the_file_that_it_leads_to_is_replaced(tmp_path: Path) -> None:
+    link, there = tmp_path / "link", tmp_path / "there"
+    link.symlink_to("there")
+    for content in (b"first", b"second"):
+        write_atomically(link, content)
+        assert (link.is_symlink(), there.read_bytes()) == (True, content)
 
 
 def test_a_new_file_an_old_one_and_a_device_are_writable(tmp_path: Path) -> None:

@@ -133,13 +133,23 @@ def pages(path: Path) -> None:
     path.write_bytes(content)
 
 
+def alone(path: Path) -> None:
+    """Zeros in the place of its head, and no journal, as of a log that was copied without it."""
+    content = bytearray(path.read_bytes())
+    content[:4096] = bytes(4096)
+    path.write_bytes(content)
+    path.with_name(f"{path.name}-journal").unlink()
+
+
 def damaged(path: Path) -> list[Path]:
     """Return the files that were set aside, without their journals."""
     return [one for one in path.parent.glob(f"{path.name}.damaged*") if not one.name.endswith("-journal")]
 
 
 @pytest.mark.parametrize(
-    "damage", [head, one_bit, another_number, text, pages], ids=["head", "bit", "number", "text", "pages"]
+    "damage",
+    [head, one_bit, another_number, text, pages, alone],
+    ids=["head", "bit", "number", "text", "pages", "head, without the journal"],
 )
 async def test_a_damaged_file_is_set_aside_whole_and_a_new_one_begins(
     tmp_path: Path, caplog: pytest.LogCaptureFixture, damage: Callable[[Path], None]

@@ -153,6 +153,8 @@ LOADS: list[tuple[Change, str]] = [
         "line 203: load is 2.5; number the loads 1,",
     ),
     (lambda text: text.replace("force_n", "position_mm"), "two columns are named position_mm; take one out"),
+    (lambda text: f"# the first bench\n{text}", "column load is missing"),
+    (lambda text: f"\n{text}", "column load is missing"),
     (lambda text: "\n".join(text.splitlines()[:601]), "cannot determine a fit"),
     (
         lambda text: text.replace("0.0,2,60.0,12.0", "0.0,1,60.0,12.0"),

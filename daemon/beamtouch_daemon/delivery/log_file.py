@@ -170,7 +170,8 @@ class LogFile:
             return
         with self._path.open("rb") as file:
             head = file.read(len(_HEAD))
-        if head and head != _HEAD:
+        # Damage, too, may have zeroed it or cut it off.
+        if head.strip(b"\0") and not _HEAD.startswith(head):
             raise ForeignFileError(f"{self._path} is not a log; choose another file")
 
     @contextmanager

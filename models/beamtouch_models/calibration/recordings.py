@@ -137,7 +137,7 @@ def _read_rows(path: Path) -> tuple[list[_Line], Sequence[str]]:
     if twice:
         raise RecordingError(f"{path}: two columns are named {twice[0]}; take one out")
     for number, cells in given:
-        if any(cells[len(columns) :]):
+        if len(columns) > 1 and any(cells[len(columns) :]):
             raise RecordingError(
                 f"{path}: line {number} has {len(cells)} values in {len(columns)} columns; write decimals with a point"
             )

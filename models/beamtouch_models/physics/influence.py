@@ -106,6 +106,6 @@ def check_own(
         ("load_mm", influence.position_mm, position_mm),
         ("force_n", influence.force_n, force_n),
     ):
-        if not np.allclose(own, scene, rtol=EVEN, atol=0.0):
-            ours, theirs = (" to ".join(f"{value:g}" for value in values) for values in (own, scene))
+        if not np.allclose(own, scene, rtol=EVEN, atol=0.0 if name == "force_n" else EVEN * length_mm):
+            ours, theirs = (" to ".join(f"{value:.12g}" for value in values) for values in (own, scene))
             raise SceneError(f"influence: its {name} is {ours}, but that of the scene is {theirs}; make them equal")
