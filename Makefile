@@ -6,8 +6,9 @@ INSTALLED := $(VENV)/.installed
 PEERS := $(VENV)/.peers
 PACKAGES := common/beamtouch_common firmware_protocol/beamtouch_protocol models/beamtouch_models service/beamtouch_service daemon/beamtouch_daemon
 # Twice the cores: many tests wait for devices, timeouts and outages. What is compiled is kept, as they start hundreds
-# of processes.
-WORKERS ?= $(shell expr 2 \* $$(nproc))
+# of processes. Those of the daemon wait most.
+PER_CORE = $(if $(filter-out daemon,$(or $(NAMES),all)),2,4)
+WORKERS ?= $(shell expr $(PER_CORE) \* $$(nproc))
 
 .PHONY: help install demo test soak versions faults coverage bench check docs reference release format deb clean
 
