@@ -1,20 +1,15 @@
 """The placement problems and the priors that scenes state."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from beamtouch_models import InfluenceFunction
 from beamtouch_models.accuracy.prior import Prior, SampleErrors
 from beamtouch_models.arrays import Floats
 from beamtouch_models.physics.beam import influence_of
+from beamtouch_models.placement.layout import Candidates
+from beamtouch_models.placement.placing import fewest_sensors
 from beamtouch_models.scene import Scene
 from beamtouch_models.surface import Surface
-
-if TYPE_CHECKING:
-    from beamtouch_models.placement.layout import Candidates
 
 
 def problem_in(scene: Scene) -> tuple[InfluenceFunction, Candidates]:
@@ -35,8 +30,6 @@ def real_prior(scene: Scene, sensor_mm: Floats, noise_mm: float) -> Prior:
 
 def fewest_mm(scene: Scene, noise_mm: float) -> Floats:
     """Positions of the fewest sensors that meet the requirement of a scene."""
-    from beamtouch_models.placement.placing import fewest_sensors  # noqa: PLC0415  # for the tests that place so
-
     placement = fewest_sensors(
         *problem_in(scene),
         scene.sensors.count_range,

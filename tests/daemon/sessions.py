@@ -8,6 +8,7 @@ from contextlib import aclosing
 import pytest
 
 from beamtouch_daemon.config.settings import Surface
+from beamtouch_daemon.sources import board, rtu_unit
 from beamtouch_daemon.sources.configured import Buses, source_of
 from beamtouch_daemon.sources.reading import Reading, Source, SourceError, first_readings
 
@@ -23,8 +24,6 @@ def change_waits(monkeypatch: pytest.MonkeyPatch, **waits_s: float) -> None:
     `forgotten_s` is that for an answer that a unit owes, `learn_again_s` that until a unit is asked again what it
     answers, `hello_s` that for a board to say what it is and to answer a ping, `silence_s` that for its readings.
     """
-    from beamtouch_daemon.sources import board, rtu_unit  # noqa: PLC0415  # for the tests that wait
-
     homes = {
         "forgotten_s": (rtu_unit, "FORGOTTEN_S"),
         "learn_again_s": (rtu_unit, "LEARN_AGAIN_S"),

@@ -3,11 +3,12 @@
 import json
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
 
 from beamtouch_models import cli, format_scene
+from beamtouch_models.challenge.play import SimulatedSurface
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.rig import cli as rig_cli
 from beamtouch_models.scene import Scene
@@ -16,17 +17,12 @@ from in_process import Command, Refusal, command_of
 from quick_model import write_quick_model
 from toolchain import made_once
 
-if TYPE_CHECKING:
-    from beamtouch_models.challenge.play import SimulatedSurface
-
 Explain = Callable[[Scene], dict[str, Any]]
 
 
 @pytest.fixture(scope="session")
-def surface(bench: ModelFile) -> "SimulatedSurface":
+def surface(bench: ModelFile) -> SimulatedSurface:
     """The surface of the bench, as `challenge` simulates it."""
-    from beamtouch_models.challenge.play import SimulatedSurface  # noqa: PLC0415  # for tests of other subjects
-
     return SimulatedSurface.of(bench.metadata)
 
 

@@ -16,7 +16,7 @@ from fastapi.testclient import TestClient
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_service.access import Access
 from beamtouch_service.api.app import create_app
-from beamtouch_service.events.recorder import Recorder
+from beamtouch_service.events import recorder
 from beamtouch_service.samples import Batch
 from beamtouch_service.sections import EventsSection, SurfaceSection
 from beamtouch_service.surfaces.surface import Surface
@@ -24,9 +24,10 @@ from service.small_model import ModelOptions, model_of
 
 TOKEN = "correct-horse-battery-staple"  # noqa: S105  # of these tests only
 READ_TOKEN = "reading-horse-battery-staple"  # noqa: S105
-PATIENT = "from beamtouch_service.events import recorder; recorder.LOAD_S = 60.0"
+PATIENT_S = 60.0
+PATIENT = f"from beamtouch_service.events import recorder; recorder.LOAD_S = {PATIENT_S}"
 """For services in tests: on a starved machine, a batch would come back before what is on record of its boot is read."""
-exec(PATIENT)  # noqa: S102  # and for those in this process
+recorder.LOAD_S = PATIENT_S
 START_US = 1_795_218_046_123_456
 """2026-11-20T23:40:46.123Z"""
 FIGURES = ("position_mm", "position_low_mm", "position_high_mm", "force_n", "force_low_n", "force_high_n")
@@ -63,8 +64,8 @@ class Bench:
         events: EventsSection | None = None,
     ) -> None:
         self.now_s = 1000.0
-        recorder = Recorder(events or EventsSection())
-        self.app = create_app(surfaces, Access(token, read_token), clock=lambda: self.now_s, recorder=recorder)
+        record = recorder.Recorder(events or EventsSection())
+        self.app = create_app(surfaces, Access(token, read_token), clock=lambda: self.now_s, recorder=record)
         self.started.append(self)
         self.client = TestClient(self.app, raise_server_exceptions=False)
         self.client.portal = self.event_loop

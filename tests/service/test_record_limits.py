@@ -13,14 +13,13 @@ from service.record_file import execute
 
 CONTACT: list[Row] = [RESTING, *[TOUCHING] * 3, *[RESTING] * 3]
 DAY_S = 86_400.0
-BOOTS = 2000
-"""Boots whose cursors are more than a MB."""
-AS_THE_FIRST = f"""
-WITH RECURSIVE boot(number) AS (SELECT 1 UNION SELECT number + 1 FROM boot WHERE number < {BOOTS})
+AS_THE_FIRST = """
+WITH RECURSIVE boot(number) AS (SELECT 1 UNION SELECT number + 1 FROM boot WHERE number < 2000)
 INSERT INTO cursors (surface, boot_id, durable, version, model, memory, event, recorded_s)
 SELECT surface, 'restless-' || number, durable, version, model, memory, event, recorded_s
 FROM cursors JOIN boot WHERE boot_id = 'restless-0'
-"""  # noqa: S608  # a number of this file
+"""
+"""Boots whose cursors are more than a MB."""
 
 
 def prune(bench: Bench, days: float) -> int:
