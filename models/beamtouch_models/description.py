@@ -31,6 +31,7 @@ def summary(metadata: Metadata, identity: str, outputs: Sequence[str]) -> str:
         ("model", f"{identity} ({metadata.estimator}, seed {metadata.seed})"),
         ("beam", f"{metadata.beam}: {largest}"),
         ("sensors", f"{layout} mm from the left end; at least {metadata.min_channels} must work"),
+        ("mounted", f"fixed_mm = {[one.position_mm for one in metadata.layout]} in [sensors] keeps them there"),
         ("contact", f"{low:g}..{high:g} mm, {force}"),
         ("sensor", f"{gap}, {sensor.adc_bits} bits, {sensor.rate_hz:g} Hz"),
         (

@@ -94,6 +94,14 @@ async def test_the_printed_lines_are_keys_of_the_configuration(tmp_path: Path) -
         stated = tomllib.loads(daemon)["surfaces"]["bench"]
         assert sorted(tomllib.loads(scene)["sensors"]) == ["noise_mm", "zero_drift_mm"]
         assert stated == {"noise_mm": pytest.approx(NOISE_MM, rel=0.3)}
+        text = path.read_text()
+        for name, place_mm in (("s1", 85.5), ("s2", 354.0)):
+            text = text.replace(f'name = "{name}"', f'name = "{name}"\nposition_mm = {place_mm}', 1)
+        path.write_text(text)
+        outcome = await command("noise", path, "--seconds", "2.5")
+        *_, scene = re.split(r"^(?=\[)", outcome.out, flags=re.MULTILINE)
+        assert tomllib.loads(scene)["sensors"]["fixed_mm"] == [85.5, 354.0]
+        assert stated == {"noise_mm": pytest.approx(NOISE_MM, rel=0.3)}
         path.write_text(path.read_text().replace("rate_hz", f"noise_mm = {stated['noise_mm']}\nrate_hz", 1))
         assert (await command("tare", path)).code == 0
 

@@ -136,7 +136,11 @@ def _measure(name: str, surface: Surface, recording: Recording, rest_mm: dict[st
 
 def _as_json(measurement: Measurement) -> dict[str, object]:
     keys = measurement.keys
-    scene = {"noise_mm": keys.scene_noise_mm, "zero_drift_mm": keys.zero_drift_mm}
+    scene: dict[str, object] = {"noise_mm": keys.scene_noise_mm, "zero_drift_mm": keys.zero_drift_mm}
+    if keys.adc_bits is not None:
+        scene["adc_bits"] = keys.adc_bits
+    if (places := _places_mm(measurement.settings)) is not None:
+        scene["fixed_mm"] = places
     return {
         "error": None,
         "readings": len(measurement.recording.counts),
@@ -156,7 +160,7 @@ def _as_json(measurement: Measurement) -> dict[str, object]:
             for channel in measurement.channels
         ],
         "daemon": {"noise_mm": keys.daemon_noise_mm, "stuck_after_ms": keys.stuck_after_ms},
-        "scene": scene if keys.adc_bits is None else scene | {"adc_bits": keys.adc_bits},
+        "scene": scene,
     }
 
 
@@ -199,7 +203,20 @@ def _lines_to_paste(measurement: Measurement) -> list[str]:
         f"noise_mm = {keys.scene_noise_mm!r}",
         f"zero_drift_mm = {keys.zero_drift_mm!r}        # within such a time; zeros drift further in a longer one",
         *([] if keys.adc_bits is None else [f"adc_bits = {keys.adc_bits}"]),
+        *_places(measurement.settings),
     ]
+
+
+def _places(surface: Surface) -> list[str]:
+    """Return the line that keeps the sensors where they are mounted, if the configuration says where."""
+    if (places := _places_mm(surface)) is None:
+        return []
+    return [f"fixed_mm = {places}        # where the sensors are mounted; without it, a new layout may move them"]
+
+
+def _places_mm(surface: Surface) -> list[float] | None:
+    places = [channel.position_mm for channel in surface.channels]
+    return None if None in places else [place for place in places if place is not None]
 
 
 def _remarks(measurement: Measurement) -> list[str]:

@@ -107,6 +107,9 @@ class Channel(Strict):
 
     name: ChannelName
     """Name of the channel, as in the model."""
+    position_mm: Length | None = None
+    """Place of the sensor, from the left end of the beam. `design-sensors build` writes it, and keeps it when it builds
+    again; `noise` prints it for the scene. Default: not stated."""
     register_: Annotated[int | None, Field(alias="register", ge=0, le=65_535)] = None
     """Modbus: address of the first register, from 0. Serial: index in the frame, from 0."""
     input: Annotated[int, Field(ge=0, le=63)] | None = None

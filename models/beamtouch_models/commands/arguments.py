@@ -97,6 +97,11 @@ def build(parser: argparse.ArgumentParser) -> None:
     _share(parser, "scene")
     _add_output(parser, "model file to write (.onnx)")
     _share(parser, "--sensors", "--criterion", "--spare")
+    words = (
+        "place the sensors anew; without this option, or one of those above, they stay where the model or the daemon "
+        "configuration that is replaced has them, because they may be mounted"
+    )
+    parser.add_argument("--move-sensors", action="store_true", help=words)
     words = f"estimator of the position (default: {ESTIMATORS[0]})"
     parser.add_argument("--estimator", choices=ESTIMATORS, default=ESTIMATORS[0], help=words)
     words = "also write a configuration for beamtouch-daemon (TOML)"

@@ -14,6 +14,7 @@ from beamtouch_common.files import require_writable
 from beamtouch_models import loading
 from beamtouch_models.building.build import Choices, build_model
 from beamtouch_models.building.daemon_config import write_token_if_absent
+from beamtouch_models.building.mounted import Mounted, find_mounted
 from beamtouch_models.building.products import write_products
 from beamtouch_models.building.remarks import missed_requirement, remarks, weak_spot
 from beamtouch_models.commands.inspect import describe
@@ -30,11 +31,11 @@ from beamtouch_models.surface import Surface
 
 def run(options: argparse.Namespace) -> Result:
     """Build, write the requested files, and return the metadata of the model."""
-    scene, text, name, choices = _scene_of(options)
+    scene, text, name, choices, mounted = _scene_of(options)
     config: Path | None = options.daemon_config
     is_rebuilt = options.scene.suffix == ".onnx"  # a rebuilt model may replace the old one
     require_writable((options.output, config, options.report), () if is_rebuilt else (options.scene,))
-    note(*remarks(scene))
+    note(*remarks(scene), _kept(choices, mounted))
     with shown_progress() as progress:
         built = build_model(
             scene, text, name, count=options.sensors, seed=options.seed, progress=progress, choices=choices
@@ -50,7 +51,8 @@ def run(options: argparse.Namespace) -> Result:
             file=sys.stderr,
         )
     note(_assumed_errors(built.surface), missed_requirement(built.metadata, scene), unseen(built.metadata))
-    note(weak_spot(built.metadata), kind="warning")
+    moved = mounted.moves_to(built.placement.positions_mm) if mounted else ""
+    note(moved, weak_spot(built.metadata), kind="warning")
     note(*_not_modelled(built.surface))
     return describe(loading.load_bytes(built.content, str(options.output)))
 
@@ -71,22 +73,36 @@ def _not_modelled(surface: Surface) -> Iterator[str]:
             yield f"{effect.name} is {digits(effect.price, 2)} times the noise but not modelled: {effect.reason}"
 
 
-def _scene_of(options: argparse.Namespace) -> tuple[Scene, str, str, Choices]:
+def _kept(choices: Choices, mounted: Mounted | None) -> str:
+    """Say that the sensors stay where an earlier build placed them; empty if they do not."""
+    if mounted is None or not choices.kept_mm:
+        return ""
+    return f"the sensors stay where {mounted.file} has them, as they may be mounted; --move-sensors places them anew"
+
+
+def _scene_of(options: argparse.Namespace) -> tuple[Scene, str, str, Choices, Mounted | None]:
     """Return the scene of a scene file, or of a model file of any version, with its text, name and choices.
 
-    The sensors of a model file are mounted already: it keeps its layout, unless the options ask for another.
+    The sensors of a model file, and those of the files that this build replaces, are mounted already: they stay, unless
+    the options or the scene ask for other places. Returned last are the sensors of the files that are replaced.
     """
     path: Path = options.scene
     aim, kept_mm = aim_of(options), tuple[float, ...]()
+    asks_anew = options.move_sensors or (options.sensors, options.criterion, options.spare) != (None, None, None)
     if path.suffix != ".onnx":
-        return *load_scene(path), surface_name(path), Choices(estimator=options.estimator, aim=aim)
+        scene, text = load_scene(path)
+        mounted = find_mounted(surface_name(path), options.output, options.daemon_config)
+        if mounted and not asks_anew and not mounted.conflict_with(scene):
+            kept_mm = mounted.positions_mm
+        choices = Choices(estimator=options.estimator, aim=aim, kept_mm=kept_mm)
+        return scene, text, surface_name(path), choices, mounted
     try:
         entries = {entry.key: entry.value for entry in onnx.load_from_string(loading.read(path)).metadata_props}
         text, name, layout = (json.loads(entries[METADATA_PREFIX + key]) for key in ("scene", "name", "layout"))
         # Models from before it was stated have the layout of the product.
         stated = json.loads(entries.get(METADATA_PREFIX + "placed", "null"))
         before = LayoutErrors.model_validate(stated) if stated else Aim("eigenvalue-product")
-        if options.sensors is None and options.criterion is None and options.spare is None:
+        if not asks_anew:
             kept_mm = tuple(float(channel["position_mm"]) for channel in layout)
             aim = Aim(before.criterion, before.spare)
     except ModelFileError:
@@ -94,4 +110,4 @@ def _scene_of(options: argparse.Namespace) -> tuple[Scene, str, str, Choices]:
     except Exception:  # noqa: BLE001  # protobuf's errors have no common base but Exception
         raise SceneError(f"{path}: it is not a model file that holds its scene; give a scene (TOML)") from None
     choices = Choices(estimator=options.estimator, aim=aim, kept_mm=kept_mm)
-    return parse_scene(text, f"the scene in {path}"), text, str(name), choices
+    return parse_scene(text, f"the scene in {path}"), text, str(name), choices, None

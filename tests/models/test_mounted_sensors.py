@@ -1,0 +1,92 @@
+"""A new build keeps the places of sensors that an earlier one placed, until it is told to move them."""
+
+import json
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from example_scenes import SCENES
+from in_process import Command
+
+ANEW = "--move-sensors places them anew"
+
+
+@pytest.fixture
+def scene(tmp_path: Path) -> Path:
+    path = tmp_path / "strip.toml"
+    path.write_text((SCENES / "bench.toml").read_text())
+    return path
+
+
+def change(path: Path, old: str, new: str) -> None:
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new, 1))
+
+
+@pytest.mark.usefixtures("short_work")
+def test_sensors_stay_where_the_replaced_model_has_them_until_told_to_move(
+    design_sensors_here: Command, scene: Path, tmp_path: Path
+) -> None:
+    model = tmp_path / "strip.onnx"
+
+    def build(*options: object) -> tuple[list[float], str]:
+        done = design_sensors_here("build", scene, "-o", model, "--json", *options)
+        assert done.returncode == 0, done.stderr
+        return json.loads(done.stdout)["positions_mm"], done.stderr
+
+    first, said = build()
+    assert ANEW not in said
+    change(scene, "position_mm = [", "position_mm = [60.0, 340.0] # [")
+    kept, said = build()
+    assert kept == first
+    assert f"note:    the sensors stay where {model} has them, as they may be mounted; {ANEW}" in said
+    moved, said = build("--move-sensors")
+    assert moved != first
+    assert f"warning: sensors are not where {model} had them: " in said
+    assert ANEW not in said
+    more, said = build("--sensors", len(first) + 1)
+    assert len(more) == len(first) + 1
+    assert f"warning: sensors are not where {model} had them: " in said
+
+
+@pytest.mark.usefixtures("short_work")
+def test_places_that_the_scene_forbids_are_given_up_with_a_warning(
+    design_sensors_here: Command, scene: Path, tmp_path: Path
+) -> None:
+    model = tmp_path / "strip.onnx"
+    first = json.loads(design_sensors_here("build", scene, "-o", model, "--json").stdout)["positions_mm"]
+    change(scene, "[sensors]", f"[sensors]\nkeep_out_mm = [[{first[0] - 1}, {first[0] + 1}]]")
+    done = design_sensors_here("build", scene, "-o", model, "--json")
+    assert json.loads(done.stdout)["positions_mm"][0] != first[0]
+    assert f"warning: sensors are not where {model} had them: {first[0]:g} -> " in done.stderr
+
+
+@pytest.mark.usefixtures("short_work")
+def test_sensors_stay_where_the_daemon_configuration_has_them(
+    design_sensors_here: Command, scene: Path, tmp_path: Path
+) -> None:
+    config = tmp_path / "daemon.toml"
+    built = design_sensors_here("build", scene, "-o", tmp_path / "old.onnx", "--daemon-config", config, "--json")
+    first = json.loads(built.stdout)["positions_mm"]
+    channels = tomllib.loads(config.read_text())["surfaces"]["strip"]["channels"]
+    assert [channel["position_mm"] for channel in channels] == first
+    change(config, f"position_mm = {first[0]!r}", f"position_mm = {first[0] + 3!r}")  # as it was drilled
+    again = design_sensors_here("build", scene, "-o", tmp_path / "new.onnx", "--daemon-config", config, "--json")
+    assert json.loads(again.stdout)["positions_mm"] == [first[0] + 3, *first[1:]]
+    assert f"stay where {config} has them" in again.stderr
+
+
+@pytest.mark.usefixtures("short_work")
+def test_inspect_prints_the_places_as_a_line_of_the_scene(
+    design_sensors_here: Command, scene: Path, tmp_path: Path
+) -> None:
+    model = tmp_path / "strip.onnx"
+    first = json.loads(design_sensors_here("build", scene, "-o", model, "--json").stdout)["positions_mm"]
+    line = f"fixed_mm = {first}"
+    assert line in design_sensors_here("inspect", model).stdout
+    change(scene, "[sensors]", f"[sensors]\n{line}")
+    change(scene, "position_mm = [", "position_mm = [60.0, 340.0] # [")
+    fixed = design_sensors_here("build", scene, "-o", tmp_path / "fixed.onnx", "--json")
+    assert json.loads(fixed.stdout)["positions_mm"] == first
