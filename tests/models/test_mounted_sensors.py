@@ -68,12 +68,13 @@ def test_sensors_stay_where_the_daemon_configuration_has_them(
     design_sensors_here: Command, scene: Path, tmp_path: Path
 ) -> None:
     config = tmp_path / "daemon.toml"
-    built = design_sensors_here("build", scene, "-o", tmp_path / "old.onnx", "--daemon-config", config, "--json")
+    files = ("-o", tmp_path / "strip.onnx", "--daemon-config", config)
+    built = design_sensors_here("build", scene, *files, "--json")
     first = json.loads(built.stdout)["positions_mm"]
     channels = tomllib.loads(config.read_text())["surfaces"]["strip"]["channels"]
     assert [channel["position_mm"] for channel in channels] == first
     change(config, f"position_mm = {first[0]!r}", f"position_mm = {first[0] + 3!r}")  # as it was drilled
-    again = design_sensors_here("build", scene, "-o", tmp_path / "new.onnx", "--daemon-config", config, "--json")
+    again = design_sensors_here("build", scene, *files, "--json")
     assert json.loads(again.stdout)["positions_mm"] == [first[0] + 3, *first[1:]]
     assert f"stay where {config} has them" in again.stderr
 

@@ -50,14 +50,12 @@ class Mounted:
 def find_mounted(name: str, model: Path, config: Path | None) -> Mounted | None:
     """Return the sensors of the files that a build of the surface `name` is about to replace; None if there are none.
 
-    A file that is neither a model nor a configuration with places has none; so has one that cannot be read.
+    The configuration counts before the model, because somebody may have corrected a place in it. A file that is neither
+    a model nor a configuration with places has none; nor has one that cannot be read.
     """
-    places = _places_in_model(model)
-    if places:
-        return Mounted(model, places)
     if config is not None and (places := _places_in_config(config, name)):
         return Mounted(config, places)
-    return None
+    return Mounted(model, places) if (places := _places_in_model(model)) else None
 
 
 def _places_in_model(path: Path) -> tuple[float, ...]:
