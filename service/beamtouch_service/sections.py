@@ -93,7 +93,7 @@ class EventsSection(Section):
     url: Text | None = Field(None, repr=False)
     """PostgreSQL database, as postgresql://USER@HOST/NAME. Several services can share it."""
     keep_days: Annotated[FiniteFloat, Field(gt=0, le=36_500)] = 30.0
-    """Age at which events are deleted."""
+    """Age at which events are deleted, by the time in which services ran."""
     max_mb: Annotated[FiniteFloat, Field(ge=1, le=1e6)] = 100.0
     """Size of the record. Beyond it, the oldest events are deleted."""
 

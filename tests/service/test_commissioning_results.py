@@ -9,6 +9,7 @@ from beamtouch_models.modelfile import State
 from beamtouch_service.commissioning import results
 from beamtouch_service.commissioning.report import PlaceResult, Report, SensorResult
 from beamtouch_service.commissioning.verdict import advise_places, judge_place
+from beamtouch_service.events.retention import Retention
 from beamtouch_service.events.store import Store
 from beamtouch_service.sections import EventsSection
 
@@ -69,7 +70,7 @@ def test_each_result_is_on_record_once_and_the_newest_of_each_surface_are_kept(
     ]
     numbers = [results.add(store, f"course-{index}", report) for index, report in enumerate(reports)]
     assert results.add(store, f"course-{len(reports) - 1}", reports[-1]) == numbers[-1]
-    store.prune(1e12)
+    Retention(EventsSection()).tidy(store.database, 1e12, 1e12)
     if store.is_lasting:
         store.close()
         store = open_store()

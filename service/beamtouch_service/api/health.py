@@ -87,6 +87,11 @@ def _of_record(recorder: Recorder) -> Iterator[Metric]:
     yield CounterMetricFamily("beamtouch_record_outages", words, value=recorder.outages)
     words = "Times that another service had recorded a surface meanwhile."
     yield CounterMetricFamily("beamtouch_record_races", words, value=recorder.races)
+    words = "Events that were deleted, as they were older than keep_days or the record was larger than max_mb."
+    deleted = CounterMetricFamily("beamtouch_record_events_deleted", words, labels=["reason"])
+    deleted.add_metric(["age"], recorder.retention.old)
+    deleted.add_metric(["size"], recorder.retention.oversize)
+    yield deleted
     words = "Samples that are in memory and not durable in the record yet."
     waiting = GaugeMetricFamily("beamtouch_record_samples_waiting", words, labels=["surface"])
     words = "Samples that the record lacks, as their sender no longer had them."

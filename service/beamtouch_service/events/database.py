@@ -110,6 +110,10 @@ class Database:
         pages, free, size = (int(connection.exec_driver_sql(f"PRAGMA {name}").scalar_one()) for name in names)
         return (pages - free) * size
 
+    def clock_s(self, _connection: Connection) -> float | None:
+        """Return the wall clock of the database [s since 1970]; None if it has that of this machine."""
+        return None
+
     def _lock(self, connection: Connection) -> None:
         """Make a transaction the only one that writes."""
         connection.exec_driver_sql("BEGIN IMMEDIATE")
@@ -181,6 +185,10 @@ class ServerDatabase(Database):
         texts = (EVENTS.c.path, EVENTS.c.best, EVENTS.c.capture)
         sizes = sum((func.coalesce(func.pg_column_size(text), 0) for text in texts), start=0)
         return int(connection.scalar(select(func.coalesce(func.sum(sizes + _ROW_BYTES), 0))) or 0)
+
+    def clock_s(self, connection: Connection) -> float:
+        """Return the wall clock of the database [s since 1970], which all services share."""
+        return float(connection.scalar(select(func.extract("epoch", func.clock_timestamp()))) or 0.0)
 
     def _lock(self, connection: Connection) -> None:
         connection.execute(select(func.pg_advisory_xact_lock(_LOCK)))

@@ -18,6 +18,7 @@ from beamtouch_service.events.database import EventsAwayError
 from beamtouch_service.events.event import OpenEvent
 from beamtouch_service.events.health import HealthHistory
 from beamtouch_service.events.record import SurfaceRecord
+from beamtouch_service.events.retention import Deleted, Retention
 from beamtouch_service.events.store import Change, Store
 from beamtouch_service.samples import Batch
 from beamtouch_service.sections import EventsSection
@@ -34,7 +35,7 @@ STOP_S = 2.0
 """Time for the last commit."""
 CHUNK = 64
 """Samples of a backlog that are weighed together, in a thread if there are more: live answers do not wait for it."""
-_TIDY_S = 60.0
+TIDY_S = 60.0
 _DEFAULTS = EventsSection()
 
 _log = logging.getLogger("beamtouch.service.events")
@@ -48,7 +49,7 @@ class Recorder:
         """Open a file, the database of a URL, or memory; raises EventStoreError if it cannot be used."""
         self.is_replica = replica
         """Whether other services have the samples of some surfaces."""
-        self.store = Store(events)
+        self.store, self.retention = Store(events), Retention(events)
         self.outages = self.races = 0
         """Times that the record went away, and that another service had written what this one was about to write."""
         self.on_written: Callable[[], None] = lambda: None
@@ -156,7 +157,7 @@ class Recorder:
     def maintain(self) -> None:
         """Begin a commit, and tidy the record once a minute; call this about once a second."""
         self.commit()
-        if time.monotonic() - self._tidied_s >= _TIDY_S and (self._upkeep is None or self._upkeep.done()):
+        if time.monotonic() - self._tidied_s >= TIDY_S and (self._upkeep is None or self._upkeep.done()):
             self._tidied_s = time.monotonic()
             self._upkeep = asyncio.create_task(self._tidy())
 
@@ -214,7 +215,7 @@ class Recorder:
         for change in changes:
             if change.best:
                 change.health.add(change.best)
-        return self.store.commit(changes, time.time())
+        return self.store.commit(changes)
 
     async def _read_health(self) -> None:
         """State the health that is on record of surfaces whose samples have not come yet."""
@@ -233,15 +234,14 @@ class Recorder:
 
     async def _tidy(self) -> None:
         try:
-            if dropped := await self.prune(time.time()):
-                _log.info("%d events were dropped: too old, or above the size limit", dropped)
+            await self.tidy(time.time(), time.clock_gettime(time.CLOCK_BOOTTIME))
         except EventsAwayError as error:
             self._note(str(error))
 
-    async def prune(self, now_s: float) -> int:
-        """Keep the record within its limits at a time [s since 1970]; return how many events that costs."""
+    async def tidy(self, clock_s: float, uptime_s: float) -> Deleted:
+        """Keep the record within its limits, at the times of `Retention.tidy`; return how many events that costs."""
         held = [(name, boot_id) for name, record in self._records.items() for boot_id in record.boot_ids]
-        return await self.look(lambda store: store.prune(now_s, held))
+        return await self.look(lambda store: self.retention.tidy(store.database, clock_s, uptime_s, held))
 
     def _note_end(self, commit: "asyncio.Task[None]") -> None:
         """Note that the record is away if a commit ended in an error that no database is known to raise."""

@@ -1,5 +1,6 @@
 """The record: cursors, events, what destinations have yet to get, and health. Every call is one transaction."""
 
+import time
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -11,7 +12,6 @@ from sqlalchemy import (
     Table,
     bindparam,
     delete,
-    exists,
     func,
     insert,
     join,
@@ -34,14 +34,13 @@ from beamtouch_service.events.tables import (
     EVENTS,
     HEALTH,
     IS_FINISHED,
+    TIME,
 )
 from beamtouch_service.sections import EventsSection
 
-_PRUNE_SHARE = 20
-"""Above the size limit, 1/20 of the events goes at a time."""
-_QUIET_BOOT_S = 86_400.0
-"""The cursor of a boot without an event on record is deleted this long after its last sample. A daemon that is started
-anew every few seconds would fill the record with them, and so displace events."""
+_AHEAD_S = 86_400.0
+"""Events that are stamped further ahead than this come last in a list: on top they would hide all others for years. A
+zone that was mistaken is less than a day."""
 _c = EVENTS.c
 _WITHOUT_PATH = [column for column in CONTENT if column not in (_c.path, _c.best, _c.capture)]
 
@@ -118,7 +117,6 @@ class Store:
 
     def __init__(self, events: EventsSection) -> None:
         """Open a file, the database of a URL, or memory; raises EventStoreError."""
-        self._keep_s, self._max_bytes = events.keep_days * 86_400, events.max_mb * 1e6
         self.is_lasting = bool(events.url or events.file)
         """Whether the record outlives the service."""
         self.database = open_database(events.url or events.file)
@@ -148,8 +146,8 @@ class Store:
         with self.database.reading() as connection:
             return {row["surface"]: dict(row) for row in connection.execute(select(HEALTH)).mappings()}
 
-    def commit(self, changes: Sequence[Change], now_s: float) -> tuple[dict[OpenEvent, int], set[str]]:
-        """Make changes durable at `now_s` [s since 1970, by the service's clock].
+    def commit(self, changes: Sequence[Change]) -> tuple[dict[OpenEvent, int], set[str]]:
+        """Make changes durable.
 
         A surface of which a row no longer stands where its change says is left as it is. Returns the ids of new
         events, and the names of these surfaces.
@@ -158,8 +156,9 @@ class Store:
             lost = _find_lost(connection, changes)
             held = [change for change in changes if change.surface not in lost]
             boots = [(change.surface, boot) for change in held for boot in change.boots]
-            numbers = _write_events(connection, [event for _, boot in boots for event in boot.events], now_s)
-            _write(connection, CURSORS, [_cursor_row(name, boot, numbers, now_s) for name, boot in boots])
+            time_s = connection.scalars(select(TIME.c.passed_s)).one()
+            numbers = _write_events(connection, [event for _, boot in boots for event in boot.events], time_s)
+            _write(connection, CURSORS, [_cursor_row(name, boot, numbers, time_s) for name, boot in boots])
             healths = [change.health for change in held]
             _write(connection, HEALTH, [health.row() for health in healths if health.is_dirty])
         return numbers, lost
@@ -175,7 +174,7 @@ class Store:
         limit: int = 100,
         path: bool = True,
     ) -> list[Numbered]:
-        """Return at most `limit` events of a surface and a kind, newest touch first.
+        """Return at most `limit` events of a surface and a kind, newest touch first; those of a clock ahead come last.
 
         Parameters
         ----------
@@ -188,11 +187,8 @@ class Store:
             query = query.where(_c.surface == surface)
         if kind is not None:
             query = query.where(_c.kind == kind)
-        if after:
-            query = query.where(tuple_(_c.touched_us, _c.id) < tuple_(*after))
-        query = _newest(query, since_us, until_us, limit)
         with self.database.reading() as connection:
-            return [_event_of(row) for row in connection.execute(query)]
+            return [_event_of(row) for row in _newest(connection, query, since_us, until_us, limit, after)]
 
     def get(self, number: int) -> Event | None:
         """Return the event of that id; None if there is none."""
@@ -205,7 +201,7 @@ class Store:
         is_contact = _c.best["is_contact"].as_boolean()
         query = select(_c.id, _c.model, _c.best).where(_c.surface == surface, _c.best.is_not(null()), is_contact)
         with self.database.reading() as connection:
-            rows = connection.execute(_newest(query, since_us, until_us, limit)).all()
+            rows = _newest(connection, query, since_us, until_us, limit)
         return [Sampled(row.id, row.model, Best.read(row.best)) for row in reversed(rows)]
 
     def due(self, destination: str, limit: int, *, from_start: bool) -> tuple[list[Due], int]:
@@ -233,41 +229,35 @@ class Store:
         with self.database.writing() as connection:
             connection.execute(delete(DELIVERIES).where(DELIVERIES.c.number.in_(numbers)))
 
-    def prune(self, now_s: float, held: Collection[tuple[str, str]] = ()) -> int:
-        """Delete events too old at `now_s` [s since 1970], and the oldest above the size limit; return how many.
-
-        The cursor of a boot stays as long as an event of it, and while this service goes on from it: `held` are the
-        surfaces and boots of these. Any other loses its cursor after a day; if its sender comes back, the record begins
-        with what that keeps.
-        """
-        before_s, quiet_s = now_s - self._keep_s, now_s - min(self._keep_s, _QUIET_BOOT_S)
-        has_event = exists().where(_c.surface == CURSORS.c.surface, _c.boot_id == CURSORS.c.boot_id)
-        is_held = tuple_(CURSORS.c.surface, CURSORS.c.boot_id).in_(list(held))
-        with self.database.writing() as connection:
-            deleted = connection.execute(delete(EVENTS).where(_c.recorded_s < before_s)).rowcount
-            connection.execute(delete(CURSORS).where(CURSORS.c.recorded_s < quiet_s, ~has_event, ~is_held))
-            while self.database.used_bytes(connection) > self._max_bytes:
-                count = connection.scalar(select(func.count()).select_from(EVENTS).where(IS_FINISHED)) or 0
-                share = max(1, count // _PRUNE_SHARE)
-                oldest = select(_c.id).where(IS_FINISHED).order_by(_c.recorded_s).limit(share)
-                removed = connection.execute(delete(EVENTS).where(_c.id.in_(oldest))).rowcount
-                if not removed:
-                    break
-                deleted += removed
-        return deleted
-
     def close(self) -> None:
         """Close the connections."""
         self.database.close()
 
 
-def _newest(query: Select[Any], since_us: int | None, until_us: int | None, limit: int) -> Select[Any]:
-    """Select the newest events of a span of time, newest touch first."""
+def _newest(
+    connection: Connection,
+    query: Select[Any],
+    since_us: int | None,
+    until_us: int | None,
+    limit: int,
+    after: tuple[int, int] | None = None,
+) -> list[Row[*tuple[Any, ...]]]:
+    """Return the newest rows of a query in a span of time, newest touch first; those of a clock ahead come last."""
     if since_us is not None:
         query = query.where(_c.touched_us >= since_us)
     if until_us is not None:
         query = query.where(_c.touched_us < until_us)
-    return query.order_by(_c.touched_us.desc(), _c.id.desc()).limit(limit)
+    query = query.order_by(_c.touched_us.desc(), _c.id.desc())
+    ahead_us = round((time.time() + _AHEAD_S) * 1e6)
+    following = tuple_(_c.touched_us, _c.id) < tuple_(*after) if after else true()
+    parts = [query.where(_c.touched_us <= ahead_us, following), query.where(_c.touched_us > ahead_us)]
+    if after and after[0] > ahead_us:
+        parts = [parts[1].where(following)]
+    rows: list[Row[*tuple[Any, ...]]] = []
+    for part in parts:
+        if len(rows) < limit:
+            rows += connection.execute(part.limit(limit - len(rows))).all()
+    return rows
 
 
 def _find_lost(connection: Connection, changes: Sequence[Change]) -> set[str]:
@@ -295,13 +285,13 @@ def _write(connection: Connection, table: Table, rows: list[dict[str, Any]]) -> 
 
 
 def _write_events(
-    connection: Connection, events: Sequence[tuple[OpenEvent, int | None, dict[str, Any]]], now_s: float
+    connection: Connection, events: Sequence[tuple[OpenEvent, int | None, dict[str, Any]]], time_s: float
 ) -> dict[OpenEvent, int]:
     """Write events, and what destinations get of them; return the ids of new ones."""
     numbers: dict[OpenEvent, int] = {}
     again = list[dict[str, Any]]()
     for event, number, row in events:
-        values = row | {"recorded_s": now_s}
+        values = row | {"recorded_s": time_s}
         if number is None:
             numbers[event] = connection.execute(insert(EVENTS).returning(_c.id), values).scalar_one()
         else:
@@ -325,7 +315,7 @@ def _make_known(connection: Connection, destination: str, *, from_start: bool) -
         connection.execute(insert(DELIVERIES).from_select(["destination", "event"], each))
 
 
-def _cursor_row(surface: str, boot: BootChange, numbers: Mapping[OpenEvent, int], now_s: float) -> dict[str, Any]:
+def _cursor_row(surface: str, boot: BootChange, numbers: Mapping[OpenEvent, int], time_s: float) -> dict[str, Any]:
     event = boot.open_event
     return {
         "surface": surface,
@@ -335,7 +325,7 @@ def _cursor_row(surface: str, boot: BootChange, numbers: Mapping[OpenEvent, int]
         "model": boot.model,
         "memory": boot.memory,
         "event": None if event is None else numbers.get(event, event.number),
-        "recorded_s": now_s,
+        "recorded_s": time_s,
     }
 
 

@@ -28,7 +28,7 @@ from sqlalchemy.types import TypeEngine
 
 from beamtouch_service.events.event import Begin, End, Event, EventKind
 
-FORMAT = 11
+FORMAT = 12
 """The format of the record. A record of another one is refused. Raise it when a table, a field of `Event` or the memory
 of a cursor changes."""
 _NUMBER = BigInteger().with_variant(Integer, "sqlite")
@@ -70,7 +70,7 @@ EVENTS = Table(
     Column("recorded_s", Double, nullable=False),
     sqlite_autoincrement=True,
 )
-"""A row per event: the fields of an `Event`, and when it was last written [s since 1970, by the service's clock]."""
+"""A row per event: the fields of an `Event`, and the time of the record when it was last written."""
 CURSORS = Table(
     "cursors",
     _ALL,
@@ -96,6 +96,8 @@ HEALTH = Table(
     Column("history", JSON, nullable=False),
 )
 """A row per surface: what the best samples of its events add up to since its baseline began."""
+TIME = Table("time", _ALL, Column("passed_s", Double, nullable=False), Column("clock_s", Double))
+"""One row: the time of the record, as `ageing.RecordTime`."""
 DESTINATIONS = Table("destinations", _ALL, Column("name", String, primary_key=True))
 DELIVERIES = Table(
     "deliveries",
@@ -143,6 +145,7 @@ def prepare(connection: Connection) -> None:
     if not present:
         _ALL.create_all(connection, checkfirst=False)
         connection.execute(insert(_FORMATS).values(format=FORMAT))
+        connection.execute(insert(TIME).values(passed_s=0.0))
     elif _FORMATS.name not in present:
         raise OtherFormatError("it is the database of another program")
     elif (found := connection.scalar(select(_FORMATS.c.format))) != FORMAT:
