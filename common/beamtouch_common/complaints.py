@@ -10,6 +10,8 @@ from typing import Any, get_args, get_origin
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
+from beamtouch_common.names import NAME, RULE
+
 _MAX_SHOWN = 80
 """Longest value in a message, in characters."""
 _ALIKE = 0.7
@@ -39,7 +41,7 @@ _PLAIN = {
     "be less than or equal to": "be at most",
     "be greater than": "be more than",
     " after validation": "",
-    "match pattern '^[A-Za-z0-9_.-]{1,64}$'": 'have 1 to 64 letters, digits, "_", "." or "-"',
+    f"match pattern '{NAME}'": RULE,
     "match pattern": "match the pattern",
 }
 """Phrases of pydantic in plain words."""

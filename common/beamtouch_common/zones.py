@@ -9,6 +9,8 @@ from typing import Annotated, NamedTuple, Self
 
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, model_validator
 
+from beamtouch_common.names import Name
+
 HOLD = 1.32
 """An answer ends once the 95 % interval, widened to this many times its half-widths, no longer shows it: 99 % for a
 normal distribution, so that a contact on the very edge is on the wrong side in 0.5 % of the answers."""
@@ -17,7 +19,7 @@ BEGIN = 1.68
 MAX_ZONES = 6
 """Zones of one surface: as many as its block of Modbus registers has room for."""
 
-ZoneName = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]{1,64}$")]
+ZoneName = Name
 _Force = Annotated[FiniteFloat, Field(ge=0)]
 
 

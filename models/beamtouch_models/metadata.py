@@ -17,11 +17,11 @@ from pydantic import (
 )
 
 from beamtouch_common.complaints import reason_of
+from beamtouch_common.names import Name
 from beamtouch_models.arrays import Floats
 from beamtouch_models.errors import ModelFileError
 from beamtouch_models.names import Criterion
 
-NAME = r"^[A-Za-z0-9_.-]{1,64}$"
 Deviation = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Pair = Annotated[tuple[FiniteFloat, FiniteFloat], Field(strict=False)]
 PositivePair = Annotated[tuple[PositiveFloat, PositiveFloat], Field(strict=False)]
@@ -44,7 +44,7 @@ class MetadataPart(BaseModel):
 class Channel(MetadataPart):
     """One sensor of the layout."""
 
-    name: str = Field(pattern=NAME)
+    name: Name
     position_mm: FiniteFloat
     """From the left end of the beam."""
 
@@ -303,9 +303,9 @@ class Metadata(MetadataPart):
     """The metadata of a model file: each field is one entry, as JSON, named `beamtouch.<field>`."""
 
     schema_version: Literal[4] = SCHEMA_VERSION
-    name: str = Field(pattern=NAME)
+    name: Name
     """Name of the scene, and of the surface unless a configuration gives another."""
-    beam: str = Field(pattern=NAME)
+    beam: Name
     """Identity of the beam with its layout: the same for every model of it, calibrated or not."""
     estimator: str
     length_mm: PositiveFloat

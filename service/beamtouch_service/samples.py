@@ -12,6 +12,8 @@ from typing import Annotated, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, JsonValue, model_validator
 
+from beamtouch_common.names import Name
+
 MAX_CHANNELS = 64
 MAX_SAMPLES = 2000
 """Limit for a batch. All other requests wait while its samples are estimated."""
@@ -29,11 +31,11 @@ MAX_EARLIER = 64
 """Limit of past boots that a batch names."""
 
 BootId = Annotated[str, Field(pattern=r"^[A-Za-z0-9-]{8,64}$")]
-ChannelName = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]{1,64}$")]
+ChannelName = Name
 Noise = Annotated[FiniteFloat, Field(gt=0, le=MAX_NOISE_MM)]
 Covariance = Annotated[FiniteFloat, Field(ge=-(MAX_NOISE_MM**2), le=MAX_NOISE_MM**2)]
-BeamIdentity = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]{1,64}$")]
-SurfaceName = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]{1,64}$")]
+BeamIdentity = Name
+SurfaceName = Name
 
 
 class Quality(StrEnum):

@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+from binascii import crc_hqx
 from collections.abc import Callable
 from pathlib import Path
 
@@ -244,3 +245,13 @@ def test_check_warns_of_what_is_open_to_others(
     (line, *_) = json.loads(check('host = "0.0.0.0"', "--json"))["warnings"]
     assert line.startswith("no TLS")
     assert "no token protects the Modbus TCP server" in check("", more="[modbus_server]\nport = 0\n")
+
+
+def test_check_names_surfaces_whose_blocks_no_controller_can_tell_apart(service: Command, tmp_path: Path) -> None:
+    names = ("press-898", "press-3264", "press-1")
+    assert crc_hqx(names[0].encode(), 0) == crc_hqx(names[1].encode(), 0)
+    surfaces = "".join(f"[surfaces.{name}]\n" for name in names)
+    (tmp_path / "service.toml").write_text(f"[server]\nport = 0\n[modbus_server]\nport = 0\n{surfaces}")
+    done = service("check", "--config", tmp_path / "service.toml")
+    (line,) = [line for line in done.stdout.splitlines() if "identity" in line]
+    assert line.startswith("warning: surfaces press-898 and press-3264 have the same Modbus identity")

@@ -5,11 +5,11 @@ from pathlib import Path
 from typing import Literal
 
 from beamtouch_common.files import require_writable, write_atomically
+from beamtouch_common.names import NAME, RULE
 from beamtouch_models.building.build import Built, Choices, build_model
 from beamtouch_models.building.daemon_config import daemon_config as daemon_config_of
 from beamtouch_models.building.sensors import count_of
 from beamtouch_models.errors import SceneError, require
-from beamtouch_models.metadata import NAME
 from beamtouch_models.names import ESTIMATORS, Criterion, EstimatorName
 from beamtouch_models.numbers import whole
 from beamtouch_models.placement.placing import DEFAULT_AIM, Aim
@@ -61,7 +61,7 @@ def build(  # noqa: PLR0913  # one for each option of the command
         stated, text = (read_scene(scene), str(scene)) if path is None else load_scene(path)
     require(name, str, "name", "text")
     if not re.fullmatch(NAME, name):
-        raise SceneError(f"name = {name!r} must have 1 to 64 letters, digits, '_', '.' or '-'")
+        raise SceneError(f"name = {name!r} must {RULE}")
     if estimator not in ESTIMATORS:
         raise SceneError(f"estimator = {estimator!r} must be one of {', '.join(ESTIMATORS)}")
     config_file, report_file = (None if one is None else Path(one) for one in (daemon_config, report))

@@ -1,6 +1,5 @@
 """Parts of several commands: the output folder, the name of the surface, and progress."""
 
-import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -10,6 +9,7 @@ from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
 from rich.progress import Progress as Display
 
 from beamtouch_common.errors import InputError
+from beamtouch_common.names import name_like
 from beamtouch_models.sweeps import Progress
 
 
@@ -23,7 +23,7 @@ def folder_of(path: Path) -> Path:
 
 def surface_name(scene: Path) -> str:
     """Name the surface after the scene file."""
-    return re.sub(r"[^A-Za-z0-9_.-]", "-", scene.stem)[:64] or "surface"
+    return name_like(scene.stem, "surface")
 
 
 @contextmanager

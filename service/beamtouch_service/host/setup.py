@@ -65,7 +65,7 @@ def prepare(settings: Settings) -> Parts:
     address = Address("server", server.host, server.port)
     if not address.is_loopback:
         _require_tokens(access, address.shown)
-    outputs = [make(section, len(loaded), access) for section in settings.outputs]
+    outputs = [make(section, [surface.name for surface, _ in loaded], access) for section in settings.outputs]
     warnings = _warnings(settings, access, address) + [words for output in outputs for words in output.warnings]
     keepers = [keeper for _, keeper in loaded if keeper]
     return Parts(access, address, [surface for surface, _ in loaded], keepers, outputs, warnings)

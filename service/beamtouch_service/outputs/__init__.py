@@ -11,6 +11,8 @@ from beamtouch_service.outputs.mqtt.section import MqttSection
 from beamtouch_service.outputs.opcua.section import OpcUaSection
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from beamtouch_service.access import Access
     from beamtouch_service.outputs.section import Output, OutputSection
 
@@ -20,7 +22,7 @@ OUTPUTS: tuple[type[OutputSection], ...] = (ModbusServerSection, MqttSection, Op
 Not from here: the hint of `beamtouch_common.complaints` that a section belongs in another file."""
 
 
-def make(section: OutputSection, surfaces: int, access: Access) -> Output:
+def make(section: OutputSection, surfaces: Sequence[str], access: Access) -> Output:
     """Return the output of a section; raises InputError and FailedError, also if one of its libraries is missing."""
     try:
         module = import_module(section.module)

@@ -19,7 +19,7 @@ class OutputSection(Section):
     name: ClassVar[str]
     """Name of the section."""
     module: ClassVar[str]
-    """The module with `make(section, surfaces, access)`, which returns an `Output` for this number of surfaces and
+    """The module with `make(section, surfaces, access)`, which returns an `Output` for surfaces of these names and for
     these tokens. It raises InputError if the output can never work like this, and FailedError if a file cannot be read:
     it may come later."""
     extra: ClassVar[str]

@@ -9,12 +9,14 @@ import threading
 from contextlib import suppress
 
 _UNSUBACK = 0xB0
+_BEFORE_CONTACTS = 2
+"""The service asks for a first UNSUBACK to learn what the broker keeps, and for the next one before contacts."""
 _RECEIVE_BYTES = 4096
 WAIT_S = 30.0
 
 
 class Relay:
-    """Passes bytes on. After its first UNSUBACK, it reads no more from the first connection until that is reset."""
+    """Passes bytes on. Once contacts are due, it reads no more from the first connection until that is reset."""
 
     def __init__(self, broker_port: int) -> None:
         self._broker_port = broker_port
@@ -68,11 +70,14 @@ class Relay:
 
     def _pass_down(self, broker: socket.socket, service: socket.socket, reads: threading.Event, is_first: bool) -> None:
         with suppress(OSError), broker.makefile("rb") as packets:
+            confirmed = 0
             while head := packets.read(1):
                 size = packets.read(1)
-                assert size[0] < 0x80, "the broker's packets are short"
-                rest = packets.read(size[0])
-                if is_first and head[0] == _UNSUBACK:
+                while size[-1] & 0x80:
+                    size += packets.read(1)
+                rest = packets.read(sum((byte & 0x7F) << 7 * place for place, byte in enumerate(size)))
+                confirmed += head[0] == _UNSUBACK
+                if is_first and confirmed == _BEFORE_CONTACTS:
                     # First the stop, so that nothing of the turn passes.
                     reads.clear()
                 service.sendall(head + size + rest)

@@ -144,7 +144,7 @@ def test_home_assistant_learns_of_each_surface(line: Line) -> None:
     subscriber = line.broker.subscribe("-t", "homeassistant/#")
     wait_for(lambda: bool(subscriber.messages))
     (found,) = subscriber.messages
-    assert (found.is_retained, found.topic) == (True, "homeassistant/device/beamtouch_press-7/config")
+    assert (found.is_retained, found.topic) == (True, "homeassistant/device/beamtouch/press-7/config")
     said = json.loads(found.text)
     assert said["origin"]["sw_version"] == version()
     assert (said["availability_topic"], said["payload_not_available"]) == (STATUS, "offline")

@@ -2,6 +2,7 @@
 
 import asyncio
 import logging
+from collections.abc import Sequence
 from functools import partial
 
 from prometheus_client import Counter
@@ -12,7 +13,7 @@ from beamtouch_service.access import Access
 from beamtouch_service.address import Address
 from beamtouch_service.api.context import Context
 from beamtouch_service.outputs.modbus.blocks import Blocks
-from beamtouch_service.outputs.modbus.registers import MAX_SURFACES
+from beamtouch_service.outputs.modbus.registers import MAX_SURFACES, identity
 from beamtouch_service.outputs.modbus.requests import HEAD_BYTES, NotModbusError, answer, frame_bytes
 from beamtouch_service.outputs.modbus.section import ModbusServerSection
 from beamtouch_service.outputs.section import Output
@@ -20,15 +21,24 @@ from beamtouch_service.outputs.section import Output
 _log = logging.getLogger("beamtouch.service")
 
 
-def make(section: ModbusServerSection, surfaces: int, access: Access) -> Output:
-    """Return the server; raises InputError if it may never listen there, or if the map has no room for the surfaces."""
-    if surfaces > MAX_SURFACES:
-        message = f"[modbus_server]: the addresses of Modbus hold {MAX_SURFACES} surfaces, but there are {surfaces}"
+def make(section: ModbusServerSection, surfaces: Sequence[str], access: Access) -> Output:
+    """Return the server; raises InputError if it may never listen there, or if the map cannot hold the surfaces."""
+    if len(surfaces) > MAX_SURFACES:
+        count = len(surfaces)
+        message = f"[modbus_server]: the addresses of Modbus hold {MAX_SURFACES} surfaces, but there are {count}"
         raise InputError(message)
     address = Address(section.name, section.host, section.port, option="modbus_server.port")
     is_protected = access.read is None and address.is_loopback
     words = "no token protects the Modbus TCP server: everyone who reaches it can read the contacts"
-    return Output(partial(_serve, section, address), [] if is_protected else [words])
+    return Output(partial(_serve, section, address), ([] if is_protected else [words]) + _alike(surfaces))
+
+
+def _alike(surfaces: Sequence[str]) -> list[str]:
+    """Return a warning for each surface whose block a controller cannot tell from that of an earlier one."""
+    names: dict[int, str] = {}
+    pairs = [(names.setdefault(identity(name), name), name) for name in surfaces]
+    words = "surfaces {} and {} have the same Modbus identity: no controller can tell their blocks apart; rename one"
+    return [words.format(first, name) for first, name in pairs if first != name]
 
 
 async def _serve(section: ModbusServerSection, address: Address, context: Context) -> None:

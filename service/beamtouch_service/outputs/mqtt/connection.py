@@ -15,9 +15,10 @@ import paho.mqtt.client as paho
 from paho.mqtt.enums import CallbackAPIVersion, MQTTErrorCode
 from paho.mqtt.properties import Properties
 from paho.mqtt.reasoncodes import ReasonCode
+from paho.mqtt.subscribeoptions import SubscribeOptions
 
 from beamtouch_service.events.recorder import in_thread
-from beamtouch_service.outputs.mqtt.messages import OFFLINE, Topics
+from beamtouch_service.outputs.mqtt.messages import OFFLINE, TEXT, Kept, Topics, kept, kept_properties
 from beamtouch_service.outputs.mqtt.section import MqttSection
 
 ANSWER_S = 5.0
@@ -76,23 +77,32 @@ class Connection:
 
     def __init__(self, section: MqttSection, password: str | None, tls: ssl.SSLContext | None) -> None:
         self._loop = asyncio.get_running_loop()
-        self._status = Topics(section.prefix).status
+        self.owner = section.client_id or section.prefix
+        """The client identifier, which no other client of the broker has."""
+        self.received = asyncio.Queue[Kept]()
+        """Messages of the topics that were subscribed to."""
+        status = Topics(section.prefix).status
+        self._nothing = f"{status}/nothing"
+        """A topic that nobody joins."""
         self._client = client = paho.Client(
             CallbackAPIVersion.VERSION2,
-            client_id=section.client_id or section.prefix,
+            client_id=self.owner,
             protocol=paho.MQTTv5,
             reconnect_on_failure=False,
         )
         client.connect_timeout = ANSWER_S
         client.max_inflight_messages_set(WINDOW)
-        client.will_set(self._status, OFFLINE, _AT_LEAST_ONCE, retain=True)
+        will = kept_properties(TEXT, self.owner, will=True)
+        client.will_set(status, OFFLINE, _AT_LEAST_ONCE, retain=True, properties=will)
         if section.username:
             client.username_pw_set(section.username, password)
         if tls:
             client.tls_set_context(tls)
         client.on_connect = lambda _client, _data, _flags, reason, _properties: self._give(_CONNECT, reason)
         client.on_publish = lambda _client, _data, number, reason, _properties: self._give(number, reason)
+        client.on_subscribe = lambda _client, _data, number, reasons, _properties: self._give(number, reasons[0])
         client.on_unsubscribe = lambda _client, _data, number, reasons, _properties: self._give(number, reasons[0])
+        client.on_message = lambda _client, _data, message: self.received.put_nowait(kept(message))
         # Perhaps in the thread that connects.
         client.on_disconnect = lambda _client, _data, _flags, reason, _properties: self._lose_soon(str(reason))
         client.on_socket_close = lambda _client, _data, line: self._forget(line)
@@ -147,8 +157,18 @@ class Connection:
 
         To leave a topic that nobody joined is the one request that every broker answers and that changes nothing.
         """
-        result, number = self._client.unsubscribe(self._status)
+        result, number = self._client.unsubscribe(self._nothing)
         await self._answer(self._sent(result, number), ANSWER_S)
+
+    async def subscribe(self, topic: str) -> None:
+        """Subscribe to a topic; raises RefusedError, and BrokerError.
+
+        What the broker keeps there is in `received` soon, and what is sent to it from now on.
+        """
+        result, number = self._client.subscribe(topic, options=SubscribeOptions(qos=_AT_LEAST_ONCE))
+        reason = await self._answer(self._sent(result, number), ANSWER_S)
+        if reason.is_failure:
+            raise RefusedError(str(reason))
 
     async def send(self, topic: str, text: bytes, properties: Properties, timeout_s: float) -> None:
         """Write a message now; raises BrokerError if the socket has not taken it after `timeout_s` [s].
@@ -161,6 +181,10 @@ class Connection:
             self._give(message.mid, None)
         else:
             await self._answer(answer, timeout_s)
+
+    async def keep(self, topic: str, text: bytes, content_type: str) -> None:
+        """Have the broker keep a message; an empty text has it forget the one of this topic. Raises as `tell`."""
+        await self.tell((topic, text), properties=kept_properties(content_type, self.owner), retain=True)
 
     async def tell(self, *messages: tuple[str, bytes], properties: Properties, retain: bool = False) -> bool:
         """Send messages, each a topic and its text, and wait until the broker has acknowledged all.

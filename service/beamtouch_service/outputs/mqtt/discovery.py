@@ -1,7 +1,6 @@
 """Descriptions of the surfaces for Home Assistant (MQTT discovery of devices). Pure."""
 
 import json
-import re
 
 from beamtouch_common.commands import version
 from beamtouch_common.zones import ZoneState
@@ -13,11 +12,16 @@ EXPIRE_S = 3
 """Without a contact for this long, Home Assistant shows the figures as unavailable. One arrives each second."""
 _ON_OFF = json.dumps({ZoneState.INSIDE: "ON", ZoneState.OUTSIDE: "OFF"})
 """In a template: the answer for a zone -> what a binary sensor shows. Anything else is unknown."""
+_ESCAPES = str.maketrans({"_": "__u", ".": "__d", "/": "__s"})
+"""Home Assistant takes letters, digits, "_" and "-" in topics. Two names never become the same."""
 
 
 def topic(topics: Topics, surface: str) -> str:
-    """Return the topic where Home Assistant looks for the description of a surface."""
-    return f"homeassistant/device/{_identifier(topics, surface)}/config"
+    """Return the topic where Home Assistant looks for the description of a surface; `+` stands for every surface.
+
+    The prefix has a level of its own, so that a service can subscribe to its own descriptions alone.
+    """
+    return f"homeassistant/device/{topics.prefix.translate(_ESCAPES)}/{surface.translate(_ESCAPES)}/config"
 
 
 def description(topics: Topics, surface: Surface) -> bytes:
@@ -25,7 +29,7 @@ def description(topics: Topics, surface: Surface) -> bytes:
     contact, identifier = topics.contact(surface.name), _identifier(topics, surface.name)
 
     def entity(name: str, template: str, **more: object) -> dict[str, object]:
-        named = {"name": name.capitalize(), "unique_id": f"{identifier}_{name}"}
+        named = {"name": f"{name[0].upper()}{name[1:]}", "unique_id": f"{identifier}_{name}"}
         return named | {"value_template": f"{{{{ {template} }}}}"} | more
 
     def sensor(name: str, template: str, **more: object) -> dict[str, object]:
@@ -68,5 +72,25 @@ def description(topics: Topics, surface: Surface) -> bytes:
     return json.dumps(whole).encode()
 
 
+def without(described: bytes, gone: dict[str, str]) -> bytes:
+    """Return a description that also removes components: a component without more than its platform goes.
+
+    `gone` are the platforms of these components by their name. The description itself must follow: one that still
+    names them would be read again each time that Home Assistant starts.
+    """
+    whole = json.loads(described)
+    whole["components"] |= {name: {"platform": platform} for name, platform in gone.items()}
+    return json.dumps(whole).encode()
+
+
+def components(described: bytes) -> dict[str, str]:
+    """Return the platforms of the components of a description by their name; none of a text that is something else."""
+    try:
+        found = json.loads(described)["components"]
+        return {name: one["platform"] for name, one in found.items() if len(one) > 1}
+    except (ValueError, TypeError, LookupError, AttributeError):
+        return {}
+
+
 def _identifier(topics: Topics, surface: str) -> str:
-    return re.sub(r"[^A-Za-z0-9_-]", "_", f"{topics.prefix}_{surface}")
+    return "_".join(name.translate(_ESCAPES) for name in (topics.prefix, surface))

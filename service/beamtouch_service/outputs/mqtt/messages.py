@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from math import ceil
 
+from paho.mqtt.client import MQTTMessage
 from paho.mqtt.packettypes import PacketTypes
 from paho.mqtt.properties import Properties
 
@@ -11,6 +12,8 @@ ONLINE, OFFLINE = "online", "offline"
 """What the status says: the service is connected to the broker, or not."""
 READY = "ready"
 """What the status of a surface says when it has a contact to give."""
+OWNER = "beamtouch-service"
+"""A property of each message that the broker keeps: the client identifier of the service that it is of."""
 _UTF_8 = 1
 
 
@@ -38,14 +41,45 @@ class Topics:
         return f"{self.prefix}/{surface}/event"
 
 
+@dataclass(frozen=True)
+class Kept:
+    """A message that the broker keeps, as it tells a subscriber."""
+
+    topic: str
+    text: bytes
+    """Empty: the broker is to forget the message."""
+    owner: str | None
+    """The client identifier of the service that it is of; None if it states none."""
+    is_new: bool
+    """Whether it was sent just now, not before the subscription."""
+
+
 def properties(content_type: str, stale_ms: float | None = None) -> Properties:
     """Return the properties of a message: the type of its text, and that the broker drops it after this limit of age.
 
     MQTT counts the limit in whole seconds, from 1 on.
     """
-    made = Properties(PacketTypes.PUBLISH)  # type: ignore[no-untyped-call]  # the library's
-    made.PayloadFormatIndicator = _UTF_8
-    made.ContentType = content_type
+    made = _properties(PacketTypes.PUBLISH, content_type)
     if stale_ms is not None:
         made.MessageExpiryInterval = max(1, ceil(stale_ms / 1e3))
+    return made
+
+
+def kept_properties(content_type: str, owner: str, *, will: bool = False) -> Properties:
+    """Return the properties of a message that the broker keeps, which may be the will of the service."""
+    made = _properties(PacketTypes.WILLMESSAGE if will else PacketTypes.PUBLISH, content_type)
+    made.UserProperty = [(OWNER, owner)]
+    return made
+
+
+def kept(message: MQTTMessage) -> Kept:
+    """Return a message with its owner, from its properties."""
+    pairs: list[tuple[str, str]] = getattr(message.properties, "UserProperty", [])
+    return Kept(message.topic, bytes(message.payload), dict(pairs).get(OWNER), not message.retain)
+
+
+def _properties(kind: int, content_type: str) -> Properties:
+    made = Properties(kind)  # type: ignore[no-untyped-call]  # the library's
+    made.PayloadFormatIndicator = _UTF_8
+    made.ContentType = content_type
     return made

@@ -3,7 +3,7 @@
 import asyncio
 import logging
 import ssl
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from time import monotonic
 
@@ -19,7 +19,8 @@ from beamtouch_service.outputs.mqtt import discovery
 from beamtouch_service.outputs.mqtt.connection import BrokerError, Connection, RefusedError
 from beamtouch_service.outputs.mqtt.contacts import ContactSender
 from beamtouch_service.outputs.mqtt.events import EventSender
-from beamtouch_service.outputs.mqtt.messages import JSON, ONLINE, TEXT, Topics, properties
+from beamtouch_service.outputs.mqtt.leftovers import Leftovers
+from beamtouch_service.outputs.mqtt.messages import JSON, ONLINE, TEXT, Topics
 from beamtouch_service.outputs.mqtt.section import MqttSection
 from beamtouch_service.outputs.mqtt.statuses import StatusSender
 from beamtouch_service.outputs.section import Output
@@ -33,7 +34,7 @@ STEADY_S = 10.0
 _log = logging.getLogger("beamtouch.service.mqtt")
 
 
-def make(section: MqttSection, _surfaces: int, _access: Access) -> Output:
+def make(section: MqttSection, _surfaces: Sequence[str], _access: Access) -> Output:
     """Read the password and the TLS files; raises InputError and FailedError if they cannot be used."""
     tls = _tls(section)
     password = read_password(section.password_file) if section.password_file else None
@@ -59,6 +60,10 @@ class Publisher:
         self._contacts = ContactSender(context, topics, section.max_rate_hz, sent.labels("contact"))
         self._statuses = StatusSender(context, topics)
         self._events = EventSender(context, section, topics, sent.labels("event"))
+        surfaces = list(context.registry) if section.home_assistant_discovery else []
+        self._descriptions = {discovery.topic(topics, one.name): discovery.description(topics, one) for one in surfaces}
+        """By topic."""
+        self._leftovers = Leftovers(topics, context.registry.names, self._descriptions, self._where)
         self._problem = ""
         """Why there is no connection, as it was logged; empty while there is one, and if it was not logged."""
         self._repeated = Repeated(_log)
@@ -85,7 +90,7 @@ class Publisher:
             await connection.open()
             await self._introduce(connection)
             async with asyncio.TaskGroup() as tasks:
-                for sender in (self._events, self._contacts, self._statuses):
+                for sender in (self._events, self._contacts, self._statuses, self._leftovers):
                     tasks.create_task(sender.run(connection))
                 tasks.create_task(connection.watch())
         except* BrokerError as failures:
@@ -96,17 +101,10 @@ class Publisher:
 
     async def _introduce(self, connection: Connection) -> None:
         """Say that the service is there, and describe its surfaces if that was asked for."""
-        messages = [(self._topics.status, ONLINE.encode(), TEXT)]
-        if self._section.home_assistant_discovery:
-            for surface in self._context.registry:
-                description = discovery.description(self._topics, surface)
-                messages.append((discovery.topic(self._topics, surface.name), description, JSON))
-        for topic, text, content_type in messages:
-            try:
-                await connection.tell((topic, text), properties=properties(content_type), retain=True)
-            except RefusedError as error:
-                message = f"it refuses messages to {topic} ({error}); allow this user to write there"
-                raise RefusedError(message) from None
+        await _keep(connection, self._topics.status, ONLINE.encode(), TEXT)
+        await self._leftovers.begin(connection)
+        for topic, text in self._descriptions.items():
+            await _keep(connection, topic, text, JSON)
         if self._problem:
             _log.info("MQTT broker %s: connected again after %.1f s", self._where, monotonic() - self._lost_s)
         elif not self._is_announced:
@@ -129,6 +127,14 @@ class Publisher:
             count = f" ({times} times since the last such line)" if times > 1 else ""
             _log.warning("MQTT broker %s: %s; the service goes on and tries again%s", self._where, reason, count)
             self._problem, self._is_announced = reason, True
+
+
+async def _keep(connection: Connection, topic: str, text: bytes, content_type: str) -> None:
+    """Have the broker keep a message that must be there; raises BrokerError, with what to do if it is refused."""
+    try:
+        await connection.keep(topic, text, content_type)
+    except RefusedError as error:
+        raise RefusedError(f"it refuses messages to {topic} ({error}); allow this user to write there") from None
 
 
 def _tls(section: MqttSection) -> ssl.SSLContext | None:

@@ -6,7 +6,7 @@ import logging
 
 from beamtouch_service.api.context import Context
 from beamtouch_service.outputs.mqtt.connection import REFUSED_RETRY_S, Connection, RefusedError
-from beamtouch_service.outputs.mqtt.messages import JSON, READY, Topics, properties
+from beamtouch_service.outputs.mqtt.messages import JSON, READY, Topics
 from beamtouch_service.surfaces.surface import Surface
 
 LOOK_S = 1.0
@@ -42,7 +42,7 @@ class StatusSender:
                 if status == sent.get(surface.name):
                     continue
                 try:
-                    await connection.tell((topic, status), properties=properties(JSON), retain=True)
+                    await connection.keep(topic, status, JSON)
                 except RefusedError as error:
                     self._resume_s = loop.time() + REFUSED_RETRY_S
                     words = "the MQTT broker refuses messages to %s (%s); allow this user to write there"

@@ -10,6 +10,7 @@ sample of a surface with its decision, and its model.
 
 import asyncio
 import logging
+from collections.abc import Sequence
 from contextlib import suppress
 from datetime import UTC, datetime
 from functools import partial
@@ -39,7 +40,7 @@ STOP_S = 1.0
 _log = logging.getLogger("beamtouch.service.opcua")
 
 
-def make(section: OpcUaSection, _surfaces: int, access: Access) -> Output:
+def make(section: OpcUaSection, _surfaces: Sequence[str], access: Access) -> Output:
     """Return the server; raises InputError and FailedError if its address, password or certificate cannot be used."""
     # Clients can provoke any number of its messages, and tracebacks.
     logging.getLogger("asyncua").setLevel(logging.CRITICAL)

@@ -1,0 +1,98 @@
+"""Removes what the broker keeps of this service and the configuration no longer has: surfaces, zones, descriptions.
+
+The broker itself is the memory: each message that it keeps for a service states its owner. So a service finds what it
+once announced, whatever became of its files, and leaves alone what is of other services.
+"""
+
+import asyncio
+import logging
+from collections.abc import Mapping
+from contextlib import suppress
+
+from beamtouch_service.outputs.mqtt import discovery
+from beamtouch_service.outputs.mqtt.connection import ANSWER_S, Connection, RefusedError
+from beamtouch_service.outputs.mqtt.messages import JSON, ONLINE, Kept, Topics
+
+_log = logging.getLogger("beamtouch.service.mqtt")
+
+
+class Leftovers:
+    """What the broker keeps below one prefix, beside what is to be there."""
+
+    def __init__(self, topics: Topics, surfaces: list[str], descriptions: Mapping[str, bytes], where: str) -> None:
+        """Take the surfaces that there are, their descriptions by topic, and what the log calls the broker."""
+        self._topics = topics
+        self._descriptions = descriptions
+        self._wanted = {topics.status, *map(topics.surface_status, surfaces), *descriptions}
+        self._where = where
+        self._is_readable = False
+        """Whether the broker lets this service read its own messages."""
+        self._said: set[str] = set()
+        """Topics that the log has, and those that the broker refused to change."""
+
+    async def begin(self, connection: Connection) -> None:
+        """Subscribe, and remove what is there at once; raises BrokerError if the connection is lost.
+
+        To be called before the descriptions are sent: they take the place of those that say which zones there were.
+        """
+        topics = self._topics
+        own = (topics.status, topics.surface_status("+"))
+        for topic in (*own, discovery.topic(topics, "+")):
+            try:
+                await connection.subscribe(topic)
+            except RefusedError as error:
+                # Without discovery, nobody may ever have had this right.
+                if topic in own or self._descriptions:
+                    self._warn_unreadable(topic, f" ({error})")
+        # Most brokers have sent what they keep before this answer.
+        await connection.confirm()
+        with suppress(asyncio.QueueEmpty):
+            while True:
+                await self._settle(connection, connection.received.get_nowait())
+
+    async def run(self, connection: Connection) -> None:
+        """Remove what comes later; raises BrokerError when the connection is lost."""
+        if not self._is_readable:
+            with suppress(TimeoutError):
+                async with asyncio.timeout(ANSWER_S):
+                    while not self._is_readable:
+                        await self._settle(connection, await connection.received.get())
+        if not self._is_readable:
+            self._warn_unreadable(self._topics.status)
+        while True:
+            await self._settle(connection, await connection.received.get())
+
+    async def _settle(self, connection: Connection, message: Kept) -> None:
+        """Compare a message with what is to be there."""
+        topic, is_own = message.topic, message.owner == connection.owner
+        self._is_readable |= is_own and topic == self._topics.status
+        if not message.text or topic in self._said:
+            return
+        if topic not in self._wanted:
+            if is_own:
+                await self._put(connection, topic, b"")
+                _log.info("MQTT broker %s: removed %s, which this configuration no longer has", self._where, topic)
+        elif message.owner and not is_own and (message.is_new or message.text == ONLINE.encode()):
+            self._said.add(topic)
+            words = "MQTT broker %s: another service (%s) writes to %s, too; give each service a prefix of its own"
+            _log.warning(words, self._where, message.owner, topic)
+        elif is_own and topic in self._descriptions:
+            described, before = self._descriptions[topic], discovery.components(message.text)
+            gone = {name: before[name] for name in before.keys() - discovery.components(described).keys()}
+            if gone:
+                await self._put(connection, topic, discovery.without(described, gone))
+                await self._put(connection, topic, described)
+
+    async def _put(self, connection: Connection, topic: str, text: bytes) -> None:
+        try:
+            await connection.keep(topic, text, JSON)
+        except RefusedError as error:
+            self._said.add(topic)
+            words = "MQTT broker %s: it refuses messages to %s (%s), which is of no surface any more; remove it there"
+            _log.warning(words, self._where, topic, error)
+
+    def _warn_unreadable(self, topic: str, reason: str = "") -> None:
+        if topic not in self._said:
+            self._said.add(topic)
+            words = "MQTT broker %s: this user may not read %s%s; allow it, or what you remove here stays there"
+            _log.warning(words, self._where, topic, reason)
