@@ -49,7 +49,7 @@ CONSOLE = {
     "docs/how-to/calibrate.md": 1,  # a person puts weights on the beam
     "docs/how-to/debian.md": 9,  # packages, systemd and root
     "docs/how-to/design.md": 1,  # minutes on all cores
-    "docs/how-to/mqtt.md": 2,  # a broker
+    "docs/how-to/mqtt.md": 3,  # a broker
     "docs/how-to/opcua.md": 1,  # the name of a host
     "docs/how-to/sweeps.md": 1,  # a cluster
     "docs/how-to/troubleshooting.md": 1,  # systemd

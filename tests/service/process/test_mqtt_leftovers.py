@@ -109,7 +109,7 @@ def test_home_assistant_is_told_of_a_zone_that_went_and_then_reads_no_more_of_it
 
 def test_names_and_prefixes_that_look_alike_are_devices_of_their_own(line: Line) -> None:
     subscriber = line.broker.subscribe("-t", "#")
-    names = ["press.7", "press_7", "press-7", "Press-7", "press__u7", "-", "a" * 64]
+    names = ["press.7", "press_7", "press-7", "Press-7", "press__d7", "-", "a" * 64]
     prefixes = ["hall/1", "hall_1", "hall.1", "hall", "1"]
     for prefix in prefixes:
         line.start(DISCOVERY, f'prefix = "{prefix}"', surfaces=[f'"{name}"' for name in names])
@@ -136,6 +136,7 @@ def test_names_and_prefixes_that_look_alike_are_devices_of_their_own(line: Line)
         (['prefix = "hall"', 'client_id = "one"'], ['prefix = "hall"', 'client_id = "two"'], ["hall/status"]),
         (['prefix = "hall"'], ['prefix = "hall/press-7"'], ["hall/press-7/status"]),
     ],
+    ids=["below", "alike", "shared", "a-surface-of-the-other"],
 )
 def test_a_service_removes_nothing_of_another_one_and_says_if_both_write_to_one_topic(
     line: Line, first: list[str], second: list[str], also: list[str]
