@@ -77,7 +77,8 @@ class Bench:
 
     def stop(self) -> None:
         """Stop as a service does: what is not durable yet is written."""
-        self.app.context.recorder.close()
+        assert self.event_loop is not None
+        self.event_loop.call(self.app.context.recorder.close)
 
     def get(self, path: str, token: str | None = None) -> httpx2.Response:
         return self.client.get(path, headers={"Authorization": f"Bearer {token}"} if token else {})

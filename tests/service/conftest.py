@@ -29,7 +29,7 @@ def _event_loop() -> Iterator[None]:
 def _close_records() -> Iterator[None]:
     yield
     for bench in Bench.started:
-        bench.app.context.recorder.store.close()
+        bench.stop()
     Bench.started.clear()
 
 

@@ -1,6 +1,8 @@
 """The record: every sample once and in order, whatever the batches, and whatever happens to the service."""
 
 import random
+import sqlite3
+from contextlib import closing
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -236,6 +238,25 @@ def test_a_service_that_lost_the_race_reads_the_record_anew(services: Services, 
     assert "beamtouch_record_races_total 1.0" in one.bench.metrics()
     one.catch_up()
     assert rounded(one.events) == rounded(other.events) == rounded(services.straight(CONTACT))
+
+
+def test_another_model_during_a_commit_is_no_race(services: Services, tmp_path: Path) -> None:
+    path = tmp_path / "events.db"
+    story = services.story(CONTACT * 2, path)
+    story.is_growing = True
+    story.deliver(0, 10)
+    recorder, event_loop = story.bench.app.context.recorder, story.bench.event_loop
+    assert event_loop is not None
+    with closing(sqlite3.connect(path, isolation_level=None)) as other:
+        other.execute("BEGIN IMMEDIATE")
+        commit = event_loop.start_task_soon(recorder.flush)
+        story.bench.adopt(model_of("other"))
+        assert story.deliver(10, 12)["durable"] == 0
+        other.execute("ROLLBACK")
+    commit.result()
+    story.deliver(12, 20)
+    assert ends(story) == [("touch", "lift"), ("touch", "lift")]
+    assert "beamtouch_record_races_total 0.0" in story.bench.metrics()
 
 
 KINDS: list[Row] = [TOUCHING, HARDER, RESTING, BETWEEN, ODD]

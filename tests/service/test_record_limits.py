@@ -2,10 +2,12 @@
 
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import pytest
 
+from beamtouch_service.events.store import Store
 from beamtouch_service.sections import EventsSection
 from service.bench import START_US, Bench, Row, surface_of
 from service.event_story import RESTING, TOUCHING, Story
@@ -175,6 +177,31 @@ def test_boots_without_events_take_no_room_from_events_for_longer_than_a_day(tmp
         assert database.used_bytes(connection) > 1e6
     days.run(bench, 1.1)
     assert sorted(numbers(bench)) == [1, 2, 3, 4]
+
+
+@pytest.mark.parametrize("place", ["memory", "file", "PostgreSQL"])
+def test_an_event_that_is_deleted_waits_for_no_destination(
+    request: pytest.FixtureRequest, tmp_path: Path, place: str
+) -> None:
+    places: dict[str, Callable[[], EventsSection]] = {
+        "memory": EventsSection,
+        "file": lambda: EventsSection(file=tmp_path / "events.db"),
+        "PostgreSQL": lambda: EventsSection(url=request.getfixturevalue("events_url")),
+    }
+    bench = Bench(surface_of(), events=places[place]())
+
+    def waiting() -> int:
+        assert bench.event_loop is not None
+        due = partial(Store.due, destination="line-3", limit=0, from_start=False)
+        return bench.event_loop.call(bench.app.context.recorder.look, due)[1]
+
+    days = Days()
+    days.run(bench)
+    assert waiting() == 0
+    deliver(bench, 3)
+    assert waiting() == 3
+    days.run(bench, 31, looks=100)
+    assert waiting() == 0
 
 
 @pytest.mark.parametrize("keeps", [True, False])

@@ -4,20 +4,29 @@ import json
 import logging
 import os
 import sqlite3
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import partial
 from pathlib import Path
 from threading import Lock
+from typing import TypedDict
 
-from sqlalchemy import URL, Connection, Engine, StaticPool, create_engine, event, func, make_url, select
+from sqlalchemy import URL, Connection, Engine, QueuePool, StaticPool, create_engine, event, func, make_url, select
 from sqlalchemy.exc import ArgumentError, DBAPIError, InterfaceError, OperationalError, SQLAlchemyError
 
 from beamtouch_service.events.tables import EVENTS, OtherFormatError, is_current, prepare
 
+READERS = 2
+"""Threads that read, each with a connection of its own."""
 _BUSY_S = 2.0
 """Wait this long while another program, such as a backup, has the file locked."""
-_PRAGMAS = ("journal_mode=WAL", "synchronous=FULL", "foreign_keys=ON", "journal_size_limit=4194304")
+_FOREIGN_KEYS = "PRAGMA foreign_keys=ON"
+_PRAGMAS = (
+    "PRAGMA journal_mode=WAL",
+    "PRAGMA synchronous=FULL",
+    "PRAGMA journal_size_limit=4194304",
+    _FOREIGN_KEYS,
+)
 _CONNECT: dict[str, object] = {
     "application_name": "beamtouch-service",
     "connect_timeout": 3,
@@ -41,6 +50,14 @@ _log = logging.getLogger("beamtouch.service.events")
 _compact_json = partial(json.dumps, separators=(",", ":"), allow_nan=False)
 
 
+class _SqliteArguments(TypedDict):
+    check_same_thread: bool
+    isolation_level: None
+
+
+_SQLITE: _SqliteArguments = {"check_same_thread": False, "isolation_level": None}
+
+
 class EventsAwayError(Exception):
     """The record takes nothing now; the message gives its reason, in one line. What failed can be tried again."""
 
@@ -49,41 +66,69 @@ class EventStoreError(EventsAwayError):
     """The record cannot be used as it is; the message gives the reason and the remedy, in one line."""
 
 
-class Database:
-    """A database whose every connection is checked before its first use."""
+class Connections:
+    """Connections that are used for one purpose, at most `pool_size` at once, and opened anew if the file changes."""
 
-    def __init__(self, engine: Engine, turn: AbstractContextManager[object], place: str, remedy: str) -> None:
+    def __init__(
+        self,
+        engine: Engine,
+        turn: AbstractContextManager[object] | None = None,
+        identify: Callable[[], object] = lambda: None,
+        on_replaced: Callable[[], None] = lambda: None,
+    ) -> None:
+        """Hold `turn` during each use. `on_replaced` is called once `identify` tells another file than before."""
+        self.engine = engine
+        self._turn, self._identify, self._on_replaced = turn or nullcontext(), identify, on_replaced
+        self._opened: object = None
+        """What the connections are of."""
+
+    @contextmanager
+    def use(self) -> Iterator[Connection]:
+        """Give a connection; errors are those of the database."""
+        if self._opened is not None and self._opened != self._identify():
+            self._opened = None
+            self._on_replaced()
+            self.engine.dispose()
+        with self._turn, self.engine.connect() as connection:
+            self._opened = self._opened or self._identify()
+            yield connection
+
+
+class Database:
+    """A database with a connection that writes, and others that only read. It is checked before its first use."""
+
+    def __init__(self, writer: Connections, readers: Connections, place: str, remedy: str) -> None:
         """Prepare it, unless it is away; raises EventStoreError if it can never be used.
 
-        `turn` is held during each use. Messages that it cannot be used name the place and the remedy.
+        Messages that it cannot be used name the place and the remedy.
         """
-        self._engine, self._turn, self._place, self._remedy = engine, turn, place, remedy
+        self._writer, self._readers, self._place, self._remedy = writer, readers, place, remedy
         self._is_prepared = False
         self.away_because = ""
         """Why it was away at first; empty if it was not."""
-        event.listen(engine, "connect", self._connected)
+        event.listen(writer.engine, "connect", self._connected)
         try:
             with self.writing():
                 pass
         except EventStoreError:
-            engine.dispose()
+            self.close()
             raise
         except EventsAwayError as error:  # the next call tries again
             self.away_because = str(error)
 
     @contextmanager
     def writing(self) -> Iterator[Connection]:
-        """Give a transaction, the only one that writes; raises EventsAwayError."""
-        with self.reading() as connection, connection.begin():
+        """Give a transaction, the only one that writes; raises EventsAwayError. Only one thread may use this."""
+        with self.loading() as connection, connection.begin():
             self._lock(connection)
             yield connection
 
     @contextmanager
-    def reading(self) -> Iterator[Connection]:
-        """Give a connection for reading; raises EventsAwayError."""
+    def loading(self) -> Iterator[Connection]:
+        """Give the connection that writes, for reading; raises EventsAwayError. Only one thread may use this."""
         is_first = not self._is_prepared
         try:
-            with self._turn, self._engine.connect() as connection:
+            with self._writer.use() as connection:
                 if not self._is_prepared:
                     self._prepare(connection)
                     self._is_prepared, is_first = True, False
@@ -91,18 +136,30 @@ class Database:
         except OtherFormatError as error:
             raise EventStoreError(self._with_remedy(str(error))) from None
         except (ValueError, LookupError) as error:  # a damaged file may hold anything, and SQLite does not see it
-            raise EventsAwayError(f"a row cannot be read: {_reason(error)}") from None
+            raise _unreadable(error) from None
         except (SQLAlchemyError, sqlite3.Error, OSError) as error:
             self._is_prepared = False
             reason = self._with_remedy(_reason(error)) if is_first else _reason(error)
             raise (EventStoreError if is_first and not _is_passing(error) else EventsAwayError)(reason) from None
+
+    @contextmanager
+    def reading(self) -> Iterator[Connection]:
+        """Give a connection of its own to a thread that reads; raises EventsAwayError."""
+        try:
+            with self._readers.use() as connection:
+                yield connection
+        except (ValueError, LookupError) as error:
+            raise _unreadable(error) from None
+        except (SQLAlchemyError, sqlite3.Error, OSError) as error:
+            raise EventsAwayError(_reason(error)) from None
 
     def _with_remedy(self, reason: str) -> str:
         return f"{self._place}: {reason}; {self._remedy}"
 
     def close(self) -> None:
         """Close the connections."""
-        self._engine.dispose()
+        self._readers.engine.dispose()
+        self._writer.engine.dispose()
 
     def used_bytes(self, connection: Connection) -> int:
         """Return the size of the used part of the file; later events fill the unused part first."""
@@ -131,35 +188,42 @@ class Database:
         self._is_prepared = False
 
 
+class MemoryDatabase(Database):
+    """A database that ends with the process. It has one connection, for one thread at a time."""
+
+    def __init__(self) -> None:
+        engine = create_engine("sqlite://", poolclass=StaticPool, connect_args=_SQLITE)
+        connections = Connections(engine, Lock())
+        super().__init__(connections, connections, "events in memory", "start the service again")
+
+    def _connected(self, connection: sqlite3.Connection, _: object) -> None:
+        super()._connected(connection, _)
+        connection.execute(_FOREIGN_KEYS)
+
+
 class FileDatabase(Database):
     """A SQLite file, which other programs may read. Several services may write to it."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        self._identity: tuple[int, int] | None = None
-        """Device and inode of the open file."""
-        arguments = {"check_same_thread": False, "isolation_level": None, "timeout": _BUSY_S}
-        url = URL.create("sqlite", database=str(path))
-        engine = create_engine(url, json_serializer=_compact_json, connect_args=arguments)
-        remedy = "set events.file to one that the service can write"
-        super().__init__(engine, nullcontext(), f"events file {path}", remedy)
+        writer, reader = (f"{path.absolute().as_uri()}?mode={mode}" for mode in ("rwc", "rw"))
+        identify = partial(_identity, path)
+        super().__init__(
+            Connections(_file_engine(writer, 1), identify=identify, on_replaced=self._note_replaced),
+            Connections(_file_engine(reader, READERS), identify=identify),
+            f"events file {path}",
+            "set events.file to one that the service can write",
+        )
+        event.listen(self._readers.engine, "connect", _only_read)
 
-    @contextmanager
-    def reading(self) -> Iterator[Connection]:
-        """Give a connection; raises EventsAwayError."""
-        if self._identity is not None and self._identity != _identity(self._path):
-            words = "the file of events was deleted or replaced while open; the record goes on in %s"
-            _log.error(words, self._path)
-            self._identity = None
-            self._engine.dispose()
-        with super().reading() as connection:
-            self._identity = self._identity or _identity(self._path)
-            yield connection
+    def _note_replaced(self) -> None:
+        words = "the file of events was deleted or replaced while open; the record goes on in %s"
+        _log.error(words, self._path)
 
     def _connected(self, connection: sqlite3.Connection, _: object) -> None:
         super()._connected(connection, _)
         for pragma in _PRAGMAS:
-            connection.execute(f"PRAGMA {pragma}")
+            connection.execute(pragma)
 
 
 class ServerDatabase(Database):
@@ -172,13 +236,12 @@ class ServerDatabase(Database):
             # Not quoted: it may hold a password.
             message = "events.url cannot be read; it looks like postgresql://beamtouch@127.0.0.1/beamtouch"
             raise EventStoreError(message) from None
-        given = {name: value for name, value in _CONNECT.items() if name not in parsed.query}
         try:
-            engine = create_engine(parsed, json_serializer=_compact_json, connect_args=given, pool_pre_ping=True)
+            writer, readers = (Connections(_server_engine(parsed, number)) for number in (1, READERS))
         except ModuleNotFoundError:
             raise EventStoreError("events.url needs psycopg; run: pip install 'beamtouch[postgresql]'") from None
         remedy = "check events.url, and that its server runs"
-        super().__init__(engine, nullcontext(), "the database of events.url", remedy)
+        super().__init__(writer, readers, "the database of events.url", remedy)
 
     def used_bytes(self, connection: Connection) -> int:
         """Return the size of the rows. The files of the database keep the room of deleted ones."""
@@ -197,11 +260,35 @@ class ServerDatabase(Database):
 def open_database(place: Path | str | None) -> Database:
     """Open a file, the database of a URL, or memory; raises EventStoreError."""
     if place is None:
-        arguments = {"check_same_thread": False, "isolation_level": None}
-        # One connection, for one thread at a time.
-        engine = create_engine("sqlite://", poolclass=StaticPool, connect_args=arguments)
-        return Database(engine, Lock(), "events in memory", "start the service again")
+        return MemoryDatabase()
     return ServerDatabase(place) if isinstance(place, str) else FileDatabase(place)
+
+
+def _file_engine(uri: str, connections: int) -> Engine:
+    return create_engine(
+        "sqlite://",
+        creator=lambda: sqlite3.connect(uri, uri=True, timeout=_BUSY_S, **_SQLITE),
+        poolclass=QueuePool,
+        pool_size=connections,
+        max_overflow=0,
+        json_serializer=_compact_json,
+    )
+
+
+def _only_read(connection: sqlite3.Connection, _: object) -> None:
+    connection.execute("PRAGMA query_only=ON")
+
+
+def _server_engine(url: URL, connections: int) -> Engine:
+    given = {name: value for name, value in _CONNECT.items() if name not in url.query}
+    return create_engine(
+        url,
+        json_serializer=_compact_json,
+        connect_args=given,
+        pool_pre_ping=True,
+        pool_size=connections,
+        max_overflow=0,
+    )
 
 
 def _identity(path: Path) -> tuple[int, int] | None:
@@ -210,6 +297,10 @@ def _identity(path: Path) -> tuple[int, int] | None:
     except OSError:
         return None
     return status.st_dev, status.st_ino
+
+
+def _unreadable(error: Exception) -> EventsAwayError:
+    return EventsAwayError(f"a row cannot be read: {_reason(error)}")
 
 
 def _is_passing(error: Exception) -> bool:

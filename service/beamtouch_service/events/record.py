@@ -104,6 +104,8 @@ class SurfaceRecord:
             if boot := self._boots.get(one.boot_id):
                 boot.made(one, numbers)
         if change.health.is_dirty:
-            change.health.version, change.health.is_dirty = change.health.version + 1, False
+            change.health.is_dirty = False
+            # The model may have changed meanwhile, and the health with it. It stands in the same row.
+            change.health.version = self._health.version = change.health.version + 1
             if change.health is self._health:
                 self.surface.health = self._health.state

@@ -6,25 +6,27 @@ the decision and the cursor of each boot in one transaction. The sender keeps ea
 
 import asyncio
 import logging
-import threading
 import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from functools import partial
 from typing import TypeVar
 
-from beamtouch_common.log import Repeated
 from beamtouch_service.events.database import EventsAwayError
 from beamtouch_service.events.event import OpenEvent
 from beamtouch_service.events.health import HealthHistory
 from beamtouch_service.events.record import SurfaceRecord
 from beamtouch_service.events.retention import Deleted, Retention
 from beamtouch_service.events.store import Change, Store
+from beamtouch_service.events.threads import in_thread
+from beamtouch_service.events.writer import Writer
 from beamtouch_service.samples import Batch
 from beamtouch_service.sections import EventsSection
 from beamtouch_service.surfaces.estimate import Estimate, Estimator
 from beamtouch_service.surfaces.surface import Surface
 
+COMMIT_S = 1.0
+"""Time between two commits."""
 LOAD_S = 0.4
 """A batch waits this long for what is on record of its boot; without it, its samples come again."""
 REST_S = 1.0
@@ -50,8 +52,8 @@ class Recorder:
         self.is_replica = replica
         """Whether other services have the samples of some surfaces."""
         self.store, self.retention = Store(events), Retention(events)
-        self.outages = self.races = 0
-        """Times that the record went away, and that another service had written what this one was about to write."""
+        self.races = 0
+        """Times that another service had written what this one was about to write."""
         self.on_written: Callable[[], None] = lambda: None
         """Called after each commit that ended events."""
         self._records: dict[str, SurfaceRecord] = {}
@@ -61,10 +63,9 @@ class Recorder:
         self._commit: asyncio.Task[None] | None = None
         self._begun_s = 0.0
         """When the commit that runs began [s, monotonic]."""
-        self._reason, self._fault = "", Repeated(_log)
+        self._writer = Writer(self.store)
         self._resume_s = self._tidied_s = float("-inf")
         self._upkeep: asyncio.Task[None] | None = None
-        self._note(self.store.away_because)
 
     def watch(self, surface: Surface) -> None:
         """State the health of a surface from the start, as far as it is on record."""
@@ -76,7 +77,12 @@ class Recorder:
         late_s = time.monotonic() - self._begun_s
         if self._commit and not self._commit.done() and late_s > QUERY_S:
             return f"the database has not answered for {late_s:.0f} s"
-        return self._reason
+        return self._writer.reason
+
+    @property
+    def outages(self) -> int:
+        """Times that the record went away."""
+        return self._writer.outages
 
     @property
     def waiting(self) -> dict[str, int]:
@@ -143,10 +149,10 @@ class Recorder:
     async def _read(self, surface: Surface, batch: Batch) -> None:
         model = surface.model
         try:
-            cursors, row = await in_thread(lambda: self.store.load(surface.name, batch.boot_id))
+            cursors, row = await self._writer.run(lambda store: store.load(surface.name, batch.boot_id))
         except EventsAwayError as error:
             self._resume_s = time.monotonic() + REST_S
-            self._note(str(error))
+            self._writer.note(str(error))
             return
         if surface.name not in self._records and model:
             health = await in_thread(lambda: HealthHistory(surface.name, model, row))
@@ -154,9 +160,14 @@ class Recorder:
         if record := self._records.get(surface.name):
             record.put(batch, cursors)
 
-    def maintain(self) -> None:
-        """Begin a commit, and tidy the record once a minute; call this about once a second."""
-        self.commit()
+    async def run(self) -> None:
+        """Make durable what was taken, and keep the record within its limits, until cancelled."""
+        while True:
+            self.commit()
+            self._begin_upkeep()
+            await asyncio.sleep(COMMIT_S)
+
+    def _begin_upkeep(self) -> None:
         if time.monotonic() - self._tidied_s >= TIDY_S and (self._upkeep is None or self._upkeep.done()):
             self._tidied_s = time.monotonic()
             self._upkeep = asyncio.create_task(self._tidy())
@@ -182,22 +193,22 @@ class Recorder:
 
     async def look(self, query: Callable[[Store], _T]) -> _T:
         """Return the answer to a query of what is durable; raises EventsAwayError."""
-        return await in_thread(lambda: query(self.store))
+        return await self._writer.run(query)
 
     async def _write_changes(self) -> None:
         records = dict(self._records)
         changes = [change for record in records.values() if (change := record.change())]
-        if changes or self._reason:
+        if changes or self._writer.reason:
             try:
-                numbers, lost = await in_thread(lambda: self._write(changes))
+                numbers, lost = await self._writer.run(lambda store: _write(store, changes))
             except BaseException as error:
                 for change in changes:
                     records[change.surface].take_back(change)
                 if not isinstance(error, EventsAwayError):
                     raise
-                self._note(str(error))
+                self._writer.note(str(error))
                 return
-            self._note("")
+            self._writer.note("")
             for change in changes:
                 if change.surface not in lost:
                     records[change.surface].made(change, numbers)
@@ -210,13 +221,6 @@ class Recorder:
         if self._unread:
             await self._read_health()
 
-    def _write(self, changes: list[Change]) -> tuple[dict[OpenEvent, int], set[str]]:
-        """Make changes durable. This runs in a thread: to find changes of sensors takes a while."""
-        for change in changes:
-            if change.best:
-                change.health.add(change.best)
-        return self.store.commit(changes)
-
     async def _read_health(self) -> None:
         """State the health that is on record of surfaces whose samples have not come yet."""
         surfaces = [(surface, surface.model) for surface in self._unread.values() if surface.model]
@@ -225,7 +229,7 @@ class Recorder:
             rows = await self.look(lambda store: store.healths())
         except EventsAwayError as error:
             self._unread = unread
-            self._note(str(error))
+            self._writer.note(str(error))
             return
         for surface, model in surfaces:
             history = await in_thread(partial(HealthHistory, surface.name, model, rows.get(surface.name)))
@@ -236,7 +240,7 @@ class Recorder:
         try:
             await self.tidy(time.time(), time.clock_gettime(time.CLOCK_BOOTTIME))
         except EventsAwayError as error:
-            self._note(str(error))
+            self._writer.note(str(error))
 
     async def tidy(self, clock_s: float, uptime_s: float) -> Deleted:
         """Keep the record within its limits, at the times of `Retention.tidy`; return how many events that costs."""
@@ -246,58 +250,33 @@ class Recorder:
     def _note_end(self, commit: "asyncio.Task[None]") -> None:
         """Note that the record is away if a commit ended in an error that no database is known to raise."""
         error = None if commit.cancelled() else commit.exception()
-        if error and self._fault.due(f"{error!r}"):
-            _log.error("the record cannot be written", exc_info=error)
         if error:
-            self._note(f"unexpected error ({error!r})")
+            self._writer.note_unexpected(error)
 
-    def _note(self, reason: str) -> None:
-        """Log that the record went away for this reason, or that it is back."""
-        if reason and not self._reason:
-            self.outages += 1
-            self._fault.failed(f"the record of events is away: {reason}; answers go on, and daemons keep their samples")
-        elif self._reason and not reason:
-            self._fault.over("the record of events is back")
-        self._reason = reason
+    async def flush(self) -> None:
+        """Make durable all that was taken so far, unless the record is away."""
+        if self._commit:
+            await asyncio.wait([self._commit])
+        await asyncio.wait([self.commit()])
 
-    def close(self) -> None:
-        """Write what is not durable, if that takes no longer than `STOP_S`, and close the database."""
-        changes = list[Change]()
-        # What a commit that still runs makes of the cursors is not known. The senders have the samples.
-        if self._commit is None or self._commit.done():
-            changes = [change for record in self._records.values() if (change := record.change())]
-        thread = threading.Thread(target=partial(self._close, changes), daemon=True)
-        thread.start()
-        thread.join(STOP_S)
-
-    def _close(self, changes: list[Change]) -> None:
-        try:
-            if changes:
-                self._write(changes)
-        except EventsAwayError as error:
-            _log.warning("the record of events is away at the stop: %s; daemons keep their samples", error)
-        self.store.close()
+    async def close(self) -> None:
+        """Make durable what was taken, if that takes no longer than `STOP_S`, and close the database."""
+        reason = f"it has not answered for {STOP_S:g} s"
+        with suppress(TimeoutError):
+            async with asyncio.timeout(STOP_S):
+                await self.flush()
+                reason = self._writer.reason
+        if reason:
+            _log.warning("the record of events is away at the stop: %s; daemons keep their samples", reason)
+        self._writer.end()
 
 
-def in_thread(call: Callable[[], _T]) -> "asyncio.Future[_T]":
-    """Run a call in a thread of its own, which the end of the process does not wait for."""
-    loop = asyncio.get_running_loop()
-    answer: asyncio.Future[_T] = loop.create_future()
-
-    def deliver(give: Callable[[], None]) -> None:
-        if not answer.done():
-            give()
-
-    def run() -> None:
-        try:
-            give = partial(answer.set_result, call())
-        except Exception as error:  # noqa: BLE001  # the caller gets it
-            give = partial(answer.set_exception, error)
-        with suppress(RuntimeError):  # the event loop may be closed
-            loop.call_soon_threadsafe(deliver, give)
-
-    threading.Thread(target=run, daemon=True).start()
-    return answer
+def _write(store: Store, changes: list[Change]) -> tuple[dict[OpenEvent, int], set[str]]:
+    """Make changes durable. This runs in a thread: to find changes of sensors takes a while."""
+    for change in changes:
+        if change.best:
+            change.health.add(change.best)
+    return store.commit(changes)
 
 
 def _without_model(surface: Surface, batch: Batch) -> tuple[int | None, int | None]:

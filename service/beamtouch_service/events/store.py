@@ -130,7 +130,7 @@ class Store:
         """Return the cursors of this boot and of those with an open event, and the row of the surface's health."""
         of_boot = (CURSORS.c.boot_id == boot_id) | CURSORS.c.event.is_not(null())
         query = select(CURSORS).where(CURSORS.c.surface == surface, of_boot)
-        with self.database.reading() as connection:
+        with self.database.loading() as connection:
             rows = connection.execute(query).all()
             numbers = [row.event for row in rows if row.event is not None]
             content = connection.execute(select(_c.id, *CONTENT).where(_c.id.in_(numbers)))
@@ -143,7 +143,7 @@ class Store:
 
     def healths(self) -> dict[str, dict[str, Any]]:
         """Return the row of the health of each surface."""
-        with self.database.reading() as connection:
+        with self.database.loading() as connection:
             return {row["surface"]: dict(row) for row in connection.execute(select(HEALTH)).mappings()}
 
     def commit(self, changes: Sequence[Change]) -> tuple[dict[OpenEvent, int], set[str]]:

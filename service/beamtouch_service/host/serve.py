@@ -110,7 +110,11 @@ async def _serve(config: uvicorn.Config, address: Address, context: Context, tas
         manager.stopping()
         context.streams.stop.set()
 
-    own: Tasks = {"clock": _tick, "progress": partial(_report_progress, manager=manager)}
+    own: Tasks = {
+        "clock": _tick,
+        "progress": partial(_report_progress, manager=manager),
+        "record": lambda context: context.recorder.run(),
+    }
     async with _running(context, {**own, **tasks}):
         listener = await address.listen(note)
         host, port = listener.getsockname()[:2]
@@ -126,7 +130,10 @@ async def _serve(config: uvicorn.Config, address: Address, context: Context, tas
 
 @asynccontextmanager
 async def _running(context: Context, work: Tasks) -> AsyncIterator[None]:
-    """Run tasks during a block. One that fails is missing from then on, and the others go on."""
+    """Run tasks during a block, and close the record after it.
+
+    A task that fails is missing from then on, and the others go on.
+    """
     tasks = [asyncio.create_task(task(context), name=name) for name, task in work.items()]
     for task in tasks:
         task.add_done_callback(partial(_note_failure, context))
@@ -136,6 +143,7 @@ async def _running(context: Context, work: Tasks) -> AsyncIterator[None]:
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
+        await context.recorder.close()
 
 
 def _note_failure(context: Context, task: asyncio.Task[None]) -> None:
@@ -145,15 +153,11 @@ def _note_failure(context: Context, task: asyncio.Task[None]) -> None:
 
 
 async def _report_progress(context: Context, *, manager: ServiceManager) -> None:
-    """Report progress to the manager while the loop turns and every surface can be asked.
-
-    The same look lets the record become durable.
-    """
+    """Report progress to the manager while the loop turns and every surface can be asked."""
     pause_s = min(PROGRESS_S, (manager.watchdog_s or PROGRESS_S) / 4)
     while True:
         for surface in context.registry:
             surface.standing(context.clock())
-        context.recorder.maintain()
         manager.alive()
         await asyncio.sleep(pause_s)
 

@@ -90,10 +90,7 @@ def run(settings: Settings) -> None:
         "models": lambda _context: models.watch(parts.keepers),
         **{section.name: output.run for section, output in zip(settings.outputs, parts.outputs, strict=True)},
     }
-    try:
-        serve(configure(app, server), parts.address, app.context, tasks)
-    finally:
-        recorder.close()
+    serve(configure(app, server), parts.address, app.context, tasks)
 
 
 def report(settings: Settings, *, as_json: bool) -> str:

@@ -123,6 +123,41 @@ def test_a_commit_that_hangs_does_not_hold_up_a_stop_and_what_is_durable_stays(
     assert service.post(log(batch_of() | {"samples": []})).json()["expected"] == 4
 
 
+STOPS_LATE = "from beamtouch_service.events import recorder; recorder.STOP_S = 60.0"
+SAYS_WHEN = """
+def said(part, name):
+    call = getattr(part, name)
+    def say(self, *given):
+        if not given or given[0]:
+            open(name, "a").write("x")
+        return call(self, *given)
+    setattr(part, name, say)
+
+from beamtouch_service.events import recorder
+said(recorder.Store, "commit")
+said(recorder.Recorder, "close")
+"""
+"""A character in a file for each commit of something, and for the close."""
+
+
+def test_a_stop_during_a_commit_makes_durable_what_came_meanwhile(start: StartService, tmp_path: Path) -> None:
+    service = start(code=f"{PATIENT}\n{HANGS}\n{STOPS_LATE}\n{SAYS_WHEN}")
+    service.post(batch_of(RESTING, TOUCHING, RESTING) | {"oldest": 1})
+    wait_until(lambda: on_record(tmp_path) == [("lift", 1)])
+    commits = (tmp_path / "commit").stat().st_size
+    with closing(sqlite3.connect(tmp_path / "events.db", isolation_level=None)) as other:
+        other.execute("BEGIN EXCLUSIVE")
+        service.post(batch_of(TOUCHING, sequence=4) | {"oldest": 1})
+        wait_until(lambda: (tmp_path / "commit").stat().st_size > commits)
+        service.post(batch_of(RESTING, TOUCHING, RESTING, sequence=5) | {"oldest": 1})
+        service.process.send_signal(signal.SIGTERM)
+        wait_until((tmp_path / "close").exists)
+        other.execute("ROLLBACK")
+    _, errors = service.process.communicate(timeout=60)
+    assert (service.process.wait(), "Traceback" in errors) == (0, False)
+    assert on_record(tmp_path) == [("lift", 1), ("lift", 1), ("lift", 1)]
+
+
 def let_files_grow(service: Service, *, grow: bool) -> None:
     soft = resource.RLIM_INFINITY if grow else 0
     resource.prlimit(service.process.pid, resource.RLIMIT_FSIZE, (soft, resource.RLIM_INFINITY))
