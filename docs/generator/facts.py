@@ -19,7 +19,8 @@ _MOST_LABELS = 4
 
 def openapi() -> dict[str, Any]:
     """Return the OpenAPI description of the service."""
-    with closing(Recorder()) as recorder:
+    recorder = Recorder()
+    with closing(recorder.store):
         return create_app([], recorder=recorder).openapi()
 
 
@@ -31,7 +32,8 @@ def problems() -> str:
 
 def metrics() -> str:
     """Return a table of the metrics of the service, and one of those of the daemon."""
-    with closing(Recorder()) as recorder:
+    recorder = Recorder()
+    with closing(recorder.store):
         counts = create_app([], recorder=recorder).context.counts
         for metric in vars(counts).values():
             if isinstance(metric, MetricWrapperBase):
