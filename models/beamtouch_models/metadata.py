@@ -108,6 +108,8 @@ class Floor(MetadataPart):
     """Relative error of the gain."""
     zero_mm: list[Deviation]
     """Error of the zero."""
+    drift_mm_per_min: Deviation = 0.0
+    """Drift of all zeros together in a minute; 0 if they do not drift."""
 
 
 class Influence(MetadataPart):

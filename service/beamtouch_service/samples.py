@@ -33,6 +33,7 @@ MAX_EARLIER = 64
 BootId = Annotated[str, Field(pattern=r"^[A-Za-z0-9-]{8,64}$")]
 ChannelName = Name
 Noise = Annotated[FiniteFloat, Field(gt=0, le=MAX_NOISE_MM)]
+Deviation = Annotated[FiniteFloat, Field(ge=0, le=MAX_NOISE_MM)]
 Covariance = Annotated[FiniteFloat, Field(ge=-(MAX_NOISE_MM**2), le=MAX_NOISE_MM**2)]
 BeamIdentity = Name
 SurfaceName = Name
@@ -97,6 +98,9 @@ class Sample(BaseModel):
 
     Null: the noise of a reading squared over `readings` on the diagonal, and nothing else.
     """
+    zero_mm: list[Deviation] | None = Field(default=None, min_length=2, max_length=2)
+    """How far zeros may have drifted since the last rest, beyond what the model allows for: all channels together, and
+    each by itself, as standard deviations [mm]. The service adds it to the covariance. Null: no further."""
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:

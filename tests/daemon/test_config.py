@@ -66,7 +66,7 @@ def test_the_example_is_valid_with_its_zero_tracking_and_its_table_too(tmp_path:
     path.write_text(f"{before}{TRACKING[2:]}{uncommented(block)}\n\n{rest.replace(line, '')}")
     surface = load_config(path).surfaces["bench"]
     assert surface.zero_tracking is not None
-    assert surface.zero_tracking.model_dump() == {"band_mm": 0.006, "rate_mm_per_min": 0.01, "max_mm": 0.05}
+    assert surface.zero_tracking.model_dump() == {"drift_um_per_min": 5, "max_mm": 0.1}
     first, second = surface.channels
     assert (first.table, second.table) == (((5000, 4.0), (20000, 2.4), (35000, 1.0)), None)
     assert (first.counts_range, first.stuck_after_ms) == ((-8388608, 8388607), 500)

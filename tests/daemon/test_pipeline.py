@@ -112,18 +112,29 @@ def test_a_frozen_channel_is_stuck_until_its_first_other_count_and_never_enters_
     assert qualities(unknown)[-1] is GOOD  # without a stated noise
 
 
-TRACKING = {"band_mm": 0.01, "rate_mm_per_min": 12.0, "max_mm": 1.0}
-"""0.001 mm a reading."""
+TRACKING = {"drift_um_per_min": 60.0, "max_mm": 0.02}
+TRACKED: dict[str, object] = {"noise_mm": NOISE_MM, "zero_tracking": TRACKING, "zero_drift_mm": 0.005}
 
 
 def test_a_tracked_zero_is_subtracted_before_the_filter_and_from_bad_channels_too() -> None:
-    pipeline = Pipeline(surface_of(filter=mean_of(1), zero_tracking=TRACKING))
-    taken = pipeline.process(readings_of(*[(20_050, 19_980)] * 210, (None, 25_000), (4000, 25_000)), 0.0)
-    assert taken[198].sample.deflection_mm == pytest.approx([0.005, -0.002])  # after a second the zeros begin to move
-    assert taken[202].sample.deflection_mm == pytest.approx([0.002, 0.0])
-    assert taken[209].sample.deflection_mm == pytest.approx([0.0, 0.0])
-    assert taken[210].sample.deflection_mm == [None, pytest.approx(0.502)]
-    assert taken[211].sample.deflection_mm == pytest.approx([-1.605, 0.502])
+    pipeline = Pipeline(surface_of(filter=mean_of(1), **TRACKED))
+    taken = pipeline.process(readings_of(*[(20_050, 19_980)] * 4000, (None, 25_000), (4000, 25_000)), 0.0)
+    assert taken[0].sample.deflection_mm == pytest.approx([0.005, -0.002])
+    assert taken[3999].sample.deflection_mm == pytest.approx([0.0, 0.0], abs=1e-4)
+    assert taken[4000].sample.deflection_mm == [None, pytest.approx(0.502, abs=1e-4)]
+    assert taken[4001].sample.deflection_mm == pytest.approx([-1.605, 0.502], abs=1e-4)
+
+
+def test_a_sample_says_how_far_zeros_may_have_drifted_once_it_is_more_than_is_allowed_for() -> None:
+    pipeline = Pipeline(surface_of(filter=mean_of(1), **TRACKED))
+    resting = pipeline.process(readings_of(*[(REST, REST)] * 400), 0.0)
+    assert {one.sample.zero_mm is None for one in resting} == {True}
+    pressed = pipeline.process(readings_of(*[(DOWN, DOWN)] * round(30 * RATE_HZ)), 0.0)
+    common_mm, own_mm = pressed[-1].sample.zero_mm or (0.0, 0.0)
+    assert common_mm == pytest.approx(TRACKING["max_mm"])  # 30 um in half a minute would be beyond it
+    assert own_mm == pytest.approx(0.0088, rel=0.1)
+    lifted = pipeline.process(readings_of(*[(REST, REST)] * 400), 0.0)
+    assert lifted[-1].sample.zero_mm is None
 
 
 KINDS: list[dict[str, object]] = [
@@ -142,10 +153,9 @@ def test_any_split_of_the_readings_gives_the_same_samples_to_the_bit(
 ) -> None:
     cuts = sorted(data.draw(st.lists(st.integers(0, len(rows)), max_size=6), label="cuts"))
     period_ms = data.draw(st.sampled_from([None, 37.5, 200.0]), label="period")
-    tracking = TRACKING | {"rate_mm_per_min": 60.0}
-    # A slow surface waits for ten readings before it follows its zeros.
-    keys = {"filter": kind, "noise_mm": NOISE_MM, "slowest_period_ms": period_ms, "rate_hz": 10.0}
-    surface = surface_of(2, {"stuck_after_ms": 500.0}, **keys, zero_tracking=tracking)
+    # A slow surface follows its zeros in blocks of four readings.
+    keys = {"filter": kind, "slowest_period_ms": period_ms, "rate_hz": 10.0}
+    surface = surface_of(2, {"stuck_after_ms": 500.0}, **keys, **TRACKED)
     readings = readings_of(*rows, *[(REST + 30, REST)] * 15)
     ends = zip([0, *cuts], [*cuts, len(readings)], strict=True)
     pieces = [readings[begin:end] for begin, end in ends if begin < end]

@@ -12,7 +12,7 @@ import facts
 from beamtouch_common.zones import BEGIN, HOLD, MAX_ZONES
 from beamtouch_daemon.delivery.log import MAX_BATCH
 from beamtouch_daemon.delivery.log_store import MEMORY_S
-from beamtouch_daemon.processing import at_rest, rate, zero_tracking
+from beamtouch_daemon.processing import at_rest, rate
 from beamtouch_daemon.running.acquisition import PATIENCE_S
 from beamtouch_daemon.sources import board, rtu_bus, rtu_unit
 from beamtouch_models import read_scene
@@ -20,7 +20,7 @@ from beamtouch_models.accuracy import thresholds
 from beamtouch_models.calibration import recordings
 from beamtouch_models.challenge import challenge
 from beamtouch_models.decision import decider, evidence, wrong_channels
-from beamtouch_models.filters import rest
+from beamtouch_models.filters import rest, zeros
 from beamtouch_models.filters.look import DRIFT_PART, STILL_PART
 from beamtouch_models.filters.motion import SCATTER_PART
 from beamtouch_models.health import changes
@@ -51,6 +51,7 @@ from beamtouch_service.surfaces.freshness import WINDOW_S
 from pasted import ROOT, blocks_of
 
 WORDS: dict[float, str] = {1: "a", 2: "two", 3: "three", 4: "four", 5: "five", 10: "ten"}
+TIMES = {2.0: "twice"}
 PARTS = {0.1: "a tenth", 0.02: "a fiftieth", 0.125: "an eighth", 0.25: "a quarter", 0.4: "two fifths", 0.5: "half"}
 DOUBTFUL = sum(1 << note.bit for note in (Note.OVERLOAD, Note.UNSTEADY, Note.UNCHECKED, Note.SENDERS))
 PROBLEMS = min(code for state, (code, _) in STATES.items() if isinstance(state, Kind))
@@ -129,7 +130,7 @@ STATED = {
         f"tare allows {WORDS[at_rest.STATED_DEVIATIONS]} times",
         f"is asked again after {rtu_bus.REST_TIMEOUTS:g} timeouts",
         f"after {rtu_unit.FORGOTTEN_S:g} s or {rtu_unit.FORGOTTEN_TIMEOUTS} timeouts",
-        f"the band for {zero_tracking.CALM_S:g} s",
+        f"What changes more than {TIMES[zeros.SPEED]} as fast is a load",
         f"gap that differs by {PARTS[at_rest.LOAD_SHARE]} of it.",
         f"Default: by {PARTS[at_rest.MOUNTED_WITHIN]} of range_mm",
         f"or {PARTS[at_rest.DRIFTS_WITHIN]} from the last tare",

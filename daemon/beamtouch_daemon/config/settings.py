@@ -76,7 +76,8 @@ class Surface(Strict):
     filter: Filter = NoFilter()
     """Filter from readings to samples."""
     zero_tracking: ZeroTracking | None = None
-    """Follows a slow drift of the rest gaps; default: no tracking."""
+    """Follows the drift of the rest gaps, and says how uncertain they are since the last rest; needs `noise_mm`.
+    Default: rest gaps are taken to stay within `zero_drift_mm` of the last tare."""
     loads: Loads | None = None
     """Default: `record` checks neither positions nor forces."""
     channels: Annotated[tuple[Channel, ...], Field(strict=False, min_length=1, max_length=MAX_CHANNELS)]
@@ -97,6 +98,8 @@ class Surface(Strict):
         message = ""
         if isinstance(self.filter, GrowingMean) and self.noise_mm is None:
             message = 'filter.kind = "growing-mean" needs noise_mm; `beamtouch-daemon noise` measures it'
+        elif self.zero_tracking is not None and self.noise_mm is None:
+            message = "zero_tracking needs noise_mm; `beamtouch-daemon noise` measures it"
         elif isinstance(self.filter, GrowingMean) and self.filter.longest(self.rate_hz) > MAX_MEAN_READINGS:
             message = (
                 f"filter.max_mean_ms: at most {MAX_MEAN_READINGS / self.rate_hz * 1e3:g}, "

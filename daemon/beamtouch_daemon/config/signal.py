@@ -92,14 +92,13 @@ Filter = Annotated[NoFilter | MovingAverage | GrowingMean, Field(discriminator="
 
 
 class ZeroTracking(Strict):
-    """Follows a slow drift of the rest gaps while nothing touches the beam."""
+    """Follows the drift of the rest gaps at each rest, and says how uncertain they are since."""
 
-    band_mm: Positive
-    """Zeros move only while no channel deflects by more than this. A load below it in all channels counts as drift."""
-    rate_mm_per_min: Positive
-    """Fastest drift that is followed."""
+    drift_um_per_min: Positive
+    """How fast the gaps drift at rest, as a standard deviation: all together as a hall warms, each by itself half as
+    fast. What changes more than twice as fast is a load."""
     max_mm: Positive
-    """Largest total correction of a channel, either way."""
+    """Largest distance from the last tare that counts as drift, either way."""
 
 
 class Channel(Strict):

@@ -32,6 +32,8 @@ DRIFTS_WITHIN = 0.02
 LOAD_SHARE = 0.1
 """The same for both, as a part of what the smallest force causes where it moves the channel most. Smaller parts would
 refuse ordinary settling. With it, the smallest force shows everywhere but within a few percent of the supports."""
+FEWEST_WARM = 3
+"""Fewest channels whose common difference may be warmth: a load between two moves both alike."""
 STATED_DEVIATIONS = 4.0
 """A difference within this many standard deviations of the stated drift is never refused."""
 
@@ -139,16 +141,25 @@ def describe_comparison(rest_gap_mm: Mapping[str, float], last_mm: Mapping[str, 
 def _differences(
     rest_gap_mm: Mapping[str, float], last_mm: Mapping[str, float], surface: Surface
 ) -> list[tuple[str, float, float]]:
-    """Return name, difference [mm] and largest allowed difference [mm] of each channel."""
-    followed_mm = surface.zero_tracking.max_mm if surface.zero_tracking else 0.0
-    drift_mm = max(followed_mm, STATED_DEVIATIONS * surface.zero_drift_mm)
+    """Return name, difference [mm] and largest allowed difference [mm] of each channel.
+
+    What all channels have in common counts as warmth, as far as zero tracking would follow it: no load moves all alike.
+    """
+    moved_mm = {
+        channel.name: rest_gap_mm[channel.name] - last_mm.get(channel.name, channel.rest_gap_mm)
+        for channel in surface.channels
+    }
+    warmth_mm, most_mm = 0.0, surface.zero_tracking.max_mm if surface.zero_tracking and last_mm else 0.0
+    if len(moved_mm) >= FEWEST_WARM:
+        warmth_mm = min(max(float(np.median(list(moved_mm.values()))), -most_mm), most_mm)
+    drift_mm = STATED_DEVIATIONS * surface.zero_drift_mm
     differences = []
     for channel in surface.channels:
         largest_mm = (DRIFTS_WITHIN if last_mm else MOUNTED_WITHIN) * (channel.range_mm[1] - channel.range_mm[0])
         if channel.smallest_force_mm is not None:
             largest_mm = min(largest_mm, LOAD_SHARE * channel.smallest_force_mm)
-        difference_mm = rest_gap_mm[channel.name] - last_mm.get(channel.name, channel.rest_gap_mm)
-        differences.append((channel.name, difference_mm, max(largest_mm, drift_mm) + (surface.noise_mm or 0.0)))
+        allowed_mm = max(largest_mm, drift_mm) + (surface.noise_mm or 0.0)
+        differences.append((channel.name, moved_mm[channel.name] - warmth_mm, allowed_mm))
     return differences
 
 

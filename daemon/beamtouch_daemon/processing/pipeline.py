@@ -65,8 +65,7 @@ class Pipeline:
         self._longest_runs = stuck.longest_runs(surface)
         self._judges_runs = bool(np.isfinite(self._longest_runs).any())
         self._runs = stuck.Runs(channels)
-        tracking = surface.zero_tracking
-        self._zeros = None if tracking is None else ZeroTracker(tracking, surface.rate_hz, channels)
+        self._zeros = ZeroTracker.of(surface)
         self._sequence = 1
 
     @property
@@ -97,20 +96,24 @@ class Pipeline:
         raw = self._characteristic.deflection(gap_mm)
         lost = [reading.lost for reading in readings]
         good = codes == _GOOD
-        zeroed = self._zeroed(raw, good, lost)
+        zeros = None if self._zeros is None else self._zeros.track(np.where(good, raw, np.nan), lost)
+        zeroed = raw if zeros is None else raw - zeros.zero_mm
         filtered = self._filtered(np.where(good, zeroed, np.nan), lost, good, zeroed[-1], counts[-1])
         at_rest = len(readings) - len(filtered.moves)
         readings, codes, good, zeroed = readings[at_rest:], codes[at_rest:], good[at_rest:], zeroed[at_rest:]
         values, stated = np.where(good, filtered.mean_mm, zeroed), uncertainties(filtered)
+        drifts: list[list[float] | None] = [None] * len(readings)
+        if self._zeros is not None and zeros is not None:
+            drifts = self._zeros.stated(zeros, filtered)
         unsettled = (codes == _GOOD) & np.isnan(values)  # the filter has too few readings
         waits = [False] * len(readings)
         if unsettled.any():
             codes[unsettled] = _MISSING
             waits = (unsettled.any(axis=1) & ~(codes == _GOOD).any(axis=1)).tolist()
-        rows = zip(readings, values.tolist(), codes.tolist(), stated, waits, strict=True)
+        rows = zip(readings, values.tolist(), codes.tolist(), stated, drifts, waits, strict=True)
         return [
-            Taken(reading, self._sample(reading.monotonic_s + unix_minus_monotonic_s, value, code, doubt), notes)
-            for reading, value, code, doubt, wait in rows
+            Taken(reading, self._sample(reading.monotonic_s + unix_minus_monotonic_s, value, code, doubt, drift), notes)
+            for reading, value, code, doubt, drift, wait in rows
             if not wait
         ]
 
@@ -119,10 +122,6 @@ class Pipeline:
         if self._judges_runs:
             codes[(codes == _GOOD) & (self._runs.lengths(counts) > self._longest_runs)] = _STUCK
         return codes
-
-    def _zeroed(self, raw: FloatArray, good: NDArray[np.bool_], lost: Sequence[int]) -> FloatArray:
-        """Return deflections from the tracked zeros; `lost` is the readings lost before each."""
-        return raw if self._zeros is None else raw - self._zeros.track(np.where(good, raw, np.nan), lost)
 
     def _filtered(
         self,
@@ -151,7 +150,14 @@ class Pipeline:
             return filtered.at(np.array([len(filtered.moves) - 1]))
         return filtered
 
-    def _sample(self, unix_s: float, values: list[float], codes: list[int], uncertainty: Uncertainty) -> Sample:
+    def _sample(
+        self,
+        unix_s: float,
+        values: list[float],
+        codes: list[int],
+        uncertainty: Uncertainty,
+        zero_mm: list[float] | None,
+    ) -> Sample:
         # The service validates what it receives; to do so here as well would double the cost of a covariance.
         sample = Sample.model_construct(
             sequence=self._sequence,
@@ -160,6 +166,7 @@ class Pipeline:
             quality=[QUALITIES[code] for code in codes],
             readings=uncertainty.readings,
             covariance_mm2=uncertainty.covariance_mm2,
+            zero_mm=zero_mm,
         )
         self._sequence += 1
         return sample

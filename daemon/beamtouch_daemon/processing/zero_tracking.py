@@ -1,60 +1,45 @@
-"""Zero tracking: removes a slow drift of the rest gaps from the deflections while nothing touches the beam.
+"""Zero tracking of a surface: its zeros follow what drifts at rest, and each sample says how far they may have drifted.
 
-It follows the rule of weighing instruments (OIML R 76-1): near zero, when stable, slowly, within a limit. When
-all channels have been good and within a band for a second, the zero of each channel moves towards its deflection, at a
-limited rate and up to a limited total. Anything else stops all zeros until a second after it. Lost readings are no
-disturbance, and prove no calm; only a gap of a second is like one. So a sudden contact that
-deflects any channel by more than the band never counts as drift, however long it lasts. A contact that stays within the
-band in all channels does, and so does one that grows as slowly as the rate, until the total is reached.
-
-The band applies to single readings. It must be a few standard deviations wide, or noise alone stops the zeros: Gaussian
-noise exceeds 4.5 standard deviations once in 150 000 readings. A wider band misses light contacts.
+`beamtouch_models.filters.zeros` has the rule.
 """
 
-import math
 from collections.abc import Sequence
+from typing import Self
 
-import numpy as np
+from beamtouch_daemon.config.settings import Surface
+from beamtouch_daemon.processing.filters import steps_mm
+from beamtouch_models.filters import Filtered, FloatArray, Tracked, Walk, Zeros, beyond_start
 
-from beamtouch_daemon.config.signal import ZeroTracking
-from beamtouch_models.filters import FloatArray
-
-CALM_S = 1.0
-CALM_READINGS = 10
-"""Zeros move after the longer of this time and this number of readings within the band."""
+DIGITS = 3
 
 
 class ZeroTracker:
-    """The zeros of one surface. Any split of the stream of readings gives the same zeros.
+    """The zeros of one surface."""
 
-    Steps of a limited size make a zero follow the median, which a few odd readings do not move.
-    """
+    def __init__(self, surface: Surface, walk: Walk, noise_mm: float) -> None:
+        period = (surface.slowest_period_ms or 0.0) * surface.rate_hz / 1e3
+        channels = len(surface.channels)
+        self._walk, self._noise_mm = walk, noise_mm
+        self._zeros = Zeros(walk, surface.rate_hz, noise_mm, steps_mm(surface), period, channels)
 
-    def __init__(self, settings: ZeroTracking, rate_hz: float, channels: int) -> None:
-        self.zero_mm: FloatArray = np.zeros(channels)
-        """Zero of each channel after the last reading, shape (channels,)."""
-        self.calm_after = max(CALM_READINGS, math.ceil(CALM_S * rate_hz))
-        """Readings in a row within the band, including the newest, before zeros move."""
-        self._settings = settings
-        self._step_mm = settings.rate_mm_per_min / 60 / rate_hz
-        self._calm = 0
-        """Readings within the band since the last disturbance."""
+    @classmethod
+    def of(cls, surface: Surface) -> Self | None:
+        """Return that of a surface; None if it does not track its zeros."""
+        tracking, noise_mm = surface.zero_tracking, surface.noise_mm
+        if tracking is None or noise_mm is None:
+            return None
+        return cls(surface, Walk(tracking.drift_um_per_min / 1e3, tracking.max_mm, surface.zero_drift_mm), noise_mm)
 
-    def track(self, deflection: FloatArray, lost: Sequence[int] | None = None) -> FloatArray:
-        """Return the zero to subtract from each deflection [mm]; it depends only on earlier readings.
+    def track(self, deflection_mm: FloatArray, lost: Sequence[int]) -> Tracked:
+        """Return the zeros of each reading; arguments as of `Zeros.track`."""
+        return self._zeros.track(deflection_mm, lost)
 
-        Parameters
-        ----------
-        deflection : Deflections [mm], shape (readings, channels), oldest first; NaN where a channel is not good.
-        lost : Number of readings lost before each, shape (readings,); None: none.
-        """
-        zeros = np.empty_like(deflection)
-        band_mm, max_mm = self._settings.band_mm, self._settings.max_mm
-        for row, (value, gap) in enumerate(zip(deflection, lost or [0] * len(deflection), strict=True)):
-            zeros[row] = self.zero_mm
-            left = value - self.zero_mm
-            is_calm = bool(np.all(np.abs(left) <= band_mm))  # NaN, a channel that is not good, is outside the band too
-            self._calm = (0 if gap >= self.calm_after else self._calm) + 1 if is_calm else 0
-            if self._calm >= self.calm_after:
-                self.zero_mm = np.clip(self.zero_mm + np.clip(left, -self._step_mm, self._step_mm), -max_mm, max_mm)
-        return zeros
+    def stated(self, tracked: Tracked, filtered: Filtered) -> list[list[float] | None]:
+        """Return what samples say of how far their zeros may have drifted; the samples are of the last readings."""
+        count = len(filtered.mean_mm)
+        last = Tracked(*(values[len(values) - count :] for values in tracked))
+        variance_mm2 = filtered.relative_variance * self._noise_mm**2
+        beyond = beyond_start(last, self._walk, filtered.mean_mm, variance_mm2)
+        if not beyond.any():
+            return [None] * count
+        return [[float(f"{mm:.{DIGITS}g}") for mm in pair] if any(pair) else None for pair in beyond.tolist()]

@@ -9,6 +9,7 @@ from jinja2 import Environment, StrictUndefined
 from beamtouch_common.files import write_atomically
 from beamtouch_models.metadata import Metadata
 from beamtouch_models.surface import Surface
+from beamtouch_models.walk import smallest_mm, walk_of
 
 TOKEN_FILE = "beamtouch.token"  # noqa: S105  # the name of a file, not a secret
 RIG_PORT = 5020
@@ -22,7 +23,6 @@ def daemon_config(metadata: Metadata) -> str:
     rest gap, and the slowest period of a beam of unknown mass.
     """
     surface = Surface.of_model(metadata)
-    most_mm_per_n = [max(map(abs, column)) for column in zip(*metadata.influence.mm_per_n, strict=True)]
     # Names have letters, digits and "_.-" only: nothing is to be escaped.
     form = Environment(undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True).from_string(  # noqa: S701  # TOML
         files(__package__).joinpath("daemon_config.toml.j2").read_text(encoding="utf-8")
@@ -34,7 +34,8 @@ def daemon_config(metadata: Metadata) -> str:
         rig_port=RIG_PORT,
         drift_mm=surface.readings.drift_mm,
         period_ms=surface.slowest_period_ms,
-        smallest_mm=[metadata.ranges.force_n[0] * most for most in most_mm_per_n],
+        smallest_mm=smallest_mm(metadata),
+        walk=walk_of(metadata, surface.readings),
     )
 
 

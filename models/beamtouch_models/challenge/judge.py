@@ -9,6 +9,7 @@ from beamtouch_models.arrays import Bools, Floats, Indices
 from beamtouch_models.challenge.play import SimulatedSurface
 from beamtouch_models.decision.decider import AT_REST, Hypotheses, State
 from beamtouch_models.decision.evidence import Weighed, evidence, is_overload, is_unchecked
+from beamtouch_models.filters import Zeros, beyond_start
 from beamtouch_models.pricing.noise import chain_of
 from beamtouch_models.session import Run
 
@@ -86,13 +87,23 @@ def _filter(surface: SimulatedSurface, readings_mm: Floats, came: Bools) -> Weig
     noise_mm, per_count_mm = metadata.noise.reading_mm, metadata.sensor.gain_mm_per_count
     chain = chain_of(metadata.filter, channels, noise_mm, per_count_mm, surface.slowest_period)
     mean, variance = np.full((2, *readings_mm.shape), np.nan)
-    covariance = np.zeros((*readings_mm.shape, channels))
+    covariance, drift = np.zeros((*readings_mm.shape, channels)), np.zeros((*readings_mm.shape[:2], 2))
+    walk = surface.walk
+    zeros = walk and Zeros(walk, metadata.sensor.rate_hz, noise_mm, per_count_mm, surface.slowest_period, channels)
     for draw, (readings, there) in enumerate(zip(readings_mm, came, strict=True)):
         chain.restart()
-        skipped = np.diff(np.flatnonzero(there), prepend=-1) - 1
-        filtered = chain.apply(readings[there], skipped.tolist())
+        skipped = (np.diff(np.flatnonzero(there), prepend=-1) - 1).tolist()
+        values = readings[there]
+        if walk and zeros:
+            zeros.restart()
+            tracked = zeros.track(values, skipped)
+            values = values - tracked.zero_mm
+        filtered = chain.apply(values, skipped)
         mean[draw, there], variance[draw, there] = filtered.mean_mm, filtered.relative_variance
         covariance[draw, there] = filtered.covariance_mm2
+        if walk and zeros:
+            noise_mm2 = filtered.relative_variance * noise_mm**2
+            drift[draw, there] = beyond_start(tracked, walk, filtered.mean_mm, noise_mm2)
     # A channel whose newest reading is not good takes no part, whatever its filter still holds.
     valid = ~(np.isnan(mean) | np.isnan(readings_mm))
     every = (-1, channels)
@@ -101,4 +112,4 @@ def _filter(surface: SimulatedSurface, readings_mm: Floats, came: Bools) -> Weig
         covariance.reshape(-1, channels, channels),
         np.nan_to_num(variance).reshape(every) * noise_mm**2,
         valid.reshape(every),
-    )
+    ).with_zeros(np.square(drift).reshape(-1, 2) if drift.any() else None)

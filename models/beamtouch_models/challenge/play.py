@@ -8,9 +8,11 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from beamtouch_models.arrays import Bools, Floats
+from beamtouch_models.filters import Walk
 from beamtouch_models.metadata import Metadata
 from beamtouch_models.scene import Scene
 from beamtouch_models.surface import Surface
+from beamtouch_models.walk import walk_of
 from beamtouch_models.world import SensorErrors, World
 
 SPARE = 8
@@ -30,6 +32,8 @@ class SimulatedSurface:
     """(channels,) standard deviation of the relative gain error."""
     zero_mm: Floats
     """(channels,) standard deviation of the zero."""
+    walk: Walk | None = None
+    """The drift of the zeros; None if they do not drift."""
 
     @classmethod
     def of(cls, metadata: Metadata) -> Self:
@@ -48,7 +52,8 @@ class SimulatedSurface:
         steps_mm2 = metadata.sensor.gain_mm_per_count**2 / 12
         noise_mm = float(np.sqrt(max(0.0, metadata.noise.reading_mm**2 - steps_mm2)))
         world = World.of(surface.stated, metadata.sensor, metadata.layout_mm, noise_mm, metadata.departures)
-        return cls(metadata, surface.stated, world, surface.slowest_period, gain, zero_mm)
+        walk = walk_of(metadata, surface.readings)
+        return cls(metadata, surface.stated, world, surface.slowest_period, gain, zero_mm, walk)
 
     @property
     def channels(self) -> int:

@@ -34,6 +34,9 @@ class Weighed:
     """(samples, channels), variance of these means if their readings held nothing but noise."""
     valid: Bools
     """(samples, channels), False for a channel that is missing."""
+    zero_mm2: Floats | None = None
+    """(samples, 2), the part of the covariance that the zeros add since the last rest: variance of what moved all of
+    them together, and of each by itself. None: nothing."""
 
     @cached_property
     def is_whole(self) -> bool:
@@ -47,7 +50,21 @@ class Weighed:
     @classmethod
     def stacked(cls, samples: Sequence["Weighed"]) -> "Weighed":
         """Return samples as one, so that the graph runs once."""
-        return cls(*(np.concatenate([getattr(one, part.name) for one in samples]) for part in fields(cls)))
+        each = ([getattr(one, part.name) for one in samples] for part in fields(cls))
+        return cls(*(None if values[0] is None else np.concatenate(values) for values in each))
+
+    @property
+    def still_mm2(self) -> Floats:
+        """(samples, channels, channels), covariance if the readings held nothing but noise."""
+        noise: Floats = self.noise_mm2[:, :, None] * np.eye(self.noise_mm2.shape[1])
+        return noise if self.zero_mm2 is None else noise + _of_zeros(self.zero_mm2, noise.shape[1])
+
+    def with_zeros(self, zero_mm2: Floats | None) -> "Weighed":
+        """Return the samples with the variances of their zeros since the last rest."""
+        if zero_mm2 is None:
+            return self
+        covariance_mm2 = self.covariance_mm2 + _of_zeros(zero_mm2, self.valid.shape[1])
+        return replace(self, covariance_mm2=covariance_mm2, zero_mm2=zero_mm2)
 
     def noisier(self, extra_mm2: Floats) -> "Weighed":
         """Return the samples with more variance (samples, channels), which is none of their noise."""
@@ -55,13 +72,22 @@ class Weighed:
 
     def part(self, rows: Indices) -> "Weighed":
         """Return some of the samples."""
-        return Weighed(self.deflection_mm[rows], self.covariance_mm2[rows], self.noise_mm2[rows], self.valid[rows])
+        zero_mm2 = None if self.zero_mm2 is None else self.zero_mm2[rows]
+        return Weighed(
+            self.deflection_mm[rows], self.covariance_mm2[rows], self.noise_mm2[rows], self.valid[rows], zero_mm2
+        )
 
     def without(self, channel: Indices) -> "Weighed":
         """Return the same samples as if a channel of each (samples,) were missing."""
         valid = self.valid.copy()
         valid[np.arange(len(valid)), channel] = False
         return replace(self, deflection_mm=np.where(valid, self.deflection_mm, 0.0), valid=valid)
+
+
+def _of_zeros(zero_mm2: Floats, channels: int) -> Floats:
+    """Return the covariances (samples, channels, channels) of zeros with these variances (samples, 2)."""
+    covariance: Floats = zero_mm2[:, :1, None] + zero_mm2[:, 1:, None] * np.eye(channels)
+    return covariance
 
 
 class Evidence(NamedTuple):
@@ -125,7 +151,10 @@ def evidence(metadata: Metadata, run: Run, samples: Weighed) -> list[Evidence]:
     """
     noise = samples.of_valid(samples.noise_mm2)
     variance = samples.of_valid(np.einsum("nii->ni", samples.covariance_mm2))
-    usual_mm2 = samples.of_valid(np.maximum(noise, metadata.noise.sample_mm**2))
+    usual_mm2 = np.maximum(noise, metadata.noise.sample_mm**2)
+    if samples.zero_mm2 is not None:
+        usual_mm2 += samples.zero_mm2.sum(axis=1, keepdims=True)
+    usual_mm2 = samples.of_valid(usual_mm2)
     moves = variance.sum(axis=1) > MOVING * usual_mm2.sum(axis=1)
     settled: list[bool] = np.all(noise <= SETTLED * metadata.noise.sample_mm**2, axis=1).tolist()
     # The graph runs once: for the samples as they are, and for those that move as if they were still.
@@ -133,7 +162,7 @@ def evidence(metadata: Metadata, run: Run, samples: Weighed) -> list[Evidence]:
     every = samples
     if len(moving):
         part = samples.part(moving)
-        as_still = replace(part, covariance_mm2=part.noise_mm2[:, :, None] * np.eye(noise.shape[1]))
+        as_still = replace(part, covariance_mm2=part.still_mm2)
         every, still[moving] = Weighed.stacked([samples, as_still]), len(moves) + np.arange(len(moving))
     floor, valid = metadata.floor, None if samples.is_whole else every.valid
     weights = whitening(every.deflection_mm, every.covariance_mm2, floor.gain, floor.zero_mm, valid)

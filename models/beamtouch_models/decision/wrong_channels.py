@@ -122,6 +122,7 @@ class Wiring(NamedTuple):
             sample.covariance_mm2[:, self.order][:, :, self.order] * np.outer(signs, signs),
             sample.noise_mm2[:, self.order],
             sample.valid[:, self.order],
+            sample.zero_mm2,
         )
 
 

@@ -16,5 +16,18 @@ from beamtouch_models.filters.chain import Chain, Mean, readings_within, unit_of
 from beamtouch_models.filters.filtered import Filtered
 from beamtouch_models.filters.readings import FloatArray
 from beamtouch_models.filters.rest import Rest
+from beamtouch_models.filters.zeros import Tracked, Walk, Zeros, beyond_start
 
-__all__ = ["Chain", "Filtered", "FloatArray", "Mean", "Rest", "readings_within", "unit_of"]
+__all__ = [
+    "Chain",
+    "Filtered",
+    "FloatArray",
+    "Mean",
+    "Rest",
+    "Tracked",
+    "Walk",
+    "Zeros",
+    "beyond_start",
+    "readings_within",
+    "unit_of",
+]

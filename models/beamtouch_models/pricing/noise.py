@@ -1,7 +1,7 @@
 """Noise of a reading and of a sample, and the filter between them that fits the latency of a scene."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Self
 
@@ -20,6 +20,8 @@ GAIN_ERROR = 0.003
 """Relative gain error that is left after calibration, if the scene does not state it."""
 ZERO_SHARE = 0.2
 """Drift of the zero since the last tare over the noise of a reading, if the scene does not state it."""
+MINUTE_SHARE = 1.0
+"""Drift of all zeros in a minute over the noise of a reading, if the scene does not state it."""
 
 HARMONICS = 1000
 """Harmonics of the rounding error; those beyond it hold 0.03 % of its standard deviation."""
@@ -50,6 +52,8 @@ class ReadingErrors:
     """Drift of a zero since the last tare; ZERO_SHARE of a reading's noise if the scene does not state it."""
     warmth_mm: float
     """Drift of a zero with the temperature; 0 if the scene does not state it."""
+    drift_mm_per_min: float
+    """Drift of all zeros together in a minute; MINUTE_SHARE of a reading's noise if the scene does not state it."""
 
     @classmethod
     def of(cls, scene: Scene, max_deflection_mm: float) -> Self:
@@ -65,8 +69,16 @@ class ReadingErrors:
             # The temperatures of the last tare and of a sample are independent and uniform over the range, so their
             # difference has the standard deviation range / sqrt(6).
             warmth_mm = 1e-3 * sensors.drift_um_per_k * (range_k[1] - range_k[0]) / math.sqrt(6)
-        errors = cls(sensor_mm, step, gain, sensors.zero_drift_mm or 0.0, warmth_mm)
-        return errors if sensors.zero_drift_mm is not None else replace(errors, zero_mm=ZERO_SHARE * errors.reading_mm)
+        reading_mm = math.hypot(sensor_mm, step / math.sqrt(12))
+        um_per_min = scene.environment.drift_um_per_min
+        return cls(
+            sensor_mm,
+            step,
+            gain,
+            zero_mm=ZERO_SHARE * reading_mm if sensors.zero_drift_mm is None else sensors.zero_drift_mm,
+            warmth_mm=warmth_mm,
+            drift_mm_per_min=MINUTE_SHARE * reading_mm if um_per_min is None else 1e-3 * um_per_min,
+        )
 
     @property
     def reading_mm(self) -> float:

@@ -38,7 +38,7 @@ class Scene(Strict):
     requirements: Requirements = Field(default_factory=Requirements)
     """Requirements of the surface; all have defaults."""
     environment: Environment = Field(default_factory=Environment)
-    """Temperatures around the surface."""
+    """Temperatures around the surface, and what they do to the zeros."""
 
     @model_validator(mode="after")
     def _on_the_beam(self) -> Self:

@@ -76,7 +76,7 @@ class Estimator:
 
     def _chunk(self, samples: Sequence[Sample], characteristic: str | None) -> list[Estimate]:
         deflection_mm, valid, bad = self._values(samples)
-        weighed = Weighed(deflection_mm, *self._errors(samples), valid)
+        weighed = Weighed(deflection_mm, *self._errors(samples), valid).with_zeros(self._zeros(samples))
         outcomes: Sequence[Evidence | Problem]
         if weighed.is_whole:
             outcomes = self._evidence(weighed)
@@ -129,6 +129,12 @@ class Estimator:
             covariance_mm2[stated] = triangles[:, self._entries]
             variances[stated] += noise_mm2[stated] - self._stated_mm2 / readings[stated]
         return covariance_mm2.reshape(-1, channels, channels), noise_mm2
+
+    def _zeros(self, samples: Sequence[Sample]) -> NDArray[np.float64] | None:
+        """Return the variances of the zeros (samples, 2) [mm^2]; None if no sample states any."""
+        if all(sample.zero_mm is None for sample in samples):
+            return None
+        return np.square([sample.zero_mm or (0.0, 0.0) for sample in samples])
 
     def _evidence(self, samples: Weighed) -> list[Evidence | Problem]:
         """Return the evidence in each sample. One without a usable covariance does not spoil the others."""

@@ -1,0 +1,354 @@
+"""Zeros that walk: follows the deflections at rest, and says how uncertain they are since the last rest. Numpy only.
+
+A load is fast and a drift is slow, so the rate decides. Readings are taken in blocks. While nothing touches the beam,
+the zero of each channel follows them as a Kalman filter does: its variance p grows with the time since the last rest,
+and a block with the variance R moves it by p / (p + R) of the way. What all channels do together is warmth before it is
+anything else, so most of the growth is common to all of them.
+
+A block that leaves this uncertainty is a load. It stays one until the readings change by more than a drift does, and
+are back within what zeros may have drifted meanwhile. A load that comes so slowly that it looks like a drift moves the
+zeros no faster than twice the stated rate, and nothing moves them beyond a limit since the last tare.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beamtouch_models.filters.readings import FloatArray
+from beamtouch_models.filters.significance import chi_square_quantile
+
+BLOCK_S, BLOCK_READINGS = 0.1, 4
+"""A block is at least this time, this number of readings and the slowest period, so that ringing averages out."""
+PERSISTS_S = 10.0
+"""A drift has the same direction for about this time. Then a zero is off by rate x time; before, by the square root of
+both times rate, so that a filter which knows no slope follows without a lag beyond its own uncertainty."""
+OWN = 0.5
+"""Drift of a channel by itself, over that of all channels together."""
+FALSE = 1e-6
+"""Probability that noise ends a rest with a block."""
+CALM = 4.0
+"""Scatter within a block that noise explains, in its variance: of few readings it scatters much itself."""
+SPEED = 2.0
+"""Fastest motion of a zero, over the stated rate."""
+LEASH = 4.0
+"""Distance from such a motion that noise explains, in standard deviations of the zero."""
+PROBATION_S = 5.0
+"""A rest that a step back ends so soon may have been the end of a slow lift: then its zero is taken back."""
+LITTLE = 0.02
+"""Variance of a zero that is not stated, over that of the noise of a mean."""
+MINUTE_S = 60.0
+
+
+@dataclass(frozen=True)
+class Walk:
+    """The drift of zeros, as it is stated."""
+
+    rate_mm_per_min: float
+    """Standard deviation of the rate of all channels together."""
+    max_mm: float
+    """Largest distance from the last tare that is taken for drift."""
+    start_mm: float
+    """Standard deviation of a zero since the last tare, when nothing else is known."""
+
+    def grown_mm(self, seconds: float | FloatArray) -> FloatArray:
+        """Return the standard deviation of the common drift in a time since the last rest."""
+        drift = self.rate_mm_per_min / MINUTE_S * np.sqrt(seconds * np.maximum(seconds, PERSISTS_S))
+        grown: FloatArray = np.minimum(drift, self.max_mm)
+        return grown
+
+
+class Tracked(NamedTuple):
+    """Zeros at each reading, from earlier readings only."""
+
+    zero_mm: FloatArray
+    """Shape (readings, channels)."""
+    common_mm: FloatArray
+    """Standard deviation of what moved all zeros together since the last rest, shape (readings,)."""
+    own_mm: FloatArray
+    """Standard deviation of each zero by itself, shape (readings, channels)."""
+
+
+def beyond_start(tracked: Tracked, walk: Walk, mean_mm: FloatArray, variance_mm2: FloatArray) -> FloatArray:
+    """Return how far zeros may have drifted beyond what is allowed for after a tare; 0 where that is little.
+
+    Parameters
+    ----------
+    tracked
+        The zeros of some readings.
+    walk
+        Their drift.
+    mean_mm, variance_mm2
+        The means of these readings, and the variances of their noise, both of shape (readings, channels); NaN for a
+        channel without a mean.
+
+    Returns
+    -------
+    Standard deviations of all channels together, and of each by itself, shape (readings, 2).
+    """
+    there, start_mm2 = ~np.isnan(mean_mm), walk.start_mm**2
+    own_mm2 = np.where(there, tracked.own_mm, 0.0).max(axis=1) ** 2
+    noise_mm2 = np.where(there, variance_mm2, np.inf).min(axis=1)
+    matters = tracked.common_mm**2 + own_mm2 - start_mm2 > LITTLE * noise_mm2  # False without a channel
+    own_mm = np.sqrt(np.maximum(own_mm2 - start_mm2, 0.0))
+    beyond: FloatArray = np.where(matters[:, None], np.stack([tracked.common_mm, own_mm], axis=1), 0.0)
+    return beyond
+
+
+class _Block(NamedTuple):
+    mean_mm: FloatArray
+    variance_mm2: FloatArray
+    there: NDArray[np.bool_]
+    """Channels that were good in all readings."""
+
+
+class _Zero(NamedTuple):
+    """What was known at the last rest."""
+
+    at: int
+    """Number of readings before it ended."""
+    seen: NDArray[np.intp]
+    """The same for the last rest in which each channel was good."""
+    mm: FloatArray
+    seen_mm2: FloatArray
+    """Variances of the zeros when the channels were seen."""
+    variance_mm2: FloatArray
+    """Variances of the zeros at the end of the rest."""
+    steady_mm: FloatArray
+    """A zero that moves no faster than it may."""
+
+
+class _Load(NamedTuple):
+    """What keeps the beam from its rest."""
+
+    at: int = 0
+    """Number of readings before the end of the first block that is like it."""
+    first: _Block | None = None
+    has_changed: bool = False
+    """Whether the readings have changed since then by more than a drift does."""
+
+
+class Zeros:
+    """The zeros of one surface. Any split of the stream of readings gives the same zeros.
+
+    Parameters
+    ----------
+    walk
+        The drift.
+    rate_hz
+        Readings per second.
+    noise_mm, step_mm
+        Standard deviation of a reading and step of the ADC, shape (channels,) or one number.
+    slowest_period
+        Period of the slowest motion of the beam, in readings; 0 if it is not known.
+    channels
+        Number of channels.
+    """
+
+    def __init__(
+        self,
+        walk: Walk,
+        rate_hz: float,
+        noise_mm: float | FloatArray,
+        step_mm: float | FloatArray,
+        slowest_period: float,
+        channels: int,
+    ) -> None:
+        self._walk, self._rate_hz, self._channels = walk, rate_hz, channels
+        self._size = max(BLOCK_READINGS, math.ceil(BLOCK_S * rate_hz), math.ceil(slowest_period))
+        noise, step = (np.broadcast_to(np.asarray(value, np.float64), (channels,)) for value in (noise_mm, step_mm))
+        self._single_mm2 = np.maximum(np.maximum(noise, step / 2), np.finfo(np.float64).tiny ** 0.25) ** 2
+        self._mean_mm2 = np.maximum(noise**2, 1e-6 * self._single_mm2) / self._size + step**2 / 12
+        # The mean of readings whose steps hide the noise stays where it is rounded to (Widrow & Kollar, 2008, ch. 4).
+        hidden = np.exp(-np.square(2 * np.pi * noise / np.maximum(step, noise / 10 + np.finfo(np.float64).tiny)))
+        self._rounded_mm2 = step**2 / 12 * hidden
+        self._limits = [0.0, *(chi_square_quantile(number, FALSE) for number in range(1, channels + 1))]
+        self.restart()
+
+    def restart(self) -> None:
+        """Know nothing but the last tare."""
+        nothing = np.zeros(self._channels)
+        self._read = 0
+        """Number of readings so far, with those that are lost."""
+        start_mm2 = np.full(self._channels, self._walk.start_mm**2)
+        self._rest = _Zero(0, nothing.astype(np.intp), nothing, start_mm2, start_mm2, nothing)
+        self._before: tuple[int, _Zero] | None = None
+        """The rest before the last load, and the number of readings up to which that load may turn out not to be
+        gone."""
+        self._load: _Load | None = None
+        """None while the beam rests."""
+        self._last: _Block | None = None
+        """The block before this one, if it was calm."""
+        self._begin()
+
+    def _begin(self) -> None:
+        self._rows: list[FloatArray] = []
+        self._filled = 0
+
+    @property
+    def is_loaded(self) -> bool:
+        """Whether the readings left what drift explains, as far as whole blocks say."""
+        return self._load is not None
+
+    @property
+    def zero_mm(self) -> FloatArray:
+        """Zero of each channel after the last reading, shape (channels,)."""
+        return self._rest.mm
+
+    def track(self, values_mm: FloatArray, lost: Sequence[int] | None = None) -> Tracked:
+        """Return the zeros of each reading.
+
+        Parameters
+        ----------
+        values_mm
+            Deflections from the last tare, shape (readings, channels), oldest first; NaN where a channel is not good.
+        lost
+            Number of readings lost before each, shape (readings,); None: none.
+        """
+        number = len(values_mm)
+        zero, own = np.empty((2, number, self._channels))
+        common = np.empty(number)
+        gaps = [0] * number if lost is None else lost
+        row = 0
+        while row < number:
+            # Up to the end of the block, or to the next gap.
+            end = min(number, row + self._size - self._filled)
+            end = next((at for at in range(row + 1, end) if gaps[at]), end)
+            self._skip(gaps[row])
+            times = self._read - self._rest.at + np.arange(1, end - row + 1)
+            zero[row:end] = self._rest.mm
+            common[row:end] = self._walk.grown_mm(times / self._rate_hz)
+            own[row:end] = np.sqrt(self._rest.variance_mm2 + (OWN * common[row:end, None]) ** 2)
+            self._rows.append(values_mm[row:end])
+            self._filled += end - row
+            self._read += end - row
+            if self._filled >= self._size:
+                self._end_block()
+            row = end
+        return Tracked(zero, common, own)
+
+    def _skip(self, lost: int) -> None:
+        """Note lost readings. More than a block holds may have been a load that came and went."""
+        self._read += lost
+        if lost >= self._size:
+            self._last = None
+            self._begin()
+
+    def _end_block(self) -> None:
+        rows = np.concatenate(self._rows)
+        self._begin()
+        there: NDArray[np.bool_] = ~np.any(np.isnan(rows), axis=0)
+        mean, scatter = rows.mean(axis=0), rows.var(axis=0) * self._size / (self._size - 1)
+        is_calm = there.any() and bool((scatter[there] <= CALM * self._single_mm2[there]).all())
+        if not is_calm:
+            self._last = None
+            return
+        excess = np.maximum(scatter - self._single_mm2, 0.0) * (scatter > 2 * self._single_mm2)
+        block = _Block(mean, self._mean_mm2 + excess, there)
+        self._take(block)
+        self._last = block
+
+    def _take(self, block: _Block) -> None:
+        """Take a calm block."""
+        if self._is_within(block, self._rest):
+            if self._load is None or self._load.first is None:
+                self._follow(block, self._rest)
+            elif self._returns(block, self._load):
+                self._before = self._read + round(PROBATION_S * self._rate_hz), self._rest
+                self._follow(block, self._rest)
+        elif rest := self._steps_back_to(block):
+            self._follow(block, rest)
+        else:
+            self._hold(block)
+
+    def _hold(self, block: _Block) -> None:
+        """Note a load. Its first block may hold the touch; a single one may be chance."""
+        if self._load is None:
+            self._load = _Load()
+        elif self._load.first is None:
+            self._load = _Load(self._read, block)
+        else:
+            self._load = self._followed(self._load, block)
+
+    def _followed(self, load: _Load, block: _Block) -> _Load:
+        """Return a load after another block."""
+        if load.has_changed or load.first is None:
+            return load
+        drift_mm = SPEED * self._grown_mm(load.at)
+        square, limit = self._compare(block, load.first.mean_mm, block.variance_mm2, drift_mm)
+        return load._replace(has_changed=square > limit)
+
+    def _returns(self, block: _Block, load: _Load) -> bool:
+        """Return whether a load is gone: it has changed, and the beam lies still within what zeros may have drifted.
+
+        A load that never changed was none, once so large a drift is usual.
+        """
+        self._load = load = self._followed(load, block)
+        if load.has_changed:
+            return self._repeats(block)
+        square, _ = self._compare(block, self._rest.mm, self._rest.variance_mm2, self._grown_mm(self._rest.at))
+        return square <= int(block.there.sum())
+
+    def _steps_back_to(self, block: _Block) -> _Zero | None:
+        """Return the rest before the last load, if that explains a block and the zeros since then were none."""
+        if self._before is None:
+            return None
+        until, rest = self._before
+        there = block.there
+        moved, step = (self._rest.mm - rest.mm)[there], (block.mean_mm - self._rest.mm)[there]
+        is_back = self._read <= until and float(moved @ step) < 0
+        return rest if is_back and self._is_within(block, rest) and self._repeats(block) else None
+
+    def _repeats(self, block: _Block) -> bool:
+        """Return whether a block is like that before it."""
+        last = self._last
+        if last is None:
+            return False
+        square, limit = self._compare(block._replace(there=block.there & last.there), last.mean_mm, last.variance_mm2)
+        return square <= limit
+
+    def _grown_mm(self, since: int) -> float:
+        """Return the common drift since this number of readings."""
+        return float(self._walk.grown_mm((self._read - since) / self._rate_hz))
+
+    def _is_within(self, block: _Block, rest: _Zero) -> bool:
+        """Return whether what zeros may have drifted since a rest explains a block."""
+        if (np.abs(block.mean_mm[block.there]) > self._walk.max_mm).any():
+            return False
+        square, limit = self._compare(block, rest.mm, rest.variance_mm2, self._grown_mm(rest.at))
+        return square <= limit
+
+    def _compare(
+        self, block: _Block, mean_mm: FloatArray, variance_mm2: FloatArray, common_mm: float = 0.0
+    ) -> tuple[float, float]:
+        """Return the squared distance of a block from a mean, in deviations, and what noise hardly ever exceeds.
+
+        The mean has its own variance; between the two, zeros may have drifted by `common_mm`, and each by itself.
+        """
+        there = block.there
+        apart_mm = (block.mean_mm - mean_mm)[there]
+        weight = 1 / (block.variance_mm2 + variance_mm2 + (OWN * common_mm) ** 2)[there]
+        # Sherman & Morrison: the inverse of a diagonal matrix plus common_mm^2 in every entry.
+        together = common_mm**2 * float(weight @ apart_mm) ** 2 / (1 + common_mm**2 * float(weight.sum()))
+        return float(weight @ apart_mm**2) - together, self._limits[int(there.sum())]
+
+    def _follow(self, block: _Block, rest: _Zero) -> None:
+        """Move the zeros of a rest to a block."""
+        there, variance = block.there, rest.variance_mm2 + (1 + OWN**2) * self._grown_mm(rest.at) ** 2
+        gain = np.where(there, variance / (variance + block.variance_mm2), 0.0)
+        moved = rest.mm + gain * np.where(there, block.mean_mm - rest.mm, 0.0)
+        reach = SPEED * self._walk.rate_mm_per_min / MINUTE_S * (self._read - rest.seen) / self._rate_hz
+        # All or none: a load that comes slowly moves some channels faster than others. But one may have been out.
+        way, was_there = moved - rest.steady_mm, rest.seen == rest.at
+        share = reach / np.maximum(reach, np.abs(way))
+        steady = rest.steady_mm + way * np.where(was_there, share[was_there].min(initial=1.0), share)
+        seen = np.where(there, self._read, rest.seen)
+        seen_mm2 = np.where(there, np.maximum(variance * (1 - gain), self._rounded_mm2), rest.seen_mm2)
+        leash = LEASH * np.sqrt(seen_mm2)
+        zero_mm = np.where(there, np.clip(moved, steady - leash, steady + leash), rest.mm)
+        out_mm = self._walk.grown_mm((self._read - seen) / self._rate_hz)
+        self._rest = _Zero(self._read, seen, zero_mm, seen_mm2, seen_mm2 + (1 + OWN**2) * out_mm**2, steady)
+        self._load = None

@@ -1,0 +1,153 @@
+"""Zeros that walk: a drift is followed at each rest, a load never, and what may have drifted since is stated."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from beamtouch_models.arrays import Floats
+from beamtouch_models.filters import Tracked, Walk, Zeros
+
+RATE_HZ, NOISE_MM, CHANNELS = 200.0, 0.0045, 4
+WALK = Walk(rate_mm_per_min=0.005, max_mm=0.1, start_mm=0.001)
+SHAPE = np.array([0.3, 1.0, 0.9, 0.4])
+"""Of a contact between the middle sensors."""
+ALL, ONE, SOME = np.ones(4), np.array([0.0, 1.0, 0.0, 0.0]), np.array([1.0, -1.0, 0.0, 0.0])
+Times = Callable[[Floats], Floats]
+
+
+def zeros(walk: Walk = WALK, step_mm: float = 0.0) -> Zeros:
+    return Zeros(walk, RATE_HZ, NOISE_MM, step_mm, 0.0, CHANNELS)
+
+
+def times(seconds: float) -> Floats:
+    return np.arange(round(seconds * RATE_HZ)) / RATE_HZ
+
+
+def play(
+    seconds: float, zero_mm: Times | None = None, load_mm: Times | None = None, tracking: Zeros | None = None
+) -> tuple[Floats, Floats, Tracked]:
+    """Return times, true zeros and what was tracked under loads of one shape; both are given by time."""
+    at_s = times(seconds)
+    true_mm = np.zeros((len(at_s), CHANNELS)) if zero_mm is None else zero_mm(at_s)
+    loads_mm = np.zeros_like(true_mm) if load_mm is None else load_mm(at_s)[:, None] * SHAPE
+    noise_mm = NOISE_MM * np.random.default_rng(7).standard_normal(true_mm.shape)
+    return at_s, true_mm, (tracking or zeros()).track(true_mm + loads_mm + noise_mm)
+
+
+def drift(um_per_min: float, channels: Floats = ALL) -> Times:
+    return lambda at_s: 1e-3 * um_per_min / 60 * at_s[:, None] * channels
+
+
+def pressed(begin_s: float, end_s: float, mm: float, *, within_s: float = 0.0) -> Times:
+    """Return a load that comes and goes, at once or in some time."""
+    ends = [begin_s, begin_s + max(within_s, 1e-6), end_s - max(within_s, 1e-6), end_s]
+    return lambda at_s: np.interp(at_s, ends, [0.0, mm, mm, 0.0])
+
+
+def every(pause_s: float) -> Times:
+    """Return a load that is there for half of the time, of another size each time."""
+    return lambda at_s: np.where(at_s % pause_s < pause_s / 2, 0.0, 0.1 + 0.3 * (at_s // pause_s % 5))
+
+
+def deviation(tracked: Tracked) -> Floats:
+    return np.hypot(tracked.own_mm, tracked.common_mm[:, None])
+
+
+@pytest.mark.parametrize("channels", [ALL, ONE, SOME], ids=["all", "one", "some"])
+@pytest.mark.parametrize("um_per_min", [0.5, 2.0, 5.0])
+@pytest.mark.parametrize("pause_s", [1.0, 2.0, 4.0, 20.0])
+def test_a_drift_is_followed_between_contacts_and_its_error_is_stated(
+    pause_s: float, um_per_min: float, channels: Floats
+) -> None:
+    _, true_mm, tracked = play(120, drift(um_per_min, channels), every(pause_s))
+    error = (tracked.zero_mm - true_mm) / deviation(tracked)
+    assert np.abs(error[-2000:]).max() < 5
+    assert (np.abs(error) < 2).mean() > 0.93
+
+
+@pytest.mark.parametrize("channels", [ALL, ONE, SOME], ids=["all", "one", "some"])
+def test_a_long_contact_widens_and_the_rest_after_it_brings_the_zeros_back(channels: Floats) -> None:
+    at_s, true_mm, tracked = play(620, drift(5.0, channels), pressed(5, 605, 0.5))
+    before, during, after = (int(second * RATE_HZ) for second in (4, 604, 606))
+    assert tracked.common_mm[before] < 3e-4
+    assert tracked.common_mm[during] == pytest.approx(0.05, rel=0.02)
+    assert tracked.own_mm[during] == pytest.approx(0.025, rel=0.02)
+    assert np.abs(tracked.zero_mm[during] - tracked.zero_mm[before]).max() < 1e-3
+    assert np.abs(tracked.zero_mm[after:] - true_mm[after:]).max() < 2e-3
+    assert at_s[after] == 606
+
+
+def test_a_load_that_stays_for_hours_is_never_taken_for_drift() -> None:
+    _, _, tracked = play(3 * 3600, None, lambda at_s: np.where(at_s > 10, 0.15, 0.0))
+    assert np.abs(tracked.zero_mm).max() < 2e-3
+
+
+def test_a_light_load_that_comes_at_once_stays_a_load_though_a_drift_could_be_as_large() -> None:
+    tracking = zeros()
+    _, _, tracked = play(60, None, pressed(10, 100, 0.02), tracking)
+    assert tracking.is_loaded
+    assert np.abs(tracked.zero_mm).max() < 2e-3
+
+
+@pytest.mark.parametrize(("mm", "most_mm"), [(0.25, 0.012), (1.0, 0.005)])
+def test_a_load_that_creeps_on_faster_than_a_drift_moves_the_zeros_hardly(mm: float, most_mm: float) -> None:
+    tracking = zeros()
+    _, _, tracked = play(800, None, pressed(10, 1e6, mm, within_s=600), tracking)
+    assert tracking.is_loaded
+    assert np.abs(tracked.zero_mm).max() < most_mm
+
+
+def test_the_limit_from_the_last_tare_bounds_every_drift() -> None:
+    tracking = zeros()
+    _, _, tracked = play(25 * 60, drift(5.0), None, tracking)
+    assert WALK.max_mm - 2e-3 < tracked.zero_mm.max() <= WALK.max_mm
+    assert tracking.is_loaded
+
+
+def test_a_start_under_a_load_takes_no_zero_from_it_and_the_lift_shows_the_rest() -> None:
+    at_s, _, tracked = play(20, drift(5.0), lambda at_s: np.where(at_s < 10, 0.3, 0.0))
+    assert np.abs(tracked.zero_mm[at_s < 10]).max() == 0.0
+    assert np.abs(tracked.zero_mm[-1] - 0.005 / 3).max() < 2e-3
+
+
+@pytest.mark.parametrize("lift_s", [0.3, 1.0, 3.0])
+def test_a_hand_that_lifts_slowly_after_a_long_contact_leaves_no_wrong_zero(lift_s: float) -> None:
+    _, true_mm, tracked = play(90, drift(5.0), pressed(5, 70, 0.2, within_s=lift_s))
+    assert np.abs(tracked.zero_mm[-1000:] - true_mm[-1000:]).max() < 2e-3
+
+
+def test_a_knock_at_rest_is_no_drift_at_once_and_one_in_time() -> None:
+    knock: Times = lambda at_s: np.where(at_s > 20, 0.03, 0.0)[:, None] * ONE  # noqa: E731  # read as one
+    at_s, true_mm, tracked = play(1200, knock)
+    assert np.abs(tracked.zero_mm[at_s < 120]).max() < 2e-3
+    assert np.abs(tracked.zero_mm[-1] - true_mm[-1]).max() < 2e-3
+
+
+def test_a_channel_that_is_out_keeps_its_zero_becomes_uncertain_and_finds_it_again() -> None:
+    tracking, (at_s, true_mm) = zeros(), (times(200), drift(5.0)(times(200)))
+    values = true_mm + NOISE_MM * np.random.default_rng(3).standard_normal(true_mm.shape)
+    values[(at_s > 20) & (at_s < 140), 3] = np.nan
+    tracked = tracking.track(values)
+    out = int(139 * RATE_HZ)
+    assert tracked.own_mm[out, 3] > 5 * tracked.own_mm[out, 0]
+    assert np.abs(tracked.zero_mm[out, :3] - true_mm[out, :3]).max() < 1.5e-3
+    assert np.abs(tracked.zero_mm[-1] - true_mm[-1]).max() < 1.5e-3
+
+
+def test_steps_of_an_adc_that_hide_the_noise_bound_what_a_rest_tells() -> None:
+    step_mm = 0.02
+    tracking = Zeros(WALK, RATE_HZ, 1e-4, step_mm, 0.0, CHANNELS)
+    true_mm = drift(5.0)(times(600))
+    tracked = tracking.track(np.round(true_mm / step_mm) * step_mm)
+    error = np.abs(tracked.zero_mm - true_mm)
+    assert error.max() < step_mm
+    assert (error < 2 * deviation(tracked)).mean() > 0.9
+
+
+@pytest.mark.parametrize("lost", [1, 19, 4000])
+def test_lost_readings_are_time_in_which_zeros_may_have_drifted(lost: int) -> None:
+    tracking = zeros()
+    tracking.track(np.zeros((400, CHANNELS)))
+    (common_mm,) = tracking.track(np.zeros((1, CHANNELS)), [lost]).common_mm
+    assert common_mm == pytest.approx(float(WALK.grown_mm((lost + 1) / RATE_HZ)))
