@@ -118,22 +118,28 @@ TRACKED: dict[str, object] = {"noise_mm": NOISE_MM, "zero_tracking": TRACKING, "
 
 def test_a_tracked_zero_is_subtracted_before_the_filter_and_from_bad_channels_too() -> None:
     pipeline = Pipeline(surface_of(filter=mean_of(1), **TRACKED))
-    taken = pipeline.process(readings_of(*[(20_050, 19_980)] * 4000, (None, 25_000), (4000, 25_000)), 0.0)
-    assert taken[0].sample.deflection_mm == pytest.approx([0.005, -0.002])
+    resting = [(20_050 + index % 2, 19_980 + index % 2) for index in range(4000)]  # counts that stay are stuck
+    taken = pipeline.process(readings_of(*resting, (None, 25_000), (4000, 25_000)), 0.0)
+    assert taken[0].sample.deflection_mm == pytest.approx([0.005, -0.002], abs=1e-4)
     assert taken[3999].sample.deflection_mm == pytest.approx([0.0, 0.0], abs=1e-4)
     assert taken[4000].sample.deflection_mm == [None, pytest.approx(0.502, abs=1e-4)]
     assert taken[4001].sample.deflection_mm == pytest.approx([-1.605, 0.502], abs=1e-4)
 
 
+def wobbling(counts: float, number: int) -> list[tuple[float, float]]:
+    """Return readings that are not stuck."""
+    return [(counts + index % 2, counts + index % 2) for index in range(number)]
+
+
 def test_a_sample_says_how_far_zeros_may_have_drifted_once_it_is_more_than_is_allowed_for() -> None:
     pipeline = Pipeline(surface_of(filter=mean_of(1), **TRACKED))
-    resting = pipeline.process(readings_of(*[(REST, REST)] * 400), 0.0)
-    assert {one.sample.zero_mm is None for one in resting} == {True}
-    pressed = pipeline.process(readings_of(*[(DOWN, DOWN)] * round(30 * RATE_HZ)), 0.0)
+    resting = pipeline.process(readings_of(*wobbling(REST, 400)), 0.0)
+    assert {one.sample.zero_mm is None for one in resting[100:]} == {True}
+    pressed = pipeline.process(readings_of(*wobbling(DOWN, round(30 * RATE_HZ))), 0.0)
     common_mm, own_mm = pressed[-1].sample.zero_mm or (0.0, 0.0)
     assert common_mm == pytest.approx(TRACKING["max_mm"])  # 30 um in half a minute would be beyond it
     assert own_mm == pytest.approx(0.0088, rel=0.1)
-    lifted = pipeline.process(readings_of(*[(REST, REST)] * 400), 0.0)
+    lifted = pipeline.process(readings_of(*wobbling(REST, 400)), 0.0)
     assert lifted[-1].sample.zero_mm is None
 
 

@@ -8,8 +8,8 @@ from jinja2 import Environment, StrictUndefined
 
 from beamtouch_common.files import write_atomically
 from beamtouch_models.metadata import Metadata
+from beamtouch_models.pricing.walk import smallest_mm, walk_of
 from beamtouch_models.surface import Surface
-from beamtouch_models.walk import smallest_mm, walk_of
 
 TOKEN_FILE = "beamtouch.token"  # noqa: S105  # the name of a file, not a secret
 RIG_PORT = 5020

@@ -10,9 +10,9 @@ import numpy as np
 from beamtouch_models.arrays import Bools, Floats
 from beamtouch_models.filters import Walk
 from beamtouch_models.metadata import Metadata
+from beamtouch_models.pricing.walk import walk_of
 from beamtouch_models.scene import Scene
 from beamtouch_models.surface import Surface
-from beamtouch_models.walk import walk_of
 from beamtouch_models.world import SensorErrors, World
 
 SPARE = 8

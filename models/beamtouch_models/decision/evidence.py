@@ -50,8 +50,10 @@ class Weighed:
     @classmethod
     def stacked(cls, samples: Sequence["Weighed"]) -> "Weighed":
         """Return samples as one, so that the graph runs once."""
-        each = ([getattr(one, part.name) for one in samples] for part in fields(cls))
-        return cls(*(None if values[0] is None else np.concatenate(values) for values in each))
+        arrays = [part.name for part in fields(cls) if part.name != "zero_mm2"]
+        stacked = cls(*(np.concatenate([getattr(one, name) for one in samples]) for name in arrays))
+        zeros_mm2 = [one.zero_mm2 for one in samples if one.zero_mm2 is not None]  # of all or of none
+        return replace(stacked, zero_mm2=np.concatenate(zeros_mm2)) if zeros_mm2 else stacked
 
     @property
     def still_mm2(self) -> Floats:

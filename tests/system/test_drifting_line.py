@@ -1,0 +1,48 @@
+"""Contacts on a line whose zeros drift, with what `build` writes: none is lost, and none wrong without a note."""
+
+import tomllib
+
+import numpy as np
+import pytest
+
+from beamtouch_daemon.config.settings import Surface
+from beamtouch_models.building.daemon_config import daemon_config
+from beamtouch_models.modelfile import ModelFile, State
+from drifting_line import Course, Line, Press, drift, knock, presses
+
+ALL, SECOND = (1.0, 1.0, 1.0, 1.0), (0.0, 1.0, 0.0, 0.0)
+
+
+def line(model: ModelFile) -> Line:
+    (table,) = tomllib.loads(daemon_config(model.metadata))["surfaces"].values()
+    return Line(model, Surface.model_validate(table))
+
+
+@pytest.mark.parametrize(
+    ("channels", "every_s"),
+    [(ALL, 2.0), pytest.param(SECOND, 2.0, marks=pytest.mark.long), pytest.param(ALL, 20.0, marks=pytest.mark.long)],
+    ids=["all together", "one by itself", "seldom touched"],
+)
+def test_a_drift_of_5_um_a_minute_costs_no_contact(
+    channels: tuple[float, ...], every_s: float, bench: ModelFile
+) -> None:
+    said = line(bench).play(Course(180, presses(bench, 180, every_s), drift(5.0, channels)))
+    assert (said.lost, len(said.wrong), said.false) == (0, 0, 0)
+    assert said.share(State.CLEAR) > 0.995
+    assert np.mean(said.held) > 0.93
+    assert said.gains == set()
+
+
+def test_a_contact_of_minutes_widens_instead_of_wandering_and_the_rest_after_it_is_clear(bench: ModelFile) -> None:
+    long = Press(5.0, 305.0, 150.0, 8.0)
+    said = line(bench).play(Course(320, [long], drift(5.0, SECOND)))
+    assert (said.lost, said.wrong, said.notes["unsteady"] < 200) == (0, set(), True)
+    assert np.mean(said.held) > 0.93
+    assert said.interval_mm[-1] > 4 * np.median(said.interval_mm[:100])
+    assert said.share(State.CLEAR) == 1.0
+
+
+def test_a_knock_is_noticed_at_once_and_is_not_healed_within_a_minute(bench: ModelFile) -> None:
+    said = line(bench).play(Course(60, [], knock(60.0, 10.0, SECOND)))
+    assert 10.0 < said.unexplained_at_s[0] < 11.0
+    assert said.unexplained_at_s[-1] > 59.0
