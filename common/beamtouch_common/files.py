@@ -11,6 +11,7 @@ from pydantic import BaseModel, ValidationError
 
 from beamtouch_common.complaints import complaint, parser_complaint
 from beamtouch_common.errors import InputError
+from beamtouch_common.text import decode
 
 MAX_BYTES = 1024 * 1024
 """Largest file that people write, a thousand times a usual one; a larger file was given by mistake."""
@@ -32,9 +33,9 @@ def read_text(path: Path) -> str:
     except OSError as error:
         raise InputError(f"{path}: {error.strerror}") from None
     try:
-        return content.decode("utf-8-sig")  # some editors begin a file with a byte order mark
-    except UnicodeDecodeError:
-        raise InputError(f"{path}: not a text file in UTF-8") from None
+        return decode(content)
+    except ValueError as error:
+        raise InputError(f"{path}: {error}") from None
 
 
 def read_bounded(path: Path) -> bytes:

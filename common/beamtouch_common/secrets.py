@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from beamtouch_common.errors import FailedError, InputError
+from beamtouch_common.text import SAVE, other_encoding
 
 MIN_TOKEN_CHARACTERS = 16
 MAX_BYTES = 4096
@@ -26,9 +27,11 @@ def read_token(path: Path, remedy: str = NEW_TOKEN) -> str:
         The file cannot be read; it may come later.
     """
     content = _read(path, "token", remedy)
-    token = content.decode("ascii", "replace").strip()
+    token = content.decode("utf-8-sig", "replace").strip()
     if len(content) > MAX_BYTES:
         problem = f"longer than {MAX_BYTES} bytes"
+    elif name := other_encoding(content):
+        problem = f"in {name}; {SAVE}"
     elif not token:
         problem = "empty"
     elif not all("!" <= character <= "~" for character in token):
@@ -44,7 +47,9 @@ def read_password(path: Path) -> str:
     """Return the password in a file, without the end of its line; errors as of `read_token`."""
     remedy = "write the password to it, in one line"
     content = _read(path, "password", remedy)
-    password = content.decode(errors="replace").removesuffix("\n").removesuffix("\r")
+    if name := other_encoding(content):
+        raise InputError(f"password file {path}: in {name}; {SAVE}")
+    password = content.decode("utf-8-sig", "replace").removesuffix("\n").removesuffix("\r")
     if not password.isprintable() or not password or "\ufffd" in password or len(content) > MAX_BYTES:
         raise InputError(f"password file {path}: not one line of text; {remedy}")
     return password

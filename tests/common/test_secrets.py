@@ -15,7 +15,9 @@ Read = Callable[[Path], str]
     ("read", "content", "secret"),
     [
         (read_token, b"  sixteen-chars-16\r\n\n", "sixteen-chars-16"),
+        (read_token, b"\xef\xbb\xbfsixteen-chars-16\r\n", "sixteen-chars-16"),
         (read_password, "p\u00e4ss word\r\n".encode(), "p\u00e4ss word"),  # spaces belong to a password
+        (read_password, "p\u00e4ss word\r\n".encode("utf-8-sig"), "p\u00e4ss word"),
     ],
 )
 def test_white_space_at_the_ends_is_no_part_of_a_secret(
@@ -37,6 +39,9 @@ ONE_LINE = "not one line of text; write the password to it, in one line"
         (read_token, "s\u00e9cret-of-sixteen".encode(), "more than one word of printable ASCII"),
         (read_token, b"\x00" * 32, "more than one word of printable ASCII"),
         (read_token, b"x" * 4097, "longer than 4096 bytes"),
+        (read_token, "sixteen-chars-16\r\n".encode("utf-16"), "in UTF-16; save it as UTF-8; write at least 16 random"),
+        (read_password, "password\r\n".encode("utf-16"), "in UTF-16; save it as UTF-8"),
+        (read_password, "p\u00e4ss word\n".encode("cp1252"), r"in Windows-1252 \(ANSI\); save it as UTF-8"),
         (read_password, b"\n", ONE_LINE),
         (read_password, b"two\nlines", ONE_LINE),
         (read_password, b"\xff\xfe", ONE_LINE),

@@ -187,7 +187,7 @@ CONTACTS: list[tuple[Change, str]] = [
     (with_first("12000"), "check the unit"),
     (lambda text: text.rsplit(",", 1)[0] + ",0", "positive finite deviation"),
     (lambda text: text.rsplit(",", 1)[0], "a value is missing, or not a"),
-    (lambda text: "\0" + text, "column event is missing"),
+    (lambda text: "\0" + text, "not a CSV file: not a text file in UTF-8"),
 ]
 
 
@@ -225,7 +225,13 @@ def test_an_unusable_file_is_refused_in_one_line(
     ("option", "content", "said"),
     [
         ((), None, "No such file or directory"),
-        ((), b"\xff\xfe\x00load", "not a CSV file"),
+        ((), b"\xff\xfe\x00load", "not a CSV file: not a text file in UTF-8"),
+        ((), "load,position_mm\n".encode("utf-16"), "not a CSV file: in UTF-16, not in UTF-8; save it as UTF-8"),
+        (
+            (),
+            "load,Gr\u00f6\u00dfe\n".encode("cp1252"),
+            "not a CSV file: in Windows-1252 (ANSI), not in UTF-8 (line 1); ",
+        ),
         ((), b"", "no samples; record loads"),
         (("--events",), bytes(range(256)), ""),
         (("--events",), MAX_BYTES + 1, "it is larger than 64 MiB; fetch fewer contacts, with ?limit="),

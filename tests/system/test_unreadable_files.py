@@ -32,10 +32,15 @@ def endless(path: Path) -> None:
     path.symlink_to("/dev/zero")
 
 
+def of_windows(path: Path) -> None:
+    path.write_text('{"surface": "bench"}\n', encoding="utf-16")
+
+
 Reasons = dict[Callable[[Path], None], str]
 ABSENT: Reasons = {folder: "Is a directory", dangling_link: "No such file or directory"}
-NO_TOKEN = ABSENT | {no_text: "more than one word of printable ASCII", endless: "longer than 4096 bytes"}
-NO_PASSWORD = ABSENT | {no_text: "not one line of text", endless: "not one line of text"}
+IN_UTF_16 = {of_windows: "in UTF-16; save it as UTF-8"}
+NO_TOKEN = ABSENT | IN_UTF_16 | {no_text: "more than one word of printable ASCII", endless: "longer than 4096 bytes"}
+NO_PASSWORD = ABSENT | IN_UTF_16 | {no_text: "not one line of text", endless: "not one line of text"}
 TOO_LARGE = "larger than 1 MiB; is it the right file?"
 DAEMON = configs.PUBLISH + configs.surface()
 ENDS_WITH_1: dict[str, tuple[str, Reasons]] = {
@@ -46,7 +51,7 @@ ENDS_WITH_1: dict[str, tuple[str, Reasons]] = {
     ),
     "daemon tare_file": (
         DAEMON.replace("rate_hz", 'tare_file = "one.named"\nrate_hz', 1),
-        {folder: ABSENT[folder], no_text: "not a tare file", endless: TOO_LARGE},
+        {folder: ABSENT[folder], no_text: "not a tare file", of_windows: "in UTF-16, not in UTF-8", endless: TOO_LARGE},
     ),
     "service server.write_token_file": ('[server]\nwrite_token_file = "one.named"\n', NO_TOKEN),
     "service server.read_token_file": ('[server]\nread_token_file = "one.named"\n', NO_TOKEN),
@@ -77,11 +82,16 @@ ENDS_WITH_2: dict[str, tuple[str, Reasons]] = {
     # No pattern of an include matches a folder.
     "daemon include": (
         f'include = ["*.named"]\n{DAEMON}',
-        {dangling_link: ABSENT[dangling_link], no_text: "not a text file in UTF-8", endless: TOO_LARGE},
+        {
+            dangling_link: ABSENT[dangling_link],
+            no_text: "not a text file in UTF-8",
+            of_windows: "in UTF-16, not in UTF-8; save it as UTF-8",
+            endless: TOO_LARGE,
+        },
     ),
 }
 """The same; a file that is absent ends the program with 2."""
-WRONG = {no_text, endless}
+WRONG = {no_text, of_windows, endless}
 """What makes files whose contents are wrong."""
 CONFIGURATIONS = ENDS_WITH_1 | ENDS_WITH_2
 

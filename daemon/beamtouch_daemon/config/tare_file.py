@@ -8,6 +8,7 @@ from pydantic import BaseModel, ConfigDict, FiniteFloat, ValidationError
 
 from beamtouch_common.errors import FailedError, InputError
 from beamtouch_common.files import read_bounded, write_atomically
+from beamtouch_common.text import decode
 from beamtouch_service.samples import ChannelName, SurfaceName
 
 MODE = 0o644
@@ -40,13 +41,15 @@ def load(path: Path, channels: Sequence[str]) -> dict[str, float]:
     InputError if the file cannot be used; FailedError if it cannot be read now.
     """
     try:
-        content = TareFile.model_validate_json(read_bounded(path))
+        content = TareFile.model_validate_json(decode(read_bounded(path)))
     except FileNotFoundError:
         return {}
     except OSError as error:
         raise FailedError(f"{path}: {error.strerror}") from error
     except ValidationError as error:
         raise InputError(f"{path}: not a tare file; delete it or run beamtouch-daemon tare again") from error
+    except ValueError as error:
+        raise InputError(f"{path}: not a tare file: {error}; or run beamtouch-daemon tare again") from error
     if set(content.rest_gap_mm) != set(channels):
         raise InputError(f"{path}: made for other channels; delete it or run beamtouch-daemon tare again")
     return content.rest_gap_mm

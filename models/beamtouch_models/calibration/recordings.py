@@ -4,6 +4,7 @@ Unlabelled contacts are mean deflections per event, from a file that the service
 """
 
 import csv
+import io
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
@@ -14,6 +15,7 @@ import numpy as np
 
 from beamtouch_common.digits import digits
 from beamtouch_common.errors import InputError
+from beamtouch_common.text import decode
 from beamtouch_models.arrays import Bools, Floats, Indices
 from beamtouch_models.health.changes import DRIFT
 from beamtouch_models.health.residuals import LoadErrors
@@ -122,12 +124,11 @@ class _Line:
 def _read_rows(path: Path) -> tuple[list[_Line], Sequence[str]]:
     """Return the rows of a CSV file, without empty ones, and the columns; raises RecordingError if it is none."""
     try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            reader = csv.reader(file, skipinitialspace=True)
-            columns = next(reader, [])
-            given = [(reader.line_num, cells) for cells in reader if any(cells)]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        reason = error.strerror if isinstance(error, OSError) else "not a CSV file"
+        reader = csv.reader(io.StringIO(decode(path.read_bytes()), newline=""), skipinitialspace=True)
+        columns = next(reader, [])
+        given = [(reader.line_num, cells) for cells in reader if any(cells)]
+    except (OSError, ValueError, csv.Error) as error:
+        reason = error.strerror if isinstance(error, OSError) else f"not a CSV file: {error}"
         raise RecordingError(f"{path}: {reason}") from None
     for mark, name in ((";", "semicolons"), ("\t", "tabs")):
         if len(columns) == 1 and mark in columns[0]:
