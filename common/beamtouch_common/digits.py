@@ -2,6 +2,8 @@
 
 import math
 
+MAX_DECIMALS = 6
+"""Of a length in mm, a nanometre: less than any sensor resolves."""
 MIN_PLAIN, MAX_PLAIN = 1e-6, 1e7
 """Sizes between which a number is written without an exponent."""
 
@@ -17,3 +19,8 @@ def digits(value: float, count: int) -> str:
     decimals = count - 1 - math.floor(math.log10(abs(float(text))))
     plain = f"{float(text):.{max(decimals, 0)}f}"
     return plain.rstrip("0").rstrip(".") if decimals > 0 else plain
+
+
+def decimals_of(smallest: float) -> int:
+    """Return the decimals that a number needs to show a change of this size; at most `MAX_DECIMALS`."""
+    return min(max(math.ceil(-math.log10(smallest)), 0), MAX_DECIMALS) if smallest > 0 else MAX_DECIMALS

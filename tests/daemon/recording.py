@@ -3,7 +3,7 @@
 import asyncio
 import csv
 import random
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -21,6 +21,9 @@ Turn = str | tuple[int, str]
 
 
 def rows_of(path: Path) -> list[dict[str, str]]:
+    """Return the rows of a file; none without a file, as there is none without a load."""
+    if not path.exists():
+        return []
     with path.open(newline="") as file:
         return list(csv.DictReader(file))
 
@@ -45,16 +48,24 @@ def noisy(moves_after: int, counts_per_reading: float) -> SimAction:
 
 
 async def talk(
-    folder: Path, turns: Sequence[Turn], *options: object, action: SimAction | None = None, code: str = ""
+    folder: Path,
+    turns: Sequence[Turn],
+    *options: object,
+    action: SimAction | None = None,
+    code: str = "",
+    surface: Callable[[int], str] = lambda port: configs.surface(source=configs.tcp(port)),
 ) -> Outcome:
-    """Answer the questions of `record`, which writes loads.csv; the second channel is down until a turn changes it."""
+    """Answer the questions of `record`, which writes loads.csv; the second channel is down until a turn changes it.
+
+    `surface` makes the tables of a surface from the port of the device.
+    """
     second = DOWN
 
     async def loaded(_function: int, _start: int, _address: int, _count: int, now: list[int], _set: object) -> None:
         now[1] = second
 
-    async with pymodbus_server([20_000, DOWN], action or loaded) as port:
-        config = configs.write(folder, configs.surface(source=configs.tcp(port)) + LIMITS)
+    async with pymodbus_server([20_000, DOWN, 0, 0], action or loaded) as port:
+        config = configs.write(folder, surface(port) + LIMITS)
         words = ("-o", folder / "loads.csv", "--seconds", 0.2, *options)
         async with asyncio.timeout(120), started("record", config, *map(str, words), code=code) as daemon:
             said = ""

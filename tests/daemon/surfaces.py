@@ -14,6 +14,8 @@ STEP_MM = 0.0001
 RATE_HZ = 200.0
 NOISE_MM = 0.002
 CHANNELS, MINUTE = 4, round(60 * RATE_HZ)
+WORDS = 4
+"""Registers from one channel to the next: those of the longest type."""
 CHANNEL = {"gain_mm_per_count": -STEP_MM, "offset_mm": 4.5, "rest_gap_mm": 2.5, "range_mm": [1.0, 4.0]}
 """A count of 20000 is the gap at rest."""
 
@@ -21,7 +23,8 @@ CHANNEL = {"gain_mm_per_count": -STEP_MM, "offset_mm": 4.5, "rest_gap_mm": 2.5, 
 def surface_of(channels: int = 2, channel: Mapping[str, object] | None = None, /, **changes: object) -> Surface:
     """Return a surface; `changes` are further keys of it, and `channel` has those of each channel."""
     numbered = [
-        {"name": f"s{index + 1}", "register": index} | CHANNEL | dict(channel or {}) for index in range(channels)
+        {"name": f"s{index + 1}", "register": WORDS * index} | CHANNEL | dict(channel or {})
+        for index in range(channels)
     ]
     source = {"kind": "modbus-tcp", "host": "127.0.0.1"}
     return Surface.model_validate({"rate_hz": RATE_HZ, "source": source, "channels": numbered} | changes)

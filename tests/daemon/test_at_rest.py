@@ -146,7 +146,10 @@ def test_channels_that_do_not_change_are_stuck_where_others_or_the_stated_noise_
     counts = REST.copy()
     counts[:, 1] = 20_000
     counts[:, 3] = 20_001
-    assert refusal(counts) == "s2, s4 stuck: the counts do not change; check the sensor"
+    assert (
+        refusal(counts)
+        == "s2, s4 stuck: the counts do not change; check the sensor, or state stuck_after_ms if it works"
+    )
     still = np.full((MINUTE, CHANNELS), 20_000.0)
     assert refusal(still, four_channels(noise_mm=NOISE_MM)).startswith("s1, s2, s3, s4 stuck")
     assert len(select_rest(still, four_channels(), {})) == MINUTE

@@ -10,17 +10,19 @@ from beamtouch_daemon.config.settings import Surface
 from beamtouch_daemon.processing.characteristic import QUALITIES, Characteristic
 from beamtouch_service.samples import Quality
 
-from .surfaces import surface_of
+from .surfaces import CHANNEL, surface_of
 
 GOOD, OUT_OF_RANGE, SATURATED = Quality.GOOD, Quality.OUT_OF_RANGE, Quality.SATURATED
 LINE: dict[str, object] = {"gain_mm_per_count": -0.001, "adc_bits": 12}
 """A gap of 4.5 - 0.001 x counts."""
 TABLE = [[500, 4.0], [1500, 2.0], [3500, 1.0]]
+GAUGE: dict[str, object] = {"type": "f32", "gain_mm_per_count": 1.0, "offset_mm": 0.0}
+"""It gives the gap in mm."""
 TABLED: dict[str, object] = {"gain_mm_per_count": None, "offset_mm": None, "table": TABLE}
 
 
 def of(channel: dict[str, object]) -> Characteristic:
-    return Characteristic.of(surface_of(1, channel).channels)
+    return Characteristic.of(surface_of(1, channel))
 
 
 def gaps(channel: dict[str, object], *counts: float) -> list[float]:
@@ -37,9 +39,10 @@ def test_a_table_is_met_in_its_points_to_the_bit_and_straight_in_between_and_bey
 def test_a_table_agrees_with_plain_interpolation_beside_a_channel_with_a_line() -> None:
     rng = np.random.default_rng(3)
     points = np.column_stack([np.sort(rng.uniform(0, 60_000, 30)), np.sort(rng.uniform(1, 4, 30))])
-    channels = [*surface_of(1).channels, *surface_of(1, TABLED | {"table": points.tolist()}).channels]
+    tabled = CHANNEL | TABLED | {"table": points.tolist(), "name": "s2", "register": 1}
+    surface = surface_of(channels=[CHANNEL | {"name": "s1", "register": 0}, tabled])
     counts = rng.uniform(points[0, 0], points[-1, 0], (1000, 2))
-    both = Characteristic.of(channels).gap(counts)
+    both = Characteristic.of(surface).gap(counts)
     np.testing.assert_array_equal(both[:, 0], 4.5 - 0.0001 * counts[:, 0])
     np.testing.assert_allclose(both[:, 1], np.interp(counts[:, 1], *points.T), rtol=1e-13)
 
@@ -51,7 +54,8 @@ def test_a_table_agrees_with_plain_interpolation_beside_a_channel_with_a_line() 
         (LINE, 499, OUT_OF_RANGE),
         (LINE, 3500, GOOD),
         (LINE, 3501, OUT_OF_RANGE),
-        (LINE, 1, OUT_OF_RANGE),
+        (LINE, 5, OUT_OF_RANGE),
+        (LINE, 4, SATURATED),  # an input without its cable
         (LINE, 0, SATURATED),
         (LINE, 4094, OUT_OF_RANGE),
         (LINE, 4095, SATURATED),
@@ -71,6 +75,61 @@ def test_a_table_agrees_with_plain_interpolation_beside_a_channel_with_a_line() 
 def test_where_each_quality_begins(channel: dict[str, object], counts: float, expected: Quality) -> None:
     (code,) = of(channel).quality(np.array([[counts]])).ravel().tolist()
     assert QUALITIES[code] is expected
+
+
+VOLTS: dict[str, object] = {"gain_mm_per_count": 0.3, "offset_mm": 1.0}
+"""0 to 10 V for 1 to 4 mm, 5 V at rest."""
+MILLIVOLTS = VOLTS | {"gain_mm_per_count": 0.0003}
+WIDE = {"range_mm": [-1e6, 1e6], "rest_gap_mm": 1e5, "gain_mm_per_count": 0.01, "offset_mm": 0.0}
+"""A range that holds every count."""
+
+
+@pytest.mark.parametrize(
+    ("encoding", "channel", "good", "saturated"),
+    [
+        ("u16", {}, (60, 65_534), (0, 65_535)),
+        ("i16", {}, (-32_767, -1, 0, 1, 32_766), (-32_768, 32_767)),
+        ("u32", {"gain_mm_per_count": 1e-4}, (1_000_000_000, 2**32 - 2), (0, 2**32 - 1)),
+        ("i32", {"gain_mm_per_count": 1e-4}, (-(2**31) + 1, 0, 2**31 - 2), (-(2**31), 2**31 - 1)),
+        ("f32", {}, (-1e7, -1.0, 0.0, 65_535.0, 1e7), ()),
+        ("f64", {}, (-1e7, -1.0, 0.0, 65_535.0, 1e7), ()),
+        ("i16", {"adc_bits": 12}, (60, 4094), (-1, 0, 4095)),
+        ("u32", {"adc_bits": 24}, (1_000_000, 2**24 - 2), (0, 2**24 - 1)),
+        ("f32", {"counts_range": [-10.0, 10.0]}, (-9.9, 0.0, 9.9), (-10.0, 10.0)),
+        ("i16", {"counts_range": [-10.0, 65_535.0]}, (-9, 32_767), (-10,)),
+    ],
+)
+def test_the_type_of_the_counts_says_where_they_are_saturated(
+    encoding: str, channel: dict[str, object], good: tuple[float, ...], saturated: tuple[float, ...]
+) -> None:
+    characteristic = of(WIDE | channel | {"type": encoding})
+    codes = characteristic.quality(np.array([*good, *saturated])[:, np.newaxis])[:, 0].tolist()
+    assert [QUALITIES[code] for code in codes] == [GOOD] * len(good) + [SATURATED] * len(saturated)
+
+
+@pytest.mark.parametrize(
+    ("channel", "expected"),
+    [
+        (MILLIVOLTS, {1: SATURATED, 4: SATURATED, 10: SATURATED, 11: GOOD}),
+        (MILLIVOLTS | {"type": "i16"}, {-4: SATURATED, 3: SATURATED, 11: GOOD}),
+        (MILLIVOLTS | {"counts_range": [0, 10_000]}, {1: GOOD}),  # as stated
+        (VOLTS | {"type": "f32"}, {-0.004: SATURATED, 0.0: SATURATED, 0.004: SATURATED, 0.02: GOOD}),
+        # 4 to 20 mA: 0 is far below the linear range.
+        ({"type": "f32", "gain_mm_per_count": 0.1875, "offset_mm": 0.25}, {0.001: OUT_OF_RANGE, 4.1: GOOD}),
+        # A gap of 0 may be any gap of a gauge, and that at rest.
+        (GAUGE | {"range_mm": [-2.0, 2.0], "rest_gap_mm": 1.5}, {0.0: GOOD, 0.001: GOOD}),
+        (GAUGE | {"range_mm": [0.0, 2.0], "rest_gap_mm": 0.01}, {0.0: GOOD, 0.001: GOOD}),
+        (GAUGE | {"range_mm": [0.0, 2.0], "rest_gap_mm": 1.5}, {0.0: SATURATED, 0.001: SATURATED, 0.01: GOOD}),
+        (GAUGE | {"range_mm": [-2.0, 0.0], "rest_gap_mm": -1.5}, {0.0: SATURATED, -0.001: SATURATED, -0.01: GOOD}),
+        ({"adc_bits": 8, "gain_mm_per_count": -0.01}, {1: SATURATED, 4: OUT_OF_RANGE}),  # of a coarse ADC, fewer
+        (TABLED | {"table": [[0, 4.0], [1500, 2.0], [3500, 1.0]]}, {4: SATURATED, 5: GOOD}),
+    ],
+)
+def test_an_input_without_its_cable_is_saturated_where_its_counts_cannot_be_a_gap(
+    channel: dict[str, object], expected: dict[float, Quality]
+) -> None:
+    codes = of(channel).quality(np.array(list(expected))[:, np.newaxis])[:, 0].tolist()
+    assert [QUALITIES[code] for code in codes] == list(expected.values())
 
 
 @pytest.mark.parametrize(
@@ -93,7 +152,7 @@ def test_an_invalid_characteristic_is_refused(changes: dict[str, object], said: 
 
 def test_another_rest_gap_or_gain_is_another_identity_and_a_tare_overrides_the_rest_gap() -> None:
     def of_surface(surface: Surface, tared: dict[str, float] | None = None) -> Characteristic:
-        return Characteristic.of(surface.channels, tared)
+        return Characteristic.of(surface, tared)
 
     same, tared = of_surface(surface_of()), of_surface(surface_of(), {"s2": 2.6})
     assert tared.rest_gap.tolist() == [2.5, 2.6]

@@ -58,7 +58,7 @@ async def test_check_fails_when_a_channel_is_not_good_or_a_surface_cannot_be_rea
         (
             "bench: unit 1 answers with exception 2: it has no such register: asked for 40; addresses count from 0",
             "beamtouch-daemon: bench: s1 saturated: the counts stand at an end of the ADC; check ",
-            "beamtouch-daemon: bench: s3 missing: the device sent no value; check unit and register",
+            "beamtouch-daemon: bench: s3 missing: the device sent no value, or NaN; check unit, register (counted",
             "beamtouch-daemon: press-7: no connection to 127.0.0.1:",
             f"beamtouch-daemon: late: {absent}",
         ),
@@ -146,7 +146,8 @@ async def test_tare_refuses_what_moves_or_stands_still_and_writes_nothing_for_it
     assert outcome.code == 1
     first, second = outcome.err.splitlines()
     assert first.startswith("beamtouch-daemon: moving: not tared: s1 moved: standard deviation ")
-    assert second == "beamtouch-daemon: frozen: not tared: s1 is stuck: its counts do not change; check the sensor"
+    remedy = "check the sensor, or state stuck_after_ms if it works"
+    assert second == f"beamtouch-daemon: frozen: not tared: s1 stuck: the counts do not change; {remedy}"
     tared = [name for name in ports if (tmp_path / f"{name}.tare.json").exists()]
     assert tared == ["still"]
 

@@ -142,6 +142,24 @@ SERIAL = configs.serial("/dev/x")
         ("", "port = 502", 'port = 502\nmodule = "waveshare-8ch"', "module waveshare-8ch speaks modbus-rtu"),
         ("", "port = 502", 'port = 502\nmodule = "adam-6017"', "rate_hz: adam-6017 converts 12.5 times a second"),
         ("", 'name = "s2"', 'name = "s1"', "surfaces.bench: two channels have the same name s1"),
+        (
+            "",
+            "register = 0",
+            'register = 0\ntype = "f32"',
+            "channels s1 and s2 overlap: a value of type f32 takes 2 registers; correct register, or type",
+        ),
+        (
+            "",
+            "register = 0",
+            'register = 0\ntype = "i16"\nadc_bits = 16',
+            "channel s1: adc_bits = 16: counts of i16 end at 32767; remove it, or correct type",
+        ),
+        (
+            "",
+            "register = 1",
+            'register = 1\ntype = "f64"\nadc_bits = 12',
+            "channel s2: adc_bits is for whole numbers, not f64; remove it, or state counts_range",
+        ),
         ("", "[1.0, 4.0]", "[4.0, 1.0]", "range_mm must be [smaller, larger], not [4.0, 1.0]"),
         (
             "",

@@ -100,14 +100,14 @@ async def test_a_load_that_moves_while_it_is_recorded_is_refused_and_leaves_noth
     told = await talk(tmp_path, ["150 10", ""], "--seconds", 2, action=slow)
     assert told.code == 1
     assert "10 N at 150 mm not recorded: the load moved while it was recorded: s2, standard deviation" in told.err
-    assert rows_of(tmp_path / "loads.csv") == []
+    assert not (tmp_path / "loads.csv").exists()
 
 
 async def test_a_surface_that_does_not_settle_is_not_recorded(tmp_path: Path) -> None:
     impatient = "from beamtouch_daemon.commands import record; record.GIVE_UP_S = 2.0"
     told = await talk(tmp_path, ["150 10", ""], action=noisy(0, 5.0), code=impatient)
     assert "10 N at 150 mm not recorded: not settled within 2 s: s2" in told.err
-    assert (told.code, rows_of(tmp_path / "loads.csv")) == (1, [])
+    assert (told.code, (tmp_path / "loads.csv").exists()) == (1, False)
 
 
 async def test_answers_that_cannot_be_read_record_nothing(tmp_path: Path) -> None:
@@ -119,19 +119,42 @@ async def test_answers_that_cannot_be_read_record_nothing(tmp_path: Path) -> Non
             subprocess.run, command, input=b"150\xa0mm 10\n", capture_output=True, timeout=120, env=environment
         )
     said = done.stderr.decode().splitlines()
-    assert (done.returncode, said[-1].startswith("load 1: put it on, then enter ")) == (1, True)
+    assert (done.returncode, said[-2].startswith("load 1: put it on, then enter ")) == (1, True)
     assert any(line.startswith("give two numbers") for line in said)
-    assert len((tmp_path / "loads.csv").read_text().splitlines()) == 1
+    path = tmp_path / "loads.csv"
+    assert said[-1] == f"beamtouch-daemon: bench: no load is recorded, so {path} is not written"
+    assert not path.exists()
 
 
-async def test_a_source_that_fails_ends_the_recording_and_keeps_the_file(tmp_path: Path) -> None:
+async def test_a_source_that_fails_ends_the_recording_and_leaves_no_empty_file(tmp_path: Path) -> None:
     async def fails(*_: object) -> ExcCodes:
         return ExcCodes.DEVICE_FAILURE
 
     told = await talk(tmp_path, ["150 10"], action=fails)
     assert told.code == 1
-    assert "0 loads are in" in told.err
-    assert (tmp_path / "loads.csv").read_text().startswith("unix_time_s")
+    assert told.err.endswith("; no load is recorded\n")
+    assert not (tmp_path / "loads.csv").exists()
+
+
+@pytest.mark.parametrize("turns", [[], [""], ["150 10", "undo", ""]], ids=["interrupted", "none", "removed"])
+async def test_an_ended_recording_leaves_no_empty_file_and_can_begin_again(tmp_path: Path, turns: list[str]) -> None:
+    path = tmp_path / "loads.csv"
+    first = await talk(tmp_path, turns)
+    assert (first.code, path.exists()) == (1, False)
+    again = await talk(tmp_path, ["150 10", ""])
+    assert (again.code, stated(path)) == (0, [("1", "150.0", "10.0")])
+    appended = await talk(tmp_path, ["undo", ""], "--append")
+    assert (appended.code, stated(path)) == (0, [("1", "150.0", "10.0")])
+
+
+async def test_a_load_that_does_not_fit_on_the_disk_leaves_the_loads_before_it(tmp_path: Path) -> None:
+    small = "import resource, signal; signal.signal(signal.SIGXFSZ, signal.SIG_IGN); "
+    limited = f"{small}resource.setrlimit(resource.RLIMIT_FSIZE, (6000, 6000))"
+    told = await talk(tmp_path, ["150 10", "250 5"], "--seconds", 0.3, code=limited)
+    path = tmp_path / "loads.csv"
+    assert told.code == 1
+    assert f"{path}: File too large; 1 loads are in {path}" in told.err
+    assert stated(path) == [("1", "150.0", "10.0")]
 
 
 @pytest.mark.parametrize(
@@ -158,10 +181,11 @@ def test_wrong_input_is_one_line_and_writes_nothing(
     ("content", "said"),
     [
         (",".join(HEADER).encode() + b"\n1.5,1,150.0,10.0,20", "not a recording; write to another file"),
-        (b"\xff\xfe\n", "not a recording; write to another file"),
+        (b"\xff\xfe\n", "not a text file in UTF-8"),
+        ("load\n".encode("utf-16"), "in UTF-16, not in UTF-8; save it as UTF-8"),
         (b"unix_time_s,load\n1,1\n", "its columns are not those of this surface; write to another file"),
     ],
-    ids=["half a row", "no text", "of another surface"],
+    ids=["half a row", "no text", "UTF-16", "of another surface"],
 )
 def test_what_is_no_recording_of_this_surface_is_not_appended_to(
     tmp_path: Path, refused: Refused, content: bytes, said: str

@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymodbus.client.mixin import ModbusClientMixin
 
-from beamtouch_daemon.config.modules import Encoding, module_of, names, words_of
+from beamtouch_daemon.config.encodings import Encoding, words_of
+from beamtouch_daemon.config.modules import module_of, names
 from beamtouch_daemon.config.sources import ByteOrder
 from beamtouch_daemon.sources.registers import Block, Value, blocks_of
 

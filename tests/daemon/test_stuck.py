@@ -21,7 +21,7 @@ def test_the_longest_run_is_that_of_the_formula_and_noise_never_reaches_it(noise
     repeat = math.erf(0.5 / (noise * math.sqrt(2)))
     assert repeat**run <= 1e-12 < repeat ** (run - 1)
     counts = np.rint(noise * np.random.default_rng(2).standard_normal((300_000, 1)))
-    lengths = Runs(1).lengths(counts)
+    lengths = Runs(np.zeros(1)).lengths(counts)
     assert lengths.max() <= run
     if noise == 0.5:
         for long in (5, 10):  # a reading ends so many equal ones in a row with the chance q^long, if they are 0
@@ -44,8 +44,8 @@ def test_where_runs_judge_nothing(noise: float, rate_hz: float, run: float) -> N
 
 def test_a_run_is_counted_over_missing_counts_which_neither_add_to_it_nor_end_it() -> None:
     counts = [1.0, 2.0, 3.0, 3.0, math.nan, 3.0, math.nan, 4.0]
-    assert Runs(1).lengths(np.array(counts)[:, np.newaxis])[:, 0].tolist() == [1, 1, 1, 2, 2, 3, 3, 1]
-    assert Runs(1).lengths(np.array([[math.nan], [7.0]]))[:, 0].tolist() == [0, 1]
+    assert Runs(np.zeros(1)).lengths(np.array(counts)[:, np.newaxis])[:, 0].tolist() == [1, 1, 1, 2, 2, 3, 3, 1]
+    assert Runs(np.zeros(1)).lengths(np.array([[math.nan], [7.0]]))[:, 0].tolist() == [0, 1]
 
 
 def test_a_stated_time_overrides_the_noise_and_the_steepest_piece_counts() -> None:

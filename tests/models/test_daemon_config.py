@@ -61,6 +61,13 @@ def test_what_the_scene_does_not_state_has_no_line(bench: ModelFile, tmp_path: P
     assert (surface.noise_mm, surface.slowest_period_ms, surface.zero_tracking) == (None, None, None)
 
 
+@pytest.mark.parametrize("bits", [12, None])
+def test_the_bits_of_the_adc_are_those_of_the_scene(bits: int | None, bench: ModelFile, tmp_path: Path) -> None:
+    scene = bench.metadata.scene if bits is None else bench.metadata.scene.replace("rate_hz", "adc_bits = 12\nrate_hz")
+    surface = surface_of(bench.metadata.model_copy(update={"scene": scene}), tmp_path)
+    assert {channel.adc_bits for channel in surface.channels} == {bits}
+
+
 def with_adc(metadata: Metadata, bits: int) -> Metadata:
     """The same sensors with another ADC, whose steps are in the noise of a reading."""
     gain = step_mm(metadata.sensor.range_mm, bits)

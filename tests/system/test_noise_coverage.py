@@ -107,7 +107,7 @@ def held(model: Model, line: Line, surface: Settings) -> tuple[float, float]:
     """Share of touches whose interval holds the truth, and share of settled samples that are said to move."""
     rng = np.random.default_rng(1)
     low, high = model.scene.contact.force_range_n
-    characteristic = Characteristic.of(surface.channels)
+    characteristic = Characteristic.of(surface)
     inside, moving = 0, 0
     for _ in range(TOUCHES):
         at_mm, force = rng.uniform(20, 380), rng.uniform(low, high)

@@ -3,21 +3,23 @@
 import argparse
 import asyncio
 import json
-import math
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from time import monotonic
 
+import numpy as np
+
 from beamtouch_common.commands import DONE
-from beamtouch_common.digits import digits
+from beamtouch_common.digits import decimals_of, digits
 from beamtouch_common.errors import FailedError
 from beamtouch_common.table import aligned
 from beamtouch_daemon.config.file import load_config
 from beamtouch_daemon.config.settings import Config, Surface
 from beamtouch_daemon.delivery.client import ServiceClient
 from beamtouch_daemon.delivery.readiness import readiness_of
+from beamtouch_daemon.processing import resolution
 from beamtouch_daemon.processing.characteristic import QUALITIES, Characteristic
 from beamtouch_daemon.processing.pipeline import counts_of
 from beamtouch_daemon.sources.configured import Buses, source_of
@@ -26,8 +28,6 @@ from beamtouch_service.samples import Quality
 
 PAUSE_S = 0.5
 """Pause between two attempts of --wait."""
-MAX_DECIMALS = 6
-"""A nanometre: less than any sensor resolves."""
 MAX_FRACTION = 1e6
 """Counts from which on parts of one are left out."""
 HEAD = ("surface", "channel", "counts", "gap mm", "deflection mm", "quality")
@@ -37,7 +37,7 @@ NOT_ASKED = "The service was not asked whether it takes these samples; check --w
 CAUSES = {
     Quality.OUT_OF_RANGE: "the gap is outside range_mm; take everything off the beam, or correct the characteristic",
     Quality.SATURATED: "the counts stand at an end of the ADC; check the wiring, and adc_bits or counts_range",
-    Quality.MISSING: "the device sent no value; check unit and register, which counts from 0",
+    Quality.MISSING: "the device sent no value, or NaN; check unit, register (counted from 0), type and byte_order",
 }
 """Qualities that a single reading can have beside good, with their usual causes."""
 
@@ -150,14 +150,14 @@ async def _read_all(config: Config) -> list[SurfaceState]:
 
 
 def _channels(surface: Surface, rest_gap_mm: dict[str, float], reading: Reading) -> tuple[ChannelState, ...]:
-    characteristic = Characteristic.of(surface.channels, rest_gap_mm)
+    characteristic = Characteristic.of(surface, rest_gap_mm)
     counts = counts_of([reading])
     (gaps,) = characteristic.gap(counts)
     qualities = [QUALITIES[code] for code in characteristic.quality(counts)[0].tolist()]
-    steps = characteristic.steepest.tolist()
+    steps_mm = np.maximum(resolution.finest(surface) * characteristic.steepest, surface.noise_mm or 0.0)
     states = []
     for index, (name, count) in enumerate(zip(surface.channel_names, reading.counts, strict=True)):
-        decimals = decimals_of(steps[index], surface.noise_mm)
+        decimals = decimals_of(float(steps_mm[index]))
         gap_mm = deflection_mm = None
         if count is not None:
             gap_mm = rounded(float(gaps[index]), decimals)
@@ -206,26 +206,15 @@ def _lines(states: Sequence[SurfaceState], *, with_files: bool) -> Iterator[str]
         yield from (f"{state.surface}: {text}" for text in (*state.limits, state.doubt) if text)
 
 
-def decimals_of(step_mm: float, noise_mm: float | None) -> int:
-    """Return the decimals of a length in mm that one count or the noise of a reading, if it is larger, allows.
-
-    Parameters
-    ----------
-    step_mm : Change of the gap with one count [mm].
-    noise_mm : Standard deviation of a reading [mm], if known.
-    """
-    smallest_mm = max(step_mm, noise_mm or 0.0)
-    return min(max(math.ceil(-math.log10(smallest_mm)), 0), MAX_DECIMALS) if smallest_mm > 0 else MAX_DECIMALS
-
-
 def rounded(value: float, decimals: int) -> float:
     """Return a value with this number of decimals; never -0.0."""
     return round(value, decimals) + 0.0
 
 
 def counts_text(counts: float) -> str:
-    """Return counts: whole ones in full, means of several conversions and floating-point values to seven digits.
+    """Return counts: whole ones in full, means of several conversions and fractional numbers to seven digits.
 
     From a million on, such a mean is rounded to a whole number, because an exponent would take digits away.
     """
-    return f"{counts:.0f}" if counts == int(counts) or abs(counts) >= MAX_FRACTION else digits(counts, 7)
+    is_whole = counts == int(counts) or abs(counts) >= MAX_FRACTION
+    return f"{counts + 0.0:.0f}" if is_whole else digits(counts, 7)  # never -0

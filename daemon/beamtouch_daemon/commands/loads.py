@@ -5,12 +5,15 @@ import io
 import math
 import os
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from beamtouch_common.digits import MAX_DECIMALS
 from beamtouch_common.errors import FailedError, InputError
 from beamtouch_common.files import require_writable
-from beamtouch_daemon.commands.check import MAX_DECIMALS, counts_text, rounded
+from beamtouch_common.text import decode
+from beamtouch_daemon.commands.check import counts_text, rounded
 from beamtouch_daemon.config.settings import Loads
 from beamtouch_daemon.processing.pipeline import Taken
 
@@ -55,7 +58,7 @@ def parse_load(words: Sequence[str], limits: Loads | None, *, is_accepted: bool)
 
 
 class LoadFile:
-    """A file with a row per sample; it contains each load completely or not at all.
+    """A file with a row per sample; it contains each load completely or not at all. Without a load there is no file.
 
     Parameters
     ----------
@@ -75,20 +78,27 @@ class LoadFile:
         """Number of the last load in the file; 0 if there is none."""
         self._recorded: list[tuple[int, Load]] = []
         """Position in the file, and load, of each load that was added."""
-        header = [*LOAD_COLUMNS, *(f"{name}_{column}" for name in channels for column in CHANNEL_COLUMNS)]
+        self._header = [*LOAD_COLUMNS, *(f"{name}_{column}" for name in channels for column in CHANNEL_COLUMNS)]
         if path.exists() and not append:
             raise InputError(f"{path}: already exists; add --append or name another file")
         require_writable([path])
         if path.exists():
-            self.loads = _last_load(path, header)
-        else:
-            self._append([header])
+            self.loads = _last_load(path, self._header)
 
     def write(self, load: Load, samples: Sequence[Taken]) -> None:
-        """Add a load; FailedError if that is impossible."""
+        """Add a load, and begin the file with the first one; FailedError if that is impossible."""
         number = self.loads + 1
-        self._recorded.append((self.path.stat().st_size, load))
-        self._append([_row(number, load, taken) for taken in samples])
+        rows: list[Sequence[object]] = [_row(number, load, taken) for taken in samples]
+        size = self.path.stat().st_size if self.path.exists() else 0
+        try:
+            with self.path.open("a", newline="", encoding="utf-8") as file:
+                csv.writer(file, lineterminator="\n").writerows(rows if size else [self._header, *rows])
+        except BaseException as error:  # also Ctrl-C
+            self._cut(size)
+            if isinstance(error, OSError):
+                raise FailedError(f"{self.path}: {error.strerror}; {self}") from None
+            raise
+        self._recorded.append((size, load))
         self.loads = number
 
     def remove_last(self) -> Load | None:
@@ -96,34 +106,33 @@ class LoadFile:
         if not self._recorded:
             return None
         size, load = self._recorded.pop()
-        os.truncate(self.path, size)
+        self._cut(size)
         self.loads -= 1
         return load
 
-    def _append(self, rows: Sequence[Sequence[object]]) -> None:
-        text = io.StringIO()
-        csv.writer(text, lineterminator="\n").writerows(rows)
-        try:
-            with self.path.open("a", newline="", encoding="utf-8") as file:
-                file.write(text.getvalue())
-        except OSError as error:
-            raise FailedError(f"{self.path}: {error.strerror}; {self.loads} loads are in it") from None
+    def __str__(self) -> str:
+        """Return what is in the file."""
+        return f"{self.loads} loads are in {self.path}" if self.loads else "no load is recorded"
+
+    def _cut(self, size: int) -> None:
+        """Cut the file to its first bytes; without any, remove it."""
+        with suppress(OSError):  # a disk that fails
+            os.truncate(self.path, size) if size else self.path.unlink()
 
 
 def _last_load(path: Path, header: Sequence[str]) -> int:
     """Return the number of the last load in a file; InputError if it is not a recording with these columns."""
-    message = f"{path}: not a recording; write to another file"
     try:
-        text = path.read_text(encoding="utf-8")
+        text = decode(path.read_bytes())
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: {error.strerror if isinstance(error, OSError) else error}") from None
+    message = f"{path}: not a recording; write to another file"
+    with suppress(ValueError, csv.Error):
         rows = list(csv.reader(io.StringIO(text)))
         if rows[:1] != [header]:
             message = f"{path}: its columns are not those of this surface; write to another file"
         elif text.endswith("\n") and {len(row) for row in rows} == {len(header)}:
             return max((int(row[1]) for row in rows[1:]), default=0)
-    except ValueError:  # also bytes that are no text
-        pass
-    except OSError as error:
-        message = f"{path}: {error.strerror}"
     raise InputError(message)
 
 

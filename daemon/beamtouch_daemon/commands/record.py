@@ -16,14 +16,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from beamtouch_common.commands import DONE, FAILED
+from beamtouch_common.commands import DONE
 from beamtouch_common.digits import digits
 from beamtouch_common.errors import FailedError, InputError
 from beamtouch_common.typed import is_terminal, typed_line
 from beamtouch_daemon.commands.loads import Load, LoadFile, parse_load
 from beamtouch_daemon.config.file import load_config
 from beamtouch_daemon.config.settings import Loads, Surface
-from beamtouch_daemon.processing.at_rest import NotAtRestError, describe_motion, noise_of, rest_gaps
+from beamtouch_daemon.processing.at_rest import NotAtRestError, describe_motion, noise_of, rest_gaps, steps_mm
 from beamtouch_daemon.processing.characteristic import QUALITIES, Characteristic
 from beamtouch_daemon.processing.pipeline import Pipeline, Taken, counts_of
 from beamtouch_daemon.sources.configured import source_of
@@ -83,11 +83,19 @@ def run(arguments: argparse.Namespace) -> int:
         else:
             dialogue.record_stated()
     except SourceError as error:
-        raise FailedError(f"{name}: {error}; {file.loads} loads are in {path}") from None
-    print(f"{file.loads} loads in {path}; next: design-sensors calibrate MODEL {shlex.quote(str(path))} -o MODEL")
+        raise FailedError(f"{name}: {error}; {file}") from None
+    if file.loads:
+        print(f"{file.loads} loads in {path}; next: design-sensors calibrate MODEL {shlex.quote(str(path))} -o MODEL")
+    _require_all(dialogue, file, name)
+    return DONE
+
+
+def _require_all(dialogue: "Dialogue", file: LoadFile, name: str) -> None:
+    """Raise FailedError if loads were refused, or none was recorded."""
     if dialogue.refused:
         raise FailedError(f"{name}: not recorded: {', '.join(map(str, dialogue.refused))}; put them on again")
-    return DONE if file.loads else FAILED
+    if not file.loads:
+        raise FailedError(f"{name}: {file}, so {file.path} is not written")
 
 
 class Dialogue:
@@ -214,12 +222,12 @@ async def _settle(stream: AsyncIterator[list[Reading]], pipeline: Pipeline, surf
 
 def _require_still_and_seen(readings: Sequence[Reading], surface: Surface, rest_gap_mm: dict[str, float]) -> None:
     """Raise LoadRefusedError if a channel moved, none deflects visibly, or the load lifts the beam."""
-    characteristic = Characteristic.of(surface.channels, rest_gap_mm)
+    characteristic = Characteristic.of(surface, rest_gap_mm)
     counts = counts_of(readings) if readings else np.empty((0, len(surface.channels)))
     good = characteristic.quality(counts) == QUALITIES.index(Quality.GOOD)
     deflections = characteristic.deflection(characteristic.gap(counts))
     is_seen, largest, channel, noise = False, 0.0, "", 0.0
-    for index, (name, step) in enumerate(zip(surface.channel_names, characteristic.steepest.tolist(), strict=True)):
+    for index, (name, step) in enumerate(zip(surface.channel_names, steps_mm(counts, surface).tolist(), strict=True)):
         values = deflections[good[:, index], index]
         if len(values) < 2:
             continue

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from beamtouch_common.commands import DONE
+from beamtouch_common.digits import decimals_of
 from beamtouch_common.errors import FailedError, InputError
 from beamtouch_daemon.config import tare_file
 from beamtouch_daemon.config.file import load_config
@@ -28,6 +29,9 @@ FIRST_REMEDY = (
     "take everything off the beam and tare again, or add --accept-change if nothing touches it: before the first tare, "
     "a load and a sensor mounted elsewhere look alike"
 )
+
+MIN_DECIMALS = 4
+"""Of a rest gap, also where the noise would allow fewer."""
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -61,7 +65,8 @@ def _tare(config: Config, name: str, *, accept_change: bool) -> None:
         raise FailedError(f"{name}: not tared: {error}") from error
     except OSError as error:
         raise FailedError(f"{name}: cannot write {path}: {error.strerror}") from error
-    text = ", ".join(f"{channel} {gap:.4f} mm" for channel, gap in gaps.items())
+    decimals = max(MIN_DECIMALS, decimals_of(surface.noise_mm or 1.0))
+    text = ", ".join(f"{channel} {gap:.{decimals}f} mm" for channel, gap in gaps.items())
     print(f"{name}: rest gaps {text}, mean of {len(readings)} readings, in {path}")
     answers = {None: "the service could not be asked, or has no contact to give", "": "the service sees a beam at rest"}
     answer = answers.get(contact, f"the service sees {contact}")
@@ -73,10 +78,12 @@ def _measure_rest(
     counts: FloatArray, surface: Surface, last_mm: Mapping[str, float], *, accept_change: bool
 ) -> dict[str, float]:
     """Return the rest gaps [mm] by channel name; NotAtRestError if the beam moves, or they contradict earlier ones."""
-    lengths = stuck.Runs(len(surface.channels)).lengths(counts)
-    for index in np.flatnonzero((lengths > stuck.longest_runs(surface)).any(axis=0)).tolist():
-        raise NotAtRestError(f"{surface.channel_names[index]} is stuck: its counts do not change; check the sensor")
     gaps = at_rest.rest_gaps(counts, surface)
+    longest = stuck.Runs.of(surface).lengths(counts).max(axis=0)
+    too_long = np.flatnonzero(longest > stuck.longest_runs(surface)).tolist()
+    names = [surface.channel_names[index] for index in too_long] or at_rest.find_frozen(counts, surface)
+    if names:
+        raise NotAtRestError(at_rest.stuck_complaint(names))
     contradictions = at_rest.find_contradictions(gaps, last_mm, surface)
     if contradictions and not accept_change:
         raise NotAtRestError(f"{', '.join(contradictions)}; {REMEDY if last_mm else FIRST_REMEDY}")

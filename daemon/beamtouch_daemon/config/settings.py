@@ -3,6 +3,8 @@
 import ssl
 from collections import Counter
 from collections.abc import Iterable, Mapping
+from itertools import pairwise
+from operator import itemgetter
 from pathlib import Path
 from typing import Annotated, Self
 
@@ -11,7 +13,8 @@ from pydantic import Field, FiniteFloat, PrivateAttr, ValidationInfo, model_vali
 from beamtouch_common.errors import InputError
 from beamtouch_common.secrets import read_token
 from beamtouch_daemon.config import tare_file
-from beamtouch_daemon.config.modules import Encoding, Module
+from beamtouch_daemon.config.encodings import Encoding, ends_of, has_fractions, words_of
+from beamtouch_daemon.config.modules import Module
 from beamtouch_daemon.config.publish import Publish, trust
 from beamtouch_daemon.config.signal import (
     LARGEST,
@@ -86,10 +89,20 @@ class Surface(Strict):
     @model_validator(mode="after")
     def _channels_are_distinct(self) -> Self:
         (name, same_name), *_ = Counter(self.channel_names).most_common(1)
-        ((_, _, register), same_place), *_ = Counter(map(self.place_of, self.channels)).most_common(1)
-        if same_name > 1 or same_place > 1:
-            what = f"name {name}" if same_name > 1 else f"register {register}"
-            raise ValueError(f"two channels have the same {what}")
+        if same_name > 1:
+            raise ValueError(f"two channels have the same name {name}")
+        placed = sorted(((self.place_of(channel), channel) for channel in self.channels), key=itemgetter(0))
+        for (place, channel), (next_place, following) in pairwise(placed):
+            encoding, between = self.encoding_of(channel), next_place[2] - place[2]
+            if next_place[:2] != place[:2] or between >= words_of(encoding):
+                continue
+            if not between:
+                raise ValueError(f"two channels have the same register {place[2]}")
+            message = (
+                f"channels {channel.name} and {following.name} overlap: a value of type {encoding} takes "
+                f"{words_of(encoding)} registers; correct register, or type"
+            )
+            raise ValueError(message)
         return self
 
     @model_validator(mode="after")
@@ -152,6 +165,8 @@ class Surface(Strict):
             message = "input needs the source's module; state the register"
         elif channel.input is not None and module is not None and channel.input >= module.inputs:
             message = f"the module has inputs 0 to {module.inputs - 1}"
+        elif channel.adc_bits is not None and (problem := self._misfit_of_bits(channel.adc_bits, channel)):
+            message = problem
         if message:
             raise ValueError(f"channel {channel.name}: {message}")
         register = channel.register_
@@ -160,14 +175,28 @@ class Surface(Strict):
         host, unit = getattr(source, "host", ""), getattr(source, "unit", 0)
         return channel.host or host, unit if channel.unit is None else channel.unit, register or 0
 
+    def _misfit_of_bits(self, adc_bits: int, channel: Channel) -> str:
+        """Return why counts of a channel's type cannot be those of an ADC with so many bits; empty if they can."""
+        encoding = self.encoding_of(channel)
+        if has_fractions(encoding):
+            return f"adc_bits is for whole numbers, not {encoding}; remove it, or state counts_range"
+        if 2.0**adc_bits - 1 > (largest := ends_of(encoding)[1]):
+            return f"adc_bits = {adc_bits}: counts of {encoding} end at {largest:.0f}; remove it, or correct type"
+        return ""
+
     def encoding_of(self, channel: Channel) -> Encoding:
         """Return the data type of a channel's counts; those of a serial device are whole numbers or their means."""
         return channel.type or (self.module.type if self.module else "u16")
 
     @property
+    def encodings(self) -> list[Encoding]:
+        """The data type of each channel's counts."""
+        return [self.encoding_of(channel) for channel in self.channels]
+
+    @property
     def has_fractions(self) -> list[bool]:
-        """Whether the counts of each channel are fractional numbers, without steps."""
-        return [self.encoding_of(channel) == "f32" for channel in self.channels]
+        """Whether the counts of each channel are fractional numbers, whose type does not say their steps."""
+        return [has_fractions(encoding) for encoding in self.encodings]
 
     @property
     def conversions(self) -> int:

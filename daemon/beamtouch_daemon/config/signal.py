@@ -6,15 +6,20 @@ from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, Field, FiniteFloat, model_validator
 
-from beamtouch_daemon.config.modules import Encoding
+from beamtouch_daemon.config import encodings
+from beamtouch_daemon.config.encodings import Encoding
 from beamtouch_daemon.config.sources import Host, Strict
 from beamtouch_models.filters import readings_within
 from beamtouch_service.samples import ChannelName
 
 LARGEST = 1e6
 """Largest length [mm], rate and slope: a larger one is a mistake, and figures overflow."""
-LARGEST_COUNT = 1e12
-"""Largest count, beyond those of 32 bits."""
+CUT_COUNTS = 4.0
+CUT_PARTS = 0.001, 0.01
+"""An input of 0 to 10 V without its cable shows up to so many counts: at least the first part of the largest one in the
+linear range, at most the second."""
+NEAR_END = 0.05
+"""Counts are near an end of the linear range within this part of it."""
 SMALLEST_SLOPE = 1e-12
 """Smallest slope of a characteristic [mm per count]: with it, all counts of 32 bits span 4 um."""
 
@@ -29,7 +34,7 @@ Positive = Annotated[FiniteFloat, Field(gt=0, le=LARGEST)]
 Duration = Annotated[FiniteFloat, Field(gt=0, le=86_400_000)]
 """In ms, up to a day: `noise` prints times up to an hour."""
 Length = Annotated[FiniteFloat, Field(ge=-LARGEST, le=LARGEST)]
-Count = Annotated[FiniteFloat, Field(ge=-LARGEST_COUNT, le=LARGEST_COUNT)]
+Count = Annotated[FiniteFloat, Field(ge=-encodings.LARGEST, le=encodings.LARGEST)]
 Range = Annotated[tuple[Length, Length], Field(strict=False)]
 Counts = Annotated[tuple[Count, Count], Field(strict=False)]
 Point = Annotated[tuple[Count, Length], Field(strict=False)]
@@ -118,7 +123,8 @@ class Channel(Strict):
     host: Host | None = None
     """Modbus TCP: device of this channel; default: the source's."""
     type: Encoding | None = None
-    """Modbus: data type of the counts; default: the module's, or u16."""
+    """Modbus: data type of the counts; default: the module's, or u16. Those of f32 and f64 are fractional numbers, for
+    example in mm, V or mA."""
     gain_mm_per_count: Annotated[Length, AfterValidator(_not_flat)] | None = None
     """gap = offset + gain x counts."""
     offset_mm: Length | None = None
@@ -132,8 +138,9 @@ class Channel(Strict):
     differs by a tenth of it. Default: a load shows only beyond a part of `range_mm`."""
     range_mm: Range
     """Linear range of the sensor; gaps outside it are out-of-range."""
-    adc_bits: Annotated[int, Field(ge=1, le=16)] = 16
-    """Counts of 0 and of 2**adc_bits - 1 are saturated."""
+    adc_bits: Annotated[int, Field(ge=1, le=32)] | None = None
+    """Counts of about 0, as without a cable, and of 2**adc_bits - 1 are saturated. Default: the ends of `type` are, and
+    f32 and f64 have none; serial: 16."""
     counts_range: Counts | None = None
     """Counts at these ends and beyond are saturated; overrides `adc_bits`."""
     stuck_after_ms: Duration | None = None
@@ -170,6 +177,45 @@ class Channel(Strict):
             return (self.gain_mm_per_count or math.nan,)
         inner = tuple((b[1] - a[1]) / (b[0] - a[0]) for a, b in pairwise(self.table))
         return (*inner, inner[-1])
+
+    def count_at(self, gap_mm: float) -> float:
+        """Return the counts that stand for a gap [mm]; beyond the ends of a table its end pieces continue."""
+        pieces = list(zip(self.points, self.slopes, strict=True))
+        is_rising = pieces[0][1] > 0
+        begun = [piece for piece in pieces if piece[0][1] == gap_mm or (piece[0][1] < gap_mm) == is_rising]
+        (count, begin_mm), slope = (begun or pieces[:1])[-1]
+        return count + (gap_mm - begin_mm) / slope
+
+    @property
+    def linear_counts(self) -> tuple[float, float]:
+        """The counts at the ends of the linear range, the smaller first."""
+        first, second = map(self.count_at, self.range_mm)
+        return min(first, second), max(first, second)
+
+    def saturated_at(self, encoding: Encoding) -> tuple[float, float]:
+        """Return the counts at which, and beyond which, the channel is saturated; its counts have this type."""
+        if self.counts_range is not None:
+            return self.counts_range
+        low, high = encodings.ends_of(encoding) if self.adc_bits is None else (0.0, 2.0**self.adc_bits - 1)
+        if self._shows_cuts(is_end=low == 0):
+            size, is_above = self._most_of_cuts(encoding), low == 0 or self.count_at(self.rest_gap_mm) > 0
+            return (size, high) if is_above else (low, -size)
+        return low, high
+
+    def _shows_cuts(self, *, is_end: bool) -> bool:
+        """Return whether counts of about 0 come from an input without its cable; `is_end`: whether counts end there.
+
+        Else 0 is in the middle of the linear range, or beside it, and may be any gap. At rest it always may.
+        """
+        first, last = self.linear_counts
+        near = NEAR_END * (last - first)
+        return (is_end or min(abs(first), abs(last)) <= near) and abs(self.count_at(self.rest_gap_mm)) > near
+
+    def _most_of_cuts(self, encoding: Encoding) -> float:
+        """Return the largest count, without its sign, of an input without its cable."""
+        largest = max(map(abs, self.linear_counts))
+        counts = 0.0 if encodings.has_fractions(encoding) else min(CUT_COUNTS, CUT_PARTS[1] * largest)
+        return max(counts, CUT_PARTS[0] * largest)
 
 
 def _check_table(table: tuple[tuple[float, float], ...]) -> None:

@@ -63,7 +63,8 @@ class Modbus(SourceKind):
     bridge_registers: Annotated[int, Field(ge=0, le=124)] = 0
     """Up to this many unused registers are read along to save a request; the unit must have them."""
     byte_order: ByteOrder = "ABCD"
-    """Order of the four bytes of a 32-bit value, A the most significant; BADC and DCBA also swap 16-bit values."""
+    """Order of the four bytes of a 32-bit value, A the most significant; BADC and DCBA also swap 16-bit values. Of f64,
+    CDAB and DCBA reverse the four registers, BADC and DCBA swap the bytes of each."""
 
     @model_validator(mode="after")
     def _module_is_of_this_kind(self) -> Self:

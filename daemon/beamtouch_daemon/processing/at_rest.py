@@ -9,9 +9,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from beamtouch_common.digits import digits
+from beamtouch_common.digits import decimals_of, digits
 from beamtouch_daemon.config.settings import Surface
-from beamtouch_daemon.processing import stuck
+from beamtouch_daemon.config.signal import Channel
+from beamtouch_daemon.processing import resolution, stuck
 from beamtouch_daemon.processing.characteristic import QUALITIES, Characteristic
 from beamtouch_models.filters import FloatArray
 from beamtouch_service.samples import Quality
@@ -77,16 +78,28 @@ def rest_gaps(counts: FloatArray, surface: Surface) -> dict[str, float]:
     Raises
     ------
     NotAtRestError
-        A channel was not always good, or the surface moved: its spread or drift exceeds what noise and one ADC step
+        A channel was not always good, or the surface moved: its spread or drift exceeds what noise and one step
         explain.
     """
-    characteristic = Characteristic.of(surface.channels)
+    characteristic = Characteristic.of(surface)
     _require_good(characteristic.quality(counts), surface.channel_names, max_share=0.0)
     gaps = characteristic.gap(counts)
-    for name, gap, step_mm in zip(surface.channel_names, gaps.T, characteristic.steepest.tolist(), strict=True):
+    for name, gap, step_mm in zip(surface.channel_names, gaps.T, steps_mm(counts, surface).tolist(), strict=True):
         if moved := describe_motion(gap, step_mm, surface.noise_mm):
             raise NotAtRestError(f"{name} moved: {moved}; take everything off the beam and try again")
     return dict(zip(surface.channel_names, np.mean(gaps, axis=0).tolist(), strict=True))
+
+
+def steps_mm(counts: FloatArray, surface: Surface) -> FloatArray:
+    """Return the step of each channel [mm], shape (channels,), as counts at rest (readings, channels) show it.
+
+    A beam that moves once shows a large step, too. So a step that is larger than its type says counts up to the
+    difference that a rest gap may have from the last tare anyway.
+    """
+    of_type, shown = resolution.finest(surface), resolution.steps_shown(counts, surface)
+    harmless_mm = [_largest_mm(channel, DRIFTS_WITHIN) for channel in surface.channels]
+    count_mm = Characteristic.of(surface).steepest
+    return np.maximum(of_type * count_mm, np.where(np.isfinite(shown), np.minimum(shown * count_mm, harmless_mm), 0.0))
 
 
 def noise_of(gap_mm: FloatArray, noise_mm: float | None) -> float:
@@ -118,7 +131,7 @@ def find_contradictions(rest_gap_mm: Mapping[str, float], last_mm: Mapping[str, 
     """
     reference = "the last tare" if last_mm else "its rest_gap_mm"
     return [
-        f"{name} {difference_mm:+.3f} mm from {reference}"
+        f"{name} {difference_mm:+.{max(3, decimals_of(allowed_mm))}f} mm from {reference}"
         for name, difference_mm, allowed_mm in _differences(rest_gap_mm, last_mm, surface)
         if abs(difference_mm) > allowed_mm
     ]
@@ -155,12 +168,18 @@ def _differences(
     drift_mm = STATED_DEVIATIONS * surface.zero_drift_mm
     differences = []
     for channel in surface.channels:
-        largest_mm = (DRIFTS_WITHIN if last_mm else MOUNTED_WITHIN) * (channel.range_mm[1] - channel.range_mm[0])
-        if channel.smallest_force_mm is not None:
-            largest_mm = min(largest_mm, LOAD_SHARE * channel.smallest_force_mm)
+        largest_mm = _largest_mm(channel, DRIFTS_WITHIN if last_mm else MOUNTED_WITHIN)
         allowed_mm = max(largest_mm, drift_mm) + (surface.noise_mm or 0.0)
         differences.append((channel.name, moved_mm[channel.name] - warmth_mm, allowed_mm))
     return differences
+
+
+def _largest_mm(channel: Channel, share: float) -> float:
+    """Return a share of the linear range [mm], or of what the smallest force causes if that is less."""
+    largest_mm = share * (channel.range_mm[1] - channel.range_mm[0])
+    if channel.smallest_force_mm is None:
+        return largest_mm
+    return min(largest_mm, LOAD_SHARE * channel.smallest_force_mm)
 
 
 def select_rest(counts: FloatArray, surface: Surface, last_mm: Mapping[str, float]) -> FloatArray:
@@ -177,11 +196,15 @@ def select_rest(counts: FloatArray, surface: Surface, last_mm: Mapping[str, floa
     NotAtRestError
         A channel is not good or stuck, or the beam is touched, moves or drifts.
     """
-    characteristic, names = Characteristic.of(surface.channels), surface.channel_names
+    characteristic, names = Characteristic.of(surface), surface.channel_names
     good = _require_good(characteristic.quality(counts), names, MAX_BAD)
     counts = counts[good.all(axis=1)]
-    if frozen := _find_stuck(counts, surface):
-        raise NotAtRestError(f"{', '.join(frozen)} stuck: the counts do not change; check the sensor")
+    if frozen := find_frozen(counts, surface):
+        raise NotAtRestError(stuck_complaint(frozen))
+    still = np.array(surface.has_fractions) & ~np.isfinite(resolution.steps_shown(counts, surface))
+    if names_of_still := [name for name, is_still in zip(names, still.tolist(), strict=True) if is_still]:
+        message = f"{', '.join(names_of_still)}: neither noise nor steps show, as the counts do not change; "
+        raise NotAtRestError(f"{message}state noise_mm from the data sheet, with half a step at least")
     gaps = characteristic.gap(counts)
     rest = dict(zip(names, gaps.mean(axis=0).tolist(), strict=True))
     if contradictions := find_contradictions(rest, last_mm, surface):
@@ -189,7 +212,7 @@ def select_rest(counts: FloatArray, surface: Surface, last_mm: Mapping[str, floa
             f"{', '.join(contradictions)}; take everything off the beam, or tare it again if its sensors were moved"
         )
         raise NotAtRestError(message)
-    if moved := _find_jump(gaps, surface, characteristic) or _find_vibration(gaps, surface):
+    if moved := _find_jump(gaps, steps_mm(counts, surface), surface) or _find_vibration(gaps, surface):
         raise NotAtRestError(f"{moved}; take everything off the beam, leave it alone and try again")
     return counts
 
@@ -215,23 +238,34 @@ def _require_good(codes: NDArray[np.int8], channels: Sequence[str], max_share: f
     return good
 
 
-def _find_stuck(counts: FloatArray, surface: Surface) -> list[str]:
-    """Return the names of channels that never change, where the stated noise or the other channels would show."""
-    values = np.array([len(np.unique(column)) for column in counts.T])
-    frozen = (values == 1) & (
-        np.isfinite(stuck.longest_runs(surface)) | surface.has_fractions | (values.max() > FEW_VALUES)
+def find_frozen(counts: FloatArray, surface: Surface) -> list[str]:
+    """Return the names of channels that never change, where the stated noise or the other channels would show.
+
+    A stated `stuck_after_ms` says more than either. `counts` has the shape (readings, channels).
+    """
+    values = np.array([1 + len(changes) for changes in resolution.changes_shown(counts, surface)])
+    longest = stuck.longest_runs(surface)
+    is_stated = np.array([channel.stuck_after_ms is not None for channel in surface.channels])
+    changes = np.isfinite(longest) | surface.has_fractions | (values.max() > FEW_VALUES)
+    is_frozen = (values == 1) & np.where(is_stated, len(counts) > longest, changes)
+    return [name for name, frozen in zip(surface.channel_names, is_frozen.tolist(), strict=True) if frozen]
+
+
+def stuck_complaint(channels: Sequence[str]) -> str:
+    """Return one line for the user about channels whose counts do not change."""
+    return (
+        f"{', '.join(channels)} stuck: the counts do not change; check the sensor, or state stuck_after_ms if it works"
     )
-    return [name for name, is_frozen in zip(surface.channel_names, frozen.tolist(), strict=True) if is_frozen]
 
 
-def _find_jump(gaps: FloatArray, surface: Surface, characteristic: Characteristic) -> str:
+def _find_jump(gaps: FloatArray, step_mm: FloatArray, surface: Surface) -> str:
     """Describe a sudden change, or a drift that is too large, in gaps (readings, channels); empty if there is none."""
     residual = without_line(gaps)
     medians = np.median(np.stack([residual[:-2], residual[1:-1], residual[2:]]), axis=0)  # without single spikes
     fifths = gaps[: len(gaps) // 5 * 5].reshape(5, -1, gaps.shape[1]).mean(axis=1)
     for index, channel in enumerate(surface.channels):
         width = max(JUMP_READINGS, round(JUMP_S * surface.rate_hz))
-        if jump := _largest_jump(medians[:, index], width, float(characteristic.steepest[index])):
+        if jump := _largest_jump(medians[:, index], width, float(step_mm[index])):
             place, size_mm = jump
             return f"{channel.name} moved by {digits(size_mm, 2)} mm after {digits(place / surface.rate_hz, 3)} s"
         drift_mm = float(np.ptp(fifths[:, index]))

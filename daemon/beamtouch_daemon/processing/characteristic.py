@@ -8,7 +8,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from beamtouch_daemon.config.signal import Channel
+from beamtouch_daemon.config.settings import Surface
 from beamtouch_models.filters import FloatArray
 from beamtouch_service.samples import Quality
 
@@ -42,10 +42,10 @@ class Characteristic:
     """Counts at these ends and beyond are saturated."""
 
     @classmethod
-    def of(cls, channels: Sequence[Channel], rest_gap_mm: Mapping[str, float] | None = None) -> Self:
-        """Return the characteristics of the configuration; `rest_gap_mm`, by channel name, overrides its rest gaps."""
-        rest = rest_gap_mm or {}
-        saturated = [channel.counts_range or (0.0, 2.0**channel.adc_bits - 1) for channel in channels]
+    def of(cls, surface: Surface, rest_gap_mm: Mapping[str, float] | None = None) -> Self:
+        """Return the characteristics of a surface; `rest_gap_mm`, by channel name, overrides its rest gaps."""
+        channels, rest = surface.channels, rest_gap_mm or {}
+        saturated = [channel.saturated_at(surface.encoding_of(channel)) for channel in channels]
         ends = [(c.table[0][0], c.table[-1][0]) if c.table else (-np.inf, np.inf) for c in channels]
         return cls(
             counts=_rows([[counts for counts, _ in channel.points] for channel in channels]),

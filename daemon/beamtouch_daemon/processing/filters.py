@@ -44,11 +44,11 @@ def rest_of(surface: Surface) -> Rest | None:
 
 
 def steps_mm(surface: Surface) -> FloatArray:
-    """Return the steps of the readings [mm], shape (channels,); 0 for a channel whose counts are fractional numbers.
+    """Return the steps of the readings [mm], shape (channels,); 0 for a channel of fractional numbers: not known.
 
     A mean of n conversions scatters like a reading with steps that are sqrt(n) times smaller.
     """
-    steps = Characteristic.of(surface.channels).steepest / math.sqrt(surface.conversions)
+    steps = Characteristic.of(surface).steepest / math.sqrt(surface.conversions)
     return np.where(surface.has_fractions, 0.0, steps)
 
 

@@ -11,12 +11,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from beamtouch_daemon.config.encodings import WHOLE
 from beamtouch_daemon.config.settings import Surface
 from beamtouch_daemon.config.signal import GrowingMean
+from beamtouch_daemon.processing import resolution, stuck
 from beamtouch_daemon.processing.at_rest import without_line
 from beamtouch_daemon.processing.characteristic import Characteristic
 from beamtouch_daemon.processing.filters import mean_of
-from beamtouch_daemon.processing.stuck import longest_run
+from beamtouch_daemon.processing.stuck import Runs
 from beamtouch_models.filters import Chain, FloatArray, Mean
 
 MIN_READINGS = 500
@@ -41,6 +43,9 @@ STEPS_MATTER = 0.1
 """Steps are stated if their rounding is more than this part of the noise."""
 HIDDEN = 0.02
 """Noise that is stated where the steps hide it, in steps: it is too small to average the rounding away."""
+RESOLVED = 0.01
+"""Least step of fractional numbers, as a part of the noise. Between a thousand readings without steps, changes are
+smaller."""
 MIN_BITS, MAX_BITS = 6, 16
 """Values of `adc_bits` that a scene accepts."""
 RUNS_DIFFER = 1.5
@@ -66,9 +71,13 @@ class ChannelNoise:
     drift_mm: float
     """Standard deviation of the zero against the beginning or the end of the recording."""
     step_mm: float
-    """Step of the readings, or of the conversions in them if these hide the noise; 0 for fractional numbers."""
+    """Step of the readings, or of the conversions in them if these hide the noise; 0 where floats show none."""
     is_rounded: bool
-    """Whether the ADC's steps hide the noise: then no mean of readings comes closer than its rounding."""
+    """Whether the steps hide the noise: then no mean of readings comes closer than the rounding."""
+    longest_run: int
+    """Largest number of equal counts in a row."""
+    readings: int
+    """Number of readings in the recording."""
 
     @property
     def is_coloured(self) -> bool:
@@ -105,7 +114,7 @@ def measure_noise(counts: FloatArray, surface: Surface) -> list[ChannelNoise]:
     counts : Counts at rest without missing ones, shape (readings, channels); at least `readings_needed`.
     surface : The configuration.
     """
-    characteristic = Characteristic.of(surface.channels)
+    characteristic = Characteristic.of(surface)
     number = int(np.clip(len(counts) / (BLOCK_MEANS * _averaged(surface)), MIN_BLOCKS, MAX_BLOCKS))
     length = len(counts) // number
     counts = counts[: number * length]
@@ -119,10 +128,17 @@ def measure_noise(counts: FloatArray, surface: Surface) -> list[ChannelNoise]:
     means = _blocks(gaps, number).mean(axis=1)
     apart = ((means - means[0]) ** 2 + (means - means[-1]) ** 2).mean(axis=0) / 2
     drift = np.sqrt(np.maximum(apart - 2 * of_block * (1 - 1 / number), 0.0))
+    shown = resolution.steps_shown(counts, surface)
+    runs = Runs.of(surface).lengths(counts).max(axis=0)
     channels = []
     for index, channel in enumerate(surface.channels):
         slope = float(characteristic.steepest[index])
-        fine, coarse = _steps(counts[:, index], surface, index)
+        if surface.has_fractions[index]:
+            is_step = RESOLVED * math.sqrt(variance[index]) <= shown[index] * slope < math.inf
+            fine = coarse = float(shown[index]) if is_step else 0.0
+        else:
+            fine = float(shown[index]) if math.isfinite(shown[index]) else WHOLE
+            coarse = max(WHOLE, fine * surface.conversions)
         is_rounded = bool(variance[index] * surface.conversions <= ROUNDED * (coarse * slope) ** 2)
         channels.append(
             ChannelNoise(
@@ -134,6 +150,8 @@ def measure_noise(counts: FloatArray, surface: Surface) -> list[ChannelNoise]:
                 drift_mm=float(drift[index]),
                 step_mm=slope * (coarse if is_rounded else fine),
                 is_rounded=is_rounded,
+                longest_run=int(runs[index]),
+                readings=len(counts),
             )
         )
     return channels
@@ -201,15 +219,6 @@ def _blocks(values: FloatArray, number: int) -> FloatArray:
     return values.reshape(number, -1, values.shape[1])
 
 
-def _steps(counts: FloatArray, surface: Surface, index: int) -> tuple[float, float]:
-    """Return the step of a reading and that of a conversion in it, in counts; zeros for fractional numbers."""
-    if surface.has_fractions[index]:
-        return 0.0, 0.0
-    steps: Sequence[float] = np.diff(np.unique(counts)).tolist()
-    fine = min(steps, default=1.0)
-    return fine, max(1.0, fine * surface.conversions)
-
-
 def _bits(surface: Surface, step_mm: float) -> int | None:
     """Return the largest number of bits whose steps over the linear range are no smaller than the measured ones.
 
@@ -223,10 +232,21 @@ def _bits(surface: Surface, step_mm: float) -> int | None:
 def _stuck_after_ms(channels: Sequence[ChannelNoise], noise_mm: float, surface: Surface) -> dict[str, float]:
     """Return the time for which counts may stay equal, by channel, where the stated noise allows much less."""
     times = {}
-    for channel, count_mm in zip(channels, Characteristic.of(surface.channels).steepest.tolist(), strict=True):
-        stated = longest_run(noise_mm / count_mm, surface.rate_hz)
-        hidden = channel.is_rounded or not channel.step_mm
-        own = math.inf if hidden else longest_run(channel.fast_noise_mm / channel.step_mm, surface.rate_hz)
+    for channel, step_mm in zip(channels, stuck.steps_mm(surface, noise_mm).tolist(), strict=True):
+        stated, own = stuck.longest_run(noise_mm / step_mm, surface.rate_hz), _longest_run(channel, surface)
         if own > RUNS_DIFFER * stated:
             times[channel.channel] = min(round_up(1e3 * min(own, MAX_STUCK_MS) / surface.rate_hz), MAX_STUCK_MS)
     return times
+
+
+def _longest_run(channel: ChannelNoise, surface: Surface) -> float:
+    """Return the longest run of equal counts that a working channel may have; inf if it may never end.
+
+    A module that is read faster than it measures repeats itself. A run that comes about once in a recording stands for
+    one that is much longer and never comes.
+    """
+    if channel.is_rounded:
+        return math.inf
+    repeated = channel.longest_run * math.log(stuck.CHANCE) / math.log(1 / channel.readings)
+    by_steps = stuck.longest_run(channel.fast_noise_mm / channel.step_mm, surface.rate_hz) if channel.step_mm else 0.0
+    return max(repeated, by_steps)

@@ -58,13 +58,12 @@ class Pipeline:
         self, surface: Surface, rest_gap_mm: Mapping[str, float] | None = None, rest: Rest | None = None
     ) -> None:
         """Begin with nothing known; without `rest`, each reading becomes a sample."""
-        channels = len(surface.channels)
-        self._characteristic = Characteristic.of(surface.channels, rest_gap_mm)
+        self._characteristic = Characteristic.of(surface, rest_gap_mm)
         self._chain = chain_of(surface)
         self._rest = rest
         self._longest_runs = stuck.longest_runs(surface)
         self._judges_runs = bool(np.isfinite(self._longest_runs).any())
-        self._runs = stuck.Runs(channels)
+        self._runs = stuck.Runs.of(surface)
         self._zeros = ZeroTracker.of(surface)
         self._sequence = 1
 

@@ -4,13 +4,18 @@ Let the noise be Gaussian with a standard deviation of s counts. A value in the 
 count with probability q = erf(0.5 / (s sqrt(2))), and any other value with a lower probability. So n equal readings in
 a row have a probability of at most q^n, and a run longer than n = ln(1e-12) / ln(q) is not noise. Means of several
 conversions have fractions and repeat less often, so the same n is safe for them too.
+
+The type of a fractional number (f32, f64) does not say how large a count is. It is taken to be as large as the noise:
+an ADC whose steps are larger hides the noise, and `beamtouch-daemon noise` then states a longer time.
 """
 
 import math
+from typing import Self
 
 import numpy as np
 
 from beamtouch_daemon.config.settings import Surface
+from beamtouch_daemon.processing import resolution
 from beamtouch_daemon.processing.characteristic import Characteristic
 from beamtouch_models.filters import FloatArray
 
@@ -26,17 +31,27 @@ ROUNDING = 1 / math.sqrt(12)
 def longest_runs(surface: Surface) -> FloatArray:
     """Return the longest normal run of equal counts of each channel, shape (channels,); inf if it is not judged.
 
-    Channels with `stuck_after_ms` are judged by that time, the others by the noise of a reading, if it is known, where
-    the characteristic is steepest: there the noise in counts is smallest.
+    Channels with `stuck_after_ms` are judged by that time, the others by the noise of a reading, if it is known.
     """
+    noise_mm = surface.noise_mm or 0.0
     return np.array(
         [
-            longest_run((surface.noise_mm or 0.0) / step_mm, surface.rate_hz)
+            longest_run(noise_mm / step_mm, surface.rate_hz)
             if channel.stuck_after_ms is None
             else max(1.0, math.ceil(channel.stuck_after_ms * surface.rate_hz / 1e3))
-            for channel, step_mm in zip(surface.channels, Characteristic.of(surface.channels).steepest, strict=True)
+            for channel, step_mm in zip(surface.channels, steps_mm(surface, noise_mm).tolist(), strict=True)
         ]
     )
+
+
+def steps_mm(surface: Surface, noise_mm: float) -> FloatArray:
+    """Return the steps by which runs are judged with this noise of a reading [mm], shape (channels,).
+
+    They are those where the characteristic is steepest: there the noise in counts is smallest.
+    """
+    count_mm = Characteristic.of(surface).steepest
+    finest_mm = 2 * resolution.tolerance(surface) * count_mm  # equal counts lie up to the tolerance on either side
+    return np.where(surface.has_fractions, np.maximum(noise_mm, finest_mm), count_mm)
 
 
 def longest_run(noise_counts: float, rate_hz: float) -> float:
@@ -55,12 +70,21 @@ def longest_run(noise_counts: float, rate_hz: float) -> float:
 
 
 class Runs:
-    """The runs of equal counts of all channels. Any split of the stream of readings gives the same lengths."""
+    """The runs of equal counts of all channels. Any split of the stream of readings gives the same lengths.
 
-    def __init__(self, channels: int) -> None:
-        self._last = np.full(channels, np.nan)
+    `tolerance` (channels,) is the largest change from one count to the next with which they are equal.
+    """
+
+    def __init__(self, tolerance: FloatArray) -> None:
+        self._tolerance = tolerance
+        self._last = np.full(len(tolerance), np.nan)
         """The last count of each channel that was not missing."""
-        self._length = np.zeros(channels)
+        self._length = np.zeros(len(tolerance))
+
+    @classmethod
+    def of(cls, surface: Surface) -> Self:
+        """Return the runs of a surface, before its first reading."""
+        return cls(resolution.tolerance(surface))
 
     def lengths(self, counts: FloatArray) -> FloatArray:
         """Return the length of the run that ends with each reading, shape (readings, channels) as the counts.
@@ -70,13 +94,14 @@ class Runs:
         rows = np.concatenate([self._last[np.newaxis], counts])
         if len(counts) and not np.isnan(rows.sum()):  # the usual case, in half the time
             held, arrived = rows, np.arange(1.0, len(rows))[:, np.newaxis]
-            begins = rows[1:] != rows[:-1]
+            begins = np.abs(rows[1:] - rows[:-1]) > self._tolerance
         else:
             there = ~np.isnan(rows)
             latest = np.maximum.accumulate(np.where(there, np.arange(len(rows))[:, np.newaxis], 0))
             held = np.take_along_axis(rows, latest, axis=0)  # each count, or the last one before it that was there
             arrived = np.cumsum(there[1:], axis=0)
-            begins = there[1:] & (counts != held[:-1])
+            is_equal = np.abs(counts - held[:-1]) <= self._tolerance  # False for the first count, after NaN
+            begins = there[1:] & ~is_equal
         lengths: FloatArray = arrived - np.maximum.accumulate(np.where(begins, arrived - 1.0, -self._length), axis=0)
         self._last, self._length = held[-1], np.concatenate([self._length[np.newaxis], lengths])[-1]
         return lengths

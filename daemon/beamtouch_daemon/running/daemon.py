@@ -92,7 +92,7 @@ def _begin(config: Config, name: str, rest_gap_mm: Mapping[str, float], store: L
         channels=surface.channel_names,
         samples=[],
         noise_mm=None if surface.noise_mm is None else [surface.noise_mm] * len(surface.channels),
-        characteristic=Characteristic.of(surface.channels, rest_gap_mm).identity,
+        characteristic=Characteristic.of(surface, rest_gap_mm).identity,
         beam=surface.beam,
     )
     log = store.surface(name).begin(head, publish.log_samples)

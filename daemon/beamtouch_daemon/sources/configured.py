@@ -9,6 +9,8 @@ from beamtouch_daemon.sources.reading import Source
 from beamtouch_daemon.sources.registers import Value, blocks_of
 from beamtouch_daemon.sources.rtu_bus import RtuBus, RtuLink
 
+BOARD_BITS = 16
+"""Bits of the ADC of a board whose channels do not state them."""
 Buses = dict[str, RtuBus]
 """Serial buses by port, shared by all surfaces that read from them."""
 
@@ -25,7 +27,8 @@ def source_of(surface: Surface, name: str = "", buses: Buses | None = None) -> S
     settings = surface.source
     if isinstance(settings, SerialLine):
         registers = [channel.register_ or 0 for channel in surface.channels]
-        return BoardSource(settings, registers, surface.rate_hz, [channel.adc_bits for channel in surface.channels])
+        bits = [channel.adc_bits or BOARD_BITS for channel in surface.channels]
+        return BoardSource(settings, registers, surface.rate_hz, bits)
     units: dict[tuple[str, int], dict[int, Value]] = {}
     for index, channel in enumerate(surface.channels):
         host, unit, register = surface.place_of(channel)

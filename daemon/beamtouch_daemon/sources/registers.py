@@ -1,6 +1,5 @@
 """Registers of Modbus units: their grouping into requests, the answers, and their decoding. Pure; no I/O."""
 
-import math
 import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -8,7 +7,7 @@ from typing import NamedTuple
 
 from pymodbus.pdu import DecodePDU
 
-from beamtouch_daemon.config.modules import Encoding, words_of
+from beamtouch_daemon.config.encodings import FORMATS, LARGEST, Encoding, words_of
 from beamtouch_daemon.config.sources import ByteOrder
 
 MAX_REGISTERS = 125
@@ -16,8 +15,6 @@ MAX_REGISTERS = 125
 READ_INPUT_REGISTERS, READ_HOLDING_REGISTERS = 4, 3
 DECODER = DecodePDU(is_server=False)
 """Decodes the answers of units."""
-
-_FORMATS = {"u16": ">H", "i16": ">h", "u32": ">I", "i32": ">i", "f32": ">f"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +62,7 @@ def answer_to(block: Block, data: bytes, asked_s: float = 0.0) -> Answer | None:
 
 @dataclass(frozen=True, slots=True)
 class Value:
-    """A value in one register, or in two consecutive ones."""
+    """A value in one register, or in several consecutive ones."""
 
     register: int
     encoding: Encoding = "u16"
@@ -82,7 +79,7 @@ class Value:
         return self.byte_order in {"BADC", "DCBA"}
 
     def decode(self, contents: Mapping[int, int]) -> float | None:
-        """Return the value; None if a register is missing, or if the value is not finite.
+        """Return the value; None if a register is missing, or if the value is NaN or larger than any count.
 
         Parameters
         ----------
@@ -97,8 +94,8 @@ class Value:
         swaps_words = self.byte_order in {"CDAB", "DCBA"}
         order = "<" if self.swaps_bytes else ">"
         data = struct.pack(f"{order}{len(words)}H", *(reversed(words) if swaps_words else words))
-        value: float = struct.unpack(_FORMATS[self.encoding], data)[0]
-        return value if math.isfinite(value) else None
+        value: float = struct.unpack(FORMATS[self.encoding], data)[0]
+        return value if abs(value) <= LARGEST else None
 
 
 def blocks_of(

@@ -20,7 +20,7 @@ def daemon_config(metadata: Metadata) -> str:
     """Return the TOML text of a configuration with one surface, with the model's name and characteristic.
 
     What the scene does not state has no line: the noise of a reading (the daemon then estimates it), the drift of a
-    rest gap, and the slowest period of a beam of unknown mass.
+    rest gap, the slowest period of a beam of unknown mass, and the bits of the ADC (the type of the counts has ends).
     """
     surface = Surface.of_model(metadata)
     # Names have letters, digits and "_.-" only: nothing is to be escaped.
@@ -34,6 +34,7 @@ def daemon_config(metadata: Metadata) -> str:
         rig_port=RIG_PORT,
         drift_mm=surface.readings.drift_mm,
         period_ms=surface.slowest_period_ms,
+        adc_bits=surface.stated.sensors.adc_bits,
         smallest_mm=smallest_mm(metadata),
         walk=walk_of(metadata, surface.readings),
     )

@@ -7,8 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
 
-Encoding = Literal["u16", "i16", "u32", "i32", "f32"]
-"""Data type of a value; 32 bits take two registers."""
+from beamtouch_daemon.config.encodings import Encoding, words_of
 
 
 class Module(BaseModel):
@@ -31,11 +30,6 @@ class Module(BaseModel):
     def register_of(self, number: int) -> int:
         """Return the register of an input, counted from 0."""
         return self.first_register + number * words_of(self.type)
-
-
-def words_of(encoding: Encoding) -> int:
-    """Return the number of registers of a value."""
-    return 1 if encoding in {"u16", "i16"} else 2
 
 
 def names() -> list[str]:

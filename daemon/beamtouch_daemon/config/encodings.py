@@ -1,0 +1,41 @@
+"""Data types of values in Modbus registers: how many registers they take, where they end, and what they resolve."""
+
+import math
+import struct
+from typing import Literal
+
+Encoding = Literal["u16", "i16", "u32", "i32", "f32", "f64"]
+"""Data type of a value: a whole number, or a fractional number (f32, f64)."""
+
+FORMATS: dict[Encoding, str] = {"u16": ">H", "i16": ">h", "u32": ">I", "i32": ">i", "f32": ">f", "f64": ">d"}
+"""Format of a value in the module `struct`, the most significant byte first."""
+LARGEST = 1e12
+"""Largest size of a value. A larger one stands for none, as NaN does: some devices send the largest number there is."""
+_DIGITS = {"f32": 24, "f64": 53}
+"""Binary digits of a fractional number."""
+WHOLE = 1.0
+"""Smallest change of a whole number."""
+
+
+def words_of(encoding: Encoding) -> int:
+    """Return the number of registers of a value."""
+    return struct.calcsize(FORMATS[encoding]) // 2
+
+
+def has_fractions(encoding: Encoding) -> bool:
+    """Return whether values are fractional numbers."""
+    return encoding in _DIGITS
+
+
+def ends_of(encoding: Encoding) -> tuple[float, float]:
+    """Return the smallest and the largest value; fractional numbers have no ends."""
+    if has_fractions(encoding):
+        return -math.inf, math.inf
+    values = 2.0 ** (16 * words_of(encoding))
+    return (-values / 2, values / 2 - 1) if encoding.startswith("i") else (0.0, values - 1)
+
+
+def spacing_of(encoding: Encoding, value: float) -> float:
+    """Return the smallest change that a value of this size can show."""
+    digits = _DIGITS.get(encoding)
+    return WHOLE if digits is None else math.ulp(value) * 2.0 ** (53 - digits)
