@@ -59,7 +59,7 @@ def test_the_example_is_valid_with_its_zero_tracking_and_its_table_too(tmp_path:
     assert (surface.channel_names, surface.zero_tracking) == (["s1", "s2"], None)
     before, after = EXAMPLE.read_text().split(TRACKING)
     block, rest = after.split("\n\n", 1)
-    line = "gain_mm_per_count = -0.0001            # gap = offset + gain x counts\noffset_mm = 4.5\n"
+    line = "gain_mm_per_count = -0.0001            # gap = offset + gain x counts; of mm, 1 or -1\noffset_mm = 4.5\n"
     for key in ("table =", "counts_range", "stuck_after"):
         rest = rest.replace(f"# {key}", key)
     path = tmp_path / "daemon.toml"
