@@ -216,7 +216,7 @@ def pages(browser: Browser) -> Iterator[OpenPage]:
     contexts = []
 
     def open_page(
-        base: str, path: str = "/", size: tuple[int, int] = (1000, 900), *, is_patient: bool = True, **emulated: str
+        base: str, path: str = "/", size: tuple[int, int] = (1000, 900), *, is_patient: bool = True, **emulated: object
     ) -> Watched:
         options: dict[str, Any] = {"viewport": {"width": size[0], "height": size[1]}, **emulated}
         context = browser.new_context(**options)

@@ -39,6 +39,8 @@ def complete(description: dict[str, Any], *, needs_read_token: bool) -> None:
     description : as the framework makes it; gets the schemas that routes refer to by name
     needs_read_token : whether reading takes a token in this service
     """
+    # From where the description is: a proxy may have the service below a path of its own.
+    description["servers"] = [{"url": "."}]
     _, named = models_json_schema([(Batch, "validation"), (ProblemBody, "validation")], ref_template=_REFERENCE)
     schemas = description.setdefault("components", {}).setdefault("schemas", {})
     # In the code `Problem` is the value. Outside there is only its body, so the shorter name is free.

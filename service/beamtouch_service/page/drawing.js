@@ -22,7 +22,7 @@ export class Drawing {
   async ask(surface, model) {
     const asked = (this.asked = { model, at: performance.now() });
     try {
-      const answer = await this.token.ask(`/surfaces/${encodeURIComponent(surface)}/beam`);
+      const answer = await this.token.ask(`surfaces/${encodeURIComponent(surface)}/beam`);
       const beam = answer.ok ? await answer.json() : null;
       if (beam && asked === this.asked) this.beam = beam;
     } catch {

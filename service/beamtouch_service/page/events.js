@@ -16,7 +16,7 @@ export class Events {
     this.surface = surface;
     if (!surface) return this.show([]);
     try {
-      const answer = await this.token.ask(`/events?surface=${encodeURIComponent(surface)}&limit=20`);
+      const answer = await this.token.ask(`events?surface=${encodeURIComponent(surface)}&limit=20`);
       const events = answer.ok ? (await answer.json()).events : [];
       if (surface !== this.surface) return;
       this.show(events);

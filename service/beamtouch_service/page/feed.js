@@ -1,5 +1,6 @@
 // The connection to the service: one stream of one surface, opened again and again until it stands.
 
+import { Stranger } from "./answer.js";
 import { EventParser } from "./sse.js";
 import { refuses } from "./token.js";
 
@@ -9,10 +10,13 @@ const RETRY_MS = 500; // twice as long after each failure
 const MOST_RETRY_MS = 5000;
 const ONE_OF_SEVERAL = "urn:beamtouch:problem:one-of-several";
 const LOCKED_RETRY_MS = 30_000; // each refusal counts in the log of the service
+const HELD_BACK = "The service answers, but its stream does not arrive. A proxy may hold it back.";
 
 /** Milliseconds between two moments, by the clock that says more: one may sleep with the machine, the other be set. */
 const between = (from, to) => Math.max(to.steady - from.steady, to.wall - from.wall, 0);
 const present = () => ({ steady: performance.now(), wall: Date.now() });
+
+const said = (error) => (error instanceof Stranger ? error.message : "");
 
 export class Feed {
   /** `onMessage` is called with each message of the chosen surface, `onSurfaces` when the list of surfaces changes. */
@@ -20,6 +24,7 @@ export class Feed {
     this.token = token;
     this.link = "waiting"; // "waiting" for the first message, "open", "lost", "locked" for want of a token
     this.since = null; // Date of the last news, while lost
+    this.why = ""; // what is known of the reason
     this.message = null;
     this.shape = null; // the last message that said what the beam looks like; its measurements are old
     this.surfaces = [];
@@ -57,21 +62,22 @@ export class Feed {
   /** To be called often: a connection that says nothing is given up. */
   check() {
     const patience = this.link === "open" ? SILENT_MS : FIRST_MS;
-    if (this.stream && this.silence > patience) this.lose();
+    if (!this.stream || this.silence <= patience) return;
+    this.lose(this.link === "open" ? "" : HELD_BACK); // the list of surfaces has just come
   }
 
   async connect() {
     this.close();
     const attempt = ++this.attempt;
     try {
-      const answer = await this.token.ask("/surfaces");
+      const answer = await this.token.ask("surfaces");
       const body = refuses(answer) ? null : await answer.json();
       const several = body?.type === ONE_OF_SEVERAL ? await this.named(body.surfaces) : null;
       if (attempt !== this.attempt) return;
       if (!answer.ok && !several) return body ? this.refuse(body) : this.lock();
       this.surfaces = several ?? body.surfaces;
-    } catch {
-      if (attempt === this.attempt) this.lose();
+    } catch (error) {
+      if (attempt === this.attempt) this.lose(said(error));
       return;
     }
     this.token.accepted();
@@ -85,7 +91,7 @@ export class Feed {
   /** Several services share these surfaces: only the chosen one is asked for. */
   async named(names) {
     const name = this.chosen ?? names[0];
-    const answer = await this.token.ask(`/surfaces/${encodeURIComponent(name)}`);
+    const answer = await this.token.ask(`surfaces/${encodeURIComponent(name)}`);
     const chosen = answer.ok ? await answer.json() : null;
     return names.map((one) => (one === name && chosen ? chosen : { name: one }));
   }
@@ -94,16 +100,17 @@ export class Feed {
     const stream = new AbortController();
     this.stream = stream;
     this.heard = present();
+    let why = "";
     try {
-      const path = `/surfaces/${encodeURIComponent(this.chosen)}/stream`;
+      const path = `surfaces/${encodeURIComponent(this.chosen)}/stream`;
       const answer = await this.token.ask(path, stream.signal);
       if (answer.ok) await this.read(answer.body.getReader(), stream);
       const body = answer.ok || refuses(answer) ? null : await answer.json();
       if (!answer.ok && stream === this.stream) return body ? this.refuse(body) : this.lock();
-    } catch {
-      // Broken, or given up here.
+    } catch (error) {
+      why = said(error); // or broken, or given up here
     }
-    if (stream === this.stream) this.lose();
+    if (stream === this.stream) this.lose(why);
   }
 
   /** Take what comes until the stream ends, or is not the one to follow any more. */
@@ -168,8 +175,10 @@ export class Feed {
     this.onMessage(message);
   }
 
-  lose() {
+  /** `why`: what is known of the reason, in a sentence. */
+  lose(why = "") {
     this.close();
+    this.why = why;
     // A stream is not taken up where it broke: what waited in it on the way is old.
     this.since ??= new Date(this.link === "open" ? this.heard.wall : Date.now());
     this.link = "lost";

@@ -18,7 +18,7 @@ export class Health {
     this.surface = surface;
     if (!surface) return;
     try {
-      const answer = await this.token.ask(`/surfaces/${encodeURIComponent(surface)}`);
+      const answer = await this.token.ask(`surfaces/${encodeURIComponent(surface)}`);
       const { health, wiring } = answer.ok ? await answer.json() : {};
       if (surface !== this.surface) return;
       this.show([...(wiring ? [`Wiring: ${wiring}.`] : []), ...sentences(health ?? {})]);

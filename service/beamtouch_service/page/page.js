@@ -55,7 +55,7 @@ function surfacesKnown() {
   nameModel(feed.surface?.model ?? null);
   drawing.forget(); // a service that was started anew may have other zones
   setText(byId("limit"), feed.surface ? `at most ${feed.surface.stale_ms} ms` : "");
-  byId("contact-link").href = feed.chosen ? `/contact?surface=${encodeURIComponent(feed.chosen)}` : "/contact";
+  byId("contact-link").href = feed.chosen ? `contact?surface=${encodeURIComponent(feed.chosen)}` : "contact";
   events.follow(feed.surface?.name);
   health.follow(feed.surface?.name);
   commissioning.follow(feed.surface?.name ?? null);
@@ -171,7 +171,7 @@ function drawStrips(shown) {
 
 byId("chooser").addEventListener("change", (event) => {
   const name = event.target.value;
-  window.history.pushState(null, "", `/?surface=${encodeURIComponent(name)}`);
+  window.history.pushState(null, "", `?surface=${encodeURIComponent(name)}`);
   follow(name);
 });
 window.addEventListener("popstate", () => follow(addressed()));

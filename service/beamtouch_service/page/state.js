@@ -24,7 +24,7 @@ export function describe(feed) {
   const { message } = feed;
   const nothing = { contact: null, channels: stripped(feed.shape), length: feed.shape?.length_mm ?? null, age: null };
   if (feed.link === "lost") {
-    return { ...nothing, kind: "lost", title: `No connection since ${clock(feed.since)}`, detail: "Trying again." };
+    return { ...nothing, kind: "lost", title: `No connection since ${clock(feed.since)}`, detail: `${feed.why} Trying again.`.trim() };
   }
   if (feed.link === "locked") return { ...nothing, kind: "locked", title: "A reading token is needed", detail: ASK };
   if (!message) return { ...nothing, kind: "waiting", title: "Connecting", detail: "" };

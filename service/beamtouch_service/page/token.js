@@ -1,7 +1,10 @@
 // The token for reading: where it is kept, and the requests that bear it. Only ever in a header: addresses end up in
 // logs and histories. Not in a cookie either, which every page of this host would send along. No document here.
 
-const KEY = "beamtouch-reading-token";
+import { own, PLAIN } from "./answer.js";
+
+// One for each service: several may share a host, each below a path of its own.
+const KEY = `beamtouch-reading-token${window.location.pathname.replace(/\/[^/]*$/, "")}`;
 const ASK_MS = 5000;
 
 /** A browser may forbid to keep anything; then a token lasts until the page is left. */
@@ -68,10 +71,13 @@ export class Token {
     quietly(() => window.localStorage.removeItem(KEY));
   }
 
-  /** Ask the service; rejects where no answer has begun, or ended, before the signal: after 5 s if none is given. */
-  ask(path, signal = AbortSignal.timeout(ASK_MS)) {
+  /**
+   * Ask the service; the path is from the address of the page, which a proxy may have below a path of its own. Rejects
+   * where no answer has begun, or ended, before the signal, after 5 s if none is given; with Stranger, see there.
+   */
+  async ask(path, signal = AbortSignal.timeout(ASK_MS)) {
     const headers = this.text === null ? {} : { Authorization: `Bearer ${this.text}` };
-    return fetch(path, { cache: "no-store", headers, signal });
+    return own(await fetch(path, { ...PLAIN, headers, signal }));
   }
 }
 

@@ -1,5 +1,6 @@
 """The page in a real browser, on a service that is sent samples by hand: every state, keyboard, contrast."""
 
+import json
 import re
 import signal
 import time
@@ -80,7 +81,8 @@ def test_no_surface_no_model_and_one_that_is_not_there(
 def test_a_service_that_refuses_is_not_a_lost_connection(fresh: Service, open_page: OpenPage, address: str) -> None:
     problem = {"type": "urn:beamtouch:problem:too-many-clients", "title": "Too many clients", "detail": "Close one."}
     seen = open_page(fresh.url)
-    seen.page.route(address, lambda route: route.fulfill(status=503, json=problem))
+    answer = {"status": 503, "content_type": "application/problem+json", "body": json.dumps(problem)}
+    seen.page.route(address, lambda route: route.fulfill(**answer))
     seen.page.reload()
     seen.wait_for_text("headline", "Too many clients")
     assert (seen.text("detail"), seen.text("position")) == ("Close one.", NO_FIGURE)
