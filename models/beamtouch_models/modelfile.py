@@ -19,12 +19,12 @@ from beamtouch_models.decision.wrong_channels import Suspects, Wirings
 from beamtouch_models.errors import ModelFileError
 from beamtouch_models.health.health import BestSample, ChannelChange, Health
 from beamtouch_models.loading import ModelFile, load, load_bytes, read
-from beamtouch_models.metadata import Accuracy, Calibration, Drawn, Metadata, Noise, Ranges
+from beamtouch_models.metadata import Accuracy, Calibration, Drawn, Metadata, Noise, Ranges, Thresholds
 from beamtouch_models.session import Answers
 
 __all__ = [
     "LOG_ODDS", "MISFIT", "Accuracy", "Answers", "BestSample", "Calibration", "ChannelChange", "Drawn",
     "Evidence", "Health", "Hypotheses", "InfluenceCurve", "Judgement", "Memory", "Metadata", "ModelFile",
-    "ModelFileError", "Noise", "Ranges", "State", "Suspects", "Weighed", "Wirings", "evidence", "is_odd",
+    "ModelFileError", "Noise", "Ranges", "State", "Suspects", "Thresholds", "Weighed", "Wirings", "evidence", "is_odd",
     "is_overload", "is_unchecked", "load", "load_bytes", "memories_after", "read",
 ]  # fmt: skip

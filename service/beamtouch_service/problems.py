@@ -28,6 +28,8 @@ class Kind(Enum):
     UNUSABLE_ESTIMATE = ("unusable-estimate", 503, "The model gave no usable answer")
     CHANNELS_OUT = ("channels-out", 503, "Sensors of the surface are out")
     CHANGED_CHANNELS = ("changed-channels", 503, "Sensors of the surface have changed")
+    ZEROS_MOVED = ("zeros-moved", 503, "The zeros of the surface have moved")
+    UNEXPLAINED = ("unexplained", 503, "The surface has been unexplained for too long")
     NOT_READY = ("not-ready", 503, "The service is not ready")
     UNAUTHORIZED = ("unauthorized", 401, "A valid bearer token is required")
     FORBIDDEN = ("forbidden", 403, "The token is for another purpose")

@@ -76,6 +76,7 @@ class Note(StrEnum):
     NOISE = "noise", 4, "the daemon states another noise than the model was made for"
     DEGRADED = "degraded", 5, "a channel has been out for longer than `degraded_after_s`"
     SENDERS = "senders", 6, "two daemons send samples of the surface"
+    ZEROS = "zeros", 7, "the zeros have moved together as in warmth, or nearly as far as is followed: wait, then tare"
 
 
 class Sample(BaseModel):
@@ -200,7 +201,7 @@ class Batch(BaseModel):
     holds none. What is before it and not in the record is lost. Null: the sender keeps nothing."""
     earlier: list[BootId] = Field(default=[], max_length=MAX_EARLIER)
     """The past boots that the sender's log still holds samples of."""
-    notes: list[Literal["rate"]] = Field(default=[], max_length=1)
+    notes: list[Literal["rate", "zeros"]] = Field(default=[], max_length=2)
     """Notes of the sender while it took these samples."""
     noise_mm: list[Noise] | None = Field(default=None, max_length=MAX_CHANNELS)
     """Standard deviation of one reading of each channel, as the sender assumes it. Null: the sender does not say."""

@@ -8,8 +8,9 @@ from pathlib import Path
 import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
+from beamtouch_models import modelfile
 from beamtouch_service.sections import SurfaceSection
-from service.bench import Bench, Row, batch_of, surface_of
+from service.bench import Bench, Row, batch_of, surface_of, surface_with
 from service.event_story import Story
 from service.touches import Change, TouchedLine
 
@@ -94,6 +95,52 @@ def test_contact_and_summary_carry_the_state_and_its_suspect(soon: Bench) -> Non
     assert soon.contact()["notes"] == []
     soon.now_s += 10
     assert soon.get("/surfaces/press-7").json()["state"] is None
+
+
+MOVED: Row = [0.03, 0.031, 0.029, 0.03]
+"""All zeros, by about the same."""
+
+
+def test_zeros_that_moved_together_are_warmth_at_every_door(
+    bench_model: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level("WARNING", "beamtouch.service")
+    soon = Bench(surface_with(modelfile.load(bench_model), section=SurfaceSection(unexplained_after_s=0.5)))
+    story = Story(soon, [*[[0.0] * 4] * 5, *[MOVED] * 300, *[[0.0] * 4] * 5])
+    for first in range(0, 300, 30):
+        deliver(story, first, first + 30)
+    contact = soon.contact()
+    assert (contact["state"], contact["notes"]) == ("unexplained", ["zeros"])
+    assert soon.get("/health/ready").status_code == 200
+    problem = soon.get("/health/ready?health=true").json()["surfaces"]["press-7"]
+    assert problem["type"].endswith(":zeros-moved")
+    assert "take everything off it, then tare" in problem["detail"]
+    assert metrics(soon)["beamtouch_note.press-7.zeros"] == 1
+    (line,) = caplog.messages
+    assert line.endswith(
+        "all zeros have moved together by +30 um, as in warmth: wait until the surface no longer warms or cools, take "
+        "everything off it, then tare"
+    )
+    deliver(story, 300, 310)
+    assert soon.contact()["notes"] == []
+    assert soon.get("/health/ready?health=true").status_code == 200
+
+
+def test_a_stretch_that_lasts_needs_a_technician(soon: Bench) -> None:
+    story = Story(soon, [[0.0] * 4, *[WEDGED] * 200])
+    deliver(story, 0, 60)
+    assert soon.get("/health/ready?health=true").status_code == 200
+    for first in range(60, 180, 30):
+        deliver(story, first, first + 30)
+    assert soon.get("/health/ready").status_code == 200
+    problem = soon.get("/health/ready?health=true").json()["surfaces"]["press-7"]
+    assert (problem["type"].rpartition(":")[2], problem["suspect"]) == ("unexplained", "s3")
+
+
+def test_a_daemon_whose_zeros_are_nearly_as_far_as_it_follows_says_so(soon: Bench) -> None:
+    soon.send([0.0] * 4, members={"notes": ["zeros"]})
+    assert soon.contact()["notes"] == ["zeros"]
+    assert soon.get("/health/ready?health=true").json()["surfaces"]["press-7"]["type"].endswith(":zeros-moved")
 
 
 GOOD, BAD = ["good"] * 4, ["good", "good", "missing", "good"]

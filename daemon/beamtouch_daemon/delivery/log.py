@@ -12,7 +12,7 @@ from beamtouch_common.log import Repeated
 from beamtouch_common.waits import Backoff
 from beamtouch_daemon.delivery.log_file import Chunk
 from beamtouch_daemon.processing.pipeline import Taken
-from beamtouch_service.samples import MAX_SAMPLES, Batch, Note, Receipt
+from beamtouch_service.samples import MAX_SAMPLES, Batch, Receipt
 
 MAX_BATCH = min(250, MAX_SAMPLES)
 MAX_BATCH_VALUES = 40_000
@@ -116,7 +116,7 @@ class Log:
 
     def batch(self, samples: Sequence[Taken]) -> Batch:
         """Return a backlog of samples with the same notes. The service validates it."""
-        notes = ["rate"] if samples and Note.RATE in samples[0].notes else []
+        notes = [str(note) for note in samples[0].notes] if samples else []
         update = {"samples": [one.sample for one in samples], "notes": notes, "backlog": True}
         return self.head.model_copy(update=update)
 

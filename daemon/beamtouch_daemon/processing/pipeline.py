@@ -72,6 +72,11 @@ class Pipeline:
         """Readings that may wait before they are processed, as nothing happens; 0 while something does."""
         return self._rest.most_waiting if self._rest is not None and self._rest.lasts else 0
 
+    @property
+    def far_zero_mm(self) -> float | None:
+        """The largest drift of a zero since the last tare [mm]; None unless it is nearly as far as is followed."""
+        return None if self._zeros is None else self._zeros.far_mm
+
     def explains(self, reading: Reading) -> bool:
         """Return whether a reading at rest is explained by those before it."""
         return self._rest is not None and self._rest.explains(reading.counts)
@@ -109,6 +114,8 @@ class Pipeline:
         if unsettled.any():
             codes[unsettled] = _MISSING
             waits = (unsettled.any(axis=1) & ~(codes == _GOOD).any(axis=1)).tolist()
+        if self.far_zero_mm is not None:
+            notes = (*notes, Note.ZEROS)
         rows = zip(readings, values.tolist(), codes.tolist(), stated, drifts, waits, strict=True)
         return [
             Taken(reading, self._sample(reading.monotonic_s + unix_minus_monotonic_s, value, code, doubt, drift), notes)

@@ -6,11 +6,15 @@
 from collections.abc import Sequence
 from typing import Self
 
+import numpy as np
+
 from beamtouch_daemon.config.settings import Surface
 from beamtouch_daemon.processing.filters import steps_mm
 from beamtouch_models.filters import Filtered, FloatArray, Tracked, Walk, Zeros, beyond_start
 
 DIGITS = 3
+FAR = 0.7
+"""Part of the limit from which on a drift is told: time to wait for the warmth to settle, and to tare."""
 
 
 class ZeroTracker:
@@ -33,6 +37,12 @@ class ZeroTracker:
     def track(self, deflection_mm: FloatArray, lost: Sequence[int]) -> Tracked:
         """Return the zeros of each reading; arguments as of `Zeros.track`."""
         return self._zeros.track(deflection_mm, lost)
+
+    @property
+    def far_mm(self) -> float | None:
+        """The largest distance of a zero from the last tare [mm]; None unless it is near the limit."""
+        farthest_mm = float(np.abs(self._zeros.zero_mm).max())
+        return farthest_mm if farthest_mm >= FAR * self._walk.max_mm else None
 
     def stated(self, tracked: Tracked, filtered: Filtered) -> list[list[float] | None]:
         """Return what samples say of how far their zeros may have drifted; the samples are of the last readings."""

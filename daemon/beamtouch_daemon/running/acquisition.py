@@ -75,6 +75,8 @@ class Acquisition:
         self._pause_s = 0.0 if surface.source.is_polled else min(batch_s, MAX_PAUSE_S)
         self._sampled_s = -math.inf
         """Time of the newest reading that became a sample, by the clock of `uptime_s`."""
+        self._is_far = False
+        """Whether zeros are far from the last tare, as it was logged."""
         self._unprocessed: list[Reading] = []
         """The newest readings. They become samples once per batch: a few together take about as long as one."""
         self._arrived = asyncio.Event()
@@ -123,6 +125,22 @@ class Acquisition:
             self.quality = samples[-1].sample.quality
             self._sampled_s = samples[-1].monotonic_s
             self.log.put(samples)
+        self._tell_drift()
+
+    def _tell_drift(self) -> None:
+        """Log once that zeros are nearly as far from the last tare as is followed, and that they are back."""
+        far_mm, tracking = self._pipeline.far_zero_mm, self.surface.zero_tracking
+        if tracking is None or (far_mm is not None) == self._is_far:
+            return
+        self._is_far = far_mm is not None
+        if far_mm is None:
+            _log.info("%s: its zeros are near the last tare again", self.name)
+        else:
+            words = (
+                "%s: its zeros have drifted by up to %.3g um since the last tare; no more than %.3g um are followed: "
+                "wait until it no longer warms or cools, take everything off the beam, and tare"
+            )
+            _log.warning(words, self.name, 1e3 * far_mm, 1e3 * tracking.max_mm)
 
     def _take(self, readings: list[Reading]) -> None:
         if self.is_missing:

@@ -101,6 +101,11 @@ class Counts:
         look += "damaged sensor"
         if overdue.suspect:
             look = f"check sensor {overdue.suspect}: without it, everything is explained"
+        if overdue.shift_mm is not None:
+            look = (
+                f"all zeros have moved together by {1e3 * overdue.shift_mm:+.3g} um, as in warmth: wait until the "
+                "surface no longer warms or cools, take everything off it, then tare"
+            )
         if surface.wiring:
             look = f"{surface.wiring}; check the wiring, and the order in the daemon's config"
         words = "surface %s: since %s neither rest nor a single contact explains the samples (over %g s); %s"

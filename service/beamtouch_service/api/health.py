@@ -27,7 +27,10 @@ Summaries = list[tuple[Surface, SurfaceSummary]]
 live_router = gate.make_router("health", Role.OPEN)
 router = gate.make_router("health", Role.READ)
 
-_HEALTH = "Also require that no sensor is out, or has changed for certain."
+_HEALTH = (
+    "Also require that nothing needs a technician: no sensor is out or has changed for certain, the zeros have not "
+    "moved far, and no unexplained stretch lasts too long."
+)
 
 
 class Health(BaseModel):

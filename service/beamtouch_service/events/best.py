@@ -14,6 +14,8 @@ from beamtouch_service.surfaces.follower import Decision
 MAX_AT_REST = 16
 """Samples that the mean of a rest counts for at most, so that it follows the zeros."""
 
+MINUTE_US = 60e6
+
 Values = list[float]
 """One value per channel."""
 
@@ -127,6 +129,7 @@ class BestSamples:
         self.reading_us = 1e6 / model.metadata.sensor.rate_hz
         """Time from one reading to the next."""
         self.rest = rest
+        self._drift_mm_per_min = model.metadata.floor.drift_mm_per_min
 
     def add_rest(self, decision: Decision) -> None:
         """Add a sample of the clear beam to the rest."""
@@ -146,8 +149,10 @@ class BestSamples:
         # The newest sample of several at rest may hold the touch.
         rest = self.rest.before or self.rest.newest
         deflection_mm, variance_mm2 = _values(decision)
+        at_us = decision.estimate.sample.acquired_unix_us
+        drifted_mm = self._drift_mm_per_min * max(0.0, at_us - self.rest.end_us) / MINUTE_US
         return Best(
-            at_us=decision.estimate.sample.acquired_unix_us,
+            at_us=at_us,
             is_contact=is_contact,
             readings=readings,
             characteristic=decision.estimate.characteristic,
@@ -155,7 +160,7 @@ class BestSamples:
             deflection_mm=deflection_mm,
             deviation_mm=np.sqrt(variance_mm2).tolist(),
             rest_mm=rest.mm if rest else None,
-            rest_deviation_mm=np.sqrt(rest.variance_mm2).tolist() if rest else None,
+            rest_deviation_mm=np.sqrt(np.array(rest.variance_mm2) + drifted_mm**2).tolist() if rest else None,
         )
 
     def _readings(self, decision: Decision) -> int:

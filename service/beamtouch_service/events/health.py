@@ -53,6 +53,8 @@ class HealthHistory:
                 self._begin(best.characteristic, self._newest_us)
                 added = []
             self._newest_us = max(self._newest_us, best.at_us)
+            if best.rest_mm is None:
+                continue  # a gain is judged only where the zeros are known
             values = best.deflection_mm, best.deviation_mm, best.rest_mm, best.rest_deviation_mm
             added.append(BestSample(best.at_us, *values, best.is_contact))
             self.is_dirty = True

@@ -28,6 +28,7 @@ from beamtouch_service.surfaces.contact import (
 )
 from beamtouch_service.surfaces.estimate import Estimate, Estimator
 from beamtouch_service.surfaces.problems import unusable_estimate
+from beamtouch_service.surfaces.warmth import Warmth
 from beamtouch_service.zones.follow import NO_ZONES, Seen, ZoneFollower, ZoneReport
 
 _ALL = 40
@@ -93,6 +94,8 @@ class Decision(NamedTuple):
     suspect: str | None = None
     """In the state `unexplained`, the channel that contradicts the others, as far as the samples so far say."""
     zones: ZoneReport = NO_ZONES
+    shift_mm: float | None = None
+    """In the state `unexplained`, by how much all zeros have moved together, if that explains the samples so far."""
 
     @property
     def evidence(self) -> Evidence:
@@ -108,6 +111,7 @@ class Decision(NamedTuple):
             Note.UNSTEADY: self.is_unsteady,
             Note.OVERLOAD: is_contact and is_overload(model.metadata, self.evidence),
             Note.UNCHECKED: is_contact and is_unchecked(self.evidence),
+            Note.ZEROS: self.shift_mm is not None,
             f"check-{self.suspect}": self.suspect is not None,
         }
         return [str(note) for note, applies in each.items() if applies]
@@ -212,6 +216,7 @@ class Follower:
         self._last = "", 0
         """Boot id and number of the last sample."""
         self._suspects = Suspects(model.metadata, model.run)
+        self._warmth = Warmth(model.metadata.thresholds)
         self._stretch_of: set[str] | None = None
         """Bad channels of the current unexplained stretch; None without one."""
         self._length = 0
@@ -252,13 +257,16 @@ class Follower:
             self._stretch_of = None
             return decision
         self._seek_suspect(estimate)
-        return decision._replace(suspect=self._suspects.suspect)
+        self._warmth.add(decision.evidence)
+        shift_mm = self._warmth.shift_mm
+        return decision._replace(suspect=self._suspects.suspect if shift_mm is None else None, shift_mm=shift_mm)
 
     def _seek_suspect(self, estimate: Estimate) -> None:
         """Examine a sample of an unexplained stretch without each of its channels, unless enough others were."""
         if self._stretch_of != estimate.bad.keys():
             self._stretch_of, self._length = set(estimate.bad), 0
             self._suspects.clear()
+            self._warmth.clear()
         if self._length < _ALL or self._length % _EVERY == 0:
             (without,) = self._suspects.leave_out(estimate.weighed)
             self._suspects.add(without)

@@ -69,6 +69,22 @@ def changed_channels(surface: str, changed: list[str]) -> Problem:
     return Problem(Kind.CHANGED_CHANNELS, detail, surface, {"changed_channels": changed})
 
 
+def zeros_moved(surface: str) -> Problem:
+    """Return the problem of zeros that have moved together, or nearly as far as the daemon follows them."""
+    detail = (
+        "The zeros of all sensors have moved, as in warmth. Wait until the surface no longer warms or cools, take "
+        "everything off it, then tare."
+    )
+    return Problem(Kind.ZEROS_MOVED, detail, surface)
+
+
+def unexplained(surface: str, after_s: float, suspect: str | None) -> Problem:
+    """Return the problem of a stretch that lasts too long; `suspect` is the channel of `check-NAME`."""
+    look = f"Check sensor {suspect}." if suspect else "Look for a second load and for anything under the beam."
+    detail = f"Neither rest nor a single contact has explained the samples for over {after_s:g} s. {look}"
+    return Problem(Kind.UNEXPLAINED, detail, surface, {"suspect": suspect})
+
+
 def unusable_estimate(surface: str, detail: str) -> Problem:
     """Return the problem of a sample whose estimate cannot be served."""
     return Problem(Kind.UNUSABLE_ESTIMATE, detail, surface)

@@ -44,8 +44,8 @@ class Registry:
     def require_ready(self, now_s: float, parts: Mapping[str, str], *, healthy: bool = False) -> None:
         """Raise ProblemError with the reasons unless each surface has a model and fresh samples at `now_s` [s].
 
-        `parts` are the other parts of the service, each with why it is missing. If `healthy`, no channel may be out, or
-        have changed for certain, either.
+        `parts` are the other parts of the service, each with why it is missing. If `healthy`, nothing may need a
+        technician, either, as `Surface.unready` says.
         """
         self._require_any()
         reasons = {surface.name: problem for surface in self if (problem := surface.unready(now_s, healthy=healthy))}

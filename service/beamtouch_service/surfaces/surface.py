@@ -278,13 +278,18 @@ class Surface:
     def unready(self, now_s: float, *, healthy: bool = False) -> Problem | None:
         """Return why this surface has no contact at `now_s` [s, monotonic], or None if it has one.
 
-        If `healthy`, a channel that is out, or has changed for certain, is a reason, too.
+        If `healthy`, whatever a technician must come for is a reason, too: a channel that is out or has changed for
+        certain, zeros that have moved, and a long unexplained stretch.
         """
         answer = self.answer(now_s)
         if isinstance(answer, Problem):
             return answer
         if healthy and self.channels_out.any:
             return problems.channels_out(self.name, self.channels_out.now)
+        if healthy and Note.ZEROS in answer.notes:
+            return problems.zeros_moved(self.name)
+        if healthy and self.stretches.is_overdue:
+            return problems.unexplained(self.name, self.stretches.after_s, answer.decision.suspect)
         changed = [name for name, one in (self.channel_health or {}).items() if one.changed] if healthy else []
         return problems.changed_channels(self.name, changed) if changed else None
 

@@ -13,6 +13,8 @@ class Overdue(NamedTuple):
     """Time of its first sample, by the sender's clock [us since 1970]."""
     suspect: str | None
     """The channel of `check-NAME`, if there is one."""
+    shift_mm: float | None = None
+    """By how much all zeros have moved together, if that explains it."""
 
 
 class Stretches:
@@ -29,6 +31,8 @@ class Stretches:
         """First sample of the current stretch; None without one."""
         self._length_s = 0.0
         self._suspect: str | None = None
+        self.shift_mm: float | None = None
+        """By how much all zeros have moved together, if that explains the current stretch."""
         self._overdue: Overdue | None = None
 
     @property
@@ -41,18 +45,19 @@ class Stretches:
         if decision.held is State.UNEXPLAINED:
             self._extend(decision, passed_s)
         else:
-            self._since_us, self._length_s = None, 0.0
+            self._since_us, self._length_s, self.shift_mm = None, 0.0, None
 
     def _extend(self, decision: Decision, passed_s: float) -> None:
         if self._since_us is None:
             self.count += 1
             self._since_us, self._suspect, passed_s = decision.estimate.sample.acquired_unix_us, None, 0.0
         self._suspect = decision.suspect or self._suspect
+        self.shift_mm = decision.shift_mm if decision.shift_mm is not None else self.shift_mm
         was_overdue = self.is_overdue
         self._length_s += passed_s
         self.total_s += passed_s
         if self.is_overdue and not was_overdue:
-            self._overdue = Overdue(self._since_us, self._suspect)
+            self._overdue = Overdue(self._since_us, self._suspect, self.shift_mm)
 
     def take_overdue(self) -> Overdue | None:
         """Return a stretch that lasts too long, once; None without one."""
