@@ -1,5 +1,6 @@
 """Configurations as text, as a user writes them."""
 
+import json
 from pathlib import Path
 
 from .service import TOKEN
@@ -50,6 +51,17 @@ rate_hz = {rate_hz}
 kind = "moving-average"
 window = 1
 {channels}"""
+
+
+def tare(folder: Path, name: str = "bench") -> None:
+    """Write the tare file of a surface: 2.5 mm at rest."""
+    gaps = {
+        "surface": name,
+        "taken_at": "2026-11-20T23:40:46+00:00",
+        "readings": 200,
+        "rest_gap_mm": {"s1": 2.5, "s2": 2.5},
+    }
+    (folder / f"{name}.tare.json").write_text(json.dumps(gaps))
 
 
 def write(folder: Path, *surfaces: str, url: str = "http://127.0.0.1:8420") -> Path:

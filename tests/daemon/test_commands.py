@@ -17,6 +17,9 @@ from .process import Outcome, command, started
 
 pytestmark = pytest.mark.anyio
 
+NOT_TARED = (
+    "not tared: the rest gaps are those of the configuration; run beamtouch-daemon tare, with nothing on the beam"
+)
 EXTRA = ["pymodbus", "serial", "aiohttp", "numpy", "cobs"]
 
 
@@ -26,15 +29,17 @@ async def test_check_prints_every_channel_with_the_digits_of_its_sensor(tmp_path
         outcome = await command("check", config)
         as_json = await command("check", config, "--json")
     assert (outcome.code, outcome.err) == (0, "")
-    *table, last = outcome.out.splitlines()
+    *table, untared, last = outcome.out.splitlines()
     assert [line.split() for line in table] == [
         ["surface", "channel", "counts", "gap", "mm", "deflection", "mm", "quality"],
         ["bench", "s1", "20000", "2.5000", "0.0000", "good"],
         ["bench", "s2", "21001", "2.3999", "0.1001", "good"],
     ]
+    assert untared == f"bench: {NOT_TARED}"
     assert last == "The service was not asked whether it takes these samples; check --wait 5 asks it."
     assert '"counts": 21001, "gap_mm": 2.3999, "deflection_mm": 0.1001' in as_json.out
-    assert json.loads(as_json.out)["surfaces"]["bench"]["service"] is None
+    bench = json.loads(as_json.out)["surfaces"]["bench"]
+    assert (bench["service"], bench["tared"]) == (None, False)
 
 
 async def test_check_fails_when_a_channel_is_not_good_or_a_surface_cannot_be_read(tmp_path: Path) -> None:
@@ -98,8 +103,9 @@ async def test_tare_writes_the_rest_gaps_in_place_of_a_file_that_cannot_be_used(
     assert (tared.code, tared.err) == (0, "")
     assert tared.out.startswith("bench: rest gaps s1 2.4500 mm, s2 2.4000 mm, mean of 200 readings, in ")
     assert rest_gap_mm == pytest.approx({"s1": 2.45, "s2": 2.4})
-    channels = json.loads(checked.out)["surfaces"]["bench"]["channels"]
-    assert [channel["deflection_mm"] for channel in channels] == pytest.approx([0, 0])
+    bench = json.loads(checked.out)["surfaces"]["bench"]
+    assert [channel["deflection_mm"] for channel in bench["channels"]] == pytest.approx([0, 0])
+    assert bench["tared"] is True
     assert (refused.code, refused.complaint()) == (1, f"bench: cannot write {path}: Is a directory")
 
 

@@ -39,7 +39,7 @@ pytestmark = pytest.mark.anyio
 
 SEVERAL_ATTEMPTS_S = 2.0
 """Time for several attempts; the daemon waits 0.5 s at most between two."""
-WAITING = "STATUS=reading bench; waiting for the device of late"
+WAITING = "STATUS=reading bench; waiting for the device of late; not tared: late"
 
 
 def whole_log(outcome: Outcome) -> list[dict[str, Any]]:
@@ -105,7 +105,9 @@ async def test_a_failing_surface_costs_others_nothing_and_does_not_fill_the_log(
     assert summary["alive"]["readings_lost"] <= 2 + device.unsent
     events = whole_log(outcome)
     assert all(set(event) == {"time", "level", "source", "message"} for event in events)
-    assert len([event for event in events if event["message"].startswith("dead: ")]) == 1
+    untared, *others = [event["message"] for event in events if event["message"].startswith("dead: ")]
+    assert untared.startswith("dead: not tared: the rest gaps are those of the configuration; run ")
+    assert len(others) == 1
 
 
 async def test_a_beam_at_rest_sends_few_samples_and_a_touch_at_once_each_of_its_readings(tmp_path: Path) -> None:
@@ -321,6 +323,7 @@ async def test_metrics_are_those_of_the_summary_and_only_on_this_machine(tmp_pat
     assert ("beamtouch_samples_in_log", "memory") in found
     assert 0 < found["beamtouch_readings_per_second", ""] < 210
     assert found["beamtouch_rate_wrong", ""] in {0, 1}
+    assert found["beamtouch_untared", ""] == 1
 
 
 def test_a_line_without_progress_hangs_and_one_without_a_device_does_not() -> None:
@@ -344,10 +347,13 @@ async def test_the_service_manager_is_told_of_start_progress_missing_devices_and
         async with serving(Service()) as service, pymodbus_server([21_000, 65_535]) as port:
             late = configs.surface("late", source=configs.serial("/dev/none"))
             config = configs.write(tmp_path, configs.surface(source=configs.tcp(port)), late, url=service.url)
+            configs.tare(tmp_path)
             async with started("run", config, code=manager.code) as daemon:
                 for word, times in (("READY=1", 1), ("WATCHDOG=1", 5), (WAITING, 1)):
                     assert await asyncio.to_thread(manager.until, word, times)
                 outcome = await daemon.stop()
                 assert await asyncio.to_thread(manager.until, "STOPPING=1")
     assert outcome.code == 0
+    assert "late: not tared: the rest gaps are those of the configuration; " in outcome.err
+    assert "bench: not tared" not in outcome.err
     assert manager.heard[0] == "READY=1"

@@ -17,6 +17,7 @@ from beamtouch_common.errors import FailedError
 from beamtouch_common.table import aligned
 from beamtouch_daemon.config.file import load_config
 from beamtouch_daemon.config.settings import Config, Surface
+from beamtouch_daemon.config.tare_file import NOT_TARED
 from beamtouch_daemon.delivery.client import ServiceClient
 from beamtouch_daemon.delivery.readiness import readiness_of
 from beamtouch_daemon.processing import resolution
@@ -67,6 +68,8 @@ class SurfaceState:
     error: str | None = None
     limits: tuple[str, ...] = ()
     """Cases in which old or foreign readings may pass unnoticed, a sentence each."""
+    is_tared: bool = True
+    """Whether the rest gaps are measured, rather than those of the configuration."""
     refusal: str | None = None
     """Reason why the service does not take the samples of this surface; None: it takes them, or was not asked."""
     doubt: str | None = None
@@ -143,8 +146,9 @@ async def _read_all(config: Config) -> list[SurfaceState]:
         try:
             (reading,) = await first_readings(source, 1)
         except SourceError as error:
-            return SurfaceState(name, config.file_of(name), error=str(error))
-        return SurfaceState(name, config.file_of(name), _channels(surface, rest[name], reading), limits=source.limits)
+            return SurfaceState(name, config.file_of(name), error=str(error), is_tared=bool(rest[name]))
+        channels = _channels(surface, rest[name], reading)
+        return SurfaceState(name, config.file_of(name), channels, limits=source.limits, is_tared=bool(rest[name]))
 
     return await asyncio.gather(*(read(name, surface) for name, surface in config.surfaces.items()))
 
@@ -179,13 +183,14 @@ def _as_json(state: SurfaceState, *, asked: bool) -> dict[str, object]:
             for channel in state.channels
         ],
         "limits": state.limits,
+        "tared": state.is_tared,
         "service": (state.refusal or "takes samples") if asked else None,
         "doubt": state.doubt,
     }
 
 
 def _lines(states: Sequence[SurfaceState], *, with_files: bool) -> Iterator[str]:
-    """Yield the table, with the file of each surface if there are several, and the limits below it."""
+    """Yield the table, with the file of each surface if there are several, and below it what limits the readings."""
     rows = [
         (
             state.surface,
@@ -203,7 +208,8 @@ def _lines(states: Sequence[SurfaceState], *, with_files: bool) -> Iterator[str]
     ]
     yield from aligned([*HEAD, *["file"] * with_files], rows, right=NUMBERS)
     for state in states:
-        yield from (f"{state.surface}: {text}" for text in (*state.limits, state.doubt) if text)
+        texts = (*state.limits, "" if state.is_tared else NOT_TARED, state.doubt)
+        yield from (f"{state.surface}: {text}" for text in texts if text)
 
 
 def rounded(value: float, decimals: int) -> float:

@@ -23,6 +23,7 @@ from beamtouch_common.typed import is_terminal, typed_line
 from beamtouch_daemon.commands.loads import Load, LoadFile, parse_load
 from beamtouch_daemon.config.file import load_config
 from beamtouch_daemon.config.settings import Loads, Surface
+from beamtouch_daemon.config.tare_file import NOT_TARED
 from beamtouch_daemon.processing.at_rest import NotAtRestError, describe_motion, noise_of, rest_gaps, steps_mm
 from beamtouch_daemon.processing.characteristic import QUALITIES, Characteristic
 from beamtouch_daemon.processing.pipeline import Pipeline, Taken, counts_of
@@ -72,6 +73,8 @@ def run(arguments: argparse.Namespace) -> int:
     file = LoadFile(path, surface.channel_names, append=arguments.append)
     if surface.loads is None:
         print(f"without [surfaces.{name}.loads], positions and forces are not checked", file=sys.stderr)
+    if not rest_gap_mm:
+        _say(f"{name}: {NOT_TARED}")
     if is_terminal():
         print(HELP, file=sys.stderr)
     dialogue = Dialogue(

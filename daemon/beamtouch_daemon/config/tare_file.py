@@ -14,6 +14,11 @@ from beamtouch_service.samples import ChannelName, SurfaceName
 MODE = 0o644
 """Permissions: the user of the service reads what root measured, whatever the umask of root."""
 
+NOT_TARED = (
+    "not tared: the rest gaps are those of the configuration; run beamtouch-daemon tare, with nothing on the beam"
+)
+"""What to say of a surface without a tare file."""
+
 
 class TareFile(BaseModel):
     """Content of the file."""

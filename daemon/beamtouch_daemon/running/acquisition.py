@@ -41,6 +41,7 @@ class Acquisition:
     name, surface : Name of the surface, and its configuration.
     source, pipeline, log : Where the readings come from, what makes samples of them, and where these go.
     batch_s, rest_s : Time to collect readings for one batch, and from one sample to the next while nothing happens [s].
+    is_tared : Whether the rest gaps are measured, rather than those of the configuration.
     """
 
     def __init__(
@@ -52,8 +53,11 @@ class Acquisition:
         log: Log,
         batch_s: float,
         rest_s: float,
+        *,
+        is_tared: bool = True,
     ) -> None:
         self.name = name
+        self.is_tared = is_tared
         self.surface = surface
         self.log = log
         self.readings = 0

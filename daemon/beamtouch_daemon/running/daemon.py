@@ -12,6 +12,7 @@ from time import monotonic
 from beamtouch_common.errors import InputError
 from beamtouch_common.systemd import ServiceManager
 from beamtouch_daemon.config.settings import Config
+from beamtouch_daemon.config.tare_file import NOT_TARED
 from beamtouch_daemon.delivery.client import ServiceClient
 from beamtouch_daemon.delivery.log_file import ForeignFileError
 from beamtouch_daemon.delivery.log_store import LogStore
@@ -85,8 +86,10 @@ async def run(config: Config) -> tuple[dict[str, Summary], bool]:
 
 
 def _begin(config: Config, name: str, rest_gap_mm: Mapping[str, float], store: LogStore, buses: Buses) -> Acquisition:
-    """Return the acquisition of a surface, with a new log."""
+    """Return the acquisition of a surface, with a new log; without rest gaps, it is not tared, and the log says so."""
     surface, publish = config.surfaces[name], config.publish
+    if not rest_gap_mm:
+        _log.warning("%s: %s", name, NOT_TARED)
     head = Batch.model_construct(
         boot_id=str(uuid.uuid4()),
         channels=surface.channel_names,
@@ -98,7 +101,8 @@ def _begin(config: Config, name: str, rest_gap_mm: Mapping[str, float], store: L
     log = store.surface(name).begin(head, publish.log_samples)
     rest = rest_of(surface) if publish.rest_ms else None
     source, pipeline = source_of(surface, name, buses), Pipeline(surface, rest_gap_mm, rest)
-    return Acquisition(name, surface, source, pipeline, log, publish.batch_ms / 1e3, publish.rest_ms / 1e3)
+    times_s = publish.batch_ms / 1e3, publish.rest_ms / 1e3
+    return Acquisition(name, surface, source, pipeline, log, *times_s, is_tared=bool(rest_gap_mm))
 
 
 async def _serve(
@@ -165,12 +169,13 @@ async def _watch(acquisitions: Sequence[Acquisition], manager: ServiceManager) -
 
 
 def _status(acquisitions: Sequence[Acquisition]) -> str:
-    """Return which surfaces are read, and which have no device yet."""
-    words = []
-    for text, is_missing in (("reading", False), ("waiting for the device of", True)):
-        if names := [one.name for one in acquisitions if one.is_missing is is_missing]:
-            words.append(f"{text} {', '.join(names)}")
-    return "; ".join(words)
+    """Return which surfaces are read, which have no device yet, and which are not tared."""
+    groups = {
+        "reading": [one.name for one in acquisitions if not one.is_missing],
+        "waiting for the device of": [one.name for one in acquisitions if one.is_missing],
+        "not tared:": [one.name for one in acquisitions if not one.is_tared],
+    }
+    return "; ".join(f"{words} {', '.join(names)}" for words, names in groups.items() if names)
 
 
 @asynccontextmanager

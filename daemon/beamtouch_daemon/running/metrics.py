@@ -43,6 +43,7 @@ class CountCollector(Collector):
         age = _gauge("reading_age_seconds", "Age of the newest reading.")
         measured = _gauge("readings_per_second", "Measured rate of the readings.")
         wrong = _gauge("rate_wrong", "1 while the measured rate is not the configured one.")
+        untared = _gauge("untared", "1 while the rest gaps are those of the configuration, as no tare has been taken.")
         qualities = _gauge(
             "channel_quality", "1 for the quality of a channel in the newest sample.", "channel", "quality"
         )
@@ -51,6 +52,7 @@ class CountCollector(Collector):
             readings.add_metric([name], acquisition.readings)
             lost.add_metric([name], acquisition.lost)
             missing.add_metric([name], acquisition.is_missing)
+            untared.add_metric([name], not acquisition.is_tared)
             wrong.add_metric([name], not acquisition.meter.fits)
             if acquisition.last_s is not None:
                 age.add_metric([name], uptime_s() - acquisition.last_s)
@@ -61,7 +63,7 @@ class CountCollector(Collector):
             for channel, quality in zip(acquisition.surface.channel_names, acquisition.quality, strict=False):
                 for word in Quality:
                     qualities.add_metric([name, channel, word.value], quality is word)
-        yield from (readings, lost, missing, age, measured, wrong, qualities)
+        yield from (readings, lost, missing, age, measured, wrong, untared, qualities)
         yield from self._of_logs()
 
     def _of_logs(self) -> Iterator[Metric]:
