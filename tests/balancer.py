@@ -15,16 +15,17 @@ from waiting import wait_until
 
 CONFIG = Path(__file__).parents[1] / "deploy" / "haproxy.cfg"
 _SERVER = re.compile(r"^    server \S+ \S+ check\n", re.MULTILINE)
+_RULES = "    # The query form"
 
 
 class Balancer:
     """HAProxy in front of services on these ports.
 
     With `check_s`, it waits so long for the answer to a check: after 250 ms, as configured, a service that a starved
-    machine holds up counts as dead, and its surfaces move.
+    machine holds up counts as dead, and its surfaces move. `lines` come before all rules of the frontend.
     """
 
-    def __init__(self, folder: Path, ports: Sequence[int], check_s: int | None = None) -> None:
+    def __init__(self, folder: Path, ports: Sequence[int], check_s: int | None = None, lines: str = "") -> None:
         self._program = require("haproxy", "haproxy")
         self._path = folder / "haproxy.cfg"
         port = free_port()
@@ -34,6 +35,8 @@ class Balancer:
         if check_s is not None:
             text, found = re.subn(r"(?<=timeout check )\S+", f"{check_s}s", text)
             assert found == 1
+        assert text.count(_RULES) == 1
+        text = text.replace(_RULES, f"{lines}{_RULES}")
         self._path.write_text(re.sub("@+", lambda _: servers, text))
         self._process: subprocess.Popen[bytes] | None = None
 

@@ -19,9 +19,9 @@ CONTACT: list[Row] = [RESTING, TOUCHING, TOUCHING, RESTING]
 class Plant:
     """Two services behind a balancer, and a sender for each surface."""
 
-    def __init__(self, folder: Path, services: list[Service]) -> None:
+    def __init__(self, folder: Path, services: list[Service], lines: str = "") -> None:
         self.services = services
-        self.balancer = Balancer(folder, [service.port for service in services], 30)
+        self.balancer = Balancer(folder, [service.port for service in services], 30, lines)
         self._sent = dict.fromkeys(SURFACES, 1)
 
     def get(self, path: str) -> httpx2.Response:

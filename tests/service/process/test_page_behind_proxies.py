@@ -19,9 +19,11 @@ from nginx import Nginx, nginx_in
 from parts import require
 from pasted import ROOT, blocks_of
 from plain_http import TIMEOUT_S
-from service.bench import READ_TOKEN, TOKEN, batch_of
+from service.bench import READ_TOKEN, TOKEN, BuildModel, batch_of
+from service.event_story import TOUCHING
 from service.process.beam_page import StartBench
 from service.process.conftest import Service, StartService
+from service.process.replica_plant import CONTACT, SURFACES, Plant
 from service.process.test_page_commissioning import FORCE_N, HELD
 from service.process.test_page_token import enter
 from waiting import wait_until
@@ -138,6 +140,37 @@ def test_a_technician_commissions_below_the_path(start_bench: StartBench, below:
     with seen.page.expect_download() as waiting:
         seen.page.click("#commissioning-json")
     assert json.loads(Path(waiting.value.path()).read_text())["by"] == "Ann"
+
+
+def test_the_page_of_several_services_below_a_path(
+    start_service: StartService,
+    build_model: BuildModel,
+    token_file: Path,
+    events_url: str,
+    open_page: OpenPage,
+    tmp_path: Path,
+) -> None:
+    surfaces = "".join(f"[surfaces.{name}]\nmodel = '{build_model()}'\nstale_ms = 60000\n" for name in SURFACES)
+    server = f"[server]\nreplica = true\nwrite_token_file = '{token_file}'\n"
+    (tmp_path / "service.toml").write_text(f"{server}[events]\nurl = '{events_url}'\n{surfaces}")
+    plant = Plant(tmp_path, [start_service("--config", "service.toml") for _ in range(2)], HAPROXY)
+    plant.balancer.start()
+    try:
+        for name in SURFACES:
+            plant.deliver(name, *CONTACT, TOUCHING)
+        base = plant.balancer.url
+        seen = open_page(base, "/touch")
+        for name in SURFACES:
+            seen.wait_for_text("headline", "Contact")
+            seen.page.wait_for_selector("#events tr")
+            seen.page.select_option("#chooser", name)
+            seen.page.wait_for_function("name => document.title.includes(name)", arg=name)
+        assert plant.get("/touch/contact?surface=press-3").json()["surface"] == "press-3"
+        assert {url for url in seen.requests if not url.startswith(f"{base}/touch")} == set()
+        # The list of surfaces is refused by each service, and has all names: the browser notes that.
+        assert [text for text in seen.complaints if "status of 421" not in text] == []
+    finally:
+        plant.balancer.stop()
 
 
 def test_programs_get_the_answers_of_the_service_through_nginx(fresh: Service, nginx: Nginx) -> None:
