@@ -14,7 +14,8 @@ from parts import require
 from service.event_story import RESTING, TOUCHING
 from service.process.broker import Subscriber
 from service.process.conftest import Service
-from service.process.mqtt_line import STATUS, Line, events, metric, now_batch, wait_connected, wait_for
+from service.process.cutting_relay import cutting_relay
+from service.process.mqtt_line import CONTACT, STATUS, Line, events, metric, now_batch, wait_connected, wait_for
 
 GUIDE = Path(__file__).parents[3] / "docs" / "how-to" / "mqtt.md"
 IMPATIENT = "from beamtouch_service.outputs.mqtt import leftovers; leftovers.ANSWER_S = 0.1"
@@ -146,7 +147,8 @@ def test_a_service_removes_nothing_of_another_one_and_says_if_both_write_to_one_
         line.start(DISCOVERY, *first, surfaces=["press-7"]),
         line.start(DISCOVERY, *second, surfaces=["press-8"]),
     ]
-    wait_for(lambda: len(devices(subscriber)) == 2)
+    # Of each a description, a status, and that of its surface; some are one topic.
+    wait_for(lambda: len(kept(subscriber)) == 6 - len(also))
     everything = kept(subscriber).keys()
     # The first one starts anew, beside the second and without it.
     services[0] = change(line, services[0], DISCOVERY, *first, surfaces=["press-7"])
@@ -173,6 +175,19 @@ def test_a_user_that_may_not_read_is_a_line_that_says_what_stays(line: Line) -> 
     wait_for(lambda: metric(service, 'messages_total{kind="contact"}') >= 3)
     _, errors = service.stop(signal.SIGTERM)
     assert errors.count("may not read beamtouch/status; allow it, or what you remove here stays there") == 1
+
+
+def test_a_broker_that_ends_the_connection_of_who_may_not_read_still_gets_contacts(line: Line) -> None:
+    subscriber = line.broker.subscribe("-t", "#")
+    with cutting_relay(line.broker.port) as port:
+        service = line.start(DISCOVERY, port=port)
+        wait_connected(service)
+        service.post(now_batch(TOUCHING, sequence=1))
+        wait_for(lambda: any(one.get("state") == "contact" for one in subscriber.of(CONTACT)))
+        wait_for(lambda: described("press-7") in kept(subscriber))
+        _, errors = service.stop(signal.SIGTERM)
+    topics = (STATUS, status("+"), described("+"))
+    assert [errors.count(f"may not read {topic} (it ends the connection); allow it") for topic in topics] == [1, 1, 1]
 
 
 def test_the_command_of_the_guide_removes_all_of_a_service_and_nothing_of_others(line: Line) -> None:

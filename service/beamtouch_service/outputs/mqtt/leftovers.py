@@ -6,12 +6,16 @@ once announced, whatever became of its files, and leaves alone what is of other 
 
 import asyncio
 import logging
+from collections import Counter
 from collections.abc import Mapping
 from contextlib import suppress
 
 from beamtouch_service.outputs.mqtt import discovery
-from beamtouch_service.outputs.mqtt.connection import ANSWER_S, Connection, RefusedError
+from beamtouch_service.outputs.mqtt.connection import ANSWER_S, BrokerError, Connection, RefusedError
 from beamtouch_service.outputs.mqtt.messages import JSON, ONLINE, Kept, Topics
+
+MOST_LOSSES = 2
+"""Then the service no longer asks for what costs it the connection."""
 
 _log = logging.getLogger("beamtouch.service.mqtt")
 
@@ -27,6 +31,8 @@ class Leftovers:
         self._where = where
         self._is_readable = False
         """Whether the broker lets this service read its own messages."""
+        self._losses = Counter[str]()
+        """How often in a row the connection was lost over the subscription to a topic."""
         self._said: set[str] = set()
         """Topics that the log has, and those that the broker refused to change."""
 
@@ -35,15 +41,8 @@ class Leftovers:
 
         To be called before the descriptions are sent: they take the place of those that say which zones there were.
         """
-        topics = self._topics
-        own = (topics.status, topics.surface_status("+"))
-        for topic in (*own, discovery.topic(topics, "+")):
-            try:
-                await connection.subscribe(topic)
-            except RefusedError as error:
-                # Without discovery, nobody may ever have had this right.
-                if topic in own or self._descriptions:
-                    self._warn_unreadable(topic, f" ({error})")
+        for topic in (self._topics.status, self._topics.surface_status("+"), discovery.topic(self._topics, "+")):
+            await self._subscribe(connection, topic)
         # Most brokers have sent what they keep before this answer.
         await connection.confirm()
         with suppress(asyncio.QueueEmpty):
@@ -61,6 +60,21 @@ class Leftovers:
             self._warn_unreadable(self._topics.status)
         while True:
             await self._settle(connection, await connection.received.get())
+
+    async def _subscribe(self, connection: Connection, topic: str) -> None:
+        if self._losses[topic] == MOST_LOSSES:
+            return
+        try:
+            await connection.subscribe(topic)
+            self._losses[topic] = 0
+        except RefusedError as error:
+            self._warn_unreadable(topic, f" ({error})")
+        except BrokerError:
+            # Some brokers end the connection of a client that may not read.
+            self._losses[topic] += 1
+            if self._losses[topic] == MOST_LOSSES:
+                self._warn_unreadable(topic, " (it ends the connection)")
+            raise
 
     async def _settle(self, connection: Connection, message: Kept) -> None:
         """Compare a message with what is to be there."""
@@ -92,7 +106,9 @@ class Leftovers:
             _log.warning(words, self._where, topic, error)
 
     def _warn_unreadable(self, topic: str, reason: str = "") -> None:
-        if topic not in self._said:
+        # Without discovery, nobody may ever have had the right to read there.
+        is_of_interest = self._descriptions or topic != discovery.topic(self._topics, "+")
+        if is_of_interest and topic not in self._said:
             self._said.add(topic)
             words = "MQTT broker %s: this user may not read %s%s; allow it, or what you remove here stays there"
             _log.warning(words, self._where, topic, reason)
