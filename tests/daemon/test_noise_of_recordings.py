@@ -163,3 +163,15 @@ def test_noise_that_a_mean_does_not_take_away_is_remarked_on(noise: float, alike
 
 def test_daemon_and_models_take_the_same_for_zeros() -> None:
     assert daemon_noise.ZERO_SHARE == priced_noise.ZERO_SHARE
+
+
+def test_a_recording_of_an_hour_says_how_fast_zeros_drift_and_a_minute_does_not() -> None:
+    surface = four_channels(rate_hz=20.0)
+    minutes = np.arange(60 * 60 * 20)[:, np.newaxis] / 60 / 20
+    drift_mm = 0.005 * minutes * np.array([1.0, 1.0, 0.5, -0.2])
+    noise_mm = NOISE_MM * np.random.default_rng(8).standard_normal(drift_mm.shape)
+    keys = keys_of(measure_noise(counts_of(drift_mm + noise_mm), surface), surface)
+    assert keys.drift_um_per_min == pytest.approx(5.0, rel=0.1)
+    assert keys.zero_drift_mm < 0.2 * 0.005 * 60  # not what is followed at each rest
+    short = measure_noise(counts_of((drift_mm + noise_mm)[: 15 * 60 * 20]), surface)
+    assert keys_of(short, surface).drift_um_per_min is None

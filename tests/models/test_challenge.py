@@ -11,7 +11,7 @@ import onnx
 import pytest
 
 from beamtouch_models import modelfile
-from beamtouch_models.challenge import contacts
+from beamtouch_models.challenge import contacts, drift
 from beamtouch_models.challenge.challenge import Row, challenge, misses, rows_of
 from beamtouch_models.challenge.judge import Said, judge
 from beamtouch_models.challenge.play import Case, Drawn, Make, SimulatedSurface
@@ -55,6 +55,14 @@ MAKES: dict[str, Make] = {
 def test_an_honest_contact_that_comes_goes_or_moves_keeps_to_the_goals(bench: ModelFile, name: str) -> None:
     for row in only(bench, Case(True, MAKES[name]), 100):
         assert misses(row) == [], row
+
+
+@pytest.mark.parametrize("together", [True, False])
+def test_zeros_that_drift_mislead_no_contact_and_leave_none_behind(bench: ModelFile, together: bool) -> None:
+    contact, lifted = only(bench, Case(True, partial(drift.drifts, together=together)), 60)
+    assert misses(contact) == misses(lifted) == []
+    assert contact.plain > 57
+    assert lifted.clear == 1.0
 
 
 def test_a_touch_is_unsteady_first_and_an_untouched_beam_is_clear(bench: ModelFile, surface: SimulatedSurface) -> None:

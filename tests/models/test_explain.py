@@ -1,6 +1,7 @@
 """The command `design-sensors explain`."""
 
 import json
+from pathlib import Path
 
 import pytest
 
@@ -19,6 +20,7 @@ NAMES = [
     "ADC steps",
     "gain error",
     "zero drift",
+    "drift in a minute",
     "mounting tolerance",
     "expansion",
     "sensor drift",
@@ -53,3 +55,16 @@ def test_a_table_lists_every_effect(design_sensors_here: Command) -> None:
     # the times that were measured.
     assert "…" not in done.stdout
     assert "give environment.temperature_range_k and" in rows["sensor drift"]
+
+
+@pytest.mark.parametrize(("stated", "um"), [("", 1.0), ("[environment]\ndrift_um_per_min = 5\n", 5.0)])
+def test_a_drift_is_priced_by_what_each_zero_may_be_off_after_a_contact_of_a_minute(
+    stated: str, um: float, design_sensors_here: Command, tmp_path: Path
+) -> None:
+    scene = tmp_path / "scene.toml"
+    scene.write_text((SCENES / "short-deep.toml").read_text() + f"\n{stated}")
+    done = design_sensors_here("explain", scene, "--json")
+    (drift,) = [one for one in json.loads(done.stdout)["effects"] if one["name"] == "drift in a minute"]
+    assert drift["price"] == pytest.approx(0.5e-3 * um / (0.001 / 10**0.5))
+    assert f"zeros drift by {um:g} um a minute together" in drift["reason"]
+    assert ("as the scene states none" in drift["reason"]) == (not stated)

@@ -141,6 +141,7 @@ def _as_json(measurement: Measurement) -> dict[str, object]:
         scene["adc_bits"] = keys.adc_bits
     if (places := _places_mm(measurement.settings)) is not None:
         scene["fixed_mm"] = places
+    rate = keys.drift_um_per_min
     return {
         "error": None,
         "readings": len(measurement.recording.counts),
@@ -161,6 +162,7 @@ def _as_json(measurement: Measurement) -> dict[str, object]:
         ],
         "daemon": {"noise_mm": keys.daemon_noise_mm, "stuck_after_ms": keys.stuck_after_ms},
         "scene": scene,
+        "environment": {} if rate is None else {"drift_um_per_min": rate},
     }
 
 
@@ -201,10 +203,25 @@ def _lines_to_paste(measurement: Measurement) -> list[str]:
         "",
         "[sensors]        # in the scene, without noise_percent_of_max; then build the model again",
         f"noise_mm = {keys.scene_noise_mm!r}",
-        f"zero_drift_mm = {keys.zero_drift_mm!r}        # within such a time; zeros drift further in a longer one",
+        f"zero_drift_mm = {keys.zero_drift_mm!r}        # {_drift_within(keys)}",
         *([] if keys.adc_bits is None else [f"adc_bits = {keys.adc_bits}"]),
         *_places(measurement.settings),
+        *_drift(keys),
     ]
+
+
+def _drift_within(keys: Keys) -> str:
+    if keys.drift_um_per_min is None:
+        return "within such a time; zeros drift further in a longer one"
+    return "beside the drift that is followed"
+
+
+def _drift(keys: Keys) -> list[str]:
+    """Return the lines on the drift of the zeros, if the recording says how fast it is."""
+    if not keys.drift_um_per_min:
+        return []
+    line = f"drift_um_per_min = {keys.drift_um_per_min!r}        # also in zero_tracking of the daemon's configuration"
+    return ["", "[environment]        # in the scene", line]
 
 
 def _places(surface: Surface) -> list[str]:

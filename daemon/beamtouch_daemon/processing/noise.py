@@ -20,6 +20,7 @@ from beamtouch_daemon.processing.characteristic import Characteristic
 from beamtouch_daemon.processing.filters import mean_of
 from beamtouch_daemon.processing.stuck import Runs
 from beamtouch_models.filters import Chain, FloatArray, Mean
+from beamtouch_models.filters.zeros import PERSISTS_S
 
 MIN_READINGS = 500
 INDEPENDENT = 100
@@ -39,6 +40,8 @@ GROWN = 50
 """Readings of a growing mean that show how the noise averages away."""
 ZERO_SHARE = 0.2
 """Least drift of a zero, as a part of the noise, as in a scene: a recording shows only its own time."""
+FEWEST_MINUTES = 20
+"""Minutes of a recording from which on it says how fast zeros drift."""
 STEPS_MATTER = 0.1
 """Steps are stated if their rounding is more than this part of the noise."""
 HIDDEN = 0.02
@@ -70,6 +73,8 @@ class ChannelNoise:
     """Noise of white readings that differ from one to the next as much as the measured ones."""
     drift_mm: float
     """Standard deviation of the zero against the beginning or the end of the recording."""
+    drift_mm_per_min: float | None
+    """How fast the zero drifts, as a standard deviation; None for a recording that is too short to say."""
     step_mm: float
     """Step of the readings, or of the conversions in them if these hide the noise; 0 where floats show none."""
     is_rounded: bool
@@ -97,6 +102,8 @@ class Keys:
     """`[sensors] noise_mm`: without the steps if `adc_bits` states them."""
     zero_drift_mm: float
     """`[sensors] zero_drift_mm`."""
+    drift_um_per_min: float | None
+    """`[environment] drift_um_per_min`, and that of `zero_tracking`; None for a recording that is too short."""
     adc_bits: int | None
     """`[sensors] adc_bits`, if the steps matter."""
 
@@ -128,6 +135,7 @@ def measure_noise(counts: FloatArray, surface: Surface) -> list[ChannelNoise]:
     means = _blocks(gaps, number).mean(axis=1)
     apart = ((means - means[0]) ** 2 + (means - means[-1]) ** 2).mean(axis=0) / 2
     drift = np.sqrt(np.maximum(apart - 2 * of_block * (1 - 1 / number), 0.0))
+    rates = _drift_mm_per_min(gaps, of_block * length, surface.rate_hz)
     shown = resolution.steps_shown(counts, surface)
     runs = Runs.of(surface).lengths(counts).max(axis=0)
     channels = []
@@ -148,6 +156,7 @@ def measure_noise(counts: FloatArray, surface: Surface) -> list[ChannelNoise]:
                 effective_noise_mm=math.sqrt(effective[index]),
                 fast_noise_mm=math.sqrt(fast[index]),
                 drift_mm=float(drift[index]),
+                drift_mm_per_min=None if rates is None else float(rates[index]),
                 step_mm=slope * (coarse if is_rounded else fine),
                 is_rounded=is_rounded,
                 longest_run=int(runs[index]),
@@ -168,7 +177,10 @@ def keys_of(channels: Sequence[ChannelNoise], surface: Surface) -> Keys:
     rounding = step / math.sqrt(12)
     loud = [channel.effective_noise_mm for channel in channels if not channel.is_rounded or channel.is_coloured]
     noise = max(loud) if loud else math.hypot(HIDDEN * step, rounding) / math.sqrt(surface.conversions)
-    drift = max(ZERO_SHARE * noise, *(channel.drift_mm for channel in channels))
+    rates = [channel.drift_mm_per_min for channel in channels if channel.drift_mm_per_min is not None]
+    # What is followed at each rest is no drift since the last tare, but for the time of an ordinary contact.
+    followed = [rate * PERSISTS_S / 60 for rate in rates]
+    drift = max(ZERO_SHARE * noise, *(followed or (channel.drift_mm for channel in channels)))
     bits = _bits(surface, step) if rounding > STEPS_MATTER * noise else None
     sensor = math.sqrt(max(noise**2 - rounding**2, 0.0)) if loud else HIDDEN * step
     if any(channel.is_rounded for channel in channels) and (loud or bits is None):
@@ -179,6 +191,7 @@ def keys_of(channels: Sequence[ChannelNoise], surface: Surface) -> Keys:
         stuck_after_ms=_stuck_after_ms(channels, noise, surface),
         scene_noise_mm=round_up(noise if bits is None else sensor),
         zero_drift_mm=round_up(drift),
+        drift_um_per_min=round_up(1e3 * max(rates)) if rates else None,
         adc_bits=bits,
     )
 
@@ -213,6 +226,20 @@ def _effective_mm2(residual: FloatArray, number: int, of_block: FloatArray, surf
     scatter = np.nanvar(_blocks(values, number), axis=1).mean(axis=0) + of_block
     effective: FloatArray = scatter / np.nanmean(relative[settled:], axis=0)
     return effective
+
+
+def _drift_mm_per_min(gap_mm: FloatArray, of_reading_mm2: FloatArray, rate_hz: float) -> FloatArray | None:
+    """Return how far zeros (channels,) drift in a minute, as standard deviations; None for too short a recording.
+
+    `of_reading_mm2` is the variance of independent readings whose means scatter as much.
+    """
+    minute = round(60 * rate_hz)
+    number = len(gap_mm) // minute
+    if number < FEWEST_MINUTES:
+        return None
+    moved = np.diff(_blocks(gap_mm[: number * minute], number).mean(axis=1), axis=0)
+    rates: FloatArray = np.sqrt(np.maximum((moved**2).mean(axis=0) - 2 * of_reading_mm2 / minute, 0.0))
+    return rates
 
 
 def _blocks(values: FloatArray, number: int) -> FloatArray:

@@ -25,6 +25,7 @@ from scipy.special import bdtrc, chdtrc, ndtr, ndtri
 from beamtouch_models.accuracy.thresholds import left_by_contact
 from beamtouch_models.arrays import Bools, Floats, Indices
 from beamtouch_models.challenge.contacts import honest_cases, lossy_cases
+from beamtouch_models.challenge.drift import drift_cases
 from beamtouch_models.challenge.faults import error_cases, fault_cases
 from beamtouch_models.challenge.judge import Judged, Said, judge
 from beamtouch_models.challenge.play import Case, Drawn, SimulatedSurface
@@ -116,7 +117,8 @@ def _challenged(content: bytes) -> tuple[ModelFile, SimulatedSurface, tuple[Case
     """Load a model and make its surface and cases, once in each process."""
     model = load_bytes(content, "the model")
     surface = SimulatedSurface.of(model.metadata)
-    return model, surface, (*honest_cases(surface), *error_cases(surface), *fault_cases(), *lossy_cases(surface))
+    honest = (*honest_cases(surface), *drift_cases(surface))
+    return model, surface, (*honest, *error_cases(surface), *fault_cases(), *lossy_cases(surface))
 
 
 def _rows(content: bytes, draws: int, seed: int, number: int) -> list[Row]:

@@ -17,6 +17,7 @@ from beamtouch_common.digits import digits
 from beamtouch_common.errors import InputError
 from beamtouch_models.arrays import Floats
 from beamtouch_models.errors import SceneError
+from beamtouch_models.filters.zeros import OWN
 from beamtouch_models.metadata import FilterChoice
 from beamtouch_models.physics import motion
 from beamtouch_models.physics.axial import held, holding_mm
@@ -235,6 +236,19 @@ def _zero_drift(pricing: Pricing) -> Effect:
     return Effect("zero drift", pricing.in_noise(np.array([zero_mm])), "floor", reason)
 
 
+def _drift_under_a_load(pricing: Pricing) -> Effect:
+    """Price what zeros drift by themselves in a contact of a minute; what they drift together is mostly force."""
+    name, rate_mm = "drift in a minute", pricing.readings.drift_mm_per_min
+    if rate_mm == 0:
+        return Effect(name, 0.0, "out", "the scene states that zeros do not drift")
+    stated = "" if pricing.scene.environment.drift_um_per_min is not None else ", as the scene states none"
+    reason = (
+        f"zeros drift by {digits(1000 * rate_mm, 3)} um a minute together{stated}, each by itself by {OWN:g} times "
+        "that; the daemon follows at each rest, and the intervals of a contact widen with its length"
+    )
+    return Effect(name, pricing.in_noise(np.array([OWN * rate_mm])), "floor", reason)
+
+
 def _mounting_tolerance(pricing: Pricing) -> Effect:
     scene, tolerance_mm = pricing.scene, pricing.scene.sensors.mounting_tolerance_mm
     if tolerance_mm == 0:
@@ -327,6 +341,7 @@ EFFECTS: tuple[Callable[[Pricing], Effect], ...] = (
     _adc_steps,
     _gain_error,
     _zero_drift,
+    _drift_under_a_load,
     _mounting_tolerance,
     _expansion,
     _sensor_drift,
