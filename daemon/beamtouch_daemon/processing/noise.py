@@ -19,8 +19,7 @@ from beamtouch_daemon.processing.at_rest import without_line
 from beamtouch_daemon.processing.characteristic import Characteristic
 from beamtouch_daemon.processing.filters import mean_of
 from beamtouch_daemon.processing.stuck import Runs
-from beamtouch_models.filters import Chain, FloatArray, Mean
-from beamtouch_models.filters.zeros import PERSISTS_S
+from beamtouch_models.filters import PERSISTS_S, Chain, FloatArray, Mean
 
 MIN_READINGS = 500
 INDEPENDENT = 100

@@ -16,9 +16,10 @@ from beamtouch_models.filters.chain import Chain, Mean, readings_within, unit_of
 from beamtouch_models.filters.filtered import Filtered
 from beamtouch_models.filters.readings import FloatArray
 from beamtouch_models.filters.rest import Rest
-from beamtouch_models.filters.zeros import Tracked, Walk, Zeros, beyond_start
+from beamtouch_models.filters.zeros import PERSISTS_S, Tracked, Walk, Zeros, beyond_start
 
 __all__ = [
+    "PERSISTS_S",
     "Chain",
     "Filtered",
     "FloatArray",
