@@ -60,7 +60,7 @@ def _of_what(metadata: Metadata) -> str:
 
 def answers(metadata: Metadata) -> dict[str, list[str]]:
     """Return what an answer gives, and when, in words for each kind of touch."""
-    kinds: dict[str, list[str]] = {"touch without ringing": [], "sudden touch": []}
+    kinds: dict[str, list[str]] = {"sudden touch": [], "touch without ringing": []}
     for one in metadata.accuracy.since_touch:
         after = f"after {digits(one.since_ms, 3)} ms"
         kinds["touch without ringing"].append(f"{_measured(one.error_percent, one.error_standard_error)} {after}")

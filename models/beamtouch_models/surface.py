@@ -24,6 +24,7 @@ from beamtouch_models.physics.beam import Travel, influence, influence_of, senso
 from beamtouch_models.physics.influence import InfluenceFunction, check_own
 from beamtouch_models.physics.motion import slowest_period_ms
 from beamtouch_models.placement.layout import Candidates, equal_layout
+from beamtouch_models.pricing.aliases import unseen_swing
 from beamtouch_models.pricing.noise import ReadingErrors, chain_of, check_errors, choose_filter, step_mm
 from beamtouch_models.pricing.prices import Effect, effects_of, leave_out
 from beamtouch_models.pricing.ringing import Ringing, ringing_of
@@ -156,6 +157,11 @@ class Surface:
         """The same in readings; 0 if the beam's mass is not stated."""
         return (self.slowest_period_ms or 0.0) * self.stated.sensors.rate_hz / 1e3
 
+    @cached_property
+    def unseen_swing(self) -> float:
+        """The swing of the beam that readings do not show, over that which they show."""
+        return unseen_swing(self.stated, self.readings.reading_mm)
+
     @property
     def ringing(self) -> Ringing | None:
         """How long the beam rings; None if its mass is not stated."""
@@ -165,7 +171,8 @@ class Surface:
         """Return the filter for this number of channels, as the daemon runs it."""
         sensors = self.stated.sensors
         per_count_mm = step_mm(sensors.range_mm, sensors.adc_bits or DEFAULT_ADC_BITS)
-        return chain_of(self.filter, channels, self.noise.reading_mm, per_count_mm, self.slowest_period)
+        seen = self.slowest_period, self.unseen_swing
+        return chain_of(self.filter, channels, self.noise.reading_mm, per_count_mm, *seen)
 
     def prior(self, sensor_mm: Floats) -> Prior:
         """Return the prior of the surface with sensors at positions (channels,), in mm."""

@@ -23,8 +23,9 @@ from beamtouch_common.zones import Zone, ZoneState
 from beamtouch_daemon.processing.filters import uncertainties
 from beamtouch_models.arrays import Floats
 from beamtouch_models.building.build import build_model
-from beamtouch_models.challenge.contacts import STEPS, rested, rings
+from beamtouch_models.challenge.contacts import STEPS, rested
 from beamtouch_models.challenge.play import Drawn, SimulatedSurface
+from beamtouch_models.challenge.ringing import rings
 from beamtouch_models.loading import ModelFile, load_bytes
 from beamtouch_models.modelfile import State
 from beamtouch_models.pricing.noise import chain_of
@@ -149,7 +150,8 @@ def said(
     metadata, first = model.metadata, max(0, loads.begin - surface.decided)
     noise_mm, per_count_mm = metadata.noise.reading_mm, metadata.sensor.gain_mm_per_count
     readings = surface.world.readings(loads.deflection_mm, loads.errors, rng)
-    chain = chain_of(metadata.filter, surface.channels, noise_mm, per_count_mm, surface.slowest_period)
+    seen = surface.slowest_period, surface.unseen_swing
+    chain = chain_of(metadata.filter, surface.channels, noise_mm, per_count_mm, *seen)
     step_us = 1e6 / metadata.sensor.rate_hz
     for number, mm in enumerate(readings):
         chain.restart()

@@ -16,7 +16,7 @@ from beamtouch_common.digits import digits
 Row = dict[str, Any]
 Cell = Callable[[Row], str]
 
-LIFTED = "after a lift"
+LIFTED = "after a lift", "after a tap"
 TEN = 10
 """Percentages from here on have no decimals."""
 
@@ -74,7 +74,7 @@ TABLES: tuple[tuple[str, Callable[[Row], bool], Cell], ...] = (
         _is_honest,
         lambda row: _shares(row, "held", "held_unsteady", "noted", "misleading"),
     ),
-    ("After a lift", _is_lifted, lambda row: _shares(row, "clear", "noted", "ghosts")),
+    ("After a lift or a tap", _is_lifted, lambda row: _shares(row, "clear", "noted", "ghosts")),
     ("Faults and other worlds", _is_fault, lambda row: _shares(row, "noticed", "power")),
     ("Width of the intervals", _is_honest, _interval),
 )

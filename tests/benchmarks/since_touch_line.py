@@ -1,7 +1,8 @@
 """Position against time since touch on the real line: rig, daemon and service as processes, beside the rig's truth.
 
-`python tests/benchmarks/since_touch_line.py [--kinds modbus-tcp serial] [--touches 200] [--scene bench]`. Loads at
-random places, with random forces, lie for a second each. The answers of `GET /contact` are compared with the load.
+`python tests/benchmarks/since_touch_line.py [--kinds modbus-tcp serial] [--touches 200] [--scene bench] [--rings]`.
+Loads at random places, with random forces, lie for a second each, and half a second passes between them. The answers of
+`GET /contact` are compared with the load. With `--rings`, the beam rings, from each touch and from the lift before.
 """
 
 import argparse
@@ -86,17 +87,17 @@ def began_s(truth: Path, touches: list[Touch]) -> float:
     return float((np.max(times[starts] - offsets) + np.min(times[starts + 1] - offsets)) / 2)
 
 
-def run(kind: Kind, scene: str, number: int, folder: Path) -> list[dict[str, float]]:
-    """Run one line; returns a row per time since touch."""
+def run(kind: Kind, scene: str, number: int, folder: Path, *, rings: bool) -> list[dict[str, float]]:
+    """Run one line; returns a row per time since touch, and one of the times until the state follows."""
     model = build(folder, scene)
     touches = touches_of(model, number)
     (folder / "script.toml").write_text(script(touches))
-    surface = Surface(scene, kind, folder / "script.toml", ("--no-ringing",))
+    surface = Surface(scene, kind, folder / "script.toml", () if rings else ("--no-ringing",))
     seconds = touches[-1].offset_s + REST_S
     with Line(folder, folder / f"{scene}.toml", folder / f"{scene}.onnx", folder / "generated.toml", [surface]) as line:
         found = list(answers(line.url, time.time() + seconds))
         begin_s = began_s(line.truth(scene), touches)
-    return table(found, touches, begin_s, model)
+    return [*table(found, touches, begin_s, model), follows(found, touches, begin_s)]
 
 
 def table(
@@ -135,14 +136,29 @@ def table(
     return rows
 
 
+def follows(found: list[dict[str, Any]], touches: list[Touch], begin_s: float) -> dict[str, float]:
+    """Return the times from a touch to the first sample that is a contact, and from a lift to the first clear one."""
+    taken_s = np.array([datetime.fromisoformat(one["sampled_at"]).timestamp() for one in found])
+    states = np.array([one["state"] for one in found])
+    times: dict[str, list[float]] = {"contact": [], "clear": []}
+    for touch in touches:
+        for state, after_s in (("contact", 0.0), ("clear", REST_S)):
+            since_ms = 1e3 * (taken_s - (begin_s + touch.offset_s + after_s))
+            first = np.flatnonzero((since_ms > 0) & (states == state))
+            if len(first):
+                times[state].append(float(since_ms[first[0]]))
+    return {f"{state} {part} ms": float(np.percentile(of, part)) for state, of in times.items() for part in (50, 95)}
+
+
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--kinds", nargs="+", default=["modbus-tcp", "serial"])
     parser.add_argument("--touches", type=int, default=200)
     parser.add_argument("--scene", default="bench")
+    parser.add_argument("--rings", action="store_true")
     given = parser.parse_args()
     for each in given.kinds:
         with tempfile.TemporaryDirectory() as made:
             print(each)
-            for row in run(each, given.scene, given.touches, Path(made)):
+            for row in run(each, given.scene, given.touches, Path(made), rings=given.rings):
                 print("  ".join(f"{name} {value:.4g}" for name, value in row.items()), flush=True)

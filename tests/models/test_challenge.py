@@ -11,7 +11,7 @@ import onnx
 import pytest
 
 from beamtouch_models import modelfile
-from beamtouch_models.challenge import contacts, drift
+from beamtouch_models.challenge import contacts, drift, ringing
 from beamtouch_models.challenge.challenge import Row, challenge, misses, rows_of
 from beamtouch_models.challenge.judge import Said, judge
 from beamtouch_models.challenge.play import Case, Drawn, Make, SimulatedSurface
@@ -42,10 +42,10 @@ def test_the_model_of_the_bench_is_honest_at_rest_and_one_with_too_small_a_floor
 
 MAKES: dict[str, Make] = {
     "a touch": contacts.touched,
-    "a sudden force": contacts.rings,
-    "a weight": partial(contacts.rings, weighs=True),
-    "a force that grows": partial(contacts.rings, lasting_s=contacts.RAMP_S),
-    "a lift": contacts.lifts,
+    "a sudden force": ringing.rings,
+    "a weight": partial(ringing.rings, weighs=True),
+    "a force that grows": partial(ringing.rings, lasting_s=ringing.RAMPS_S[0]),
+    "a lift": ringing.lifts,
     "begins to move": partial(contacts.moves, speed_mm_per_s=30.0),
     "keeps moving": partial(contacts.moves, speed_mm_per_s=100.0, motion=contacts.KEEPS),
 }
@@ -97,7 +97,7 @@ def test_a_lost_reading_has_no_statement_and_its_place_in_time_counts(
 
 
 def test_the_same_seed_gives_the_same_rows(bench: ModelFile) -> None:
-    case = Case(True, contacts.rings)
+    case = Case(True, ringing.rings)
     first, again, other = (only(bench, case, 10, seed) for seed in (1, 1, 2))
     assert [row.name for row in first] == [f"sudden force, {ms} ms" for ms in (20, 50, 100, 200, 500)]
     assert [asdict(row) for row in first] == [asdict(row) for row in again]
@@ -107,7 +107,7 @@ def test_the_same_seed_gives_the_same_rows(bench: ModelFile) -> None:
 @pytest.mark.parametrize("name", ["bench", "cantilever", pytest.param("paper", marks=pytest.mark.soak)])
 def test_a_beam_that_rings_after_a_lift_is_not_touched(name: str, built_model: Callable[[str], Path]) -> None:
     """Readings beyond the range on the bench, replaced ones on the cantilever, single ones on the paper's beam."""
-    *_, last = only(modelfile.load(built_model(name)), Case(True, contacts.lifts), 30)
+    *_, last = only(modelfile.load(built_model(name)), Case(True, ringing.lifts), 30)
     assert last.ghosts is not None
     assert last.ghosts <= 1 / 30
 

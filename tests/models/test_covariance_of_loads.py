@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from beamtouch_models.challenge.contacts import rings, touched
+from beamtouch_models.challenge.contacts import touched
 from beamtouch_models.challenge.play import Drawn, Play, SimulatedSurface
+from beamtouch_models.challenge.ringing import rings
 from beamtouch_models.filters import Chain, FloatArray
 from covariance_cases import FILTER, NOISE_MM, PERIOD
 

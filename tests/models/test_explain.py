@@ -68,3 +68,18 @@ def test_a_drift_is_priced_by_what_each_zero_may_be_off_after_a_contact_of_a_min
     assert drift["price"] == pytest.approx(0.5e-3 * um / (0.001 / 10**0.5))
     assert f"zeros drift by {um:g} um a minute together" in drift["reason"]
     assert ("as the scene states none" in drift["reason"]) == (not stated)
+
+
+def test_modes_that_seem_to_stand_still_are_named_with_a_better_rate(design_sensors_here: Command) -> None:
+    done = design_sensors_here("explain", SCENES / "conveyor.toml", "--json")
+    ringing = json.loads(done.stdout)["ringing"]
+    (still,) = ringing["aliased"]
+    assert still["mode"] == 2
+    assert still["seen_hz"] == pytest.approx(abs(still["frequency_hz"] - 100), rel=1e-6)
+    assert still["share"] == pytest.approx(1 / 16, rel=0.1)  # of the first one: 1/k^4
+    better = ringing["better_rate_hz"]
+    assert abs(still["frequency_hz"] - round(still["frequency_hz"] / better) * better) > 10
+    text = design_sensors_here("explain", SCENES / "conveyor.toml").stdout
+    assert "mode 2, of 96.1 Hz, looks like 3.9 Hz to the readings" in text
+    assert f"at {better:g} readings a second, less seems to stand still" in text
+    assert "to the readings" not in design_sensors_here("explain", SCENES / "bench.toml").stdout

@@ -8,9 +8,9 @@ import pytest
 
 from beamtouch_models import cli
 from beamtouch_models.accuracy.limit import accuracy_limit
-from beamtouch_models.challenge.contacts import rings
 from beamtouch_models.challenge.judge import judge
 from beamtouch_models.challenge.play import Drawn, SimulatedSurface
+from beamtouch_models.challenge.ringing import rings
 from beamtouch_models.loading import ModelFile, load
 from beamtouch_models.surface import prior_of_model
 from few_draws import few_draws

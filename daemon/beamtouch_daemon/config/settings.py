@@ -26,6 +26,7 @@ from beamtouch_daemon.config.signal import (
     ZeroTracking,
 )
 from beamtouch_daemon.config.sources import ModbusRtu, ModbusTcp, NetworkPort, RelativePath, SerialLine, Source, Strict
+from beamtouch_models.filters import UNSEEN_SWING
 from beamtouch_service.samples import MAX_CHANNELS, BeamIdentity, Noise, SurfaceName
 
 MAX_PERIOD_READINGS = 4000
@@ -74,6 +75,11 @@ class Surface(Strict):
     """Period of the slowest motion of the beam; readings that scatter within it show that the beam moves.
 
     Default: only the readings in the mean are compared.
+    """
+    unseen_swing: Annotated[FiniteFloat, Field(ge=0, le=1)] = UNSEEN_SWING
+    """Swing of the beam that readings at this rate do not show, over that which they show.
+
+    It is of modes that seem to stand still; `explain` names them. While the beam rings, samples are uncertain by it.
     """
     source: Source
     filter: Filter = NoFilter()

@@ -27,7 +27,7 @@ def chain_of(surface: Surface) -> Chain:
     """Return the configured filters of a surface, with its noise, its steps and the period of its slowest motion."""
     period = (surface.slowest_period_ms or 0.0) * surface.rate_hz / 1e3
     mean = mean_of(surface.filter, surface.rate_hz)
-    return Chain(mean, len(surface.channels), surface.noise_mm, period, steps_mm(surface))
+    return Chain(mean, len(surface.channels), surface.noise_mm, period, steps_mm(surface), surface.unseen_swing)
 
 
 def rest_of(surface: Surface) -> Rest | None:

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beamtouch_daemon.config.settings import Surface
+from beamtouch_daemon.config.sources import SerialLine
 from beamtouch_daemon.processing import stuck
 from beamtouch_daemon.processing.characteristic import QUALITIES, Characteristic
 from beamtouch_daemon.processing.filters import Uncertainty, chain_of, uncertainties
@@ -65,6 +66,8 @@ class Pipeline:
         self._judges_runs = bool(np.isfinite(self._longest_runs).any())
         self._runs = stuck.Runs.of(surface)
         self._zeros = ZeroTracker.of(surface)
+        # The timer of a serial device is steadier than what is known of its clock.
+        self._rate_hz = None if isinstance(surface.source, SerialLine) else surface.rate_hz
         self._sequence = 1
 
     @property
@@ -102,7 +105,7 @@ class Pipeline:
         good = codes == _GOOD
         zeros = None if self._zeros is None else self._zeros.track(np.where(good, raw, np.nan), lost)
         zeroed = raw if zeros is None else raw - zeros.zero_mm
-        filtered = self._filtered(np.where(good, zeroed, np.nan), lost, good, zeroed[-1], counts[-1])
+        filtered = self._filtered(np.where(good, zeroed, np.nan), readings, good, zeroed[-1], counts[-1])
         at_rest = len(readings) - len(filtered.moves)
         readings, codes, good, zeroed = readings[at_rest:], codes[at_rest:], good[at_rest:], zeroed[at_rest:]
         values, stated = np.where(good, filtered.mean_mm, zeroed), uncertainties(filtered)
@@ -132,7 +135,7 @@ class Pipeline:
     def _filtered(
         self,
         values_mm: FloatArray,
-        lost: Sequence[int],
+        readings: Sequence[Reading],
         good: NDArray[np.bool_],
         zeroed_mm: FloatArray,
         counts: FloatArray,
@@ -141,8 +144,10 @@ class Pipeline:
 
         `zeroed_mm` and `counts` are those of the last reading.
         """
+        lost = [reading.lost for reading in readings]
+        times = None if self._rate_hz is None else [reading.monotonic_s * self._rate_hz for reading in readings]
         if self._rest is None:
-            return self._chain.apply(values_mm, lost)
+            return self._chain.apply(values_mm, lost, times)
         mm_per_count = self._characteristic.mm_per_count(counts)
         if self._rest.lasts:
             before = self._chain.state
@@ -150,8 +155,8 @@ class Pipeline:
             if self._rest.follow(newest, good, zeroed_mm, counts, mm_per_count):
                 return newest
             self._chain.state = before
-            return self._chain.apply(values_mm, lost)
-        filtered = self._chain.apply(values_mm, lost)
+            return self._chain.apply(values_mm, lost, times)
+        filtered = self._chain.apply(values_mm, lost, times)
         if self._rest.follow(filtered, good, zeroed_mm, counts, mm_per_count):
             return filtered.at(np.array([len(filtered.moves) - 1]))
         return filtered

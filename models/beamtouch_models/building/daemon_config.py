@@ -35,6 +35,7 @@ def daemon_config(metadata: Metadata) -> str:
         drift_mm=surface.readings.drift_mm,
         period_ms=surface.slowest_period_ms,
         adc_bits=surface.stated.sensors.adc_bits,
+        unseen_swing=surface.unseen_swing,
         smallest_mm=smallest_mm(metadata),
         walk=walk_of(metadata, surface.readings),
     )

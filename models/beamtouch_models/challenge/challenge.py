@@ -146,6 +146,8 @@ def rows_of(model: ModelFile, surface: SimulatedSurface, case: Case, draws: int,
         if not case.honest and play.fault_mm is not None:
             row = replace(row, power=power_of_shift(distances(surface, play.fault_mm, part.valid), alpha))
         found.append(row)
+    if play.again:
+        return found
     felt = said.said if play.crosses is None else said.said[~play.crosses]
     return [*found[:-1], replace(found[-1], ghosts=ghosts(felt) if len(felt) else None, plays=len(felt))]
 

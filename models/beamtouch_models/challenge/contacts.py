@@ -11,10 +11,8 @@ import numpy as np
 
 from beamtouch_models.arrays import Bools, Floats
 from beamtouch_models.challenge.play import Case, Drawn, Make, Play, SimulatedSurface
+from beamtouch_models.challenge.ringing import ringing_plays, rings
 
-SINCE_MS = (20, 50, 100, 200, 500)
-"""Times after the beginning of a load at which a beam that rings is judged."""
-RAMP_S = 0.03
 SPEEDS_MM_PER_S = (10, 30, 100, 300, 1000)
 STEPS = 8
 """Steps per reading in which a moving load is followed: in one of them it hardly moves."""
@@ -62,7 +60,7 @@ def honest_cases(surface: SimulatedSurface) -> list[Case]:
     """Return the cases that the scene allows."""
     makes: list[Make] = [touched, rested]
     if surface.world.modes is not None:
-        makes += [rings, partial(rings, weighs=True), partial(rings, lasting_s=RAMP_S), lifts]
+        makes += ringing_plays()
     makes += [
         partial(moves, speed_mm_per_s=float(speed), motion=motion)
         for motion in (BEGINS, KEEPS)
@@ -103,48 +101,6 @@ def rested(at: Drawn, *, least: int = 0) -> Play:
         truth_mm=np.pad(play.truth_mm, ((0, 0), (0, least)), "edge"),
         rows=tuple((name, reading + least) for name, reading in play.rows),
     )
-
-
-def rings(at: Drawn, *, weighs: bool = False, lasting_s: float = 0.0, least: int = 0) -> Play:
-    """Return loads that set the beam ringing: a force, or a weight that swings with it, at once or growing evenly.
-
-    At least so many readings follow the change of load.
-    """
-    world, (readings, seconds) = at.surface.world, _since(at, least)
-    grown = np.clip(seconds / lasting_s, 0.0, 1.0) if lasting_s else (seconds >= 0).astype(np.float64)
-    ringing = world.ringing_mm(at.position_mm, at.force_n, seconds, weighs=weighs, lasting_s=lasting_s)
-    kind = "weight laid on" if weighs else f"force in {1e3 * lasting_s:.0f} ms" if lasting_s else "sudden force"
-    return Play(
-        deflection_mm=at.deflection_mm[:, None] * grown[:, :, None] + ringing,
-        truth_mm=np.where(seconds >= 0, at.position_mm[:, None], np.nan),
-        errors=at.honest,
-        rows=tuple((f"{kind}, {ms} ms", reading) for ms, reading in zip(SINCE_MS, readings, strict=True)),
-    )
-
-
-def lifts(at: Drawn) -> Play:
-    """Return forces that end at once: the beam rings, and nothing touches it once the filter has had its time."""
-    readings, seconds = _since(at)
-    still = at.deflection_mm[:, None] * (seconds < 0)[:, :, None]
-    # The scene allows the filter its time.
-    told = seconds < at.surface.metadata.filter.settling_ms * 1e-3
-    return Play(
-        deflection_mm=still - at.surface.world.ringing_mm(at.position_mm, at.force_n, seconds),
-        truth_mm=np.where(told, at.position_mm[:, None], np.nan),
-        errors=at.honest,
-        rows=tuple((f"after a lift, {ms} ms", reading) for ms, reading in zip(SINCE_MS, readings, strict=True)),
-    )
-
-
-def _since(at: Drawn, least: int = 0) -> tuple[list[int], Floats]:
-    """Return the readings after a change of load that are judged, and all times since it in s, (draws, readings).
-
-    At least so many readings follow the change.
-    """
-    rate_hz, before = at.surface.metadata.sensor.rate_hz, at.surface.look_back
-    after = [max(0, round(ms * 1e-3 * rate_hz - 0.5)) for ms in SINCE_MS]
-    slots = np.arange(-before, max(after[-1] + 1, least)) + at.rng.uniform(size=(at.draws, 1))
-    return [before + reading for reading in after], slots / rate_hz
 
 
 def moves(at: Drawn, *, speed_mm_per_s: float, motion: Motion = BEGINS, least: int = 0) -> Play:

@@ -85,7 +85,8 @@ def _filter(surface: SimulatedSurface, readings_mm: Floats, came: Bools) -> Weig
     """Return the samples of all readings (draws x readings), behind the filters of the surface's model."""
     metadata, channels = surface.metadata, surface.channels
     noise_mm, per_count_mm = metadata.noise.reading_mm, metadata.sensor.gain_mm_per_count
-    chain = chain_of(metadata.filter, channels, noise_mm, per_count_mm, surface.slowest_period)
+    seen = surface.slowest_period, surface.unseen_swing
+    chain = chain_of(metadata.filter, channels, noise_mm, per_count_mm, *seen)
     mean, variance = np.full((2, *readings_mm.shape), np.nan)
     covariance, drift = np.zeros((*readings_mm.shape, channels)), np.zeros((*readings_mm.shape[:2], 2))
     walk = surface.walk

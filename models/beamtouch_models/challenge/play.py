@@ -28,6 +28,8 @@ class SimulatedSurface:
     world: World
     slowest_period: float
     """In readings; 0 if it is not known."""
+    unseen_swing: float
+    """Swing of the beam that readings do not show, over that which they show."""
     gain: Floats
     """(channels,) standard deviation of the relative gain error."""
     zero_mm: Floats
@@ -52,8 +54,8 @@ class SimulatedSurface:
         steps_mm2 = metadata.sensor.gain_mm_per_count**2 / 12
         noise_mm = float(np.sqrt(max(0.0, metadata.noise.reading_mm**2 - steps_mm2)))
         world = World.of(surface.stated, metadata.sensor, metadata.layout_mm, noise_mm, metadata.departures)
-        walk = walk_of(metadata, surface.readings)
-        return cls(metadata, surface.stated, world, surface.slowest_period, gain, zero_mm, walk)
+        seen, walk = (surface.slowest_period, surface.unseen_swing), walk_of(metadata, surface.readings)
+        return cls(metadata, surface.stated, world, *seen, gain, zero_mm, walk)
 
     @property
     def channels(self) -> int:
@@ -98,6 +100,8 @@ class Play:
     crosses: Bools | None = None
     """(draws,), whether the load crosses a support; None: none does. There, the beam does not bend, so that the contact
     ends and begins again."""
+    again: bool = False
+    """Whether a contact may begin more than once."""
     fault_mm: Floats | None = None
     """(draws, channels), what sensors without noise and without honest errors measure of a fault."""
     lost: Bools | None = None

@@ -16,10 +16,12 @@ from beamtouch_models.filters.chain import Chain, Mean, readings_within, unit_of
 from beamtouch_models.filters.filtered import Filtered
 from beamtouch_models.filters.readings import FloatArray
 from beamtouch_models.filters.rest import Rest
+from beamtouch_models.filters.ringing import UNSEEN_SWING
 from beamtouch_models.filters.zeros import PERSISTS_S, Tracked, Walk, Zeros, beyond_start
 
 __all__ = [
     "PERSISTS_S",
+    "UNSEEN_SWING",
     "Chain",
     "Filtered",
     "FloatArray",

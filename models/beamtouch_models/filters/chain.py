@@ -12,6 +12,7 @@ from beamtouch_models.filters.filtered import Filtered
 from beamtouch_models.filters.look import Look
 from beamtouch_models.filters.motion import Motion, Past, Taken
 from beamtouch_models.filters.readings import BEFORE, FloatArray, Stream, Sums, lone_spikes
+from beamtouch_models.filters.ringing import UNSEEN_SWING, Followed, Ringing
 
 MIN_MM = 2.0**-30
 """Readings without noise are compared with this, so that rounding errors are neither a change nor motion."""
@@ -65,6 +66,8 @@ class State(NamedTuple):
     """Number of readings so far."""
     past: Past | None
     """Of the search for motion; None without it."""
+    followed: Followed | None
+    """Of the swings of a beam that moves; None of one that does not."""
 
 
 class Chain:
@@ -83,6 +86,8 @@ class Chain:
     step_mm
         Step of the ADC, of all channels or of each; 0 if it is not known. Readings that take two neighbouring values
         deviate by up to half a step, however small the noise is, and that is no motion.
+    unseen_swing
+        Swing of the beam that readings do not show, over that which they show.
     """
 
     def __init__(
@@ -92,6 +97,7 @@ class Chain:
         noise_mm: float | FloatArray | None = None,
         slowest_period: float = 0.0,
         step_mm: float | FloatArray = 0.0,
+        unseen_swing: float = UNSEEN_SWING,
     ) -> None:
         self._mean, self._channels = mean, channels
         self._noise_mm = None if noise_mm is None else np.broadcast_to(np.asarray(noise_mm, np.float64), (channels,))
@@ -99,7 +105,7 @@ class Chain:
         self._quantum_mm = unit_mm / FINE
         self._spike_mm = math.inf if mean.spike_mm is None else mean.spike_mm
         self._needed = math.ceil(MIN_FILL * mean.most) if mean.kind == "moving-average" else 1
-        self._look, self._motion, memory = None, None, BEFORE
+        self._look, self._motion, self._ringing, memory = None, None, None, BEFORE
         if mean.grows or self._noise_mm is not None:
             longest = mean.most if mean.grows else max(2 * mean.most, math.ceil(slowest_period))
             fewest = mean.window if mean.grows else 1
@@ -115,6 +121,8 @@ class Chain:
                 slowest_period=slowest_period,
             )
             memory = max(memory, self._motion.memory)
+            if mean.grows and slowest_period > 0:
+                self._ringing = Ringing(slowest_period, self._noise_mm, unit_mm, unseen_swing)
         self._memory = memory
         self._longest = max(mean.most, memory)
         self._kept = max(mean.most + 2, self._look.rows if self._look else 0)
@@ -128,9 +136,12 @@ class Chain:
             np.full((self._memory, self._channels), np.nan),
             0,
             self._motion.fresh() if self._motion else None,
+            None,
         )
 
-    def apply(self, values: FloatArray, lost: Sequence[int] | None = None) -> Filtered:
+    def apply(
+        self, values: FloatArray, lost: Sequence[int] | None = None, times: Sequence[float] | None = None
+    ) -> Filtered:
         """Filter readings, and keep the state after them.
 
         What was known before a gap is as true after it, and what was not seen proves nothing: each lost reading is a
@@ -142,12 +153,18 @@ class Chain:
             The readings that came, shape (readings, channels).
         lost
             Number of readings lost before each of them, shape (readings,); None: none.
+        times
+            When they were taken, in readings since any time that stays the same, shape (readings,); None: evenly. Only
+            the swings of a beam that rings need them.
         """
         rows, places = values, None
         if lost is not None and any(lost):
             rows, places = self._with_lost(values, lost)
-        starts = range(0, max(1, len(rows)), self._block)
-        filtered = Filtered.joined([self._apply(rows[start : start + self._block]) for start in starts])
+        taken = self.state.begun + np.arange(len(rows), dtype=np.float64)
+        if times is not None:
+            taken[slice(None) if places is None else places] = times
+        parts = (slice(start, start + self._block) for start in range(0, max(1, len(rows)), self._block))
+        filtered = Filtered.joined([self._apply(rows[part], taken[part]) for part in parts])
         return filtered if places is None else filtered.at(places)
 
     def apply_at_rest(self, values: FloatArray, lost: Sequence[int]) -> Filtered:
@@ -157,11 +174,11 @@ class Chain:
         growing mean.
         """
         rows, _ = self._with_lost(values, lost)
-        return self._apply(rows, len(rows) - 1)
+        return self._apply(rows, np.full(len(rows), math.nan), len(rows) - 1)
 
-    def _apply(self, values: FloatArray, first: int = 0) -> Filtered:
-        """Return the means after the readings from the `first` one on."""
-        stream, before, begun, past = self.state
+    def _apply(self, values: FloatArray, times: FloatArray, first: int = 0) -> Filtered:
+        """Return the means after the readings from the `first` one on; `times` (readings,) are when they were taken."""
+        stream, before, begun, past, followed = self.state
         readings, begun = np.concatenate([before, values]), begun + len(values)
         held, spikes = lone_spikes(readings, self._spike_mm)
         counted = self._counted(readings[self._memory - 1 :])
@@ -182,12 +199,30 @@ class Chain:
             seen = seen._replace(lags=seen.lags * self._quantum_mm)
             taken = Taken(readings, begun, spikes, doubtful, mean, variance, seen)
             filtered, past = self._motion.of(taken, past, first)
+            if self._ringing:
+                filtered, followed = self._settled(self._ringing, filtered, values[first:], times[first:], followed)
         else:
             nothing = np.zeros(len(mean), dtype=np.bool_)
             exact = np.zeros((0, self._channels, self._channels))
             filtered = Filtered(mean, variance, self._noise_mm, nothing, nothing, exact)
-        self.state = State(stream, readings[len(values) :], begun, past)
+        self.state = State(stream, readings[len(values) :], begun, past, followed)
         return filtered
+
+    def _settled(
+        self, ringing: Ringing, filtered: Filtered, readings: FloatArray, times: FloatArray, followed: Followed | None
+    ) -> tuple[Filtered, Followed | None]:
+        """Return the means, those of a beam that rings replaced by where it will rest, and what is known after them."""
+        if followed is None and not filtered.moves.any():
+            return filtered, None
+        found = []
+        came = np.any(~np.isnan(readings), axis=1).tolist()
+        for row, moves in enumerate(filtered.moves.tolist()):
+            if moves or followed is not None:
+                reading_mm = readings[row] if came[row] else None
+                followed = ringing.step(followed, float(times[row]), reading_mm, moves=moves)
+                if moves and followed is not None and followed.found is not None:
+                    found.append((row, followed.found))
+        return (filtered.replaced(found) if found else filtered), followed
 
     def _with_lost(self, values: FloatArray, lost: Sequence[int]) -> tuple[FloatArray, NDArray[np.intp]]:
         """Return readings with rows of NaN for those lost before each of them, and the places of the readings."""

@@ -2,12 +2,25 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from beamtouch_models.filters.readings import FloatArray
+
+
+class Found(NamedTuple):
+    """The rest about which a beam swings, as the mean of some readings."""
+
+    mean_mm: FloatArray
+    """Shape (channels,); NaN of a channel that is missing in the newest reading."""
+    readings: int
+    """Number of readings in it."""
+    excess_mm2: FloatArray
+    """Its covariance beyond the noise of that mean, shape (channels, channels); 0 of missing channels."""
+    variance_mm2: float
+    """Sum of its variances."""
 
 
 @dataclass(frozen=True)
@@ -40,6 +53,25 @@ class Filtered:
             np.concatenate([part.lags for part in parts]),
             np.concatenate([part.excess_mm2 for part in parts]),
         )
+
+    def replaced(self, found: Sequence[tuple[int, Found]]) -> Self:
+        """Return the means, of which some that move are replaced: by their rows, and where that is less uncertain."""
+        rows = np.array([row for row, _ in found])
+        means = np.array([one.mean_mm for _, one in found])
+        there, place = ~np.isnan(self.mean_mm[rows]), np.cumsum(self.uncertain)[rows] - 1
+        noise_mm2 = 0.0 if self.noise_mm is None else self.noise_mm**2
+        white_mm2 = (np.where(there, self.relative_variance[rows], 0.0) * noise_mm2).sum(axis=1)
+        present_mm2 = white_mm2 + np.trace(self.excess_mm2[place], axis1=1, axis2=2)
+        better = np.array([one.variance_mm2 for _, one in found]) < present_mm2
+        better &= ~(np.isnan(means) & there).any(axis=1)
+        if not better.any():
+            return self
+        mean_mm, variance, excess_mm2 = self.mean_mm.copy(), self.relative_variance.copy(), self.excess_mm2.copy()
+        for at in np.flatnonzero(better).tolist():
+            (row, one), known = found[at], there[at]
+            mean_mm[row, known], variance[row, known] = one.mean_mm[known], 1 / one.readings
+            excess_mm2[place[at]] = one.excess_mm2
+        return replace(self, mean_mm=mean_mm, relative_variance=variance, excess_mm2=excess_mm2)
 
     def at(self, rows: NDArray[np.intp]) -> Self:
         """Return some of the means, by their ascending rows."""

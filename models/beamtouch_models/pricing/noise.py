@@ -167,10 +167,17 @@ def choose_filter(scene: Scene, reading_mm: float) -> FilterChoice:
     )
 
 
-def chain_of(chosen: FilterChoice, channels: int, noise_mm: float, per_count_mm: float, slowest_period: float) -> Chain:
+def chain_of(
+    chosen: FilterChoice,
+    channels: int,
+    noise_mm: float,
+    per_count_mm: float,
+    slowest_period: float,
+    unseen_swing: float,
+) -> Chain:
     """Return the filter of a model as the daemon runs it; arguments as those of `Chain`, `per_count_mm` its step."""
     mean = Mean(chosen.kind, chosen.window, chosen.max_readings, chosen.spike_mm)
-    return Chain(mean, channels, noise_mm, slowest_period, per_count_mm)
+    return Chain(mean, channels, noise_mm, slowest_period, per_count_mm, unseen_swing)
 
 
 def check_errors(scene: Scene, errors: ReadingErrors, chosen: FilterChoice, deflection_mm: float) -> None:

@@ -18,6 +18,7 @@ from beamtouch_models.arrays import Floats
 from beamtouch_models.errors import SceneError
 from beamtouch_models.numbers import number, numbers
 from beamtouch_models.physics.motion import damping_of, first_frequency_hz, frequency_hz, laden_period_s, swing
+from beamtouch_models.pricing.aliases import Aliased, aliased_modes
 from beamtouch_models.pricing.noise import MAX_DEFLECTION_MM
 from beamtouch_models.scene import Scene
 
@@ -39,6 +40,10 @@ class Ringing:
     """The same from its lift."""
     damping_is_assumed: bool
     """Whether the scene states no damping; all times are inversely proportional to it."""
+    aliased: tuple[Aliased, ...]
+    """Modes that seem to stand still to readings at the rate of the scene."""
+    better_rate_hz: float | None
+    """A rate nearby at which fewer do; None if there are none, or no better rate."""
 
 
 def ringing_of(scene: Scene, reading_mm: float, deflection_mm: float) -> Ringing | None:
@@ -55,6 +60,7 @@ def ringing_of(scene: Scene, reading_mm: float, deflection_mm: float) -> Ringing
     if frequency_hz is None or laden_s is None:
         return None
     damping_ratio, laden_hz = damping_of(scene.beam), 1 / laden_s
+    aliased, better_rate_hz = aliased_modes(scene, reading_mm)
     return Ringing(
         frequency_hz=frequency_hz,
         laden_frequency_hz=laden_hz,
@@ -62,6 +68,8 @@ def ringing_of(scene: Scene, reading_mm: float, deflection_mm: float) -> Ringing
         after_touch_s=decay_s(deflection_mm / reading_mm, laden_hz, damping_ratio),
         after_lift_s=decay_s(deflection_mm / reading_mm, frequency_hz, damping_ratio),
         damping_is_assumed=scene.beam.damping_ratio is None,
+        aliased=aliased,
+        better_rate_hz=better_rate_hz,
     )
 
 
@@ -77,15 +85,27 @@ def decay_s(ratio: float, frequency_hz: float, damping_ratio: float) -> float:
 def told(found: Ringing) -> list[str]:
     """Return the ringing in words, one line each."""
     assumed = ASSUMED if found.damping_is_assumed else ""
+    better = f"at {found.better_rate_hz:g} readings a second, less seems to stand still" if found.better_rate_hz else ""
     return [
         f"the beam rings at {digits(found.frequency_hz, 3)} Hz, with the largest force lying on it as a weight at "
         f"{digits(found.laden_frequency_hz, 3)} Hz; damping {digits(100 * found.damping_ratio, 2)} % of "
         f"critical{assumed}",
         f"after a touch it rings for {digits(found.after_touch_s, 2)} s, after a lift for "
         f"{digits(found.after_lift_s, 2)} s, until the ringing is under the noise of a reading",
-        "meanwhile the interval of an answer is as wide as the readings scatter; `build` says how large its error is, "
-        "and when",
+        "the filter follows the swings once the readings show them; until then the interval of an answer is as wide as "
+        "they scatter; `build` says how large its error is, and when",
+        *map(_told_of, found.aliased),
+        *([better] if better else []),
     ]
+
+
+def _told_of(one: Aliased) -> str:
+    """Return a mode that seems to stand still in words."""
+    what = f"mode {one.mode}, of {digits(one.frequency_hz, 3)} Hz, looks like {digits(one.seen_hz, 2)} Hz"
+    return (
+        f"{what} to the readings: for up to {digits(one.lasts_s, 2)} s after a sudden force its swing, up to "
+        f"{digits(one.swing_mm, 2)} mm, is taken for deflection"
+    )
 
 
 def ringing_mm(scene: Scene, static_mm: ArrayLike, time_s: ArrayLike, *, damping_ratio: float | None = None) -> Floats:

@@ -20,7 +20,7 @@ MODEL_HEADINGS = (
     "changed", "sensors", "estimator", "noise, µm", "readings", "error, mm", "limit, mm", "over limit",
     "inference, µs", "kB",
 )  # fmt: skip
-MOMENT_HEADINGS = ("since touch, ms", "readings", "error, mm", "while the beam rings, mm", "limit, mm")
+MOMENT_HEADINGS = ("since touch, ms", "readings", "while the beam rings, mm", "without ringing, mm", "limit, mm")
 POINT_HEADINGS = ("sensors", "estimator", "readings", "known after, ms", "error, mm")
 MODEL, LIMIT, RINGING, OWN = "model", "accuracy limit", "while the beam rings", "the scene as stated"
 ERROR = "mean |position error|, mm"
@@ -91,15 +91,15 @@ def _worth(model: Model, own: Model) -> str:
 def _time_in_words(trade: Trade) -> Iterator[str]:
     """Yield what waiting gives, and what the beam's ringing costs at the settled mean."""
     first, last, usual = trade.since_touch[0].answer, trade.since_touch[-1].answer, trade.usual.answer
-    if last is not first:
-        yield (
-            f"The first answer comes {digits(first.since_ms, 3)} ms after a touch with {_mm(first.error_mm)} mm; after "
-            f"{digits(last.since_ms, 3)} ms at rest the error is {_mm(last.error_mm)} mm."
-        )
     if usual.ringing_mm is not None:
         yield (
             f"While the beam rings after a sudden force, the error is {_mm(usual.ringing_mm)} mm after "
             f"{digits(usual.since_ms, 3)} ms, instead of {_mm(usual.error_mm)} mm."
+        )
+    if last is not first:
+        yield (
+            f"The first answer comes {digits(first.since_ms, 3)} ms after a touch with {_mm(first.error_mm)} mm; after "
+            f"{digits(last.since_ms, 3)} ms at rest the error is {_mm(last.error_mm)} mm."
         )
 
 
@@ -141,7 +141,7 @@ def _model_row(trade: Trade, model: Model) -> tuple[str, ...]:
 def _moment_row(moment: Moment) -> tuple[str, ...]:
     answer = moment.answer
     ringing = "-" if answer.ringing_mm is None else _mm(answer.ringing_mm)
-    return digits(answer.since_ms, 4), str(answer.readings), _mm(answer.error_mm), ringing, _mm(moment.limit_mm)
+    return digits(answer.since_ms, 4), str(answer.readings), ringing, _mm(answer.error_mm), _mm(moment.limit_mm)
 
 
 def _point_row(point: Point) -> tuple[str, ...]:
@@ -236,7 +236,7 @@ def _since_touch(trade: Trade) -> Chart:
     ]
     ringing = [one.answer.ringing_mm for one in moments if one.answer.ringing_mm is not None]
     if ringing:
-        series.append(_series(RINGING, x, ringing, 2))
+        series.insert(0, _series(RINGING, x, ringing, 2))
     return Chart("since touch", "since a touch, ms", ERROR, series, log_x=True, log_y=True)
 
 

@@ -1,0 +1,303 @@
+"""Where the beam rings about its rest: the free-pole fit, reading by reading.
+
+While a beam swings, the mean of few readings is far from where it will rest, and a mean of many must begin somewhere.
+The constant of a fit needs neither: it is known as soon as the readings show the swings. The fit begins with the first
+reading that moves, takes every reading since, and begins anew when it fails. Its poles are carried on, so that a
+reading costs one step. Only where the swings are most of what is seen (`OPENS`, `CLOSES`) does it replace the mean.
+
+docs/decisions/045-ringing.md explains the form.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from beamtouch_models.filters.filtered import Found
+from beamtouch_models.filters.readings import FloatArray
+from beamtouch_models.filters.significance import FALSE, chi_square_quantile
+from beamtouch_models.filters.sinusoids import LEAST_CYCLES, Fit, Poles, fit, predicted, refine, seek
+
+MOST_ROWS = 94
+"""Most rows of a fit. Over more of them, the frequency of a real beam changes with its amplitude."""
+ROWS_A_PERIOD = 20
+"""Rows in the slowest period; at a higher rate, a row is the mean of several readings."""
+LEAST_ROWS = 5
+"""Fewest rows of a fit."""
+YOUNG = 16
+"""Rows below which a fit that fails lacks a pole, more likely than that something has changed."""
+MOST_POLES = 2
+"""Three pairs would take a load that grows for a swing."""
+SHORTER = 0.6
+"""Length of the shorter window that is tried where one fails, over it."""
+STEPS = 3
+"""Gauss-Newton steps of a search, for each new pole."""
+HIGHEST_LOWEST = 3.0
+"""Lowest frequency above which there is no place for a pole."""
+SLOPES_TRIED = 4
+"""Slopes are tried in one fit of so many."""
+MOST_AHEAD = 8
+"""Most rows that wait for a fit, because they are as the last one predicts."""
+FRESH = 8
+"""A fit is of all but a part of its rows: one in so many."""
+LIKE = 2.0
+"""Square of the distance of a row from its prediction, over that of noise, up to which it is as predicted."""
+PATIENT, MOST_WAITS = 3, 8
+"""After so many searches in vain a row more passes before the next one, up to the most."""
+CALM_ROWS = 5
+"""Rows that do not move, after which a search is given up."""
+OPENS, CLOSES = 15.0, 3.0
+"""Swings (r.m.s., in units of the noise) at which the fit replaces the mean, and at which it no longer does."""
+UNSEEN_SWING = 0.03
+"""Swing that readings do not show, over that which they show, if a scene does not say it: modes that seem to stand
+still, and what is no damped sinusoid."""
+FEW = 8.0
+"""Rows below which much more is not seen."""
+LAGS = (1, 2, 4)
+"""The constant is compared with those of so many rows before."""
+
+
+class Followed(NamedTuple):
+    """What is known of a beam that moves."""
+
+    block: tuple[tuple[float, FloatArray], ...]
+    """Times and values of the readings that are no row yet."""
+    times: FloatArray
+    """Of the rows, in readings."""
+    values: FloatArray
+    """In units of the noise, shape (rows, channels); NaN where one is missing."""
+    fit: Fit | None
+    """The last fit; None while none is found."""
+    fitted: float
+    """Time of the newest row in it."""
+    doubtful: tuple[float, FloatArray] | None
+    """The newest row, if it contradicts the fit. The next one says whether it is a spike."""
+    waits: int
+    """Rows until the next search."""
+    failures: int
+    """Searches in vain, in a row."""
+    age: int
+    """Fits since the beginning."""
+    constants: tuple[FloatArray, ...]
+    """Of the last fits in a row, shape (channels,) each."""
+    opened: bool
+    calm: int
+    """Readings in a row that did not move."""
+    found: Found | None
+
+    @property
+    def is_confirmed(self) -> bool:
+        """Whether the last fit is the second one in a row. One to few rows may be chance."""
+        return len(self.constants) > 1
+
+
+class Ringing:
+    """Follows a surface.
+
+    Parameters
+    ----------
+    slowest_period
+        Of the motion of the beam, in readings.
+    noise_mm, unit_mm
+        Standard deviation of a reading, and what deviations are compared with, shape (channels,).
+    unseen
+        Swing that readings do not show, over that which they show.
+    """
+
+    def __init__(self, slowest_period: float, noise_mm: FloatArray, unit_mm: FloatArray, unseen: float) -> None:
+        self._slowest_period, self._noise_mm, self._unseen = slowest_period, noise_mm, unseen
+        self._block = max(1, round(slowest_period / ROWS_A_PERIOD))
+        """Readings in a row."""
+        # So that the mean of a block has the noise of 1.
+        self._unit_mm = unit_mm / math.sqrt(self._block)
+        self._areas_mm2 = np.outer(self._unit_mm, self._unit_mm)
+        self._lowest = 2 * math.pi * LEAST_CYCLES * self._block / slowest_period
+        """Lowest angular frequency, per row."""
+
+    def step(
+        self, before: Followed | None, time: float, reading_mm: FloatArray | None, *, moves: bool
+    ) -> Followed | None:
+        """Take the next reading; return what is known after it, None of a beam that does not move.
+
+        Parameters
+        ----------
+        before
+            What was known.
+        time
+            Of the reading, in readings.
+        reading_mm
+            Shape (channels,); NaN where a channel is missing; None of a reading that is lost.
+        moves
+            Whether the mean of the newest readings moves.
+        """
+        if before is None:
+            if not moves or reading_mm is None:
+                return None
+            nothing = np.zeros((0, len(reading_mm)))
+            before = Followed((), np.zeros(0), nothing, None, time, None, 0, 0, 0, (), False, 0, None)
+        calm = 0 if moves else before.calm + 1
+        if calm >= (CALM_ROWS * self._block if before.fit is None else self._slowest_period):
+            return None
+        if reading_mm is None:
+            return before._replace(calm=calm)
+        block = (*before.block, (time, reading_mm))
+        if len(block) < self._block:
+            return before._replace(block=block, calm=calm)
+        times, readings = zip(*block, strict=True)
+        row = sum(readings) / self._block / self._unit_mm
+        return self._follow(before._replace(block=(), calm=calm), sum(times) / self._block, row)
+
+    def _follow(self, before: Followed, time: float, row: FloatArray) -> Followed:
+        """Take the next row."""
+        times = np.append(before.times, time)[-MOST_ROWS:]
+        values = np.concatenate([before.values, row[np.newaxis]])[-MOST_ROWS:]
+        now = before._replace(times=times, values=values)
+        if before.fit is None:
+            return self._searched(now)
+        waits = (time - before.fitted) / self._block < min(MOST_AHEAD, len(before.times) // FRESH)
+        is_predicted = before.doubtful is None and self._is_predicted(before, before.fit, time, row)
+        if waits and is_predicted and before.is_confirmed:
+            return now
+        checks = before.age % SLOPES_TRIED == 0
+        best = self._carried(before.fit, times, values, checks=checks)
+        if best is None and is_predicted and len(times) >= YOUNG:
+            # Nothing has changed, but the oldest swings were others.
+            newer = -int(SHORTER * len(times))
+            now = now._replace(times=times[newer:], values=values[newer:])
+            best = self._carried(before.fit, now.times, now.values, checks=checks)
+        if best is not None:
+            return self._told(now._replace(doubtful=None, waits=0), best)
+        if len(times) < YOUNG:
+            return self._searched(now)
+        if before.doubtful is None:
+            return before._replace(doubtful=(time, row), found=None)
+        # Two rows in a row: something has changed.
+        since = np.stack([before.doubtful[1], row])
+        return self._searched(now._replace(times=np.array([before.doubtful[0], time]), values=since))
+
+    def _is_predicted(self, before: Followed, last: Fit, time: float, row: FloatArray) -> bool:
+        """Return whether the last fit says what a row is."""
+        if len(last.constant) != len(row):
+            return False
+        apart = row - predicted(last, np.array([(time - before.fitted) / self._block]))[0]
+        return bool(apart @ apart < LIKE * chi_square_quantile(len(row), FALSE))  # False for NaN
+
+    def _searched(self, now: Followed) -> Followed:
+        """Search for a fit: of all rows, or else of the newer ones."""
+        rows = len(now.times)
+        if now.waits > 0 or rows < LEAST_ROWS:
+            return self._told(now._replace(doubtful=None, waits=now.waits - 1), None)
+        now, kept = now._replace(constants=()), rows
+        best = self._sought(now.times, now.values)
+        if best is None and SHORTER * rows >= LEAST_ROWS:
+            kept = int(SHORTER * rows)
+            best = self._sought(now.times[-kept:], now.values[-kept:])
+        failures = 0 if best else now.failures + 1
+        now = now._replace(
+            times=now.times[-kept:],
+            values=now.values[-kept:],
+            doubtful=None,
+            failures=failures,
+            waits=min(failures // PATIENT, MOST_WAITS),
+        )
+        return self._told(now, best)
+
+    def _told(self, now: Followed, best: Fit | None) -> Followed:
+        """Return what is known with a fit to all rows; None: none is found."""
+        if best is None:
+            return now._replace(fit=None, found=None, opened=False, constants=())
+        opened = self._seen(best, now) > (CLOSES if now.opened else OPENS)
+        found = self._found(now, best) if opened and now.constants else None
+        constant = np.full(now.values.shape[1], np.nan)
+        constant[~np.isnan(now.values[-1])] = best.constant
+        constants = (*now.constants, constant)[-max(LAGS) :]
+        return now._replace(
+            fit=best, fitted=now.times[-1], opened=opened, found=found, constants=constants, age=now.age + 1
+        )
+
+    def _whole(self, times: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray, float]:
+        """Return the rows that have all channels of the newest one, and the lowest angular frequency in them.
+
+        Their times are in rows, before the newest one.
+        """
+        ages = (times - times[-1]) / self._block
+        missing = np.isnan(values)
+        if missing.any():
+            there = ~missing[-1]
+            rows = ~missing[:, there].any(axis=1)
+            ages, values = ages[rows], values[np.ix_(rows, there)]
+        return ages, values, max(self._lowest, 2 * math.pi * LEAST_CYCLES / (1 - ages[0]))
+
+    def _carried(self, last: Fit, times: FloatArray, values: FloatArray, *, checks: bool) -> Fit | None:
+        """Return the last fit some rows later; with or without slopes, or with one more pole, if that is better.
+
+        None if none explains the rows.
+        """
+        ages, values, lowest = self._whole(times, values)
+        if len(ages) < LEAST_ROWS:
+            return None
+        best = fit(ages, values, last.following.within(lowest), lowest, slopes=last.slopes)
+        if explains(best) and not checks:
+            return best
+        other = fit(ages, values, best.following, lowest, slopes=not last.slopes)
+        if explains(other) and (not explains(best) or worth(other) < worth(best)):
+            best = other
+        if not explains(best) and len(last.poles.decay) < MOST_POLES:
+            best = refine(ages, values, seek(best, ages, values, lowest), lowest, slopes=last.slopes, steps=STEPS)
+        return best if explains(best) else None
+
+    def _sought(self, times: FloatArray, values: FloatArray) -> Fit | None:
+        """Return the best fit of all kinds; None if none explains the rows."""
+        ages, values, lowest = self._whole(times, values)
+        if len(ages) < LEAST_ROWS:
+            return None
+        tried = fit(ages, values, Poles.none(), lowest, slopes=False)
+        kinds = [tried, fit(ages, values, Poles.none(), lowest, slopes=True)]
+        for _ in range(MOST_POLES):
+            few = values.size < tried.parameters + 2 + 3 * values.shape[1]
+            if few or lowest > HIGHEST_LOWEST or explains(tried):
+                break
+            tried = refine(ages, values, seek(tried, ages, values, lowest), lowest, slopes=False, steps=STEPS)
+            kinds += [tried, refine(ages, values, tried.following, lowest, slopes=True, steps=1)]
+        return min(filter(explains, kinds), key=worth, default=None)
+
+    def _seen(self, of: Fit, now: Followed) -> float:
+        """Return the swings that are seen (r.m.s., in units of the noise)."""
+        if not len(of.poles.decay):
+            return 0.0
+        ages, values, _ = self._whole(now.times, now.values)
+        ages, values = ages - ages.mean(), values - values.mean(axis=0)
+        slope = ages @ values
+        line = (values * values).sum() - slope @ slope / (ages @ ages)
+        return math.sqrt(max(0.0, line - of.promised) / len(ages))
+
+    def _found(self, now: Followed, of: Fit) -> Found:
+        """Return the constant of a fit with its covariance."""
+        there = ~np.isnan(now.values[-1])
+        before = np.array([now.constants[-lag] for lag in LAGS if lag <= len(now.constants)])[:, there]
+        apart = np.nan_to_num(before - of.constant)
+        # Few rows leave much to chance, also how well a fit explains them.
+        covariance = of.covariance * max(1.0, of.promised / of.freedom) + apart.T @ apart / len(apart)
+        unseen = self._unseen * (1 + (FEW / of.rows) ** 2)
+        if len(covariance) < len(there):
+            covariance, part = np.zeros((len(there), len(there))), covariance
+            covariance[np.ix_(there, there)] = part
+        covariance = covariance * self._areas_mm2
+        readings = of.rows * self._block
+        unseen_mm2 = unseen**2 * of.swing * self._unit_mm**2
+        covariance.flat[:: len(there) + 1] += there * (unseen_mm2 - self._noise_mm**2 / readings)
+        white_mm2 = float(there @ self._noise_mm**2) / readings
+        mean_mm = np.full(len(there), np.nan)
+        mean_mm[there] = of.constant * self._unit_mm[there]
+        return Found(mean_mm, readings, covariance, float(np.trace(covariance)) + white_mm2)
+
+
+def explains(of: Fit) -> bool:
+    """Return whether a fit leaves no more than noise."""
+    enough = len(of.constant) if len(of.coefficients) > 1 else 1
+    return of.freedom >= enough and of.promised < chi_square_quantile(of.freedom, FALSE)
+
+
+def worth(of: Fit) -> float:
+    """Return Akaike's criterion."""
+    return of.promised + 2 * of.parameters

@@ -1,0 +1,198 @@
+"""The fit of a constant, a slope and damped sinusoids whose poles are free, and are shared by all channels.
+
+It is variable projection (Golub & Pereyra 1973, in Kaufman's form of 1975): for given poles all else is linear, so that
+only the poles are sought, by Gauss-Newton steps. All that a step needs is in the products of the columns and of their
+derivatives with each other and with the readings. So a step costs little more than these products.
+
+Values are in units of their noise, and times in readings before the newest one, so they are at most 0.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from beamtouch_models.filters.readings import FloatArray
+
+AMPLITUDE = 1e3
+"""Deviation of an amplitude before anything is measured, in units of the noise."""
+DAMPING = 0.04
+"""Deviation of a damping ratio before anything is measured."""
+MAX_DAMPING = 0.12
+"""Largest damping ratio."""
+FIRST_DAMPING = 0.003
+"""Decay per reading where the search of a pole begins."""
+HIGHEST = 0.995 * math.pi
+"""Highest angular frequency, per reading: two readings a period are not enough."""
+LEAST_CYCLES = 0.8
+"""Least part of a period that the readings span. Less of a slow swing is told from a slope by nothing."""
+FREQUENCIES = 20, 64
+"""Fewest and most frequencies among which that of a new pole is sought; as many as there are readings between them."""
+
+
+class Poles(NamedTuple):
+    """Damped sinusoids exp((-decay + i frequency) t)."""
+
+    decay: FloatArray
+    """Per reading, shape (poles,)."""
+    frequency: FloatArray
+    """Angular, per reading, shape (poles,)."""
+
+    @classmethod
+    def none(cls) -> "Poles":
+        """Return no poles."""
+        return cls(np.zeros(0), np.zeros(0))
+
+    def within(self, lowest: float) -> "Poles":
+        """Return the poles within the ranges that are allowed."""
+        frequency = np.minimum(np.maximum(self.frequency, lowest), HIGHEST)
+        return Poles(np.minimum(np.maximum(self.decay, 0.0), MAX_DAMPING * frequency), frequency)
+
+
+class Fit(NamedTuple):
+    """A fit for given poles."""
+
+    poles: Poles
+    slopes: bool
+    constant: FloatArray
+    """At the time 0, shape (channels,)."""
+    coefficients: FloatArray
+    """Of the columns: constant, slope over all readings, cosines, sines; shape (columns, channels)."""
+    square: float
+    """Sum of the squares that are left, with those of the priors."""
+    rows: int
+    """Number of readings."""
+    freedom: int
+    """Values less parameters."""
+    parameters: int
+    covariance: FloatArray
+    """Of the constant, shape (channels, channels)."""
+    following: Poles
+    """The poles after a Gauss-Newton step."""
+    promised: float
+    """What the step leaves of the sum of squares, as far as it is linear."""
+
+    @property
+    def swing(self) -> float:
+        """Sum of the squares of all amplitudes at the time 0."""
+        return float((self.coefficients[1:] ** 2).sum())
+
+
+def fit(times: FloatArray, values: FloatArray, poles: Poles, lowest: float, *, slopes: bool) -> Fit:
+    """Return the fit for given poles, with the Gauss-Newton step from them.
+
+    Parameters
+    ----------
+    times, values
+        Of the readings, shapes (readings,) and (readings, channels).
+    poles
+        Where the step begins.
+    lowest
+        Lowest angular frequency that is allowed.
+    slopes
+        Whether each channel has a slope.
+    """
+    number, channels = values.shape
+    count, first = len(poles.decay), 1 + slopes
+    linear = first + 2 * count
+    columns = np.empty((linear + 2 * count, number))
+    columns[0] = 1.0
+    if slopes:
+        columns[1] = times / number
+    if count:
+        wave = np.exp((1j * poles.frequency - poles.decay)[:, np.newaxis] * times)
+        columns[first : first + count], columns[first + count : linear] = wave.real, wave.imag
+        np.multiply(columns[first:linear], times, out=columns[linear:])
+    products, shown = columns @ columns.T, columns @ values
+    inverse = np.linalg.inv(products[:linear, :linear] + np.eye(linear) / AMPLITUDE**2)
+    found = inverse @ shown[:linear]
+    square = float((values * values).sum() - (shown[:linear] * found).sum())
+    parameters = linear * channels + 2 * count
+    freedom = number * channels - parameters
+    covariance = inverse[0, 0] * np.eye(channels)
+    if not count:
+        return Fit(poles, slopes, found[0], found, square, number, freedom, parameters, covariance, poles, square)
+    mixed = inverse @ products[:linear, linear:]
+    left = products[linear:, linear:] - products[linear:, :linear] @ mixed
+    residual = shown[linear:] - products[linear:, :linear] @ found
+    # What each pole's decay and frequency change, in the columns times t.
+    changes = np.zeros((2 * count, 2 * count, channels))
+    for pole in range(count):
+        cosine, sine = found[first + pole], found[first + count + pole]
+        changes[pole, pole], changes[pole, count + pole] = -cosine, -sine
+        changes[count + pole, pole], changes[count + pole, count + pole] = sine, -cosine
+    flat = changes.reshape(2 * count, -1)
+    stiffness = (left @ changes).reshape(2 * count, -1) @ flat.T
+    force = flat @ residual.ravel()
+    diagonal = np.arange(2 * count)
+    prior = 1 / (DAMPING * poles.frequency) ** 2
+    stiffness[diagonal[:count], diagonal[:count]] += prior
+    stiffness[diagonal[count:], diagonal[count:]] += 1 / math.pi**2
+    force[:count] -= prior * poles.decay
+    square += float((prior * poles.decay**2).sum())
+    moved = -(mixed[0] @ changes)  # the constant, by decays and frequencies
+    spread = np.linalg.inv(stiffness)
+    covariance = covariance + moved.T @ spread @ moved
+    step = spread @ force
+    following = Poles(poles.decay + step[:count], poles.frequency + step[count:]).within(lowest)
+    step = np.concatenate([following.decay - poles.decay, following.frequency - poles.frequency])
+    promised = square + float(step @ (stiffness @ step - 2 * force))
+    return Fit(
+        poles,
+        slopes,
+        found[0] + moved.T @ step,
+        found,
+        square,
+        number,
+        freedom,
+        parameters,
+        covariance,
+        following,
+        promised,
+    )
+
+
+def predicted(of: Fit, times: FloatArray) -> FloatArray:
+    """Return what a fit says of some times, shape (times, channels); times as for `fit`, later ones are above 0."""
+    count, first = len(of.poles.decay), 1 + of.slopes
+    columns = np.empty((len(of.coefficients), len(times)))
+    columns[0] = 1.0
+    if of.slopes:
+        columns[1] = times / of.rows
+    if count:
+        wave = np.exp((1j * of.poles.frequency - of.poles.decay)[:, np.newaxis] * times)
+        columns[first : first + count], columns[first + count :] = wave.real, wave.imag
+    said: FloatArray = columns.T @ of.coefficients
+    return said
+
+
+def seek(of: Fit, times: FloatArray, values: FloatArray, lowest: float) -> Poles:
+    """Return the poles of a fit, and one more: of the frequency that explains most of what it leaves."""
+    number = min(max(FREQUENCIES[0], len(times)), FREQUENCIES[1])
+    frequencies = np.linspace(lowest, 0.99 * math.pi, number)
+    left = values - predicted(of, times)
+    waves = np.exp(1j * times[:, np.newaxis] * frequencies)
+    both = np.concatenate([waves.real, waves.imag], axis=1)
+    base = np.stack([np.ones(len(times)), times / len(times)], axis=1)[:, : 1 + of.slopes]
+    both -= base @ np.linalg.solve(base.T @ base, base.T @ both)
+    cosines, sines = both[:, :number], both[:, number:]
+    by_cosine, by_sine = cosines.T @ left, sines.T @ left
+    least = 1e-6 * len(times)
+    cc, ss, cs = (cosines**2).sum(axis=0) + least, (sines**2).sum(axis=0) + least, (cosines * sines).sum(axis=0)
+    explained = (by_cosine**2).sum(axis=1) * ss - 2 * (by_cosine * by_sine).sum(axis=1) * cs
+    explained += (by_sine**2).sum(axis=1) * cc
+    best = frequencies[(explained / np.maximum(cc * ss - cs * cs, least * len(times))).argmax()]
+    return Poles(np.append(of.poles.decay, FIRST_DAMPING), np.append(of.poles.frequency, best)).within(lowest)
+
+
+def refine(times: FloatArray, values: FloatArray, poles: Poles, lowest: float, *, slopes: bool, steps: int) -> Fit:
+    """Return the best fit after some Gauss-Newton steps; arguments as for `fit`."""
+    best = fit(times, values, poles, lowest, slopes=slopes)
+    towards = best.following
+    for _ in range(steps):
+        next_one = fit(times, values, towards, lowest, slopes=slopes)
+        if next_one.square < best.square:
+            best, towards = next_one, next_one.following
+        else:  # too far: halfway back
+            towards = Poles(*((there + here) / 2 for there, here in zip(towards, best.poles, strict=True)))
+    return best

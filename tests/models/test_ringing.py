@@ -1,0 +1,178 @@
+"""A beam that rings: the filter says where it will rest, and how surely; at rest nothing changes."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from beamtouch_models.filters import Chain, Filtered, FloatArray, Mean
+from beamtouch_models.filters.sinusoids import Poles, fit, refine, seek
+
+CHANNELS = 4
+PERIOD = 20.0
+"""Of the slowest motion, in readings."""
+MEAN = Mean("growing-mean", 4, 200, 6.0)
+LOAD = np.array([150.0, 400.0, 380.0, 200.0])
+"""Deflection of a touch, in units of the noise."""
+BENT = np.array([9.0, 5.0, -5.0, -9.0])
+"""Of the second mode."""
+FREQUENCIES, DECAY = (0.22, 0.12), 0.02
+"""Of two modes, in periods a reading; the second is an alias. Their decay a reading."""
+
+
+def noise(readings: int, seed: int) -> FloatArray:
+    return np.random.default_rng(seed).standard_normal((readings, CHANNELS))
+
+
+def rung(since: FloatArray) -> FloatArray:
+    """Return what ringing adds to a load of 1 that came at 0, shape (readings, channels)."""
+    later = np.maximum(since, 0.0)[:, np.newaxis]
+    swings = [np.exp(-DECAY * later) * np.cos(2 * np.pi * frequency * later) for frequency in FREQUENCIES]
+    rings: FloatArray = -1.0 * (since >= 0)[:, np.newaxis] * (swings[0] * LOAD + swings[1] * BENT)
+    return rings
+
+
+def touched(readings: int, at: float) -> FloatArray:
+    """Return the deflection under a sudden force."""
+    since = np.arange(float(readings)) - at
+    bent: FloatArray = (since >= 0)[:, np.newaxis] * LOAD + rung(since)
+    return bent
+
+
+def lifted(readings: int, at: float) -> FloatArray:
+    """Return the deflection after one has gone."""
+    since = np.arange(float(readings)) - at
+    bent: FloatArray = (since < 0)[:, np.newaxis] * LOAD - rung(since)
+    return bent
+
+
+def chain() -> Chain:
+    return Chain(MEAN, CHANNELS, 1.0, PERIOD, unseen_swing=0.01)
+
+
+def errors(filtered: Filtered, truth: FloatArray, at: Sequence[int]) -> FloatArray:
+    """Return distances from the truth at some readings."""
+    far: FloatArray = np.sqrt(((filtered.mean_mm[at] - truth) ** 2).sum(axis=1))
+    return far
+
+
+def squares(filtered: Filtered, truth: FloatArray, at: int) -> float:
+    """Return the square of the distance from the truth, in terms of the covariance."""
+    apart = filtered.mean_mm[at] - truth
+    return float(apart @ np.linalg.solve(filtered.covariance_mm2[at], apart))
+
+
+@pytest.mark.parametrize("lost", [0.0, 0.1, 0.3])
+def test_after_a_sudden_force_the_rest_is_known_while_the_beam_swings(lost: float) -> None:
+    far, held = [], []
+    for seed in range(12):
+        values, rng = touched(160, 100.3) + noise(160, seed), np.random.default_rng(seed)
+        came = rng.random(160) >= lost
+        came[[120, 140]] = True
+        gaps = (np.diff(np.flatnonzero(came), prepend=-1) - 1).tolist()
+        filtered = chain().apply(values[came], gaps)
+        at = np.searchsorted(np.flatnonzero(came), [120, 140]).tolist()
+        far.append(errors(filtered, LOAD, at))
+        held += [squares(filtered, LOAD, one) < chi2.ppf(0.99, CHANNELS) for one in at]
+    # A plain mean of as many readings is off by 20; the swing is still of 400.
+    assert np.median(far, axis=0)[0] < 8 + 30 * lost
+    assert np.median(far, axis=0)[1] < 3
+    assert np.mean(held) > 0.9
+
+
+def test_readings_that_are_not_taken_evenly_are_followed_by_their_own_times() -> None:
+    far: dict[bool, list[float]] = {True: [], False: []}
+    for seed in range(10):
+        times = np.arange(160) + np.random.default_rng(100 + seed).uniform(-0.1, 0.1, 160)
+        since = times - 100.3
+        values = (since >= 0)[:, np.newaxis] * LOAD + rung(since) + noise(160, seed)
+        for known, distances in far.items():
+            filtered = chain().apply(values, times=(times + 5e6).tolist() if known else None)
+            distances.extend(errors(filtered, LOAD, [130]).tolist())
+            assert squares(filtered, LOAD, 130) < chi2.ppf(0.9999, CHANNELS)
+    assert np.median(far[True]) < 5
+    assert np.median(far[False]) > 4 * np.median(far[True])
+
+
+def test_at_rest_nothing_changes() -> None:
+    values = np.concatenate([noise(300, 1), LOAD / 40 + noise(300, 2)])
+    without = chain()
+    without._ringing = None
+    followed, plain = chain().apply(values), without.apply(values)
+    np.testing.assert_array_equal(followed.mean_mm, plain.mean_mm)
+    np.testing.assert_array_equal(followed.excess_mm2, plain.excess_mm2)
+
+
+def test_any_split_of_the_stream_gives_the_same_bits_also_if_a_state_is_taken_back() -> None:
+    values = np.concatenate([touched(160, 60.4), lifted(160, 30.7)]) + noise(320, 3)
+    values[150, 2] = np.nan
+    whole = chain().apply(values)
+    split, parts, at = chain(), [], 0
+    for size in [1, 2, 7, 1, 30, 1, 1, 50, 3] * 10:
+        before = split.state
+        split.apply(values[at : at + size])
+        split.state = before
+        parts.append(split.apply(values[at : at + size]))
+        at += size
+        if at >= len(values):
+            break
+    joined = Filtered.joined(parts)
+    np.testing.assert_array_equal(joined.mean_mm, whole.mean_mm)
+    np.testing.assert_array_equal(joined.excess_mm2, whole.excess_mm2)
+
+
+def test_a_touch_of_a_beam_that_still_rings_from_a_lift_is_seen_within_some_readings() -> None:
+    later = []
+    for seed in range(8):
+        values = lifted(160, 40.6) + touched(160, 90.2) * 0.5 + noise(160, seed)
+        filtered = chain().apply(values)
+        seen = [squares(filtered, np.zeros(CHANNELS), at) > chi2.ppf(1 - 1e-6, CHANNELS) for at in range(160)]
+        assert not any(seen[70:91])
+        later.append(seen[91:].index(True))
+    assert np.median(later) <= 8
+
+
+def test_a_spike_neither_ends_nor_bends_the_fit() -> None:
+    values = touched(180, 60.4) + noise(180, 4)
+    values[130, 1] += 300
+    at = list(range(132, 160))
+    assert errors(chain().apply(values), LOAD, at).max() < 6
+
+
+def test_a_channel_beyond_its_range_at_the_turning_points_is_followed_where_it_is_within() -> None:
+    values = touched(180, 60.4) + noise(180, 5)
+    values[values[:, 1] > 700, 1] = np.nan
+    assert np.isnan(values[60:100, 1]).any()
+    filtered = chain().apply(values)
+    there = [at for at in range(100, 160) if not np.isnan(values[at]).any()]
+    assert np.median(errors(filtered, LOAD, there)) < 6
+    held = [squares(filtered, LOAD, at) < chi2.ppf(0.999, CHANNELS) for at in there]
+    assert np.mean(held) > 0.9
+
+
+@pytest.mark.parametrize("readings", [6, 20, 60])
+def test_a_load_that_grows_is_not_taken_for_a_swing(readings: int) -> None:
+    held = []
+    for seed in range(6):
+        grown = np.clip((np.arange(200) - 100.4) / readings, 0, 1)[:, np.newaxis] * LOAD
+        filtered = chain().apply(grown + noise(200, seed))
+        held += [squares(filtered, grown[at], at) < chi2.ppf(0.999, CHANNELS) for at in range(103, 150)]
+    assert np.mean(held) > 0.95
+
+
+def test_a_fit_finds_poles_and_the_spread_of_its_constant_is_as_stated() -> None:
+    times, found, deviations = np.arange(-39.0, 1.0), [], []
+    clean = LOAD + np.exp(-DECAY * times)[:, np.newaxis] * (
+        np.cos(2 * np.pi * FREQUENCIES[0] * times)[:, np.newaxis] * LOAD / 4
+        + np.sin(2 * np.pi * FREQUENCIES[1] * times)[:, np.newaxis] * BENT
+    )
+    for seed in range(60):
+        values = clean + noise(40, seed)
+        best = fit(times, values, Poles.none(), 0.3, slopes=False)
+        for _ in range(2):
+            best = refine(times, values, seek(best, times, values, 0.3), 0.3, slopes=False, steps=4)
+        assert sorted(best.poles.frequency / (2 * np.pi)) == pytest.approx(sorted(FREQUENCIES), abs=0.01)
+        found.append(best.constant - LOAD)
+        deviations.append(np.sqrt(np.diag(best.covariance)))
+    assert np.std(found, axis=0) == pytest.approx(np.mean(deviations, axis=0), rel=0.35)
