@@ -7,10 +7,12 @@ import argparse
 import importlib
 from collections.abc import Sequence
 from pathlib import Path
+from typing import get_args
 
 from beamtouch_common import log
 from beamtouch_common.commands import Parser, exit_code, whole_number
 from beamtouch_daemon.commands.argument_types import BAUDS, MAX_TIMEOUT_MS, bauds, between, numbers, parities
+from beamtouch_daemon.config.encodings import ByteOrder, Encoding
 
 PROGRAM = "beamtouch-daemon"
 MAX_WAIT_S = 86_400.0
@@ -143,6 +145,14 @@ def _add_init(command: argparse.ArgumentParser) -> None:
     command.add_argument("--unit", type=whole_number(0, 255), metavar="N", help="Modbus unit (default: 1)")
     words = "4: input registers, 3: holding registers (default: 4)"
     command.add_argument("--function", type=int, choices=(3, 4), help=words)
+    words = "type of the values of a Modbus unit (default: as in the model's configuration, u16)"
+    command.add_argument("--type", choices=get_args(Encoding), help=words)
+    words = (
+        "first register of the values, from 0; the channels follow without a gap (default: as in that configuration)"
+    )
+    command.add_argument("--register", type=whole_number(0, 65_535), metavar="N", help=words)
+    words = "order of the bytes of values in several registers (default: ABCD)"
+    command.add_argument("--byte-order", choices=get_args(ByteOrder), help=words)
     words = "how long to wait for each answer of a Modbus unit (default: 100; tcp: 200)"
     command.add_argument("--timeout-ms", type=between(1, MAX_TIMEOUT_MS, "milliseconds"), metavar="MS", help=words)
     words = "the service (default: as in the model's configuration)"

@@ -93,6 +93,19 @@ async def test_values_of_every_type_are_read_in_every_order_of_their_registers(t
 
 
 @pytest.mark.anyio
+@pytest.mark.parametrize("order", ["ABCD", "CDAB", "BADC", "DCBA"])
+async def test_check_names_the_byte_order_with_which_values_would_be_gaps(tmp_path: Path, order: str) -> None:
+    async with pymodbus_server(registers_of((2.5037, 2.2011), "f32", order)) as port:
+        said = []
+        for configured in ("ABCD", "CDAB", "BADC", "DCBA"):
+            text = surface(port).replace("port =", f'byte_order = "{configured}"\nport =', 1)
+            outcome = await command("check", configs.write(tmp_path, text))
+            hint = f'bench: with byte_order = "{order}" the values would be good; correct byte_order of the source'
+            said.append((outcome.code, hint in outcome.err, "byte_order =" in outcome.err))
+    assert sorted(said) == [(0, False, False)] + [(1, True, True)] * 3
+
+
+@pytest.mark.anyio
 async def test_values_that_stand_for_none_are_missing_and_zero_has_no_sign(tmp_path: Path) -> None:
     strange = (math.nan, math.inf, -math.inf, float(np.finfo(np.float32).max), -0.0, 2.5)
     async with pymodbus_server(registers_of(strange)) as port:
@@ -100,10 +113,11 @@ async def test_values_that_stand_for_none_are_missing_and_zero_has_no_sign(tmp_p
         outcome = await command("check", configs.write(tmp_path, *tables))
     assert outcome.code == 1
     rows = [line.split()[2:] for line in outcome.out.splitlines()[1:7]]
-    assert rows[:4] == [["-", "-", "-", "missing"]] * 4
+    assert rows[:3] == [["-", "-", "-", "missing"]] * 3
+    assert rows[3] == ["3.402823e+38", "-", "-", "missing"]
     assert rows[4][:2] == ["0", "0.000000"]
     assert rows[5][-1] == "good"
-    assert "pair0: s1, s2 missing: the device sent no value, or NaN; check unit, register (counted" in outcome.err
+    assert "pair0: s1, s2 missing: the device sent no value, NaN or more than 1e12; check unit" in outcome.err
 
 
 @pytest.mark.parametrize("deviation_mm", [0.0, LAST_DIGIT], ids=["constant", "last digit"])

@@ -70,6 +70,30 @@ def test_a_configuration_has_the_source_and_the_service_and_keeps_what_belongs_t
     assert stat.S_IMODE(path.stat().st_mode) == 0o644
 
 
+@pytest.mark.parametrize(
+    ("options", "registers", "encoding"),
+    [
+        (("--type", "f32"), [0, 2], "f32"),
+        (("--type", "f64", "--register", "100"), [100, 104], "f64"),
+        (("--register", "7"), [7, 8], None),
+        (("--type", "i16"), [0, 1], "i16"),
+    ],
+)
+def test_values_of_another_type_follow_each_other_from_a_register_on(
+    tmp_path: Path, model: Path, init: Init, options: tuple[str, ...], registers: list[int], encoding: str | None
+) -> None:
+    model.write_text(TEMPLATE.replace("range_mm", "adc_bits = 12\nrange_mm"))
+    written = init(*TCP, "--byte-order", "CDAB", *options)
+    assert (written.returncode, written.stderr) == (0, "")
+    bench = content(tmp_path)["surfaces"]["bench"]
+    assert [(one["register"], one.get("type")) for one in bench["channels"]] == [(at, encoding) for at in registers]
+    assert bench["source"]["byte_order"] == "CDAB"
+    bits = {one.get("adc_bits") for one in bench["channels"]}
+    assert bits == ({None} if encoding in ("f32", "f64") else {12})  # a fractional number has none
+    assert ("; in mm they are 1 and 0" in written.stdout) == (encoding in ("f32", "f64"))
+    assert "# mounted 35 mm from the left end" in (tmp_path / "daemon.toml").read_text()
+
+
 @pytest.mark.anyio
 async def test_configurations_for_tcp_for_a_bus_and_for_a_board_pass_check(tmp_path: Path, model: Path) -> None:
     reads = []
@@ -122,6 +146,10 @@ def test_comments_and_keys_in_any_spelling_stay_toml(tmp_path: Path, model: Path
         ((), "--source: give rtu:/dev/ttyUSB0, serial:/dev/ttyACM0 or tcp://HOST[:PORT]; beamtouch-daemon scan finds"),
         (("--source", "/dev/ttyUSB0"), "'/dev/ttyUSB0' is not a source; give rtu:/dev/ttyUSB0, "),
         (("--source", "tcp://h", "--baud", "9600"), "--baud: a source such as tcp://h has none; leave it out"),
+        (
+            ("--source", "serial:/dev/x", "--type", "f32"),
+            "--type: a source such as serial:/dev/x has none",
+        ),
         (("--source", "rtu:/dev/x", "--unit", "0"), "surfaces.bench.source.unit: must be at least 1"),
         (("--source", "rtu:/dev/tty\udcff"), "the source and the files must have names in UTF-8"),
     ],

@@ -3,6 +3,7 @@
 import argparse
 import asyncio
 import json
+import math
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -15,6 +16,8 @@ from beamtouch_common.commands import DONE
 from beamtouch_common.digits import decimals_of, digits
 from beamtouch_common.errors import FailedError
 from beamtouch_common.table import aligned
+from beamtouch_daemon.commands.byte_orders import find_byte_orders
+from beamtouch_daemon.config.encodings import LARGEST
 from beamtouch_daemon.config.file import load_config
 from beamtouch_daemon.config.settings import Config, Surface
 from beamtouch_daemon.config.tare_file import NOT_TARED
@@ -38,7 +41,7 @@ NOT_ASKED = "The service was not asked whether it takes these samples; check --w
 CAUSES = {
     Quality.OUT_OF_RANGE: "the gap is outside range_mm; take everything off the beam, or correct the characteristic",
     Quality.SATURATED: "the counts stand at an end of the ADC; check the wiring, and adc_bits or counts_range",
-    Quality.MISSING: "the device sent no value, or NaN; check unit, register (counted from 0), type and byte_order",
+    Quality.MISSING: "the device sent no value, NaN or more than 1e12; check unit, register (from 0), type, byte_order",
 }
 """Qualities that a single reading can have beside good, with their usual causes."""
 
@@ -72,6 +75,8 @@ class SurfaceState:
     """Whether the rest gaps are measured, rather than those of the configuration."""
     refusal: str | None = None
     """Reason why the service does not take the samples of this surface; None: it takes them, or was not asked."""
+    byte_orders: tuple[str, ...] = ()
+    """Byte orders with which the values would be good, which none is with the configured one."""
     doubt: str | None = None
     """Reason why the service's model seems to be that of another surface."""
 
@@ -85,6 +90,9 @@ class SurfaceState:
         """Yield what prevents readings, and what prevents samples; nothing if the surface is good."""
         if self.error:
             yield self.error
+        if self.byte_orders:
+            orders = " or ".join(f'"{order}"' for order in self.byte_orders)
+            yield f"with byte_order = {orders} the values would be good; correct byte_order of the source"
         for quality, cause in CAUSES.items():
             if names := [channel.channel for channel in self.channels if channel.quality is quality]:
                 yield f"{', '.join(names)} {quality.value}: {cause}"
@@ -147,8 +155,14 @@ async def _read_all(config: Config) -> list[SurfaceState]:
             (reading,) = await first_readings(source, 1)
         except SourceError as error:
             return SurfaceState(name, config.file_of(name), error=str(error), is_tared=bool(rest[name]))
-        channels = _channels(surface, rest[name], reading)
-        return SurfaceState(name, config.file_of(name), channels, limits=source.limits, is_tared=bool(rest[name]))
+        return SurfaceState(
+            name,
+            config.file_of(name),
+            _channels(surface, rest[name], reading),
+            limits=source.limits,
+            is_tared=bool(rest[name]),
+            byte_orders=tuple(find_byte_orders(surface, reading.counts)),
+        )
 
     return await asyncio.gather(*(read(name, surface) for name, surface in config.surfaces.items()))
 
@@ -163,7 +177,7 @@ def _channels(surface: Surface, rest_gap_mm: dict[str, float], reading: Reading)
     for index, (name, count) in enumerate(zip(surface.channel_names, reading.counts, strict=True)):
         decimals = decimals_of(float(steps_mm[index]))
         gap_mm = deflection_mm = None
-        if count is not None:
+        if not math.isnan(gaps[index]):
             gap_mm = rounded(float(gaps[index]), decimals)
             deflection_mm = rounded(float(characteristic.rest_gap[index] - gaps[index]), decimals)
         states.append(ChannelState(name, count, gap_mm, deflection_mm, qualities[index], decimals))
@@ -223,4 +237,6 @@ def counts_text(counts: float) -> str:
     From a million on, such a mean is rounded to a whole number, because an exponent would take digits away.
     """
     is_whole = counts == int(counts) or abs(counts) >= MAX_FRACTION
+    if abs(counts) > LARGEST:  # no value at all
+        return f"{counts:.7g}"
     return f"{counts + 0.0:.0f}" if is_whole else digits(counts, 7)  # never -0

@@ -16,6 +16,7 @@ from beamtouch_common.commands import DONE
 from beamtouch_common.errors import FailedError, InputError
 from beamtouch_common.files import parse_toml, read_text, require_writable, write_atomically
 from beamtouch_daemon.commands.argument_types import address_of
+from beamtouch_daemon.config.encodings import Encoding, has_fractions, words_of
 from beamtouch_daemon.config.file import load_config
 from beamtouch_daemon.config.settings import Config
 
@@ -23,11 +24,13 @@ MODE = 0o644
 """Permissions: a configuration holds no secret, and the user of the service reads what root wrote."""
 SOURCES = "rtu:/dev/ttyUSB0, serial:/dev/ttyACM0 or tcp://HOST[:PORT]"
 OPTIONS = {
-    "rtu": ("baud", "parity", "unit", "function", "timeout_ms"),
+    "rtu": ("baud", "parity", "unit", "function", "byte_order", "timeout_ms"),
     "serial": ("baud",),
-    "tcp": ("unit", "function", "timeout_ms"),
+    "tcp": ("unit", "function", "byte_order", "timeout_ms"),
 }
 """Options of a source, by the kind that its address begins with."""
+OF_CHANNELS = ("type", "register")
+"""Options of the channels of a Modbus source."""
 
 Keys = Mapping[str, str | float]
 
@@ -46,6 +49,8 @@ def run(arguments: argparse.Namespace) -> int:
     ((name, surface),) = config.surfaces.items()
     channels = ", ".join(surface.channel_names)
     print(f"{path}: {name}, channels {channels}, {surface.rate_hz:g} readings per second from {arguments.source}")
+    unit = "; in mm they are 1 and 0" if any(surface.has_fractions) else ""
+    print(f"next: correct gain_mm_per_count and offset_mm of each channel, which are those of an ideal sensor{unit}")
     token = path.resolve().parent / config.publish.token_file
     if not os.access(token, os.R_OK):
         print(f"next: copy the service's token to {token}, so that this user can read it")
@@ -69,6 +74,8 @@ def _configuration(arguments: argparse.Namespace, path: Path) -> tuple[str, Conf
     try:
         text = read_text(template).replace("\r\n", "\n")
         text = _with_table(text, ("surfaces", name, "source"), source)
+        if arguments.type is not None or arguments.register is not None:
+            text = _with_registers(text, name, arguments.type, arguments.register or 0)
         text = _with_table(text, ("publish",), publish, keeps_others=True)
         text.encode()
     except LookupError as error:
@@ -101,7 +108,8 @@ def _source(arguments: argparse.Namespace) -> Keys:
     options: dict[str, str | float] = {
         key: value for key in OPTIONS["rtu"] if (value := getattr(arguments, key)) is not None
     }
-    for key in options.keys() - OPTIONS[kind]:
+    given = options.keys() | {key for key in OF_CHANNELS if getattr(arguments, key) is not None}
+    for key in given - {*OPTIONS[kind], *(() if kind == "serial" else OF_CHANNELS)}:
         raise InputError(f"--{key.replace('_', '-')}: a source such as {address} has none; leave it out")
     keys: dict[str, str | float] = {"kind": "modbus-rtu" if kind == "rtu" else "serial", "port": where}
     if kind == "tcp":
@@ -122,13 +130,40 @@ def _with_table(text: str, names: tuple[str, ...], keys: Keys, *, keeps_others: 
     LookupError with its header if there is no such table.
     """
     lines = text.split("\n")  # not splitlines: other line ends may stand in a comment
-    header = re.compile(r"\s*\[\s*" + r"\s*\.\s*".join(f"[\"']?{re.escape(name)}[\"']?" for name in names) + r"\s*\]")
-    begin = next((place for place, line in enumerate(lines, 1) if header.match(line)), None)
+    begin = next((place for place, line in enumerate(lines, 1) if _header(names).match(line)), None)
     if begin is None:
         raise LookupError(f"[{'.'.join(names)}]")
     end = next((place for place in range(begin, len(lines)) if lines[place].lstrip().startswith("[")), len(lines))
     table = [f"{key} = {json.dumps(value, ensure_ascii=False)}" for key, value in keys.items()]
     if keeps_others:
-        others = (line for line in lines[begin:end] if line.strip())
-        table += [line for line in others if line.partition("=")[0].strip(" \t\"'") not in keys]
+        table += [line for line in lines[begin:end] if line.strip() and _key_in(line) not in keys]
     return "\n".join([*lines[:begin], *table, "", *lines[end:]]).rstrip("\n") + "\n"
+
+
+def _with_registers(text: str, name: str, encoding: Encoding | None, register: int) -> str:
+    """Return a configuration whose channels follow each other from a register on; their comments stay.
+
+    Without a type (`encoding`), those of the channels stay. Fractional numbers have no bits of an ADC.
+    """
+    header, lines, is_channel = _header(("surfaces", name, "channels"), of_list=True), list[str](), False
+    left_out = set() if encoding is None else {"type", *(["adc_bits"] if has_fractions(encoding) else [])}
+    for line in text.split("\n"):
+        if line.lstrip().startswith("["):
+            is_channel = bool(header.match(line))
+        if is_channel and _key_in(line) == "register":
+            lines += [f"register = {register}", *([] if encoding is None else [f'type = "{encoding}"'])]
+            register += words_of(encoding or "u16")
+        elif not (is_channel and _key_in(line) in left_out):
+            lines.append(line)
+    return "\n".join(lines)
+
+
+def _header(names: tuple[str, ...], *, of_list: bool = False) -> re.Pattern[str]:
+    """Return the pattern of the header of a table, or of an entry of a list of tables."""
+    path = r"\s*\.\s*".join(f"[\"']?{re.escape(name)}[\"']?" for name in names)
+    return re.compile(rf"\s*\[\[\s*{path}\s*\]\]" if of_list else rf"\s*\[\s*{path}\s*\]")
+
+
+def _key_in(line: str) -> str:
+    """Return the key that a line states."""
+    return line.partition("=")[0].strip(" \t\"'")

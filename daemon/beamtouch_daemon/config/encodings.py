@@ -6,6 +6,8 @@ from typing import Literal
 
 Encoding = Literal["u16", "i16", "u32", "i32", "f32", "f64"]
 """Data type of a value: a whole number, or a fractional number (f32, f64)."""
+ByteOrder = Literal["ABCD", "CDAB", "BADC", "DCBA"]
+"""Order of the bytes of a value in several registers."""
 
 FORMATS: dict[Encoding, str] = {"u16": ">H", "i16": ">h", "u32": ">I", "i32": ">i", "f32": ">f", "f64": ">d"}
 """Format of a value in the module `struct`, the most significant byte first."""

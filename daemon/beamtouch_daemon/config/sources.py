@@ -7,13 +7,13 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat, 
 
 from beamtouch_common.files import file_path
 from beamtouch_common.hosts import host_name
+from beamtouch_daemon.config.encodings import ByteOrder
 from beamtouch_daemon.config.modules import Module, module_of
 
 Milliseconds = Annotated[FiniteFloat, Field(ge=1, le=60_000)]
 Host = Annotated[str, Field(min_length=1), AfterValidator(host_name)]
 NetworkPort = Annotated[int, Field(ge=1, le=65_535)]
 Baud = Annotated[int, Field(ge=300, le=12_000_000)]
-ByteOrder = Literal["ABCD", "CDAB", "BADC", "DCBA"]
 
 
 def _known(name: str) -> str:

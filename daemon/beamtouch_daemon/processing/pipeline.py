@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from beamtouch_daemon.config.encodings import LARGEST
 from beamtouch_daemon.config.settings import Surface
 from beamtouch_daemon.config.sources import SerialLine
 from beamtouch_daemon.processing import stuck
@@ -37,11 +38,11 @@ class Taken:
 
 
 def counts_of(readings: Sequence[Reading]) -> FloatArray:
-    """Return the counts, shape (readings, channels), NaN where a count is missing or not finite."""
+    """Return the counts, shape (readings, channels), NaN where a count is missing or larger than any value."""
     counts = np.array(
         [[np.nan if count is None else count for count in reading.counts] for reading in readings], dtype=np.float64
     )
-    counts[np.isinf(counts)] = np.nan
+    counts[~(np.abs(counts) <= LARGEST)] = np.nan
     return counts
 
 

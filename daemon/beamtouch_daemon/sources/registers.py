@@ -1,5 +1,6 @@
 """Registers of Modbus units: their grouping into requests, the answers, and their decoding. Pure; no I/O."""
 
+import math
 import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -7,8 +8,7 @@ from typing import NamedTuple
 
 from pymodbus.pdu import DecodePDU
 
-from beamtouch_daemon.config.encodings import FORMATS, LARGEST, Encoding, words_of
-from beamtouch_daemon.config.sources import ByteOrder
+from beamtouch_daemon.config.encodings import FORMATS, ByteOrder, Encoding, has_fractions, words_of
 
 MAX_REGISTERS = 125
 """Limit of registers in one request."""
@@ -79,7 +79,7 @@ class Value:
         return self.byte_order in {"BADC", "DCBA"}
 
     def decode(self, contents: Mapping[int, int]) -> float | None:
-        """Return the value; None if a register is missing, or if the value is NaN or larger than any count.
+        """Return the value; None if a register is missing, or if the value is not finite.
 
         Parameters
         ----------
@@ -91,11 +91,23 @@ class Value:
             words = [contents[register] for register in self.registers]
         except KeyError:
             return None
-        swaps_words = self.byte_order in {"CDAB", "DCBA"}
-        order = "<" if self.swaps_bytes else ">"
-        data = struct.pack(f"{order}{len(words)}H", *(reversed(words) if swaps_words else words))
+        data = struct.pack(self._format, *(reversed(words) if self._swaps_words else words))
         value: float = struct.unpack(FORMATS[self.encoding], data)[0]
-        return value if abs(value) <= LARGEST else None
+        return value if math.isfinite(value) else None
+
+    def encode(self, value: float) -> list[int]:
+        """Return the contents of the registers of a value."""
+        whole = value if has_fractions(self.encoding) else round(value)
+        words = struct.unpack(self._format, struct.pack(FORMATS[self.encoding], whole))
+        return list(reversed(words) if self._swaps_words else words)
+
+    @property
+    def _swaps_words(self) -> bool:
+        return self.byte_order in {"CDAB", "DCBA"}
+
+    @property
+    def _format(self) -> str:
+        return f"{'<' if self.swaps_bytes else '>'}{len(self.registers)}H"
 
 
 def blocks_of(
