@@ -62,7 +62,7 @@ async def test_check_fails_when_a_channel_is_not_good_or_a_surface_cannot_be_rea
     for words, line in zip(
         (
             "bench: unit 1 answers with exception 2: it has no such register: asked for 40; addresses count from 0",
-            "beamtouch-daemon: bench: s1 saturated: the counts stand at an end of the ADC; check ",
+            "beamtouch-daemon: bench: s1 saturated: the counts stand at an end, or near 0 as without a cable; check ",
             "beamtouch-daemon: bench: s3 missing: the device sent no value, NaN or more than 1e12; check unit",
             "beamtouch-daemon: press-7: no connection to 127.0.0.1:",
             f"beamtouch-daemon: late: {absent}",

@@ -8,6 +8,7 @@ from random import Random
 import numpy as np
 import pytest
 
+from beamtouch_daemon.commands.noise import Measurement, Recording, report
 from beamtouch_daemon.config.settings import Surface
 from beamtouch_daemon.processing.at_rest import NotAtRestError, rest_gaps, select_rest
 from beamtouch_daemon.processing.noise import Keys, keys_of, measure_noise
@@ -250,6 +251,10 @@ def test_a_device_that_is_read_faster_than_it_measures_is_not_stuck_by_what_nois
 ) -> None:
     counts = np.repeat(gaps(WHITE)[: MINUTE // every], every, axis=0)
     keys = keys_for(counts)
+    recording = Recording(counts, 0, len(counts) / RATE_HZ)
+    lines = report([Measurement("bench", gauges(None), recording, measure_noise(counts, gauges(None)), keys)])
+    rate = f"so they change {RATE_HZ / every:g} times a second; set rate_hz to that, also in the scene"
+    assert f"  s1, s2, s3, s4: values come about {every} times in a row, {rate}" in lines
     assert bool(keys.stuck_after_ms) == is_stated
     surface = gauges(keys.daemon_noise_mm, stuck_after_ms=min(keys.stuck_after_ms.values(), default=None))
     assert longest_runs(surface).min() > 2 * every

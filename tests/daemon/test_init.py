@@ -90,7 +90,7 @@ def test_values_of_another_type_follow_each_other_from_a_register_on(
     assert bench["source"]["byte_order"] == "CDAB"
     bits = {one.get("adc_bits") for one in bench["channels"]}
     assert bits == ({None} if encoding in ("f32", "f64") else {12})  # a fractional number has none
-    assert ("; in mm they are 1 and 0" in written.stdout) == (encoding in ("f32", "f64"))
+    assert ("; for values in mm they are 1 and 0" in written.stdout) == (encoding in ("f32", "f64"))
     assert "# mounted 35 mm from the left end" in (tmp_path / "daemon.toml").read_text()
 
 

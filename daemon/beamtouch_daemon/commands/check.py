@@ -40,7 +40,7 @@ NUMBERS = (2, 3, 4)
 NOT_ASKED = "The service was not asked whether it takes these samples; check --wait 5 asks it."
 CAUSES = {
     Quality.OUT_OF_RANGE: "the gap is outside range_mm; take everything off the beam, or correct the characteristic",
-    Quality.SATURATED: "the counts stand at an end of the ADC; check the wiring, and adc_bits or counts_range",
+    Quality.SATURATED: "the counts stand at an end, or near 0 as without a cable; check the wiring, and counts_range",
     Quality.MISSING: "the device sent no value, NaN or more than 1e12; check unit, register (from 0), type, byte_order",
 }
 """Qualities that a single reading can have beside good, with their usual causes."""

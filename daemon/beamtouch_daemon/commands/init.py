@@ -49,7 +49,7 @@ def run(arguments: argparse.Namespace) -> int:
     ((name, surface),) = config.surfaces.items()
     channels = ", ".join(surface.channel_names)
     print(f"{path}: {name}, channels {channels}, {surface.rate_hz:g} readings per second from {arguments.source}")
-    unit = "; in mm they are 1 and 0" if any(surface.has_fractions) else ""
+    unit = "; for values in mm they are 1 and 0" if any(surface.has_fractions) else ""
     print(f"next: correct gain_mm_per_count and offset_mm of each channel, which are those of an ideal sensor{unit}")
     token = path.resolve().parent / config.publish.token_file
     if not os.access(token, os.R_OK):

@@ -243,6 +243,13 @@ def _remarks(measurement: Measurement) -> list[str]:
             f"  {', '.join(hidden)}: the ADC's steps hide the noise, so a mean stays as wrong as a reading; "
             "a finer ADC or more noise would help"
         )
+    if repeated := [channel for channel in measurement.channels if channel.is_repeated]:
+        names, times = ", ".join(channel.channel for channel in repeated), min(one.mean_run for one in repeated)
+        rate_hz = measurement.settings.rate_hz
+        remarks.append(
+            f"  {names}: values come about {digits(times, 2)} times in a row, "
+            f"so they change {digits(rate_hz / times, 2)} times a second; set rate_hz to that, also in the scene"
+        )
     if alike := [channel for channel in measurement.channels if channel.is_coloured]:
         times = max(channel.effective_noise_mm / channel.noise_mm for channel in alike)
         remarks.append(

@@ -45,6 +45,8 @@ STEPS_MATTER = 0.1
 """Steps are stated if their rounding is more than this part of the noise."""
 HIDDEN = 0.02
 """Noise that is stated where the steps hide it, in steps: it is too small to average the rounding away."""
+REPEATED = 2.0
+"""Readings that repeat so often on average are read faster than they are measured; noise of a step makes it 1.5."""
 RESOLVED = 0.01
 """Least step of fractional numbers, as a part of the noise. Between a thousand readings without steps, changes are
 smaller."""
@@ -80,8 +82,15 @@ class ChannelNoise:
     """Whether the steps hide the noise: then no mean of readings comes closer than the rounding."""
     longest_run: int
     """Largest number of equal counts in a row."""
+    mean_run: float
+    """Mean number of equal counts in a row."""
     readings: int
     """Number of readings in the recording."""
+
+    @property
+    def is_repeated(self) -> bool:
+        """Whether counts repeat more often than steps make them."""
+        return not self.is_rounded and self.mean_run >= REPEATED
 
     @property
     def is_coloured(self) -> bool:
@@ -136,7 +145,7 @@ def measure_noise(counts: FloatArray, surface: Surface) -> list[ChannelNoise]:
     drift = np.sqrt(np.maximum(apart - 2 * of_block * (1 - 1 / number), 0.0))
     rates = _drift_mm_per_min(gaps, of_block * length, surface.rate_hz)
     shown = resolution.steps_shown(counts, surface)
-    runs = Runs.of(surface).lengths(counts).max(axis=0)
+    runs = Runs.of(surface).lengths(counts)
     channels = []
     for index, channel in enumerate(surface.channels):
         slope = float(characteristic.steepest[index])
@@ -158,7 +167,8 @@ def measure_noise(counts: FloatArray, surface: Surface) -> list[ChannelNoise]:
                 drift_mm_per_min=None if rates is None else float(rates[index]),
                 step_mm=slope * (coarse if is_rounded else fine),
                 is_rounded=is_rounded,
-                longest_run=int(runs[index]),
+                longest_run=int(runs[:, index].max()),
+                mean_run=len(counts) / np.count_nonzero(runs[:, index] == 1),
                 readings=len(counts),
             )
         )
