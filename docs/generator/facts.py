@@ -9,6 +9,7 @@ from prometheus_client.metrics_core import CounterMetricFamily, GaugeMetricFamil
 
 from beamtouch_daemon.running.metrics import CountCollector
 from beamtouch_service.api.app import create_app
+from beamtouch_service.api.health import Figures
 from beamtouch_service.events.recorder import Recorder
 from beamtouch_service.problems import Kind
 from schemas import table
@@ -34,11 +35,13 @@ def metrics() -> str:
     """Return a table of the metrics of the service, and one of those of the daemon."""
     recorder = Recorder()
     with closing(recorder.store):
-        counts = create_app([], recorder=recorder).context.counts
-        for metric in vars(counts).values():
+        context = create_app([], recorder=recorder).context
+        for metric in vars(context.counts).values():
             if isinstance(metric, MetricWrapperBase):
                 _begin_series(metric)
-        served = _metrics(counts.registry.collect())
+        figures = Figures(context)
+        list(figures.read())
+        served = _metrics(figures.collect())
     read = _metrics(CountCollector([], dict).collect())
     return f"## Service\n\n{served}\n\n## Daemon\n\n{read}"
 

@@ -64,7 +64,8 @@ class Address:
 
         Before this call, no connection can wait there: nobody would notice that its samples grow old.
         """
-        log, bound = Repeated(_log, f"[{self.section}]"), self._open()
+        # In a thread, because a name server may not answer.
+        log, bound = Repeated(_log, f"[{self.section}]"), await asyncio.to_thread(self._open)
         while bound is None:
             log.failed(f"{self.missing}; trying again")
             note(self.missing)

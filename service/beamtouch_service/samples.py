@@ -4,8 +4,6 @@ The service receives it, so the service owns its format. The daemon imports this
 service. It depends on pydantic only, so a gateway needs no web framework and no onnxruntime.
 """
 
-import math
-import sys
 from enum import StrEnum
 from operator import le
 from typing import Annotated, Literal, Self
@@ -16,11 +14,9 @@ from beamtouch_common.names import Name
 
 MAX_CHANNELS = 64
 MAX_SAMPLES = 2000
-"""Limit for a batch. All other requests wait while its samples are estimated."""
+"""Limit for a batch. The next batch of its surface waits until its samples are estimated."""
 MAX_READINGS = 1_000_000
 """Limit for a sample."""
-ROUNDING = 1e-9
-"""Largest negative eigenvalue of a covariance, as a part of its largest variance: senders round entries."""
 MAX_AGE_MS = 1e12
 """Largest age of a batch, about 30 years. A sender whose clock began in 1970 states this instead of more."""
 MAX_NOISE_MM = 1e4
@@ -110,11 +106,14 @@ class Sample(BaseModel):
         if None in self.deflection_mm and (None, Quality.GOOD) in zip(self.deflection_mm, self.quality, strict=True):
             raise ValueError("a channel without a deflection cannot be good")
         if self.covariance_mm2 is not None:
-            self._require_possible(self.covariance_mm2)
+            self._require_shape(self.covariance_mm2)
         return self
 
-    def _require_possible(self, covariance_mm2: list[float]) -> None:
-        """Raise ValueError unless this can be the covariance of the deflections."""
+    def _require_shape(self, covariance_mm2: list[float]) -> None:
+        """Raise ValueError unless this has the size of the covariance of the deflections.
+
+        Whether its values can be one, the service looks at (`surfaces.covariances`): here there is no numpy.
+        """
         channels = len(self.deflection_mm)
         if self.readings is None:
             raise ValueError("covariance_mm2 needs readings")
@@ -124,41 +123,6 @@ class Sample(BaseModel):
                 f"channels, not {len(covariance_mm2)}"
             )
             raise ValueError(message)
-        if reason := _flaw(triangle_rows(covariance_mm2), self.deflection_mm):
-            raise ValueError(f"covariance_mm2 {reason}")
-
-
-def triangle_rows(triangle: list[float]) -> list[list[float]]:
-    """Return the rows of a lower triangle; the n-th has n values."""
-    rows: list[list[float]] = []
-    begin = 0
-    while begin < len(triangle):
-        rows.append(triangle[begin : begin + len(rows) + 1])
-        begin += len(rows)
-    return rows
-
-
-def _flaw(rows: list[list[float]], deflection_mm: list[float | None]) -> str:
-    """Return what keeps a lower triangle from being a covariance; empty if it is one.
-
-    With the tolerated part of the largest variance added on its diagonal, it has a Cholesky factor if and only if no
-    eigenvalue is below minus that part.
-    """
-    largest = max(row[-1] for row in rows) or sys.float_info.min
-    factor: list[list[float]] = []
-    for row, value in zip(rows, deflection_mm, strict=True):
-        if row[-1] < 0:
-            return "has a negative value on its diagonal"
-        if value is None and any(row):
-            return "must be 0 for a channel without a deflection"
-        new: list[float] = []
-        for entry, done in zip(row, factor, strict=False):
-            new.append((entry / largest - sum(map(float.__mul__, new, done))) / done[-1])
-        left = row[-1] / largest + ROUNDING - sum(map(float.__mul__, new, new))
-        if not left > 0:  # nor is it a number where entries are too large for any covariance
-            return "is not positive semi-definite"
-        factor.append([*new, math.sqrt(left)])
-    return ""
 
 
 _EXAMPLE: dict[str, JsonValue] = {

@@ -13,7 +13,7 @@ from beamtouch_daemon.processing.filters import steps_mm
 from beamtouch_daemon.processing.pipeline import Pipeline, Taken
 from beamtouch_daemon.sources.reading import Reading
 from beamtouch_models.filters import FloatArray
-from beamtouch_service.samples import Quality, Sample, triangle_rows
+from beamtouch_service.samples import Quality, Sample
 
 from .surfaces import RATE_HZ, STEP_MM, mean_of, surface_of
 
@@ -191,8 +191,7 @@ def matrix_of(sample: Sample) -> FloatArray:
     assert sample.covariance_mm2 is not None
     channels = len(sample.deflection_mm)
     lower = np.zeros((channels, channels))
-    for index, row in enumerate(triangle_rows(sample.covariance_mm2)):
-        lower[index, : index + 1] = row
+    lower[np.tril_indices(channels)] = sample.covariance_mm2
     return lower + np.tril(lower, -1).T
 
 

@@ -1,6 +1,6 @@
 """Which wiring presses above sensors show: a table of faults, on a beam of the textbook."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from time import process_time
 
@@ -10,7 +10,8 @@ import pytest
 from beamtouch_service.commissioning.pressing import Floats
 from beamtouch_service.commissioning.report import Finding
 from beamtouch_service.commissioning.verdict import advise, find
-from beamtouch_service.commissioning.wiring import Explanation, Press, Wiring, explain
+from beamtouch_service.commissioning.wiring import Explanation, Influence, Press, Wiring
+from beamtouch_service.commissioning.wiring import explain as explain_in_steps
 from beamtouch_service.samples import Quality
 
 Fault = Callable[[Floats], Floats]
@@ -35,6 +36,18 @@ def deflections(load_mm: Floats, sensors_mm: Sequence[float] = AT_MM) -> Floats:
     b = LENGTH_MM - a
     found: Floats = b * x * (LENGTH_MM**2 - b**2 - x**2) / (6 * RIGIDITY_N_MM2 * LENGTH_MM)
     return found
+
+
+def explain(presses: Sequence[Press], influence: Influence) -> Explanation:
+    """Return the explanation, after all steps."""
+    found: list[Explanation] = []
+
+    def run() -> Iterator[None]:
+        found.append((yield from explain_in_steps(presses, influence)))
+
+    for _ in run():
+        pass
+    return found[0]
 
 
 def swap(one: int, other: int, moved: Floats) -> Floats:

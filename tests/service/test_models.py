@@ -41,7 +41,10 @@ class Kept(ModelKeeper):
         if content is not None:
             self.put(content)
         for _ in range(times):
-            await self.poll()
+            await self.look()
+
+    async def look(self) -> None:
+        await self.poll(models.stamp_of(self.path))
 
 
 @pytest.fixture
@@ -54,7 +57,7 @@ async def test_a_new_model_is_in_use_after_two_looks_that_find_the_same_file(kep
     bench.send()
     kept.put(NO_FORCE)
     for _ in range(3):
-        await kept.poll()
+        await kept.look()
         looks.append(kept.identity != old)
     assert looks == [False, True, True]
     assert (bench.contact()["model"], bench.contact()["force_n"]) == (old, 8.75)
@@ -70,7 +73,7 @@ async def test_a_new_model_is_in_use_after_two_looks_that_find_the_same_file(kep
 async def test_others_go_on_while_a_model_is_loaded(kept: Kept) -> None:
     old = kept.identity
     await kept.polls(NO_FORCE, times=1)  # sees it first
-    loading, turns = asyncio.ensure_future(kept.poll()), 0
+    loading, turns = asyncio.ensure_future(kept.look()), 0
     while not loading.done():
         await asyncio.sleep(0)
         turns += 1
@@ -84,9 +87,9 @@ async def test_a_copy_under_way_is_waited_for(kept: Kept) -> None:
         for begin in range(0, len(NO_FORCE), len(NO_FORCE) // 8 + 1):
             file.write(NO_FORCE[begin : begin + len(NO_FORCE) // 8 + 1])
             file.flush()
-            await kept.poll()
+            await kept.look()
             assert (kept.identity, kept.surface.model_error) == (old, None)
-    await kept.poll()
+    await kept.look()
     assert (kept.identity != old, kept.surface.model_error) == (True, None)
 
 

@@ -7,6 +7,8 @@ them.
 import asyncio
 import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from threading import Thread
+from wsgiref.simple_server import WSGIServer
 
 from prometheus_client import CollectorRegistry, start_http_server
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
@@ -95,7 +97,7 @@ async def serve(port: int, acquisitions: Sequence[Acquisition], logs: Logs) -> N
     fault, backoff = Repeated(_log, "metrics"), Backoff()
     while True:
         try:
-            server, thread = start_http_server(port, LOOPBACK, registry)
+            server, _ = start_http_server(port, LOOPBACK, registry)
             break
         except OSError as error:
             reason = f"port {port} on {LOOPBACK}: {remedy(error, 'metrics.port')}"
@@ -105,6 +107,10 @@ async def serve(port: int, acquisitions: Sequence[Acquisition], logs: Logs) -> N
     try:
         await asyncio.Event().wait()
     finally:
-        server.shutdown()
-        server.server_close()
-        thread.join()
+        # In a thread: it takes half a second, in which the last samples are to be delivered.
+        Thread(target=_end, args=(server,), daemon=True).start()
+
+
+def _end(server: WSGIServer) -> None:
+    server.shutdown()
+    server.server_close()

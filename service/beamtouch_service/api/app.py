@@ -3,11 +3,12 @@
 Every route is a coroutine without an await between reading and changing state, so one thread needs no locks.
 """
 
+import asyncio
+import json
 from collections.abc import Iterable
 from typing import Any
 
 from fastapi import FastAPI, Request, Response
-from fastapi.responses import JSONResponse
 
 from beamtouch_common.commands import version
 from beamtouch_service.access import Access, Role
@@ -34,7 +35,7 @@ _description_router = gate.make_router("description", Role.READ)
 
 @_description_router.get("/openapi.json", include_in_schema=False)
 async def _get_openapi(request: Request) -> Response:
-    return JSONResponse(request.app.openapi())
+    return Response(await request.app.describe(), media_type="application/json")
 
 
 _ROUTERS = (
@@ -70,7 +71,18 @@ class Application(FastAPI):
             routes=[route for router in _ROUTERS for route in router.routes],
         )
         self.context = self.state.context = context
+        self._description = ""
+        self._describing = asyncio.Lock()
         self.add_middleware(gate.Gate)
+
+    async def describe(self) -> str:
+        """Return the OpenAPI description as JSON. A thread makes it once: that takes a tenth of a second."""
+        async with self._describing:
+            self._description = self._description or await asyncio.to_thread(self._make_description)
+        return self._description
+
+    def _make_description(self) -> str:
+        return json.dumps(self.openapi(), ensure_ascii=False, separators=(",", ":"))
 
     def openapi(self) -> dict[str, Any]:
         """Return the OpenAPI description, with the schemas that routes only refer to."""
@@ -109,7 +121,6 @@ def create_app(
         counts,
         streams or Streams(),
     )
-    counts.registry.register(health.SurfaceCollector(context))
     app = Application(context)
     errors.install(app)
     app.router.routes.extend(page.routes())

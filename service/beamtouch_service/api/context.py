@@ -18,6 +18,7 @@ from beamtouch_service.events.recorder import Recorder
 from beamtouch_service.problems import Kind, Problem, ProblemError
 from beamtouch_service.surfaces.freshness import Ticks
 from beamtouch_service.surfaces.registry import Registry
+from beamtouch_service.turns import Turns
 
 Clock = Callable[[], float]
 """Returns the time in seconds. It never goes back."""
@@ -58,6 +59,7 @@ class Context:
     counts: Counts
     streams: Streams
     courses: Courses = field(default_factory=Courses)
+    turns: Turns = field(default_factory=Turns)
     ticks: Ticks = field(default_factory=Ticks)
     """Notices that the process stood still."""
     missing: dict[str, str] = field(default_factory=dict)

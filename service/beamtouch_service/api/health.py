@@ -1,6 +1,7 @@
 """`GET /health` and `GET /metrics`: whether the service and each surface can answer, and figures for Prometheus."""
 
-from collections.abc import Iterator
+import asyncio
+from collections.abc import Iterable, Iterator
 from typing import Annotated
 
 from fastapi import Query, Response
@@ -56,33 +57,56 @@ async def get_ready(context: ContextParameter, health: Annotated[bool, Query(des
 @router.get("/metrics", responses={200: {"content": {"text/plain": {}}}})
 async def get_metrics(context: ContextParameter) -> Response:
     """Return counts, ages and durations for Prometheus, as text."""
-    return Response(generate_latest(context.counts.registry), media_type=CONTENT_TYPE_LATEST)
+    figures = Figures(context)
+    await context.turns.finish(figures.read())
+    # In a thread: of many surfaces, there are tens of thousands.
+    text = await asyncio.to_thread(generate_latest, figures)
+    return Response(text, media_type=CONTENT_TYPE_LATEST)
 
 
-class SurfaceCollector(Collector):
-    """Reads the state of the surfaces and of the recorder when Prometheus asks.
+class Figures(Collector):
+    """The figures of a service at one time: its counts, and the state of its record and of each surface.
 
     Counters of our own would be a second copy of what each surface counts for its summary.
     """
 
     def __init__(self, context: Context) -> None:
         self._context = context
+        self._families: dict[str, Metric] = {}
 
-    def collect(self) -> Iterator[Metric]:
-        """Return the metrics of all surfaces."""
-        yield from _of_record(self._context.recorder)
+    def read(self) -> Iterator[None]:
+        """Read the state of one surface after another, in the thread of the event loop."""
+        self._add(_of_record(self._context.recorder))
         words = "1 while an address, a broker, the record or a task of the service is missing."
         missing = GaugeMetricFamily("beamtouch_missing", words, labels=["section"])
         for section, reason in self._context.reasons().items():
             missing.add_metric([section], bool(reason))
-        yield missing
-        now_s, registry = self._context.clock(), self._context.registry
-        summaries = [(surface, summary_of(surface, now_s)) for surface in registry]
-        yield from _of_samples(summaries)
-        yield from _of_states(summaries, now_s)
-        yield from _of_zones(summaries, now_s)
-        yield from _of_channels(summaries, now_s)
-        yield from _of_health(summaries)
+        self._add([missing])
+        now_s = self._context.clock()
+        self._add(_of_surfaces([], now_s))
+        for surface in self._context.registry:
+            self._add(_of_surfaces([(surface, summary_of(surface, now_s))], now_s))
+            yield
+
+    def _add(self, families: Iterable[Metric]) -> None:
+        for family in families:
+            if family.name in self._families:
+                self._families[family.name].samples += family.samples
+            else:
+                self._families[family.name] = family
+
+    def collect(self) -> Iterator[Metric]:
+        """Return all figures, in any thread."""
+        yield from self._context.counts.registry.collect()
+        yield from self._families.values()
+
+
+def _of_surfaces(summaries: Summaries, now_s: float) -> Iterator[Metric]:
+    yield from _of_samples(summaries)
+    yield from _of_states(summaries, now_s)
+    yield from _of_zones(summaries, now_s)
+    yield from _of_channels(summaries, now_s)
+    yield from _of_health(summaries)
 
 
 def _of_record(recorder: Recorder) -> Iterator[Metric]:

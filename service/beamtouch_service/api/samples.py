@@ -1,18 +1,19 @@
 """`POST /surfaces/NAME/samples`: from the headers of a batch to its receipt."""
 
 from asyncio import CancelledError, get_running_loop, timeout
+from collections.abc import Iterator
 from math import inf
 
-from pydantic import ValidationError
 from starlette.requests import Request
 from starlette.responses import Response
 
 from beamtouch_service.access import Role
 from beamtouch_service.api import gate, openapi
-from beamtouch_service.api.context import SurfaceInPath, context_of
-from beamtouch_service.api.errors import MAX_ERRORS, invalid_request, pointer
+from beamtouch_service.api.batches import read_batch
+from beamtouch_service.api.context import Context, SurfaceInPath, context_of
 from beamtouch_service.problems import Kind, Problem, ProblemError
 from beamtouch_service.samples import Batch, Receipt
+from beamtouch_service.surfaces.surface import Received, Surface
 
 MAX_BODY_BYTES = 1024 * 1024
 MAX_BODY_S = 10.0
@@ -36,9 +37,11 @@ async def post_samples(name: SurfaceInPath, request: Request) -> Response:
         # The age was stated before the body travelled. Counted from here, travel makes samples older, never younger.
         begin_s = context.clock()
         earliest_s = context.ticks.earliest_s(begin_s)
-        batch = parse_batch(await read_body(request))
-        arrival_s = surface.transit.arrival_s(batch, begin_s, earliest_s)
-        received = surface.receive(batch, arrival_s, _peer(request))
+        batch = await read_batch(await read_body(request), context.turns)
+        async with context.turns.of(name):
+            arrival_s = surface.transit.arrival_s(batch, begin_s, earliest_s)
+            received = surface.begin(batch, arrival_s, _peer(request))
+            await context.turns.finish(_follow(context, surface, batch, received))
     except ProblemError as error:
         known = name if name in context.registry.names else ""
         context.counts.rejected.labels(known, error.problem.kind.slug).inc()
@@ -47,8 +50,7 @@ async def post_samples(name: SurfaceInPath, request: Request) -> Response:
         raise
     context.counts.batch_s.labels(name).observe(context.clock() - begin_s)
     context.counts.look(surface, begin_s)
-    context.courses.hear(surface, batch, received.decisions)
-    durable, expected = await context.recorder.take(surface, batch, received.weighed)
+    durable, expected = await context.recorder.take(surface, batch, received.weighed(surface.model))
     receipt = Receipt(
         accepted=received.accepted,
         repeated=received.repeated,
@@ -57,6 +59,15 @@ async def post_samples(name: SurfaceInPath, request: Request) -> Response:
         stale_ms=surface.stale_ms,
     )
     return Response(receipt.model_dump_json(), media_type="application/json")
+
+
+def _follow(context: Context, surface: Surface, batch: Batch, received: Received) -> Iterator[None]:
+    """Move the answer by one sample after another, and the commissioning with it."""
+    heard = 0
+    for step in received.steps:
+        yield from context.courses.hear(surface, batch, received.decisions[heard:])
+        heard = len(received.decisions)
+        yield step
 
 
 def _peer(request: Request) -> str:
@@ -103,17 +114,3 @@ async def read_body(request: Request) -> bytes:
 def _too_large() -> ProblemError:
     detail = f"A batch may be at most {MAX_BODY_BYTES} bytes long; send fewer samples at a time."
     return ProblemError(Problem(Kind.TOO_LARGE, detail, members={"limit_bytes": MAX_BODY_BYTES}), _CLOSE)
-
-
-def parse_batch(body: bytes) -> Batch:
-    """Read a batch; raises ProblemError (400 if it is not JSON, 422 with the places that are wrong)."""
-    try:
-        return Batch.model_validate_json(body)
-    except ValidationError as error:
-        # Neither input nor context: a wrong body can be a megabyte long, and an answer is no place to repeat it.
-        found = error.errors(include_url=False, include_input=False, include_context=False)
-        if found[0]["type"] == "json_invalid":
-            detail = f"{found[0]['msg']}; send a batch as application/json."
-            raise ProblemError(Problem(Kind.MALFORMED_JSON, detail)) from None
-        places = [{"pointer": pointer(entry["loc"]), "detail": entry["msg"]} for entry in found[:MAX_ERRORS]]
-        raise ProblemError(invalid_request(places, error.error_count())) from None

@@ -1,6 +1,6 @@
 """One commissioning of a surface: its steps, and what the samples so far say. No web, no files, no wall clock."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from math import isnan
 from typing import NamedTuple
 
@@ -116,8 +116,8 @@ class Course:
         where = f"above {sensors[self.step].name}" if self.step < len(sensors) else "at the mark"
         return f"Press {where}, {self.at_mm:.0f} mm from the left end, firmly, for a second or two."
 
-    def take(self, boot_id: str, channels: Sequence[str], sample: Sample, seen: Stated) -> None:
-        """Take the next sample of the surface, its values in the order of `channels`."""
+    def take(self, boot_id: str, channels: Sequence[str], sample: Sample, seen: Stated) -> Iterator[None]:
+        """Take the next sample of the surface in steps, its values in the order of `channels`."""
         if self.is_done:
             return
         if boot_id != self._boot_id:
@@ -134,10 +134,10 @@ class Course:
         if moved is None:
             return
         if self.step < len(self.report.sensors):
-            self._take_sensor(moved, self._bad_held)
+            yield from self._take_sensor(moved, self._bad_held)
         else:
             self._take_place(self._seen_held)
-        self._advance()
+            self._advance()
 
     def skip(self) -> None:
         """End the current step without a press that was seen."""
@@ -149,16 +149,19 @@ class Course:
         self._finder.forget()
         self._advance()
 
-    def _take_sensor(self, moved: Movement, bad: Mapping[str, Quality]) -> None:
-        sensor = self.report.sensors[self.step]
+    def _take_sensor(self, moved: Movement, bad: Mapping[str, Quality]) -> Iterator[None]:
+        step, sensor = self.step, self.report.sensors[self.step]
+        presses = self._presses | {step: Press(sensor.at_mm, *moved)}
+        explanation = yield from explain(list(presses.values()), self._influence)
+        if self.step != step:  # it was skipped meanwhile
+            return
         moved_mm = [None if isnan(one) else round(one, _MM_DIGITS) for one in moved.moved_mm.tolist()]
         self._update(
             self.step,
             moved_mm=dict(zip(self.model.channels, moved_mm, strict=True)),
             quality=bad.get(sensor.name, Quality.GOOD),
         )
-        self._presses[self.step] = Press(sensor.at_mm, *moved)
-        self._explanation = explain(list(self._presses.values()), self._influence)
+        self._presses, self._explanation = presses, explanation
         self._bad |= bad
         self._found = find(self._explanation, self.model.channels, self._bad)
         # What was said of a sensor may change with each press: all of them are judged together.
@@ -170,6 +173,7 @@ class Course:
                 share=None if isnan(share) else round(share, _SHARE_DIGITS),
                 force_n=round(force_n, _FORCE_DIGITS),
             )
+        self._advance()
 
     def _influence(self, places_mm: Floats) -> Floats:
         influence, _ = self._curve.at(np.clip(places_mm, *self.model.metadata.ranges.position_mm))

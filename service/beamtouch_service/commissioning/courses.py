@@ -88,8 +88,8 @@ class Courses:
         del self._courses[course.report.surface]
         self._ended[course.report.surface] = reason
 
-    def hear(self, surface: Surface, batch: Batch, decisions: Iterable[Decision]) -> None:
-        """Take the samples of a batch that moved the answer of a surface, with the decisions on them."""
+    def hear(self, surface: Surface, batch: Batch, decisions: Iterable[Decision]) -> Iterator[None]:
+        """Take the samples of a batch that moved the answer of a surface in steps, with the decisions on them."""
         course = self._courses.get(surface.name)
         if course is None or course.id in self._being_confirmed:
             return
@@ -99,7 +99,7 @@ class Courses:
         for decision in decisions:
             reason = f"no position: {decision.problem.kind.title.lower()}" if decision.problem else ""
             seen = Stated(decision.state, decision.figures, reason)
-            course.take(batch.boot_id, batch.channels, decision.estimate.sample, seen)
+            yield from course.take(batch.boot_id, batch.channels, decision.estimate.sample, seen)
 
 
 def _other(surface: str, detail: str) -> Problem:

@@ -6,7 +6,7 @@ about; both are those that fit best.
 """
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Generator, Iterable, Sequence
 from itertools import combinations
 from typing import NamedTuple
 
@@ -80,8 +80,8 @@ class Explanation(NamedTuple):
     -1 for an inverted one, 0 for a dead one. NaN where that sensor moves too little to be seen."""
 
 
-def explain(presses: Sequence[Press], influence: Influence) -> Explanation:
-    """Return the wiring that explains presses best, with those that explain them about as well.
+def explain(presses: Sequence[Press], influence: Influence) -> Generator[None, None, Explanation]:
+    """Return, after some steps, the wiring that explains presses best, and those that explain them about as well.
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ def explain(presses: Sequence[Press], influence: Influence) -> Explanation:
     moved_mm, noise_mm = (np.array([one[field] for one in presses]) for field in (1, 2))
     moved_mm[:, np.isnan(moved_mm).all(axis=0)] = 0.0  # a channel that never has values is dead
     fits = [_Fit(one._replace(moved_mm=moved), influence) for one, moved in zip(presses, moved_mm, strict=True)]
-    prices = _search(fits, len(presses[0].moved_mm))
+    prices = yield from _search(fits, len(presses[0].moved_mm))
     best = min(prices, key=lambda wiring: prices[wiring])
     rivals = [one for one, price in prices.items() if one != best and price < prices[best] + FAULT - _ROUNDING]
     each = [fit.best(best) for fit in fits]
@@ -176,7 +176,7 @@ def _sums_with_one_more(table: Floats, wiring: Wiring, signs: NDArray[np.int_], 
     return np.concatenate([swapped, single.reshape(len(table), -1)], axis=1)
 
 
-def _search(fits: Sequence[_Fit], channels: int) -> dict[Wiring, float]:
+def _search(fits: Sequence[_Fit], channels: int) -> Generator[None, None, dict[Wiring, float]]:
     """Return the price of each wiring that was tried: its sum of squares, and that of its faults."""
     faults = {wiring: count for count, wirings in enumerate(_simple(channels)) for wiring in wirings}
     prices = {wiring: sum(fit.best(wiring).square for fit in fits) + FAULT * count for wiring, count in faults.items()}
@@ -188,6 +188,7 @@ def _search(fits: Sequence[_Fit], channels: int) -> dict[Wiring, float]:
                 if worse not in prices:
                     squares[worse] = square
                     faults[worse] = min(faults.get(worse, channels * 2), faults[wiring] + 1)
+            yield
         if not squares:
             break
         before = min(prices.values())

@@ -7,7 +7,7 @@ the decision and the cursor of each boot in one transaction. The sender keeps ea
 import asyncio
 import logging
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from functools import partial
 from typing import TypeVar
@@ -24,6 +24,7 @@ from beamtouch_service.samples import Batch
 from beamtouch_service.sections import EventsSection
 from beamtouch_service.surfaces.estimate import Estimate, Estimator
 from beamtouch_service.surfaces.surface import Surface
+from beamtouch_service.turns import Turns
 
 COMMIT_S = 1.0
 """Time between two commits."""
@@ -35,8 +36,6 @@ QUERY_S = 15.0
 """Longest time for a query, and for a commit before the record counts as away."""
 STOP_S = 2.0
 """Time for the last commit."""
-CHUNK = 64
-"""Samples of a backlog that are weighed together, in a thread if there are more: live answers do not wait for it."""
 TIDY_S = 60.0
 _DEFAULTS = EventsSection()
 
@@ -56,6 +55,7 @@ class Recorder:
         """Times that another service had written what this one was about to write."""
         self.on_written: Callable[[], None] = lambda: None
         """Called after each commit that ended events."""
+        self._turns = Turns()
         self._records: dict[str, SurfaceRecord] = {}
         self._loads: dict[tuple[str, str], asyncio.Task[None]] = {}
         self._unread: dict[str, Surface] = {}
@@ -112,29 +112,28 @@ class Recorder:
             return None, None
         record.adopt(model)
         record.hear(batch)
-        await self._add(record, batch, weighed)
+        await self._turns.finish(self._add(record, batch, weighed))
         boot = record.boot(batch.boot_id)
         if boot is None or self._records.get(surface.name) is not record:  # another service has it
             return None, None
         return boot.durable, boot.expected
 
-    async def _add(self, record: SurfaceRecord, batch: Batch, weighed: Mapping[int, Estimate]) -> None:
-        surface, model, is_heavy = record.surface, record.model, len(batch.samples) > CHUNK
-        for start in range(0, len(batch.samples), CHUNK):
+    def _add(self, record: SurfaceRecord, batch: Batch, weighed: Mapping[int, Estimate]) -> Iterator[None]:
+        """Add one sample after another, as long as the record expects them. Between two it may have changed."""
+        surface, model, boot = record.surface, record.model, record.boot(batch.boot_id)
+        samples = [sample for sample in batch.samples if boot and sample.sequence >= boot.expected]
+        if samples and boot and batch.oldest is not None and samples[0].sequence > boot.expected:
+            return
+        estimator = Estimator(model, surface.name)
+        known = [weighed[sample.sequence] for sample in samples if sample.sequence in weighed]
+        for estimate in known if len(known) == len(samples) else estimator.estimate(batch, samples):
             boot = record.boot(batch.boot_id)
-            if boot is None or not boot.has_room:
-                return
-            part = [sample for sample in batch.samples[start : start + CHUNK] if sample.sequence >= boot.expected]
-            if part and batch.oldest is not None and part[0].sequence > boot.expected:
-                return
-            estimates = [weighed[sample.sequence] for sample in part if sample.sequence in weighed]
-            if len(estimates) < len(part):
-                call = partial(Estimator(model, surface.name).estimate, batch, part)
-                estimates = await in_thread(call) if is_heavy else call()
             if surface.model is not model or self._records.get(surface.name) is not record:
                 return
-            for estimate in estimates:
-                record.add(batch, estimate)
+            if boot is None or not boot.has_room:
+                return
+            record.add(batch, estimate)
+            yield
 
     async def _load(self, surface: Surface, batch: Batch) -> None:
         """Read what is on record of the boot of a batch, unless that takes long."""

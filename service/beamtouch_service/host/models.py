@@ -57,14 +57,13 @@ class ModelKeeper:
         self._waiting: ModelFile | None = None
         """A model that was refused because the samples of its beam, or of its channels, do not arrive yet."""
 
-    async def poll(self) -> None:
-        """Load the file if the last poll has seen the same new one.
+    async def poll(self, stamp: Stamp | None) -> None:
+        """Load the file, which has this stamp now, if the last poll has seen the same new one.
 
         A model that waits for its samples is used once they arrive. Raises nothing: the log and `surface.model_error`
         say why a file was refused.
         """
-        stamp, seen = stamp_of(self.path), self._seen
-        self._seen = stamp
+        seen, self._seen = self._seen, stamp
         try:
             if stamp is not None and stamp == seen and stamp != self._tried:
                 self._tried, self._waiting = stamp, None
@@ -127,10 +126,13 @@ class ModelKeeper:
 
 
 async def watch(keepers: Sequence[ModelKeeper]) -> None:
-    """Look at the model files until cancelled."""
+    """Look at the model files until cancelled, and load one after another."""
     while True:
         await asyncio.sleep(POLL_S)
-        await asyncio.gather(*(keeper.poll() for keeper in keepers))
+        # In a thread, because a file system over a network may not answer.
+        stamps = await asyncio.to_thread(lambda: [stamp_of(keeper.path) for keeper in keepers])
+        for keeper, stamp in zip(keepers, stamps, strict=True):
+            await keeper.poll(stamp)
 
 
 def stamp_of(path: Path) -> Stamp | None:

@@ -1,6 +1,6 @@
 """The states that samples show, and what is doubtful about them. Pure but for the run of the model."""
 
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from typing import Any, NamedTuple
 
 from beamtouch_models.modelfile import (
@@ -232,13 +232,14 @@ class Follower:
 
     def follow(
         self, batch: Batch, samples: list[Sample], taken_us: Iterable[int], sender_notes: Collection[str]
-    ) -> list[Decision]:
-        """Decide on samples of a batch, in order. After a gap, and with another sender, no state is known.
+    ) -> Iterator[Decision]:
+        """Decide on samples of a batch, one after another. After a gap, and with another sender, no state is known.
 
         `taken_us` are the times of the samples [us, monotonic], `sender_notes` what the service notes on their sender.
         """
-        estimates = zip(self.estimator.estimate(batch, samples), taken_us, strict=True)
-        return [self._follow_one(batch.boot_id, estimate, moment_us, sender_notes) for estimate, moment_us in estimates]
+        moments_us = iter(taken_us)
+        for estimate in self.estimator.estimate(batch, samples):
+            yield self._follow_one(batch.boot_id, estimate, next(moments_us), sender_notes)
 
     def _follow_one(self, boot_id: str, estimate: Estimate, taken_us: int, sender_notes: Collection[str]) -> Decision:
         number, (last_boot_id, last_number) = estimate.sample.sequence, self._last

@@ -4,8 +4,8 @@ No I/O and no clock: the caller gives the time, in seconds of the service's mono
 """
 
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from beamtouch_models.modelfile import ModelFile, State
@@ -17,7 +17,7 @@ from beamtouch_service.surfaces.channels import ChannelHealth, ChannelsOut, Surf
 from beamtouch_service.surfaces.contact import Contact, ContactQuality, rfc3339
 from beamtouch_service.surfaces.estimate import Estimate
 from beamtouch_service.surfaces.follower import Decision, Follower
-from beamtouch_service.surfaces.freshness import SampleClock, Transit
+from beamtouch_service.surfaces.freshness import Moment, SampleClock, Transit
 from beamtouch_service.surfaces.order import Order, Rivals, SampleCounts
 from beamtouch_service.surfaces.unexplained import Stretches
 
@@ -26,18 +26,24 @@ SENDER_GONE_S = 10.0
 """A daemon whose samples are refused tries again sooner than this; after it, samples are what is missing."""
 
 
-class Received(NamedTuple):
-    """What became of a batch."""
+@dataclass(slots=True)
+class Received:
+    """What becomes of a batch."""
 
     accepted: int
     """Samples that were new."""
     repeated: int
-    decisions: list[Decision]
-    """On those that moved the answer, in order."""
+    decisions: list[Decision] = field(default_factory=list)
+    """On those that moved the answer so far, in order."""
+    model: ModelFile | None = None
+    """The model of the last of them."""
+    steps: Iterator[None] = field(default_factory=lambda: iter(()))
+    """Moves the answer by one sample after another; other batches of the surface must wait until that is done."""
 
-    @property
-    def weighed(self) -> dict[int, Estimate]:
-        """The samples that moved the answer, by number."""
+    def weighed(self, model: ModelFile | None) -> dict[int, Estimate]:
+        """Return the samples that moved the answer under a model, by number."""
+        if model is None or model is not self.model:
+            return {}
         return {one.estimate.sample.sequence: one.estimate for one in self.decisions}
 
 
@@ -159,7 +165,14 @@ class Surface:
         self.channels_out.forget()
 
     def receive(self, batch: Batch, arrival_s: float, address: str = "unknown") -> Received:
-        """Take a batch that arrived at `arrival_s` [s, monotonic] from this address.
+        """Take a batch as `begin` does, with all steps at once."""
+        received = self.begin(batch, arrival_s, address)
+        for _ in received.steps:
+            pass
+        return received
+
+    def begin(self, batch: Batch, arrival_s: float, address: str = "unknown") -> Received:
+        """Take a batch that arrived at `arrival_s` [s, monotonic] from this address; its steps move the answer.
 
         Every sample after the newest one moves the contact, in order. Others never do, nor does a backlog.
 
@@ -177,12 +190,11 @@ class Surface:
         taken = self._order.take(batch, arrival_s)
         if batch.samples and not batch.backlog:
             self.rivals.hear(batch.boot_id, address, taken.acquired_s)
-        if not taken.fresh:
-            return Received(taken.accepted, taken.repeated, [])
-        self.on_arrival((batch.newest_age_ms or 0.0) / 1e3)
-        decisions = self._advance(batch, taken.fresh, taken.acquired_s)
-        self.on_fresh(self)
-        return Received(taken.accepted, taken.repeated, decisions)
+        received = Received(taken.accepted, taken.repeated)
+        if taken.fresh:
+            self.on_arrival((batch.newest_age_ms or 0.0) / 1e3)
+            received.steps = self._advance(batch, taken.fresh, taken.acquired_s, received)
+        return received
 
     def _require_fit(self, batch: Batch) -> None:
         """Raise ProblemError unless a batch is of the beam and has the channels of the model."""
@@ -192,31 +204,36 @@ class Surface:
         if missing:
             raise ProblemError(problems.missing_channels(self.name, missing))
 
-    def _advance(self, batch: Batch, fresh: list[Sample], acquired_s: float) -> list[Decision]:
-        """Move the contact to new samples, and return the decisions on them."""
-        follower, decisions, decided = self._follower, list[Decision](), None
-        moments = self._clock.tell(fresh, acquired_s)
+    def _advance(self, batch: Batch, fresh: list[Sample], acquired_s: float, received: Received) -> Iterator[None]:
+        """Move the contact to new samples, one after another."""
+        follower, moments = self._follower, self._clock.tell(fresh, acquired_s)
         sender_notes = [Note.SENDERS] if self.rivals.at(acquired_s) else []
+        notes: list[str] = list(batch.notes)
+        decided = None
         if follower is None:
-            bad = [_bad(batch.channels, sample) for sample in fresh]
+            for sample, moment in zip(fresh, moments, strict=True):
+                self.channels_out.add(sample.acquired_unix_us, _bad(batch.channels, sample), moment.passed_s)
+                yield
         else:
+            received.model = follower.model
             taken_us = [round(moment.taken_s * 1e6) for moment in moments]
             decisions = follower.follow(batch, fresh, taken_us, sender_notes)
-            decided = follower.model, decisions[-1]
-            bad = [decision.estimate.bad for decision in decisions]
             for decision, moment in zip(decisions, moments, strict=True):
-                self.stretches.add(decision, moment.passed_s)
-                for zone in decision.zones.entered:
-                    self.zone_entries[zone] += 1
-        for sample, out, moment in zip(fresh, bad, moments, strict=True):
-            self.channels_out.add(sample.acquired_unix_us, out, moment.passed_s)
-        notes: list[str] = list(batch.notes)
-        if follower is not None:
+                self._note_decision(decision, moment)
+                received.decisions.append(decision)
+                decided = follower.model, decision
+                yield
             notes += [Note.NOISE] if follower.estimator.contradicts else []
             notes += [Note.DEGRADED] if self.channels_out.any else []
             notes += sender_notes
         self.newest = Newest(batch.boot_id, batch.channels, fresh[-1], acquired_s, notes, decided)
-        return decisions
+        self.on_fresh(self)
+
+    def _note_decision(self, decision: Decision, moment: Moment) -> None:
+        self.channels_out.add(decision.estimate.sample.acquired_unix_us, decision.estimate.bad, moment.passed_s)
+        self.stretches.add(decision, moment.passed_s)
+        for zone in decision.zones.entered:
+            self.zone_entries[zone] += 1
 
     def answer(self, now_s: float) -> Answer | Problem:
         """Return the newest sample with its decision at `now_s` [s, monotonic], or why there is none."""
