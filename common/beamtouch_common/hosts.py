@@ -1,6 +1,7 @@
 """Names and addresses of hosts."""
 
 from ipaddress import ip_address
+from urllib.parse import urlsplit
 
 _NOT_IN_NAMES = frozenset(" :/\\@[]?#*,")
 """Characters that separate the host from the rest of an address, or that join several hosts."""
@@ -11,6 +12,15 @@ def host_name(text: str) -> str:
     if not (_is_address(text) or _is_name(text)):
         raise ValueError("must be the name or address of a host, such as 192.168.0.20")
     return text
+
+
+def tcp_address(text: str) -> tuple[str, int | None]:
+    """Return host and port of tcp://HOST[:PORT], None without a port; ValueError if it is something else."""
+    parts = urlsplit(text)
+    port = parts.port
+    if parts.scheme != "tcp" or parts.path.strip("/") or parts.query or port == 0:
+        raise ValueError("must be tcp://HOST:PORT")
+    return host_name(parts.hostname or ""), port
 
 
 def _is_address(text: str) -> bool:

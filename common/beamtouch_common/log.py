@@ -54,13 +54,19 @@ class Repeated:
         self._logged[reason] = now_s, 0
         return pending + number
 
-    def failed(self, reason: str) -> None:
-        """Note a failure, and log it if a line is due."""
+    def failed(self, text: str, reason: str = "") -> None:
+        """Note a failure, and log it if a line is due.
+
+        Parameters
+        ----------
+        text : The line.
+        reason : What its lines have in common; default: all of the text.
+        """
         if self._failed_since_s is None:
             self._failed_since_s = self._clock()
-        if times := self.due(reason):
+        if times := self.due(reason or text):
             count = f" ({times} times since the last such line)" if times > 1 else ""
-            self._log.warning("%s%s%s", self._prefix, reason, count)
+            self._log.warning("%s%s%s", self._prefix, text, count)
             self._is_failure_logged = True
 
     def over(self, words: str = "works again") -> None:

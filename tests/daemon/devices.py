@@ -82,6 +82,13 @@ class NumberingUnit(StampingUnit):
         return self.requests - 1
 
 
+class RestingUnit(StampingUnit):
+    """A Modbus unit whose registers hold the counts of a beam at rest."""
+
+    def value(self) -> int:
+        return 20_000
+
+
 class RegisterUnit(StampingUnit):
     """A unit with so many input registers and holding registers from 0, all 0. It refuses others, as real ones do."""
 
@@ -131,6 +138,9 @@ async def rtu_units(
         buffer.extend(data)
         while len(buffer) >= 8:
             request = bytes(buffer[:6])
+            if with_crc(request) != buffer[:8]:
+                del buffer[0]  # it was no request
+                continue
             write_in_time(line, echo(bytes(buffer[:8])))
             del buffer[:8]
             if request[0] in units:

@@ -1,7 +1,10 @@
 """Real lines in place of cables: pseudo-terminals, alone and joined in pairs, on the running event loop."""
 
 import asyncio
+import ctypes
 import os
+import struct
+import termios
 import tty
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -36,6 +39,11 @@ class Terminal:
             return self._is_open and os.write(self._master, data) == len(data)
         return False
 
+    @property
+    def lowers_dtr(self) -> bool:
+        """Whether a serial port would lower DTR when it is closed."""
+        return bool(termios.tcgetattr(self._slave)[2] & termios.HUPCL)
+
     def unplug(self) -> None:
         """Hang up for good."""
         if self._is_open:
@@ -49,6 +57,119 @@ class Terminal:
 def terminal() -> Iterator[Terminal]:
     """A pseudo-terminal that is hung up at the end."""
     one = Terminal()
+    try:
+        yield one
+    finally:
+        one.unplug()
+
+
+LOADER_S = 0.1
+"""Time after which a boot loader prints something."""
+
+
+class RebootingTerminal(Terminal):
+    """A port that resets its device whenever it is opened, as the DTR line of a serial port does.
+
+    The device is deaf and dumb while it boots, except for what its boot loader prints.
+
+    Parameters
+    ----------
+    boots_s : How long the device boots.
+    prints : What its boot loader prints at once.
+    spares : Whether an opening resets nothing if the port was closed without HUPCL, because DTR then stays up.
+    """
+
+    def __init__(self, boots_s: float, prints: bytes = b"", *, spares: bool = False) -> None:
+        super().__init__()
+        self.opened = 0
+        """Times that somebody opened the port."""
+        self.reset: Callable[[], object] = lambda: None
+        """Called once the device has booted."""
+        self._boots_s, self._prints, self._spares = boots_s, prints, spares
+        self.is_booting = False
+        self._timers: tuple[asyncio.TimerHandle, ...] = ()
+        self._is_line_up = self._hangs = False
+        self._set_hang_up_on_close()
+        self._watch = _watch(self.path)
+        self._loop.add_reader(self._watch, self._notice)
+
+    def on_data(self, receive: Callable[[bytes], object]) -> None:
+        def hear(data: bytes) -> None:
+            self._notice()
+            if not (self.is_booting or self._hangs):
+                receive(data)
+
+        super().on_data(hear)
+
+    def write(self, data: bytes) -> bool:
+        self._notice()
+        return not (self.is_booting or self._hangs) and super().write(data)
+
+    def hang(self) -> None:
+        """Carry nothing until somebody opens the port."""
+        self._hangs = True
+
+    def boot(self) -> None:
+        """Reset the device, as an opening or its own watchdog does."""
+        for timer in self._timers:
+            timer.cancel()
+        self.is_booting = True
+        write = super().write
+        self._timers = (
+            self._loop.call_later(LOADER_S, lambda: write(self._prints)),
+            self._loop.call_later(self._boots_s, self._run),
+        )
+
+    def unplug(self) -> None:
+        if self._is_open:
+            self._loop.remove_reader(self._watch)
+            os.close(self._watch)
+            for timer in self._timers:
+                timer.cancel()
+        super().unplug()
+
+    def _run(self) -> None:
+        self.is_booting = False
+        self.reset()
+
+    def _notice(self) -> None:
+        """Look who has opened and closed the port."""
+        with suppress(BlockingIOError):
+            events = os.read(self._watch, 1 << 16)
+            for at in range(0, len(events), _EVENT.size):
+                kind = _EVENT.unpack_from(events, at)[1]
+                if not kind & _OPENED:
+                    self._is_line_up = self._spares and not self.lowers_dtr
+                    continue
+                self.opened += 1
+                self._hangs = False
+                if not self._is_line_up:
+                    self.boot()
+
+    def _set_hang_up_on_close(self) -> None:
+        """Serial ports have this setting by default, pseudo-terminals do not."""
+        settings = termios.tcgetattr(self._slave)
+        settings[2] |= termios.HUPCL
+        termios.tcsetattr(self._slave, termios.TCSANOW, settings)
+
+
+_OPENED, _CLOSED = 0x20, 0x18
+_EVENT = struct.Struct("iIII")
+"""Of inotify, for a watch of a single file."""
+
+
+def _watch(path: str) -> int:
+    """Return a descriptor that tells who opens and closes a file."""
+    libc = ctypes.CDLL(None, use_errno=True)
+    watch: int = libc.inotify_init1(os.O_NONBLOCK | os.O_CLOEXEC)
+    assert libc.inotify_add_watch(watch, os.fsencode(path), _OPENED | _CLOSED) > 0
+    return watch
+
+
+@contextmanager
+def rebooting_terminal(boots_s: float, prints: bytes = b"", *, spares: bool = False) -> Iterator[RebootingTerminal]:
+    """A port that resets its device, hung up at the end."""
+    one = RebootingTerminal(boots_s, prints, spares=spares)
     try:
         yield one
     finally:

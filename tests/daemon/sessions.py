@@ -8,7 +8,7 @@ from contextlib import aclosing
 import pytest
 
 from beamtouch_daemon.config.settings import Surface
-from beamtouch_daemon.sources import board, rtu_unit
+from beamtouch_daemon.sources import board, rtu_unit, traffic
 from beamtouch_daemon.sources.configured import Buses, source_of
 from beamtouch_daemon.sources.reading import Reading, Source, SourceError, first_readings
 
@@ -22,13 +22,15 @@ def change_waits(monkeypatch: pytest.MonkeyPatch, **waits_s: float) -> None:
     """Let sources wait for other times than those of the daemon [s].
 
     `forgotten_s` is that for an answer that a unit owes, `learn_again_s` that until a unit is asked again what it
-    answers, `hello_s` that for a board to say what it is and to answer a ping, `silence_s` that for its readings.
+    answers, `hello_s` that for a board to say what it is and to answer a ping, `silence_s` that for its readings,
+    `boot_s` that for which a device may boot after its port was opened.
     """
     homes = {
         "forgotten_s": (rtu_unit, "FORGOTTEN_S"),
         "learn_again_s": (rtu_unit, "LEARN_AGAIN_S"),
         "hello_s": (board, "HELLO_TIMEOUT_S"),
         "silence_s": (board, "SILENCE_S"),
+        "boot_s": (traffic, "BOOT_S"),
     }
     for name, wait_s in waits_s.items():
         module, constant = homes[name]

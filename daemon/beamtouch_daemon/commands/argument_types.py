@@ -3,10 +3,9 @@
 import argparse
 import re
 from collections.abc import Callable, Sequence
-from urllib.parse import urlsplit
 
 from beamtouch_common.errors import InputError
-from beamtouch_common.hosts import host_name
+from beamtouch_common.hosts import tcp_address
 
 RTU_UNITS = range(1, 248)
 TCP_UNITS = range(256)
@@ -18,14 +17,11 @@ MAX_TIMEOUT_MS = 60_000.0
 def address_of(text: str) -> tuple[str, int]:
     """Return host and port of tcp://HOST[:PORT]; InputError if it is something else."""
     try:
-        parts = urlsplit(text)
-        port = parts.port
-        host_name(parts.hostname or "")
+        host, port = tcp_address(text)
     except ValueError:
-        parts, port = urlsplit(""), None
-    if parts.scheme != "tcp" or not parts.hostname or parts.path.strip("/") or parts.query or port == 0:
-        raise InputError(f"{text!r} is not an address; give tcp://HOST[:PORT], such as tcp://192.168.0.20:502")
-    return parts.hostname, port or MODBUS_PORT
+        message = f"{text!r} is not an address; give tcp://HOST[:PORT], such as tcp://192.168.0.20:502"
+        raise InputError(message) from None
+    return host, port or MODBUS_PORT
 
 
 def numbers(text: str) -> tuple[int, ...]:

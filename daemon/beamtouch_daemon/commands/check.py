@@ -5,7 +5,8 @@ import asyncio
 import json
 import math
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import AsyncExitStack
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from time import monotonic
@@ -27,11 +28,15 @@ from beamtouch_daemon.processing import resolution
 from beamtouch_daemon.processing.characteristic import QUALITIES, Characteristic
 from beamtouch_daemon.processing.pipeline import counts_of
 from beamtouch_daemon.sources.configured import Buses, source_of
-from beamtouch_daemon.sources.reading import Reading, SourceError, first_readings
+from beamtouch_daemon.sources.reading import Reading, Source, SourceError, first_readings
 from beamtouch_service.samples import Quality
 
 PAUSE_S = 0.5
 """Pause between two attempts of --wait."""
+READINGS, LONGEST_S = 30, 3.0
+"""Readings of a unit that is polled, and the longest time for them: they show whether requests fail now and then."""
+UNRELIABLE = 0.1
+"""Share of failed requests from which on a surface is not good."""
 MAX_FRACTION = 1e6
 """Counts from which on parts of one are left out."""
 HEAD = ("surface", "channel", "counts", "gap mm", "deflection mm", "quality")
@@ -69,6 +74,8 @@ class SurfaceState:
     """The configuration file that has the surface."""
     channels: tuple[ChannelState, ...] = ()
     error: str | None = None
+    seen: str = ""
+    """What was seen of a device that gives no readings."""
     limits: tuple[str, ...] = ()
     """Cases in which old or foreign readings may pass unnoticed, a sentence each."""
     is_tared: bool = True
@@ -79,6 +86,10 @@ class SurfaceState:
     """Byte orders with which the values would be good, which none is with the configured one."""
     doubt: str | None = None
     """Reason why the service's model seems to be that of another surface."""
+    failing: tuple[str, ...] = ()
+    """Units of which some requests failed, a sentence each."""
+    is_unreliable: bool = False
+    """Whether more of them failed than can be left alone."""
 
     @property
     def awaited(self) -> str:
@@ -86,16 +97,23 @@ class SurfaceState:
         has_all = all(channel.quality is not Quality.MISSING for channel in self.channels)
         return self.error or ("" if has_all else "not all channels arrive") or self.refusal or ""
 
+    @property
+    def full_error(self) -> str:
+        """The error with what was seen of the device; empty without an error."""
+        return "; ".join(filter(None, (self.error, self.seen)))
+
     def complaints(self) -> Iterator[str]:
         """Yield what prevents readings, and what prevents samples; nothing if the surface is good."""
         if self.error:
-            yield self.error
+            yield self.full_error
         if self.byte_orders:
             orders = " or ".join(f'"{order}"' for order in self.byte_orders)
             yield f"with byte_order = {orders} the values would be good; correct byte_order of the source"
         for quality, cause in CAUSES.items():
             if names := [channel.channel for channel in self.channels if channel.quality is quality]:
                 yield f"{', '.join(names)} {quality.value}: {cause}"
+        if self.is_unreliable:
+            yield from self.failing
         if self.refusal:
             yield self.refusal
 
@@ -104,7 +122,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Run the command; FailedError if a surface is not good, InputError if a file cannot be used."""
     config = load_config(arguments.config)
     wait_s: float | None = arguments.wait
-    states = asyncio.run(_read_all(config) if wait_s is None else _wait(config, wait_s))
+    states = asyncio.run(_read_once(config) if wait_s is None else _wait(config, wait_s))
     complaints = [f"{state.surface}: {text}" for state in states for text in state.complaints()]
     if arguments.json:
         surfaces = {state.surface: _as_json(state, asked=wait_s is not None) for state in states}
@@ -118,6 +136,11 @@ def run(arguments: argparse.Namespace) -> int:
     return DONE
 
 
+async def _read_once(config: Config) -> list[SurfaceState]:
+    """Check once; InputError if a tare file does not fit."""
+    return await _read_all(config, _sources_of(config))
+
+
 async def _wait(config: Config, wait_s: float) -> list[SurfaceState]:
     """Check until all channels arrive and the service takes samples, for about `wait_s` [s]; return the last states.
 
@@ -125,9 +148,12 @@ async def _wait(config: Config, wait_s: float) -> list[SurfaceState]:
     """
     deadline_s = monotonic() + wait_s
     printed: list[str] = []
-    async with ServiceClient.of(config) as client:
+    async with ServiceClient.of(config) as client, AsyncExitStack() as stack:
+        sources = _sources_of(config)
+        for source in sources.values():
+            stack.enter_context(source.kept_open())
         while True:
-            states = await _read_all(config)
+            states = await _read_all(config, sources)
             states = await asyncio.gather(*(_ask(client, state, config.surfaces[state.surface]) for state in states))
             waiting = [f"waiting: {state.surface}: {state.awaited}" for state in states if state.awaited]
             left_s = deadline_s - monotonic()
@@ -144,17 +170,23 @@ async def _ask(client: ServiceClient, state: SurfaceState, surface: Surface) -> 
     return replace(state, refusal=readiness.refusal, doubt=readiness.doubt)
 
 
-async def _read_all(config: Config) -> list[SurfaceState]:
-    """Read every surface once, all at the same time; InputError if a tare file does not fit."""
-    rest = config.read_rest_gaps()
+def _sources_of(config: Config) -> dict[str, Source]:
     buses: Buses = {}
+    return {name: source_of(surface, name, buses) for name, surface in config.surfaces.items()}
+
+
+async def _read_all(config: Config, sources: Mapping[str, Source]) -> list[SurfaceState]:
+    """Read every surface, all at the same time; InputError if a tare file does not fit."""
+    rest = config.read_rest_gaps()
 
     async def read(name: str, surface: Surface) -> SurfaceState:
-        source = source_of(surface, name, buses)
+        source = sources[name]
         try:
-            (reading,) = await first_readings(source, 1)
+            *_, reading = await first_readings(source, _readings_of(surface))
         except SourceError as error:
-            return SurfaceState(name, config.file_of(name), error=str(error), is_tared=bool(rest[name]))
+            return SurfaceState(
+                name, config.file_of(name), error=error.reason, seen=error.seen, is_tared=bool(rest[name])
+            )
         return SurfaceState(
             name,
             config.file_of(name),
@@ -162,9 +194,18 @@ async def _read_all(config: Config) -> list[SurfaceState]:
             limits=source.limits,
             is_tared=bool(rest[name]),
             byte_orders=tuple(find_byte_orders(surface, reading.counts)),
+            failing=tuple(filter(None, (requests.describe(unit) for unit, requests in source.requests.items()))),
+            is_unreliable=any(requests.failed_share >= UNRELIABLE for requests in source.requests.values()),
         )
 
     return await asyncio.gather(*(read(name, surface) for name, surface in config.surfaces.items()))
+
+
+def _readings_of(surface: Surface) -> int:
+    """Return the number of readings to take: some, if requests for them may fail now and then."""
+    if not surface.source.is_polled:
+        return 1
+    return max(1, min(READINGS, round(LONGEST_S * surface.rate_hz)))
 
 
 def _channels(surface: Surface, rest_gap_mm: dict[str, float], reading: Reading) -> tuple[ChannelState, ...]:
@@ -188,7 +229,7 @@ def _as_json(state: SurfaceState, *, asked: bool) -> dict[str, object]:
     """Return the state of a surface for JSON; `asked`: whether the service was asked."""
     return {
         "file": str(state.file),
-        "error": state.error,
+        "error": state.full_error or None,
         "channels": [
             {
                 **{key: value for key, value in asdict(channel).items() if key != "decimals"},
@@ -198,6 +239,7 @@ def _as_json(state: SurfaceState, *, asked: bool) -> dict[str, object]:
         ],
         "limits": state.limits,
         "tared": state.is_tared,
+        "failing": state.failing,
         "service": (state.refusal or "takes samples") if asked else None,
         "doubt": state.doubt,
     }
@@ -222,7 +264,8 @@ def _lines(states: Sequence[SurfaceState], *, with_files: bool) -> Iterator[str]
     ]
     yield from aligned([*HEAD, *["file"] * with_files], rows, right=NUMBERS)
     for state in states:
-        texts = (*state.limits, "" if state.is_tared else NOT_TARED, state.doubt)
+        failing = () if state.is_unreliable else state.failing
+        texts = (*state.limits, *failing, "" if state.is_tared else NOT_TARED, state.doubt)
         yield from (f"{state.surface}: {text}" for text in texts if text)
 
 

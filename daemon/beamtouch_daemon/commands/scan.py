@@ -2,13 +2,10 @@
 
 import argparse
 import asyncio
-import json
 import math
-import shlex
 import sys
 from collections.abc import Awaitable, Callable, Sequence
 from contextlib import closing, suppress
-from dataclasses import asdict
 from itertools import product
 from pathlib import Path
 from time import monotonic
@@ -16,16 +13,17 @@ from typing import get_args
 
 from beamtouch_common.commands import DONE
 from beamtouch_common.errors import FailedError, InputError
-from beamtouch_common.table import aligned
 from beamtouch_daemon.commands.argument_types import RTU_UNITS, address_of, ranges
-from beamtouch_daemon.config.sources import ModbusRtu, ModbusTcp
-from beamtouch_daemon.sources.board import BoardPort
+from beamtouch_daemon.commands.scan_report import KINDS, Findings, FoundUnit, Source
+from beamtouch_daemon.config.sources import ModbusTcp
+from beamtouch_daemon.sources.board import BoardLine
+from beamtouch_daemon.sources.host_address import no_connection
 from beamtouch_daemon.sources.modbus_tcp import DEVICE_ITSELF, TcpLink
 from beamtouch_daemon.sources.reading import NoAnswerError, SourceError
-from beamtouch_daemon.sources.registers import Answer, Block
-from beamtouch_daemon.sources.rtu_bus import RtuBus, RtuLink
-from beamtouch_daemon.sources.serial_port import Parity, SerialPort
-from beamtouch_protocol.messages import Hello
+from beamtouch_daemon.sources.registers import Answer, Block, insist
+from beamtouch_daemon.sources.rtu_line import RtuLine, silence_of
+from beamtouch_daemon.sources.serial_port import LineSettings, Opener, Parity, SerialPort
+from beamtouch_daemon.uptime import uptime_s
 
 BAUDS = (9600, 19_200, 115_200, 38_400, 57_600)
 """The usual rates of Modbus modules, the most usual first."""
@@ -38,13 +36,11 @@ CONNECT_S = 2.0
 """Shortest time limit of the first connection."""
 PROGRESS_S = 5.0
 """Time between two lines of progress."""
-KINDS = {4: "input", 3: "holding"}
-"""Registers by the function that reads them; reading them changes no device."""
 ABSENT = (4, 10, 11)
 """Exceptions for a unit that is not there: of gateways (10, 11), and of servers with a fixed set of units (4)."""
 
-Source = dict[str, str | float]
-"""Keys of a `[source]` table."""
+Ask = Callable[[int, Block], Awaitable[Answer]]
+"""Asks a unit for registers; NoAnswerError if it does not answer."""
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -62,27 +58,30 @@ def run(arguments: argparse.Namespace) -> int:
         scan.report(is_complete=False)
         raise FailedError(str(error)) from None
     scan.report(is_complete=True)
-    if not scan.has_found:
+    if not scan.findings.has_any:
         raise FailedError(failure)
     return DONE
 
 
 class Scan:
-    """A scan and everything that has answered."""
+    """A scan, and what it has found."""
 
     def __init__(self, arguments: argparse.Namespace) -> None:
+        self.findings = Findings(arguments.target)
         self._arguments = arguments
-        self._units: list[tuple[Source, list[int]]] = []
-        """The source that reads a unit, and the functions that give its register 0."""
-        self._board: tuple[Source, Hello] | None = None
+        self._has_settings = False
+        """Whether the port has any of the line settings."""
 
-    @property
-    def has_found(self) -> bool:
-        """Whether anything has answered."""
-        return bool(self._units or self._board)
+    def report(self, *, is_complete: bool) -> None:
+        """Print everything that has answered."""
+        if self.findings.has_any or (is_complete and self._arguments.json):
+            self.findings.print(as_json=self._arguments.json)
 
     async def network(self) -> str:
-        """Ask the units behind an address; return what to check if none answers, SourceError without a connection."""
+        """Ask the units behind an address; return what to check if none answers, SourceError without a connection.
+
+        If none speaks Modbus TCP, they are asked as on a serial line, because there may be a converter at the address.
+        """
         if self._arguments.baud is not None or self._arguments.parity is not None:
             raise InputError("--baud and --parity are for a serial line; leave them out with tcp://")
         target, (host, port) = self._arguments.target, address_of(self._arguments.target)
@@ -95,114 +94,146 @@ class Scan:
                 _, writer = await asyncio.open_connection(host, port)
             writer.close()
         except OSError as error:  # also a timeout
-            raise SourceError(f"no connection to {host}:{port}; is the device on, and is the address right?") from error
+            raise SourceError(no_connection(f"{host}:{port}")) from error
 
         async def ask(unit: int, block: Block) -> Answer:
             link = TcpLink(settings, host, unit)
             async with link.opened():  # one connection at a time: some devices accept no more
-                return await link.read(block)
+                return await link.ask(block)
 
-        source: Source = {"kind": "modbus-tcp", "host": host, "port": port, "timeout_ms": math.ceil(timeout_ms)}
-        await self._ask_units(target, source, units, ask)
+        timeout: Source = {"timeout_ms": math.ceil(timeout_ms)}
+        await self._ask_units(target, {"kind": "modbus-tcp", "host": host, "port": port, **timeout}, units, ask)
+        if not self.findings.has_any:
+            path = f"tcp://{f'[{host}]' if ':' in host else host}:{port}"
+            serial_units = [unit for unit in units if unit in RTU_UNITS]
+            with closing(await Opener(path, LineSettings(BAUDS[0])).open()) as line:
+                source: Source = {"kind": "modbus-rtu", "port": path, **timeout}
+                await self._ask_line(line, f"{target} in RTU frames", source, serial_units, 0.0)
         more = f"try --units 1-247 or --timeout-ms {10 * timeout_ms:.0f}"  # a gateway waits in vain for absent units
-        return f"nothing answers: {target} accepts connections; check the unit numbers of the device, or {more}"
+        nothing = f"nothing answers: {target} accepts connections; check the unit numbers of the device, or {more}"
+        return self.findings.failure(more) or nothing
 
     async def line(self) -> str:
         """Look for units and for a board; return what to check if nothing answers, SourceError without a port.
 
-        A board is looked for after the first line settings: its frames come only to a line on which no unit answered.
+        The port is opened once, as that resets many devices. A board is looked for after the first line settings: its
+        frames come only to a line on which no unit answered. It is waited for as long as a device may boot. Then the
+        units are asked again that may have booted when they were asked.
         """
         path = self._arguments.target
         units = self._arguments.units or FIRST_UNITS
         _require_line(path, units)
-        settings = list(product(self._arguments.baud or BAUDS, self._arguments.parity or get_args(Parity)))
-        board_bauds = self._arguments.baud or BOARD_BAUDS
+        bauds, parities = self._arguments.baud or BAUDS, self._arguments.parity or get_args(Parity)
+        first, *others = [LineSettings(baud, parity) for baud, parity in product(bauds, parities)]
         timeout_ms = self._arguments.timeout_ms or RTU_TIMEOUT_MS
-        SerialPort(path, BAUDS[0]).close()  # whether it can be opened does not depend on the settings to try
-        _say(f"{path}: Modbus RTU units {ranges(units)}, and a Beamtouch board; Ctrl-C ends it")
-        is_refused = True
-        for place, (baud, parity) in enumerate(settings):
-            absent = [unit for unit in units if unit not in {source["unit"] for source, _ in self._units}]
+        with closing(await Opener(path, LineSettings(BAUDS[0])).open()) as port:
+            _say(f"{path}: Modbus RTU units {ranges(units)}, and a Beamtouch board; Ctrl-C ends it")
             try:
-                await self._bus(path, baud, parity, timeout_ms, absent)
-                is_refused = False
+                booting = await self._ask_bus(port, first, timeout_ms, units)
+                if not self.findings.units:
+                    await self._look_for_board(port, self._arguments.baud or BOARD_BAUDS)
+                if booting and not self.findings.board:
+                    _say("again, because opening the port may have reset them:")
+                    await self._ask_bus(port, first, timeout_ms, booting)
+                for settings in others if not self.findings.board else ():
+                    found = {unit.source["unit"] for unit in self.findings.units}
+                    await self._ask_bus(port, settings, timeout_ms, [unit for unit in units if unit not in found])
             except SourceError as error:
-                _require_port(path, f"{baud} baud, parity {parity}", error)
-            if place == 0 and not self._units:
-                await self._look_for_board(path, board_bauds)
-            if self._board is not None:
-                break
-        if is_refused:
+                raise _line_error(path, error) from error
+        if not self._has_settings:
             return f"{path} refuses these line settings, so no Modbus unit was asked; try others"
         more = f"try --units 1-247 or --timeout-ms {5 * timeout_ms:.0f}"
         wiring = "power, wiring (A and B swapped?) and the address of the device"
-        return f"nothing answers: check {wiring}, stop other masters, or {more}"
+        return self.findings.failure(more) or f"nothing answers: check {wiring}, stop other masters, or {more}"
 
-    async def _bus(self, path: str, baud: int, parity: Parity, timeout_ms: float, units: Sequence[int]) -> None:
-        """Ask units with these line settings; SourceError if the port does not have them, or is gone."""
-        bus = RtuBus(ModbusRtu(kind="modbus-rtu", port=path, baud=baud, parity=parity))
-        source: Source = {"kind": "modbus-rtu", "port": path, "baud": baud, "parity": parity}
+    async def _ask_bus(
+        self, port: SerialPort, line: LineSettings, timeout_ms: float, units: Sequence[int]
+    ) -> list[int]:
+        """Ask units with these line settings, if the port has them; return those that may have booted meanwhile."""
+        name = f"{line.baud} baud, parity {line.parity}"
+        if not _has_changed(port, line, name):
+            return []
+        self._has_settings = True
+        source: Source = {"kind": "modbus-rtu", "port": port.path, "baud": line.baud, "parity": line.parity}
+        timeout: Source = {"timeout_ms": math.ceil(timeout_ms)}
+        return await self._ask_line(port, name, source | timeout, units, silence_of(line.baud))
+
+    async def _ask_line(
+        self, port: SerialPort, name: str, source: Source, units: Sequence[int], silence_s: float
+    ) -> list[int]:
+        """Ask units in RTU frames; return those that did not answer and may have booted meanwhile."""
+        line, booting = RtuLine(port, silence_s), list[int]()
+        timeout_s = float(source["timeout_ms"]) / 1e3
 
         async def ask(unit: int, block: Block) -> Answer:
-            link = RtuLink(bus, unit, [block], timeout_ms / 1e3)
-            async with link.opened():
-                return await link.ask(block)
-
-        async with bus.used():
-            timeout: Source = {"timeout_ms": math.ceil(timeout_ms)}
-            await self._ask_units(f"{baud} baud, parity {parity}", source | timeout, units, ask)
-
-    async def _look_for_board(self, path: str, bauds: Sequence[int]) -> None:
-        """Look for a device that speaks the protocol of `PROTOCOL.md`; SourceError if the port is gone."""
-        for baud in bauds:
+            may_boot = uptime_s() < port.traffic.boots_until_s
             try:
-                with closing(BoardPort(path, baud)) as port:
-                    self._board = {"kind": "serial", "port": path, "baud": baud}, await port.introduce()
+                return await line.exchange(unit, block, timeout_s)
+            except NoAnswerError:
+                if may_boot and unit not in booting:
+                    booting.append(unit)
+                raise
+
+        await self._ask_units(name, source, units, ask)
+        self.findings.note(name, port.traffic)
+        return booting
+
+    async def _look_for_board(self, port: SerialPort, bauds: Sequence[int]) -> None:
+        """Look for a device that speaks the protocol of `PROTOCOL.md`."""
+        for baud in bauds:
+            name = f"{baud} baud"
+            if not _has_changed(port, LineSettings(baud), name):
+                continue
+            try:
+                hello = await BoardLine(port).introduce()
             except SourceError as error:
-                _require_port(path, f"{baud} baud", error)
+                if port.failure:
+                    raise
+                _say(f"{name}: no Beamtouch board")
+                self.findings.note(name, port.traffic)
             else:
-                _say(f"{baud} baud: a Beamtouch board")
+                self.findings.board = {"kind": "serial", "port": port.path, "baud": baud}, hello
+                _say(f"{name}: a Beamtouch board")
                 return
 
-    async def _ask_units(
-        self, name: str, source: Source, units: Sequence[int], ask: Callable[[int, Block], Awaitable[Answer]]
-    ) -> None:
+    async def _ask_units(self, name: str, source: Source, units: Sequence[int], ask: Ask) -> None:
         """Ask units one after the other for the first register of each kind, and say which of them answer."""
-        said_s, before = monotonic(), len(self._units)
+        said_s, before = monotonic(), len(self.findings.units)
         for number, unit in enumerate(units, 1):
-            exceptions: dict[int, int] = {}
-            for function in KINDS:
-                with suppress(NoAnswerError):
-                    exceptions[function] = (await ask(unit, Block(0, 1, function))).exception
-            if set(exceptions.values()) - set(ABSENT):
-                _say(f"{name}: unit {unit} answers")
-                functions = [function for function, exception in exceptions.items() if not exception]
+            answers = await _ask_unit(unit, ask)
+            if answers:
+                functions = [function for function, answer in answers.items() if not answer.exception]
+                refusals = sorted({code for answer in answers.values() for code in answer.refusals})
                 # Input registers hold what a unit measures, holding registers often its settings.
-                self._units.append((source | {"unit": unit, "function": [*functions, 4][0]}, functions))
+                keys: Source = {"unit": unit, "function": [*functions, 4][0]}
+                self.findings.units.append(FoundUnit(source | keys, functions, refusals))
+                _say(f"{name}: unit {unit} answers")
             elif monotonic() - said_s >= PROGRESS_S:
                 said_s = monotonic()
                 _say(f"{name}: {number} of {len(units)} units asked, the last is {unit}")
-        if len(self._units) == before:
+        if len(self.findings.units) == before:
             _say(f"{name}: nothing")
 
-    def report(self, *, is_complete: bool) -> None:
-        """Print everything that has answered."""
-        if self._arguments.json:
-            if is_complete or self.has_found:
-                board = None if self._board is None else {"source": self._board[0], **asdict(self._board[1])}
-                units = [
-                    {"source": source, "registers": [KINDS[function] for function in functions]}
-                    for source, functions in self._units
-                ]
-                print(json.dumps({"target": self._arguments.target, "units": units, "board": board}))
-            return
-        if self._board is not None:
-            source, hello = self._board
-            print(f"a Beamtouch board at {source['baud']} baud: {_describe(hello)}\n\n{_init_command(source)}")
-        if self._units:
-            head = ("unit", "baud", "parity", "registers from 0")
-            print("\n".join(aligned(head, [_row(source, functions) for source, functions in self._units])))
-            print(f"\n{_init_command(self._units[0][0])}")
+
+async def _ask_unit(unit: int, ask: Ask) -> dict[int, Answer]:
+    """Return the answers of a unit, by function; none if there is no such unit.
+
+    A unit that answers one request and not another is asked again, because it may be busy now and then.
+    """
+    answers: dict[int, Answer] = {}
+    for function in KINDS:
+        with suppress(NoAnswerError):
+            answers[function] = await ask(unit, Block(0, 1, function))
+    if all(answer.exception in ABSENT for answer in answers.values()):
+        return {}
+    for function in KINDS:
+        first = answers.get(function)
+        if first is None or first.may_pass:
+            with suppress(NoAnswerError):
+                again = await insist(lambda block: ask(unit, block), Block(0, 1, function))
+                refusals = (first.exception, *again.refusals) if first else again.refusals
+                answers[function] = again._replace(refusals=refusals)
+    return answers
 
 
 def _require_line(path: str, units: Sequence[int]) -> None:
@@ -218,34 +249,18 @@ def _require_line(path: str, units: Sequence[int]) -> None:
         raise InputError(message)
 
 
-def _require_port(path: str, name: str, error: SourceError) -> None:
-    """Say what failed, such as line settings that the port does not have; SourceError if the port is gone."""
-    if not Path(path).exists():
-        raise SourceError(f"{path} is gone")
-    _say(f"{name}: {error}")
+def _line_error(path: str, error: SourceError) -> SourceError:
+    return error if Path(path).exists() else SourceError(f"{path} is gone")
 
 
-def _row(source: Source, functions: Sequence[int]) -> tuple[str, ...]:
-    kinds = ", ".join(KINDS[function] for function in functions) or "none: see its manual"
-    return str(source["unit"]), str(source.get("baud", "-")), str(source.get("parity", "-")), kinds
-
-
-def _init_command(source: Source) -> str:
-    """Return the command that writes a configuration with a source."""
-    if source["kind"] == "modbus-tcp":
-        host = f"[{source['host']}]" if ":" in str(source["host"]) else source["host"]
-        where = f"tcp://{host}:{source['port']}"
-    else:
-        where = f"{'serial' if source['kind'] == 'serial' else 'rtu'}:{source['port']}"
-    keys = [key for key in ("baud", "parity", "unit", "function", "timeout_ms") if key in source]
-    options = " ".join(f"--{key.replace('_', '-')} {source[key]}" for key in keys)
-    return f"beamtouch-daemon init daemon.toml --model-config FILE --source {shlex.quote(where)} {options}"
-
-
-def _describe(hello: Hello) -> str:
-    if not hello.is_compatible:
-        return f"it speaks protocol {hello.protocol_version}, another than this daemon; update the older of the two"
-    return f"{hello.channel_count} channels, {hello.adc_bits} ADC bits, at most {hello.max_rate_hz} readings per second"
+def _has_changed(port: SerialPort, line: LineSettings, name: str) -> bool:
+    """Change the settings of a line; if the port does not have them, say so and return False."""
+    try:
+        port.change(line)
+    except SourceError as error:
+        _say(f"{name}: {error}")
+        return False
+    return True
 
 
 def _say(text: str) -> None:

@@ -6,7 +6,7 @@ from typing import Annotated, Literal, Self
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat, model_validator
 
 from beamtouch_common.files import file_path
-from beamtouch_common.hosts import host_name
+from beamtouch_common.hosts import host_name, tcp_address
 from beamtouch_daemon.config.encodings import ByteOrder
 from beamtouch_daemon.config.modules import Module, module_of
 
@@ -19,6 +19,21 @@ Baud = Annotated[int, Field(ge=300, le=12_000_000)]
 def _known(name: str) -> str:
     module_of(name)
     return name
+
+
+def _line(path: str) -> str:
+    if "://" not in path:
+        return path
+    try:
+        _, port = tcp_address(path)
+    except ValueError:
+        port = None
+    if port is None:
+        raise ValueError("give the path of a serial device, or tcp://HOST:PORT of a serial converter")
+    return path
+
+
+LinePath = Annotated[str, Field(min_length=1), AfterValidator(_line)]
 
 
 class Strict(BaseModel):
@@ -114,8 +129,9 @@ class ModbusRtu(Modbus):
 
     kind: Literal["modbus-rtu"]
     """Units on a serial bus."""
-    port: Annotated[str, Field(min_length=1)]
-    """Path of the serial device."""
+    port: LinePath
+    """Path of the serial device, or tcp://HOST:PORT of a converter that passes on the bytes of a bus. A converter has
+    line settings of its own."""
     baud: Baud = 115_200
     """Bits per second, as set on the units."""
     parity: Literal["none", "even", "odd"] = "none"
@@ -145,8 +161,8 @@ class SerialLine(SourceKind):
 
     kind: Literal["serial"]
     """A device that speaks the protocol of `PROTOCOL.md`."""
-    port: Annotated[str, Field(min_length=1)]
-    """Path of the serial device."""
+    port: LinePath
+    """Path of the serial device, or tcp://HOST:PORT of a converter that passes on the bytes of its line."""
     baud: Baud = 1_000_000
     """Bits per second, as set on the device."""
     oversampling: Annotated[int, Field(ge=1, le=255)] = 1

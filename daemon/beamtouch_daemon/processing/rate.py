@@ -33,13 +33,15 @@ class RateMeter:
         """Whether the rate is the configured one, as far as is known."""
         self._configured_hz = configured_hz
         self._is_polled = is_polled
+        self._failed_hz = 0.0
+        """Readings that failed requests have cost in the last measurement, per second."""
         self._disagreeing = 0
         self.restart()
 
     def restart(self) -> None:
         """Start a new measurement, as at the start of each session; the verdict stays."""
         self._begin_s: float | None = None
-        self._readings = 0
+        self._readings = self._failed = 0
 
     def add(self, readings: list[Reading]) -> bool:
         """Add readings, oldest first; return whether the verdict has just changed."""
@@ -49,19 +51,23 @@ class RateMeter:
                 self._begin_s = reading.monotonic_s
                 continue
             self._readings += 1 + (0 if self._is_polled else reading.lost)
+            self._failed += reading.failed
             lasted_s = reading.monotonic_s - self._begin_s
             # Enough readings, or enough time for them at the configured rate.
             if lasted_s >= BLOCK_S and max(self._readings, lasted_s * self._configured_hz) >= BLOCK_READINGS:
-                self._judge(self._readings / lasted_s)
-                self._begin_s, self._readings = reading.monotonic_s, 0
+                self._judge(self._readings / lasted_s, self._failed / lasted_s)
+                self._begin_s, self._readings, self._failed = reading.monotonic_s, 0, 0
         return self.fits != before
 
-    def _judge(self, measured_hz: float) -> None:
-        self.measured_hz = measured_hz
-        fits = abs(measured_hz / self._configured_hz - 1) <= TOLERANCE
+    def _judge(self, measured_hz: float, failed_hz: float) -> None:
+        self.measured_hz, self._failed_hz = measured_hz, failed_hz
+        fits = self._is_close(measured_hz)
         self._disagreeing = 0 if fits == self.fits else self._disagreeing + 1
         if self._disagreeing == AGREEING:
             self.fits, self._disagreeing = fits, 0
+
+    def _is_close(self, rate_hz: float) -> bool:
+        return abs(rate_hz / self._configured_hz - 1) <= TOLERANCE
 
     def __str__(self) -> str:
         """Return one line: the measured rate, the configured rate, and what to set if they differ."""
@@ -71,10 +77,12 @@ class RateMeter:
             return f"{measured_hz:.4g} readings per second, {within}"
         times = digits(max(configured_hz / measured_hz, measured_hz / configured_hz), 2)
         if self._is_polled:
-            return (
-                f"only {digits(measured_hz, 4)} of {configured_hz:g} readings per second could be polled: means are of "
-                f"{times} times fewer readings than configured; set rate_hz to {digits(0.95 * measured_hz, 2)} or less"
-            )
+            polled_hz = measured_hz + self._failed_hz
+            only = f"only {digits(measured_hz, 4)} of {configured_hz:g} readings per second"
+            fewer = f"means are of {times} times fewer readings than configured"
+            if self._is_close(polled_hz):
+                return f"{only} arrive, as requests fail: {fewer}; mend what fails, as a lower rate_hz does not help"
+            return f"{only} could be polled: {fewer}; set rate_hz to {digits(0.95 * polled_hz, 2)} or less"
         windows = "longer" if measured_hz < configured_hz else "shorter"
         return (
             f"the device sends {digits(measured_hz, 4)} readings per second, rate_hz is {configured_hz:g}: "

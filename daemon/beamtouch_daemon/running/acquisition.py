@@ -16,8 +16,8 @@ from beamtouch_daemon.sources.reading import Reading, Source, SourceError
 from beamtouch_daemon.uptime import uptime_s
 from beamtouch_service.samples import Note, Quality
 
-REOPEN_S = 0.5
-"""Longest wait before a source is opened again; opening costs other users nothing."""
+NEXT_SESSION_S = 0.5
+"""Longest wait before the next session with a source; it costs other users nothing."""
 MAX_UNPROCESSED = 64
 """At most this many readings wait to become samples. More at once would not take less time for each."""
 MAX_PAUSE_S = 0.005
@@ -74,7 +74,8 @@ class Acquisition:
         """Of each channel in the newest sample; empty before the first."""
         self.meter = RateMeter(surface.rate_hz, is_polled=surface.source.is_polled)
         """Measures the rate of the readings."""
-        self._source, self._pipeline = source, pipeline
+        self.source = source
+        self._pipeline = pipeline
         self._batch_s, self._rest_s = batch_s, rest_s
         self._pause_s = 0.0 if surface.source.is_polled else min(batch_s, MAX_PAUSE_S)
         self._sampled_s = -math.inf
@@ -84,7 +85,7 @@ class Acquisition:
         self._unprocessed: list[Reading] = []
         """The newest readings. They become samples once per batch: a few together take about as long as one."""
         self._arrived = asyncio.Event()
-        self._backoff = Backoff(max_s=REOPEN_S)
+        self._backoff = Backoff(max_s=NEXT_SESSION_S)
         self._repeated = Repeated(_log, name)
 
     def hangs(self, now_s: float) -> bool:
@@ -94,21 +95,22 @@ class Acquisition:
         return now_s - self.turned_s > PATIENCE_S + periods_s + timeouts_s
 
     async def read(self) -> None:
-        """Read until cancelled; a session that fails is followed by another one."""
-        while True:
-            self.is_missing = True
-            self.meter.restart()
-            try:
-                async with aclosing(self._source.readings()) as stream:
-                    async for readings in stream:
-                        self._take(readings)
-                        if self._pause_s:
-                            await asyncio.sleep(self._pause_s)
-            except SourceError as error:
-                self._repeated.failed(f"{error}; trying again")
-            self._arrived.set()  # what waited at rest waits for no other reading
-            self.turned_s = time.monotonic()
-            await asyncio.sleep(self._backoff.next())
+        """Read until cancelled; a session that fails is followed by another one, on the same port if that works."""
+        with self.source.kept_open():
+            while True:
+                self.is_missing = True
+                self.meter.restart()
+                try:
+                    async with aclosing(self.source.readings()) as stream:
+                        async for readings in stream:
+                            self._take(readings)
+                            if self._pause_s:
+                                await asyncio.sleep(self._pause_s)
+                except SourceError as error:
+                    self._repeated.failed(f"{error}; trying again", error.reason)
+                self._arrived.set()  # what waited at rest waits for no other reading
+                self.turned_s = time.monotonic()
+                await asyncio.sleep(self._backoff.next())
 
     async def run(self) -> None:
         """Make samples of the readings, once for each live batch, until cancelled."""

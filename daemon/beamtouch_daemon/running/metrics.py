@@ -46,6 +46,8 @@ class CountCollector(Collector):
         measured = _gauge("readings_per_second", "Measured rate of the readings.")
         wrong = _gauge("rate_wrong", "1 while the measured rate is not the configured one.")
         untared = _gauge("untared", "1 while the rest gaps are those of the configuration, as no tare has been taken.")
+        requests = _counter("requests", "Requests to a unit.", "unit")
+        requests_failed = _counter("requests_failed", "Requests without an answer that can be used.", "unit", "reason")
         qualities = _gauge(
             "channel_quality", "1 for the quality of a channel in the newest sample.", "channel", "quality"
         )
@@ -56,6 +58,10 @@ class CountCollector(Collector):
             missing.add_metric([name], acquisition.is_missing)
             untared.add_metric([name], not acquisition.is_tared)
             wrong.add_metric([name], not acquisition.meter.fits)
+            for unit, counts in acquisition.source.requests.items():
+                requests.add_metric([name, unit], counts.asked)
+                for reason, number in list(counts.failed.items()):  # which the event loop may change meanwhile
+                    requests_failed.add_metric([name, unit, reason], number)
             if acquisition.last_s is not None:
                 age.add_metric([name], uptime_s() - acquisition.last_s)
             if acquisition.is_missing:
@@ -65,7 +71,7 @@ class CountCollector(Collector):
             for channel, quality in zip(acquisition.surface.channel_names, acquisition.quality, strict=False):
                 for word in Quality:
                     qualities.add_metric([name, channel, word.value], quality is word)
-        yield from (readings, lost, missing, age, measured, wrong, untared, qualities)
+        yield from (readings, lost, missing, age, measured, wrong, untared, requests, requests_failed, qualities)
         yield from self._of_logs()
 
     def _of_logs(self) -> Iterator[Metric]:
@@ -82,8 +88,8 @@ class CountCollector(Collector):
         yield from (published, dropped, in_log, refused)
 
 
-def _counter(name: str, meaning: str) -> CounterMetricFamily:
-    return CounterMetricFamily(f"beamtouch_{name}", meaning, labels=["surface"])
+def _counter(name: str, meaning: str, *labels: str) -> CounterMetricFamily:
+    return CounterMetricFamily(f"beamtouch_{name}", meaning, labels=["surface", *labels])
 
 
 def _gauge(name: str, meaning: str, *labels: str) -> GaugeMetricFamily:

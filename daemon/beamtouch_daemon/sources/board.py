@@ -2,18 +2,21 @@
 
 A session: stop, hello, check the device, ping until its clock is known, start, then take readings and ping now and
 then. It ends with SourceError when the port disappears, when the device falls silent or was reset, when its clock goes
-back, or when it is not the device in the configuration.
+back, or when it is not the device in the configuration. The next one uses the same port, if that stays open.
 """
 
 import secrets
-from collections.abc import AsyncGenerator, Callable, Sequence
-from contextlib import aclosing, suppress
+from collections.abc import AsyncGenerator, Callable, Mapping, Sequence
+from contextlib import AbstractContextManager, aclosing, suppress
 from typing import NamedTuple, TypeGuard
 
+from beamtouch_common.waits import Backoff
 from beamtouch_daemon.config.sources import SerialLine
 from beamtouch_daemon.sources.clock import HostClock
+from beamtouch_daemon.sources.kept_port import KeptPort
 from beamtouch_daemon.sources.reading import Reading, SourceError
-from beamtouch_daemon.sources.serial_port import SerialPort
+from beamtouch_daemon.sources.requests import Requests
+from beamtouch_daemon.sources.serial_port import LineSettings, SerialPort
 from beamtouch_daemon.uptime import uptime_s
 from beamtouch_protocol import messages
 from beamtouch_protocol.framing import Decoder, encode
@@ -21,8 +24,10 @@ from beamtouch_protocol.messages import Hello, HelloRequest, Message, Ping, Pong
 from beamtouch_protocol.sequence import DeviceClock, missing_between
 
 HELLO_TIMEOUT_S = 3.0
-"""Opening the port resets many boards, whose boot loaders then take a while."""
-HELLO_REPEAT_S = 0.3
+"""Shortest time for a hello, and time for an answer to a ping. The first hello after the port was opened may take as
+long as a device boots."""
+REPEAT_S, MAX_REPEAT_S = 0.3, 2.4
+"""First and longest time between two requests for a hello: some boot loaders wait as long as bytes come."""
 SILENCE_S, SILENCE_PERIODS = 0.5, 10.0
 """A device is silent after the longer of this time and this number of periods without a reading."""
 MAX_COUNT = 65_535
@@ -44,35 +49,43 @@ class Arrival(NamedTuple):
     message: Message
 
 
-class BoardPort(SerialPort):
+class BoardLine:
     """An open port that carries messages."""
 
-    def __init__(self, path: str, baud: int) -> None:
-        super().__init__(path, baud)
-        self._baud = baud
+    def __init__(self, port: SerialPort) -> None:
+        self.path = port.path
+        self._port = port
         self._decoder = Decoder()
 
     @property
-    def damage(self) -> str:
-        """A remark if frames came that were damaged."""
-        return ", only damaged frames" if self._decoder.counts.rejected else ""
+    def seen(self) -> str:
+        """What came through the port instead of messages; empty if any came lately."""
+        return self._port.traffic.describe(uptime_s())
 
     def tell(self, message: Message) -> None:
         """Send a message; SourceError if the port does not accept it."""
-        self.send(encode(message))
+        self._port.send(encode(message))
 
     async def listen(self, within_s: float) -> list[Arrival]:
         """Wait for bytes and return the messages in them, if any; SourceError without a port."""
-        received = await self.receive(within_s)
-        return [Arrival(self.taken_s, message) for message in self._decoder.feed(received)]
+        received = await self._port.receive(within_s)
+        messages = self._decoder.feed(received)
+        if messages:
+            self._port.traffic.note_frame(self._port.taken_s)
+        else:
+            self._port.traffic.note_other(received)
+        return [Arrival(self._port.taken_s, message) for message in messages]
 
-    async def ask(self, question: Callable[[], Sequence[Message]]) -> AsyncGenerator[list[Arrival], None]:
-        """Send a question again and again for `HELLO_TIMEOUT_S`, and yield what arrives."""
-        deadline_s = uptime_s() + HELLO_TIMEOUT_S
+    async def ask(
+        self, question: Callable[[], Sequence[Message]], within_s: float, max_repeat_s: float = REPEAT_S
+    ) -> AsyncGenerator[list[Arrival], None]:
+        """Send a question again and again for a time, and yield what arrives. The pauses grow to `max_repeat_s`."""
+        deadline_s, pauses = uptime_s() + within_s, Backoff(REPEAT_S, max_repeat_s)
         while (now_s := uptime_s()) < deadline_s:
             for message in question():
                 self.tell(message)
-            while (left_s := now_s + HELLO_REPEAT_S - uptime_s()) > 0:
+            repeat_s = min(now_s + pauses.next(), deadline_s)
+            while (left_s := repeat_s - uptime_s()) > 0:
                 yield await self.listen(left_s)
 
     async def introduce(self) -> Hello:
@@ -81,15 +94,15 @@ class BoardPort(SerialPort):
         Raises
         ------
         SourceError
-            None came within `HELLO_TIMEOUT_S`, or the port is gone.
+            None came within `HELLO_TIMEOUT_S`, or as long as the device may boot, or the port is gone.
         """
-        async with aclosing(self.ask(lambda: (Stop(), HelloRequest()))) as stream:
+        within_s = max(HELLO_TIMEOUT_S, self._port.traffic.boots_until_s - uptime_s())
+        async with aclosing(self.ask(lambda: (Stop(), HelloRequest()), within_s, MAX_REPEAT_S)) as stream:
             async for arrivals in stream:
                 for arrival in reversed(arrivals):
                     if isinstance(arrival.message, Hello):
                         return arrival.message
-        advice = f"is it a beamtouch device, and is {self._baud} its baud rate?"
-        raise SourceError(f"{self.path}: no hello within {HELLO_TIMEOUT_S:g} s{self.damage}; {advice}")
+        raise SourceError(f"{self.path}: no hello of a Beamtouch board", self.seen)
 
 
 class Session:
@@ -175,50 +188,58 @@ class BoardSource:
     """None: each reading has a number and the device's time."""
 
     def __init__(self, settings: SerialLine, indices: Sequence[int], rate_hz: float, adc_bits: Sequence[int]) -> None:
-        self._path = settings.port
-        self._baud = settings.baud
+        self._port = KeptPort(settings.port, LineSettings(settings.baud))
         self._indices = tuple(indices)
         self._rate_hz = int(rate_hz)
         self._oversampling = settings.oversampling
         self._adc_bits = tuple(adc_bits)
         self._silence_s = max(SILENCE_S, SILENCE_PERIODS / rate_hz)
 
+    @property
+    def requests(self) -> Mapping[str, Requests]:
+        """None: the device sends by itself."""
+        return {}
+
+    def kept_open(self) -> AbstractContextManager[None]:
+        """Let the port stay open between the sessions in the block."""
+        return self._port.kept_open()
+
     async def readings(self) -> AsyncGenerator[list[Reading], None]:
         """Open the port, check and start the device, and yield its readings."""
-        port = BoardPort(self._path, self._baud)
-        try:
-            hello = await port.introduce()
-            self._require(hello)
-            session = Session(hello, self._indices)
-            await self._meet(port, session)
-            port.tell(Start(self._rate_hz, self._oversampling))
-            heard_s = uptime_s()
-            while True:
-                if (ping := session.ping_if_due(uptime_s())) is not None:
-                    port.tell(ping)
-                arrivals = await port.listen(self._silence_s)
-                if readings := session.take(arrivals):
-                    heard_s = uptime_s()
-                    yield readings
-                elif uptime_s() - heard_s >= self._silence_s:
-                    asked = f"{self._rate_hz} Hz, oversampling {self._oversampling}"
-                    raise SourceError(f"{self._path}: no reading for {self._silence_s:g} s{port.damage} ({asked})")
-        finally:
-            with suppress(SourceError):  # the port may be gone
-                port.tell(Stop())
-            port.close()
+        async with self._port.used() as port:
+            line = BoardLine(port)
+            try:
+                hello = await line.introduce()
+                self._require(line.path, hello)
+                session = Session(hello, self._indices)
+                await self._meet(line, session)
+                line.tell(Start(self._rate_hz, self._oversampling))
+                heard_s = uptime_s()
+                while True:
+                    if (ping := session.ping_if_due(uptime_s())) is not None:
+                        line.tell(ping)
+                    arrivals = await line.listen(self._silence_s)
+                    if readings := session.take(arrivals):
+                        heard_s = uptime_s()
+                        yield readings
+                    elif uptime_s() - heard_s >= self._silence_s:
+                        asked = f"{self._rate_hz} Hz, oversampling {self._oversampling}"
+                        raise SourceError(f"{line.path}: no reading for {self._silence_s:g} s ({asked})", line.seen)
+            finally:
+                with suppress(SourceError):  # the port may be gone
+                    line.tell(Stop())
 
-    async def _meet(self, port: BoardPort, session: Session) -> None:
+    async def _meet(self, line: BoardLine, session: Session) -> None:
         """Ping until the device's clock is known, because the first reading may be an old one."""
-        async with aclosing(port.ask(lambda: (session.ping(uptime_s()),))) as stream:
+        async with aclosing(line.ask(lambda: (session.ping(uptime_s()),), HELLO_TIMEOUT_S)) as stream:
             async for arrivals in stream:
                 session.take_answers(arrivals)
                 if session.knows_the_clocks:
                     return
         doubt = "so the age of its readings is unknown"
-        raise SourceError(f"{self._path}: no answer to a ping within {HELLO_TIMEOUT_S:g} s, {doubt}")
+        raise SourceError(f"{line.path}: no answer to a ping within {HELLO_TIMEOUT_S:g} s, {doubt}", line.seen)
 
-    def _require(self, hello: Hello) -> None:
+    def _require(self, path: str, hello: Hello) -> None:
         """Raise SourceError unless the device fits the configuration."""
         wrong = ""
         if not hello.is_compatible:
@@ -235,4 +256,4 @@ class BoardSource:
         elif self._oversampling * (2**hello.adc_bits - 1) > MAX_COUNT:
             wrong = f"sums of {self._oversampling} conversions of {hello.adc_bits} bits do not fit; lower oversampling"
         if wrong:
-            raise SourceError(f"{self._path}: {wrong}")
+            raise SourceError(f"{path}: {wrong}")

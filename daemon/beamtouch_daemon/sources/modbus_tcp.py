@@ -1,25 +1,33 @@
 """Modbus units over TCP."""
 
 import asyncio
+import math
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager, suppress
-from ipaddress import ip_address
-from socket import SOCK_STREAM, gaierror
-from typing import Any
+from contextlib import AbstractContextManager, asynccontextmanager, nullcontext
 
 from pymodbus.framer import FramerSocket
 
 from beamtouch_daemon.config.sources import ModbusTcp
+from beamtouch_daemon.sources.host_address import HostAddress, UnknownHostError, no_connection
 from beamtouch_daemon.sources.reading import NoAnswerError
-from beamtouch_daemon.sources.registers import DECODER, Answer, Block, answer_to
+from beamtouch_daemon.sources.registers import DECODER, Answer, Block, answer_to, insist
+from beamtouch_daemon.sources.requests import Failure, Requests
+from beamtouch_daemon.sources.rtu_line import answers_of
+from beamtouch_daemon.sources.rtu_over_tcp import answers_in_rtu
 from beamtouch_daemon.uptime import uptime_s
 
 REST_S = 0.5
 """Pause between attempts to reach a unit that was given up."""
 HEADER_BYTES = 7
 """Transaction, protocol, length and unit."""
+UNCOUNTED_BYTES = 6
+"""Those before the unit; the length counts the others."""
+READ_BYTES = 4096
+"""Largest number of bytes that one read takes."""
 DEVICE_ITSELF = (0, 255)
 """Unit numbers of the device at the other end of the connection, as opposed to units behind it."""
+LOOK_AGAIN_S = 60.0
+"""A device that has never answered is asked in RTU frames, too: once in this time."""
 _FRAMER = FramerSocket(DECODER)
 
 
@@ -32,20 +40,29 @@ class TcpLink:
     """
 
     limits: tuple[str, ...] = ()
+    boots_until_s = -math.inf
+    """A connection resets no device."""
+    seen = ""
+    """The reason of a failure says all that is known."""
 
     def __init__(self, settings: ModbusTcp, host: str, unit: int) -> None:
         self.name = f"unit {unit}" if host == settings.host else f"{host} unit {unit}"
         self.rest_s = REST_S
+        self.requests = Requests()
         self._timeout_s = settings.timeout_s
-        self._host = host
-        self._port = settings.port
+        self._address = HostAddress(host, settings.port)
         self._unit = unit
         self._transaction = 0
-        self._complaint = ""
-        """What to say if the step that has begun fails."""
         self._stream: tuple[asyncio.StreamReader, asyncio.StreamWriter] | None = None
-        self._lookup: asyncio.Future[list[Any]] | None = None
-        """The running question for the address of the host."""
+        self._received = b""
+        """What came since the newest request and is no whole frame."""
+        self._mismatch = ""
+        """Why the frames that came since then are no answer to it; empty if none came."""
+        self._has_answered = False
+        self._looks_again_s = -math.inf
+        """When the device may be asked in RTU frames."""
+        self._answers_in_rtu = False
+        """Whether it did so last time."""
 
     @asynccontextmanager
     async def opened(self) -> AsyncIterator[None]:
@@ -55,73 +72,119 @@ class TcpLink:
         finally:
             self._close()
 
+    def kept_open(self) -> AbstractContextManager[None]:
+        """Do nothing: a new connection resets no device."""
+        return nullcontext()
+
     async def read(self, block: Block) -> Answer:
-        """Read registers; connect first if necessary."""
+        """Read registers, connecting first if necessary; ask again while a refusal may pass."""
         try:
-            reader, writer = await self._connected()
-            self._transaction = self._transaction % 0xFFFF + 1
-            self._complaint = f"{self.name} does not answer within {self._timeout_s * 1e3:.0f} ms"
-            asked_s = uptime_s()
-            writer.write(_FRAMER.encode(block.request, self._unit, self._transaction))
-            async with asyncio.timeout(self._timeout_s):
-                answer = answer_to(block, await self._receive(reader), asked_s)
-        except (OSError, EOFError) as error:  # also a timeout
+            answer = await insist(self.ask, block)
+        except NoAnswerError as error:
+            if error.failure == Failure.SILENT and await self._is_converter(block):
+                raise self._converter_error() from error
+            raise
+        self._has_answered = True
+        return answer
+
+    async def ask(self, block: Block) -> Answer:
+        """Send a request, connecting first if necessary; NoAnswerError if no answer comes in time."""
+        try:
+            answer = await self._exchange(block)
+        except TimeoutError as error:
             self._close()
-            raise NoAnswerError(self._complaint) from error
+            raise self._explain_silence() from error
+        except (OSError, EOFError) as error:
+            self._close()
+            raise NoAnswerError(f"{self._address} closes the connection without an answer", Failure.CLOSED) from error
         except BaseException:  # cancelled: the answer may still come
             self._close()
             raise
         if answer is None:
             self._close()
-            raise NoAnswerError(f"{self.name} answered another request")
+            raise NoAnswerError(f"{self.name} answered another request", Failure.FOREIGN)
         return answer
+
+    async def _exchange(self, block: Block) -> Answer | None:
+        """Send a request and return its answer; None if it does not fit.
+
+        Some devices close a connection after each answer or after some time, perhaps just now. So if one ends that has
+        been used before, the request is sent again on a new one.
+        """
+        while True:
+            reader, writer, is_new = await self._connected()
+            self._transaction = self._transaction % 0xFFFF + 1
+            self._received, self._mismatch = b"", ""
+            asked_s = uptime_s()
+            try:
+                writer.write(_FRAMER.encode(block.request, self._unit, self._transaction))
+                async with asyncio.timeout(self._timeout_s):
+                    return answer_to(block, await self._receive(reader), asked_s)
+            except (ConnectionError, EOFError):
+                if is_new:
+                    raise
+                self._close()
 
     async def _receive(self, reader: asyncio.StreamReader) -> bytes:
         """Return function and contents of the answer to the newest request."""
         while True:
-            header = await reader.readexactly(HEADER_BYTES)
-            rest = await reader.readexactly(max(0, int.from_bytes(header[4:6]) - 1))
-            _, unit, transaction, data = _FRAMER.decode(header + rest)
+            end = UNCOUNTED_BYTES + int.from_bytes(self._received[4:6])
+            is_foreign = self._received[2:4] not in (b"", b"\0\0")
+            if is_foreign or len(self._received) < max(HEADER_BYTES, end):
+                if not (data := await reader.read(READ_BYTES)):
+                    raise EOFError
+                self._received += data
+                continue
+            _, unit, transaction, data = _FRAMER.decode(self._received[:end])
+            self._received = self._received[end:]
             if transaction == self._transaction and unit in (self._unit, *DEVICE_ITSELF):
                 return data
+            self._mismatch = "answers with the transaction number of another request"
             if transaction == self._transaction:
-                self._complaint = f"{self.name} answers as unit {unit}; state unit = {unit} if that is the device"
+                self._mismatch = f"answers as unit {unit}; state unit = {unit} if that is the device"
             elif not transaction:
-                self._complaint = f"{self.name} answers with transaction number 0, which does not identify the request"
+                self._mismatch = "answers with transaction number 0, which does not identify the request"
 
-    async def _connected(self) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
-        """Return the connection. Connect again if the device has closed it: some do so after each answer."""
+    def _explain_silence(self) -> NoAnswerError:
+        """Return why no answer came in time."""
+        if any(answers_of(self._unit, self._received)):
+            return self._converter_error()
+        if self._mismatch:
+            return NoAnswerError(f"{self.name} {self._mismatch}", Failure.FOREIGN)
+        within = f"within {self._timeout_s * 1e3:.0f} ms"
+        if self._received:
+            return NoAnswerError(f"{self.name} does not answer intact {within}", Failure.DAMAGED)
+        return NoAnswerError(f"{self.name} does not answer {within}")
+
+    async def _is_converter(self, block: Block) -> bool:
+        """Return whether a device that has never answered passes on RTU frames instead."""
+        if not self._has_answered and uptime_s() >= self._looks_again_s:
+            self._looks_again_s = uptime_s() + LOOK_AGAIN_S
+            self._answers_in_rtu = await answers_in_rtu(self._address, self._unit, block, self._timeout_s)
+        return self._answers_in_rtu and not self._has_answered
+
+    def _converter_error(self) -> NoAnswerError:
+        text = f"{self._address} is a serial converter: it passes on RTU frames, and {self.name} answers in such frames"
+        return NoAnswerError(
+            f'{text}; write kind = "modbus-rtu" and port = "tcp://{self._address}" in its source', Failure.FOREIGN
+        )
+
+    async def _connected(self) -> tuple[asyncio.StreamReader, asyncio.StreamWriter, bool]:
+        """Return the connection, and whether it is new; NoAnswerError if there is none."""
         if self._stream is not None:
             reader, writer = self._stream
             if not reader.at_eof() and not writer.is_closing():
-                return self._stream
+                return reader, writer, False
             self._close()
-        async with asyncio.timeout(self._timeout_s):
-            address = await self._address()
-            self._complaint = f"no connection to {self._host}:{self._port}; is the device on, and is the address right?"
-            self._stream = await asyncio.open_connection(address, self._port)
-        return self._stream
-
-    async def _address(self) -> str:
-        """Return the address of the host. Each attempt waits for the same question to the name server.
-
-        A name server that is away keeps a thread busy for many seconds: of one question each, the others need theirs.
-        """
-        with suppress(ValueError):
-            return str(ip_address(self._host))
-        if self._lookup is None:
-            loop = asyncio.get_running_loop()
-            self._lookup = asyncio.ensure_future(loop.getaddrinfo(self._host, self._port, type=SOCK_STREAM))
-        lookup, advice = self._lookup, "is the name right, and is its name server there?"
-        self._complaint = f"{self._host} does not resolve (the name server does not answer); {advice}"
         try:
-            (_, _, _, _, address), *_ = await asyncio.shield(lookup)
-        except gaierror as error:
-            self._complaint = f"{self._host} does not resolve ({error.strerror or 'no such name'}); {advice}"
-            raise
-        finally:
-            self._lookup = None if lookup.done() else lookup
-        return str(address[0])
+            host = await self._address.resolve(self._timeout_s)
+            async with asyncio.timeout(self._timeout_s):
+                reader, writer = self._stream = await asyncio.open_connection(host, self._address.port)
+        except UnknownHostError as error:
+            raise NoAnswerError(str(error), Failure.UNREACHABLE) from error
+        except OSError as error:  # also a timeout
+            raise NoAnswerError(no_connection(self._address), Failure.UNREACHABLE) from error
+        return reader, writer, True
 
     def _close(self) -> None:
         if self._stream is not None:

@@ -2,33 +2,27 @@
 
 Units that answer are read in every slot. A unit that does not answer is given up after a few slots: its channels are
 missing from the readings, and the other units continue. It is tried again outside the slots, rarely enough to cost the
-other units little.
+other units little. A session without a unit that answers ends, unless its units may still boot.
 """
 
 import asyncio
 import logging
-from collections.abc import AsyncGenerator, Mapping, Sequence
-from contextlib import AbstractAsyncContextManager, AsyncExitStack
+from collections.abc import AsyncGenerator, Iterator, Mapping, Sequence
+from contextlib import AbstractAsyncContextManager, AbstractContextManager, AsyncExitStack, ExitStack, contextmanager
 from typing import Protocol
 
 from beamtouch_common.log import Repeated
 from beamtouch_daemon.sources.reading import NoAnswerError, Reading, Schedule, SourceError
 from beamtouch_daemon.sources.registers import Answer, Block, Value
+from beamtouch_daemon.sources.requests import Requests, reason_of, refusal_text
 from beamtouch_daemon.tasks import cancel
 from beamtouch_daemon.uptime import uptime_s
 
 GIVEN_UP_AFTER = 3
 """A unit is given up after this many failed slots in a row."""
 
-_EXCEPTIONS = {
-    1: "it does not know this function",
-    2: "it has no such register: asked for {registers}; addresses count from 0, so a manual's 30001 or 40001 is 0",
-    3: "it refuses that many registers: asked for {registers}",
-    4: "device failure",
-    6: "device busy",
-    10: "gateway path unavailable",
-    11: "gateway: the device does not answer",
-}
+BOOT_REST_S = 0.5
+"""Shortest pause before a unit is tried again that may boot."""
 _log = logging.getLogger(__name__)
 
 
@@ -39,6 +33,18 @@ class Link(Protocol):
     """For messages."""
     rest_s: float
     """Pause before a unit that does not answer is tried again."""
+    requests: Requests
+    """What has become of the requests."""
+
+    @property
+    def boots_until_s(self) -> float:
+        """Time until which the unit may boot, because the link was just opened."""
+        ...
+
+    @property
+    def seen(self) -> str:
+        """What came instead of answers; empty if that is not known."""
+        ...
 
     @property
     def limits(self) -> tuple[str, ...]:
@@ -47,6 +53,10 @@ class Link(Protocol):
 
     def opened(self) -> AbstractAsyncContextManager[None]:
         """Return a context in which the unit can be read; SourceError if the link cannot be opened."""
+        ...
+
+    def kept_open(self) -> AbstractContextManager[None]:
+        """Let the link stay open between the contexts of `opened` in the block."""
         ...
 
     async def read(self, block: Block) -> Answer:
@@ -72,6 +82,8 @@ class Part:
         """Reason of the last failure."""
         self.refusal = ""
         """Why some of the registers are missing from the last answers; empty if none are."""
+        self.may_boot = False
+        """Whether the unit could still boot when it failed last."""
         self._blocks = blocks
         self._failures = 0
         """Failed slots in a row."""
@@ -98,11 +110,13 @@ class Part:
         try:
             for block in self._blocks:
                 answer = await self.link.read(block)
+                self._count(answer)
                 asked_s.append(answer.asked_s)
                 contents.update(enumerate(answer.registers, block.first))
                 if answer.exception:
-                    self.refusal = f"{self.link.name} answers with {_refusal_text(answer.exception, block)}"
+                    self.refusal = f"{self.link.name} answers with {refusal_text(answer.exception, block)}"
         except NoAnswerError as error:
+            self.link.requests.fail(error.failure)
             self.failed(str(error))
             return None
         if not contents:
@@ -115,8 +129,21 @@ class Part:
         """Note a failure."""
         self._failures += 1
         self.complaint = complaint
+        now_s = uptime_s()
+        self.may_boot = now_s < self.link.boots_until_s
         if self.is_given_up:
-            self.rests_until_s = uptime_s() + self.link.rest_s
+            self.rests_until_s = now_s + self.link.rest_s
+            if self.may_boot:  # and is tried at the end of that time at the latest
+                self.rests_until_s = min(self.rests_until_s, max(self.link.boots_until_s, now_s + BOOT_REST_S))
+            self.link.requests.forget()
+
+    def _count(self, answer: Answer) -> None:
+        for exception in answer.refusals:
+            self.link.requests.fail(reason_of(exception))
+        if answer.exception:
+            self.link.requests.fail(reason_of(answer.exception))
+        else:
+            self.link.requests.answered()
 
 
 class PolledSource:
@@ -127,12 +154,26 @@ class PolledSource:
         self._channels = channels
         self._rate_hz = rate_hz
         self._repeated = {part: Repeated(_log, name) for part in parts}
+        self._unreliable = {part: Repeated(_log, name) for part in parts}
         self._attempts: dict[Part, asyncio.Task[None]] = {}
 
     @property
     def limits(self) -> tuple[str, ...]:
         """Known cases in which old or foreign answers may pass unnoticed, a sentence each."""
         return tuple(dict.fromkeys(limit for part in self._parts for limit in part.link.limits))
+
+    @property
+    def requests(self) -> Mapping[str, Requests]:
+        """What has become of the requests, by the name of the unit."""
+        return {part.link.name: part.link.requests for part in self._parts}
+
+    @contextmanager
+    def kept_open(self) -> Iterator[None]:
+        """Let the links stay open between the sessions in the block."""
+        with ExitStack() as stack:
+            for part in self._parts:
+                stack.enter_context(part.link.kept_open())
+            yield
 
     async def readings(self) -> AsyncGenerator[list[Reading], None]:
         """Open the links and yield a reading per slot, until no unit answers."""
@@ -141,16 +182,26 @@ class PolledSource:
                 await stack.enter_async_context(part.link.opened())
             await self._rest()
             stack.push_async_callback(self._end_attempts)
-            schedule, unread = Schedule(self._rate_hz, uptime_s()), 0
+            schedule, lost, failed = Schedule(self._rate_hz, uptime_s()), 0, 0
+            has_begun = has_failed = False
             while True:
-                unread += await schedule.wait()
+                missed = await schedule.wait()
+                lost += missed
+                failed += missed if has_failed else 0  # a request that fails may take many slots
                 self._attempt_again()
-                reading = await self._poll(unread)
+                failures = self._failures()
+                reading = await self._poll()
+                has_failed = self._failures() > failures
                 if reading is None:
-                    unread += 1
+                    lost += 1
+                    failed += 1
                 else:
-                    unread = 0
-                    yield [reading]
+                    yield [reading._replace(lost=lost, failed=failed) if has_begun else reading]
+                    has_begun, lost, failed = True, 0, 0
+
+    def _failures(self) -> int:
+        """Return how many requests have failed."""
+        return sum(part.link.requests.failures for part in self._parts)
 
     async def _rest(self) -> None:
         """If all units were given up, wait until the first of them may be tried again."""
@@ -161,8 +212,8 @@ class PolledSource:
                 if part.rests_until_s <= until_s:
                     part.revive()
 
-    async def _poll(self, lost: int) -> Reading | None:
-        """Read all units that are not given up; None if none answered, SourceError if all are given up.
+    async def _poll(self) -> Reading | None:
+        """Read all units that are not given up; None if none answered, SourceError if all are, and none may boot.
 
         The reading is as old as its oldest part.
         """
@@ -180,9 +231,13 @@ class PolledSource:
                 for index, value in part.values.items():
                     counts[index] = value.decode(contents)
         if stamps:
-            return Reading(min(stamps), tuple(counts), lost)
-        if all(part.is_given_up for part in self._parts):
-            raise SourceError("; ".join(dict.fromkeys(part.complaint for part in self._parts)))
+            return Reading(min(stamps), tuple(counts))
+        if all(part.is_given_up and not part.may_boot for part in self._parts):
+            reason, seen = (
+                "; ".join(dict.fromkeys(filter(None, texts)))
+                for texts in ([part.complaint for part in self._parts], [part.link.seen for part in self._parts])
+            )
+            raise SourceError(reason, seen)
         return None
 
     async def _read(self, part: Part) -> tuple[Mapping[int, int], float] | None:
@@ -192,9 +247,19 @@ class PolledSource:
             self._repeated[part].failed(part.refusal)
         elif answers is not None:
             self._repeated[part].over(f"{part.link.name} works again")
-        elif part.is_given_up and len(self._parts) > 1:  # the end of the session is logged elsewhere
+        elif part.is_given_up and len(self._parts) > 1 and not part.may_boot:
+            # The end of the session is logged elsewhere.
             self._repeated[part].failed(f"{part.complaint}; trying again")
+        self._report(part)
         return answers
+
+    def _report(self, part: Part) -> None:
+        """Log if some requests to a unit fail now and then, and once they no longer do."""
+        requests = part.link.requests
+        if requests.failed_share:
+            self._unreliable[part].failed(requests.describe(part.link.name), "requests")
+        else:
+            self._unreliable[part].over(f"{part.link.name} answers all requests again")
 
     def _attempt_again(self) -> None:
         """Try units again that were given up, after their pause and outside the slots."""
@@ -213,9 +278,3 @@ class PolledSource:
     async def _end_attempts(self) -> None:
         await cancel(self._attempts.values())
         self._attempts.clear()  # one that has not begun does not remove itself
-
-
-def _refusal_text(exception: int, block: Block) -> str:
-    last = block.first + block.count - 1
-    registers = f"{block.first}" if block.count == 1 else f"{block.first} to {last}"
-    return f"exception {exception}: {_EXCEPTIONS.get(exception, 'an error').format(registers=registers)}"

@@ -2,19 +2,43 @@
 
 import asyncio
 import math
-from collections.abc import AsyncGenerator
-from contextlib import aclosing
+from collections.abc import AsyncGenerator, Mapping
+from contextlib import AbstractContextManager, aclosing
 from typing import NamedTuple, Protocol
 
+from beamtouch_daemon.sources.requests import Failure, Requests
 from beamtouch_daemon.uptime import uptime_s
 
 
 class SourceError(Exception):
-    """The source failed and must be opened again; the text is one line for the log."""
+    """The source failed, and a new session must be begun.
+
+    Parameters
+    ----------
+    reason : One line for the log, the same each time.
+    seen : What was seen of the device, which may differ each time.
+    """
+
+    def __init__(self, reason: str, seen: str = "") -> None:
+        super().__init__(reason, seen)
+        self.reason, self.seen = reason, seen
+
+    def __str__(self) -> str:
+        return "; ".join(filter(None, (self.reason, self.seen)))
 
 
 class NoAnswerError(Exception):
-    """A unit did not answer, or its answer was damaged; the text is one line for the log."""
+    """A unit did not answer, or not as it should.
+
+    Parameters
+    ----------
+    text : One line for the log.
+    failure : What became of the request, as `Requests` counts it.
+    """
+
+    def __init__(self, text: str, failure: str = Failure.SILENT) -> None:
+        super().__init__(text)
+        self.failure = failure
 
 
 class Reading(NamedTuple):
@@ -26,6 +50,8 @@ class Reading(NamedTuple):
     """One per channel, in the order of the configuration; None if the device did not send it."""
     lost: int = 0
     """Readings lost between this one and the one before it in the same session."""
+    failed: int = 0
+    """Those of them that were lost because requests failed, and not because the device is slower than configured."""
 
 
 class Source(Protocol):
@@ -36,11 +62,20 @@ class Source(Protocol):
         """Known cases in which old or foreign readings may pass unnoticed, a sentence each."""
         ...
 
+    @property
+    def requests(self) -> Mapping[str, Requests]:
+        """What has become of the requests to each unit, by its name; none if the device sends by itself."""
+        ...
+
     def readings(self) -> AsyncGenerator[list[Reading], None]:
         """Open the device and yield non-empty lists of readings, oldest first, until SourceError.
 
-        Closing the generator closes the device. A new call then opens the next session.
+        Closing the generator closes the device. A new call then begins the next session.
         """
+        ...
+
+    def kept_open(self) -> AbstractContextManager[None]:
+        """Let a port stay open between the sessions in the block, because opening it resets many devices."""
         ...
 
 

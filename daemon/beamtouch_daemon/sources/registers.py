@@ -2,7 +2,7 @@
 
 import math
 import struct
-from collections.abc import Mapping, Sequence
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -15,6 +15,13 @@ MAX_REGISTERS = 125
 READ_INPUT_REGISTERS, READ_HOLDING_REGISTERS = 4, 3
 DECODER = DecodePDU(is_server=False)
 """Decodes the answers of units."""
+LASTING = (1, 2, 3)
+"""Exceptions by which a unit refuses a request each time: function, address and number of registers. Others may pass:
+the unit is busy, or a gateway does not reach it."""
+UNREAD = (6, 10)
+"""Refusals of requests that were not looked at: the unit is busy, or a gateway did not pass them on."""
+TRIES = 3
+"""A request is repeated up to this often while its refusal may pass."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +45,27 @@ class Answer(NamedTuple):
     exception: int = 0
     """Code of the refusal; 0: not refused."""
     asked_s: float = 0.0
-    """Time of the request by the clock of `uptime_s`."""
+    """Time of the first request by the clock of `uptime_s`."""
+    refusals: tuple[int, ...] = ()
+    """Codes of the refusals after which the request was repeated."""
+
+    @property
+    def may_pass(self) -> bool:
+        """Whether it is a refusal that may pass."""
+        return self.exception not in (0, *LASTING)
+
+
+async def insist(ask: Callable[[Block], Awaitable[Answer]], block: Block) -> Answer:
+    """Ask for a block, again while the refusal may pass, and return the last answer.
+
+    It is as old as the first request, because it may be the late answer to that one.
+    """
+    first = answer = await ask(block)
+    refusals: tuple[int, ...] = ()
+    while answer.may_pass and len(refusals) < TRIES - 1:
+        refusals = (*refusals, answer.exception)
+        answer = await ask(block)
+    return answer._replace(asked_s=first.asked_s, refusals=refusals)
 
 
 def answer_to(block: Block, data: bytes, asked_s: float = 0.0) -> Answer | None:

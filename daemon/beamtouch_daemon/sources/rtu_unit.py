@@ -18,14 +18,12 @@ from enum import IntEnum
 from typing import NamedTuple, Protocol
 
 from beamtouch_daemon.sources.reading import NoAnswerError
-from beamtouch_daemon.sources.registers import MAX_REGISTERS, Answer, Block
+from beamtouch_daemon.sources.registers import MAX_REGISTERS, UNREAD, Answer, Block
+from beamtouch_daemon.sources.requests import reason_of, refusal_text
 from beamtouch_daemon.uptime import uptime_s
 
 READ_FUNCTIONS = (4, 3, 1, 2)
 """Functions that only read, so that a probe never changes a device."""
-REFUSALS = (1, 2, 3)
-"""Exceptions by which a unit refuses a probe each time: function, address and number of registers. A refusal is an
-answer too. Other exceptions pass, or come from a gateway."""
 PROBES = 2
 STARTS = 3
 """A start is repeated this often if answers come in its silence. Then another master may be asking the unit."""
@@ -40,10 +38,17 @@ FORGOTTEN_S, FORGOTTEN_TIMEOUTS = 5.0, 10
 class Line(Protocol):
     """The way to one unit, through a port that is open."""
 
-    timeout_s: float
+    @property
+    def timeout_s(self) -> float:
+        """Time for an answer."""
+        ...
 
     async def ask(self, block: Block) -> Answer:
-        """Send a request; return its answer or refusal, NoAnswerError if neither comes intact within the timeout."""
+        """Send a request; return its answer or refusal, NoAnswerError if neither comes intact within the timeout.
+
+        It is repeated while the refusal may pass. Otherwise a unit that refuses each second request would never answer
+        a probe and then a request for values.
+        """
         ...
 
     async def is_quiet(self) -> bool:
@@ -140,16 +145,24 @@ class Unit:
         if self._owed or (self._clock() < self._suspect_until_s and not self.is_unprovable):
             await self._prove(line, block)
         self._owed, self._asked_s = Owed.NOTHING, self._clock()
-        is_value = False
+        is_settled = False
         try:
             answer = await line.ask(block)
-            is_value = not answer.exception  # a refusal may be the late one of a probe
+            is_settled = self._is_settled_by(answer)
         finally:
-            if not is_value:
+            if not is_settled:
                 self._owed = max(self._owed, Owed.VALUES)
-        if is_value and not self.is_unprovable:
+        if is_settled and not self.is_unprovable:
             self._proven_s = self._clock()
         return answer
+
+    def _is_settled_by(self, answer: Answer) -> bool:
+        """Return whether the unit owes no values after an answer to a request for them.
+
+        A refusal may be the late one of a probe. A unit without probes has had time for that one.
+        """
+        refusals = {answer.exception, *answer.refusals} - {0}
+        return not refusals or (self.is_unprovable and refusals.issubset(UNREAD))
 
     async def _prove(self, line: Line, block: Block) -> None:
         """Have probes answered, or let time pass, until the unit owes no values."""
@@ -180,7 +193,7 @@ class Unit:
             if len(probes) < PROBES and not is_alike:
                 with suppress(NoAnswerError):
                     answer = await line.ask(candidate)
-                    if answer.exception in (0, *REFUSALS):
+                    if not answer.may_pass:
                         probes.append(_Probe(candidate, is_refused=bool(answer.exception)))
         self._probes, self._proven_s = probes, self._clock()
         if not self.is_unprovable:
@@ -190,6 +203,9 @@ class Unit:
         """Have the next probe answered; the other one is then the next."""
         probes = self._probes or []
         answer = await line.ask(probes[0].block)
+        if answer.may_pass:
+            refusal = refusal_text(answer.exception, probes[0].block)
+            raise NoAnswerError(f"unit {self.address} answers with {refusal}", reason_of(answer.exception))
         if bool(answer.exception) is not probes[0].is_refused:
             self._probes = None
             self.restart()
