@@ -89,6 +89,20 @@ class RestingUnit(StampingUnit):
         return 20_000
 
 
+class RefusingUnit(RestingUnit):
+    """A unit that refuses each `every`-th request with an exception."""
+
+    def __init__(self, exception: int, every: int) -> None:
+        super().__init__()
+        self._exception, self._every = exception, every
+
+    def answer(self, request: bytes, wrap: Callable[[bytes], bytes]) -> Pieces:
+        pieces = super().answer(request, wrap)
+        if self.requests % self._every:
+            return pieces
+        return [(0.0, wrap(bytes([request[0], request[1] | 0x80, self._exception])))]
+
+
 class RegisterUnit(StampingUnit):
     """A unit with so many input registers and holding registers from 0, all 0. It refuses others, as real ones do."""
 

@@ -186,7 +186,7 @@ class Scan:
                 continue
             try:
                 hello = await BoardLine(port).introduce()
-            except SourceError as error:
+            except SourceError:
                 if port.failure:
                     raise
                 _say(f"{name}: no Beamtouch board")

@@ -14,6 +14,8 @@ Device clocks are better: a ceramic resonator is within 0.5 %, a timer with coar
 BLOCK_S = 1.5
 BLOCK_READINGS = 20
 """The rate is measured over the longer of this time and this number of readings."""
+FAILED_PART = 0.5
+"""If failed requests cost this part of the missing readings, they are the reason."""
 AGREEING = 2
 """Number of successive measurements that must agree, as a single one may be disturbed."""
 
@@ -61,13 +63,10 @@ class RateMeter:
 
     def _judge(self, measured_hz: float, failed_hz: float) -> None:
         self.measured_hz, self._failed_hz = measured_hz, failed_hz
-        fits = self._is_close(measured_hz)
+        fits = abs(measured_hz / self._configured_hz - 1) <= TOLERANCE
         self._disagreeing = 0 if fits == self.fits else self._disagreeing + 1
         if self._disagreeing == AGREEING:
             self.fits, self._disagreeing = fits, 0
-
-    def _is_close(self, rate_hz: float) -> bool:
-        return abs(rate_hz / self._configured_hz - 1) <= TOLERANCE
 
     def __str__(self) -> str:
         """Return one line: the measured rate, the configured rate, and what to set if they differ."""
@@ -77,12 +76,12 @@ class RateMeter:
             return f"{measured_hz:.4g} readings per second, {within}"
         times = digits(max(configured_hz / measured_hz, measured_hz / configured_hz), 2)
         if self._is_polled:
-            polled_hz = measured_hz + self._failed_hz
             only = f"only {digits(measured_hz, 4)} of {configured_hz:g} readings per second"
             fewer = f"means are of {times} times fewer readings than configured"
-            if self._is_close(polled_hz):
+            if self._failed_hz >= FAILED_PART * (configured_hz - measured_hz):
                 return f"{only} arrive, as requests fail: {fewer}; mend what fails, as a lower rate_hz does not help"
-            return f"{only} could be polled: {fewer}; set rate_hz to {digits(0.95 * polled_hz, 2)} or less"
+            slower_hz = 0.95 * (measured_hz + self._failed_hz)
+            return f"{only} could be polled: {fewer}; set rate_hz to {digits(slower_hz, 2)} or less"
         windows = "longer" if measured_hz < configured_hz else "shorter"
         return (
             f"the device sends {digits(measured_hz, 4)} readings per second, rate_hz is {configured_hz:g}: "

@@ -87,6 +87,7 @@ class Acquisition:
         self._arrived = asyncio.Event()
         self._backoff = Backoff(max_s=NEXT_SESSION_S)
         self._repeated = Repeated(_log, name)
+        self._unreliable = {unit: Repeated(_log, name) for unit in source.requests}
 
     def hangs(self, now_s: float) -> bool:
         """Return whether the source hangs at `now_s` on the monotonic clock: no reading comes, and no error either."""
@@ -152,19 +153,30 @@ class Acquisition:
         if self.is_missing:
             readings[0] = self._resume(readings[0])
         self.readings += len(readings)
-        lost = sum(reading.lost for reading in readings)
+        lost, failed = sum(reading.lost for reading in readings), sum(reading.failed for reading in readings)
         self.lost += lost
-        self._repeated.count(lost, "readings lost since the last such line, by the device, the line or a busy machine")
+        self._repeated.count(failed, "readings lost since the last such line, as requests fail")
+        others = "readings lost since the last such line, by the device, the line or a busy machine"
+        self._repeated.count(lost - failed, others)
         self.last_s = readings[-1].monotonic_s
         self.turned_s = time.monotonic()
         if self.meter.add(readings):
             _log.log(logging.INFO if self.meter.fits else logging.WARNING, "%s: %s", self.name, self.meter)
+        self._report_requests()
         self._unprocessed += readings
         if self._may_wait(readings):
             return
         if len(self._unprocessed) >= MAX_UNPROCESSED:
             self.process()
         self._arrived.set()
+
+    def _report_requests(self) -> None:
+        """Log if some of the requests to a unit fail, and once they no longer do."""
+        for unit, requests in self.source.requests.items():
+            if requests.failed_share:
+                self._unreliable[unit].failed(requests.describe(unit), "requests")
+            else:
+                self._unreliable[unit].over(f"{unit} answers all requests again")
 
     def _may_wait(self, readings: list[Reading]) -> bool:
         """Return whether new readings say no more than the newest sample, and that sample is not due to be followed.
@@ -186,4 +198,5 @@ class Acquisition:
         if self.last_s is None:
             _log.info("%s: reading", self.name)
             return reading
-        return reading._replace(lost=max(0, round((reading.monotonic_s - self.last_s) * self.surface.rate_hz) - 1))
+        lost = max(0, round((reading.monotonic_s - self.last_s) * self.surface.rate_hz) - 1)
+        return reading._replace(lost=lost, failed=0)

@@ -188,17 +188,14 @@ class BoardSource:
     """None: each reading has a number and the device's time."""
 
     def __init__(self, settings: SerialLine, indices: Sequence[int], rate_hz: float, adc_bits: Sequence[int]) -> None:
+        self.requests: Mapping[str, Requests] = {}
+        """None: the device sends by itself."""
         self._port = KeptPort(settings.port, LineSettings(settings.baud))
         self._indices = tuple(indices)
         self._rate_hz = int(rate_hz)
         self._oversampling = settings.oversampling
         self._adc_bits = tuple(adc_bits)
         self._silence_s = max(SILENCE_S, SILENCE_PERIODS / rate_hz)
-
-    @property
-    def requests(self) -> Mapping[str, Requests]:
-        """None: the device sends by itself."""
-        return {}
 
     def kept_open(self) -> AbstractContextManager[None]:
         """Let the port stay open between the sessions in the block."""

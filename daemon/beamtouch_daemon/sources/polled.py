@@ -150,22 +150,18 @@ class PolledSource:
     """Yields readings of one surface, each from all units that answered in its slot."""
 
     def __init__(self, name: str, parts: Sequence[Part], channels: int, rate_hz: float) -> None:
+        self.requests = {part.link.name: part.link.requests for part in parts}
+        """What has become of the requests, by the name of the unit."""
         self._parts = tuple(parts)
         self._channels = channels
         self._rate_hz = rate_hz
         self._repeated = {part: Repeated(_log, name) for part in parts}
-        self._unreliable = {part: Repeated(_log, name) for part in parts}
         self._attempts: dict[Part, asyncio.Task[None]] = {}
 
     @property
     def limits(self) -> tuple[str, ...]:
         """Known cases in which old or foreign answers may pass unnoticed, a sentence each."""
         return tuple(dict.fromkeys(limit for part in self._parts for limit in part.link.limits))
-
-    @property
-    def requests(self) -> Mapping[str, Requests]:
-        """What has become of the requests, by the name of the unit."""
-        return {part.link.name: part.link.requests for part in self._parts}
 
     @contextmanager
     def kept_open(self) -> Iterator[None]:
@@ -195,9 +191,13 @@ class PolledSource:
                 if reading is None:
                     lost += 1
                     failed += 1
+                elif has_begun:
+                    yield [reading._replace(lost=lost, failed=failed)]
+                    lost = failed = 0
                 else:
-                    yield [reading._replace(lost=lost, failed=failed) if has_begun else reading]
+                    yield [reading]
                     has_begun, lost, failed = True, 0, 0
+                    schedule = Schedule(self._rate_hz, reading.monotonic_s + 1 / self._rate_hz)
 
     def _failures(self) -> int:
         """Return how many requests have failed."""
@@ -250,16 +250,7 @@ class PolledSource:
         elif part.is_given_up and len(self._parts) > 1 and not part.may_boot:
             # The end of the session is logged elsewhere.
             self._repeated[part].failed(f"{part.complaint}; trying again")
-        self._report(part)
         return answers
-
-    def _report(self, part: Part) -> None:
-        """Log if some requests to a unit fail now and then, and once they no longer do."""
-        requests = part.link.requests
-        if requests.failed_share:
-            self._unreliable[part].failed(requests.describe(part.link.name), "requests")
-        else:
-            self._unreliable[part].over(f"{part.link.name} answers all requests again")
 
     def _attempt_again(self) -> None:
         """Try units again that were given up, after their pause and outside the slots."""
