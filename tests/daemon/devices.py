@@ -28,7 +28,7 @@ from beamtouch_protocol.messages import (
     Stop,
 )
 
-from .lines import Terminal
+from .lines import SerialConverter, Terminal
 
 Pieces = list[tuple[float, bytes]]
 """How long a device is busy [s] and what it sends then, one after the other."""
@@ -125,7 +125,7 @@ def with_header(request_header: bytes, answer: bytes) -> bytes:
     return request_header[:4] + struct.pack(">H", len(answer)) + answer
 
 
-def write_in_time(line: Terminal, pieces: Pieces) -> None:
+def write_in_time(line: Terminal | SerialConverter, pieces: Pieces) -> None:
     """Write what an adapter sends by itself, each piece so long after now."""
     for after_s, piece in pieces:
         if after_s:
@@ -136,7 +136,7 @@ def write_in_time(line: Terminal, pieces: Pieces) -> None:
 
 @asynccontextmanager
 async def rtu_units(
-    line: Terminal,
+    line: Terminal | SerialConverter,
     units: Mapping[int, StampingUnit],
     unanswered: list[int] | None = None,
     echo: Callable[[bytes], Pieces] = no_echo,
@@ -221,7 +221,12 @@ class SerialDevice:
     """A device that speaks our protocol on a pseudo-terminal; counts hold the number of the reading."""
 
     def __init__(
-        self, line: Terminal, boot_id: int = 1, channels: int = 2, schema_hash: int = SCHEMA_HASH, adc_bits: int = 16
+        self,
+        line: Terminal | SerialConverter,
+        boot_id: int = 1,
+        channels: int = 2,
+        schema_hash: int = SCHEMA_HASH,
+        adc_bits: int = 16,
     ) -> None:
         self.received: list[Message] = []
         self.sequence = 0

@@ -127,8 +127,12 @@ class Faults:
     def foreign(self, frame: bytes) -> Pieces:
         return [(0.0, _answer_of(2)), (0.001, frame), (0.0005, _answer_of(3))]
 
+    def refused(self, frame: bytes) -> Pieces:
+        return [(0.0, with_crc(bytes([frame[0], frame[1] | 0x80, 6])))]
+
     def any_of_them(self, frame: bytes) -> Pieces:
         kinds = [self.late, self.lost, self.split, self.doubled, self.noisy, self.flipped, self.foreign]
+        kinds.append(self.refused)
         return self._chance.choice(kinds)(frame)
 
     def echo(self, request: bytes) -> Pieces:
@@ -170,6 +174,12 @@ def patterns(seed: int) -> dict[str, Pattern]:
         "noise before and behind, 20 %": Pattern(often(0.2, faults.noisy)),
         "noise, 20 ms before each answer": Pattern(often(1.0, faults.noise_long_before), busy_s=0.02),
         "a flipped bit, 10 %": Pattern(often(0.1, faults.flipped)),
+        "each second request refused": Pattern(
+            lambda number, frame: faults.refused(frame) if number % 2 else [(0.0, frame)]
+        ),
+        "refused, 30 %, one register": Pattern(often(0.3, faults.refused), registers=1),
+        "refused or late, 20 %": Pattern(often(0.1, faults.refused, often(0.1, faults.late)), is_quick=False),
+        "refused, 30 %, answers only values": Pattern(values_only(often(0.3, faults.refused)), registers=1),
         "echo": Pattern(echo=faults.echo),
         "echo, one register": Pattern(echo=faults.echo, registers=1),
         "echo, 20 ms, 1 % lost": Pattern(lossy, echo=faults.echo, busy_s=0.02),

@@ -6,8 +6,8 @@ import os
 import struct
 import termios
 import tty
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import AsyncIterator, Callable, Iterator
+from contextlib import asynccontextmanager, closing, contextmanager, suppress
 
 
 class Terminal:
@@ -61,6 +61,54 @@ def terminal() -> Iterator[Terminal]:
         yield one
     finally:
         one.unplug()
+
+
+class SerialConverter:
+    """A converter that passes the bytes of a serial line on over TCP, to the newest of its clients."""
+
+    def __init__(self) -> None:
+        self.connections = 0
+        self.path = ""
+        """Its address, tcp://HOST:PORT."""
+        self._receive: Callable[[bytes], object] = lambda _: None
+        self._client: asyncio.StreamWriter | None = None
+
+    def on_data(self, receive: Callable[[bytes], object]) -> None:
+        """Call `receive` with whatever the daemon sends."""
+        self._receive = receive
+
+    def write(self, data: bytes) -> bool:
+        """Send to the daemon; return whether it is there."""
+        if self._client is None or self._client.is_closing():
+            return False
+        self._client.write(data)
+        return True
+
+    def close(self) -> None:
+        """End the connection, as a converter does after a while without traffic."""
+        if self._client is not None:
+            self._client.close()
+
+    async def serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        """Serve a client."""
+        self.connections += 1
+        self._client = writer
+        with closing(writer), suppress(ConnectionError):
+            while data := await reader.read(4096):
+                self._receive(data)
+
+
+@asynccontextmanager
+async def serial_converter() -> AsyncIterator[SerialConverter]:
+    """A converter that listens on this machine."""
+    one = SerialConverter()
+    server = await asyncio.start_server(one.serve, "127.0.0.1", 0)
+    one.path = f"tcp://127.0.0.1:{server.sockets[0].getsockname()[1]}"
+    try:
+        yield one
+    finally:
+        server.close()
+        one.close()
 
 
 LOADER_S = 0.1

@@ -320,6 +320,21 @@ async def test_several_surfaces_and_several_units_that_owe_answers_share_a_bus()
         assert all(None not in reading.counts for reading in readings)
 
 
+async def test_an_answer_that_follows_a_refusal_is_as_old_as_the_request_that_was_refused() -> None:
+    def refuse_first(number: int, frame: bytes) -> Pieces:
+        refusal = with_crc(bytes([frame[0], frame[1] | 0x80, 11]))
+        return [(0.0, refusal), (0.03, frame)] if number % 3 == 0 else [(0.0, frame)]
+
+    with terminal() as line:
+        unit = StampingUnit(refuse_first)
+        async with rtu_units(line, {1: unit}):
+            source = source_in({}, table(line.path), PLACES, 10.0)
+            readings, errors = await take_across_sessions(source, 30)
+    assert errors == []
+    late = [unit.age_s(count, reading.monotonic_s) for reading in readings for count in reading.counts if count]
+    assert max(late) < 0.002
+
+
 class BackError(Exception):
     """A unit answers again."""
 

@@ -20,7 +20,8 @@ from beamtouch_daemon.sources.board import BoardLine
 from beamtouch_daemon.sources.host_address import no_connection
 from beamtouch_daemon.sources.modbus_tcp import DEVICE_ITSELF, TcpLink
 from beamtouch_daemon.sources.reading import NoAnswerError, SourceError
-from beamtouch_daemon.sources.registers import Answer, Block, insist
+from beamtouch_daemon.sources.registers import Answer, Block
+from beamtouch_daemon.sources.requests import insist
 from beamtouch_daemon.sources.rtu_line import RtuLine, silence_of
 from beamtouch_daemon.sources.serial_port import LineSettings, Opener, Parity, SerialPort
 from beamtouch_daemon.uptime import uptime_s

@@ -10,8 +10,8 @@ from pymodbus.framer import FramerSocket
 from beamtouch_daemon.config.sources import ModbusTcp
 from beamtouch_daemon.sources.host_address import HostAddress, UnknownHostError, no_connection
 from beamtouch_daemon.sources.reading import NoAnswerError
-from beamtouch_daemon.sources.registers import DECODER, Answer, Block, answer_to, insist
-from beamtouch_daemon.sources.requests import Failure, Requests
+from beamtouch_daemon.sources.registers import DECODER, Answer, Block, answer_to
+from beamtouch_daemon.sources.requests import Failure, Requests, insist
 from beamtouch_daemon.sources.rtu_line import answers_of
 from beamtouch_daemon.sources.rtu_over_tcp import answers_in_rtu
 from beamtouch_daemon.uptime import uptime_s
@@ -26,6 +26,9 @@ READ_BYTES = 4096
 """Largest number of bytes that one read takes."""
 DEVICE_ITSELF = (0, 255)
 """Unit numbers of the device at the other end of the connection, as opposed to units behind it."""
+QUICK_S = 0.1
+"""A refusal that takes longer is not followed by another request in the same slot: a gateway has waited in vain for its
+unit, and the other units wait with it."""
 LOOK_AGAIN_S = 60.0
 """A device that has never answered is asked in RTU frames, too: once in this time."""
 _FRAMER = FramerSocket(DECODER)
@@ -79,7 +82,7 @@ class TcpLink:
     async def read(self, block: Block) -> Answer:
         """Read registers, connecting first if necessary; ask again while a refusal may pass."""
         try:
-            answer = await insist(self.ask, block)
+            answer = await insist(self.ask, block, QUICK_S)
         except NoAnswerError as error:
             if error.failure == Failure.SILENT and await self._is_converter(block):
                 raise self._converter_error() from error

@@ -2,7 +2,7 @@
 
 import math
 import struct
-from collections.abc import Awaitable, Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -20,8 +20,6 @@ LASTING = (1, 2, 3)
 the unit is busy, or a gateway does not reach it."""
 UNREAD = (6, 10)
 """Refusals of requests that were not looked at: the unit is busy, or a gateway did not pass them on."""
-TRIES = 3
-"""A request is repeated up to this often while its refusal may pass."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,19 +51,6 @@ class Answer(NamedTuple):
     def may_pass(self) -> bool:
         """Whether it is a refusal that may pass."""
         return self.exception not in (0, *LASTING)
-
-
-async def insist(ask: Callable[[Block], Awaitable[Answer]], block: Block) -> Answer:
-    """Ask for a block, again while the refusal may pass, and return the last answer.
-
-    It is as old as the first request, because it may be the late answer to that one.
-    """
-    first = answer = await ask(block)
-    refusals: tuple[int, ...] = ()
-    while answer.may_pass and len(refusals) < TRIES - 1:
-        refusals = (*refusals, answer.exception)
-        answer = await ask(block)
-    return answer._replace(asked_s=first.asked_s, refusals=refusals)
 
 
 def answer_to(block: Block, data: bytes, asked_s: float = 0.0) -> Answer | None:

@@ -1,9 +1,15 @@
-"""Counts the requests to a unit, and says what fails if some of them do now and then. Pure."""
+"""Requests of which some fail now and then: they are repeated, counted and described."""
 
+import math
 from collections import Counter, deque
+from collections.abc import Awaitable, Callable
 from enum import StrEnum
 
-from beamtouch_daemon.sources.registers import Block
+from beamtouch_daemon.sources.registers import Answer, Block
+from beamtouch_daemon.uptime import uptime_s
+
+TRIES = 3
+"""A request that is refused is sent at most this often."""
 
 SEEN = 100
 """The newest requests, which show whether some fail."""
@@ -114,6 +120,25 @@ class Requests:
             self._newest_failures -= 1
         self._newest.append(reason)
         self._newest_failures += bool(reason)
+
+
+async def insist(ask: Callable[[Block], Awaitable[Answer]], block: Block, refused_within_s: float = math.inf) -> Answer:
+    """Ask for a block, again while the refusal may pass, and return the last answer.
+
+    It is as old as the first request, because it may be the late answer to that one.
+
+    Parameters
+    ----------
+    ask : Sends a request once.
+    block : What to ask for.
+    refused_within_s : A refusal that took longer is not followed by another request.
+    """
+    first = answer = await ask(block)
+    refusals: tuple[int, ...] = ()
+    while answer.may_pass and len(refusals) < TRIES - 1 and uptime_s() - first.asked_s <= refused_within_s:
+        refusals = (*refusals, answer.exception)
+        answer = await ask(block)
+    return answer._replace(asked_s=first.asked_s, refusals=refusals)
 
 
 def reason_of(exception: int) -> str:
