@@ -14,7 +14,7 @@ from beamtouch_daemon.delivery.log import MAX_BATCH
 from beamtouch_daemon.delivery.log_store import MEMORY_S
 from beamtouch_daemon.processing import at_rest, rate
 from beamtouch_daemon.running.acquisition import PATIENCE_S
-from beamtouch_daemon.sources import board, rtu_bus, rtu_unit
+from beamtouch_daemon.sources import board, rtu_bus, rtu_unit, traffic
 from beamtouch_models import read_scene
 from beamtouch_models.accuracy import thresholds
 from beamtouch_models.calibration import recordings
@@ -293,8 +293,9 @@ STATED = {
     "docs/reference/rig.md": [f"({100 * DAMPING_RATIO:g} % of critical if it states none)"],
     "docs/reference/sensor-health.md": [f"within {WORDS[changes.DRIFT]} times the drift that the scene states"],
     "firmware_protocol/PROTOCOL.md": [
-        f"repeated every {board.HELLO_REPEAT_S:g} s until Hello arrives",
-        f"asks for {board.HELLO_TIMEOUT_S:g} s before it reports",
+        f"asks for {traffic.BOOT_S:g} s after the opening, and for {board.HELLO_TIMEOUT_S:g} s later on",
+        f"double from {board.REPEAT_S:g} s up to {board.MAX_REPEAT_S:g} s",
+        f"if no frame has come for {traffic.SILENT_S:g} s",
         f"every {board.PING_S:g} s, sooner at first",
         f"no reading for {board.SILENCE_S:g} s or {WORDS[board.SILENCE_PERIODS]} periods",
         f"more than {MAX_FRAME_BYTES - 1} bytes before its 00",
