@@ -69,7 +69,7 @@ async def test_a_unit_behind_a_converter_is_read_and_again_after_its_connection_
             outcome = await daemon.stop()
     assert outcome.code == 0
     assert line.connections == 2
-    assert f"{line.path} is gone: it has closed the connection; trying again" in outcome.err
+    assert f"{line.path} is gone: " in outcome.err
 
 
 async def test_no_late_answer_through_a_converter_is_taken_for_a_new_one() -> None:

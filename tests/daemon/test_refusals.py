@@ -114,12 +114,12 @@ async def test_requests_that_time_out_now_and_then_lead_to_no_advice_to_lower_th
     kind: str, tmp_path: Path
 ) -> None:
     unit = RestingUnit(lambda number, frame: [] if number % 20 == 0 else [(0.0, frame)])
-    async with reached(kind, unit, timeout_ms=200) as source, serving(Service()) as service:
-        config = configs.write(tmp_path, configs.surface(source=source, rate_hz=100.0), url=service.url)
+    async with reached(kind, unit, timeout_ms=1000) as source, serving(Service()) as service:
+        config = configs.write(tmp_path, configs.surface(source=source, rate_hz=20.0), url=service.url)
         async with started("run", config) as daemon:
-            said = await daemon.said(" of 100 readings per second ")
+            said = await daemon.said(" of 20 readings per second ")
             said += (await daemon.stop()).err
-    assert re.search(r"only [\d.]+ of 100 readings per second arrive, as requests fail: means are of", said)
+    assert re.search(r"only [\d.]+ of 20 readings per second arrive, as requests fail: means are of", said)
     assert re.search(r"\d+ of \d+ requests to unit 1 fail: no answer \(\d+\); check supply and wiring, or raise", said)
     assert "as a lower rate_hz does not help" in said
     assert "set rate_hz" not in said

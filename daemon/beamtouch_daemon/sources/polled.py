@@ -105,25 +105,25 @@ class Part:
         if the link is gone.
         """
         contents: dict[int, int] = {}
-        asked_s: list[float] = []
+        answers: list[Answer] = []
         self.refusal = ""
         try:
             for block in self._blocks:
-                answer = await self.link.read(block)
-                self._count(answer)
-                asked_s.append(answer.asked_s)
+                answers.append(answer := await self.link.read(block))
                 contents.update(enumerate(answer.registers, block.first))
                 if answer.exception:
                     self.refusal = f"{self.link.name} answers with {refusal_text(answer.exception, block)}"
         except NoAnswerError as error:
+            self._count(answers, has_contents=True)
             self.link.requests.fail(error.failure)
             self.failed(str(error))
             return None
+        self._count(answers, has_contents=bool(contents))
         if not contents:
             self.failed(self.refusal or f"{self.link.name} answers with no registers")
             return None
         self._failures = 0
-        return contents, asked_s[0]
+        return contents, answers[0].asked_s
 
     def failed(self, complaint: str) -> None:
         """Note a failure."""
@@ -137,13 +137,15 @@ class Part:
                 self.rests_until_s = min(self.rests_until_s, max(self.link.boots_until_s, now_s + BOOT_REST_S))
             self.link.requests.forget()
 
-    def _count(self, answer: Answer) -> None:
-        for exception in answer.refusals:
-            self.link.requests.fail(reason_of(exception))
-        if answer.exception:
-            self.link.requests.fail(reason_of(answer.exception))
-        else:
-            self.link.requests.answered()
+    def _count(self, answers: Sequence[Answer], *, has_contents: bool) -> None:
+        """Count the requests that were answered. That a unit lacks some of the registers is no failure now and then."""
+        for answer in answers:
+            for exception in answer.refusals:
+                self.link.requests.fail(reason_of(exception))
+            if answer.may_pass or (answer.exception and not has_contents):
+                self.link.requests.fail(reason_of(answer.exception))
+            else:
+                self.link.requests.answered()
 
 
 class PolledSource:
