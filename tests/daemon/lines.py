@@ -111,6 +111,26 @@ async def serial_converter() -> AsyncIterator[SerialConverter]:
         one.close()
 
 
+class Watch:
+    """Tells who opens and closes a file."""
+
+    _OPENED, _CLOSED = 0x20, 0x18
+    _EVENT = struct.Struct("iIII")
+    """Of inotify, for a watch of a single file."""
+
+    def __init__(self, path: str) -> None:
+        libc = ctypes.CDLL(None, use_errno=True)
+        self.descriptor: int = libc.inotify_init1(os.O_NONBLOCK | os.O_CLOEXEC)
+        assert libc.inotify_add_watch(self.descriptor, os.fsencode(path), self._OPENED | self._CLOSED) > 0
+
+    def openings(self) -> list[bool]:
+        """Return what has happened since the last call: True for each opening, False for each closing."""
+        with suppress(BlockingIOError):
+            events = os.read(self.descriptor, 1 << 16)
+            return [bool(kind & self._OPENED) for _, kind, _, _ in self._EVENT.iter_unpack(events)]
+        return []
+
+
 LOADER_S = 0.1
 """Time after which a boot loader prints something."""
 
@@ -138,8 +158,8 @@ class RebootingTerminal(Terminal):
         self._timers: tuple[asyncio.TimerHandle, ...] = ()
         self._is_line_up = self._hangs = False
         self._set_hang_up_on_close()
-        self._watch = _watch(self.path)
-        self._loop.add_reader(self._watch, self._notice)
+        self._watch = Watch(self.path)
+        self._loop.add_reader(self._watch.descriptor, self._notice)
 
     def on_data(self, receive: Callable[[bytes], object]) -> None:
         def hear(data: bytes) -> None:
@@ -170,8 +190,8 @@ class RebootingTerminal(Terminal):
 
     def unplug(self) -> None:
         if self._is_open:
-            self._loop.remove_reader(self._watch)
-            os.close(self._watch)
+            self._loop.remove_reader(self._watch.descriptor)
+            os.close(self._watch.descriptor)
             for timer in self._timers:
                 timer.cancel()
         super().unplug()
@@ -182,36 +202,20 @@ class RebootingTerminal(Terminal):
 
     def _notice(self) -> None:
         """Look who has opened and closed the port."""
-        with suppress(BlockingIOError):
-            events = os.read(self._watch, 1 << 16)
-            for at in range(0, len(events), _EVENT.size):
-                kind = _EVENT.unpack_from(events, at)[1]
-                if not kind & _OPENED:
-                    self._is_line_up = self._spares and not self.lowers_dtr
-                    continue
-                self.opened += 1
-                self._hangs = False
-                if not self._is_line_up:
-                    self.boot()
+        for is_opening in self._watch.openings():
+            if not is_opening:
+                self._is_line_up = self._spares and not self.lowers_dtr
+                continue
+            self.opened += 1
+            self._hangs = False
+            if not self._is_line_up:
+                self.boot()
 
     def _set_hang_up_on_close(self) -> None:
         """Serial ports have this setting by default, pseudo-terminals do not."""
         settings = termios.tcgetattr(self._slave)
         settings[2] |= termios.HUPCL
         termios.tcsetattr(self._slave, termios.TCSANOW, settings)
-
-
-_OPENED, _CLOSED = 0x20, 0x18
-_EVENT = struct.Struct("iIII")
-"""Of inotify, for a watch of a single file."""
-
-
-def _watch(path: str) -> int:
-    """Return a descriptor that tells who opens and closes a file."""
-    libc = ctypes.CDLL(None, use_errno=True)
-    watch: int = libc.inotify_init1(os.O_NONBLOCK | os.O_CLOEXEC)
-    assert libc.inotify_add_watch(watch, os.fsencode(path), _OPENED | _CLOSED) > 0
-    return watch
 
 
 @contextmanager

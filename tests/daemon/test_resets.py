@@ -3,6 +3,8 @@
 import asyncio
 import itertools
 import json
+import os
+from asyncio.subprocess import PIPE
 from collections.abc import AsyncIterator, Callable
 from contextlib import AsyncExitStack, asynccontextmanager
 from functools import partial
@@ -10,9 +12,11 @@ from pathlib import Path
 
 import pytest
 
+from simulated_board import Board
+
 from . import configs
 from .devices import RestingUnit, SerialDevice, rtu_units
-from .lines import RebootingTerminal, Terminal, rebooting_terminal, terminal
+from .lines import RebootingTerminal, Terminal, Watch, rebooting_terminal, terminal
 from .process import Outcome, command, started, summary_of
 from .service import Service, serving
 from .waits import until
@@ -35,7 +39,7 @@ async def rtu_device(boots_s: float, prints: bytes = b"") -> AsyncIterator[Reboo
 
 
 @asynccontextmanager
-async def board(boots_s: float, prints: bytes = b"") -> AsyncIterator[RebootingTerminal]:
+async def booting_board(boots_s: float, prints: bytes = b"") -> AsyncIterator[RebootingTerminal]:
     """A board that boots after each opening of its port, and says so at the end."""
     with rebooting_terminal(boots_s, prints) as line:
         Booting(line)
@@ -61,9 +65,9 @@ class Booting(SerialDevice):
 DEVICES = {
     "unit, deaf for 1.5 s": (partial(rtu_device, DEAF_S), configs.rtu),
     "unit, deaf for 5 s": (partial(rtu_device, SLOW_S), configs.rtu),
-    "board, boots for 2.9 s": (partial(board, BOOTS_S), configs.serial),
-    "board, boots for 5 s and prints text": (partial(board, SLOW_S, LOADER), configs.serial),
-    "board, prints other bytes": (partial(board, BOOTS_S, bytes(range(1, 256))), configs.serial),
+    "board, boots for 2.9 s": (partial(booting_board, BOOTS_S), configs.serial),
+    "board, boots for 5 s and prints text": (partial(booting_board, SLOW_S, LOADER), configs.serial),
+    "board, prints other bytes": (partial(booting_board, BOOTS_S, bytes(range(1, 256))), configs.serial),
 }
 every_device = pytest.mark.parametrize("device", list(DEVICES))
 
@@ -140,12 +144,68 @@ async def test_a_device_that_boots_longer_than_expected_is_read_as_the_port_stay
 
 
 async def test_check_that_waits_keeps_the_port_open_between_its_attempts(tmp_path: Path) -> None:
-    async with board(SLOW_S) as line:
+    async with booting_board(SLOW_S) as line:
         config = configs.write(tmp_path, configs.surface(source=configs.serial(line.path)))
         outcome = await command("check", config, "--wait", "6", code=SHORT)
     assert line.opened == 1
     assert "waiting: bench: " in outcome.err
     assert "good" in outcome.out  # the service is not there
+
+
+class Firmware:
+    """The reference firmware on a simulated chip, which each opening of its line resets."""
+
+    def __init__(self, line: Path, commands: asyncio.StreamWriter) -> None:
+        self.line = line
+        self.opened = 0
+        self.watch = Watch(str(line))
+        self._commands = commands
+
+    def reset(self) -> None:
+        """Press its button."""
+        self._commands.write(b"reset\n")
+
+    def notice(self) -> None:
+        """Look who has opened the line."""
+        for _ in filter(None, self.watch.openings()):
+            self.opened += 1
+            self.reset()
+
+
+@asynccontextmanager
+async def firmware(board: Board, folder: Path) -> AsyncIterator[Firmware]:
+    """Run the firmware until the end of the block."""
+    line = folder / "line"
+    words = (*board.command, "--link", line, "--eeprom", folder / "eeprom")
+    process = await asyncio.create_subprocess_exec(*words, stdin=PIPE, stdout=PIPE)
+    assert process.stdin is not None
+    assert process.stdout is not None
+    await process.stdout.readline()
+    process.stdin.write(b"2500 2500 2500 2500\n")
+    chip, loop = Firmware(line, process.stdin), asyncio.get_running_loop()
+    loop.add_reader(chip.watch.descriptor, chip.notice)
+    try:
+        yield chip
+    finally:
+        loop.remove_reader(chip.watch.descriptor)
+        os.close(chip.watch.descriptor)
+        process.stdin.close()
+        assert await process.wait() == 0
+
+
+async def test_the_firmware_is_read_though_each_opening_resets_it_and_again_after_a_reset_of_its_own(
+    board: Board, tmp_path: Path
+) -> None:
+    async with firmware(board, tmp_path) as chip, serving(Service()) as service:
+        config = configs.write(tmp_path, configs.surface(source=configs.serial(str(chip.line))), url=service.url)
+        config.write_text(config.read_text().replace("\nrange_mm", "\nadc_bits = 10\nrange_mm"))
+        async with started("run", config) as daemon:
+            await service.until(50)
+            chip.reset()
+            await service.until(len(service.samples()) + 50)
+            outcome = await daemon.stop()
+    assert chip.opened == 1
+    assert "the device was reset; trying again" in outcome.err
 
 
 @pytest.mark.parametrize("kind", ["unit", "board"])
