@@ -176,7 +176,7 @@ class Firmware:
 async def firmware(board: Board, folder: Path) -> AsyncIterator[Firmware]:
     """Run the firmware until the end of the block."""
     line = folder / "line"
-    words = (*board.command, "--link", line, "--eeprom", folder / "eeprom")
+    words = [*board.command, "--link", str(line), "--eeprom", str(folder / "eeprom")]
     process = await asyncio.create_subprocess_exec(*words, stdin=PIPE, stdout=PIPE)
     assert process.stdin is not None
     assert process.stdout is not None

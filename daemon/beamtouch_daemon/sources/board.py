@@ -37,6 +37,8 @@ LATEST_PONG_S = 3.0
 BACK_S = 0.1
 """A reading that is older than its predecessor by more than this shows that the device's clock went back."""
 CLOCK_WENT_BACK = "the device's clock went back"
+FROM_DEVICE = 0x80
+"""Types of messages from here on come from devices, others from hosts."""
 _TOKENS = 1 << 16
 _REPEATED = 1 << 15
 """More readings cannot be lost without a silence, so a larger step of the sequence is a repeated reading."""
@@ -69,12 +71,12 @@ class BoardLine:
     async def listen(self, within_s: float) -> list[Arrival]:
         """Wait for bytes and return the messages in them, if any; SourceError without a port."""
         received = await self._port.receive(within_s)
-        messages = self._decoder.feed(received)
-        if messages:
+        arrived = self._decoder.feed(received)
+        if any(message.TYPE >= FROM_DEVICE for message in arrived):
             self._port.traffic.note_frame(self._port.taken_s)
-        else:
+        elif not arrived:  # else an echo
             self._port.traffic.note_other(received)
-        return [Arrival(self._port.taken_s, message) for message in messages]
+        return [Arrival(self._port.taken_s, message) for message in arrived]
 
     async def ask(
         self, question: Callable[[], Sequence[Message]], within_s: float, max_repeat_s: float = REPEAT_S
