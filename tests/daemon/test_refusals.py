@@ -187,6 +187,15 @@ async def test_a_device_that_only_ends_connections_is_said_to_do_so(tmp_path: Pa
     assert outcome.complaint() == f"bench: 127.0.0.1:{port} closes the connection without an answer"
 
 
+async def test_scan_says_what_to_check_of_a_device_that_only_ends_connections() -> None:
+    server = await asyncio.start_server(Closing(0, at_once=True).serve, "127.0.0.1", 0)
+    async with server:
+        target = f"tcp://127.0.0.1:{server.sockets[0].getsockname()[1]}"
+        outcome = await command("scan", target, "--units", "1-2")
+    assert outcome.code == 1
+    assert f"nothing answers: {target} accepts connections; check the unit numbers" in outcome.err.splitlines()[-1]
+
+
 async def test_an_answer_with_the_number_of_another_transaction_is_named(tmp_path: Path) -> None:
     unit = RestingUnit(lambda _, frame: [(0.0, b"\x12\x34" + frame[2:])])
     async with reached("tcp", unit, timeout_ms=500) as source:

@@ -17,7 +17,7 @@ from beamtouch_daemon.commands.argument_types import RTU_UNITS, address_of, rang
 from beamtouch_daemon.commands.scan_report import KINDS, Findings, FoundUnit, Source
 from beamtouch_daemon.config.sources import ModbusTcp
 from beamtouch_daemon.sources.board import BoardLine
-from beamtouch_daemon.sources.host_address import no_connection
+from beamtouch_daemon.sources.host_address import HostAddress, no_connection
 from beamtouch_daemon.sources.modbus_tcp import DEVICE_ITSELF, TcpLink
 from beamtouch_daemon.sources.reading import NoAnswerError, SourceError
 from beamtouch_daemon.sources.registers import Answer, Block
@@ -105,14 +105,17 @@ class Scan:
         timeout: Source = {"timeout_ms": math.ceil(timeout_ms)}
         await self._ask_units(target, {"kind": "modbus-tcp", "host": host, "port": port, **timeout}, units, ask)
         if not self.findings.has_any:
-            path = f"tcp://{f'[{host}]' if ':' in host else host}:{port}"
-            serial_units = [unit for unit in units if unit in RTU_UNITS]
-            with closing(await Opener(path, LineSettings(BAUDS[0])).open()) as line:
-                source: Source = {"kind": "modbus-rtu", "port": path, **timeout}
-                await self._ask_line(line, f"{target} in RTU frames", source, serial_units, 0.0)
+            source: Source = {"kind": "modbus-rtu", "port": f"tcp://{HostAddress(host, port)}", **timeout}
+            with suppress(SourceError):  # a device that has no use for RTU frames may end the connection
+                await self._ask_converter(f"{target} in RTU frames", source, units)
         more = f"try --units 1-247 or --timeout-ms {10 * timeout_ms:.0f}"  # a gateway waits in vain for absent units
         nothing = f"nothing answers: {target} accepts connections; check the unit numbers of the device, or {more}"
         return self.findings.failure(more) or nothing
+
+    async def _ask_converter(self, name: str, source: Source, units: Sequence[int]) -> None:
+        """Ask units in RTU frames over TCP; SourceError without a connection."""
+        with closing(await Opener(str(source["port"]), LineSettings(BAUDS[0])).open()) as line:
+            await self._ask_line(line, name, source, [unit for unit in units if unit in RTU_UNITS], 0.0)
 
     async def line(self) -> str:
         """Look for units and for a board; return what to check if nothing answers, SourceError without a port.

@@ -46,7 +46,7 @@ class HostAddress:
         return str(address[0])
 
     def __str__(self) -> str:
-        return f"{self._host}:{self.port}"
+        return f"[{self._host}]:{self.port}" if ":" in self._host else f"{self._host}:{self.port}"
 
 
 def no_connection(address: object) -> str:
