@@ -28,7 +28,7 @@ def configuration(folder: Path, source: str, channel: str) -> Path:
     channels = "".join(
         f"""[[surfaces.bench.channels]]
 name = "s{index + 1}"
-{channel.format(index=index, two=100 + 2 * index)}
+{channel.format(index=index, two=100 + 2 * index, four=100 + 4 * index)}
 gain_mm_per_count = 5.722133211261158e-05
 offset_mm = 0.625
 rest_gap_mm = 3.63
@@ -54,6 +54,12 @@ def where(kind: str, folder: Path) -> str | Path:
     [
         ("modbus-tcp", ("--unit", "255"), 'module = "iologik-e1240"\nunit = 255', "input = {index}"),
         ("modbus-tcp", FLOATS, 'function = 3\nunit = 5\nbyte_order = "CDAB"', 'register = {two}\ntype = "f32"'),
+        (
+            "modbus-tcp",
+            ("--unit", "5", "--register", "100", "--type", "f64", "--byte-order", "DCBA"),
+            'unit = 5\nbyte_order = "DCBA"',
+            'register = {four}\ntype = "f64"',
+        ),
         ("modbus-rtu", ("--unit", "17"), 'module = "waveshare-8ch"\nunit = 17', "input = {index}"),
     ],
 )

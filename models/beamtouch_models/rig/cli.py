@@ -46,7 +46,7 @@ def _parser() -> Parser:
     words = "register of the first sensor, counted from 0; the others follow (default: 0)"
     module.add_argument("--register", type=whole_number(0, 2**16 - 1), metavar="N", help=words)
     words = "data type of a value (default: u16)"
-    module.add_argument("--type", choices=("u16", "i16", "u32", "i32", "f32"), help=words)
+    module.add_argument("--type", choices=("u16", "i16", "u32", "i32", "f32", "f64"), help=words)
     words = "order of the bytes (default: ABCD)"
     module.add_argument("--byte-order", choices=("ABCD", "CDAB", "BADC", "DCBA"), help=words)
     touching = parser.add_mutually_exclusive_group()

@@ -39,7 +39,7 @@ from beamtouch_protocol.messages import (
 )
 
 BAUD = 115_200
-TYPES = {"u16": ">H", "i16": ">h", "u32": ">I", "i32": ">i", "f32": ">f"}
+TYPES = {"u16": ">H", "i16": ">h", "u32": ">I", "i32": ">i", "f32": ">f", "f64": ">d"}
 
 Convert = Callable[[], list[int]]
 """Converts all channels now and returns their counts."""
@@ -71,8 +71,9 @@ class Module:
         """Return the registers of these counts."""
         data = b"".join(struct.pack(TYPES[self.type], count) for count in counts)
         words = [int.from_bytes(data[at : at + 2]) for at in range(0, len(data), 2)]
-        if self.byte_order in ("CDAB", "DCBA") and struct.calcsize(TYPES[self.type]) == 4:
-            words = [words[index ^ 1] for index in range(len(words))]
+        if self.byte_order in ("CDAB", "DCBA"):
+            last = struct.calcsize(TYPES[self.type]) // 2 - 1
+            words = [words[index ^ last] for index in range(len(words))]
         if self.byte_order in ("BADC", "DCBA"):
             words = [word >> 8 | (word & 0xFF) << 8 for word in words]
         return words
