@@ -241,8 +241,20 @@ def test_noise_finds_the_steps_that_floats_show_and_none_where_they_show_none() 
     fine, coarse = keys_for(gaps(WHITE)), keys_for(gaps(WHITE / 4 + 0.002, 0.005))
     assert [fine.daemon_noise_mm, fine.scene_noise_mm] == pytest.approx([NOISE_MM] * 2, rel=0.06)
     assert (fine.adc_bits, fine.stuck_after_ms) == (None, {})
-    assert coarse.daemon_noise_mm == pytest.approx(0.005 / math.sqrt(12), rel=0.02)
+    assert [coarse.daemon_noise_mm, coarse.scene_noise_mm] == pytest.approx([0.0025] * 2, rel=0.01)
+    assert coarse.adc_bits is None
+    assert coarse.zero_drift_mm > 0.005 / math.sqrt(6)  # rounding stays in a mean, and in the tare
     assert sorted(coarse.stuck_after_ms) == ["s1", "s2", "s3", "s4"]  # they may stay at one value for ever
+
+
+def test_a_beam_at_rest_whose_floats_flicker_by_a_step_is_at_rest_with_the_noise_that_is_stated() -> None:
+    counts = gaps(0.01 * (np.array([0.1, 0.3, 0.48, 0.5]) + 0.3 * autoregressive(0.0)), step_mm=0.01)
+    keys = keys_for(counts)
+    settings = {"kind": "growing-mean", "max_mean_ms": 1000, "window": 4}
+    surface = surface_of(CHANNELS, MM, filter=settings, noise_mm=keys.daemon_noise_mm)
+    readings = [Reading(at / RATE_HZ, tuple(row)) for at, row in enumerate(counts.tolist())]
+    held = [taken.sample.readings or 0 for taken in Pipeline(surface).process(readings, 0)]
+    assert np.median(held) == TARED  # a second, the longest mean
 
 
 @pytest.mark.parametrize(("every", "is_stated"), [(4, False), (40, True)])

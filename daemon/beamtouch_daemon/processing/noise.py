@@ -180,17 +180,20 @@ def keys_of(channels: Sequence[ChannelNoise], surface: Surface) -> Keys:
 
     A mean of readings has the stated variance, noise squared over the number of readings, in the configured filter. The
     rounding of an ADC that is coarser than the noise stays in every mean: a scene states it by `adc_bits` and a smaller
-    noise.
+    noise. The daemon does not know the steps of fractional numbers. Their noise is half a step at least, as readings
+    that take two values would be motion to the filter.
     """
     step = max(channel.step_mm for channel in channels)
     rounding = step / math.sqrt(12)
     loud = [channel.effective_noise_mm for channel in channels if not channel.is_rounded or channel.is_coloured]
     noise = max(loud) if loud else math.hypot(HIDDEN * step, rounding) / math.sqrt(surface.conversions)
+    unknown = [channel.step_mm for channel, is_float in zip(channels, surface.has_fractions, strict=True) if is_float]
+    noise = max(noise, max(unknown, default=0.0) / 2)
     rates = [channel.drift_mm_per_min for channel in channels if channel.drift_mm_per_min is not None]
     # What is followed at each rest is no drift since the last tare, but for the time of an ordinary contact.
     followed = [rate * PERSISTS_S / 60 for rate in rates]
     drift = max(ZERO_SHARE * noise, *(followed or (channel.drift_mm for channel in channels)))
-    bits = _bits(surface, step) if rounding > STEPS_MATTER * noise else None
+    bits = _bits(surface, step) if rounding > STEPS_MATTER * noise and not unknown else None
     sensor = math.sqrt(max(noise**2 - rounding**2, 0.0)) if loud else HIDDEN * step
     if any(channel.is_rounded for channel in channels) and (loud or bits is None):
         # A scene would take such noise to average the rounding away, but it does not. The tare is rounded too.
