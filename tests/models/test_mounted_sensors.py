@@ -64,8 +64,9 @@ def test_places_that_the_scene_forbids_are_given_up_with_a_warning(
 
 
 @pytest.mark.usefixtures("short_work")
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig"])
 def test_sensors_stay_where_the_daemon_configuration_has_them(
-    design_sensors_here: Command, scene: Path, tmp_path: Path
+    design_sensors_here: Command, scene: Path, tmp_path: Path, encoding: str
 ) -> None:
     config = tmp_path / "daemon.toml"
     files = ("-o", tmp_path / "strip.onnx", "--daemon-config", config)
@@ -74,6 +75,7 @@ def test_sensors_stay_where_the_daemon_configuration_has_them(
     channels = tomllib.loads(config.read_text())["surfaces"]["strip"]["channels"]
     assert [channel["position_mm"] for channel in channels] == first
     change(config, f"position_mm = {first[0]!r}", f"position_mm = {first[0] + 3!r}")  # as it was drilled
+    config.write_text(config.read_text(), encoding=encoding)  # some editors begin a file with a mark
     again = design_sensors_here("build", scene, *files, "--json")
     assert json.loads(again.stdout)["positions_mm"] == [first[0] + 3, *first[1:]]
     assert f"stay where {config} has them" in again.stderr

@@ -8,6 +8,7 @@ from pathlib import Path
 import onnx
 
 from beamtouch_common.errors import InputError
+from beamtouch_common.text import decode
 from beamtouch_models.metadata import METADATA_PREFIX
 from beamtouch_models.scene import Scene, change_scene
 
@@ -68,7 +69,7 @@ def _places_in_model(path: Path) -> tuple[float, ...]:
 
 def _places_in_config(path: Path, name: str) -> tuple[float, ...]:
     try:
-        surface = tomllib.loads(path.read_text(encoding="utf-8"))["surfaces"][name]
+        surface = tomllib.loads(decode(path.read_bytes()))["surfaces"][name]
         return tuple(float(channel["position_mm"]) for channel in surface["channels"])
     except (OSError, ValueError, KeyError, TypeError):
         return ()

@@ -3,6 +3,9 @@
 /** For each request: a redirection is none of the service. */
 export const PLAIN = { cache: "no-store", redirect: "manual" };
 
+/** Return the address of a path from the page on. That of the page may hold a login, with which no browser asks. */
+export const below = (path) => new URL(path, location.origin + location.pathname).href;
+
 /** Something else has answered in place of the service; the message is a sentence that says what it wants. */
 export class Stranger extends Error {}
 

@@ -2,7 +2,7 @@
 //
 // The write token is held in memory and nowhere else, and sent in a header only.
 
-import { own, PLAIN } from "./answer.js";
+import { below, own, PLAIN } from "./answer.js";
 import { byId, html, setText, sign, svg } from "./dom.js";
 import { possible, refuses } from "./token.js";
 
@@ -149,7 +149,7 @@ export class Commissioning {
     try {
       const headers = { Authorization: `Bearer ${text}` };
       const signal = AbortSignal.timeout(ASK_MS);
-      const answer = own(await fetch(this.path(query), { method: "POST", ...PLAIN, headers, signal }));
+      const answer = own(await fetch(below(this.path(query)), { method: "POST", ...PLAIN, headers, signal }));
       const body = await answer.json();
       if (refuses(answer)) {
         this.write = null;

@@ -1,7 +1,7 @@
 // The token for reading: where it is kept, and the requests that bear it. Only ever in a header: addresses end up in
 // logs and histories. Not in a cookie either, which every page of this host would send along. No document here.
 
-import { own, PLAIN } from "./answer.js";
+import { below, own, PLAIN } from "./answer.js";
 
 // One for each service: several may share a host, each below a path of its own.
 const KEY = `beamtouch-reading-token${window.location.pathname.replace(/\/[^/]*$/, "")}`;
@@ -77,7 +77,7 @@ export class Token {
    */
   async ask(path, signal = AbortSignal.timeout(ASK_MS)) {
     const headers = this.text === null ? {} : { Authorization: `Bearer ${this.text}` };
-    return own(await fetch(path, { ...PLAIN, headers, signal }));
+    return own(await fetch(below(path), { ...PLAIN, headers, signal }));
   }
 }
 

@@ -270,8 +270,9 @@ def test_a_stream_that_a_proxy_holds_back_is_named(fresh: Service, nginx: Nginx,
     assert seen.text("position") == NO_FIGURE
 
 
+@pytest.mark.parametrize("is_in_address", [False, True], ids=["typed", "in-the-address"])
 def test_behind_a_login_of_nginx_the_page_needs_no_token(
-    start_press: StartService, nginx: Nginx, open_page: OpenPage, tmp_path: Path
+    start_press: StartService, nginx: Nginx, open_page: OpenPage, tmp_path: Path, *, is_in_address: bool
 ) -> None:
     service = start_press(read=READ_TOKEN)
     service.post(batch_of())
@@ -280,7 +281,10 @@ def test_behind_a_login_of_nginx_the_page_needs_no_token(
     assert "READ-TOKEN" in lines
     nginx.start(lines.replace("READ-TOKEN", READ_TOKEN))
     assert get(f"{nginx.url}/touch/").status_code == 401
-    seen: Watched = open_page(nginx.url, "/touch/", http_credentials={"username": "ann", "password": "of-the-hall"})
+    # A panel, where nobody types, has the login in the address of the page.
+    base = nginx.url.replace("://", "://ann:of-the-hall@") if is_in_address else nginx.url
+    login = {"username": "ann", "password": "of-the-hall"}
+    seen: Watched = open_page(base, "/touch/", http_credentials=login)
     seen.wait_for_state("contact")
     assert seen.text("position") == "150.0"
     assert not seen.page.is_visible("#token-form, #forget, #with-token")
