@@ -1,38 +1,53 @@
-"""A relay between a service and its broker, which ends each connection that subscribes to anything."""
+"""A relay between a service and its broker, which ends each connection over some of the packets of the service."""
 
 import socket
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 
-_SUBSCRIBE = 0x82
+_SUBSCRIBE, _PUBLISH = 0x82, 0x30
+Ends = Callable[[int, bytes], bool]
+"""Whether a packet ends the connection, by its first byte and what follows its length."""
+
+
+def subscribes(kind: int, _rest: bytes) -> bool:
+    """Return whether a packet asks for messages."""
+    return kind == _SUBSCRIBE
+
+
+def publishes_to(part: str) -> Ends:
+    """Return whether a packet is a message to a topic, or of a text, with this part."""
+    return lambda kind, rest: kind & 0xF0 == _PUBLISH and part.encode() in rest
 
 
 @contextmanager
-def cutting_relay(broker_port: int) -> Iterator[int]:
+def cutting_relay(broker_port: int, ends: Ends = subscribes) -> Iterator[int]:
     """Give the port of a relay to a broker."""
     with socket.create_server(("127.0.0.1", 0)) as listener:
-        threading.Thread(target=_accept, args=(listener, broker_port), daemon=True).start()
+        threading.Thread(target=_accept, args=(listener, broker_port, ends), daemon=True).start()
         yield listener.getsockname()[1]
 
 
-def _accept(listener: socket.socket, broker_port: int) -> None:
+def _accept(listener: socket.socket, broker_port: int, ends: Ends) -> None:
     with suppress(OSError):
         while True:
             service, _ = listener.accept()
             broker = socket.create_connection(("127.0.0.1", broker_port))
             threading.Thread(target=_pass_down, args=(broker, service), daemon=True).start()
-            threading.Thread(target=_pass_up, args=(service, broker), daemon=True).start()
+            threading.Thread(target=_pass_up, args=(service, broker, ends), daemon=True).start()
 
 
-def _pass_up(service: socket.socket, broker: socket.socket) -> None:
+def _pass_up(service: socket.socket, broker: socket.socket, ends: Ends) -> None:
     with service, broker, suppress(OSError), service.makefile("rb") as packets:
-        while (head := packets.read(1)) and head[0] != _SUBSCRIBE:
+        while head := packets.read(1):
             size = packets.read(1)
             while size[-1] & 0x80:
                 size += packets.read(1)
             length = sum((byte & 0x7F) << 7 * place for place, byte in enumerate(size))
-            broker.sendall(head + size + packets.read(length))
+            rest = packets.read(length)
+            if ends(head[0], rest):
+                break
+            broker.sendall(head + size + rest)
         # The other thread reads from these.
         for line in (service, broker):
             line.shutdown(socket.SHUT_RDWR)

@@ -14,7 +14,7 @@ from parts import require
 from service.event_story import RESTING, TOUCHING
 from service.process.broker import Subscriber
 from service.process.conftest import Service
-from service.process.cutting_relay import cutting_relay
+from service.process.cutting_relay import cutting_relay, publishes_to
 from service.process.mqtt_line import CONTACT, STATUS, Line, events, metric, now_batch, wait_connected, wait_for
 
 GUIDE = Path(__file__).parents[3] / "docs" / "how-to" / "mqtt.md"
@@ -188,6 +188,21 @@ def test_a_broker_that_ends_the_connection_of_who_may_not_read_still_gets_contac
         _, errors = service.stop(signal.SIGTERM)
     topics = (STATUS, status("+"), described("+"))
     assert [errors.count(f"may not read {topic} (it ends the connection); allow it") for topic in topics] == [1, 1, 1]
+
+
+def test_a_broker_that_ends_the_connection_of_who_may_not_remove_still_gets_contacts(line: Line) -> None:
+    subscriber = line.broker.subscribe("-t", "#")
+    service = line.start(DISCOVERY, surfaces=["press-7", "press-8"])
+    wait_for(lambda: len(kept(subscriber)) == 5)
+    with cutting_relay(line.broker.port, publishes_to("press-8")) as port:
+        service = change(line, service, DISCOVERY, port=port)
+        wait_connected(service)
+        service.post(now_batch(TOUCHING, sequence=1))
+        wait_for(lambda: any(one.get("state") == "contact" for one in subscriber.of(CONTACT)))
+        _, errors = service.stop(signal.SIGTERM)
+    said = "which is of no surface any more; remove it there"
+    lines = [f"refuses messages to {topic} (it ends the connection), {said}" for topic in (status("press-8"), described("press-8"))]
+    assert [errors.count(one) for one in lines] == [1, 1]
 
 
 def test_the_command_of_the_guide_removes_all_of_a_service_and_nothing_of_others(line: Line) -> None:

@@ -15,7 +15,8 @@ from beamtouch_service.outputs.mqtt.connection import ANSWER_S, BrokerError, Con
 from beamtouch_service.outputs.mqtt.messages import JSON, ONLINE, Kept, Topics
 
 MOST_LOSSES = 2
-"""Then the service no longer asks for what costs it the connection."""
+"""Then the service no longer asks for what costs it the connection, and no longer removes it."""
+_ENDS = "it ends the connection"
 
 _log = logging.getLogger("beamtouch.service.mqtt")
 
@@ -32,7 +33,7 @@ class Leftovers:
         self._is_readable = False
         """Whether the broker lets this service read its own messages."""
         self._losses = Counter[str]()
-        """How often in a row the connection was lost over the subscription to a topic."""
+        """How often in a row the connection was lost over a topic: its subscription, or its removal."""
         self._said: set[str] = set()
         """Topics that the log has, and those that the broker refused to change."""
 
@@ -70,10 +71,8 @@ class Leftovers:
         except RefusedError as error:
             self._warn_unreadable(topic, f" ({error})")
         except BrokerError:
-            # Some brokers end the connection of a client that may not read.
-            self._losses[topic] += 1
-            if self._losses[topic] == MOST_LOSSES:
-                self._warn_unreadable(topic, " (it ends the connection)")
+            if self._is_costly(topic):
+                self._warn_unreadable(topic, f" ({_ENDS})")
             raise
 
     async def _settle(self, connection: Connection, message: Kept) -> None:
@@ -100,10 +99,23 @@ class Leftovers:
     async def _put(self, connection: Connection, topic: str, text: bytes) -> None:
         try:
             await connection.keep(topic, text, JSON)
+            self._losses[topic] = 0
         except RefusedError as error:
-            self._said.add(topic)
-            words = "MQTT broker %s: it refuses messages to %s (%s), which is of no surface any more; remove it there"
-            _log.warning(words, self._where, topic, error)
+            self._warn_unwritable(topic, str(error))
+        except BrokerError:
+            if self._is_costly(topic):
+                self._warn_unwritable(topic, _ENDS)
+            raise
+
+    def _is_costly(self, topic: str) -> bool:
+        """Count a loss over a topic, as some brokers end the connection; return whether it is to be left alone now."""
+        self._losses[topic] += 1
+        return self._losses[topic] == MOST_LOSSES
+
+    def _warn_unwritable(self, topic: str, reason: str) -> None:
+        self._said.add(topic)
+        words = "MQTT broker %s: it refuses messages to %s (%s), which is of no surface any more; remove it there"
+        _log.warning(words, self._where, topic, reason)
 
     def _warn_unreadable(self, topic: str, reason: str = "") -> None:
         # Without discovery, nobody may ever have had the right to read there.
