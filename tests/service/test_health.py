@@ -1,6 +1,6 @@
 """The health of sensors, from the contacts on record: changes with their day, kept over restarts, and at every door."""
 
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -65,3 +65,20 @@ def test_another_characteristic_begins_anew(line: TouchedLine) -> None:
     line.touches.characteristic = "tared-again"
     line.touch(4, DAY)
     assert {(one["contacts"], one["since"][:10]) for one in health(line).values()} == {(4, "2026-03-03")}
+
+
+def test_a_clock_that_was_years_ahead_does_not_stop_the_health_of_what_comes_after_the_next_tare(
+    line: TouchedLine,
+) -> None:
+    now = datetime.now(UTC)
+    line.touch(4, now + timedelta(days=3653))
+    line.touch(4, now - timedelta(hours=2))
+    line.touches.characteristic = "tared-again"
+    line.touch(4, now - timedelta(hours=1))
+    assert {(one["contacts"], one["since"][:4]) for one in health(line).values()} == {(4, str(now.year))}
+    # Late contacts from before it still begin nothing.
+    line.touches.characteristic = "before"
+    line.touch(4, now - timedelta(hours=3))
+    line.touches.characteristic = "tared-again"
+    line.touch(4, now - timedelta(minutes=30))
+    assert {one["contacts"] for one in health(line).values()} == {8}

@@ -17,6 +17,9 @@ from beamtouch_service.surfaces.follower import Decision
 
 MAX_POINTS = 200
 """Points of a path; a longer path is thinned to points evenly spread in time."""
+AHEAD_S = 86_400.0
+"""A time that is further ahead of the clock than this is of a clock that was wrong. A mistaken zone is less than a day.
+"""
 
 Point = tuple[int, float, float | None]
 """Time [us since 1970], position [mm], force [N]."""

@@ -1,10 +1,12 @@
 """The health of one surface under one model, from the best samples of its events. One thread at a time."""
 
 import logging
+import time
 from typing import Any
 
 from beamtouch_models.modelfile import BestSample, ChannelChange, Health, ModelFile
 from beamtouch_service.events.best import Best
+from beamtouch_service.events.event import AHEAD_S
 from beamtouch_service.surfaces.channels import ChannelHealth, Part, SurfaceHealth
 from beamtouch_service.surfaces.contact import rfc3339
 
@@ -26,7 +28,7 @@ class HealthHistory:
         if row and row["model"] == model.identity:
             try:
                 self._health = Health(model.metadata, row["history"])
-                self._characteristic, self._newest_us = row["characteristic"], row["newest_us"]
+                self._characteristic, self._newest_us = row["characteristic"], int(row["newest_us"])
             except ValueError as error:
                 _log.warning("surface %s: its health begins anew: %s", surface, error)
         self.state = self._describe()
@@ -45,7 +47,7 @@ class HealthHistory:
             if best.channels != self.model.channels:
                 continue
             if best.characteristic != self._characteristic or not (added or self._health.contacts):
-                if best.at_us < self._newest_us:
+                if self._is_late(best):
                     continue
                 if self._health.contacts or added:
                     words = "surface %s: another characteristic or tare; the health of its sensors begins anew"
@@ -60,6 +62,12 @@ class HealthHistory:
             self.is_dirty = True
         self._health.add(added)
         self.state = self._describe()
+
+    def _is_late(self, best: Best) -> bool:
+        """Return whether a sample is from before the newest one, whose own time counts only if it can be true."""
+        if self._newest_us > (time.time() + AHEAD_S) * 1e6:
+            self._newest_us = 0  # of a clock that was wrong: it would make all samples late for years
+        return best.at_us < self._newest_us
 
     def row(self) -> dict[str, Any]:
         """Return it as it is recorded next."""

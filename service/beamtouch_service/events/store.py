@@ -24,7 +24,7 @@ from sqlalchemy import (
 
 from beamtouch_service.events.best import Best
 from beamtouch_service.events.database import open_database
-from beamtouch_service.events.event import End, Event, EventKind, OpenEvent
+from beamtouch_service.events.event import AHEAD_S, End, Event, EventKind, OpenEvent
 from beamtouch_service.events.health import HealthHistory
 from beamtouch_service.events.tables import (
     CONTENT,
@@ -38,9 +38,6 @@ from beamtouch_service.events.tables import (
 )
 from beamtouch_service.sections import EventsSection
 
-_AHEAD_S = 86_400.0
-"""Events that are stamped further ahead than this come last in a list: on top they would hide all others for years. A
-zone that was mistaken is less than a day."""
 _c = EVENTS.c
 _WITHOUT_PATH = [column for column in CONTENT if column not in (_c.path, _c.best, _c.capture)]
 
@@ -242,13 +239,16 @@ def _newest(
     limit: int,
     after: tuple[int, int] | None = None,
 ) -> list[Row[*tuple[Any, ...]]]:
-    """Return the newest rows of a query in a span of time, newest touch first; those of a clock ahead come last."""
+    """Return the newest rows of a query in a span of time, newest touch first; those of a clock ahead come last.
+
+    On top they would hide all others for years.
+    """
     if since_us is not None:
         query = query.where(_c.touched_us >= since_us)
     if until_us is not None:
         query = query.where(_c.touched_us < until_us)
     query = query.order_by(_c.touched_us.desc(), _c.id.desc())
-    ahead_us = round((time.time() + _AHEAD_S) * 1e6)
+    ahead_us = round((time.time() + AHEAD_S) * 1e6)
     following = tuple_(_c.touched_us, _c.id) < tuple_(*after) if after else true()
     parts = [query.where(_c.touched_us <= ahead_us, following), query.where(_c.touched_us > ahead_us)]
     if after and after[0] > ahead_us:
