@@ -104,7 +104,8 @@ async def test_one_unit_of_several_behind_a_gateway_is_named_and_costs_the_other
         async with started("run", config) as daemon:
             await service.until(200)
             outcome = await daemon.stop()
-    assert "bench: unit 2 answers with exception 11: gateway: the device does not answer; trying again" in outcome.err
+    refusal = "unit 2 answers with exception 11: gateway: the device does not answer; check supply, wiring and timeout"
+    assert f"bench: {refusal}" in outcome.err
     assert "requests to unit 1" not in outcome.err
     assert "rate_hz" not in outcome.err
 

@@ -26,7 +26,8 @@ second would take more than what is looked at. Buffers of drivers hold what come
 PATIENCE_S = 15.0
 PATIENCE_PERIODS, PATIENCE_TIMEOUTS = 20.0, 40.0
 """A surface without progress for this time, this number of reading periods and this number of timeouts of its source
-hangs. A serial unit that was given up rests for 13 timeouts, and is then proven anew in up to 20."""
+hangs. A device may boot for 8 s. A serial unit that was given up rests for 13 timeouts, and is then proven anew in up
+to 20."""
 STALE_PART = 0.2
 """A sample at rest is followed by another one within this part of the time after which it is stale: a live batch is
 not repeated, and some may be lost."""

@@ -147,10 +147,12 @@ def reason_of(exception: int) -> str:
 
 
 def refusal_text(exception: int, block: Block) -> str:
-    """Return what a refusal means."""
+    """Return what a refusal means, and what to do."""
     last = block.first + block.count - 1
     registers = f"{block.first}" if block.count == 1 else f"{block.first} to {last}"
-    return f"exception {exception}: {EXCEPTIONS.get(exception, 'an error').format(registers=registers)}"
+    meaning = EXCEPTIONS.get(exception, "an error").format(registers=registers)
+    remedy = _REMEDIES.get(reason_of(exception))
+    return f"exception {exception}: {meaning}{f'; {remedy}' if remedy else ''}"
 
 
 def exception_words(exception: int) -> str:
