@@ -22,6 +22,8 @@ pytestmark = pytest.mark.anyio
 PATIENT = ("--timeout-ms", "30000")
 """For a starved machine; every unit that is asked exists."""
 SLOW = ("--baud", "9600", "--parity", "none")
+SHORT = "from beamtouch_daemon.sources import board, traffic; traffic.BOOT_S = board.HELLO_TIMEOUT_S = 0.5"
+"""Code by which a board is waited for briefly."""
 
 
 def last_line(outcome: Outcome) -> str:
@@ -73,7 +75,7 @@ async def test_a_scan_sends_only_requests_that_read_and_hellos() -> None:
     seen = bytearray()
     with terminal() as bus:
         bus.on_data(seen.extend)
-        told = await command("scan", bus.path, "--units", "1-3", *SLOW)
+        told = await command("scan", bus.path, "--units", "1-3", *SLOW, code=SHORT)
     assert told.code == 1
     assert last_line(told).startswith("nothing answers: check power, wiring")
     frames = bytes(seen[:48])
@@ -123,6 +125,16 @@ async def test_what_cannot_be_asked_is_not_called_silence() -> None:
         bus.on_data(lambda _: bus.unplug())
         unplugged = await command("scan", bus.path, "--timeout-ms", "10000")
     assert (unplugged.code, last_line(unplugged)) == (1, f"{bus.path} is gone")
+
+
+async def test_settings_that_the_port_refuses_leave_the_others_to_be_tried() -> None:
+    with terminal() as bus:
+        async with rtu_units(bus, {2: RegisterUnit(8, 0)}):
+            options = ("--units", "2", "--baud", "9600,19200", "--parity", "even,none", "--timeout-ms", "2000")
+            told = await command("scan", bus.path, *options, "--json", code=SHORT)
+    (found,) = json.loads(told.out)["units"]
+    assert (found["source"]["baud"], found["source"]["parity"]) == (9600, "none")
+    assert f"9600 baud, parity even: {bus.path} refuses these settings: Invalid argument" in told.err
 
 
 @pytest.mark.parametrize(

@@ -66,11 +66,18 @@ class SerialPort:
         """
         self.traffic.forget()
         if isinstance(self._device, serial.Serial):
+            before = self._device.get_settings()
+            changes = {
+                "baudrate": settings.baud,
+                "parity": _PARITIES[settings.parity],
+                "stopbits": settings.stop_bits,
+            }
             try:
-                self._device.baudrate, self._device.stopbits = settings.baud, settings.stop_bits
-                self._device.parity = _PARITIES[settings.parity]
+                self._device.apply_settings(changes)
             except (*FAILURES, ValueError) as error:
-                raise SourceError(f"{self.path} refuses these settings: {error}") from error
+                with suppress(*FAILURES):
+                    self._device.apply_settings(before)  # else the next change would contain what was refused
+                raise SourceError(f"{self.path} refuses these settings: {error.args[-1]}") from error
 
     def close(self, failure: str = "") -> None:
         """Close the port, because of a failure or not.
