@@ -99,10 +99,10 @@ async def test_one_unit_of_several_behind_a_gateway_is_named_and_costs_the_other
             return (refusing if request[0] == 2 else resting).answer(request, wrap)
 
     async with reached("tcp", Gateway()) as source, serving(Service()) as service:
-        text = configs.surface(source=source, rate_hz=50.0).replace("register = 1", "register = 1\nunit = 2")
+        text = configs.surface(source=source, rate_hz=20.0).replace("register = 1", "register = 1\nunit = 2")
         config = configs.write(tmp_path, text, url=service.url)
         async with started("run", config) as daemon:
-            await service.until(200)
+            await service.until(80)
             outcome = await daemon.stop()
     refusal = "unit 2 answers with exception 11: gateway: the device does not answer; check supply, wiring and timeout"
     assert f"bench: {refusal}" in outcome.err

@@ -45,7 +45,7 @@ PROGRAMS = "curl|sudo|systemctl|journalctl|beamtouch-|design-"
 RUN_ELSEWHERE = {"docs/how-to/calibrate-without-loads.md": "tests/system/test_self_calibration.py"}
 CONSOLE = {
     "README.md": 1,  # installation
-    "docs/how-to/adc-module.md": 3,  # a device
+    "docs/how-to/adc-module.md": 4,  # a device
     "docs/how-to/calibrate.md": 1,  # a person puts weights on the beam
     "docs/how-to/debian.md": 9,  # packages, systemd and root
     "docs/how-to/design.md": 1,  # minutes on all cores

@@ -1,6 +1,6 @@
 """A beam that rings: error, interval and first contact by the time since a touch, and what a reading costs.
 
-`python tests/benchmarks/bench_ringing.py MODEL [--draws 60]` plays sudden forces from rest and 0.7 s after a lift, with
+`python tests/benchmarks/ringing_curve.py MODEL [--draws 60]` plays sudden forces from rest and 0.7 s after a lift, with
 the filter as it is and without the fit of the swings.
 """
 
