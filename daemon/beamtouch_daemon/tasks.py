@@ -1,14 +1,10 @@
-"""Tasks that run until the daemon stops, and their cancellation."""
+"""The cancellation of tasks that run until the daemon stops."""
 
 import asyncio
-import logging
-from collections.abc import Awaitable, Callable, Iterable
+from collections.abc import Iterable
 from typing import Any
 
-RESTART_S = 2.0
-"""Pause after an unexpected error."""
 _CANCEL_AGAIN_S = 0.1
-_log = logging.getLogger(__name__)
 
 
 async def cancel(tasks: Iterable["asyncio.Future[Any]"]) -> None:
@@ -21,15 +17,3 @@ async def cancel(tasks: Iterable["asyncio.Future[Any]"]) -> None:
     for task in everyone:
         if not task.cancelled():
             task.exception()  # retrieved, so that asyncio does not log it at the end
-
-
-async def keep_going(name: str, work: Callable[[], Awaitable[None]]) -> None:
-    """Run `work` to its end; after an unexpected error, log it and start `work` again."""
-    while True:
-        try:
-            await work()
-        except Exception:  # noqa: BLE001 - logged whole; one surface's fault must not stop the others
-            _log.exception("%s: unexpected error; restarting", name)
-            await asyncio.sleep(RESTART_S)
-        else:
-            return

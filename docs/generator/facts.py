@@ -1,5 +1,6 @@
 """Problems and metrics as Markdown tables, from the code that gives them."""
 
+import logging
 from collections.abc import Iterable
 from contextlib import closing, suppress
 from typing import Any
@@ -7,6 +8,7 @@ from typing import Any
 from prometheus_client.metrics import MetricWrapperBase
 from prometheus_client.metrics_core import CounterMetricFamily, GaugeMetricFamily, Metric
 
+from beamtouch_common.parts import Parts
 from beamtouch_daemon.running.metrics import CountCollector
 from beamtouch_service.api.app import create_app
 from beamtouch_service.api.health import Figures
@@ -39,11 +41,19 @@ def metrics() -> str:
         for metric in vars(context.counts).values():
             if isinstance(metric, MetricWrapperBase):
                 _begin_series(metric)
+        context.parts.failures[""] = 1
         figures = Figures(context)
         list(figures.read())
         served = _metrics(figures.collect())
-    read = _metrics(CountCollector([], dict).collect())
+    read = _metrics(CountCollector([], dict, _failing_parts()).collect())
     return f"## Service\n\n{served}\n\n## Daemon\n\n{read}"
+
+
+def _failing_parts() -> Parts:
+    """Return parts with one, so that the labels of their metrics show."""
+    parts = Parts(logging.getLogger(__name__))
+    parts.failures[""] = 1
+    return parts
 
 
 def _begin_series(metric: MetricWrapperBase) -> None:

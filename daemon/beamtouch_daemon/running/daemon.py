@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from time import monotonic
 
 from beamtouch_common.errors import InputError
+from beamtouch_common.parts import Parts
 from beamtouch_common.systemd import ServiceManager
 from beamtouch_daemon.config.settings import Config
 from beamtouch_daemon.config.tare_file import NOT_TARED
@@ -23,7 +24,7 @@ from beamtouch_daemon.processing.pipeline import Pipeline
 from beamtouch_daemon.running import metrics
 from beamtouch_daemon.running.acquisition import Acquisition
 from beamtouch_daemon.sources.configured import Buses, source_of
-from beamtouch_daemon.tasks import cancel, keep_going
+from beamtouch_daemon.tasks import cancel
 from beamtouch_service.samples import Batch
 
 WATCH_S = 1.0
@@ -74,12 +75,14 @@ async def run(config: Config) -> tuple[dict[str, Summary], bool]:
     async with ServiceClient.of(config) as client, _opened_store(config) as store:
         buses: Buses = {}
         acquisitions = [_begin(config, name, rest_mm, store, buses) for name, rest_mm in rest_gaps_mm.items()]
-        jobs = [(one.name, job) for one in acquisitions for job in (one.read, one.run)]
-        jobs += [(one.name, Live(client, store.surface(one.name), one.log).run) for one in acquisitions]
-        jobs += [("backlog", lambda: _deliver_backlogs(config, client, store)), ("log file", store.run)]
+        parts = Parts(_log)
+        jobs = {f"{one.name} readings": one.read for one in acquisitions}
+        jobs |= {f"{one.name} samples": one.run for one in acquisitions}
+        jobs |= {f"{one.name} live": Live(client, store.surface(one.name), one.log).run for one in acquisitions}
+        jobs |= {"backlogs": lambda: _deliver_backlogs(config, client, store, parts), "log file": store.run}
         if (port := config.metrics.port) is not None:
-            jobs.append(("metrics", lambda: metrics.serve(port, acquisitions, store.surfaces)))
-        await _serve(acquisitions, jobs, signalled)
+            jobs["metrics"] = lambda: metrics.serve(port, acquisitions, store.surfaces, parts)
+        await _serve(acquisitions, jobs, parts, signalled)
         await _finish(client, store)
         summaries = _summaries(acquisitions, store)
     return summaries, signalled.result() is signal.SIGINT
@@ -107,14 +110,15 @@ def _begin(config: Config, name: str, rest_gap_mm: Mapping[str, float], store: L
 
 async def _serve(
     acquisitions: Sequence[Acquisition],
-    jobs: Sequence[tuple[str, Callable[[], Awaitable[None]]]],
+    jobs: Mapping[str, Callable[[], Awaitable[None]]],
+    parts: Parts,
     signalled: asyncio.Future[signal.Signals],
 ) -> None:
     """Keep all jobs running until a signal comes; then make samples of the last readings."""
     manager = ServiceManager()
-    manager.ready(_status(acquisitions))
-    watchdog = ("watchdog", lambda: _watch(acquisitions, manager))
-    tasks = [asyncio.create_task(keep_going(name, job)) for name, job in (*jobs, watchdog)]
+    manager.ready(_status(acquisitions, parts))
+    work = {**jobs, "watchdog": lambda: _watch(acquisitions, parts, manager)}
+    tasks = [asyncio.create_task(parts.keep(name, job)) for name, job in work.items()]
     await signalled
     manager.stopping()
     await cancel(tasks)
@@ -122,7 +126,7 @@ async def _serve(
         acquisition.process()
 
 
-async def _deliver_backlogs(config: Config, client: ServiceClient, store: LogStore) -> None:
+async def _deliver_backlogs(config: Config, client: ServiceClient, store: LogStore, parts: Parts) -> None:
     """Deliver the backlog of each surface, also of those that a log file shows which is opened late."""
     begun: set[str] = set()
     async with asyncio.TaskGroup() as backlogs:
@@ -130,7 +134,7 @@ async def _deliver_backlogs(config: Config, client: ServiceClient, store: LogSto
             for name, logs in store.surfaces().items():
                 if name not in begun:
                     begun.add(name)
-                    backlogs.create_task(keep_going("backlog", Backlog(client, store, logs).run))
+                    backlogs.create_task(parts.keep(f"{name} backlog", Backlog(client, store, logs).run))
                     if name not in config.surfaces:
                         _log.info("%s: not configured; the samples in its log are delivered", name)
             await asyncio.sleep(WATCH_S)
@@ -157,23 +161,24 @@ def _summaries(acquisitions: Sequence[Acquisition], store: LogStore) -> dict[str
     return summaries
 
 
-async def _watch(acquisitions: Sequence[Acquisition], manager: ServiceManager) -> None:
+async def _watch(acquisitions: Sequence[Acquisition], parts: Parts, manager: ServiceManager) -> None:
     """Report progress to the service manager. While a surface hangs, nothing is reported: the manager restarts us."""
     pause_s = min(WATCH_S, (manager.watchdog_s or WATCH_S) / 4)
     while True:
         if hanging := [one.name for one in acquisitions if one.hangs(monotonic())]:
             _log.error("no progress on %s", ", ".join(hanging))
         else:
-            manager.alive(_status(acquisitions))
+            manager.alive(_status(acquisitions, parts))
         await asyncio.sleep(pause_s)
 
 
-def _status(acquisitions: Sequence[Acquisition]) -> str:
-    """Return which surfaces are read, which have no device yet, and which are not tared."""
+def _status(acquisitions: Sequence[Acquisition], parts: Parts) -> str:
+    """Return which surfaces are read, which have no device yet, which are not tared, and what fails."""
     groups = {
         "reading": [one.name for one in acquisitions if not one.is_missing],
         "waiting for the device of": [one.name for one in acquisitions if one.is_missing],
         "not tared:": [one.name for one in acquisitions if not one.is_tared],
+        "unexpected error in": [name for name, why in parts.failing.items() if why],
     }
     return "; ".join(f"{words} {', '.join(names)}" for words, names in groups.items() if names)
 

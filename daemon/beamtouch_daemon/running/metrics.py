@@ -17,6 +17,7 @@ from prometheus_client.registry import Collector
 
 from beamtouch_common.listening import remedy
 from beamtouch_common.log import Repeated
+from beamtouch_common.parts import Parts
 from beamtouch_common.waits import Backoff
 from beamtouch_daemon.delivery.log_store import SurfaceLogs
 from beamtouch_daemon.running.acquisition import Acquisition
@@ -33,9 +34,10 @@ Logs = Callable[[], Mapping[str, SurfaceLogs]]
 class CountCollector(Collector):
     """Reads the counts of acquisitions and logs on request, in the thread of the metrics server."""
 
-    def __init__(self, acquisitions: Sequence[Acquisition], logs: Logs) -> None:
+    def __init__(self, acquisitions: Sequence[Acquisition], logs: Logs, parts: Parts) -> None:
         self._acquisitions = acquisitions
         self._logs = logs
+        self._parts = parts
 
     def collect(self) -> Iterator[Metric]:
         """Return all metrics of all surfaces."""
@@ -73,6 +75,7 @@ class CountCollector(Collector):
                     qualities.add_metric([name, channel, word.value], quality is word)
         yield from (readings, lost, missing, age, measured, wrong, untared, requests, requests_failed, qualities)
         yield from self._of_logs()
+        yield from self._of_parts()
 
     def _of_logs(self) -> Iterator[Metric]:
         published = _counter("samples_published", "Samples that are durable in the record of the service.")
@@ -87,6 +90,16 @@ class CountCollector(Collector):
             refused.add_metric([name], logs.refused)
         yield from (published, dropped, in_log, refused)
 
+    def _of_parts(self) -> Iterator[Metric]:
+        words = "1 while a part of the daemon fails and is begun again."
+        failing = GaugeMetricFamily("beamtouch_part_failing", words, labels=["part"])
+        words = "Times that a part of the daemon failed and was begun again."
+        failures = CounterMetricFamily("beamtouch_part_failures", words, labels=["part"])
+        for name, count in list(self._parts.failures.items()):
+            failing.add_metric([name], bool(self._parts.failing.get(name)))
+            failures.add_metric([name], count)
+        yield from (failing, failures)
+
 
 def _counter(name: str, meaning: str, *labels: str) -> CounterMetricFamily:
     return CounterMetricFamily(f"beamtouch_{name}", meaning, labels=["surface", *labels])
@@ -96,10 +109,10 @@ def _gauge(name: str, meaning: str, *labels: str) -> GaugeMetricFamily:
     return GaugeMetricFamily(f"beamtouch_{name}", meaning, labels=["surface", *labels])
 
 
-async def serve(port: int, acquisitions: Sequence[Acquisition], logs: Logs) -> None:
+async def serve(port: int, acquisitions: Sequence[Acquisition], logs: Logs, parts: Parts) -> None:
     """Answer GET /metrics on a loopback port, as soon as it is free, until cancelled."""
     registry = CollectorRegistry()
-    registry.register(CountCollector(acquisitions, logs))
+    registry.register(CountCollector(acquisitions, logs, parts))
     fault, backoff = Repeated(_log, "metrics"), Backoff()
     while True:
         try:

@@ -1,5 +1,6 @@
 """The state that routes share: surfaces, clock, tokens, counts, and the keeper of events."""
 
+import logging
 import time
 from asyncio import Event
 from collections.abc import Callable
@@ -11,6 +12,7 @@ from fastapi import Path as PathParameter
 from starlette.requests import HTTPConnection
 from starlette.types import Scope
 
+from beamtouch_common.parts import Parts
 from beamtouch_service.access import Access, Role
 from beamtouch_service.api.counts import Counts
 from beamtouch_service.commissioning.courses import Courses
@@ -63,12 +65,14 @@ class Context:
     ticks: Ticks = field(default_factory=Ticks)
     """Notices that the process stood still."""
     missing: dict[str, str] = field(default_factory=dict)
-    """Section of the configuration -> why its address or broker is not there, empty while it is; and task -> the
-    unexpected error that ended it."""
+    """Section of the configuration -> why its address or broker is not there, empty while it is."""
+    parts: Parts = field(default_factory=lambda: Parts(logging.getLogger("beamtouch.service")))
+    """What works beside the routes."""
 
     def reasons(self) -> dict[str, str]:
-        """Return `missing`, with the record of events."""
-        return self.missing | {"events": self.recorder.away_because}
+        """Return `missing`, with the record of events, and with the parts that fail."""
+        failing = {name: why for name, why in self.parts.failing.items() if why or name not in self.missing}
+        return self.missing | {"events": self.recorder.away_because} | failing
 
     def require_all(self, instead: str) -> None:
         """Refuse a question about all surfaces; raises ProblemError (421) if other services have some of them."""

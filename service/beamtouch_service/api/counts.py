@@ -4,7 +4,7 @@ import logging
 from collections.abc import Callable
 from time import monotonic
 
-from prometheus_client import CollectorRegistry, Counter, Histogram, disable_created_metrics
+from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, disable_created_metrics
 
 from beamtouch_common.log import Repeated
 from beamtouch_models.modelfile import State
@@ -43,12 +43,14 @@ class Counts:
 
     def __init__(self, clock: Callable[[], float] = monotonic) -> None:
         self.registry = CollectorRegistry()
-        self.contacts = self._counter("contacts", "Contacts served.", "surface", "state")
-        self.rejected = self._counter("batches_rejected", "Batches that changed nothing.", "surface", "kind")
+        self._counters: dict[str, Counter] = {}
+        self._gauges: dict[str, Gauge] = {}
+        self.contacts = self.counter("contacts", "Contacts served.", "surface", "state")
+        self.rejected = self.counter("batches_rejected", "Batches that changed nothing.", "surface", "kind")
         """`surface` is empty where no surface has the name: a label must not hold what a client makes up."""
         self.batch_s = self._histogram("batch", "Time from the head of a batch to its receipt.", _BATCH_S)
-        self._problems = self._counter("problems", "Answers that were a problem.", "kind")
-        self._refusals = self._counter("refusals", "Requests refused for their token.", "kind")
+        self._problems = self.counter("problems", "Answers that were a problem.", "kind")
+        self._refusals = self.counter("refusals", "Requests refused for their token.", "kind")
         self._inference_s = self._histogram("inference", "Time per estimate.", _INFERENCE_S)
         self._age_s = self._histogram("sample_arrival_age", "Age of the newest sample at its arrival.", _AGE_S)
         for kind in REFUSALS:
@@ -155,8 +157,17 @@ class Counts:
         if times := self._minutely.due(kind.slug):
             _log.warning("refused (%s): %d since the last such line, the newest from %s", kind.slug, times, client)
 
-    def _counter(self, name: str, words: str, *labels: str) -> Counter:
-        return Counter(f"beamtouch_{name}", words, labels, registry=self.registry)
+    def counter(self, name: str, words: str, *labels: str) -> Counter:
+        """Return the counter of this name. An output that is begun again goes on with the one that it had."""
+        if name not in self._counters:
+            self._counters[name] = Counter(f"beamtouch_{name}", words, labels, registry=self.registry)
+        return self._counters[name]
+
+    def gauge(self, name: str, words: str) -> Gauge:
+        """Return the gauge of this name, likewise."""
+        if name not in self._gauges:
+            self._gauges[name] = Gauge(f"beamtouch_{name}", words, registry=self.registry)
+        return self._gauges[name]
 
     def _histogram(self, name: str, words: str, buckets_s: tuple[float, ...]) -> Histogram:
         return Histogram(f"beamtouch_{name}_seconds", words, ["surface"], registry=self.registry, buckets=buckets_s)

@@ -77,11 +77,16 @@ class Figures(Collector):
     def read(self) -> Iterator[None]:
         """Read the state of one surface after another, in the thread of the event loop."""
         self._add(_of_record(self._context.recorder))
-        words = "1 while an address, a broker, the record or a task of the service is missing."
+        words = "1 while an address, a broker or the record is missing, or a part of the service fails."
         missing = GaugeMetricFamily("beamtouch_missing", words, labels=["section"])
         for section, reason in self._context.reasons().items():
             missing.add_metric([section], bool(reason))
         self._add([missing])
+        words = "Times that a part of the service failed and was begun again."
+        failures = CounterMetricFamily("beamtouch_part_failures", words, labels=["part"])
+        for part, count in self._context.parts.failures.items():
+            failures.add_metric([part], count)
+        self._add([failures])
         now_s = self._context.clock()
         self._add(_of_surfaces([], now_s))
         for surface in self._context.registry:

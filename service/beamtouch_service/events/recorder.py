@@ -143,6 +143,7 @@ class Recorder:
         if key not in self._loads:
             load = self._loads[key] = asyncio.create_task(self._read(surface, batch))
             load.add_done_callback(lambda _: self._loads.pop(key))
+            load.add_done_callback(self._note_end)
             await asyncio.wait([load], timeout=LOAD_S)
 
     async def _read(self, surface: Surface, batch: Batch) -> None:
@@ -170,6 +171,7 @@ class Recorder:
         if time.monotonic() - self._tidied_s >= TIDY_S and (self._upkeep is None or self._upkeep.done()):
             self._tidied_s = time.monotonic()
             self._upkeep = asyncio.create_task(self._tidy())
+            self._upkeep.add_done_callback(self._note_end)
 
     def commit(self) -> "asyncio.Task[None]":
         """Make durable what was taken so far, unless that is being done."""
@@ -246,9 +248,9 @@ class Recorder:
         held = [(name, boot_id) for name, record in self._records.items() for boot_id in record.boot_ids]
         return await self.look(lambda store: self.retention.tidy(store.database, clock_s, uptime_s, held))
 
-    def _note_end(self, commit: "asyncio.Task[None]") -> None:
-        """Note that the record is away if a commit ended in an error that no database is known to raise."""
-        error = None if commit.cancelled() else commit.exception()
+    def _note_end(self, task: "asyncio.Task[None]") -> None:
+        """Note that the record is away if a task ended in an error that no database is known to raise."""
+        error = None if task.cancelled() else task.exception()
         if error:
             self._writer.note_unexpected(error)
 

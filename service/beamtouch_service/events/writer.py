@@ -39,7 +39,7 @@ class Writer:
     def note_unexpected(self, error: BaseException) -> None:
         """Note that the record is away for an error that no database is known to raise."""
         if self._fault.due(f"{error!r}"):
-            _log.error("the record cannot be written", exc_info=error)
+            _log.error("the record cannot be read or written", exc_info=error)
         self.note(f"unexpected error ({error!r})")
 
     def end(self) -> None:

@@ -32,11 +32,9 @@ PROGRESS_S = 1.0
 """Longest time between two reports of progress."""
 
 Task = Callable[[Context], Coroutine[Any, Any, None]]
-"""Works beside the routes, until it is cancelled."""
+"""Works beside the routes, until it is cancelled; one that fails is begun again."""
 Tasks = Mapping[str, Task]
-"""Each with the name under which readiness and metrics say that it is missing."""
-
-_log = logging.getLogger("beamtouch.service")
+"""Each with the name under which log, readiness and metrics say that it fails."""
 
 
 class Server(uvicorn.Server):
@@ -130,13 +128,8 @@ async def _serve(config: uvicorn.Config, address: Address, context: Context, tas
 
 @asynccontextmanager
 async def _running(context: Context, work: Tasks) -> AsyncIterator[None]:
-    """Run tasks during a block, and close the record after it.
-
-    A task that fails is missing from then on, and the others go on.
-    """
-    tasks = [asyncio.create_task(task(context), name=name) for name, task in work.items()]
-    for task in tasks:
-        task.add_done_callback(partial(_note_failure, context))
+    """Run tasks during a block, and close the record after it."""
+    tasks = [asyncio.create_task(context.parts.keep(name, partial(task, context))) for name, task in work.items()]
     try:
         yield
     finally:
@@ -144,12 +137,6 @@ async def _running(context: Context, work: Tasks) -> AsyncIterator[None]:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
         await context.recorder.close()
-
-
-def _note_failure(context: Context, task: asyncio.Task[None]) -> None:
-    if not task.cancelled() and (error := task.exception()) is not None:
-        _log.critical("%s: unexpected error; restart the service", task.get_name(), exc_info=error)
-        context.missing[task.get_name()] = f"unexpected error ({error!r}); restart the service"
 
 
 async def _report_progress(context: Context, *, manager: ServiceManager) -> None:

@@ -5,8 +5,6 @@ import logging
 from collections.abc import Sequence
 from functools import partial
 
-from prometheus_client import Counter
-
 from beamtouch_common.errors import InputError
 from beamtouch_common.log import Repeated
 from beamtouch_service.access import Access
@@ -44,16 +42,16 @@ def _alike(surfaces: Sequence[str]) -> list[str]:
 async def _serve(section: ModbusServerSection, address: Address, context: Context) -> None:
     """Answer requests, as soon as the address is there, until cancelled."""
     connections = _Connections(section, context)
-    listener = await address.listen(partial(context.missing.__setitem__, section.name))
-    server = await asyncio.start_server(connections.serve, sock=listener)
-    host, port = listener.getsockname()[:2]
-    shown = f"[{host}]" if ":" in host else host
-    _log.info("Modbus TCP server: listening on %s:%d, word order %s", shown, port, section.word_order)
-    try:
-        await asyncio.Event().wait()
-    finally:
-        server.close()
-        connections.abort()
+    with await address.listen(partial(context.missing.__setitem__, section.name)) as listener:
+        host, port = listener.getsockname()[:2]
+        shown = f"[{host}]" if ":" in host else host
+        server = await asyncio.start_server(connections.serve, sock=listener)
+        try:
+            _log.info("Modbus TCP server: listening on %s:%d, word order %s", shown, port, section.word_order)
+            await asyncio.Event().wait()
+        finally:
+            server.close()
+            connections.abort()
 
 
 class _Connections:
@@ -66,7 +64,7 @@ class _Connections:
         self._open: set[asyncio.StreamWriter] = set()
         self._repeated = Repeated(_log)
         words = "Connections to the Modbus TCP server that were closed at once, as too many were open."
-        self._refused = Counter("beamtouch_modbus_connections_refused", words, registry=context.counts.registry)
+        self._refused = context.counts.counter("modbus_connections_refused", words)
 
     def abort(self) -> None:
         """Close all, without waiting for the clients."""

@@ -25,7 +25,7 @@ class ContactSender:
         self._max_rate_hz = max_rate_hz
         self._sent = sent
         words = "Contacts that were due but not sent, because the MQTT broker did not answer before they were too old."
-        self._dropped = Counter("beamtouch_mqtt_contacts_dropped", words, registry=context.counts.registry)
+        self._dropped = context.counts.counter("mqtt_contacts_dropped", words)
 
     async def run(self, connection: Connection) -> None:
         """Send contacts over a connection; raises BrokerError when it is lost."""

@@ -4,7 +4,7 @@ import asyncio
 import logging
 from contextlib import suppress
 
-from prometheus_client import Counter, Gauge
+from prometheus_client import Counter
 
 from beamtouch_service.api import events as event_answers
 from beamtouch_service.api.context import Context
@@ -36,7 +36,7 @@ class EventSender:
         self._sent = sent
         """Those that the broker acknowledged."""
         words = "Finished events that the MQTT broker has yet to acknowledge."
-        self._pending = Gauge("beamtouch_mqtt_events_pending", words, registry=context.counts.registry)
+        self._pending = context.counts.gauge("mqtt_events_pending", words)
         self._written = asyncio.Event()
         self._recorder.on_written = self._written.set
         self._resume_s = float("-inf")

@@ -6,8 +6,7 @@ import ssl
 from collections.abc import Callable, Sequence
 from functools import partial
 from time import monotonic
-
-from prometheus_client import Counter, Gauge
+from typing import Protocol
 
 from beamtouch_common.errors import InputError
 from beamtouch_common.log import Repeated
@@ -45,6 +44,13 @@ def make(section: MqttSection, _surfaces: Sequence[str], _access: Access) -> Out
     )
 
 
+class _Sender(Protocol):
+    """Sends messages of one kind."""
+
+    async def run(self, connection: Connection) -> None:
+        """Send over a connection; raises BrokerError when it is lost."""
+
+
 class Publisher:
     """The connections to one broker, one after the other, and what is sent over them."""
 
@@ -54,16 +60,19 @@ class Publisher:
         self._connect = connect
         self._where = f"{section.host}:{section.broker_port}"
         self._topics = topics = Topics(section.prefix)
-        registry = context.counts.registry
-        self._connected = Gauge("beamtouch_mqtt_connected", "1 while the MQTT broker answers.", registry=registry)
-        sent = Counter("beamtouch_mqtt_messages", "Messages sent to the MQTT broker.", ["kind"], registry=registry)
-        self._contacts = ContactSender(context, topics, section.max_rate_hz, sent.labels("contact"))
-        self._statuses = StatusSender(context, topics)
+        self._connected = context.counts.gauge("mqtt_connected", "1 while the MQTT broker answers.")
+        sent = context.counts.counter("mqtt_messages", "Messages sent to the MQTT broker.", "kind")
         self._events = EventSender(context, section, topics, sent.labels("event"))
         surfaces = list(context.registry) if section.home_assistant_discovery else []
         self._descriptions = {discovery.topic(topics, one.name): discovery.description(topics, one) for one in surfaces}
         """By topic."""
         self._leftovers = Leftovers(topics, context.registry.names, self._descriptions, self._where)
+        self._senders: dict[str, _Sender] = {
+            "events": self._events,
+            "contacts": ContactSender(context, topics, section.max_rate_hz, sent.labels("contact")),
+            "statuses": StatusSender(context, topics),
+            "leftovers": self._leftovers,
+        }
         self._problem = ""
         """Why there is no connection, as it was logged; empty while there is one, and if it was not logged."""
         self._repeated = Repeated(_log)
@@ -90,8 +99,10 @@ class Publisher:
             await connection.open()
             await self._introduce(connection)
             async with asyncio.TaskGroup() as tasks:
-                for sender in (self._events, self._contacts, self._statuses, self._leftovers):
-                    tasks.create_task(sender.run(connection))
+                for name, sender in self._senders.items():
+                    # One that fails must not end the others.
+                    work = partial(sender.run, connection)
+                    tasks.create_task(self._context.parts.keep(f"{self._section.name} {name}", work, BrokerError))
                 tasks.create_task(connection.watch())
         except* BrokerError as failures:
             self._note_failure(failures.exceptions[0])

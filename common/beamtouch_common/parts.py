@@ -1,0 +1,74 @@
+"""The parts of a program that run until it stops. One that fails is begun again, and named until it has recovered."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import TYPE_CHECKING
+
+from beamtouch_common.log import Repeated
+from beamtouch_common.waits import Backoff
+
+if TYPE_CHECKING:
+    import logging
+    from collections.abc import Awaitable, Callable
+
+FIRST_PAUSE_S, LONGEST_PAUSE_S = 1.0, 30.0
+"""Pause before a part is begun again: doubled with each failure, so that a part that fails always disturbs no other."""
+STEADY_S = 10.0
+"""A part that has run for this long, and for as long as the pause before, has recovered."""
+
+
+class Parts:
+    """Keeps parts running. Each is named while it fails."""
+
+    def __init__(self, log: logging.Logger) -> None:
+        self.failing: dict[str, str] = {}
+        """Part -> the error that ended it; empty once it has recovered."""
+        self.failures: dict[str, int] = {}
+        """Part -> how often an error ended it."""
+        self._log = log
+
+    async def keep(
+        self, name: str, work: Callable[[], Awaitable[None]], expected: type[Exception] | tuple[()] = ()
+    ) -> None:
+        """Run a part to its end, and begin it again after each error that is not an expected one.
+
+        `work` must be able to begin again in the same process.
+        """
+        self.failures.setdefault(name, 0)
+        backoff, repeated, pause_s = Backoff(FIRST_PAUSE_S, LONGEST_PAUSE_S), Repeated(self._log), 0.0
+        while True:
+            steady = asyncio.get_running_loop().call_later(max(STEADY_S, pause_s), self._recover, name, backoff)
+            try:
+                await work()
+                self._recover(name, backoff)
+                return
+            except expected:
+                raise
+            except Exception as error:  # noqa: BLE001  # a fault of one part must not stop the others
+                pause_s = backoff.next()
+                self._note(name, error, pause_s, repeated)
+            finally:
+                steady.cancel()
+            await asyncio.sleep(pause_s)
+
+    def _note(self, name: str, error: Exception, pause_s: float, repeated: Repeated) -> None:
+        self.failures[name] += 1
+        first = _first(error)
+        self.failing[name] = f"unexpected error ({first!r}); it is begun again"
+        if times := repeated.due(repr(first)):
+            count = f" ({times} times since the last such line)" if times > 1 else ""
+            self._log.critical("%s: unexpected error; begun again in %g s%s", name, pause_s, count, exc_info=error)
+
+    def _recover(self, name: str, backoff: Backoff) -> None:
+        backoff.reset()
+        if self.failing.get(name):
+            self._log.info("%s: runs again", name)
+            self.failing[name] = ""
+
+
+def _first(error: Exception) -> Exception:
+    """Return the first of several errors that came together."""
+    while isinstance(error, ExceptionGroup):
+        error = error.exceptions[0]
+    return error
