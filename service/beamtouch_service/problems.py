@@ -48,7 +48,7 @@ class Kind(Enum):
     NOT_FOUND = ("not-found", 404, "Nothing is at this address")
     METHOD_NOT_ALLOWED = ("method-not-allowed", 405, "This address does not accept the method")
     STOPPING = ("stopping", 503, "The service is stopping")
-    TOO_MANY_CLIENTS = ("too-many-clients", 503, "Too many streams")
+    TOO_MANY_CLIENTS = ("too-many-clients", 503, "Too many clients at once")
     INTERNAL = ("internal", 500, "The service failed")
 
     def __init__(self, slug: str, status: int, title: str) -> None:

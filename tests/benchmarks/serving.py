@@ -1,6 +1,7 @@
 """The service as a process of its own, and programs that ask it or send to it, for benchmarks."""
 
 import json
+import os
 import subprocess
 import sys
 from collections.abc import Iterable, Iterator
@@ -15,9 +16,15 @@ HERE = Path(__file__).parent
 
 
 @contextmanager
-def server(*command: str | Path) -> Iterator[tuple[int, int]]:
-    """Run a server in Python for a block; gives its process id and its port."""
-    process = subprocess.Popen([sys.executable, *map(str, command)], stdout=subprocess.PIPE, text=True)
+def server(*command: str | Path, checkout: Path | None = None) -> Iterator[tuple[int, int]]:
+    """Run a server in Python for a block, with the packages of another checkout or with these.
+
+    Gives its process id and its port.
+    """
+    packages = ("common", "firmware_protocol", "models", "service")
+    path = {} if checkout is None else {"PYTHONPATH": os.pathsep.join(str(checkout / name) for name in packages)}
+    words = [sys.executable, *map(str, command)]
+    process = subprocess.Popen(words, stdout=subprocess.PIPE, text=True, env=os.environ | path)
     try:
         assert process.stdout is not None
         yield process.pid, int(process.stdout.readline().rpartition(":")[2])
@@ -27,11 +34,12 @@ def server(*command: str | Path) -> Iterator[tuple[int, int]]:
 
 
 @contextmanager
-def service(folder: Path, sections: str) -> Iterator[tuple[int, int]]:
-    """Run a service with these sections of a configuration for a block; gives its process id and its port."""
+def service(folder: Path, sections: str, checkout: Path | None = None) -> Iterator[tuple[int, int]]:
+    """Run a service with these sections of a configuration for a block, as `server` does."""
     (folder / "token").write_text(TOKEN)
     (folder / "service.toml").write_text(f'[server]\nport = 0\nwrite_token_file = "token"\n{sections}')
-    with server("-m", "beamtouch_service.cli", "run", "--config", folder / "service.toml") as running:
+    command = ("-m", "beamtouch_service.cli", "run", "--config", folder / "service.toml")
+    with server(*command, checkout=checkout) as running:
         yield running
 
 

@@ -39,7 +39,7 @@ from beamtouch_service.api.samples import MAX_BODY_BYTES, MAX_BODY_S
 from beamtouch_service.commissioning import course, pressing, verdict
 from beamtouch_service.commissioning.results import MAX_KEPT
 from beamtouch_service.events.boot import MAX_CAPTURED, MAX_WAITING
-from beamtouch_service.events.event import MAX_POINTS
+from beamtouch_service.events.path import MAX_POINTS
 from beamtouch_service.host.serve import IDLE_S
 from beamtouch_service.outputs.modbus.registers import BLOCK, CONSTANT, MAX_SURFACES, REGISTERS, STATES, identity
 from beamtouch_service.outputs.opcua.subscriptions import MOST_WAITING

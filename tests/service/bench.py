@@ -5,6 +5,7 @@ This is no conftest: pytest imports one under another name than tests do, so tha
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, ClassVar, TypedDict, Unpack
@@ -80,7 +81,20 @@ class Bench:
         assert self.event_loop is not None
         self.event_loop.call(self.app.context.recorder.close)
 
+    def pass_second(self) -> None:
+        """Do what the record does each second."""
+
+        async def commit() -> None:
+            await asyncio.wait([self.app.context.recorder.commit()])
+
+        assert self.event_loop is not None
+        self.event_loop.call(commit)
+
     def get(self, path: str, token: str | None = None) -> httpx2.Response:
+        """Ask; for what reads the record, once all that was sent so far is durable."""
+        if path.startswith("/events") or "/calibration-data" in path:
+            assert self.event_loop is not None
+            self.event_loop.call(self.app.context.recorder.flush)
         return self.client.get(path, headers={"Authorization": f"Bearer {token}"} if token else {})
 
     def post(

@@ -227,7 +227,7 @@ def test_while_a_result_is_being_written_nothing_else_happens_to_its_course(
     course = Course(bench)
     course_id = course.follow()
     recorder = bench.app.context.recorder
-    write, answers, whole = recorder.ask, dict[str, str](), b""
+    write, answers, whole = recorder.write, dict[str, str](), b""
 
     def act_meanwhile() -> None:
         for action in ("", f"/confirm?course={course_id}&by=Ann", f"/abandon?course={course_id}"):
@@ -244,7 +244,7 @@ def test_while_a_result_is_being_written_nothing_else_happens_to_its_course(
         return await write(query)
 
     with monkeypatch.context() as patch:
-        patch.setattr(recorder, "ask", write_slowly)
+        patch.setattr(recorder, "write", write_slowly)
         answer = course.act(f"/confirm?course={course_id}&by=Ann")
     other = "other-commissioning"
     assert answers == {"": other, "/confirm": other, "/abandon": other, "id": course_id}

@@ -9,6 +9,7 @@ from beamtouch_models.modelfile import State
 from beamtouch_service.commissioning import results
 from beamtouch_service.commissioning.report import PlaceResult, Report, SensorResult
 from beamtouch_service.commissioning.verdict import advise_places, judge_place
+from beamtouch_service.events.readers import Reader
 from beamtouch_service.events.retention import Retention
 from beamtouch_service.events.store import Store
 from beamtouch_service.sections import EventsSection
@@ -75,7 +76,7 @@ def test_each_result_is_on_record_once_and_the_newest_of_each_surface_are_kept(
         store.close()
         store = open_store()
     for name in ("left", "right"):
-        kept = results.read(store, name)
+        kept = results.read(Reader(store.database), name)
         assert [one.model for one in kept] == [f"m@{number}" for number in range(results.MAX_KEPT + 1, 1, -1)]
         assert {(one.surface, one.sensors[0].at_mm) for one in kept} == {(name, 1.5)}
     store.close()

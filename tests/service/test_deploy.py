@@ -31,7 +31,7 @@ def test_the_password_comes_from_a_file_that_a_group_may_read(
     monkeypatch.setenv("PGSERVICEFILE", str(file))
     here = url.replace("127.0.0.1/beamtouch", f"127.0.0.1:{postgres.port}/{events_url.rpartition('/')[2]}")
     store = Store(EventsSection(url=here))
-    assert store.read() == []
+    assert store.healths() == {}
     store.close()
 
 

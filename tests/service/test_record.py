@@ -3,6 +3,7 @@
 import random
 import sqlite3
 from contextlib import closing
+from datetime import UTC, datetime
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -11,8 +12,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from beamtouch_service.events import record
 from beamtouch_service.sections import EventsSection
-from service.bench import Bench, Row, batch_of, surface_with
+from service.bench import START_US, Bench, Row, batch_of, surface_with
 from service.event_story import BETWEEN, HARDER, ODD, RESTING, TOUCHING, Story
 from service.record_file import execute
 from service.small_model import model_of
@@ -76,6 +78,43 @@ def test_a_receipt_says_how_far_the_record_is(services: Services) -> None:
     assert ends(story) == [("touch", "open")]
     receipt = story.ask()
     assert (receipt["durable"], receipt["expected"]) == (4, 5)
+
+
+def test_who_reads_the_record_gets_what_is_durable_and_makes_nothing_durable(services: Services) -> None:
+    story = services.story(CONTACT)
+    story.deliver(0, 10)
+    for path in ("/events", "/events?path=true", "/events?format=csv"):
+        assert "press-7" not in story.bench.client.get(path).text
+    assert story.bench.client.get("/events/1").status_code == 404
+    assert story.bench.client.get("/surfaces/press-7/calibration-data").text.count("\r\n") == 1
+    assert story.ask()["durable"] == 0
+    assert ends(story) == [("touch", "lift")]
+    assert story.ask()["durable"] == 10
+
+
+def test_what_somebody_waits_for_is_durable_within_a_second_and_the_rest_a_little_later(
+    services: Services, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(record, "LATE_S", 1e9)
+    story = services.story([*CONTACT, *CONTACT])
+    story.deliver(0, 1)
+    story.bench.pass_second()  # of a boot that the record has yet to know
+    story.deliver(1, 5)
+    story.bench.pass_second()
+    assert story.deliver(5, 6)["durable"] == 1
+    # Asked for.
+    story.ask()
+    story.bench.pass_second()
+    assert story.deliver(6, 7)["durable"] == 6
+    # An event has ended.
+    story.deliver(7, 10)
+    story.bench.pass_second()
+    assert story.deliver(10, 12)["durable"] == 10
+    # The sender keeps nothing.
+    story.oldest = None
+    story.deliver(12, 13)
+    story.bench.pass_second()
+    assert story.deliver(13, 14)["durable"] == 13
 
 
 def test_what_is_behind_a_gap_waits_for_the_backlog_and_the_answer_does_not(services: Services) -> None:
@@ -226,6 +265,25 @@ def test_an_event_is_the_same_wherever_another_service_goes_on(services: Service
     assert data[0] == data[1] != ""
 
 
+@pytest.mark.parametrize("cut", [1, 190, 250, 800, 999])
+def test_a_long_path_is_the_same_wherever_another_service_goes_on(services: Services, tmp_path: Path, cut: int) -> None:
+    rows: list[Row] = [RESTING, *[TOUCHING] * 500, *[HARDER] * 499, RESTING]
+    first, second, straight = (services.story(rows, tmp_path / name) for name in ("events.db", "events.db", "other.db"))
+    first.deliver(0, cut)
+    assert first.events is not None
+    second.deliver(cut, len(rows))
+    straight.deliver(0, len(rows))
+    (event,), (expected,) = second.events, straight.events
+    assert [point["at"] for point in event["path"]] == [point["at"] for point in expected["path"]]
+    assert 100 <= len(event["path"]) <= 200
+    times = [datetime.fromisoformat(point["at"]) for point in event["path"]]
+    assert (times[0].isoformat(), times[-1].isoformat()) == tuple(
+        datetime.fromtimestamp((START_US + 5000 * number) // 1000 / 1e3, UTC).isoformat() for number in (1, 999)
+    )
+    steps_s = [(after - before).total_seconds() for before, after in pairwise(times)]
+    assert max(steps_s) <= 2 * 5.0 / 100
+
+
 def test_a_service_that_lost_the_race_reads_the_record_anew(services: Services, shared_place: Path | str) -> None:
     one, other = (services.story(CONTACT, shared_place) for _ in range(2))
     one.deliver(0, 3)
@@ -358,7 +416,7 @@ def test_while_the_record_is_damaged_answers_go_on_and_the_cursor_stands(
     ("damage", "reason"),
     [
         ("UPDATE cursors SET memory = substr(memory, 2)", "Extra data"),
-        ("UPDATE events SET path = substr(path, 2)", "Extra data"),
+        ("UPDATE events SET path = substr(path, 2)", "path: Error -3"),
         ("UPDATE events SET kind = 'bontact'", "'bontact' is not among the defined enum values"),
     ],
 )

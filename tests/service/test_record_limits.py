@@ -193,7 +193,7 @@ def test_an_event_that_is_deleted_waits_for_no_destination(
     def waiting() -> int:
         assert bench.event_loop is not None
         due = partial(Store.due, destination="line-3", limit=0, from_start=False)
-        return bench.event_loop.call(bench.app.context.recorder.look, due)[1]
+        return bench.event_loop.call(bench.app.context.recorder.write, due)[1]
 
     days = Days()
     days.run(bench)

@@ -10,6 +10,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict
 from beamtouch_service.access import Role
 from beamtouch_service.api import gate
 from beamtouch_service.api.context import Context, ContextParameter, SurfaceInPath
+from beamtouch_service.api.reading import PLACE
 from beamtouch_service.commissioning import results
 from beamtouch_service.commissioning.course import Course
 from beamtouch_service.commissioning.courses import hides_presses
@@ -152,7 +153,7 @@ async def post_commissioning_confirm(
         raise ProblemError(Problem(Kind.OTHER_COMMISSIONING, detail, name))
     report = found.report.model_copy(update={"ended_at": rfc3339(_now_us()), "by": by})
     with context.courses.confirm(found):
-        number = await context.recorder.ask(lambda store: results.add(store, found.id, report))
+        number = await context.recorder.write(lambda store: results.add(store, found.id, report))
     return Recorded(id=number, **report.model_dump())
 
 
@@ -165,7 +166,7 @@ async def post_commissioning_abandon(
     return _state(context, name)
 
 
-@router.get("/surfaces/{name}/commissionings")
+@router.get("/surfaces/{name}/commissionings", dependencies=[PLACE])
 async def get_commissionings(context: ContextParameter, name: SurfaceInPath) -> CommissioningList:
     """Return the results on record of this surface, newest first: the last 20."""
     return CommissioningList(commissionings=await _recorded(context, name))
@@ -175,6 +176,7 @@ async def get_commissionings(context: ContextParameter, name: SurfaceInPath) -> 
     "/surfaces/{name}/commissionings/{id}",
     response_model=Recorded,
     responses={200: {"content": {"text/plain": {"schema": {"type": "string"}}}}},
+    dependencies=[PLACE],
 )
 async def get_commissioning_result(
     context: ContextParameter,
@@ -194,4 +196,4 @@ async def get_commissioning_result(
 
 async def _recorded(context: Context, name: str) -> list[Recorded]:
     surface = context.registry.named(name).name
-    return await context.recorder.ask(lambda store: results.read(store, surface))
+    return await context.recorder.readers.read(lambda reader: results.read(reader, surface))

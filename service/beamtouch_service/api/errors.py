@@ -13,6 +13,7 @@ from starlette.types import Scope
 from beamtouch_service.access import Role
 from beamtouch_service.api.context import context_of
 from beamtouch_service.events.database import EventsAwayError
+from beamtouch_service.events.readers import MAX_ANSWERS, TooManyReadersError
 from beamtouch_service.problems import MEDIA_TYPE, Kind, Problem, ProblemError
 
 MAX_ERRORS = 10
@@ -24,6 +25,7 @@ def install(app: FastAPI) -> None:
     """Make `app` answer every error with problem+json."""
     app.exception_handler(ProblemError)(_problem)
     app.exception_handler(EventsAwayError)(_events_away)
+    app.exception_handler(TooManyReadersError)(_too_many_readers)
     app.exception_handler(HTTPException)(_http)
     app.exception_handler(RequestValidationError)(_validation)
     app.exception_handler(ClientDisconnect)(_disconnect)
@@ -75,6 +77,13 @@ async def _problem(request: Request, error: ProblemError) -> Response:
 async def _events_away(request: Request, error: EventsAwayError) -> Response:
     detail = f"{error}. Answers go on, and daemons keep their samples."
     return _counted(request.scope, Problem(Kind.EVENTS_AWAY, detail), {"Retry-After": "1"})
+
+
+async def _too_many_readers(request: Request, _error: TooManyReadersError) -> Response:
+    detail = (
+        f"{MAX_ANSWERS} answers from the record are under way, which is the limit. Ask again later, and less often."
+    )
+    return _counted(request.scope, Problem(Kind.TOO_MANY_CLIENTS, detail), {"Retry-After": "1"})
 
 
 async def _http(request: Request, error: HTTPException) -> Response:

@@ -1,6 +1,6 @@
 """The routes of the record: events, and their best samples for `design-sensors calibrate --events`.
 
-A thread reads and encodes the answers; the event loop sends them.
+A reader of the record makes the answers, and the event loop sends them in pieces.
 """
 
 import csv
@@ -8,7 +8,9 @@ import io
 import json
 import operator
 from collections.abc import Sequence
+from dataclasses import dataclass
 from datetime import datetime
+from functools import partial
 from typing import Annotated, Literal
 from urllib.parse import urlencode
 
@@ -19,9 +21,13 @@ from pydantic import AwareDatetime, BaseModel, BeforeValidator, ConfigDict, Fiel
 from beamtouch_service.access import Role
 from beamtouch_service.api import gate
 from beamtouch_service.api.context import ContextParameter, SurfaceInPath
-from beamtouch_service.events.event import Begin, Contradiction, End, EventKind, thin
+from beamtouch_service.api.reading import PLACE, Pieces
+from beamtouch_service.events import queries
+from beamtouch_service.events.event import Begin, Contradiction, End, EventKind
 from beamtouch_service.events.event import Event as RecordedEvent
-from beamtouch_service.events.store import Numbered, Sampled, Store
+from beamtouch_service.events.queries import Sampled
+from beamtouch_service.events.readers import Reader
+from beamtouch_service.events.tables import Numbered
 from beamtouch_service.problems import Kind, Problem, ProblemError
 from beamtouch_service.samples import SurfaceName
 from beamtouch_service.surfaces.contact import ContactQuality, rfc3339
@@ -167,49 +173,67 @@ def event(number: int, recorded: RecordedEvent) -> Event:
     return Event.model_validate(_members(number, recorded))
 
 
-def _with_path(number: int, recorded: RecordedEvent) -> EventWithPath:
-    """Return an event with its path."""
-    points = thin(recorded.path)
-    path = [{"at": rfc3339(at), "position_mm": position, "force_n": force} for at, position, force in points]
-    return EventWithPath.model_validate(_members(number, recorded) | {"path": path})
+def _encode(number: int, recorded: RecordedEvent, *, path: bool) -> str:
+    """Return an event as JSON, with or without its path."""
+    text = event(number, recorded).model_dump_json()
+    if not path:
+        return text
+    # The path is on record as JSON: to read and write it again would take the interpreter for a millisecond.
+    capture = json.dumps(recorded.capture, ensure_ascii=False, allow_nan=False) if recorded.capture else "[]"
+    return f'{text[:-1]},"path":{recorded.path},"capture":{capture}}}'
 
 
-@router.get("/events", response_model=EventList, responses={200: {"content": {_CSV: {"schema": {"type": "string"}}}}})
+@router.get(
+    "/events",
+    response_model=EventList,
+    responses={200: {"content": {_CSV: {"schema": {"type": "string"}}}}},
+    dependencies=[PLACE],
+)
 async def get_events(context: ContextParameter, request: Request, query: Annotated[EventQuery, Query()]) -> Response:
     """Return contacts and unexplained stretches, the newest first; as CSV, one row per event."""
     as_csv = query.format == "csv"
-    page, content, following = await context.recorder.ask(lambda store: _read_page(store, query))
-    if query.surface and not page:
+    page = await context.recorder.readers.read(partial(_read_page, query=query))
+    if query.surface and page.is_empty:
         # A surface that is no longer configured may still have events; if it has none, the name is wrong.
         context.registry.named(query.surface)
     headers = {}
-    if as_csv and following:
-        headers["Link"] = f'</events?{urlencode({**request.query_params, "after": following})}>; rel="next"'
-    return Response(content, headers=headers, media_type=_CSV if as_csv else "application/json")
+    if as_csv and page.following:
+        headers["Link"] = f'</events?{urlencode({**request.query_params, "after": page.following})}>; rel="next"'
+    return Pieces(page.content, headers=headers, media_type=_CSV if as_csv else "application/json")
 
 
-@router.get("/events/{id}", response_model=EventWithPath)
+@router.get("/events/{id}", response_model=EventWithPath, dependencies=[PLACE])
 async def get_event(
     context: ContextParameter, number: Annotated[int, PathParameter(alias="id", ge=1, lt=2**63)]
 ) -> Response:
     """Return one event, with its path and its capture."""
 
-    def read(store: Store) -> str | None:
-        recorded = store.get(number)
-        return _with_path(number, recorded).model_dump_json() if recorded else None
+    def read(reader: Reader) -> str | None:
+        recorded = queries.get_event(reader, number)
+        return _encode(number, recorded, path=True) if recorded else None
 
-    content = await context.recorder.ask(read)
+    content = await context.recorder.readers.read(read)
     if content is None:
         detail = f"There is no event {number}. It was dropped; see GET /events."
         raise ProblemError(Problem(Kind.UNKNOWN_EVENT, detail))
     return Response(content, media_type="application/json")
 
 
-def _read_page(store: Store, query: EventQuery) -> tuple[Sequence[Numbered], str, str | None]:
-    """Return a page of events, its encoded answer, and the value of `after` for the next page."""
+@dataclass(frozen=True)
+class _Page:
+    """An encoded page of events."""
+
+    content: bytes
+    is_empty: bool
+    following: str | None
+    """The value of `after` for the next page."""
+
+
+def _read_page(reader: Reader, query: EventQuery) -> _Page:
     path = query.path and query.format == "json"
     touched, _, number = (query.after or "").partition(".")
-    events = store.read(
+    events = queries.find_events(
+        reader,
         surface=query.surface,
         kind=query.kind,
         since_us=microseconds(query.since),
@@ -222,13 +246,16 @@ def _read_page(store: Store, query: EventQuery) -> tuple[Sequence[Numbered], str
     page = events[: query.limit]
     following = f"{page[-1][1].touched_us}.{page[-1][0]}" if len(events) > len(page) else None
     if query.format == "csv":
-        return page, _as_csv(page), following
-    answer = _with_path if path else event
-    members = {"events": [answer(*numbered) for numbered in page], "next": following}
-    return page, EventList.model_validate(members).model_dump_json(), following
+        return _Page(_as_csv(reader, page), not page, following)
+    encoded = []
+    for numbered in page:
+        encoded.append(_encode(*numbered, path=path).encode())
+        reader.rest()
+    content = b'{"events":[%b],"next":%b}' % (b",".join(encoded), json.dumps(following).encode())
+    return _Page(content, not page, following)
 
 
-def _as_csv(page: Sequence[Numbered]) -> str:
+def _as_csv(reader: Reader, page: Sequence[Numbered]) -> bytes:
     """Return a page of events as CSV: one row per event, without paths."""
     text = io.StringIO()
     writer = csv.DictWriter(text, list(Event.model_fields), lineterminator="\r\n")
@@ -238,7 +265,8 @@ def _as_csv(page: Sequence[Numbered]) -> str:
         # As in JSON: `true`, not `True`.
         is_json = (bool, dict)
         writer.writerow({name: json.dumps(one) if isinstance(one, is_json) else one for name, one in members.items()})
-    return text.getvalue()
+        reader.rest()
+    return text.getvalue().encode()
 
 
 class CalibrationQuery(BaseModel):
@@ -257,6 +285,7 @@ class CalibrationQuery(BaseModel):
     responses={
         200: {"description": "A row per contact, oldest first.", "content": {_CSV: {"schema": {"type": "string"}}}}
     },
+    dependencies=[PLACE],
 )
 async def get_calibration_data(
     context: ContextParameter, name: SurfaceInPath, query: Annotated[CalibrationQuery, Query()]
@@ -268,11 +297,14 @@ async def get_calibration_data(
     surface = context.registry.named(name)
     channels = surface.model.channels if surface.model else None
     span = microseconds(query.since), microseconds(query.until), query.limit
-    content = await context.recorder.ask(lambda store: _samples_as_csv(store.best_samples(name, *span), channels))
-    return Response(content, media_type=_CSV)
+
+    def read(reader: Reader) -> bytes:
+        return _samples_as_csv(reader, queries.find_best_samples(reader, name, *span), channels)
+
+    return Pieces(await context.recorder.readers.read(read), media_type=_CSV)
 
 
-def _samples_as_csv(contacts: list[Sampled], channels: list[str] | None) -> str:
+def _samples_as_csv(reader: Reader, contacts: list[Sampled], channels: list[str] | None) -> bytes:
     """Return best samples of these channels, or else of those of the newest one, as CSV."""
     readable = [(contact, contact.best) for contact in contacts if contact.best]
     layout = channels or (readable[-1][1].channels if readable else [])
@@ -281,12 +313,13 @@ def _samples_as_csv(contacts: list[Sampled], channels: list[str] | None) -> str:
     columns = [f"{name}_{what}" for what in ("mm", "sd_mm", "rest_mm", "rest_sd_mm") for name in layout]
     writer.writerow(["event", "time", "model", "characteristic", "readings", *columns])
     for contact, best in readable:
+        reader.rest()
         if best.channels != layout:
             continue
         values = [best.deflection_mm, best.deviation_mm, best.rest_mm, best.rest_deviation_mm]
         about = [contact.number, rfc3339(best.at_us), contact.model, best.characteristic or "", best.readings]
         writer.writerow([*about, *(cell for each in values for cell in _cells(each, len(layout)))])
-    return text.getvalue()
+    return text.getvalue().encode()
 
 
 def _cells(values: list[float] | None, count: int) -> list[str]:

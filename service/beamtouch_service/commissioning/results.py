@@ -3,6 +3,7 @@
 from sqlalchemy import delete, insert, select
 
 from beamtouch_service.commissioning.report import Recorded, Report
+from beamtouch_service.events.readers import Reader
 from beamtouch_service.events.store import Store
 from beamtouch_service.events.tables import COMMISSIONINGS
 
@@ -24,8 +25,11 @@ def add(store: Store, course: str, report: Report) -> int:
     return number
 
 
-def read(store: Store, surface: str) -> list[Recorded]:
+def read(reader: Reader, surface: str) -> list[Recorded]:
     """Return the results of a surface, newest first."""
     query = select(_c.id, _c.report).where(_c.surface == surface).order_by(_c.id.desc())
-    with store.database.reading() as connection:
-        return [Recorded.model_validate({"id": row.id, **row.report}) for row in connection.execute(query)]
+    results = []
+    for row in reader.rows(query):
+        results.append(Recorded.model_validate({"id": row.id, **row.report}))
+        reader.rest()
+    return results

@@ -22,6 +22,7 @@ _BUSY_S = 2.0
 """Wait this long while another program, such as a backup, has the file locked."""
 _FOREIGN_KEYS = "PRAGMA foreign_keys=ON"
 _PRAGMAS = (
+    "PRAGMA page_size=1024",
     "PRAGMA journal_mode=WAL",
     "PRAGMA synchronous=FULL",
     "PRAGMA journal_size_limit=4194304",
@@ -60,6 +61,10 @@ _SQLITE: _SqliteArguments = {"check_same_thread": False, "isolation_level": None
 
 class EventsAwayError(Exception):
     """The record takes nothing now; the message gives its reason, in one line. What failed can be tried again."""
+
+
+class UnreadableRowError(EventsAwayError):
+    """A row is damaged; the message gives the reason, in one line. Others may be whole."""
 
 
 class EventStoreError(EventsAwayError):
@@ -299,8 +304,8 @@ def _identity(path: Path) -> tuple[int, int] | None:
     return status.st_dev, status.st_ino
 
 
-def _unreadable(error: Exception) -> EventsAwayError:
-    return EventsAwayError(f"a row cannot be read: {_reason(error)}")
+def _unreadable(error: Exception) -> UnreadableRowError:
+    return UnreadableRowError(f"a row cannot be read: {_reason(error)}")
 
 
 def _is_passing(error: Exception) -> bool:

@@ -13,16 +13,12 @@ from pydantic import BaseModel
 
 from beamtouch_models.modelfile import State
 from beamtouch_service.events.best import Best, DisjointMean
+from beamtouch_service.events.path import Path
 from beamtouch_service.surfaces.follower import Decision
 
-MAX_POINTS = 200
-"""Points of a path; a longer path is thinned to points evenly spread in time."""
 AHEAD_S = 86_400.0
 """A time that is further ahead of the clock than this is of a clock that was wrong. A mistaken zone is less than a day.
 """
-
-Point = tuple[int, float, float | None]
-"""Time [us since 1970], position [mm], force [N]."""
 
 
 class EventKind(StrEnum):
@@ -123,7 +119,10 @@ class Event:
     """At least one sample lacked channels or could not be decided."""
     unsteady: bool = False
     """Samples, position and peak are those of unsteady samples, as there are no others."""
-    path: list[Point] = field(default_factory=list)
+    path: str = "[]"
+    """JSON of the path; empty while the event goes on, and if it was read without."""
+    path_part_ms: int = 1
+    """Of each part of the event that is this long [ms], the path has one point."""
     best: dict[str, Any] | None = None
     """Its best sample, as `Best`; None if no sample was steady with all channels."""
     zones: dict[str, int] = field(default_factory=dict)
@@ -141,6 +140,7 @@ class OpenEvent:
         self.number = number
         """Its id; None until it is on record."""
         self.best = Best.read(event.best)
+        self._path = Path.read(event.touched_us, event.path, event.path_part_ms)
         self._means = [DisjointMean.read(kept) for kept in means or [None, None]]
         """Positions of steady samples, and of unsteady ones."""
 
@@ -162,9 +162,7 @@ class OpenEvent:
         position_mm, force_n = decision.figures.position_mm, decision.figures.force_n
         if decision.is_odd or event.ends_unexplained or position_mm is None:
             return
-        event.path.append((sample.acquired_unix_us, position_mm, force_n))
-        if len(event.path) > 2 * MAX_POINTS:
-            event.path = thin(event.path)
+        self._path.add(sample.acquired_unix_us, position_mm, force_n)
         self._count(decision, position_mm)
         # Readings from before the event do not count.
         most = 1 + round((sample.acquired_unix_us - event.touched_us) / reading_us)
@@ -197,17 +195,7 @@ class OpenEvent:
             self.finish(End.UNEXPLAINED if self.event.ends_unexplained else End.LIFT, at_us)
 
     def row(self) -> dict[str, Any]:
-        """Return the event so far, as it is recorded."""
+        """Return the event so far, as it is recorded; its path as points."""
         values = {name: copy(value) for name, value in vars(self.event).items()}
-        return values | {"best": asdict(self.best) if self.best else None}
-
-
-def thin(path: list[Point]) -> list[Point]:
-    """Return a path of at most `MAX_POINTS` points, evenly spread in time, with the first and the last point."""
-    if len(path) <= MAX_POINTS:
-        return path
-    begin = path[0][0]
-    width_us = max(1.0, (path[-1][0] - begin) / (MAX_POINTS - 2))
-    bins = {int((point[0] - begin) / width_us): point for point in reversed(path)}
-    kept = sorted([*bins.values(), path[-1]])
-    return [point for index, point in enumerate(kept) if index == 0 or point != kept[index - 1]][:MAX_POINTS]
+        path = {"path": self._path.points, "path_part_ms": self._path.part_ms}
+        return values | path | {"best": asdict(self.best) if self.best else None}

@@ -2,6 +2,9 @@
 
 import logging
 import time
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 from beamtouch_models.modelfile import BestSample, ChannelChange, Health, ModelFile
@@ -14,21 +17,42 @@ _PERCENT_DIGITS, _MM_DIGITS = 3, 6
 _log = logging.getLogger("beamtouch.service.events")
 
 
+BlockKey = tuple[int, int]
+"""Time of the first contact of a block [us since 1970], and the number of the block among those of this time."""
+
+
+@dataclass(frozen=True)
+class StoredHealth:
+    """The health of a surface as it is on record."""
+
+    version: int = 0
+    """How often it was written."""
+    model: str = ""
+    characteristic: str | None = None
+    newest_us: int = 0
+    blocks: Mapping[BlockKey, list[Any]] = field(default_factory=dict)
+    """Blocks of contacts, as JSON. A contact changes two or three of a hundred, and only these are written."""
+
+    def history(self) -> dict[str, Any]:
+        """Return the blocks as `Health` takes them."""
+        return {"blocks": [[first_us, *block] for (first_us, _), block in sorted(self.blocks.items())]}
+
+
 class HealthHistory:
     """What the best samples of a surface add up to since its baseline began."""
 
-    def __init__(self, surface: str, model: ModelFile, row: dict[str, Any] | None) -> None:
+    def __init__(self, surface: str, model: ModelFile, stored: StoredHealth) -> None:
         """Go on from what is on record, if the same model made it."""
         self._surface, self.model = surface, model
-        self.version: int = row["version"] if row else 0
-        """How often it was written."""
-        self.is_dirty = False
-        """Whether something is not durable."""
+        self.stored = stored
+        """What is durable."""
+        self.next: StoredHealth | None = None
+        """What should be; None if all is."""
         self._begin()
-        if row and row["model"] == model.identity:
+        if stored.model == model.identity:
             try:
-                self._health = Health(model.metadata, row["history"])
-                self._characteristic, self._newest_us = row["characteristic"], int(row["newest_us"])
+                self._health = Health(model.metadata, stored.history())
+                self._characteristic, self._newest_us = stored.characteristic, stored.newest_us
             except ValueError as error:
                 _log.warning("surface %s: its health begins anew: %s", surface, error)
         self.state = self._describe()
@@ -59,26 +83,24 @@ class HealthHistory:
                 continue  # a gain is judged only where the zeros are known
             values = best.deflection_mm, best.deviation_mm, best.rest_mm, best.rest_deviation_mm
             added.append(BestSample(best.at_us, *values, best.is_contact))
-            self.is_dirty = True
         self._health.add(added)
         self.state = self._describe()
+        if added:
+            self.next = self._to_store()
+
+    def _to_store(self) -> StoredHealth:
+        blocks, at = dict[BlockKey, list[Any]](), Counter[int]()
+        for first_us, *block in self._health.to_json()["blocks"]:
+            blocks[first_us, at[first_us]] = block
+            at[first_us] += 1
+        version, identity = self.stored.version + 1, self.model.identity
+        return StoredHealth(version, identity, self._characteristic, self._newest_us, blocks)
 
     def _is_late(self, best: Best) -> bool:
         """Return whether a sample is from before the newest one, whose own time counts only if it can be true."""
         if self._newest_us > (time.time() + AHEAD_S) * 1e6:
             self._newest_us = 0  # of a clock that was wrong: it would make all samples late for years
         return best.at_us < self._newest_us
-
-    def row(self) -> dict[str, Any]:
-        """Return it as it is recorded next."""
-        return {
-            "surface": self._surface,
-            "version": self.version + 1,
-            "model": self.model.identity,
-            "characteristic": self._characteristic,
-            "newest_us": self._newest_us,
-            "history": self._health.to_json(),
-        }
 
     def _describe(self) -> SurfaceHealth:
         channels = zip(self.model.channels, self._health.channels(), strict=False)  # none before the first contact

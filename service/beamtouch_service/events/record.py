@@ -1,5 +1,8 @@
 """The record of one surface in memory: its boots, and the health of its sensors. Pure but for the run of the model."""
 
+from dataclasses import replace
+from math import inf
+
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_service.events.boot import Boot
 from beamtouch_service.events.event import OpenEvent
@@ -9,6 +12,10 @@ from beamtouch_service.samples import MAX_EARLIER, Batch
 from beamtouch_service.surfaces.estimate import Estimate
 from beamtouch_service.surfaces.surface import Surface
 
+LATE_S = 3.0
+"""What nobody waits for becomes durable this late: each commit writes a page of the disk at least. A daemon keeps in
+memory for five seconds what is not durable, before it writes that to a disk of its own."""
+
 
 class SurfaceRecord:
     """How far the record of each boot of a surface is, and what is not durable yet."""
@@ -17,6 +24,10 @@ class SurfaceRecord:
         self.surface, self.model = surface, model
         self.lost = 0
         """Samples that their sender no longer had."""
+        self._is_urgent = False
+        """Whether somebody waits for the next commit."""
+        self._changed_s = -inf
+        """When the last change was taken [s, monotonic]."""
         self._health = health
         surface.health = health.state
         self._boots: dict[str, Boot] = {}
@@ -56,7 +67,7 @@ class SurfaceRecord:
         self.model = model
         for boot in self._boots.values():
             boot.adopt(model)
-        self._health = HealthHistory(self.surface.name, model, {"version": self._health.version, "model": ""})
+        self._health = HealthHistory(self.surface.name, model, replace(self._health.stored, model=""))
         self.surface.health = self._health.state
 
     def hear(self, batch: Batch) -> None:
@@ -65,6 +76,8 @@ class SurfaceRecord:
         Unless it is of the sender of the newest sample, it may have been sent before another boot began.
         """
         boot, newest = self._boots[batch.boot_id], self.surface.newest
+        # A sender that asks how far the record is waits for it. One that states no oldest sample keeps none.
+        self._is_urgent |= not batch.samples or batch.oldest is None
         if batch.oldest is not None and boot.has_room:
             self.lost += boot.pass_to(batch.oldest)
         for boot_id, other in self._boots.items() if newest and newest.boot_id == batch.boot_id else ():
@@ -81,19 +94,26 @@ class SurfaceRecord:
         if estimate.sample.sequence == boot.expected:
             boot.add(estimate)
 
-    def change(self) -> Change | None:
-        """Return what is not durable, and forget boots that nobody needs."""
+    def is_due(self, now_s: float) -> bool:
+        """Return whether what is not durable yet should be at this time [s, monotonic]."""
+        has_ended = any(boot.has_ended for boot in self._boots.values())
+        return self._is_urgent or has_ended or now_s - self._changed_s >= LATE_S
+
+    def change(self, now_s: float) -> Change | None:
+        """Return what is not durable at this time [s, monotonic], and forget boots that nobody needs."""
+        self._is_urgent, self._changed_s = False, now_s
         idle = [boot_id for boot_id, boot in self._boots.items() if not boot.is_dirty and not boot.event]
         for boot_id in idle[: max(0, len(self._boots) - MAX_EARLIER)]:
             del self._boots[boot_id]
         boots = [boot.change() for boot in self._boots.values() if boot.is_dirty]
         best = [one for boot in self._boots.values() for one in boot.take_best()]
-        if not boots and not self._health.is_dirty:
+        if not boots and not self._health.next:
             return None
         return Change(self.surface.name, boots, best, self._health)
 
     def take_back(self, change: Change) -> None:
         """Keep a change that could not be made durable."""
+        self._is_urgent = True
         for one in change.boots:
             if boot := self._boots.get(one.boot_id):
                 boot.take_back(one)
@@ -103,9 +123,9 @@ class SurfaceRecord:
         for one in change.boots:
             if boot := self._boots.get(one.boot_id):
                 boot.made(one, numbers)
-        if change.health.is_dirty:
-            change.health.is_dirty = False
-            # The model may have changed meanwhile, and the health with it. It stands in the same row.
-            change.health.version = self._health.version = change.health.version + 1
+        if change.health.next:
+            # The model may have changed meanwhile, and the health with it. It stands in the same rows.
+            change.health.stored = self._health.stored = change.health.next
+            change.health.next = None
             if change.health is self._health:
                 self.surface.health = self._health.state

@@ -12,9 +12,10 @@ from contextlib import suppress
 from functools import partial
 from typing import TypeVar
 
-from beamtouch_service.events.database import EventsAwayError
+from beamtouch_service.events.database import EventsAwayError, UnreadableRowError
 from beamtouch_service.events.event import OpenEvent
-from beamtouch_service.events.health import HealthHistory
+from beamtouch_service.events.health import HealthHistory, StoredHealth
+from beamtouch_service.events.readers import Readers
 from beamtouch_service.events.record import SurfaceRecord
 from beamtouch_service.events.retention import Deleted, Retention
 from beamtouch_service.events.store import Change, Store
@@ -27,13 +28,13 @@ from beamtouch_service.surfaces.surface import Surface
 from beamtouch_service.turns import Turns
 
 COMMIT_S = 1.0
-"""Time between two commits."""
+"""Time between two commits, each of the surfaces of which something is due."""
 LOAD_S = 0.4
 """A batch waits this long for what is on record of its boot; without it, its samples come again."""
 REST_S = 1.0
 """Pause after the record could not be read."""
-QUERY_S = 15.0
-"""Longest time for a query, and for a commit before the record counts as away."""
+AWAY_S = 15.0
+"""Time after which the record counts as away if it has not answered."""
 STOP_S = 2.0
 """Time for the last commit."""
 TIDY_S = 60.0
@@ -53,8 +54,8 @@ class Recorder:
         self.store, self.retention = Store(events), Retention(events)
         self.races = 0
         """Times that another service had written what this one was about to write."""
-        self.on_written: Callable[[], None] = lambda: None
-        """Called after each commit that ended events."""
+        self.ended = asyncio.Event()
+        """Set by the next commit that ends events, which then puts a new one here."""
         self._turns = Turns()
         self._records: dict[str, SurfaceRecord] = {}
         self._loads: dict[tuple[str, str], asyncio.Task[None]] = {}
@@ -64,6 +65,7 @@ class Recorder:
         self._begun_s = 0.0
         """When the commit that runs began [s, monotonic]."""
         self._writer = Writer(self.store)
+        self.readers = Readers(self.store.database)
         self._resume_s = self._tidied_s = float("-inf")
         self._upkeep: asyncio.Task[None] | None = None
 
@@ -75,7 +77,7 @@ class Recorder:
     def away_because(self) -> str:
         """Why the record is away; empty while it is there."""
         late_s = time.monotonic() - self._begun_s
-        if self._commit and not self._commit.done() and late_s > QUERY_S:
+        if self._commit and not self._commit.done() and late_s > AWAY_S:
             return f"the database has not answered for {late_s:.0f} s"
         return self._writer.reason
 
@@ -149,13 +151,17 @@ class Recorder:
     async def _read(self, surface: Surface, batch: Batch) -> None:
         model = surface.model
         try:
-            cursors, row = await self._writer.run(lambda store: store.load(surface.name, batch.boot_id))
+            cursors, health_on_record = await self._writer.run(lambda store: store.load(surface.name, batch.boot_id))
         except EventsAwayError as error:
             self._resume_s = time.monotonic() + REST_S
-            self._writer.note(str(error))
+            if isinstance(error, UnreadableRowError):
+                self._writer.note_damage(surface.name, str(error))
+            else:
+                self._writer.note(str(error))
             return
+        self._writer.note_damage(surface.name)
         if surface.name not in self._records and model:
-            health = await in_thread(lambda: HealthHistory(surface.name, model, row))
+            health = await in_thread(lambda: HealthHistory(surface.name, model, health_on_record))
             self._records.setdefault(surface.name, SurfaceRecord(surface, model, health))
         if record := self._records.get(surface.name):
             record.put(batch, cursors)
@@ -173,33 +179,30 @@ class Recorder:
             self._upkeep = asyncio.create_task(self._tidy())
             self._upkeep.add_done_callback(self._note_end)
 
-    def commit(self) -> "asyncio.Task[None]":
-        """Make durable what was taken so far, unless that is being done."""
+    def commit(self, *, everything: bool = False) -> "asyncio.Task[None]":
+        """Make durable what is due, or everything that was taken so far, unless a commit runs."""
         if self._commit is None or self._commit.done():
             self._begun_s = time.monotonic()
-            self._commit = asyncio.create_task(self._write_changes())
+            self._commit = asyncio.create_task(self._write_changes(everything=everything))
             self._commit.add_done_callback(self._note_end)
         return self._commit
 
-    async def ask(self, query: Callable[[Store], _T]) -> _T:
-        """Return the answer to a query of everything that was taken so far; raises EventsAwayError."""
+    async def write(self, call: Callable[[Store], _T]) -> _T:
+        """Return what a call of the record gives, after what was begun before; raises EventsAwayError.
+
+        It gives no answer for longer than `AWAY_S`.
+        """
         try:
-            async with asyncio.timeout(QUERY_S):
-                if self._commit and not self._commit.done():
-                    await asyncio.shield(self._commit)
-                await asyncio.shield(self.commit())
-                return await self.look(query)
+            async with asyncio.timeout(AWAY_S):
+                return await self._writer.run(call)
         except TimeoutError:
-            raise EventsAwayError(f"it has not answered for {QUERY_S:g} s") from None
+            raise EventsAwayError(f"it has not answered for {AWAY_S:g} s") from None
 
-    async def look(self, query: Callable[[Store], _T]) -> _T:
-        """Return the answer to a query of what is durable; raises EventsAwayError."""
-        return await self._writer.run(query)
-
-    async def _write_changes(self) -> None:
-        records = dict(self._records)
-        changes = [change for record in records.values() if (change := record.change())]
-        if changes or self._writer.reason:
+    async def _write_changes(self, *, everything: bool) -> None:
+        now_s = time.monotonic()
+        records = {name: one for name, one in self._records.items() if everything or one.is_due(now_s)}
+        changes = [change for record in records.values() if (change := record.change(now_s))]
+        if changes or self._writer.is_away:
             try:
                 numbers, lost = await self._writer.run(lambda store: _write(store, changes))
             except BaseException as error:
@@ -218,7 +221,8 @@ class Recorder:
                 self.races += 1
                 self._records.pop(name, None)
             if any(change.has_ended for change in changes if change.surface not in lost):
-                self.on_written()
+                self.ended.set()
+                self.ended = asyncio.Event()
         if self._unread:
             await self._read_health()
 
@@ -227,13 +231,15 @@ class Recorder:
         surfaces = [(surface, surface.model) for surface in self._unread.values() if surface.model]
         unread, self._unread = self._unread, {}
         try:
-            rows = await self.look(lambda store: store.healths())
+            healths = await self._writer.run(lambda store: store.healths())
         except EventsAwayError as error:
             self._unread = unread
             self._writer.note(str(error))
             return
         for surface, model in surfaces:
-            history = await in_thread(partial(HealthHistory, surface.name, model, rows.get(surface.name)))
+            history = await in_thread(
+                partial(HealthHistory, surface.name, model, healths.get(surface.name, StoredHealth()))
+            )
             if surface.health is None:
                 surface.health = history.state
 
@@ -246,7 +252,7 @@ class Recorder:
     async def tidy(self, clock_s: float, uptime_s: float) -> Deleted:
         """Keep the record within its limits, at the times of `Retention.tidy`; return how many events that costs."""
         held = [(name, boot_id) for name, record in self._records.items() for boot_id in record.boot_ids]
-        return await self.look(lambda store: self.retention.tidy(store.database, clock_s, uptime_s, held))
+        return await self._writer.run(lambda store: self.retention.tidy(store.database, clock_s, uptime_s, held))
 
     def _note_end(self, task: "asyncio.Task[None]") -> None:
         """Note that the record is away if a task ended in an error that no database is known to raise."""
@@ -258,7 +264,7 @@ class Recorder:
         """Make durable all that was taken so far, unless the record is away."""
         if self._commit:
             await asyncio.wait([self._commit])
-        await asyncio.wait([self.commit()])
+        await asyncio.wait([self.commit(everything=True)])
 
     async def close(self) -> None:
         """Make durable what was taken, if that takes no longer than `STOP_S`, and close the database."""
@@ -269,6 +275,7 @@ class Recorder:
                 reason = self._writer.reason
         if reason:
             _log.warning("the record of events is away at the stop: %s; daemons keep their samples", reason)
+        self.readers.end()
         self._writer.end()
 
 

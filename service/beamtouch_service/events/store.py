@@ -1,14 +1,12 @@
 """The record: cursors, events, what destinations have yet to get, and health. Every call is one transaction."""
 
-import time
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from sqlalchemy import (
+    ColumnElement,
     Connection,
-    Row,
-    Select,
     Table,
     bindparam,
     delete,
@@ -24,8 +22,8 @@ from sqlalchemy import (
 
 from beamtouch_service.events.best import Best
 from beamtouch_service.events.database import open_database
-from beamtouch_service.events.event import AHEAD_S, End, Event, EventKind, OpenEvent
-from beamtouch_service.events.health import HealthHistory
+from beamtouch_service.events.event import End, Event, OpenEvent
+from beamtouch_service.events.health import BlockKey, HealthHistory, StoredHealth
 from beamtouch_service.events.tables import (
     CONTENT,
     CURSORS,
@@ -33,16 +31,18 @@ from beamtouch_service.events.tables import (
     DESTINATIONS,
     EVENTS,
     HEALTH,
+    HEALTH_BLOCKS,
     IS_FINISHED,
     TIME,
+    WITHOUT_PATH,
+    Numbered,
+    event_of,
 )
 from beamtouch_service.sections import EventsSection
 
 _c = EVENTS.c
-_WITHOUT_PATH = [column for column in CONTENT if column not in (_c.path, _c.best, _c.capture)]
-
-Numbered = tuple[int, Event]
-"""Id and content of an event."""
+_FIXED = {column.name for index in EVENTS.indexes for column in index.columns} - {"recorded_s"}
+"""Columns that stay as they were when the event began. To write them again would write their indexes, too."""
 
 
 @dataclass(frozen=True)
@@ -92,15 +92,6 @@ class Change:
 
 
 @dataclass(frozen=True)
-class Sampled:
-    """An event with its best sample."""
-
-    number: int
-    model: str
-    best: Best | None
-
-
-@dataclass(frozen=True)
 class Due:
     """A finished event that a destination has yet to acknowledge."""
 
@@ -123,25 +114,25 @@ class Store:
         """Why the database was away at the start; empty if it was not."""
         return self.database.away_because
 
-    def load(self, surface: str, boot_id: str) -> tuple[list[Cursor], dict[str, Any] | None]:
-        """Return the cursors of this boot and of those with an open event, and the row of the surface's health."""
+    def load(self, surface: str, boot_id: str) -> tuple[list[Cursor], StoredHealth]:
+        """Return the cursors of this boot and of those with an open event, and the health of the surface."""
         of_boot = (CURSORS.c.boot_id == boot_id) | CURSORS.c.event.is_not(null())
         query = select(CURSORS).where(CURSORS.c.surface == surface, of_boot)
         with self.database.loading() as connection:
             rows = connection.execute(query).all()
             numbers = [row.event for row in rows if row.event is not None]
             content = connection.execute(select(_c.id, *CONTENT).where(_c.id.in_(numbers)))
-            events = {number: (number, event) for number, event in map(_event_of, content) if event.end is End.OPEN}
-            health = connection.execute(select(HEALTH).where(HEALTH.c.surface == surface)).mappings().first()
+            events = {number: (number, event) for number, event in map(event_of, content) if event.end is End.OPEN}
+            healths = _read_healths(connection, HEALTH.c.surface == surface)
         cursors = [
             Cursor(row.boot_id, row.durable, row.version, row.model, row.memory, events.get(row.event)) for row in rows
         ]
-        return cursors, dict(health) if health else None
+        return cursors, healths.get(surface, StoredHealth())
 
-    def healths(self) -> dict[str, dict[str, Any]]:
-        """Return the row of the health of each surface."""
+    def healths(self) -> dict[str, StoredHealth]:
+        """Return the health of each surface that has one on record."""
         with self.database.loading() as connection:
-            return {row["surface"]: dict(row) for row in connection.execute(select(HEALTH)).mappings()}
+            return _read_healths(connection, true())
 
     def commit(self, changes: Sequence[Change]) -> tuple[dict[OpenEvent, int], set[str]]:
         """Make changes durable.
@@ -156,50 +147,8 @@ class Store:
             time_s = connection.scalars(select(TIME.c.passed_s)).one()
             numbers = _write_events(connection, [event for _, boot in boots for event in boot.events], time_s)
             _write(connection, CURSORS, [_cursor_row(name, boot, numbers, time_s) for name, boot in boots])
-            healths = [change.health for change in held]
-            _write(connection, HEALTH, [health.row() for health in healths if health.is_dirty])
+            _write_healths(connection, held)
         return numbers, lost
-
-    def read(
-        self,
-        *,
-        surface: str | None = None,
-        kind: EventKind | None = None,
-        since_us: int | None = None,
-        until_us: int | None = None,
-        after: tuple[int, int] | None = None,
-        limit: int = 100,
-        path: bool = True,
-    ) -> list[Numbered]:
-        """Return at most `limit` events of a surface and a kind, newest touch first; those of a clock ahead come last.
-
-        Parameters
-        ----------
-        since_us, until_us : earliest touch, and the time that it is before [us since 1970]
-        after : touch time and id of the last event that was read
-        path : whether to read paths and captures too; they are by far the largest part of an event
-        """
-        query = select(_c.id, *(CONTENT if path else _WITHOUT_PATH))
-        if surface is not None:
-            query = query.where(_c.surface == surface)
-        if kind is not None:
-            query = query.where(_c.kind == kind)
-        with self.database.reading() as connection:
-            return [_event_of(row) for row in _newest(connection, query, since_us, until_us, limit, after)]
-
-    def get(self, number: int) -> Event | None:
-        """Return the event of that id; None if there is none."""
-        with self.database.reading() as connection:
-            row = connection.execute(select(_c.id, *CONTENT).where(_c.id == number)).first()
-        return _event_of(row)[1] if row else None
-
-    def best_samples(self, surface: str, since_us: int | None, until_us: int | None, limit: int) -> list[Sampled]:
-        """Return the newest contacts of a surface that have a best sample, oldest first, by the time of their touch."""
-        is_contact = _c.best["is_contact"].as_boolean()
-        query = select(_c.id, _c.model, _c.best).where(_c.surface == surface, _c.best.is_not(null()), is_contact)
-        with self.database.reading() as connection:
-            rows = _newest(connection, query, since_us, until_us, limit)
-        return [Sampled(row.id, row.model, Best.read(row.best)) for row in reversed(rows)]
 
     def due(self, destination: str, limit: int, *, from_start: bool) -> tuple[list[Due], int]:
         """Return finished events that a destination has yet to acknowledge, in order, and how many there are.
@@ -208,7 +157,7 @@ class Store:
         """
         is_due = DELIVERIES.c.destination == destination
         query = (
-            select(DELIVERIES.c.number, _c.id, *_WITHOUT_PATH)
+            select(DELIVERIES.c.number, _c.id, *WITHOUT_PATH)
             .join(EVENTS, _c.id == DELIVERIES.c.event)
             .where(is_due)
             .order_by(DELIVERIES.c.number)
@@ -218,7 +167,7 @@ class Store:
             _make_known(connection, destination, from_start=from_start)
             count = connection.scalar(select(func.count()).select_from(DELIVERIES).where(is_due)) or 0
             rows = connection.execute(query).all() if limit and count else []
-        return [Due(row.number, *_event_of(row)) for row in rows], count
+        return [Due(row.number, *event_of(row)) for row in rows], count
 
     def acknowledge(self, delivered: Collection[Due]) -> None:
         """Note that these events were acknowledged."""
@@ -231,35 +180,6 @@ class Store:
         self.database.close()
 
 
-def _newest(
-    connection: Connection,
-    query: Select[Any],
-    since_us: int | None,
-    until_us: int | None,
-    limit: int,
-    after: tuple[int, int] | None = None,
-) -> list[Row[*tuple[Any, ...]]]:
-    """Return the newest rows of a query in a span of time, newest touch first; those of a clock ahead come last.
-
-    On top they would hide all others for years.
-    """
-    if since_us is not None:
-        query = query.where(_c.touched_us >= since_us)
-    if until_us is not None:
-        query = query.where(_c.touched_us < until_us)
-    query = query.order_by(_c.touched_us.desc(), _c.id.desc())
-    ahead_us = round((time.time() + AHEAD_S) * 1e6)
-    following = tuple_(_c.touched_us, _c.id) < tuple_(*after) if after else true()
-    parts = [query.where(_c.touched_us <= ahead_us, following), query.where(_c.touched_us > ahead_us)]
-    if after and after[0] > ahead_us:
-        parts = [parts[1].where(following)]
-    rows: list[Row[*tuple[Any, ...]]] = []
-    for part in parts:
-        if len(rows) < limit:
-            rows += connection.execute(part.limit(limit - len(rows))).all()
-    return rows
-
-
 def _find_lost(connection: Connection, changes: Sequence[Change]) -> set[str]:
     """Return the surfaces of which another service has written a row since this one read it."""
     boots = {(change.surface, boot.boot_id): boot.version for change in changes for boot in change.boots}
@@ -267,7 +187,7 @@ def _find_lost(connection: Connection, changes: Sequence[Change]) -> set[str]:
     cursors = connection.execute(select(CURSORS.c.surface, CURSORS.c.boot_id, CURSORS.c.version).where(is_of_boot))
     versions = {(surface, boot_id): version for surface, boot_id, version in cursors}
     lost = {surface for (surface, boot_id), before in boots.items() if versions.get((surface, boot_id), 0) != before}
-    dirty = {change.surface: change.health.version for change in changes if change.health.is_dirty}
+    dirty = {change.surface: change.health.stored.version for change in changes if change.health.next}
     healths = connection.execute(select(HEALTH.c.surface, HEALTH.c.version).where(HEALTH.c.surface.in_(list(dirty))))
     stands = {row.surface: row.version for row in healths}
     return lost | {surface for surface, before in dirty.items() if stands.get(surface, 0) != before}
@@ -280,7 +200,8 @@ def _write(connection: Connection, table: Table, rows: list[dict[str, Any]]) -> 
     if again := [row for row in rows if row["version"] > 1]:
         keys = [column.name for column in table.primary_key]
         is_row = [table.c[name] == bindparam(f"of_{name}") for name in keys]
-        values = [{f"of_{name}": row[name] for name in keys} | row for row in again]
+        # A key that is written again is written in its index, too, though it is the same.
+        values = [{f"of_{name}" if name in keys else name: value for name, value in row.items()} for row in again]
         connection.execute(update(table).where(*is_row), values)
 
 
@@ -295,7 +216,7 @@ def _write_events(
         if number is None:
             numbers[event] = connection.execute(insert(EVENTS).returning(_c.id), values).scalar_one()
         else:
-            again.append(values | {"of_id": number})
+            again.append({name: value for name, value in values.items() if name not in _FIXED} | {"of_id": number})
     if again:
         connection.execute(update(EVENTS).where(_c.id == bindparam("of_id")), again)
     finished = [numbers.get(event, number) for event, number, row in events if row["end"] is not End.OPEN]
@@ -304,6 +225,43 @@ def _write_events(
         each = select(DESTINATIONS.c.name, _c.id).select_from(both).where(_c.id.in_(finished)).order_by(_c.id)
         connection.execute(insert(DELIVERIES).from_select(["destination", "event"], each))
     return numbers
+
+
+def _read_healths(connection: Connection, which: ColumnElement[bool]) -> dict[str, StoredHealth]:
+    rows = connection.execute(select(HEALTH).where(which)).all()
+    is_of = HEALTH_BLOCKS.c.surface.in_([row.surface for row in rows])
+    blocks: dict[str, dict[BlockKey, list[Any]]] = {row.surface: {} for row in rows}
+    for surface, first_us, number, block in connection.execute(select(HEALTH_BLOCKS).where(is_of)):
+        blocks[surface][first_us, number] = block
+    return {
+        row.surface: StoredHealth(row.version, row.model, row.characteristic, row.newest_us, blocks[row.surface])
+        for row in rows
+    }
+
+
+def _write_healths(connection: Connection, changes: Sequence[Change]) -> None:
+    """Write what changed of the health of surfaces."""
+    rows, gone, new = list[dict[str, Any]](), list[dict[str, Any]](), list[dict[str, Any]]()
+    for change in changes:
+        before, after = change.health.stored.blocks, change.health.next
+        if not after:
+            continue
+        row = {name: getattr(after, name) for name in ("version", "model", "characteristic", "newest_us")}
+        rows.append({"surface": change.surface} | row)
+        for key in before.keys() | after.blocks.keys():
+            if before.get(key) == after.blocks.get(key):
+                continue
+            values = {"surface": change.surface, "first_us": key[0], "number": key[1]}
+            if key in before:
+                gone.append({f"of_{name}": value for name, value in values.items()})
+            if key in after.blocks:
+                new.append(values | {"block": after.blocks[key]})
+    _write(connection, HEALTH, rows)
+    if gone:
+        is_gone = [column == bindparam(f"of_{column.name}") for column in HEALTH_BLOCKS.primary_key]
+        connection.execute(delete(HEALTH_BLOCKS).where(*is_gone), gone)
+    if new:
+        connection.execute(insert(HEALTH_BLOCKS), new)
 
 
 def _make_known(connection: Connection, destination: str, *, from_start: bool) -> None:
@@ -327,10 +285,3 @@ def _cursor_row(surface: str, boot: BootChange, numbers: Mapping[OpenEvent, int]
         "event": None if event is None else numbers.get(event, event.number),
         "recorded_s": time_s,
     }
-
-
-def _event_of(row: Row[*tuple[Any, ...]]) -> Numbered:
-    """Return the event of a row of `CONTENT`, with or without its path."""
-    values = {name: value for name, value in row._asdict().items() if name not in ("id", "number")}
-    values["path"] = [tuple(point) for point in values.get("path", [])]
-    return row.id, Event(**values)

@@ -11,12 +11,15 @@ from sqlalchemy import (
     Boolean,
     Column,
     Connection,
+    Dialect,
     Double,
     Enum,
     ForeignKey,
     Index,
     Integer,
+    LargeBinary,
     MetaData,
+    Row,
     String,
     Table,
     insert,
@@ -24,15 +27,29 @@ from sqlalchemy import (
     literal_column,
     select,
 )
-from sqlalchemy.types import TypeEngine
+from sqlalchemy.types import TypeDecorator, TypeEngine
 
 from beamtouch_service.events.event import Begin, End, Event, EventKind
+from beamtouch_service.events.path import pack, unpack
 
-FORMAT = 12
+FORMAT = 13
 """The format of the record. A record of another one is refused. Raise it when a table, a field of `Event` or the memory
 of a cursor changes."""
 _NUMBER = BigInteger().with_variant(Integer, "sqlite")
 _ALL = MetaData()
+
+
+class _PackedPath(TypeDecorator[str]):
+    """Takes the points of a path, and gives its JSON."""
+
+    impl = LargeBinary
+    cache_ok = True
+
+    def process_bind_param(self, value: Any, _dialect: Dialect) -> bytes | None:  # noqa: ANN401  # as it is overridden
+        return None if value is None else pack(value)
+
+    def process_result_value(self, value: bytes | None, _dialect: Dialect) -> str | None:
+        return None if value is None else unpack(value)
 
 
 def _words(words: type[StrEnum]) -> Enum:
@@ -59,7 +76,8 @@ def _column(entry: Field[Any]) -> Column[Any]:
     held = [get_origin(kind) or kind for kind in kinds if kind is not NoneType]
     if len(held) != 1 or held[0] not in _TYPES:
         raise TypeError(f"no column for the field {entry.name} of an event: {entry.type}")
-    return Column(entry.name, _TYPES[held[0]], nullable=NoneType in kinds)
+    kind = _PackedPath() if entry.name == "path" else _TYPES[held[0]]
+    return Column(entry.name, kind, nullable=NoneType in kinds)
 
 
 EVENTS = Table(
@@ -93,9 +111,17 @@ HEALTH = Table(
     Column("model", String, nullable=False),
     Column("characteristic", String),
     Column("newest_us", BigInteger, nullable=False),
-    Column("history", JSON, nullable=False),
 )
-"""A row per surface: what the best samples of its events add up to since its baseline began."""
+"""A row per surface: what the best samples of its events are of, and the newest of them."""
+HEALTH_BLOCKS = Table(
+    "health_blocks",
+    _ALL,
+    Column("surface", String, primary_key=True),
+    Column("first_us", BigInteger, primary_key=True),
+    Column("number", Integer, primary_key=True),
+    Column("block", JSON, nullable=False),
+)
+"""What the best samples add up to since the baseline of a surface began: a row per `health.BlockKey`."""
 TIME = Table("time", _ALL, Column("passed_s", Double, nullable=False), Column("clock_s", Double))
 """One row: the time of the record, as `ageing.RecordTime`."""
 DESTINATIONS = Table("destinations", _ALL, Column("name", String, primary_key=True))
@@ -128,6 +154,15 @@ Index("by_boot", EVENTS.c.surface, EVENTS.c.boot_id)
 Index("by_record", EVENTS.c.recorded_s)
 
 CONTENT = [EVENTS.c[entry.name] for entry in fields(Event)]
+WITHOUT_PATH = [column for column in CONTENT if column.name not in ("path", "best", "capture")]
+
+Numbered = tuple[int, Event]
+"""Id and content of an event."""
+
+
+def event_of(row: Row[*tuple[Any, ...]]) -> Numbered:
+    """Return the event of a row of `CONTENT`, with or without its path."""
+    return row.id, Event(**{name: value for name, value in row._asdict().items() if name not in ("id", "number")})
 
 
 class OtherFormatError(Exception):

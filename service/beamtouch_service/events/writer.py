@@ -18,23 +18,47 @@ class Writer:
     def __init__(self, store: Store) -> None:
         self.outages = 0
         """Times that the record went away."""
-        self.reason = ""
-        """Why the record is away; empty while it is there."""
+        self._reason, self._said = "", ""
+        self._damaged: dict[str, str] = {}
+        """Surface -> why what is on record of it cannot be read."""
         self._store, self._thread, self._fault = store, Workers("record"), Repeated(_log)
         self.note(store.away_because)
+
+    @property
+    def is_away(self) -> bool:
+        """Whether the database takes nothing."""
+        return bool(self._reason)
+
+    @property
+    def reason(self) -> str:
+        """Why the record is away, or that of a surface; empty while it is there."""
+        return self._reason or next(iter(self._damaged.values()), "")
 
     async def run(self, call: Callable[[Store], _T]) -> _T:
         """Return what a call of the record gives; raises EventsAwayError. It may wait for what was begun before."""
         return await self._thread.run(lambda: call(self._store))
 
     def note(self, reason: str) -> None:
-        """Log that the record went away for this reason, or with an empty one that it is back."""
-        if reason and not self.reason:
+        """Note that the record is away for this reason, or with an empty one that it is there."""
+        self._reason = reason
+        self._say()
+
+    def note_damage(self, surface: str, reason: str = "") -> None:
+        """Note that what is on record of a surface cannot be read for this reason, or with an empty one that it can."""
+        self._damaged.pop(surface, None)
+        if reason:
+            self._damaged[surface] = reason
+        self._say()
+
+    def _say(self) -> None:
+        """Log that the record went away, or that it is back."""
+        before, self._said = self._said, self.reason
+        if self.reason and not before:
             self.outages += 1
-            self._fault.failed(f"the record of events is away: {reason}; answers go on, and daemons keep their samples")
-        elif self.reason and not reason:
+            words = f"the record of events is away: {self.reason}; answers go on, and daemons keep their samples"
+            self._fault.failed(words)
+        elif before and not self.reason:
             self._fault.over("the record of events is back")
-        self.reason = reason
 
     def note_unexpected(self, error: BaseException) -> None:
         """Note that the record is away for an error that no database is known to raise."""

@@ -23,6 +23,13 @@ def start(start_press: StartService) -> StartService:
 
 
 def events(service: Service) -> list[dict[str, Any]]:
+    """Events, as soon as all that was taken is durable."""
+
+    def is_durable() -> bool:
+        receipt = service.post(log(batch_of() | {"samples": []})).json()
+        return receipt["expected"] is not None and receipt["durable"] == receipt["expected"] - 1
+
+    wait_until(is_durable)
     found: list[dict[str, Any]] = service.get("/events").json()["events"]
     return found
 

@@ -116,24 +116,23 @@ def test_the_status_names_a_channel_that_is_out_and_is_kept_until_it_is_back(lin
 
 
 def test_events_from_before_are_sent_only_where_that_is_asked_for(line: Line) -> None:
-    def record(service: Service, sequence: int) -> None:
+    subscriber = line.broker.subscribe("-t", "+/press-7/event")
+
+    def record(service: Service, sequence: int, messages: int) -> None:
         service.post(now_batch(RESTING, TOUCHING, RESTING, sequence=sequence))
-        wait_for(lambda: metric(service, "events_pending") == 0 and events(service)[0]["end"] == "lift")
+        wait_for(lambda: len(subscriber.messages) == messages)
+        wait_for(lambda: metric(service, "events_pending") == 0)
         service.stop(signal.SIGTERM)
 
-    subscriber = line.broker.subscribe("-t", "+/press-7/event")
-    record(line.start('prefix = "first"'), 1)
-    wait_for(lambda: len(subscriber.messages) == 1)
-    record(line.start('prefix = "second"'), 4)
-    wait_for(lambda: len(subscriber.messages) == 2)
+    record(line.start('prefix = "first"'), 1, messages=1)
+    record(line.start('prefix = "second"'), 4, messages=2)
     service = line.start('prefix = "third"', "send_recorded_events = true")
     wait_for(lambda: len(subscriber.messages) == 4)
     found = [(one.topic.partition("/")[0], one.content["id"]) for one in subscriber.messages]
     assert found == [("first", 1), ("second", 2), ("third", 1), ("third", 2)]
     service.stop(signal.SIGTERM)
     # What it has acknowledged does not come again, and it goes on after its last one.
-    record(line.start('prefix = "first"'), 7)
-    wait_for(lambda: len(subscriber.messages) == 6)
+    record(line.start('prefix = "first"'), 7, messages=6)
     assert [one.content["id"] for one in subscriber.messages[4:]] == [2, 3]
 
 

@@ -37,8 +37,6 @@ class EventSender:
         """Those that the broker acknowledged."""
         words = "Finished events that the MQTT broker has yet to acknowledge."
         self._pending = context.counts.gauge("mqtt_events_pending", words)
-        self._written = asyncio.Event()
-        self._recorder.on_written = self._written.set
         self._resume_s = float("-inf")
         """When to try again after a refusal, also over the next connection [s, of the loop]."""
 
@@ -54,10 +52,13 @@ class EventSender:
         settled_s = loop.time() + RETURN_S
         while True:
             await asyncio.sleep(self._resume_s - loop.time())
-            self._written.clear()
+            ended = self._recorder.ended
             due = await self._due(limit=WINDOW)
+            if due is None:
+                await asyncio.sleep(RETRY_S)
+                continue
             if not due:
-                await self._written.wait()
+                await ended.wait()
                 continue
             try:
                 has_listeners = await self._send(connection, due)
@@ -71,15 +72,13 @@ class EventSender:
             else:
                 await asyncio.sleep(RETRY_S)
 
-    async def _due(self, limit: int) -> list[Due]:
+    async def _due(self, limit: int) -> list[Due] | None:
+        """Return events to send, as far as the window allows; None while the record is away."""
         destination, from_start = self._destination, self._from_start
         try:
-            due, count = await self._recorder.look(lambda store: store.due(destination, limit, from_start=from_start))
+            due, count = await self._recorder.write(lambda store: store.due(destination, limit, from_start=from_start))
         except EventsAwayError:  # the log has it
-            await asyncio.sleep(RETRY_S)
-            # Read again, whether an event is written meanwhile or not.
-            self._written.set()
-            return []
+            return None
         self._pending.set(count)
         return due
 
@@ -97,4 +96,4 @@ class EventSender:
     async def _acknowledge(self, due: list[Due]) -> None:
         self._sent.inc(len(due))
         with suppress(EventsAwayError):  # they are sent again
-            await self._recorder.look(lambda store: store.acknowledge(due))
+            await self._recorder.write(lambda store: store.acknowledge(due))

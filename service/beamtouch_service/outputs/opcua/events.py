@@ -11,10 +11,10 @@ from asyncua.server.event_generator import EventGenerator
 from beamtouch_service.api import events as event_answers
 from beamtouch_service.events.database import EventsAwayError
 from beamtouch_service.events.recorder import Recorder
-from beamtouch_service.events.store import Due
+from beamtouch_service.events.store import Due, Store
 
-LOOK_S = 0.5
-"""Time between two looks at the record, which is written once a second."""
+RETRY_S = 1.0
+"""Pause before the record is read again, after it was away."""
 AT_ONCE = 100
 """Events that are read together."""
 DESTINATION = "opcua"
@@ -59,21 +59,22 @@ class EventSender:
         while True:
             for due in await self._due():
                 await self._send(due)
-            await asyncio.sleep(LOOK_S)
 
     async def _due(self) -> list[Due]:
-        """Return events that finished since the last look, at most `AT_ONCE`."""
+        """Return events that finished since the last look, at most `AT_ONCE`, once there are any."""
         return await asyncio.wrap_future(asyncio.run_coroutine_threadsafe(self._take(), self._main))
 
     async def _take(self) -> list[Due]:
         """Take events from the record. Nobody acknowledges them, so they count as sent."""
-        try:
-            due, _ = await self._recorder.look(lambda store: store.due(DESTINATION, AT_ONCE, from_start=False))
-            if due:
-                await self._recorder.look(lambda store: store.acknowledge(due))
-        except EventsAwayError:  # the log has it
-            return []
-        return due
+        while True:
+            ended = self._recorder.ended
+            try:
+                if due := await self._recorder.write(_take_due):
+                    return due
+            except EventsAwayError:  # the log has it
+                await asyncio.sleep(RETRY_S)
+            else:
+                await ended.wait()
 
     async def _send(self, due: Due) -> None:
         said = event_answers.event(due.number, due.event)
@@ -93,3 +94,10 @@ class EventSender:
         # Clients that want the events of all surfaces listen at the Server object. The library only serves the emitter.
         sent.emitting_node = self._server.nodes.server.nodeid
         await generator.isession.subscription_service.trigger_event(sent)
+
+
+def _take_due(store: Store) -> list[Due]:
+    due, _ = store.due(DESTINATION, AT_ONCE, from_start=False)
+    if due:
+        store.acknowledge(due)
+    return due

@@ -1,0 +1,92 @@
+"""Readers of the record: two threads, a bounded number of answers, and never the interpreter for long.
+
+A reader may take long, an answer to `GET /contact` may not, and both need the interpreter. So a reader works for a
+fraction of a millisecond at a time, and rests for several times as long.
+"""
+
+import asyncio
+import time
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager, suppress
+from typing import Any, TypeVar
+
+from sqlalchemy import Row, Select
+
+from beamtouch_service.events.database import READERS, Database, EventsAwayError
+from beamtouch_service.events.threads import Workers
+
+MAX_ANSWERS = 32
+"""Answers from the record that may be under way: waiting for a thread, being read, or being sent. Each may be a MB."""
+PLACE_S = 1.0
+"""A request waits this long for a place among them. A client that asks again at once is so slowed down, too."""
+QUERY_S = 15.0
+"""Longest time for an answer of the database."""
+_WORK_S = 0.2e-3
+"""Longest time that a reader works at a time [s], but for what one row takes."""
+_REST = 5.0
+"""Then it rests for this many times as long."""
+_AT_ONCE = 8
+"""Rows that are fetched at a time."""
+_T = TypeVar("_T")
+
+
+class TooManyReadersError(Exception):
+    """So many answers from the record are under way that there is no place for another one."""
+
+
+class Reader:
+    """What a query gets: rows of the record, and a pace. For one thread."""
+
+    def __init__(self, database: Database) -> None:
+        self._database = database
+        self._begin_s = time.thread_time()
+
+    def rows(self, statement: Select[Any]) -> list[Row[*tuple[Any, ...]]]:
+        """Return the rows of a statement; raises EventsAwayError."""
+        rows: list[Row[*tuple[Any, ...]]] = []
+        with self._database.reading() as connection:
+            for part in connection.execute(statement).partitions(_AT_ONCE):
+                rows += part
+                self.rest()
+        return rows
+
+    def rest(self) -> None:
+        """Leave the interpreter to others for a while if it is time; call this after each row that was worked on."""
+        worked_s = time.thread_time() - self._begin_s
+        if worked_s >= _WORK_S:
+            time.sleep(_REST * worked_s)
+            self._begin_s = time.thread_time()
+
+
+class Readers:
+    """All readers of the record of a service."""
+
+    def __init__(self, database: Database) -> None:
+        self._database, self._threads = database, Workers("reader", READERS)
+        self._places = asyncio.Semaphore(MAX_ANSWERS)
+
+    @asynccontextmanager
+    async def place(self) -> AsyncIterator[None]:
+        """Have a place for an answer during a block; raises TooManyReadersError."""
+        is_there = False
+        with suppress(TimeoutError):
+            async with asyncio.timeout(PLACE_S):
+                is_there = await self._places.acquire()
+        if not is_there:
+            raise TooManyReadersError
+        try:
+            yield
+        finally:
+            self._places.release()
+
+    async def read(self, query: Callable[[Reader], _T]) -> _T:
+        """Return the answer to a query of what is durable; raises EventsAwayError."""
+        try:
+            async with asyncio.timeout(QUERY_S):
+                return await self._threads.run(lambda: query(Reader(self._database)))
+        except TimeoutError:
+            raise EventsAwayError(f"it has not answered for {QUERY_S:g} s") from None
+
+    def end(self) -> None:
+        """End the threads after what they were told to read."""
+        self._threads.end()

@@ -1,0 +1,88 @@
+"""Clients that read the record: a bounded number at a time, and none of them holds up an answer."""
+
+import socket
+import threading
+from pathlib import Path
+
+import httpx2
+import pytest
+
+from service.bench import PATIENT, batch_of, kind
+from service.event_story import RESTING, TOUCHING
+from service.process.conftest import Service, StartService
+from waiting import wait_until
+
+WAITS = """
+import time
+from pathlib import Path
+from beamtouch_service.events import queries, readers
+readers.MAX_ANSWERS, readers.PLACE_S = 3, 0.1
+find = queries.find_events
+def wait(reader, **how):
+    while not Path("go").exists():
+        time.sleep(0.01)
+    return find(reader, **how)
+queries.find_events = wait
+"""
+"""Readers take as long as the test says, and there is room for three answers."""
+
+
+@pytest.fixture
+def service(start_press: StartService) -> Service:
+    service = start_press(code=f"{PATIENT}\n{WAITS}", sections="[events]\nfile = 'events.db'\n")
+    service.post(batch_of(RESTING, TOUCHING, RESTING) | {"oldest": 1})
+    return service
+
+
+def durable(service: Service) -> int | None:
+    question = batch_of() | {"samples": [], "backlog": True, "newest_age_ms": None, "oldest": 1}
+    number: int | None = service.post(question).json()["durable"]
+    return number
+
+
+def test_beyond_a_number_of_readers_others_are_told_to_come_again_and_nothing_else_waits(
+    service: Service, tmp_path: Path
+) -> None:
+    answers: list[httpx2.Response] = []
+    readers = [threading.Thread(target=lambda: answers.append(service.get("/events"))) for _ in range(3)]
+    for reader in readers:
+        reader.start()
+
+    def is_full() -> bool:
+        return service.get("/events/1").status_code == 503
+
+    wait_until(is_full)
+    for path in ("/events", "/events/1", "/surfaces/press-7/calibration-data", "/surfaces/press-7/commissionings"):
+        refusal = service.get(path)
+        assert (path, kind(refusal), refusal.headers["retry-after"]) == (path, "too-many-clients", "1")
+    assert service.get("/contact").json()["state"] == "clear"
+    assert service.post(batch_of(TOUCHING, RESTING, sequence=4) | {"oldest": 1}).is_success
+    wait_until(lambda: durable(service) == 5)
+    assert service.get("/health/ready").is_success
+
+    (tmp_path / "go").touch()
+    for reader in readers:
+        reader.join()
+    assert [len(answer.json()["events"]) for answer in answers] == [2, 2, 2]
+    assert service.get("/events").is_success
+
+
+def test_a_client_that_takes_nothing_keeps_its_place_only_until_it_leaves(service: Service, tmp_path: Path) -> None:
+    (tmp_path / "go").touch()
+    rows = [RESTING, *[TOUCHING] * 250] * 30
+    expected = 4
+    while expected <= len(rows):
+        part = batch_of(*rows[expected - 1 : expected + 999], sequence=expected)
+        expected = service.post(part | {"backlog": True, "newest_age_ms": None, "oldest": 1}).json()["expected"]
+    wait_until(lambda: durable(service) == len(rows))
+    connections = [socket.socket() for _ in range(3)]
+    for connection in connections:
+        # An answer of 0.4 MB is then more than what the system holds for a client that reads nothing.
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        connection.connect(("127.0.0.1", service.port))
+        connection.sendall(b"GET /events?path=true HTTP/1.1\r\nHost: localhost\r\n\r\n")
+    wait_until(lambda: service.get("/events/1").status_code == 503)
+    connections[0].close()
+    wait_until(lambda: service.get("/events/1").is_success)
+    for connection in connections[1:]:
+        connection.close()
