@@ -21,7 +21,7 @@ from beamtouch_models.surface import Surface as Physics
 from beamtouch_models.world import World, counts_of_output, output_of_gap
 from beamtouch_service.events.boot import Boot
 from beamtouch_service.events.event import Event, EventKind
-from beamtouch_service.events.health import HealthHistory
+from beamtouch_service.events.health import HealthHistory, StoredHealth
 from beamtouch_service.samples import Batch
 from beamtouch_service.sections import SurfaceSection
 from beamtouch_service.surfaces.follower import Decision
@@ -133,7 +133,7 @@ class Line:
         self.pipeline = Pipeline(settings, None, rest_of(settings))
         self.surface = Served(metadata.name, model, section)
         self._boot = Boot(metadata.name, section, BOOT, model, 0)
-        self.health = HealthHistory(metadata.name, model, None)
+        self.health = HealthHistory(metadata.name, model, StoredHealth())
 
     def play(self, course: Course) -> Said:
         """Play a course."""

@@ -45,7 +45,7 @@ async def client(app: Application) -> AsyncIterator[httpx2.AsyncClient]:
     transport = httpx2.ASGITransport(app)
     async with httpx2.AsyncClient(transport=transport, base_url="http://127.0.0.1", headers=headers) as client:
         yield client
-    app.context.recorder.store.close()
+    await app.context.recorder.close()
 
 
 async def turns_during(request: asyncio.Task[httpx2.Response]) -> int:
@@ -130,6 +130,7 @@ async def test_a_model_that_changes_during_a_batch_does_not_mix_with_the_one_bef
     while receipt["expected"] != len(rows) + 1:
         backlog = batch | {"backlog": True, "newest_age_ms": None}
         receipt = (await client.post("/surfaces/press-7/samples", json=backlog)).json()
+    await app.context.recorder.flush()
     (event,) = (await client.get("/events?surface=press-7")).json()["events"]
     assert (event["model"], event["samples"], event["end"]) == (new.identity, MANY, "lift")
     assert event["peak_force_n"] is None  # the new model estimates none
