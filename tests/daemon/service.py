@@ -8,6 +8,7 @@ from pathlib import Path
 from signal import SIGTERM
 from time import monotonic
 
+import httpx2
 import uvicorn
 from starlette.applications import Starlette
 from starlette.requests import Request
@@ -16,6 +17,7 @@ from starlette.routing import Route
 
 from beamtouch_service.samples import Batch, Receipt, Sample
 from forked import Forked
+from plain_http import TIMEOUT_S
 
 from .record import Record, Recorder
 
@@ -140,3 +142,10 @@ async def real_service(folder: Path, model: Path, *options: str | Path, port: in
         yield url
     finally:
         await asyncio.to_thread(service.__exit__, None, None, None)
+
+
+async def contact_has(url: str, name: str, value: str) -> None:
+    """Wait until the contact of the real service has a member of this value."""
+    async with httpx2.AsyncClient(base_url=url, trust_env=False, timeout=TIMEOUT_S) as http, asyncio.timeout(60):
+        while (await http.get("/contact")).json().get(name) != value:  # noqa: ASYNC110 - the service is outside
+            await asyncio.sleep(0.05)

@@ -15,7 +15,7 @@ from service.small_model import BEAM, write_model
 from . import configs
 from .devices import pymodbus_server
 from .process import PATIENT_STOP, command, started, summary_of
-from .service import TOKEN, real_service, serving_model
+from .service import TOKEN, contact_has, real_service, serving_model
 
 pytestmark = pytest.mark.anyio
 
@@ -101,13 +101,6 @@ async def test_a_service_that_takes_them_gets_none_and_a_configuration_without_b
         assert (await http.get("/surfaces/bench")).json()["samples"]["accepted"] == 0
 
 
-async def until(url: str, name: str, value: str) -> None:
-    """Wait until the contact has a member of this value."""
-    async with httpx2.AsyncClient(base_url=url, trust_env=False, timeout=TIMEOUT_S) as http, asyncio.timeout(60):
-        while (await http.get("/contact")).json().get(name) != value:  # noqa: ASYNC110 - the service is outside
-            await asyncio.sleep(0.05)
-
-
 async def test_samples_of_another_beam_wait_until_a_model_of_their_beam_is_there(tmp_path: Path) -> None:
     own = write_model(tmp_path, "bench", channels=4, beam="beam-1")
     (tmp_path / "other").mkdir()
@@ -118,10 +111,10 @@ async def test_samples_of_another_beam_wait_until_a_model_of_their_beam_is_there
         config.write_text(config.read_text().replace("rate_hz", 'beam = "beam-1"\nrate_hz', 1))
         async with started("run", config, "--summary", tmp_path / "summary.json", code=PATIENT_STOP) as daemon:
             async with real_service(tmp_path, other, port=serving) as url:
-                await until(url, "type", "urn:beamtouch:problem:other-beam")
+                await contact_has(url, "type", "urn:beamtouch:problem:other-beam")
                 told = await command("check", config, "--wait", "0")
             async with real_service(tmp_path, own, port=serving) as url:
-                await until(url, "state", "clear")
+                await contact_has(url, "state", "clear")
                 outcome = await daemon.stop()
     assert (told.code, told.complaint()) == (
         1,
@@ -139,7 +132,7 @@ async def test_tare_refuses_a_beam_on_which_the_service_sees_a_contact(tmp_path:
     async with pymodbus_server([20_900] * 4) as port:  # 0.09 mm down
         config = written(tmp_path, f"http://127.0.0.1:{serving}", configs.tcp(port))
         async with started("run", config), real_service(tmp_path, asked.model, port=serving) as url:
-            await until(url, "state", "contact")
+            await contact_has(url, "state", "contact")
             refused = await command("tare", config)
             accepted = await command("tare", config, "--accept-change")
     assert refused.code == 1

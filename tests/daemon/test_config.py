@@ -241,6 +241,18 @@ def test_a_host_that_cannot_be_is_refused_wherever_one_is_stated(
         assert "publish.url: must " in complaint(configs.write(tmp_path, configs.surface(), url=f"http://{host}:8420"))
 
 
+@pytest.mark.parametrize("path", ["/../beams", "/./", "//", "/two words", "/beams?x=1", "/beams#x", "/a%2", "/contact"])
+def test_a_path_that_cannot_be_one_of_a_service_is_refused(tmp_path: Path, complaint: Complaint, path: str) -> None:
+    config = configs.write(tmp_path, configs.surface(), url=f"http://127.0.0.1:8420{path}")
+    assert complaint(config).startswith("publish.url: must ")
+
+
+@pytest.mark.parametrize("path", ["", "/", "/beams", "/beams/", "/hall-1/press%207/..x"])
+def test_the_service_may_be_below_a_path_of_a_proxy(tmp_path: Path, path: str) -> None:
+    config = load_config(configs.write(tmp_path, configs.surface(), url=f"https://plant.example{path}"))
+    assert config.publish.url == f"https://plant.example{path}".rstrip("/")
+
+
 @pytest.mark.parametrize("host", ["192.168.0.20", "::1", "fe80::1%eth0", "plc", "plc.plant.", "prüfstand.example"])
 def test_a_host_that_can_be_is_taken(tmp_path: Path, host: str) -> None:
     config = load_config(configs.write(tmp_path, configs.surface(source=configs.tcp(502, host))))

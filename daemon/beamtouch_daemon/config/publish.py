@@ -1,5 +1,6 @@
 """Settings of the service that receives the samples, and the files that they name."""
 
+import re
 import ssl
 from pathlib import Path
 from typing import Annotated
@@ -11,6 +12,10 @@ from beamtouch_common.errors import FailedError, InputError
 from beamtouch_common.hosts import host_name
 from beamtouch_daemon.config.sources import RelativePath, Strict
 
+_PATH = re.compile(r"(/(?!\.\.?(/|$))([A-Za-z0-9._~!$&'()*+,;=:@-]|%[0-9A-Fa-f]{2})+)*/?")
+_ROUTES = {"contact", "events", "samples", "stream", "surfaces"}
+"""Ends of an address that was copied from a page or an example."""
+
 
 def _http_url(value: str) -> str:
     parts = urlsplit(value)
@@ -18,8 +23,10 @@ def _http_url(value: str) -> str:
         raise ValueError("must look like http://127.0.0.1:8420")
     if parts.username is not None:
         raise ValueError("must name no user; the service knows the daemon by its token")
-    if parts.path.strip("/"):
-        raise ValueError("must have no path; end it after the port")
+    if not _PATH.fullmatch(parts.path):
+        raise ValueError("must have a path like /beamtouch, or none")
+    if (last := parts.path.rstrip("/").rpartition("/")[2]) in _ROUTES:
+        raise ValueError(f"must be the address of the whole service: leave out /{last} and what belongs to it")
     host_name(parts.hostname)
     return value.rstrip("/")
 
@@ -33,14 +40,15 @@ def _port(parts: SplitResult) -> int:
 
 
 HttpUrl = Annotated[str, AfterValidator(_http_url)]
-"""Address of a service, without a path."""
+"""Address of a service; with a path if a proxy serves it below one."""
 
 
 class Publish(Strict):
     """The service that receives the samples, and the buffers in front of it."""
 
     url: HttpUrl
-    """Address of the service, without a path."""
+    """Address of the service, such as `http://127.0.0.1:8420`; with a path if a proxy serves it below one, as in
+    `https://plant.example/beamtouch`."""
     token_file: RelativePath
     """File with the service's bearer token and nothing else."""
     certificate_file: RelativePath | None = None

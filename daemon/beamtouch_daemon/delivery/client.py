@@ -21,6 +21,7 @@ PROBLEM = "urn:beamtouch:problem:"
 TOO_LARGE = PROBLEM + "too-large"
 OTHER_BEAM = PROBLEM + "other-beam"
 INVALID_REQUEST = PROBLEM + "invalid-request"
+NOT_FOUND = PROBLEM + "not-found"
 NEVER_ACCEPTED = {TOO_LARGE, PROBLEM + "malformed-json", INVALID_REQUEST}
 """Types of problems with a batch. Only the service sends them, never a proxy in front of it."""
 _T = TypeVar("_T", bound=BaseModel)
@@ -93,6 +94,8 @@ class Answer:
             return "the answer is no receipt; is publish.url the address of another program?"
         if self.status == 401:
             return "status 401: wrong token; correct publish.token_file and restart"
+        if self.status == 404 and self.problem in {"", NOT_FOUND}:
+            return "status 404: no service is there; is the path in publish.url the one that the proxy passes on?"
         detail = (self.parsed(_Problem) or _Problem()).detail[:MAX_DETAIL]
         return f"status {self.status}: {detail}" if detail else f"status {self.status}"
 
