@@ -1,6 +1,7 @@
 """A real HTTP server in the place of the service: it takes batches and answers as it is told."""
 
 import asyncio
+import gzip
 import socket
 from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import asynccontextmanager, contextmanager
@@ -73,6 +74,8 @@ class Service:
         if request.headers.get("authorization") != f"Bearer {TOKEN}":
             return Response(status_code=401)
         body = await request.body()
+        if request.headers.get("content-encoding") == "gzip":
+            body = gzip.decompress(body)
         if body == b"{}":  # it asks whether samples would be taken
             return _problem(422, "invalid-request")
         batch = Batch.model_validate_json(body)

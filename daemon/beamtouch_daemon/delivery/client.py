@@ -2,6 +2,8 @@
 
 import os
 import ssl
+import zlib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property
@@ -136,20 +138,33 @@ class ServiceClient:
 
     async def post_samples(self, surface: str, batch: Batch | None) -> Answer:
         """Send a batch, or nothing to see whether the service would take one; raises UnreachableError."""
-        content = b"{}" if batch is None else batch.model_dump_json(exclude_defaults=True).encode()
-        return await self._request("POST", f"/surfaces/{surface}/samples", content)
+        path = f"/surfaces/{surface}/samples"
+        if batch is None:
+            return await self._request("POST", path, b"{}")
+        content = compressed(batch.model_dump_json(exclude_defaults=True).encode())
+        return await self._request("POST", path, content, {"Content-Encoding": "gzip"})
 
     async def get(self, path: str) -> Answer:
         """Ask for a path; raises UnreachableError."""
         return await self._request("GET", path, None)
 
-    async def _request(self, method: str, path: str, content: bytes | None) -> Answer:
+    async def _request(
+        self, method: str, path: str, content: bytes | None, headers: Mapping[str, str] | None = None
+    ) -> Answer:
         url = f"{self.url.rstrip('/')}{path}"
         try:
-            async with self._session.request(method, url, data=content, allow_redirects=False) as response:
+            async with self._session.request(
+                method, url, data=content, headers=headers, allow_redirects=False
+            ) as response:
                 return Answer(response.status, await response.read())
         except (aiohttp.ClientError, TimeoutError) as error:
             raise _unreachable(error) from error
+
+
+def compressed(content: bytes) -> bytes:
+    """Return content as gzip. The fastest level takes a tenth more bytes than the best, in a quarter of its time."""
+    encoder = zlib.compressobj(level=1, wbits=16 + zlib.MAX_WBITS)
+    return encoder.compress(content) + encoder.flush()
 
 
 def _unreachable(error: aiohttp.ClientError | TimeoutError) -> UnreachableError:

@@ -1,5 +1,6 @@
 """`POST /surfaces/NAME/samples`: from the headers of a batch to its receipt."""
 
+import zlib
 from asyncio import CancelledError, get_running_loop, timeout
 from collections.abc import Iterator
 from math import inf
@@ -37,7 +38,8 @@ async def post_samples(name: SurfaceInPath, request: Request) -> Response:
         # The age was stated before the body travelled. Counted from here, travel makes samples older, never younger.
         begin_s = context.clock()
         earliest_s = context.ticks.earliest_s(begin_s)
-        batch = await read_batch(await read_body(request), context.turns)
+        body = decompressed(await read_body(request), request.headers.get("content-encoding", ""))
+        batch = await read_batch(body, context.turns)
         async with context.turns.of(name):
             arrival_s = surface.transit.arrival_s(batch, begin_s, earliest_s)
             received = surface.begin(batch, arrival_s, _peer(request))
@@ -111,6 +113,39 @@ async def read_body(request: Request) -> bytes:
     return bytes(body)
 
 
+def decompressed(body: bytes, encoding: str) -> bytes:
+    """Return a body as it was before a `Content-Encoding`.
+
+    Raises
+    ------
+    ProblemError
+        413 as soon as it is known to exceed `MAX_BODY_BYTES`; 415 for another encoding than gzip; 400 if it is not gzip
+        or not whole.
+    """
+    match encoding.strip().lower():
+        case "" | "identity":
+            return body
+        case "gzip" | "x-gzip":
+            return _unzipped(body)
+        case _:
+            detail = "Send the batch with Content-Encoding: gzip, or without one."
+            raise ProblemError(Problem(Kind.UNKNOWN_ENCODING, detail), {"Accept-Encoding": "gzip"})
+
+
+def _unzipped(body: bytes) -> bytes:
+    decoder = zlib.decompressobj(wbits=16 + zlib.MAX_WBITS)
+    try:
+        content = decoder.decompress(body, MAX_BODY_BYTES + 1)
+    except zlib.error:
+        content = b""
+    if len(content) > MAX_BODY_BYTES:
+        raise _too_large()
+    if not decoder.eof or decoder.unused_data:
+        detail = "The body is not one whole gzip stream; send it as it is, or without Content-Encoding."
+        raise ProblemError(Problem(Kind.MALFORMED_ENCODING, detail))
+    return content
+
+
 def _too_large() -> ProblemError:
-    detail = f"A batch may be at most {MAX_BODY_BYTES} bytes long; send fewer samples at a time."
+    detail = f"A batch may be at most {MAX_BODY_BYTES} bytes long, also decompressed; send fewer samples at a time."
     return ProblemError(Problem(Kind.TOO_LARGE, detail, members={"limit_bytes": MAX_BODY_BYTES}), _CLOSE)
