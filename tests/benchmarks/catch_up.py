@@ -20,9 +20,10 @@ sys.path.insert(0, str(Path(__file__).parent.parent))
 
 import numpy as np
 
+from beamtouch_daemon.delivery.backlog import Backlog
+from beamtouch_daemon.delivery.boots import Boot
 from beamtouch_daemon.delivery.client import ServiceClient
-from beamtouch_daemon.delivery.log import Log
-from beamtouch_daemon.delivery.readers import Backlog, Live
+from beamtouch_daemon.delivery.live import Live
 from beamtouch_daemon.processing.pipeline import Taken
 from beamtouch_daemon.sources.reading import Reading
 from beamtouch_daemon.tasks import cancel
@@ -87,14 +88,14 @@ def samples(first: int, number: int) -> list[Taken]:
     ]
 
 
-async def go_on(log: Log, is_over: Callable[[], bool]) -> None:
+async def go_on(boot: Boot, is_over: Callable[[], bool]) -> None:
     """Give live samples at 1 kHz until it is over."""
     due_s = time.monotonic()
     while not is_over():
         due_s += BATCH_S
         await asyncio.sleep(max(0.0, due_s - time.monotonic()))
-        log.put(samples(log.next, IN_BATCH))
-        log.fresh.set()
+        boot.log.put(samples(boot.log.next, IN_BATCH))
+        boot.fresh.set()
 
 
 async def run(number: int, folder: Path) -> None:
@@ -103,19 +104,20 @@ async def run(number: int, folder: Path) -> None:
     async with stored(folder / "log", 1_000_000_000) as store, real_service(folder, model) as url:
         head = Batch(boot_id="boot-0001", channels=CHANNELS, samples=[], noise_mm=[1e-4] * len(CHANNELS))
         logs = store.surface("bench")
-        log, sender = logs.begin(head, 20_000), ServiceClient(url, TOKEN)
+        boot, sender = logs.begin(head, 20_000), ServiceClient(url, TOKEN)
+        log = boot.log
         while log.next <= number:
             log.put(samples(log.next, 1000))
-            log.live_from = log.next
+            boot.live.next = log.next
             await store.write(None)
-        works = (Live(sender, logs, log).run(), Backlog(sender, store, logs).run(), store.run())
+        works = (Live(sender, logs, boot).run(), Backlog(sender, store, logs, asyncio.Lock()).run(), store.run())
         tasks = [asyncio.ensure_future(work) for work in works]
         client, begin_s = Client(url), time.monotonic()
-        await go_on(log, lambda: not logs.on_disk)
+        await go_on(boot, lambda: not logs.on_disk)
         print(f"{number} samples: {time.monotonic() - begin_s:.0f} s, dropped {logs.counts.dropped}", flush=True)
         print("meanwhile, p50, p99 and longest:", json.dumps(client.end()), flush=True)
         client, end_s = Client(url), time.monotonic() + ALONE_S
-        await go_on(log, lambda: time.monotonic() > end_s)
+        await go_on(boot, lambda: time.monotonic() > end_s)
         print("alone, p50, p99 and longest:", json.dumps(client.end()), flush=True)
         await cancel(tasks)
         await sender.__aexit__()

@@ -7,9 +7,10 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 from time import sleep
 
+from beamtouch_daemon.delivery.backlog import Backlog
 from beamtouch_daemon.delivery.client import ServiceClient
+from beamtouch_daemon.delivery.live import Live
 from beamtouch_daemon.delivery.log_store import LogStore
-from beamtouch_daemon.delivery.readers import Backlog, Live
 from beamtouch_daemon.processing.pipeline import Taken
 from beamtouch_daemon.sources.reading import Reading
 from beamtouch_daemon.tasks import cancel
@@ -67,14 +68,16 @@ class Bench:
         *,
         max_samples: int = 10_000,
         token: str = TOKEN,
-        boot_id: str = "boot-0001",
+        head: Batch | None = None,
+        url: str = "",
     ) -> None:
         self.store = store or LogStore(None, 0)
-        self._client = ServiceClient(service.url, token)
+        self._client = ServiceClient(url or service.url, token)
         self.logs = self.store.surface("bench")
-        self.log = self.logs.begin(boot(boot_id), max_samples)
-        self.live = Live(self._client, self.logs, self.log)
-        self.backlog = Backlog(self._client, self.store, self.logs)
+        self.boot = self.logs.begin(head or boot(), max_samples)
+        self.log = self.boot.log
+        self.live = Live(self._client, self.logs, self.boot)
+        self.backlog = Backlog(self._client, self.store, self.logs, asyncio.Lock())
 
     async def __aenter__(self) -> "Bench":
         self._tasks = [asyncio.ensure_future(run()) for run in (self.live.run, self.backlog.run, self.store.run)]
@@ -89,7 +92,7 @@ class Bench:
     def put(self, samples: list[Taken]) -> None:
         """Add samples, and wake the live reader."""
         self.log.put(samples)
-        self.log.fresh.set()
+        self.boot.fresh.set()
 
     def count(self, number: int, age_s: float = 0.0) -> None:
         """Add as many samples with the next numbers."""
@@ -98,7 +101,7 @@ class Bench:
 
 async def put_chunks(store: LogStore, head: Batch, *numbers: int) -> None:
     """Write a chunk of each of these numbers of samples, from a boot whose batches begin with `head`."""
-    log = store.surface("bench").begin(head, sum(numbers))
+    log = store.surface("bench").begin(head, sum(numbers)).log
     for number in numbers:
         log.put(taken(log.next, number))
         await store.write(None)

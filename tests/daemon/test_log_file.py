@@ -23,7 +23,7 @@ async def recorded(path: Path) -> Service:
     async with (
         stored(path) as store,
         serving(Service()) as service,
-        Bench(service, store, boot_id="boot-last") as bench,
+        Bench(service, store, head=boot("boot-last")) as bench,
     ):
         await until(lambda: not bench.logs.on_disk)
     return service
@@ -51,8 +51,8 @@ async def test_samples_of_earlier_boots_are_read_out_in_order_with_the_facts_the
         for number in range(1, 8)
     ]
     async with stored(tmp_path / "samples") as store:
-        store.surface("bench").begin(head, 100).put(stated)
-        store.surface("other").begin(boot(), 100).put(taken(1, 3))
+        store.surface("bench").begin(head, 100).log.put(stated)
+        store.surface("other").begin(boot(), 100).log.put(taken(1, 3))
     await keep(tmp_path / "samples", 5, 6, boot_id="boot-000b")
     service = await recorded(tmp_path / "samples")
     assert service.record.numbers() == {"boot-0000": list(range(1, 8)), "boot-000b": list(range(1, 12))}

@@ -10,8 +10,8 @@ import pytest
 
 import facts
 from beamtouch_common.zones import BEGIN, HOLD, MAX_ZONES
-from beamtouch_daemon.delivery.log import MAX_BATCH
 from beamtouch_daemon.delivery.log_store import MEMORY_S
+from beamtouch_daemon.delivery.pace import MAX_BATCH
 from beamtouch_daemon.processing import at_rest, rate
 from beamtouch_daemon.running.acquisition import PATIENCE_S
 from beamtouch_daemon.sources import board, rtu_bus, rtu_unit, traffic
@@ -256,8 +256,9 @@ STATED = {
     ],
     "docs/reference/http.md": [
         f"every `interval_ms` ({STREAM['minimum']} to {STREAM['maximum']}; default {STREAM['default']})",
-        f"| a batch | {MAX_BODY_BYTES >> 20} MiB |",
-        f"| samples in a batch | {MAX_SAMPLES}; the daemon sends at most {MAX_BATCH} |",
+        f"| a batch | {MAX_BODY_BYTES >> 20} MiB, also decompressed |",
+        f"| samples in a batch | {MAX_SAMPLES}; the daemon sends at most {MAX_BATCH}, "
+        "and more only over a line with a long delay |",
         f"| time for a batch to arrive | {MAX_BODY_S:g} s |",
         f"| time without a request, after an answer | {IDLE_S} s |",
         f"`max_streams`, {SERVER['max_streams']} |",

@@ -1,27 +1,15 @@
 """The log of one boot: all samples of a surface that the record does not have yet, in memory and in chunks on disk."""
 
-import asyncio
 import logging
-import math
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence, Set
 from itertools import groupby, islice
-from time import monotonic
 
 from beamtouch_common.log import Repeated
-from beamtouch_common.waits import Backoff
 from beamtouch_daemon.delivery.log_file import Chunk
 from beamtouch_daemon.processing.pipeline import Taken
-from beamtouch_service.samples import MAX_SAMPLES, Batch, Receipt
+from beamtouch_service.samples import Batch, Sample
 
-MAX_BATCH = min(250, MAX_SAMPLES)
-MAX_BATCH_VALUES = 40_000
-"""Limits of samples and of values, covariances included, in one batch: under half of the MiB that is accepted. With
-1000 samples, answers beside a backlog took 43 ms at p99 instead of 18, as they wait while the service reads a batch."""
-BACKLOG_RETRY_S = 5.0
-"""Longest wait of the backlog after a request that brought the record no further."""
-_ENDED = 2**53
-"""Beyond all numbers."""
 _log = logging.getLogger(__name__)
 
 
@@ -52,34 +40,13 @@ class Log:
     """
 
     def __init__(self, head: Batch, counts: Counts, max_samples: int) -> None:
-        channels = len(head.channels)
         self.head = head
-        self.counts = counts
-        self.max_batch = min(MAX_BATCH, MAX_BATCH_VALUES // (channels + channels * (channels + 1) // 2))
-        """Limit of samples in a batch."""
         self.next = 1
         """Number of the next sample."""
-        self.fresh = asyncio.Event()
-        """Set when there are new samples for a live batch."""
-        self.live_from = 1
-        """Number of the first sample that a live batch is bringing, or will bring."""
-        self.refusal = ""
-        """Why the service refuses this boot; empty if it does not."""
-        self.stale_ms: float | None = None
-        """After this time an answer is stale, by the last receipt [ms]; None before the first."""
-        self.told_s = -math.inf
-        """Time of the last receipt on the monotonic clock."""
-        self.due_s = 0.0
-        """Time of the next request of the backlog on the monotonic clock, at the earliest."""
-        self.backoff = Backoff(max_s=BACKLOG_RETRY_S)
-        self.most = self.max_batch
-        """Limit of samples in the next batch of the backlog."""
+        self._counts = counts
         self._max_samples = max_samples
-        self._expected: int | None = None
         self._over = 0
         """Number of the last sample that is durable, or was dropped from memory."""
-        self._refused = _ENDED
-        """Number of a sample that was refused alone; it is dropped once all before it are durable."""
         self._chunks: deque[Chunk] = deque()
         self._memory: deque[Taken] = deque()
 
@@ -106,19 +73,21 @@ class Log:
     @property
     def oldest(self) -> int:
         """Number of the oldest sample that is left; that of the next one if there is none."""
-        return self._chunks[0].first if self._chunks else self.next - len(self._memory)
+        return self._chunks[0].first if self._chunks else self.oldest_in_memory
 
     @property
-    def missing(self) -> range:
-        """Numbers of the samples that the record lacks and no live batch will bring; empty while that is unknown."""
-        first = _ENDED if self._expected is None else max(self._expected, self.oldest)
-        return range(first, min(self.live_from, self._refused, self.next))
+    def oldest_in_memory(self) -> int:
+        """Number of the oldest sample in memory; that of the next one if there is none."""
+        return self.next - len(self._memory)
 
     def batch(self, samples: Sequence[Taken]) -> Batch:
         """Return a backlog of samples with the same notes. The service validates it."""
         notes = [str(note) for note in samples[0].notes] if samples else []
-        update = {"samples": [one.sample for one in samples], "notes": notes, "backlog": True}
-        return self.head.model_copy(update=update)
+        return self.backlog([one.sample for one in samples], notes)
+
+    def backlog(self, samples: Sequence[Sample], notes: Sequence[str]) -> Batch:
+        """Return a backlog of samples that were taken under these notes."""
+        return self.head.model_copy(update={"samples": list(samples), "notes": list(notes), "backlog": True})
 
     def put(self, samples: Sequence[Taken]) -> None:
         """Add samples with the next numbers; without room, drop the oldest in memory."""
@@ -126,34 +95,10 @@ class Log:
         self.next += len(samples)
         self._drop_memory(len(self._memory) - self._max_samples)
 
-    def told(self, receipt: Receipt) -> None:
-        """Forget what is durable. Receipts may come late, so that only ever grows."""
-        self.told_s = monotonic()
-        self.stale_ms = receipt.stale_ms
-        self.refusal = ""
-        self._expected = receipt.expected
-        if receipt.durable is not None:
-            self.counts.published += self._forget(receipt.durable)
-            self._drop_refused()
-
-    def refuse(self, number: int) -> None:
-        """Drop a single sample, as soon as all before it are durable."""
-        self._refused = number
-        self._drop_refused()
-
-    def end(self) -> None:
-        """Leave all samples to the backlog, which asks first: a last live batch may have arrived without an answer."""
-        self.live_from, self._expected = _ENDED, None
-
-    def for_live(self) -> list[Taken]:
-        """Return new samples for a live batch; those that do not fit in it are left to the backlog."""
-        self.live_from = max(self.live_from, self.next - min(self.max_batch, len(self._memory)))
-        return self.from_memory(range(self.live_from, self.next))
-
     def from_memory(self, numbers: range) -> list[Taken]:
-        """Return the samples in memory with these numbers, as far as they may go in one batch."""
-        begin = numbers.start - (self.next - len(self._memory))
-        if begin < 0:
+        """Return the samples in memory with these numbers, as far as they have the notes of the first one."""
+        begin = numbers.start - self.oldest_in_memory
+        if begin < 0 or not numbers:
             return []
         return next(_runs(islice(self._memory, begin, begin + len(numbers)), len(numbers)), [])
 
@@ -161,18 +106,16 @@ class Log:
         """Return the chunk with a sample."""
         return next((chunk for chunk in self._chunks if chunk.first <= number <= chunk.last), None)
 
-    def for_disk(self, max_age_s: float | None, now_s: float) -> list[list[Taken]]:
-        """Return the samples in memory, in pieces for one chunk each, if they should be on disk.
+    def for_disk(self, max_age_s: float, now_s: float, before: int, most: int) -> list[list[Taken]]:
+        """Return the samples in memory before a number, if they should be on disk: at most `most` for each chunk.
 
-        They should if the oldest is older than `max_age_s` or memory is half full; None: now, in any case. Otherwise
-        new ones are left for a live batch.
+        They should if the oldest is older than `max_age_s`, or memory is half full.
         """
         number = len(self._memory)
-        if max_age_s is not None and number:
-            if now_s - self._memory[0].monotonic_s < max_age_s and number < self._max_samples / 2:
-                return []
-            number = max(0, min(number, self.live_from - (self.next - number)))
-        return list(_runs(islice(self._memory, number), self.max_batch))
+        if not number or (now_s - self._memory[0].monotonic_s < max_age_s and number < self._max_samples / 2):
+            return []
+        number = max(0, min(number, before - self.oldest_in_memory))
+        return list(_runs(islice(self._memory, number), most))
 
     def adopt(self, chunk: Chunk) -> None:
         """Take over a chunk that the file holds; what is in it need not be in memory."""
@@ -188,7 +131,7 @@ class Log:
         """Drop the samples on disk that are not in these rows."""
         held = self.on_disk
         self._chunks = deque(chunk for chunk in self._chunks if chunk.row in rows)
-        self.counts.drop(held - self.on_disk)
+        self._counts.drop(held - self.on_disk)
 
     def give_up(self) -> int:
         """Drop the samples in memory; return their number."""
@@ -196,17 +139,7 @@ class Log:
         self._drop_memory(number)
         return number
 
-    def _drop_memory(self, number: int) -> None:
-        if number > 0:
-            self._over = [self._memory.popleft() for _ in range(number)][-1].sample.sequence
-            self.counts.drop(number)
-
-    def _drop_refused(self) -> None:
-        if self._refused <= self.oldest:
-            self.counts.drop(self._forget(self._refused))
-            self._refused = _ENDED
-
-    def _forget(self, last: int) -> int:
+    def forget(self, last: int) -> int:
         """Forget samples up to a number; return how many there were."""
         number = 0
         self._over = max(self._over, last)
@@ -219,6 +152,11 @@ class Log:
             self._memory.popleft()
             number += 1
         return number
+
+    def _drop_memory(self, number: int) -> None:
+        if number > 0:
+            self._over = [self._memory.popleft() for _ in range(number)][-1].sample.sequence
+            self._counts.drop(number)
 
 
 def _runs(samples: Iterable[Taken], most: int) -> Iterator[list[Taken]]:

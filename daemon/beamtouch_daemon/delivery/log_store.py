@@ -2,17 +2,19 @@
 
 import asyncio
 import logging
+import math
 from collections.abc import Callable, Set
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from time import monotonic
 from typing import TypeVar
 
 from beamtouch_common.log import Repeated
-from beamtouch_daemon.delivery.log import Counts, Log
+from beamtouch_daemon.delivery.boots import Boot, SurfaceLogs
 from beamtouch_daemon.delivery.log_file import Chunk, ForeignFileError, LogFile, LogFileError
+from beamtouch_daemon.delivery.pace import most_in_batch
+from beamtouch_daemon.processing.pipeline import Taken
 from beamtouch_daemon.uptime import uptime_s
-from beamtouch_service.samples import MAX_EARLIER, Batch
+from beamtouch_service.samples import Batch
 
 WRITE_S = 1.0
 """Time between two looks at what must be written, and between two attempts to open the file."""
@@ -20,62 +22,6 @@ MEMORY_S = 5.0
 """Samples that are not durable after this time go to the file; in fair weather they are within a second or two."""
 _log = logging.getLogger(__name__)
 _T = TypeVar("_T")
-
-
-class SurfaceLogs:
-    """The logs of one surface: that of the present boot, and those of earlier ones that still hold samples."""
-
-    def __init__(self, name: str) -> None:
-        self.name = name
-        self.counts = Counts(name)
-        self.fault = Repeated(_log, f"{name}: publishing")
-        """Of the delivery to the service."""
-        self.by_boot: dict[str, Log] = {}
-        self.present: Log | None = None
-        """That of the worker; None if the surface is not configured."""
-
-    @property
-    def in_memory(self) -> int:
-        """Number of samples in memory."""
-        return sum(log.in_memory for log in list(self.by_boot.values()))
-
-    @property
-    def on_disk(self) -> int:
-        """Number of samples in the file."""
-        return sum(log.on_disk for log in list(self.by_boot.values()))
-
-    @property
-    def refused(self) -> int:
-        """Number of boots that the service refuses."""
-        return sum(bool(log.refusal) for log in list(self.by_boot.values()))
-
-    def begin(self, head: Batch, max_samples: int) -> Log:
-        """Return the log of the present boot, whose batches begin with `head`."""
-        self.present = self.by_boot[head.boot_id] = Log(head, self.counts, max_samples)
-        self.present.told_s = monotonic()  # its first live batch asks
-        return self.present
-
-    def adopt(self, chunk: Chunk, example: Batch) -> None:
-        """Take over a chunk of an earlier boot; `example` is one of that boot."""
-        log = self.by_boot.get(example.boot_id)
-        if log is None:
-            log = self.by_boot[example.boot_id] = Log(example.model_copy(update={"samples": []}), self.counts, 0)
-            log.end()
-        log.adopt(chunk)
-
-    def give_up(self) -> int:
-        """Drop all samples in memory; return their number."""
-        return sum(log.give_up() for log in self.by_boot.values())
-
-    def prune(self) -> None:
-        """Forget earlier boots without samples."""
-        self.by_boot = {boot: log for boot, log in self.by_boot.items() if not log.is_empty or log is self.present}
-
-    def others(self, log: Log) -> list[str]:
-        """Return the boots beside that of a log that hold samples, and the present one, which may get some."""
-        others = [one for one in self.by_boot.values() if one is not log and (not one.is_empty or one is self.present)]
-        others.sort(key=lambda one: one is self.present)
-        return [one.head.boot_id for one in others[-MAX_EARLIER:]]
 
 
 class LogStore:
@@ -136,10 +82,9 @@ class LogStore:
                 surface.prune()
 
     async def _change(self, max_age_s: float | None, rows: Set[int]) -> None:
-        logs = [(name, log) for name, surface in self._surfaces.items() for log in surface.by_boot.values()]
-        now_s = uptime_s()
-        pieces = [(name, log, piece) for name, log in logs for piece in log.for_disk(max_age_s, now_s)]
-        keep = {row for _, log in logs for row in log.rows}
+        boots = [(name, boot) for name, surface in self._surfaces.items() for boot in surface.by_boot.values()]
+        pieces = [(name, boot.log, piece) for name, boot in boots for piece in _for_disk(boot, max_age_s)]
+        keep = {row for _, boot in boots for row in boot.log.rows}
         if pieces or rows - keep:
             add = [(name, log.batch(piece)) for name, log, piece in pieces]
             added = await self._call(lambda file: file.change(add, keep))
@@ -176,5 +121,13 @@ class LogStore:
         """Drop the samples in rows that the file no longer holds."""
         rows = set(self._file.rows) if self._file is not None else set[int]()
         for surface in self._surfaces.values():
-            for log in surface.by_boot.values():
-                log.keep(rows)
+            for boot in surface.by_boot.values():
+                boot.log.keep(rows)
+
+
+def _for_disk(boot: Boot, max_age_s: float | None) -> list[list[Taken]]:
+    """Return what to write of a boot, in pieces for one chunk each. New samples are left for a live batch."""
+    log, most = boot.log, most_in_batch(len(boot.log.head.channels))
+    if max_age_s is None:
+        return log.for_disk(-math.inf, 0.0, log.next, most)
+    return log.for_disk(max_age_s, uptime_s(), boot.live.first, most)

@@ -9,7 +9,7 @@ from contextlib import aclosing
 from beamtouch_common.log import Repeated
 from beamtouch_common.waits import Backoff
 from beamtouch_daemon.config.settings import Surface
-from beamtouch_daemon.delivery.log import Log
+from beamtouch_daemon.delivery.boots import Boot
 from beamtouch_daemon.processing.pipeline import Pipeline
 from beamtouch_daemon.processing.rate import RateMeter
 from beamtouch_daemon.sources.reading import Reading, Source, SourceError
@@ -40,7 +40,7 @@ class Acquisition:
     Parameters
     ----------
     name, surface : Name of the surface, and its configuration.
-    source, pipeline, log : Where the readings come from, what makes samples of them, and where these go.
+    source, pipeline, boot : Where the readings come from, what makes samples of them, and where these go.
     batch_s, rest_s : Time to collect readings for one batch, and from one sample to the next while nothing happens [s].
     is_tared : Whether the rest gaps are measured, rather than those of the configuration.
     """
@@ -51,7 +51,7 @@ class Acquisition:
         surface: Surface,
         source: Source,
         pipeline: Pipeline,
-        log: Log,
+        boot: Boot,
         batch_s: float,
         rest_s: float,
         *,
@@ -60,7 +60,7 @@ class Acquisition:
         self.name = name
         self.is_tared = is_tared
         self.surface = surface
-        self.log = log
+        self.boot = boot
         self.readings = 0
         """Taken."""
         self.lost = 0
@@ -119,7 +119,7 @@ class Acquisition:
         while True:
             await self._arrived.wait()
             self.process()
-            self.log.fresh.set()
+            self.boot.fresh.set()
             await asyncio.sleep(self._batch_s - self._pause_s)
 
     def process(self) -> None:
@@ -132,7 +132,7 @@ class Acquisition:
         if samples := self._pipeline.process(readings, time.time() - uptime_s(), notes):
             self.quality = samples[-1].sample.quality
             self._sampled_s = samples[-1].monotonic_s
-            self.log.put(samples)
+            self.boot.log.put(samples)
         self._tell_drift()
 
     def _tell_drift(self) -> None:
@@ -184,7 +184,7 @@ class Acquisition:
 
         How long an answer may stand on it, only a receipt says.
         """
-        stale_ms = self.log.stale_ms
+        stale_ms = self.boot.stale_ms
         if len(self._unprocessed) > self._pipeline.most_waiting or stale_ms is None:
             return False
         if readings[-1].monotonic_s - self._sampled_s >= min(self._rest_s, STALE_PART * stale_ms / 1e3):

@@ -14,10 +14,11 @@ from beamtouch_common.parts import Parts
 from beamtouch_common.systemd import ServiceManager
 from beamtouch_daemon.config.settings import Config
 from beamtouch_daemon.config.tare_file import NOT_TARED
+from beamtouch_daemon.delivery.backlog import Backlog
 from beamtouch_daemon.delivery.client import ServiceClient
+from beamtouch_daemon.delivery.live import Live
 from beamtouch_daemon.delivery.log_file import ForeignFileError
 from beamtouch_daemon.delivery.log_store import LogStore
-from beamtouch_daemon.delivery.readers import Backlog, Live
 from beamtouch_daemon.processing.characteristic import Characteristic
 from beamtouch_daemon.processing.filters import rest_of
 from beamtouch_daemon.processing.pipeline import Pipeline
@@ -78,7 +79,7 @@ async def run(config: Config) -> tuple[dict[str, Summary], bool]:
         parts = Parts(_log)
         jobs = {f"{one.name} readings": one.read for one in acquisitions}
         jobs |= {f"{one.name} samples": one.run for one in acquisitions}
-        jobs |= {f"{one.name} live": Live(client, store.surface(one.name), one.log).run for one in acquisitions}
+        jobs |= {f"{one.name} live": Live(client, store.surface(one.name), one.boot).run for one in acquisitions}
         jobs |= {"backlogs": lambda: _deliver_backlogs(config, client, store, parts), "log file": store.run}
         if (port := config.metrics.port) is not None:
             jobs["metrics"] = lambda: metrics.serve(port, acquisitions, store.surfaces, parts)
@@ -101,11 +102,11 @@ def _begin(config: Config, name: str, rest_gap_mm: Mapping[str, float], store: L
         characteristic=Characteristic.of(surface, rest_gap_mm).identity,
         beam=surface.beam,
     )
-    log = store.surface(name).begin(head, publish.log_samples)
+    boot = store.surface(name).begin(head, publish.log_samples)
     rest = rest_of(surface) if publish.rest_ms else None
     source, pipeline = source_of(surface, name, buses), Pipeline(surface, rest_gap_mm, rest)
     times_s = publish.batch_ms / 1e3, publish.rest_ms / 1e3
-    return Acquisition(name, surface, source, pipeline, log, *times_s, is_tared=bool(rest_gap_mm))
+    return Acquisition(name, surface, source, pipeline, boot, *times_s, is_tared=bool(rest_gap_mm))
 
 
 async def _serve(
@@ -129,12 +130,13 @@ async def _serve(
 async def _deliver_backlogs(config: Config, client: ServiceClient, store: LogStore, parts: Parts) -> None:
     """Deliver the backlog of each surface, also of those that a log file shows which is opened late."""
     begun: set[str] = set()
+    line = asyncio.Lock()
     async with asyncio.TaskGroup() as backlogs:
         while True:
             for name, logs in store.surfaces().items():
                 if name not in begun:
                     begun.add(name)
-                    backlogs.create_task(parts.keep(f"{name} backlog", Backlog(client, store, logs).run))
+                    backlogs.create_task(parts.keep(f"{name} backlog", Backlog(client, store, logs, line).run))
                     if name not in config.surfaces:
                         _log.info("%s: not configured; the samples in its log are delivered", name)
             await asyncio.sleep(WATCH_S)
@@ -142,9 +144,10 @@ async def _deliver_backlogs(config: Config, client: ServiceClient, store: LogSto
 
 async def _finish(client: ServiceClient, store: LogStore) -> None:
     """Deliver what is left, and write the rest to the log file."""
+    line = asyncio.Lock()
     with suppress(TimeoutError):
         async with asyncio.timeout(FINISH_S):
-            await asyncio.gather(*(Backlog(client, store, logs).finish() for logs in store.surfaces().values()))
+            await asyncio.gather(*(Backlog(client, store, logs, line).finish() for logs in store.surfaces().values()))
     await store.write(None)
 
 

@@ -19,7 +19,7 @@ from beamtouch_common.listening import remedy
 from beamtouch_common.log import Repeated
 from beamtouch_common.parts import Parts
 from beamtouch_common.waits import Backoff
-from beamtouch_daemon.delivery.log_store import SurfaceLogs
+from beamtouch_daemon.delivery.boots import SurfaceLogs
 from beamtouch_daemon.running.acquisition import Acquisition
 from beamtouch_daemon.uptime import uptime_s
 from beamtouch_service.samples import Quality

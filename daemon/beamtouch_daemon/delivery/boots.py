@@ -1,0 +1,224 @@
+"""The boots of one surface: the log of each, and how far its delivery is."""
+
+import asyncio
+import logging
+import math
+from contextlib import suppress
+from enum import Enum
+from time import monotonic
+
+from beamtouch_common.log import Repeated
+from beamtouch_common.waits import Backoff
+from beamtouch_daemon.delivery.log import Counts, Log
+from beamtouch_daemon.delivery.log_file import Chunk
+from beamtouch_daemon.delivery.pace import Pace
+from beamtouch_service.samples import MAX_EARLIER, Batch, Receipt
+
+BACKLOG_RETRY_S = 5.0
+"""Longest wait of the backlog after a request that brought the record no further."""
+_ENDED = 2**53
+"""Greater than any sequence number."""
+_log = logging.getLogger(__name__)
+
+
+class Catching(Enum):
+    """What the backlog of a boot does."""
+
+    NOTHING = "nothing"
+    WAITS = "waits"
+    """It lets a live batch go before its next request."""
+    SENDS = "sends"
+    """Its request is in flight, and brings samples."""
+
+
+class LiveWindow:
+    """The samples that live batches are bringing, and will bring."""
+
+    def __init__(self) -> None:
+        self.next = 1
+        """Number of the first sample that no live batch has taken."""
+        self.sent = 0
+        """Number of live batches that went out."""
+        self._first_in_flight = set[int]()
+
+    @property
+    def first(self) -> int:
+        """Number of the first sample that a live batch is bringing, or will bring."""
+        return min([self.next, *self._first_in_flight])
+
+    @property
+    def in_flight(self) -> int:
+        """Number of live batches without an answer."""
+        return len(self._first_in_flight)
+
+    def begin(self, first: int, last: int) -> None:
+        """Note that a live batch brings samples."""
+        self._first_in_flight.add(first)
+        self.next = last + 1
+
+    def end(self, first: int) -> None:
+        """Note that a live batch is over, with an answer or without."""
+        self._first_in_flight.discard(first)
+
+    def close(self) -> None:
+        """Leave all samples to the backlog."""
+        self.next = _ENDED
+        self._first_in_flight.clear()
+
+
+class Boot:
+    """The log of one boot, and how far its delivery is.
+
+    Parameters
+    ----------
+    head, counts, max_samples : those of the log
+    """
+
+    def __init__(self, head: Batch, counts: Counts, max_samples: int) -> None:
+        self.log = Log(head, counts, max_samples)
+        self.pace = Pace(len(head.channels))
+        self.live = LiveWindow()
+        self.fresh = asyncio.Event()
+        """Set when there are new samples for a live batch."""
+        self.expected: int | None = None
+        """Number of the sample that the record takes next; None if that is not known."""
+        self.refusal = ""
+        """Why the service refuses this boot; empty if it does not."""
+        self.stale_ms: float | None = None
+        """After this time an answer is stale, by the last receipt [ms]; None before the first."""
+        self.told_s = -math.inf
+        """Time of the last receipt on the monotonic clock."""
+        self.due_s = 0.0
+        """Time of the next request of the backlog on the monotonic clock, at the earliest."""
+        self.backoff = Backoff(max_s=BACKLOG_RETRY_S)
+        self.catching = Catching.NOTHING
+        self.live_failed = False
+        """Whether a live batch was not taken since the record lacked nothing: it is not repeated."""
+        self.turn = asyncio.Event()
+        """Set when a live batch goes out or is over, and when the backlog waits or a request of it is over."""
+        self._counts = counts
+        self._refused = _ENDED
+        """Number of a sample that was refused alone; it is dropped once all before it are durable."""
+
+    @property
+    def missing(self) -> range:
+        """Numbers of the samples that the record lacks and no live batch will bring; empty while that is unknown."""
+        first = _ENDED if self.expected is None else max(self.expected, self.log.oldest)
+        return range(first, min(self.live.first, self._refused, self.log.next))
+
+    @property
+    def is_behind(self) -> bool:
+        """Whether the record would not take the next live batch, as it lacks samples before it, or cannot be read."""
+        return self.expected is None or bool(self.missing)
+
+    @property
+    def is_gap_small(self) -> bool:
+        """Whether the record lacks so little that the next live batch may begin with it."""
+        missing, is_refused = self.missing, self._refused != _ENDED
+        if not missing or self.live_failed or is_refused or missing.start < self.log.oldest_in_memory:
+            return False
+        return self.log.next - missing.start <= self.pace.most
+
+    async def next_turn(self, within_s: float) -> None:
+        """Wait for a turn, at most so long; the caller looks at what has changed."""
+        self.turn.clear()
+        with suppress(TimeoutError):
+            async with asyncio.timeout(within_s if math.isfinite(within_s) else None):
+                await self.turn.wait()
+
+    def acknowledge(self, receipt: Receipt) -> None:
+        """Forget what is durable. Receipts may come late, so that only ever grows."""
+        self.told_s = monotonic()
+        self.stale_ms = receipt.stale_ms
+        self.pace.stale_s = receipt.stale_ms / 1e3
+        self.refusal = ""
+        self.expected = receipt.expected
+        if receipt.durable is not None:
+            self._counts.published += self.log.forget(receipt.durable)
+            self._drop_refused()
+        self.live_failed &= self.is_behind
+
+    def refuse(self, number: int) -> None:
+        """Drop a single sample, as soon as all before it are durable."""
+        self._refused = number
+        self._drop_refused()
+
+    def end(self) -> None:
+        """Leave all samples to the backlog, which asks first: a last live batch may have arrived without an answer."""
+        self.live.close()
+        self.expected = None
+
+    def hasten(self) -> None:
+        """Let the backlog go on at once: the service answers again."""
+        self.due_s = 0.0
+        self.backoff.reset()
+
+    def _drop_refused(self) -> None:
+        if self._refused <= self.log.oldest:
+            self._counts.drop(self.log.forget(self._refused))
+            self._refused = _ENDED
+
+
+class SurfaceLogs:
+    """The boots of one surface: the present one, and earlier ones whose logs still hold samples."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.counts = Counts(name)
+        self.fault = Repeated(_log, f"{name}: publishing")
+        """Of the delivery to the service."""
+        self.by_boot: dict[str, Boot] = {}
+        self.present: Boot | None = None
+        """That of the worker; None if the surface is not configured."""
+
+    @property
+    def in_memory(self) -> int:
+        """Number of samples in memory."""
+        return sum(boot.log.in_memory for boot in list(self.by_boot.values()))
+
+    @property
+    def on_disk(self) -> int:
+        """Number of samples in the file."""
+        return sum(boot.log.on_disk for boot in list(self.by_boot.values()))
+
+    @property
+    def refused(self) -> int:
+        """Number of boots that the service refuses."""
+        return sum(bool(boot.refusal) for boot in list(self.by_boot.values()))
+
+    @property
+    def waiting(self) -> list[Boot]:
+        """The boots with samples that the record lacks, oldest first."""
+        return [boot for boot in self.by_boot.values() if not boot.log.is_empty]
+
+    def begin(self, head: Batch, max_samples: int) -> Boot:
+        """Return the present boot, whose batches begin with `head`."""
+        self.present = self.by_boot[head.boot_id] = Boot(head, self.counts, max_samples)
+        self.present.told_s = monotonic()  # its first live batch asks
+        return self.present
+
+    def adopt(self, chunk: Chunk, example: Batch) -> None:
+        """Take over a chunk of an earlier boot; `example` is one of that boot."""
+        boot = self.by_boot.get(example.boot_id)
+        if boot is None:
+            boot = self.by_boot[example.boot_id] = Boot(example.model_copy(update={"samples": []}), self.counts, 0)
+            boot.end()
+        boot.log.adopt(chunk)
+
+    def give_up(self) -> int:
+        """Drop all samples in memory; return their number."""
+        return sum(boot.log.give_up() for boot in self.by_boot.values())
+
+    def prune(self) -> None:
+        """Forget earlier boots without samples."""
+        self.by_boot = {
+            name: boot for name, boot in self.by_boot.items() if not boot.log.is_empty or boot is self.present
+        }
+
+    def others(self, boot: Boot) -> list[str]:
+        """Return the boots beside one that hold samples, and the present one, which may get some."""
+        others = [
+            one for one in self.by_boot.values() if one is not boot and (not one.log.is_empty or one is self.present)
+        ]
+        others.sort(key=lambda one: one is self.present)
+        return [one.log.head.boot_id for one in others[-MAX_EARLIER:]]

@@ -1,0 +1,47 @@
+"""One request of a boot: what all batches state, and what the answer means for the boot and its pace."""
+
+import logging
+from time import monotonic
+
+from beamtouch_daemon.delivery.boots import Boot, SurfaceLogs
+from beamtouch_daemon.delivery.client import Answer, ServiceClient, UnreachableError, Verdict
+from beamtouch_service.samples import Batch
+
+_log = logging.getLogger(__name__)
+
+
+async def send(client: ServiceClient, logs: SurfaceLogs, boot: Boot, batch: Batch) -> Answer | None:
+    """Send a batch of a boot with what its log still holds; return the answer, None if there was none."""
+    batch = batch.model_copy(update={"oldest": boot.log.oldest, "earlier": logs.others(boot)})
+    begin_s = monotonic()
+    try:
+        answer = await client.post_samples(logs.name, batch, boot.pace.timeout_s)
+    except UnreachableError as error:
+        boot.pace.unanswered(len(batch.samples), monotonic() - begin_s)
+        advice = f"{error.advice}; " if error.advice else ""
+        logs.fault.failed(f"no answer from {client.url} ({error}); {advice}trying again")
+        return None
+    if answer.receipt is not None:
+        now_s = monotonic()
+        boot.pace.answered(len(batch.samples), now_s - begin_s, now_s, is_backlog=batch.backlog)
+        if batch.backlog and boot.refusal:
+            _log.info("%s: the service takes the samples of boot %s again", logs.name, batch.boot_id)
+        if not batch.backlog or logs.present is None:
+            logs.fault.over()
+        boot.acknowledge(answer.receipt)
+    elif answer.verdict is Verdict.REFUSED:
+        note_refusal(logs, boot, batch, answer.explanation)
+    elif answer.verdict is Verdict.LATER:
+        boot.pace.unanswered(len(batch.samples), monotonic() - begin_s)
+        logs.fault.failed(f"the service takes no samples ({answer.explanation}); trying again")
+    return answer
+
+
+def note_refusal(logs: SurfaceLogs, boot: Boot, batch: Batch, reason: str) -> None:
+    """Note that the service takes no samples of a boot for this reason."""
+    if not batch.backlog:
+        logs.fault.failed(f"the service takes no samples ({reason}); trying again")
+    elif reason != boot.refusal:
+        words = "%s: the samples of boot %s wait, the service does not take them (%s)"
+        _log.warning(words, logs.name, batch.boot_id, reason)
+    boot.refusal = reason
