@@ -7,8 +7,9 @@ from pathlib import Path
 import pytest
 from anyio.from_thread import start_blocking_portal
 
+from beamtouch_service.api import counts
 from certificates import make_certificate
-from service.bench import READ_TOKEN, TOKEN, Bench, BuildModel, surface_of
+from service.bench import READ_TOKEN, START_US, TOKEN, Bench, BuildModel, surface_of
 from service.small_model import write_model
 
 
@@ -31,6 +32,12 @@ def _close_records() -> Iterator[None]:
     for bench in Bench.started:
         bench.stop()
     Bench.started.clear()
+
+
+@pytest.fixture(autouse=True)
+def _machine_of_the_samples(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let the services of this process have the wall clock of the samples that tests send."""
+    monkeypatch.setattr(counts, "time", lambda: START_US / 1e6)
 
 
 @pytest.fixture

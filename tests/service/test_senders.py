@@ -1,12 +1,13 @@
 """Samples of one sender or of several: which count as new, which move the contact, and when two daemons send."""
 
+import re
 from collections.abc import Iterable
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from service.bench import TOKEN, Bench, batch_of, surface_of, surface_with
+from service.bench import START_US, TOKEN, Bench, batch_of, surface_of, surface_with
 
 STALE_S = 0.5
 STEP_S = 0.1
@@ -155,3 +156,32 @@ def test_a_daemon_that_is_started_anew_and_delivers_its_log_is_one(bench: Bench)
                     sent += 1
                     moves(bench, f"daemon-{old}", sent, age_s)
             assert bench.contact()["notes"] == []
+
+
+def test_a_daemon_with_another_clock_than_the_service_is_named_once_an_hour(caplog: pytest.LogCaptureFixture) -> None:
+    bench = Bench(surface_of(), surface_of("press-8"))
+    for number in range(3):
+        bench.now_s += 1
+        bench.send(sequence=number + 1, begin_us=START_US + 8 * 86_400_000_000)
+        bench.send(sequence=number + 1, surface="press-8", begin_us=START_US - 50_000_000)
+    assert caplog.messages == [
+        "surface press-7: the clock of its daemon is 8 days ahead of that of this machine; events have the time of the "
+        "daemon"
+    ]
+    ahead_s = figures(bench, "beamtouch_sender_clock_ahead_seconds")
+    assert ahead_s == {"press-7": pytest.approx(8 * 86_400, abs=10), "press-8": pytest.approx(-50, abs=10)}
+    bench.now_s += 10
+    # Nothing is known of one whose samples have stopped.
+    assert figures(bench, "beamtouch_sender_clock_ahead_seconds") == {}
+    bench.now_s += 3600
+    bench.send(sequence=10, begin_us=START_US - 2 * 3_600_000_000)
+    assert caplog.messages[1:] == [
+        "surface press-7: the clock of its daemon is 2 hours behind that of this machine; events have the time of the "
+        "daemon"
+    ]
+
+
+def figures(bench: Bench, name: str) -> dict[str, float]:
+    """Return a metric of each surface."""
+    found = re.findall(rf'^{name}{{surface="(.*?)"}} (.*)$', bench.metrics(), re.MULTILINE)
+    return {surface: float(value) for surface, value in found}

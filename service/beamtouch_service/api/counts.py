@@ -2,19 +2,20 @@
 
 import logging
 from collections.abc import Callable
-from time import monotonic
+from time import monotonic, time
 
 from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, disable_created_metrics
 
 from beamtouch_common.log import Repeated
+from beamtouch_common.spans import span
 from beamtouch_models.modelfile import State
 from beamtouch_service.problems import Kind
 from beamtouch_service.samples import Quality
 from beamtouch_service.surfaces.contact import rfc3339
 from beamtouch_service.surfaces.surface import Surface
 
-REFUSALS = frozenset({Kind.UNAUTHORIZED, Kind.FORBIDDEN})
-"""Requests that were refused for their token."""
+REFUSALS = frozenset({Kind.UNAUTHORIZED, Kind.FORBIDDEN, Kind.OTHER_NAME})
+"""Requests that were refused for their token, or for the name that they ask for."""
 
 _OUT = {
     Quality.MISSING: ("missing", "check its cable, its supply and its module"),
@@ -33,9 +34,23 @@ _BATCH_S = (0.5e-3, 1e-3, 2e-3, 5e-3, 10e-3, 20e-3, 50e-3, 0.1, 0.2, 0.5, 1.0, 1
 _AGE_S = (1e-3, 2e-3, 5e-3, 10e-3, 20e-3, 50e-3, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
 """Bounds [s] around sensible limits of age."""
 
+_APART_S = 60.0
+"""Clocks that differ by more are named."""
+
 _log = logging.getLogger("beamtouch.service")
 # Each counter would otherwise have a second series with the time of its creation.
 disable_created_metrics()  # type: ignore[no-untyped-call]  # the library's
+
+
+def clock_ahead_s(surface: Surface, now_s: float) -> float | None:
+    """Return how far the clock of the sender is ahead of that of this machine at `now_s` [s]; None if it is not known.
+
+    `now_s` is the time by the clock that ages are counted with.
+    """
+    newest = surface.newest
+    if newest is None or surface.is_stale(now_s):
+        return None
+    return newest.sample.acquired_unix_us / 1e6 - (time() - (now_s - newest.acquired_s))
 
 
 class Counts:
@@ -50,7 +65,9 @@ class Counts:
         """`surface` is empty where no surface has the name: a label must not hold what a client makes up."""
         self.batch_s = self._histogram("batch", "Time from the head of a batch to its receipt.", _BATCH_S)
         self._problems = self.counter("problems", "Answers that were a problem.", "kind")
-        self._refusals = self.counter("refusals", "Requests refused for their token.", "kind")
+        self._refusals = self.counter(
+            "refusals", "Requests refused for their token, or for the name that they ask for.", "kind"
+        )
         self._inference_s = self._histogram("inference", "Time per estimate.", _INFERENCE_S)
         self._age_s = self._histogram("sample_arrival_age", "Age of the newest sample at its arrival.", _AGE_S)
         for kind in REFUSALS:
@@ -78,6 +95,7 @@ class Counts:
         self._wiring(surface)
         self._channels_out(surface)
         self._rivals(surface, now_s)
+        self._clocks(surface, now_s)
 
     def other_beam(self, surface: str, detail: str) -> None:
         """Log that the samples of a surface are of another beam than its model, once per minute and surface."""
@@ -147,6 +165,15 @@ class Counts:
             self._rivalled.add(surface.name)
             words = "surface %s: two daemons send its samples, from %s and from %s; stop one of them"
             _log.warning(words, surface.name, *pair)
+
+    def _clocks(self, surface: Surface, now_s: float) -> None:
+        """Log that a daemon has another clock than this machine at `now_s` [s]: once an hour."""
+        ahead_s = clock_ahead_s(surface, now_s)
+        if ahead_s is None or abs(ahead_s) <= _APART_S or not self._hourly.due(f"clock of {surface.name}"):
+            return
+        apart = f"{span(abs(ahead_s))} {'ahead of' if ahead_s > 0 else 'behind'}"
+        words = "surface %s: the clock of its daemon is %s that of this machine; events have the time of the daemon"
+        _log.warning(words, surface.name, apart)
 
     def problem(self, kind: Kind, client: str) -> None:
         """Count a problem that was answered to this address; log a refusal once per minute and kind."""

@@ -17,6 +17,7 @@ from beamtouch_models.modelfile import State
 from beamtouch_service.access import Role
 from beamtouch_service.api import gate
 from beamtouch_service.api.context import Context, ContextParameter
+from beamtouch_service.api.counts import clock_ahead_s
 from beamtouch_service.events.recorder import Recorder
 from beamtouch_service.problems import Kind, Problem
 from beamtouch_service.samples import Quality
@@ -107,7 +108,7 @@ class Figures(Collector):
 
 
 def _of_surfaces(summaries: Summaries, now_s: float) -> Iterator[Metric]:
-    yield from _of_samples(summaries)
+    yield from _of_samples(summaries, now_s)
     yield from _of_states(summaries, now_s)
     yield from _of_zones(summaries, now_s)
     yield from _of_channels(summaries, now_s)
@@ -134,13 +135,15 @@ def _of_record(recorder: Recorder) -> Iterator[Metric]:
         yield family
 
 
-def _of_samples(summaries: Summaries) -> Iterator[Metric]:
+def _of_samples(summaries: Summaries, now_s: float) -> Iterator[Metric]:
     samples = CounterMetricFamily("beamtouch_samples_accepted", "New samples.", labels=["surface"])
     repeated = CounterMetricFamily("beamtouch_samples_repeated", "Samples received before.", labels=["surface"])
     # A gauge: a gap that is filled later is no longer missing.
     missing = GaugeMetricFamily("beamtouch_samples_missing", "Gaps in the sequence numbers.", labels=["surface"])
     senders = CounterMetricFamily("beamtouch_sender_changes", "Changes of the sender.", labels=["surface"])
     age = GaugeMetricFamily("beamtouch_sample_age_seconds", "Age of the newest sample.", labels=["surface"])
+    words = "How far the clock of the sender is ahead of that of the service."
+    ahead = GaugeMetricFamily("beamtouch_sender_clock_ahead_seconds", words, labels=["surface"])
     model = GaugeMetricFamily("beamtouch_model", "1 for the model in use.", labels=["surface", "model"])
     refused = GaugeMetricFamily("beamtouch_model_refused", "1 while the model file is not used.", labels=["surface"])
     for surface, summary in summaries:
@@ -154,7 +157,9 @@ def _of_samples(summaries: Summaries) -> Iterator[Metric]:
         if summary.model is not None:
             model.add_metric([surface.name, summary.model], 1)
         refused.add_metric(label, summary.model_error is not None)
-    yield from (samples, repeated, missing, senders, age, model, refused)
+        if (ahead_s := clock_ahead_s(surface, now_s)) is not None:
+            ahead.add_metric(label, ahead_s)
+    yield from (samples, repeated, missing, senders, age, ahead, model, refused)
 
 
 def _of_states(summaries: Summaries, now_s: float) -> Iterator[Metric]:

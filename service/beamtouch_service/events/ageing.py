@@ -8,6 +8,8 @@ goes by the wall clock, once that has not been set for an hour, and no further t
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from beamtouch_common.spans import span
+
 TRUSTED_AFTER_S = 3600.0
 """A wall clock that has not been set for this long tells how long no service ran. NTP sets it minutes after a start."""
 _SET_S, _SLEW = 60.0, 1e-3
@@ -64,7 +66,7 @@ class Watch:
         is_trusted = self.is_trusted or uptime_s - since_s >= TRUSTED_AFTER_S
         off_s = self._longest_off_s if is_trusted and not self.is_trusted else 0.0
         watch = Watch(self.keep_s, uptime_s, apart_s, since_s, is_trusted)
-        warning = f"the clock was set by {days(jump_s)}; events age as before" if was_set else ""
+        warning = f"the clock was set by {span(jump_s)}; events age as before" if was_set else ""
         return _pass(stored, clock_s, ran_s, off_s, is_trusted=is_trusted), watch, warning
 
     @property
@@ -75,11 +77,11 @@ class Watch:
         """Return a warning if the wall clock is far from the last entry of the record."""
         after_s = 0.0 if stored.clock_s is None else clock_s - stored.clock_s
         if after_s > self._longest_off_s:
-            words = f"events age by no more than {days(self._longest_off_s)} of these; set it if it is wrong"
-            return f"the clock is {days(after_s)} after the last entry of the record; {words}"
+            words = f"events age by no more than {span(self._longest_off_s)} of these; set it if it is wrong"
+            return f"the clock is {span(after_s)} after the last entry of the record; {words}"
         if after_s < -_SET_S:
             words = "events do not age by it; set it if it is wrong"
-            return f"the clock is {days(-after_s)} before the last entry of the record; {words}"
+            return f"the clock is {span(-after_s)} before the last entry of the record; {words}"
         return ""
 
 
@@ -92,8 +94,3 @@ def _pass(stored: RecordTime, clock_s: float, ran_s: float, off_s: float, *, is_
     passed_s = min(clock_s - stored.clock_s, ran_s + off_s)
     # Until the clock is trusted, the time in which no service ran waits to be counted.
     return RecordTime(stored.passed_s + passed_s, clock_s if is_trusted else stored.clock_s + passed_s)
-
-
-def days(seconds: float) -> str:
-    """Return a span of time in words."""
-    return f"{seconds / 86_400:.0f} days" if abs(seconds) >= 2 * 86_400 else f"{seconds:.0f} s"

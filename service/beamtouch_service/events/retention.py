@@ -7,7 +7,8 @@ from typing import NamedTuple
 from sqlalchemy import Connection, delete, exists, func, select, tuple_, update
 
 from beamtouch_common.log import Repeated
-from beamtouch_service.events.ageing import RecordTime, Watch, days
+from beamtouch_common.spans import span
+from beamtouch_service.events.ageing import RecordTime, Watch
 from beamtouch_service.events.database import Database
 from beamtouch_service.events.tables import CURSORS, EVENTS, IS_FINISHED, TIME
 from beamtouch_service.sections import EventsSection
@@ -74,7 +75,7 @@ class Retention:
             _log.warning("the record of events: %s", warning)
         if shared_s is not None and abs(clock_s - shared_s) > _APART_S and self._hourly.due("apart"):
             words = "the clock of this machine is %s from that of the database; the record goes by the latter"
-            _log.warning(words, days(clock_s - shared_s))
+            _log.warning(words, span(clock_s - shared_s))
         return self._note(Deleted(old, are_more_old, oversize))
 
     def _note(self, deleted: Deleted) -> Deleted:

@@ -130,7 +130,16 @@ def test_tls_with_a_client_certificate(line: Line, tmp_path: Path) -> None:
     wait_for(lambda: "certificate verify failed" in service.get("/health/ready").json()["missing"].get("mqtt", ""))
     _, errors = service.stop(signal.SIGTERM)
     (said,) = [one for one in errors.splitlines() if "MQTT broker 127.0.0.1" in one]
-    assert "certificate verify failed" in said
+    assert "certificate verify failed: self-signed certificate; check mqtt.ca_file" in said
+
+
+def test_a_certificate_that_is_not_valid_at_this_time_leads_to_the_clock(line: Line, tmp_path: Path) -> None:
+    certificate, key = make_certificate(tmp_path, is_expired=True)
+    line.broker.configure(f"certfile {certificate}", f"keyfile {key}")
+    restart(line)
+    service = line.start("tls = true", f'ca_file = "{certificate}"')
+    words = "certificate has expired; renew it, or check the clock of this machine"
+    wait_for(lambda: words in service.get("/health/ready").json()["missing"].get("mqtt", ""))
 
 
 def test_a_broker_that_freezes_in_the_handshake_does_not_hold_up_a_stop(line: Line, tmp_path: Path) -> None:

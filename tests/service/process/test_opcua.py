@@ -4,6 +4,7 @@ import asyncio
 import json
 import math
 import shutil
+import signal
 import ssl
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -298,7 +299,7 @@ def test_with_a_certificate_only_trusted_clients_connect_and_only_encrypted(
     (tmp_path / "trusted").mkdir()
     shutil.copy(trusted[0], tmp_path / "trusted" / "client.crt")
     keys = f'certificate_file = "{certificate}"\nkey_file = "server.key"\ntrusted_folder = "trusted"'
-    _, url = start(start_press, 2000, keys)
+    service, url = start(start_press, 2000, keys)
 
     async def connect(certificate: Path, key: Path, named: bytes | None) -> set[str]:
         await asyncio.to_thread(wait_until, lambda: is_open(url))
@@ -321,6 +322,10 @@ def test_with_a_certificate_only_trusted_clients_connect_and_only_encrypted(
     for named in (other, own, None):
         with pytest.raises(ua.UaStatusCodeError, match="BadCertificateUntrusted"):
             asyncio.run(connect(*stranger, named))
+    _, errors = service.stop(signal.SIGTERM)
+    (line,) = [line for line in errors.splitlines() if "a client is refused" in line]
+    assert "its certificate is not trusted" in line
+    assert "check the clock of this machine" in line
 
 
 def test_a_server_with_a_certificate_refuses_clients_that_do_not_encrypt(

@@ -284,4 +284,10 @@ def _reason(error: OSError) -> str:
     """Return why there is no connection."""
     if isinstance(error, TimeoutError):
         return _NO_ANSWER
+    if isinstance(error, ssl.SSLCertVerificationError):
+        # 9, 10: not yet valid, expired.
+        advice = (
+            "renew it, or check the clock of this machine" if error.verify_code in {9, 10} else "check mqtt.ca_file"
+        )
+        return f"certificate verify failed: {error.verify_message.rstrip('.')}; {advice}"
     return str(error) if isinstance(error, ssl.SSLError) else error.strerror or str(error)

@@ -5,6 +5,7 @@ Files are told apart by their content. The library goes by their names: it takes
 """
 
 import hmac
+import logging
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,6 +21,7 @@ from cryptography.x509 import Certificate, verification
 
 from beamtouch_common.errors import FailedError, InputError
 from beamtouch_common.files import read_bounded
+from beamtouch_common.log import Repeated
 from beamtouch_common.secrets import read_password
 from beamtouch_service.outputs.opcua.section import OpcUaSection
 from beamtouch_service.outputs.opcua.subscriptions import OwnSubscriptions
@@ -39,13 +41,17 @@ class TrustedCertificates(TrustStore):  # type: ignore[misc]  # mypy skips the t
     def __init__(self, certificates: list[Certificate]) -> None:
         super().__init__([], [])
         self._certificates = verification.Store(certificates)
+        self._repeated = Repeated(logging.getLogger("beamtouch.service.opcua"))
 
     def is_trusted(self, certificate: Certificate) -> bool:
         """Return whether a certificate is one of these, or was issued by one of them."""
         verifier = self.policy_builder.store(self._certificates).build_client_verifier()
         try:
             verifier.verify(certificate, [])
-        except verification.VerificationError:
+        except verification.VerificationError as error:
+            words = "OPC UA server: a client is refused, as its certificate is not trusted"
+            advice = "if it is in opcua.trusted_folder, check the clock of this machine, and restart the service"
+            self._repeated.failed(f"{words}: {error}; {advice}")
             return False
         return True
 
