@@ -49,6 +49,7 @@ class Kind(Enum):
     EVENTS_AWAY = ("events-away", 503, "The events on record cannot be read")
     NOT_FOUND = ("not-found", 404, "Nothing is at this address")
     METHOD_NOT_ALLOWED = ("method-not-allowed", 405, "This address does not accept the method")
+    OTHER_NAME = ("other-name", 421, "The service does not go by this name")
     STOPPING = ("stopping", 503, "The service is stopping")
     TOO_MANY_CLIENTS = ("too-many-clients", 503, "Too many clients at once")
     INTERNAL = ("internal", 500, "The service failed")

@@ -79,6 +79,10 @@ class ServerSection(Section):
     proxy: Host | None = None
     """Name or address of the proxy in front of a service that listens beyond loopback. Without one, the service warns:
     by itself it bounds neither the connections of one address nor slow requests."""
+    names: Annotated[list[Host], Field(max_length=32)] = Field(default_factory=list)
+    """Names by which clients reach a service without a read token, beside its addresses, `localhost`, the name of its
+    machine and names without a dot: that which a proxy passes on, for example. Others are refused, as a page from
+    elsewhere could read the contacts by them. With a read token, or a certificate, any name will do."""
     replica: bool = False
     """This service is one of several that share the surfaces, behind a load balancer. Needs `events.url`."""
     max_streams: Annotated[int, Field(ge=0, le=1000)] = 32

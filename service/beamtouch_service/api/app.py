@@ -27,6 +27,7 @@ from beamtouch_service.api import (
 from beamtouch_service.api.context import Clock, Context, Streams, boot_clock
 from beamtouch_service.api.counts import Counts
 from beamtouch_service.events.recorder import Recorder
+from beamtouch_service.own_names import OwnNames
 from beamtouch_service.surfaces.registry import Registry
 from beamtouch_service.surfaces.surface import Surface
 
@@ -98,6 +99,7 @@ def create_app(
     clock: Clock = boot_clock,
     streams: Streams | None = None,
     recorder: Recorder | None = None,
+    names: OwnNames | None = None,
 ) -> Application:
     """Return the application for these surfaces.
 
@@ -108,6 +110,7 @@ def create_app(
     clock : the time [s]; it never goes back
     streams : the limit of open streams, and the signal to end them
     recorder : keeps the events; default: in memory
+    names : the names that clients may ask for; default: any
     """
     registry, counts, recorder = Registry(served), Counts(clock), recorder or Recorder()
     for surface in registry:
@@ -120,6 +123,7 @@ def create_app(
         recorder,
         counts,
         streams or Streams(),
+        names=names,
     )
     app = Application(context)
     errors.install(app)

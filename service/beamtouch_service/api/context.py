@@ -17,6 +17,7 @@ from beamtouch_service.access import Access, Role
 from beamtouch_service.api.counts import Counts
 from beamtouch_service.commissioning.courses import Courses
 from beamtouch_service.events.recorder import Recorder
+from beamtouch_service.own_names import OwnNames
 from beamtouch_service.problems import Kind, Problem, ProblemError
 from beamtouch_service.surfaces.freshness import Ticks
 from beamtouch_service.surfaces.registry import Registry
@@ -61,6 +62,8 @@ class Context:
     counts: Counts
     streams: Streams
     courses: Courses = field(default_factory=Courses)
+    names: OwnNames | None = None
+    """The names that clients may ask for; None: any."""
     turns: Turns = field(default_factory=Turns)
     ticks: Ticks = field(default_factory=Ticks)
     """Notices that the process stood still."""

@@ -70,8 +70,13 @@ def _counted(scope: Scope, problem: Problem, headers: dict[str, str] | None = No
     return answer(problem, headers)
 
 
+def refuse(scope: Scope, error: ProblemError) -> Response:
+    """Count a problem and return its answer."""
+    return _counted(scope, error.problem, error.headers)
+
+
 async def _problem(request: Request, error: ProblemError) -> Response:
-    return _counted(request.scope, error.problem, error.headers)
+    return refuse(request.scope, error)
 
 
 async def _events_away(request: Request, error: EventsAwayError) -> Response:

@@ -11,6 +11,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from beamtouch_service.access import Role
 from beamtouch_service.api import errors, openapi
 from beamtouch_service.api.context import context_of
+from beamtouch_service.problems import ProblemError
 
 _log = logging.getLogger("beamtouch.service")
 
@@ -57,7 +58,7 @@ def make_router(tag: str, role: Role) -> APIRouter:
 
 
 class Gate:
-    """The layer around all routes (ASGI): adds headers, answers HEAD, and turns any failure into a 500.
+    """The layer around all routes (ASGI): refuses foreign names, adds headers, answers HEAD, turns failures into a 500.
 
     It adds the headers here because answers also come from the framework and from error handlers.
     """
@@ -85,7 +86,11 @@ class Gate:
             # The server leaves the body out. A stream would never end.
             scope = {**scope, "method": "GET"}
         try:
+            if (names := context_of(scope).names) is not None:
+                names.require(scope["headers"])
             await self._app(scope, receive, guarded)
+        except ProblemError as refusal:
+            await errors.refuse(scope, refusal)(scope, receive, guarded)
         except CancelledError:
             # Only the server cancels a request, at the end of its patience with a client that does not read.
             return

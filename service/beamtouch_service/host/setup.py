@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
+import socket
 import ssl
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -21,7 +22,8 @@ from beamtouch_service.host import models
 from beamtouch_service.host.models import ModelKeeper
 from beamtouch_service.host.serve import configure, serve
 from beamtouch_service.outputs import make
-from beamtouch_service.sections import SurfaceSection, load_pair
+from beamtouch_service.own_names import OwnNames
+from beamtouch_service.sections import ServerSection, SurfaceSection, load_pair
 from beamtouch_service.surfaces.surface import Surface
 
 if TYPE_CHECKING:
@@ -85,7 +87,8 @@ def run(settings: Settings) -> None:
         recorder = Recorder(settings.events, replica=server.replica)
     except EventStoreError as error:
         raise InputError(str(error)) from None
-    app = create_app(parts.surfaces, parts.access, streams=Streams(server.max_streams), recorder=recorder)
+    streams, names = Streams(server.max_streams), _names(server)
+    app = create_app(parts.surfaces, parts.access, streams=streams, recorder=recorder, names=names)
     tasks: Tasks = {
         "models": lambda _context: models.watch(parts.keepers),
         **{section.name: output.run for section, output in zip(settings.outputs, parts.outputs, strict=True)},
@@ -101,6 +104,17 @@ def report(settings: Settings, *, as_json: bool) -> str:
         return json.dumps({"surfaces": found, "warnings": parts.warnings})
     lines = [f"surface {name}: {words or 'no model'}" for name, words in found.items()]
     return "\n".join([*lines, *(f"warning: {warning}" for warning in parts.warnings)])
+
+
+def _names(server: ServerSection) -> OwnNames | None:
+    """Return the names by which clients may ask; None if any will do.
+
+    With a read token a page from elsewhere reads nothing, and for HTTPS no certificate has its name.
+    """
+    if server.read_token_file or server.certificate_file:
+        return None
+    machine = socket.gethostname()
+    return OwnNames([*server.names, server.host, machine, f"{machine.partition('.')[0]}.local"])
 
 
 def _require_certificate(certificate: Path, key: Path) -> None:
