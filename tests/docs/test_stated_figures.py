@@ -39,7 +39,10 @@ from beamtouch_service.api.samples import MAX_BODY_BYTES, MAX_BODY_S
 from beamtouch_service.commissioning import course, pressing, verdict
 from beamtouch_service.commissioning.results import MAX_KEPT
 from beamtouch_service.events.boot import MAX_CAPTURED, MAX_WAITING
+from beamtouch_service.events.database import READERS
 from beamtouch_service.events.path import MAX_POINTS
+from beamtouch_service.events.readers import MAX_ANSWERS
+from beamtouch_service.events.write_ahead import MAX_BYTES, WARN_BYTES
 from beamtouch_service.host.serve import IDLE_S
 from beamtouch_service.outputs.modbus.registers import BLOCK, CONSTANT, MAX_SURFACES, REGISTERS, STATES, identity
 from beamtouch_service.outputs.opcua.subscriptions import MOST_WAITING
@@ -253,6 +256,9 @@ STATED = {
         f"add `path`, at most {MAX_POINTS} points",
         f"gave none for longer than {WORDS[PAUSE]} times `stale_ms`",
         f"holds the first {WORDS[MAX_CAPTURED]} unexplained samples",
+        f"reads for {WORDS[READERS]}\nclients at a time. Beyond {MAX_ANSWERS} that wait",
+        f"Above {WARN_BYTES / 1e6:g} MB the log of the service names",
+        f"above {MAX_BYTES / 1e6:g} MB the record waits",
     ],
     "docs/reference/http.md": [
         f"every `interval_ms` ({STREAM['minimum']} to {STREAM['maximum']}; default {STREAM['default']})",
@@ -262,6 +268,7 @@ STATED = {
         f"| time for a batch to arrive | {MAX_BODY_S:g} s |",
         f"| time without a request, after an answer | {IDLE_S} s |",
         f"`max_streams`, {SERVER['max_streams']} |",
+        f"| answers from the record under way | {MAX_ANSWERS}, of which {WORDS[READERS]} are being read |",
         f"| the last {MAX_KEPT} results on record",
         f"| samples of a boot that are not durable yet | {MAX_WAITING:,} |".replace(",", " "),
     ],

@@ -15,6 +15,7 @@ from sqlalchemy import URL, Connection, Engine, QueuePool, StaticPool, create_en
 from sqlalchemy.exc import ArgumentError, DBAPIError, InterfaceError, OperationalError, SQLAlchemyError
 
 from beamtouch_service.events.tables import EVENTS, OtherFormatError, is_current, prepare
+from beamtouch_service.events.write_ahead import WriteAheadLog
 
 READERS = 2
 """Threads that read, each with a connection of its own."""
@@ -124,9 +125,11 @@ class Database:
     @contextmanager
     def writing(self) -> Iterator[Connection]:
         """Give a transaction, the only one that writes; raises EventsAwayError. Only one thread may use this."""
-        with self.loading() as connection, connection.begin():
-            self._lock(connection)
-            yield connection
+        with self.loading() as connection:
+            self._require_room(connection)
+            with connection.begin():
+                self._lock(connection)
+                yield connection
 
     @contextmanager
     def loading(self) -> Iterator[Connection]:
@@ -176,6 +179,9 @@ class Database:
         """Return the wall clock of the database [s since 1970]; None if it has that of this machine."""
         return None
 
+    def _require_room(self, connection: Connection) -> None:
+        """Raise EventsAwayError if nothing may be written now."""
+
     def _lock(self, connection: Connection) -> None:
         """Make a transaction the only one that writes."""
         connection.exec_driver_sql("BEGIN IMMEDIATE")
@@ -210,7 +216,7 @@ class FileDatabase(Database):
     """A SQLite file, which other programs may read. Several services may write to it."""
 
     def __init__(self, path: Path) -> None:
-        self._path = path
+        self._path, self._log = path, WriteAheadLog(path)
         writer, reader = (f"{path.absolute().as_uri()}?mode={mode}" for mode in ("rwc", "rw"))
         identify = partial(_identity, path)
         super().__init__(
@@ -220,6 +226,10 @@ class FileDatabase(Database):
             "set events.file to one that the service can write",
         )
         event.listen(self._readers.engine, "connect", _only_read)
+
+    def _require_room(self, connection: Connection) -> None:
+        if reason := self._log.too_long(connection):
+            raise EventsAwayError(reason)
 
     def _note_replaced(self) -> None:
         words = "the file of events was deleted or replaced while open; the record goes on in %s"

@@ -1,5 +1,6 @@
 """Events of a real process: a stop, a kill, a locked file, a commit that hangs, and a full disk."""
 
+import os
 import resource
 import signal
 import sqlite3
@@ -128,6 +129,45 @@ def test_a_commit_that_hangs_does_not_hold_up_a_stop_and_what_is_durable_stays(
     service = start()
     assert [event["end"] for event in events(service)] == ["lift"]
     assert service.post(log(batch_of() | {"samples": []})).json()["expected"] == 4
+
+
+SHORT_LOG = """
+from beamtouch_service.events import recorder, write_ahead
+write_ahead.WARN_BYTES, write_ahead.MAX_BYTES = 50_000, 100_000
+"""
+
+
+def test_while_another_program_holds_an_old_state_the_log_of_the_file_is_bounded_and_the_program_named(
+    start: StartService, tmp_path: Path
+) -> None:
+    service = start(code=f"{PATIENT}\n{SHORT_LOG}\nrecorder.COMMIT_S = 0.01")
+    rows, sent = [RESTING, TOUCHING, RESTING], 0
+
+    def send() -> int:
+        nonlocal sent
+        service.post(batch_of(*rows, sequence=sent + 1) | {"oldest": 1})
+        sent += len(rows)
+        return sent
+
+    send()
+    wait_until(lambda: on_record(tmp_path) == [("lift", 1)])
+    with closing(sqlite3.connect(tmp_path / "events.db", isolation_level=None)) as other:
+        other.execute("BEGIN")
+        assert other.execute("SELECT count(*) FROM events").fetchone() == (1,)
+        wait_until(lambda: send() > 0 and service.get("/health/ready").status_code == 503)
+        reason = service.get("/health/ready").json()["missing"]["events"]
+        assert reason.startswith(f"{Path('/proc/self/comm').read_text().strip()} (process {os.getpid()}) holds on to")
+        assert reason.endswith("its write-ahead log has 0 MB; end that program, or its transaction")
+        size = (tmp_path / "events.db-wal").stat().st_size
+        for _ in range(20):
+            send()
+            assert service.get("/contact").json()["state"] == "clear"
+        assert (tmp_path / "events.db-wal").stat().st_size == size
+    assert len(events(service)) == min(sent // 3, 50)
+    assert service.get("/health/ready").is_success
+    _, errors = service.stop(signal.SIGTERM)
+    assert errors.count("(beyond 0 MB, nothing is written)") == 1
+    assert errors.count("is back") == 1
 
 
 STOPS_LATE = "from beamtouch_service.events import recorder; recorder.STOP_S = 60.0"
