@@ -22,6 +22,7 @@ from beamtouch_models import modelfile
 from browser import OpenPage, chromium, pages
 from example_scenes import SCENES
 from few_draws import few_draws, short_work
+from pgbouncer import pooled
 from postgres import Postgres, running
 from scheduling import Scheduling
 from simulated_board import Board, Boards, build_board, build_firmware
@@ -162,6 +163,13 @@ def postgres() -> Iterator[Postgres]:
 def events_url(postgres: Postgres) -> str:
     """The URL of a database without tables."""
     return postgres.create()
+
+
+@pytest.fixture(scope="session")
+def pooled_port(postgres: Postgres) -> Iterator[int]:
+    """The port of a PgBouncer that pools transactions."""
+    with pooled(postgres, "transaction") as port:
+        yield port
 
 
 @pytest.fixture(scope="module")

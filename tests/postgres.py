@@ -2,6 +2,7 @@
 
 import os
 import pwd
+import re
 import secrets
 import shutil
 import signal
@@ -87,6 +88,11 @@ class Postgres:
             [*self._as_user, self._programs / program, *words], capture_output=True, text=True, cwd="/", check=False
         )
         assert done.returncode == 0, done.stdout + done.stderr
+
+
+def at_port(url: str, port: int) -> str:
+    """Return the URL of the same database at another port."""
+    return re.sub(r":\d+/", f":{port}/", url)
 
 
 def rows(url: str, query: str) -> list[tuple[Any, ...]]:

@@ -256,7 +256,7 @@ STATED = {
         f"add `path`, at most {MAX_POINTS} points",
         f"gave none for longer than {WORDS[PAUSE]} times `stale_ms`",
         f"holds the first {WORDS[MAX_CAPTURED]} unexplained samples",
-        f"reads for {WORDS[READERS]}\nclients at a time. Beyond {MAX_ANSWERS} that wait",
+        f"reads for {WORDS[READERS]} clients at a time. Beyond {MAX_ANSWERS} that wait",
         f"Above {WARN_BYTES / 1e6:g} MB the log of the service names",
         f"above {MAX_BYTES / 1e6:g} MB the record waits",
     ],

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from beamtouch_service.events import record
 from beamtouch_service.sections import EventsSection
+from postgres import at_port
 from service.bench import START_US, Bench, Row, batch_of, surface_with
 from service.event_story import BETWEEN, HARDER, ODD, RESTING, TOUCHING, Story
 from service.record_file import execute
@@ -49,11 +50,13 @@ def services() -> Services:
     return Services()
 
 
-@pytest.fixture(params=["file", "PostgreSQL"])
+@pytest.fixture(params=["file", "PostgreSQL", "PgBouncer"])
 def shared_place(request: pytest.FixtureRequest, tmp_path: Path) -> Path | str:
     if request.param == "file":
         return tmp_path / "events.db"
     url: str = request.getfixturevalue("events_url")
+    if request.param == "PgBouncer":
+        return at_port(url, request.getfixturevalue("pooled_port"))
     return url
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from sqlalchemy import (
@@ -21,9 +22,11 @@ from sqlalchemy import (
 )
 
 from beamtouch_service.events.best import Best
-from beamtouch_service.events.database import open_database
+from beamtouch_service.events.database import Database
 from beamtouch_service.events.event import End, Event, OpenEvent
 from beamtouch_service.events.health import BlockKey, HealthHistory, StoredHealth
+from beamtouch_service.events.server_database import ServerDatabase
+from beamtouch_service.events.sqlite_database import FileDatabase, MemoryDatabase
 from beamtouch_service.events.tables import (
     CONTENT,
     CURSORS,
@@ -98,6 +101,13 @@ class Due:
     delivery: int
     number: int
     event: Event
+
+
+def open_database(place: Path | str | None) -> Database:
+    """Open a file, the database of a URL, or memory; raises EventStoreError."""
+    if place is None:
+        return MemoryDatabase()
+    return ServerDatabase(place) if isinstance(place, str) else FileDatabase(place)
 
 
 class Store:

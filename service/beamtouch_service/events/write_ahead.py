@@ -1,4 +1,4 @@
-"""The write-ahead log of a SQLite file: it grows for as long as another program holds on to an old state of the file."""
+"""The write-ahead log of a SQLite file: it grows while another program holds on to an old state of the file."""
 
 import logging
 import os
@@ -11,7 +11,7 @@ from beamtouch_common.log import Repeated
 WARN_BYTES = 16_000_000
 """From this size on, the log names the reason: otherwise SQLite begins anew with it after about one MB."""
 MAX_BYTES = 64_000_000
-"""Beyond this size nothing is written: a full disk would cost more than the events, which the daemons keep meanwhile."""
+"""Beyond this size nothing is written: a full disk would cost more than events, which the daemons keep meanwhile."""
 _log = logging.getLogger("beamtouch.service.events")
 
 

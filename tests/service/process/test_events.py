@@ -88,7 +88,7 @@ def on_record(tmp_path: Path) -> list[tuple[str, int]]:
         return other.execute('SELECT "end", samples FROM events ORDER BY touched_us, id').fetchall()
 
 
-IMPATIENT = "from beamtouch_service.events import database; database._BUSY_S = 0.1"
+IMPATIENT = "from beamtouch_service.events import sqlite_database as part; part._BUSY_S = 0.1"
 
 
 def test_while_another_program_has_the_file_locked_nothing_is_durable_and_nothing_is_lost(
@@ -111,7 +111,7 @@ def test_while_another_program_has_the_file_locked_nothing_is_durable_and_nothin
     assert "the record of events is back" in errors
 
 
-HANGS = "from beamtouch_service.events import database; database._BUSY_S = 600.0"
+HANGS = "from beamtouch_service.events import sqlite_database as part; part._BUSY_S = 600.0"
 """As of a disk that does not answer: a commit waits for as long as another program has the file."""
 
 
