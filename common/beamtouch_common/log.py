@@ -93,6 +93,17 @@ class RepeatedFilter(logging.Filter):
         return record.exc_info is not None or self._repeated.due(str(record.msg)) > 0
 
 
+class TextFormatter(logging.Formatter):
+    """Formats an event as one line: the time of this machine's zone with its offset from UTC, level and message."""
+
+    def __init__(self) -> None:
+        super().__init__("%(asctime)s %(levelname)s %(message)s")
+
+    def formatTime(self, record: logging.LogRecord, _datefmt: str | None = None) -> str:  # noqa: N802  # the library's
+        """Return the time of an event, as in 2026-11-20 23:40:46.123+01:00."""
+        return datetime.fromtimestamp(record.created, UTC).astimezone().isoformat(" ", "milliseconds")
+
+
 class JsonFormatter(logging.Formatter):
     """Formats an event as one JSON object: time (UTC), level, source and message."""
 
@@ -112,6 +123,6 @@ class JsonFormatter(logging.Formatter):
 def set_up(*, as_json: bool = False) -> None:
     """Send the log of this process to standard error, from level INFO on."""
     handler = logging.StreamHandler(sys.stderr)
-    handler.setFormatter(JsonFormatter() if as_json else logging.Formatter("%(asctime)s %(levelname)s %(message)s"))
+    handler.setFormatter(JsonFormatter() if as_json else TextFormatter())
     logging.basicConfig(level=logging.INFO, handlers=[handler])
     logging.getLogger("pymodbus").setLevel(logging.CRITICAL)  # it logs every failure; its callers report them

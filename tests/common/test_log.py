@@ -2,11 +2,12 @@
 
 import json
 import logging
+import time
 from datetime import datetime
 
 import pytest
 
-from beamtouch_common.log import MAX_REASONS, JsonFormatter, Repeated, RepeatedFilter
+from beamtouch_common.log import MAX_REASONS, JsonFormatter, Repeated, RepeatedFilter, TextFormatter
 
 LOG = logging.getLogger("beamtouch_tests.log")
 
@@ -94,3 +95,19 @@ def test_an_event_in_json_is_one_line_with_its_traceback() -> None:
     assert datetime.fromisoformat(event.pop("time")).utcoffset() is not None
     assert event.pop("traceback").endswith("ZeroDivisionError: division by zero")
     assert event == {"level": "error", "source": "daemon.x", "message": "3 samples"}
+
+
+@pytest.mark.parametrize(
+    ("zone", "begins"),
+    [("UTC0", "2026-11-20 23:40:46.123+00:00 INFO "), ("HERE-5:45", "2026-11-21 05:25:46.123+05:45 INFO ")],
+)
+def test_a_line_of_text_has_its_zone(monkeypatch: pytest.MonkeyPatch, zone: str, begins: str) -> None:
+    record = logging.LogRecord("beamtouch", logging.INFO, "", 0, "a message", None, None)
+    record.created = 1_795_218_046.1234
+    monkeypatch.setenv("TZ", zone)
+    time.tzset()
+    try:
+        assert TextFormatter().format(record) == f"{begins}a message"
+    finally:
+        monkeypatch.undo()
+        time.tzset()

@@ -79,7 +79,7 @@ async def test_readings_become_samples_and_a_stop_delivers_all_of_them(tmp_path:
         f"bench: {len(samples)} readings taken, {summary['readings_lost']} lost; "
         f"{len(samples)} samples published, 0 dropped"
     )
-    assert all(re.match(r"\d{4}-\d\d-\d\d \d\d:\d\d:\d\d,\d{3} [A-Z]+ ", line) for line in lines)
+    assert all(re.match(r"\d{4}-\d\d-\d\d \d\d:\d\d:\d\d\.\d{3}[+-]\d\d:\d\d [A-Z]+ ", line) for line in lines)
     assert log.exists()
     assert not (tmp_path / LOG_FILE).exists()
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from service.bench import START_US, Bench, Row, batch_of, surface_of
+from service.bench import START_US, Bench, Row, batch_of, kind, surface_of
 from service.event_story import BETWEEN, HARDER, ODD, RESTING, TOUCHING, Story
 from service.small_model import model_of
 
@@ -285,3 +285,11 @@ def test_contacts_of_another_layout_of_channels_have_no_row() -> None:
     (row,) = best_samples(bench)
     assert row["model"].startswith("other@")
     assert "s4_mm" not in row
+
+
+@pytest.mark.parametrize("zone", ["+02:00", "+0200"])
+def test_a_zone_whose_plus_became_a_space_is_answered_with_what_to_write(bench: Bench, zone: str) -> None:
+    answer = bench.get(f"/events?since=2026-11-21T00:40:46{zone}")
+    assert (answer.status_code, kind(answer)) == (422, "invalid-request")
+    assert f"write 2026-11-21T00:40:46%2B{zone[1:]}, or the time in UTC with Z at its end" in answer.json()["detail"]
+    assert bench.get(f"/events?since=2026-11-21T00:40:46%2B{zone[1:]}").status_code == 200

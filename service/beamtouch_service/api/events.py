@@ -7,6 +7,7 @@ import csv
 import io
 import json
 import operator
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
@@ -42,10 +43,17 @@ _MAX_PATHS = 50
 router = gate.make_router("events", Role.READ)
 
 
+_LOST_PLUS = re.compile(r"(?i).*T.* \d\d:?\d\d")
+"""A time with its zone, of which the query has made the + a space."""
+
+
 def _require_rfc3339(value: object) -> object:
     # pydantic takes a bare number for seconds since 1970, or for milliseconds if it is large.
     if isinstance(value, str) and "T" not in value.upper():
         raise ValueError("expected a time such as 2026-11-20T23:40:46Z")
+    if isinstance(value, str) and _LOST_PLUS.fullmatch(value):
+        escaped = value.replace(" ", "%2B")
+        raise ValueError(f"in an address, + means a space; write {escaped}, or the time in UTC with Z at its end")
     return value
 
 
