@@ -8,6 +8,7 @@ import asyncio
 import time
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager, suppress
+from select import select
 from typing import Any, TypeVar
 
 from sqlalchemy import Row, Select
@@ -54,7 +55,7 @@ class Reader:
         """Leave the interpreter to others for a while if it is time; call this after each row that was worked on."""
         worked_s = time.thread_time() - self._begin_s
         if worked_s >= _WORK_S:
-            time.sleep(_REST * worked_s)
+            select([], [], [], _REST * worked_s)
             self._begin_s = time.thread_time()
 
 
