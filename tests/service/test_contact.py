@@ -2,7 +2,7 @@
 
 import pytest
 
-from service.bench import FIGURES, Bench, Row, surface_of
+from service.bench import FIGURES, START_US, Bench, Row, surface_of
 from service.event_story import RESTING, TOUCHING
 
 BETWEEN: Row = [0.02, 0.0, 0.0]
@@ -193,3 +193,18 @@ def test_a_channel_or_a_noise_that_changes_is_weighed_anew(bench: Bench) -> None
     bench.send(TOUCHING, sequence=3, channels=["s3", "s2", "s1"])
     # Now s1 is 0.125 mm, and s3 is 0.5 mm: the model knows no such contact.
     assert (bench.contact()["notes"], bench.contact()["misfit"]) == (["unsteady"], 250.0)
+
+
+@pytest.mark.parametrize("days", [40, -40, 3653])
+def test_a_clock_of_the_sender_that_is_set_changes_no_answer(days: int) -> None:
+    """BETWEEN ends no contact, but begins none either: it shows whether what was before it counts."""
+    answers = []
+    for set_us in (0, days * 86_400_000_000):
+        bench, found = Bench(surface_of()), []
+        for number, row in enumerate([RESTING, *[TOUCHING] * 3, BETWEEN, BETWEEN, TOUCHING, RESTING], 1):
+            bench.now_s += 0.005
+            bench.send(row, sequence=number, begin_us=START_US + 5000 * number + (set_us if number > 4 else 0))
+            found.append({key: value for key, value in bench.contact().items() if key != "sampled_at"})
+        answers.append(found)
+    assert [answer["state"] for answer in answers[0]] == ["clear", *["contact"] * 6, "clear"]
+    assert answers[0] == answers[1]

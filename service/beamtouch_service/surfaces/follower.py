@@ -52,7 +52,7 @@ class Past(NamedTuple):
     is_known: bool = False
     """Whether a state was known at any time."""
     decided_us: int | None = None
-    """Time of the last decided sample [us since 1970]; None if it is not known."""
+    """Time of the last decided sample [us]; None if it is not known."""
     is_held: bool = False
     """Whether the samples after that could not be decided, so that the state is held."""
     zones: Mapping[str, Any] | None = None
@@ -126,8 +126,9 @@ class Decision(NamedTuple):
 class Judge:
     """Decides on consecutive samples of one sender.
 
-    Over undecided samples, a state is held for `stale_ms` of the sender's time, or some readings if those take longer;
-    without any sample, for `PAUSE` times that. After a longer pause, as of a device that was off, nothing is known.
+    Over undecided samples, a state is held for `stale_ms`, or some readings if those take longer; without any sample,
+    for `PAUSE` times that. After a longer pause, as of a device that was off, nothing is known. The samples have their
+    times by any clock, but by the same for all of them: one that is set in between seems to be a pause.
     """
 
     def __init__(self, model: ModelFile, surface: str, section: SurfaceSection, past: Past = NEUTRAL) -> None:
@@ -151,23 +152,19 @@ class Judge:
         self._zones.miss()
 
     def is_over(self, at_us: int) -> bool:
-        """Return whether the state is held no longer at the time of the next sample [us since 1970]."""
+        """Return whether the state is held no longer at the time of the next sample [us]."""
         longest_us = self._hold_us if self._is_held else PAUSE * self._hold_us
         return self._decided_us is not None and abs(at_us - self._decided_us) > longest_us
 
-    def judge(self, estimate: Estimate, zone_clock_us: int, sender_notes: Iterable[str] = ()) -> Decision:
-        """Decide on the next sample, with these notes on its sender.
-
-        `zone_clock_us` is its time by the clock that times the zones [us]: any clock, but the same for all samples.
-        """
-        decision = self._decide(estimate)
+    def judge(self, estimate: Estimate, at_us: int, sender_notes: Iterable[str] = ()) -> Decision:
+        """Decide on the next sample, taken at this time [us], with these notes on its sender."""
+        decision = self._decide(estimate, at_us)
         if not self._zones.defined:
             return decision
-        return decision._replace(zones=self._follow_zones(decision, zone_clock_us, sender_notes))
+        return decision._replace(zones=self._follow_zones(decision, at_us, sender_notes))
 
-    def _decide(self, estimate: Estimate) -> Decision:
-        metadata = self._model.metadata
-        at_us, evidence = estimate.sample.acquired_unix_us, estimate.evidence
+    def _decide(self, estimate: Estimate, at_us: int) -> Decision:
+        metadata, evidence = self._model.metadata, estimate.evidence
         if self.is_over(at_us):
             self._hypotheses = Hypotheses(metadata.thresholds, NEUTRAL.memories)
         if isinstance(evidence, Problem):
@@ -191,15 +188,15 @@ class Judge:
         self._is_held = True
         return Decision(estimate, None, self._hypotheses.state, self._hypotheses.agree, problem=problem)
 
-    def _follow_zones(self, decision: Decision, zone_clock_us: int, sender_notes: Iterable[str]) -> ZoneReport:
+    def _follow_zones(self, decision: Decision, at_us: int, sender_notes: Iterable[str]) -> ZoneReport:
         """Return what a sample shows of the zones."""
         if decision.state is State.CLEAR and not decision.is_unsteady:
-            return self._zones.step(Seen(zone_clock_us, is_clear=True))
+            return self._zones.step(Seen(at_us, is_clear=True))
         is_explained = decision.state is State.CONTACT and not decision.is_odd
         if is_explained and _DOUBTS.isdisjoint([*sender_notes, *decision.notes(self._model)]):
             position, force = decision.figures.position, decision.figures.force
-            return self._zones.step(Seen(zone_clock_us, position=position, force=force))
-        return self._zones.step(Seen(zone_clock_us))
+            return self._zones.step(Seen(at_us, position=position, force=force))
+        return self._zones.step(Seen(at_us))
 
 
 class Follower:
