@@ -14,6 +14,7 @@ from beamtouch_models.metadata import POSITION_OUTPUTS
 from beamtouch_service import turns
 from beamtouch_service.api.app import Application, create_app
 from beamtouch_service.samples import MAX_SAMPLES
+from beamtouch_service.sections import SurfaceSection
 from service.bench import TOKEN, Bench, Row, batch_of, surface_of
 from service.event_story import RESTING, TOUCHING
 from service.small_model import model_of
@@ -36,7 +37,8 @@ def _each_step_takes_a_second(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def app() -> Application:
-    return create_app([surface_of(), surface_of("press-8")], TOKEN)
+    patient = SurfaceSection(stale_ms=60_000)
+    return create_app([surface_of(section=patient), surface_of("press-8", patient)], TOKEN)
 
 
 @pytest.fixture
