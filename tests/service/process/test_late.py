@@ -89,7 +89,7 @@ def test_what_is_missing_is_named_and_used_when_it_comes(
         wait_until(lambda: service.get("/events").status_code == 200)
         log = batch_of(RESTING, TOUCHING, RESTING) | {"oldest": 1, "backlog": True, "newest_age_ms": None}
         wait_until(lambda: service.post(log).json()["expected"] == 4)
-        assert [event["end"] for event in service.get("/events").json()["events"]] == ["lift"]
+        wait_until(lambda: [event["end"] for event in service.get("/events").json()["events"]] == ["lift"])
         assert set(service.get("/health/ready").json()["surfaces"]) == {"press-8"}
         assert service.get("/health/ready").json()["missing"] == {}
     finally:
