@@ -2,7 +2,7 @@
 
 import asyncio
 import socket
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass, field
 
@@ -180,6 +180,3 @@ async def thin_line(
             way.cancel()
         with suppress(asyncio.CancelledError):
             await asyncio.gather(*ways)
-
-
-Look = Callable[[], None]

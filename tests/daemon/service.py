@@ -44,6 +44,8 @@ class Service:
         self._arrived = asyncio.Event()
         self.statuses: list[int] = []
         """Answers to come, one per request; 200 when there are no more."""
+        self.wait_s: Callable[[Batch, int], float] = lambda _batch, _length: 0.0
+        """Time before a batch of this length in bytes is answered."""
         self.problem_of: Callable[[Batch, int], tuple[int, str] | None] = lambda _batch, _length: None
         """The status and the type of the problem that a batch of this length in bytes is answered with, if any."""
         # With the protocol named, asyncio turns off the delay of small writes.
@@ -51,7 +53,8 @@ class Service:
         self.listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         self.listener.bind(address)
         self.listener.listen()
-        self.url = f"http://127.0.0.1:{self.listener.getsockname()[1]}"
+        self.port: int = self.listener.getsockname()[1]
+        self.url = f"http://127.0.0.1:{self.port}"
 
     def samples(self, surface: str = "bench") -> list[Sample]:
         """Every accepted sample of a surface, as often as it came, in order of arrival."""
@@ -79,6 +82,7 @@ class Service:
         if body == b"{}":  # it asks whether samples would be taken
             return _problem(422, "invalid-request")
         batch = Batch.model_validate_json(body)
+        await asyncio.sleep(self.wait_s(batch, len(body)))
         if refusal := self._refusal(batch, len(body)):
             return refusal
         receipt = self._receive(request.path_params["name"], batch)

@@ -8,11 +8,12 @@ from time import clock_gettime, monotonic
 
 import pytest
 
+from beamtouch_daemon.delivery.log_store import LogStore
 from beamtouch_service.samples import Batch, Note
 from free_ports import free_port
 
 from .faulty import soon
-from .publishing import Bench, Interrupting, boot, hang, keep, stored, taken
+from .publishing import ROOM, Bench, Interrupting, boot, hang, keep, stored, taken
 from .record import Record
 from .service import Service, serving
 from .waits import until
@@ -180,6 +181,23 @@ async def test_a_service_that_died_is_asked_within_a_second_and_gets_again_what_
         await soon(lambda: bench.log.is_empty, 5.0)
     assert service.record.numbers() == {"boot-0001": list(range(1, 11))}
     assert [len(batch.samples) for batch in backlog_of(service)][:2] == [0, 10]
+
+
+async def test_a_stop_also_delivers_the_boots_of_a_file_that_is_opened_meanwhile(tmp_path: Path) -> None:
+    await keep(tmp_path / "samples", 10)
+    store, service = LogStore(tmp_path / "samples", ROOM), Service()
+    async with serving(service), Bench(service, store) as bench:
+        service.commit_s = 60.0
+        bench.count(5)
+        await service.until(5)
+        stop = asyncio.ensure_future(bench.backlog.finish())
+        attempts = service.attempts
+        await until(lambda: service.attempts > attempts)  # it waits for these five to be durable
+        await store.open()
+        service.commit_s = 0.0
+        await stop
+        await store.close()
+    assert service.record.numbers() == {"boot-0000": list(range(1, 11)), "boot-0001": list(range(1, 6))}
 
 
 async def test_a_backlog_has_no_age_and_says_what_there_is(tmp_path: Path) -> None:

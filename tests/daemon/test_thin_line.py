@@ -1,103 +1,153 @@
-"""A line that carries a little more than what is measured: answers stay fresh, and the record gets all of it."""
+"""A line that carries little, or takes long: answers stay fresh, and the record gets everything, each sample once."""
 
 import asyncio
 import random
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from itertools import pairwise
+from pathlib import Path
 
+import httpx2
 import pytest
 
 from beamtouch_daemon.processing.pipeline import Taken
-from beamtouch_service.samples import Quality, Sample
-from thin_line import ThinLine, thin_line
+from beamtouch_service.samples import Batch, Quality, Sample
+from plain_http import TIMEOUT_S
+from service.small_model import write_model
+from thin_line import thin_line
 
+from . import configs
+from .devices import pymodbus_server
+from .process import PATIENT_STOP, started, summary_of
 from .publishing import Bench, boot, taken_of
-from .service import Service, serving
+from .service import Service, contact_has, real_service, serving
+from .waits import until
 
 pytestmark = [pytest.mark.anyio, pytest.mark.long]
 
 CHANNELS = ["s1", "s2", "s3", "s4"]
-RATE_HZ = 100
-OUTAGE_S = 20
-FRESH = RATE_HZ // 2
-"""Newest samples among which an answer stands that is not stale."""
+LOOKS, LOOK_S = 100, 0.1
+
+
+async def fresh_looks(url: str) -> int:
+    """Return how many of `LOOKS` answers are fresh."""
+    fresh = 0
+    async with httpx2.AsyncClient(base_url=url, trust_env=False, timeout=TIMEOUT_S) as http:
+        for _ in range(LOOKS):
+            fresh += (await http.get("/contact")).is_success
+            await asyncio.sleep(LOOK_S)
+    return fresh
+
+
+@pytest.mark.parametrize("is_cut", [True, False], ids=["cut", "silent"])
+async def test_after_an_outage_answers_are_fresh_and_the_record_gets_everything(
+    tmp_path: Path, *, is_cut: bool
+) -> None:
+    """Samples of four channels, 200 a second, take two thirds of this line."""
+    model = write_model(tmp_path, "bench", channels=4)
+    async with (
+        pymodbus_server([20_900] * 4) as device,
+        real_service(tmp_path, model) as service,
+        thin_line(int(service.rpartition(":")[2]), 15_000.0) as line,
+    ):
+        surface = configs.surface(source=configs.tcp(device), registers=(0, 1, 2, 3))
+        config = configs.write(tmp_path, surface, url=line.url)
+        async with started("run", config, "--summary", tmp_path / "summary.json", code=PATIENT_STOP) as daemon:
+            await contact_has(service, "state", "contact")
+            await line.cut() if is_cut else line.freeze()
+            await asyncio.sleep(6.0)
+            await line.open() if is_cut else line.thaw()
+            await contact_has(service, "state", "contact")
+            # While everything goes out both live and as a backlog, one look in ten is fresh.
+            assert await fresh_looks(service) > LOOKS / 2
+            assert (await daemon.stop()).code == 0
+    counts = summary_of(tmp_path)["bench"]
+    assert (counts["samples_dropped"], counts["samples_in_log"]) == (0, 0)
+    assert counts["samples_published"] == counts["readings"]
 
 
 def measured(number: int, draws: random.Random) -> Taken:
-    """Return a sample whose digits are noise, as those of a sensor are."""
-    values = [draws.gauss(0.3, 0.01) for _ in CHANNELS]
-    covariance = [
-        float(f"{draws.uniform(1, 2) * (1e-6 if row == column else 1e-7):.4g}")
-        for row in range(4)
-        for column in range(row + 1)
-    ]
+    """Return a sample whose digits are noise, as those of a sensor are: of others, next to nothing travels."""
     return taken_of(
         Sample(
             sequence=number,
             acquired_unix_us=1_795_218_046_123_000 + 10_000 * number,
-            deflection_mm=[round(value, 6) for value in values],
+            deflection_mm=[round(draws.gauss(0.3, 0.01), 6) for _ in CHANNELS],
             quality=[Quality.GOOD] * 4,
             readings=1 + number % 200,
-            covariance_mm2=covariance,
+            covariance_mm2=[
+                float(f"{draws.uniform(1, 2) * (1e-6 if row == column else 1e-7):.4g}")
+                for row in range(4)
+                for column in range(row + 1)
+            ],
         )
     )
 
 
-@asynccontextmanager
-async def measuring(bench: Bench) -> AsyncIterator[None]:
-    """Add a sample each hundredth of a second."""
+async def measure(bench: Bench, number: int) -> None:
+    """Add samples, one each hundredth of a second."""
     draws = random.Random(1)  # noqa: S311  # noise, not secrets
-
-    async def add() -> None:
-        loop = asyncio.get_running_loop()
-        due_s = loop.time()
-        while True:
-            bench.put([measured(bench.log.next, draws)])
-            due_s += 1 / RATE_HZ
-            await asyncio.sleep(due_s - loop.time())
-
-    task = asyncio.ensure_future(add())
-    try:
-        yield
-    finally:
-        task.cancel()
+    for _ in range(number):
+        bench.put([measured(bench.log.next, draws)])
+        await asyncio.sleep(0.01)
 
 
-async def freshness(service: Service, bench: Bench, seconds: float) -> list[int]:
-    """Look ten times a second; return by how many samples the newest live one was behind each time."""
-    behind = []
-    for _ in range(round(10 * seconds)):
-        await asyncio.sleep(0.1)
-        newest = [batch.samples[-1].sequence for _, batch, _ in service.batches if batch.samples and not batch.backlog]
-        behind.append(bench.log.next - 1 - newest[-1])
-    return behind
-
-
-async def outage(line: ThinLine) -> None:
-    """Cut the line, and join it again."""
-    await line.cut()
-    await asyncio.sleep(OUTAGE_S)
-    await line.open()
-
-
-@pytest.mark.parametrize("bytes_s", [40_000, 60_000])
-async def test_after_an_outage_a_thin_line_gives_fresh_answers_while_it_heals(bytes_s: int) -> None:
+@asynccontextmanager
+async def bench_over(bytes_s: float, one_way_s: float = 0.0) -> AsyncIterator[tuple[Service, Bench]]:
+    """Run a service, and what a daemon delivers to it over such a line."""
     async with (
         serving(Service()) as service,
-        thin_line(int(service.url.rpartition(":")[2]), bytes_s) as line,
+        thin_line(service.port, bytes_s, one_way_s=one_way_s) as line,
         Bench(service, head=boot(channels=CHANNELS), url=line.url) as bench,
-        measuring(bench),
     ):
-        await service.until(200)
-        await outage(line)
-        assert bench.log.in_memory > OUTAGE_S * RATE_HZ / 2
-        await freshness(service, bench, 5.0)  # connections begin anew, and the line is learned
-        behind = await freshness(service, bench, 20.0)
-        assert bench.log.in_memory < FRESH
-        await asyncio.sleep(0.1)
-        last = bench.log.oldest - 1
-        carried = line.up.carried
-    assert service.record.numbers()["boot-0001"][:last] == list(range(1, last + 1))
+        yield service, bench
+
+
+def recorded(number: int) -> dict[str, list[int]]:
+    return {"boot-0001": list(range(1, number + 1))}
+
+
+def backlog_of(service: Service) -> list[Batch]:
+    return [batch for _, batch, _ in service.batches if batch.backlog and batch.samples]
+
+
+async def test_on_a_thin_line_no_request_takes_long_and_little_travels_twice() -> None:
+    async with bench_over(20_000.0) as (service, bench):
+        service.problem_of = lambda *_: (503, "busy")
+        await measure(bench, 200)
+        draws = random.Random(2)  # noqa: S311  # noise, not secrets
+        bench.put([measured(bench.log.next + place, draws) for place in range(1000)])
+        service.problem_of = lambda *_: None
+        await measure(bench, 600)
+        await until(lambda: bench.log.is_empty)
+    assert service.record.numbers() == recorded(1800)
+    assert len(service.samples()) < 1.2 * 1800
+    assert max(len(batch.samples) for batch in backlog_of(service)) < 200  # those take a second here
+
+
+async def test_on_a_long_way_a_live_batch_does_not_wait_for_the_answer_to_the_last_one() -> None:
+    async with bench_over(1e6, one_way_s=0.25) as (service, bench):
+        await measure(bench, 400)
+        await until(lambda: bench.log.is_empty)
+    assert service.record.numbers() == recorded(400)
+    arrivals_s = [arrival_s for _, batch, arrival_s in service.batches if not batch.backlog]
+    assert any(later_s - earlier_s < 0.5 for earlier_s, later_s in pairwise(arrivals_s))
+
+
+async def test_a_service_that_takes_long_for_each_request_gets_large_ones() -> None:
+    async with serving(Service()) as service, Bench(service) as bench:
+        service.wait_s = lambda batch, _: 0.4 if batch.backlog and batch.samples else 0.0
+        bench.count(5000)
+        await until(lambda: bench.log.is_empty)
+    assert service.record.numbers() == recorded(5000)
+    assert len(backlog_of(service)) < 100
+
+
+async def test_a_proxy_that_gives_up_on_what_takes_long_gets_less_at_a_time() -> None:
+    async with serving(Service()) as service, Bench(service) as bench:
+        service.wait_s = lambda _, length: 0.6 if length > 4000 else 0.0
+        service.problem_of = lambda _, length: (504, "") if length > 4000 else None
+        bench.count(400)
+        await until(lambda: bench.log.is_empty)
+    assert service.record.numbers() == recorded(400)
     assert bench.logs.counts.dropped == 0
-    assert sum(number < FRESH for number in behind) >= 0.98 * len(behind)
-    assert carried / last < bytes_s / RATE_HZ

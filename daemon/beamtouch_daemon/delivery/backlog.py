@@ -6,10 +6,11 @@ other. On a thin line, a live batch goes before each request, and the surfaces t
 
 import asyncio
 import logging
+import math
 from contextlib import nullcontext
 from time import monotonic
 
-from beamtouch_daemon.delivery.boots import Boot, Catching, SurfaceLogs
+from beamtouch_daemon.delivery.boots import BacklogState, Boot, SurfaceLogs
 from beamtouch_daemon.delivery.client import NEVER_ACCEPTED, Answer, ServiceClient, Verdict
 from beamtouch_daemon.delivery.log_file import LogFileError
 from beamtouch_daemon.delivery.log_store import LogStore
@@ -32,8 +33,8 @@ class Backlog:
         self._store = store
         self._logs = logs
         self._line = line
-        self._live_sent = 0
-        """Live batches before the end of the last request."""
+        self._over_s = -math.inf
+        """When the last request was over, on the monotonic clock."""
         self._read: Batch | None = None
         """The chunk that was read last: many small requests are made of one."""
 
@@ -45,7 +46,8 @@ class Backlog:
             if boot is not None and wait_s <= 0:
                 async with self._line if boot.pace.is_thin else nullcontext():
                     await self._let_live_pass(boot)
-                    await self._deliver(boot)
+                    if _due_s(boot) <= monotonic():
+                        await self._deliver(boot)
             else:
                 await asyncio.sleep(wait_s)
 
@@ -64,16 +66,16 @@ class Backlog:
     async def _deliver(self, boot: Boot) -> bool:
         """Send what the record lacks of a boot, or ask how far it is; return whether the service took it."""
         first = boot.missing[:1]
-        boot.catching = Catching.SENDS if first else Catching.NOTHING
+        boot.backlog = BacklogState.SENDS if first else BacklogState.RESTS
         try:
             batch = await self._batch(boot)
             answer = await send(self._client, self._logs, boot, batch)
         except LogFileError:  # the store says so
             answer = None
         finally:
-            boot.catching = Catching.NOTHING
+            boot.backlog = BacklogState.RESTS
             boot.turn.set()
-            self._live_sent = self._logs.present.live.sent if self._logs.present else 0
+            self._over_s = monotonic()
         is_taken = answer is not None and answer.verdict is Verdict.TAKEN
         is_further = is_taken and (not first or boot.missing[:1] != first)
         if is_further or (answer is not None and self._reduce(boot, batch, answer)):
@@ -88,15 +90,15 @@ class Backlog:
         present, end_s = self._logs.present, monotonic() + boot.pace.rest_of_backlog_s
         if present is None or not boot.pace.is_thin:
             return
-        present.catching = Catching.WAITS
+        present.backlog = BacklogState.WAITS
         present.turn.set()
         try:
-            while present.live.sent == self._live_sent and present.live.next < present.log.next:
+            while present.live.sent_s < self._over_s and present.live.next < present.log.next:
                 if (wait_s := end_s - monotonic()) <= 0:
                     break
                 await present.next_turn(wait_s)
         finally:
-            present.catching = Catching.NOTHING
+            present.backlog = BacklogState.RESTS
 
     async def _batch(self, boot: Boot) -> Batch:
         """Return the next samples that the record lacks, as far as they have the same notes."""
@@ -143,6 +145,8 @@ def _holds(batch: Batch, number: int) -> bool:
 
 
 def _due_s(boot: Boot) -> float:
-    """Return when to deliver a boot next, on the monotonic clock; a small gap is left to live batches for a while."""
-    is_due = boot.missing and not boot.is_gap_small
-    return boot.due_s if is_due else max(boot.due_s, boot.told_s + ASK_S)
+    """Return when to deliver a boot next, on the monotonic clock."""
+    if not boot.missing:
+        return max(boot.due_s, boot.told_s + ASK_S)
+    # The next live batch begins with a small gap, if one comes soon.
+    return max(boot.due_s, boot.live.begun_s + ASK_S) if boot.is_gap_small else boot.due_s

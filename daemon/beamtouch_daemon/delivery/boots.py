@@ -21,10 +21,10 @@ _ENDED = 2**53
 _log = logging.getLogger(__name__)
 
 
-class Catching(Enum):
+class BacklogState(Enum):
     """What the backlog of a boot does."""
 
-    NOTHING = "nothing"
+    RESTS = "rests"
     WAITS = "waits"
     """It lets a live batch go before its next request."""
     SENDS = "sends"
@@ -37,8 +37,10 @@ class LiveWindow:
     def __init__(self) -> None:
         self.next = 1
         """Number of the first sample that no live batch has taken."""
-        self.sent = 0
-        """Number of live batches that went out."""
+        self.begun_s = -math.inf
+        """When the last live batch was begun, on the monotonic clock."""
+        self.sent_s = -math.inf
+        """When it went out."""
         self._first_in_flight = set[int]()
 
     @property
@@ -52,7 +54,8 @@ class LiveWindow:
         return len(self._first_in_flight)
 
     def begin(self, first: int, last: int) -> None:
-        """Note that a live batch brings samples."""
+        """Note that a live batch brings samples, from now on."""
+        self.begun_s = monotonic()
         self._first_in_flight.add(first)
         self.next = last + 1
 
@@ -60,10 +63,14 @@ class LiveWindow:
         """Note that a live batch is over, with an answer or without."""
         self._first_in_flight.discard(first)
 
+    def restart(self) -> None:
+        """Note that no live batch is in flight."""
+        self._first_in_flight.clear()
+
     def close(self) -> None:
         """Leave all samples to the backlog."""
         self.next = _ENDED
-        self._first_in_flight.clear()
+        self.restart()
 
 
 class Boot:
@@ -91,9 +98,9 @@ class Boot:
         self.due_s = 0.0
         """Time of the next request of the backlog on the monotonic clock, at the earliest."""
         self.backoff = Backoff(max_s=BACKLOG_RETRY_S)
-        self.catching = Catching.NOTHING
+        self.backlog = BacklogState.RESTS
         self.live_failed = False
-        """Whether a live batch was not taken since the record lacked nothing: it is not repeated."""
+        """Whether a live batch was not taken since the record lacked nothing. It is not repeated."""
         self.turn = asyncio.Event()
         """Set when a live batch goes out or is over, and when the backlog waits or a request of it is over."""
         self._counts = counts

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from time import monotonic
 
 from beamtouch_common.waits import Backoff
-from beamtouch_daemon.delivery.boots import Boot, Catching, SurfaceLogs
+from beamtouch_daemon.delivery.boots import BacklogState, Boot, SurfaceLogs
 from beamtouch_daemon.delivery.client import ServiceClient
 from beamtouch_daemon.delivery.sending import send
 from beamtouch_daemon.processing.pipeline import Taken
@@ -32,14 +32,17 @@ class Live:
         self._logs = logs
         self._boot = boot
         self._backoff = Backoff(max_s=LIVE_RETRY_S)
-        self._begun_s = self._due_s = -math.inf
-        """When the last batch went out, and after one that was not taken, when the next one may; monotonic clock."""
+        self._has_failed = False
+        """Whether the last batch was not taken."""
+        self._due_s = -math.inf
+        """When the next one may go out after that, on the monotonic clock."""
         self._took_s = 0.0
         """Time of the last batch that was taken [s]."""
 
     async def run(self) -> None:
         """Send until cancelled."""
         boot = self._boot
+        boot.live.restart()
         async with asyncio.TaskGroup() as requests:
             while True:
                 while (wait_s := self._next_s() - monotonic()) > 0:
@@ -57,11 +60,11 @@ class Live:
         if boot.live.in_flight >= MAX_IN_FLIGHT:
             return math.inf
         if boot.live.in_flight:
-            return max(self._due_s, self._begun_s + pace.overlap_s)
-        if not pace.is_thin or not boot.is_behind or boot.catching is Catching.WAITS:
+            return max(self._due_s, boot.live.begun_s + pace.overlap_s)
+        if not pace.is_thin or not boot.is_behind or boot.backlog is BacklogState.WAITS:
             return self._due_s
-        rest_s = pace.beside_s if boot.catching is Catching.SENDS else pace.rest_s(self._took_s)
-        return max(self._due_s, self._begun_s + rest_s)
+        rest_s = pace.beside_s if boot.backlog is BacklogState.SENDS else pace.rest_s(self._took_s)
+        return max(self._due_s, boot.live.begun_s + rest_s)
 
     def _samples(self) -> list[Taken]:
         """Return the samples of the next batch; none if there are no new ones."""
@@ -70,14 +73,13 @@ class Live:
             return []
         limit = boot.pace.live_limit(is_behind=boot.is_behind)
         first = max(boot.live.next, boot.log.next - limit, boot.log.oldest_in_memory)
-        if boot.is_gap_small and boot.catching is not Catching.SENDS:
+        if boot.is_gap_small and boot.backlog is not BacklogState.SENDS:
             first = boot.missing.start
         return boot.log.from_memory(range(first, boot.log.next))
 
     async def _send(self, samples: Sequence[Taken]) -> None:
         boot, first = self._boot, samples[0].sample.sequence
-        self._begun_s = begun_s = monotonic()
-        boot.live.sent += 1
+        boot.live.sent_s = begin_s = monotonic()
         boot.turn.set()
         try:
             answer = await send(self._client, self._logs, boot, self._batch(samples))
@@ -85,13 +87,14 @@ class Live:
             boot.live.end(first)
             boot.turn.set()
         if answer is None or answer.receipt is None:
-            boot.live_failed = True
+            boot.live_failed = self._has_failed = True
             self._due_s = monotonic() + self._backoff.next()
             return
-        if boot.live_failed:
+        if self._has_failed:
+            self._has_failed = False
+            self._backoff.reset()
             boot.hasten()
-        self._backoff.reset()
-        self._took_s = monotonic() - begun_s
+        self._took_s = monotonic() - begin_s
 
     def _batch(self, samples: Sequence[Taken]) -> Batch:
         # One look at one clock: an interruption between two would falsify the age.
