@@ -154,9 +154,11 @@ async def test_a_disk_that_hangs_holds_up_no_new_samples(tmp_path: Path) -> None
         assert service.record.numbers() == {"boot-0000": list(range(1, 11)), "boot-0001": list(range(1, 31))}
 
 
-async def test_answers_go_on_while_the_record_is_away_and_it_gets_everything_later() -> None:
+@pytest.mark.parametrize("statuses", [[], [500]], ids=["", "after a failure"])
+async def test_answers_go_on_while_the_record_is_away_and_it_gets_everything_later(statuses: list[int]) -> None:
     record = Record(is_away=True)
     async with serving(Service(record=record)) as service, Bench(service) as bench:
+        service.statuses = statuses
         begin_s = monotonic()
         for _ in range(100):
             bench.count(2)
