@@ -62,12 +62,14 @@ class _Reading:
             raise _malformed(f"Invalid JSON: {error}") from None
         yield
         rows = content.get("samples") if isinstance(content, dict) else None
-        if not isinstance(rows, list) or len(rows) > MAX_SAMPLES:
-            # What is wrong does not depend on the samples themselves, or all of it is no object.
-            head = content | {"samples": [0] * len(rows)} if isinstance(rows, list) else content
-            self._read(Batch, _json(Batch, head if isinstance(content, dict) else 0))
+        if not isinstance(rows, list):
+            self._read(Batch, _json(Batch, content if isinstance(content, dict) else 0))
             return
         self._validate(Batch, content | {"samples": []})
+        if len(rows) > MAX_SAMPLES:
+            words = f"List should have at most {MAX_SAMPLES} items after validation, not {len(rows)}"
+            self._note(("samples",), words)
+            return
         samples: list[Sample] = []
         for index, row in enumerate(rows):
             if (sample := self._validate(Sample, row, ("samples", index))) is not None:
