@@ -6,6 +6,7 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from itertools import pairwise
 from pathlib import Path
+from statistics import median
 
 import httpx2
 import pytest
@@ -122,7 +123,7 @@ async def test_on_a_thin_line_no_request_takes_long_and_little_travels_twice() -
         await until(lambda: bench.log.is_empty)
     assert service.record.numbers() == recorded(1800)
     assert len(service.samples()) < 1.2 * 1800
-    assert max(len(batch.samples) for batch in backlog_of(service)) < 200  # those take a second here
+    assert median(len(batch.samples) for batch in backlog_of(service)) < 75  # those take 0.4 s here
 
 
 async def test_on_a_long_way_a_live_batch_does_not_wait_for_the_answer_to_the_last_one() -> None:
