@@ -97,7 +97,9 @@ class Samples(Asker):
 
 async def probe(port: int, surface: str, seconds: float, samples: Samples) -> dict[str, Any]:
     """Send and ask for so long."""
-    contacts, until_s = Contacts(port, surface), monotonic() + seconds
+    contacts = Contacts(port, surface)
+    await samples.run(monotonic() + EVERY_S)  # before it there is nothing to answer with
+    until_s = monotonic() + seconds
     await asyncio.gather(samples.run(until_s), contacts.run(until_s))
     return {"contact": contacts.figures(), "sample": samples.figures(), "unanswered": contacts.refusals}
 

@@ -2,9 +2,9 @@
 
 A service with the model of the scene `bench` and 4000 events with whole paths gets a sample each 50 ms and is asked for
 the contact as often, while clients ask for `GET /events?path=true&limit=50` without a pause. Said are percentiles of
-the time to a contact and to a receipt, contacts without an answer in time, and pages per second. `--before CHECKOUT`
-measures another checkout in turns with this one. The sender states no clock with `--no-clock`, so that its samples
-count as old as they may be.
+the time to a contact and to a receipt, contacts without an answer in time, and pages per second: medians of rounds, in
+each of which all are measured in turns. `--before CHECKOUT` measures another checkout, too. The sender states no clock
+with `--no-clock`, so that its samples count as old as they may be.
 """
 
 import argparse
@@ -13,8 +13,11 @@ import sqlite3
 import subprocess
 import sys
 import time
+from collections import Counter
 from contextlib import closing
+from functools import reduce
 from pathlib import Path
+from statistics import median
 from tempfile import TemporaryDirectory
 from typing import Any
 
@@ -22,7 +25,7 @@ sys.path.insert(0, str(Path(__file__).parent.parent))
 sys.path.insert(0, str(Path(__file__).parent))
 
 import httpx2
-from serving import HERE, TOKEN, service, surfaces
+from serving import HERE, TOKEN, build_with, service, surfaces
 from shipped import build
 
 from beamtouch_models.modelfile import ModelFile
@@ -97,6 +100,7 @@ def main() -> None:
     parser.add_argument("--events", type=int, default=4000)
     parser.add_argument("--clients", type=int, nargs="+", default=[0, 1, 8, 40])
     parser.add_argument("--seconds", type=float, default=10.0)
+    parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--no-clock", dest="clock", action="store_const", const=[], default=["clock"])
     parser.add_argument(
         "--before", type=Path, metavar="CHECKOUT", help="another checkout, to measure in turns with this one"
@@ -104,29 +108,45 @@ def main() -> None:
     given = parser.parse_args()
     checkouts = {"before": given.before.resolve()} if given.before else {}
     with TemporaryDirectory() as place:
+        model = build(Path(place))
         folders = {name: Path(place) / name for name in (*checkouts, "now")}
         for name, folder in folders.items():
             folder.mkdir()
-            model = build(folder)
+            build_with(checkouts.get(name), folder)
             with service(folder, SECTIONS, checkouts.get(name)) as (_, port):
                 record(port, model)
             copy(folder / "events.db", given.events)
-        for clients in given.clients:
-            for name, folder in folders.items():
-                found = measure(folder, model, clients, given, checkouts.get(name))
-                print(f"{name}, {clients} clients: {text(found)}", flush=True)
+        found: dict[tuple[str, int], list[dict[str, Any]]] = {}
+        for _ in range(given.rounds):
+            for clients in given.clients:
+                for name, folder in folders.items():
+                    figures = measure(folder, model, clients, given, checkouts.get(name))
+                    found.setdefault((name, clients), []).append(figures)
+        for (name, clients), rounds in found.items():
+            print(f"{name}, {clients} clients: {text(rounds)}", flush=True)
 
 
-def text(found: dict[str, Any]) -> str:
-    """Return the figures of a measurement in words."""
-    lost, pages = found["unanswered"], found["pages"]
-    times = [
-        f"{words} {found[name]['p50_ms']:.1f}, {found[name]['p99_ms']:.1f} ms"
+def text(rounds: list[dict[str, Any]]) -> str:
+    """Return the figures of measurements in words."""
+
+    def middle(*names: str) -> float:
+        found: list[Any] = [reduce(dict.__getitem__, names, one) for one in rounds]
+        return float(median(found))
+
+    asked, lost = sum(one["contact"]["count"] for one in rounds), Counter[str]()
+    for one in rounds:
+        lost.update(one["unanswered"])
+    said = [
+        f"{words} {middle(name, 'p50_ms'):.1f}, {middle(name, 'p99_ms'):.1f} ms"
         for name, words in (("contact", "contact"), ("sample", "receipt"))
     ]
-    unanswered = f"{sum(lost.values())} of {found['contact']['count']} unanswered {lost or ''}".strip()
-    read = f"{pages['per_s']:.1f} pages a second, p50 {pages['p50_ms']:.0f} ms, {pages['statuses']}" if pages else ""
-    return "; ".join([*times, unanswered, f"{found['memory_mb']:.0f} MB", *([read] if read else [])])
+    said += [f"{lost.total()} of {asked} unanswered", *map(str, filter(None, [dict(lost)]))]
+    said.append(f"{middle('memory_mb'):.0f} MB")
+    if rounds[0]["pages"]:
+        statuses = sorted({status for one in rounds for status in one["pages"]["statuses"]})
+        said.append(f"{middle('pages', 'per_s'):.1f} pages a second, p50 {middle('pages', 'p50_ms'):.0f} ms")
+        said.append(" ".join(statuses))
+    return "; ".join(said)
 
 
 if __name__ == "__main__":

@@ -19,7 +19,7 @@ from tempfile import TemporaryDirectory
 sys.path.insert(0, str(Path(__file__).parent.parent))
 sys.path.insert(0, str(Path(__file__).parent))
 
-from serving import TOKEN, service, surfaces
+from serving import TOKEN, build_with, service, surfaces
 from shipped import build
 
 from beamtouch_models.modelfile import ModelFile
@@ -93,6 +93,8 @@ def prepare(port: int, model: ModelFile) -> None:
 def measure(folder: Path, name: str, seconds: float, checkout: Path | None) -> float:
     """Return the bytes per second of a service under a course."""
     model, stop = build(folder), threading.Event()
+    if checkout:
+        build_with(checkout, folder)
     rate_hz, course = COURSES[name]
     with service(folder, f'[events]\nfile = "events.db"\n{surfaces([SURFACE])}', checkout) as (pid, port):
         prepare(port, model)

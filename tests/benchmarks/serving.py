@@ -21,16 +21,28 @@ def server(*command: str | Path, checkout: Path | None = None) -> Iterator[tuple
 
     Gives its process id and its port.
     """
-    packages = ("common", "firmware_protocol", "models", "service")
-    path = {} if checkout is None else {"PYTHONPATH": os.pathsep.join(str(checkout / name) for name in packages)}
     words = [sys.executable, *map(str, command)]
-    process = subprocess.Popen(words, stdout=subprocess.PIPE, text=True, env=os.environ | path)
+    process = subprocess.Popen(words, stdout=subprocess.PIPE, text=True, env=_environment(checkout))
     try:
         assert process.stdout is not None
         yield process.pid, int(process.stdout.readline().rpartition(":")[2])
     finally:
         process.terminate()
         process.wait(timeout=30)
+
+
+def build_with(checkout: Path | None, folder: Path) -> None:
+    """Build the scene `bench` into a folder with the packages of another checkout, or with these."""
+    tests = (checkout or HERE.parent.parent) / "tests"
+    code = "import sys; from pathlib import Path; from shipped import build; build(Path(sys.argv[1]))"
+    environment = _environment(checkout, tests, tests / "benchmarks")
+    subprocess.run([sys.executable, "-c", code, str(folder)], env=environment, check=True)
+
+
+def _environment(checkout: Path | None, *more: Path) -> dict[str, str]:
+    packages = ("common", "firmware_protocol", "models", "service") if checkout else ()
+    places = [*((checkout or HERE) / name for name in packages), *more]
+    return dict(os.environ) | ({"PYTHONPATH": os.pathsep.join(map(str, places))} if places else {})
 
 
 @contextmanager

@@ -24,7 +24,7 @@ QUERY_S = 15.0
 """Longest time for an answer of the database."""
 _WORK_S = 0.2e-3
 """Longest time that a reader works at a time [s], but for what one row takes."""
-_REST = 5.0
+_REST = 10.0
 """Then it rests for this many times as long."""
 _AT_ONCE = 8
 """Rows that are fetched at a time."""

@@ -262,7 +262,7 @@ class Recorder:
 
     async def flush(self) -> None:
         """Make durable all that was taken so far, unless the record is away."""
-        if self._commit:
+        while self._commit and not self._commit.done():
             await asyncio.wait([self._commit])
         await asyncio.wait([self.commit(everything=True)])
 
