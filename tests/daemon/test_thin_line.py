@@ -2,6 +2,7 @@
 
 import asyncio
 import random
+import re
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from itertools import pairwise
@@ -112,7 +113,7 @@ def backlog_of(service: Service) -> list[Batch]:
     return [batch for _, batch, _ in service.batches if batch.backlog and batch.samples]
 
 
-async def test_on_a_thin_line_no_request_takes_long_and_little_travels_twice() -> None:
+async def test_on_a_thin_line_no_request_takes_long_and_little_travels_twice(caplog: pytest.LogCaptureFixture) -> None:
     async with bench_over(20_000.0) as (service, bench):
         service.problem_of = lambda *_: (503, "busy")
         await measure(bench, 200)
@@ -124,6 +125,7 @@ async def test_on_a_thin_line_no_request_takes_long_and_little_travels_twice() -
     assert service.record.numbers() == recorded(1800)
     assert len(service.samples()) < 1.2 * 1800
     assert median(len(batch.samples) for batch in backlog_of(service)) < 75  # those take 0.4 s here
+    assert re.search("bench: the line to the service is thin: .* and [0-9]{2,} wait for the record", caplog.text)
 
 
 async def test_on_a_long_way_a_live_batch_does_not_wait_for_the_answer_to_the_last_one() -> None:

@@ -174,6 +174,8 @@ class SurfaceLogs:
         self.counts = Counts(name)
         self.fault = Repeated(_log, f"{name}: publishing")
         """Of the delivery to the service."""
+        self.slow = Repeated(_log, name)
+        """Of a line that carries less than is measured, or carries a backlog slowly."""
         self.by_boot: dict[str, Boot] = {}
         self.present: Boot | None = None
         """That of the worker; None if the surface is not configured."""
@@ -187,6 +189,11 @@ class SurfaceLogs:
     def on_disk(self) -> int:
         """Number of samples in the file."""
         return sum(boot.log.on_disk for boot in list(self.by_boot.values()))
+
+    @property
+    def is_line_thin(self) -> bool:
+        """Whether requests to the service take so long that they are made small."""
+        return self.present is not None and self.present.pace.is_thin
 
     @property
     def refused(self) -> int:

@@ -29,12 +29,23 @@ async def send(client: ServiceClient, logs: SurfaceLogs, boot: Boot, batch: Batc
         if not batch.backlog or logs.present is None:
             logs.fault.over()
         boot.acknowledge(answer.receipt)
+        if boot is logs.present:
+            _note_pace(logs, boot)
     elif answer.verdict is Verdict.REFUSED:
         note_refusal(logs, boot, batch, answer.explanation)
     elif answer.verdict is Verdict.LATER:
         boot.pace.unanswered(len(batch.samples), monotonic() - begin_s)
         logs.fault.failed(f"the service takes no samples ({answer.explanation}); trying again")
     return answer
+
+
+def _note_pace(logs: SurfaceLogs, boot: Boot) -> None:
+    """Say that the line is thin while the record lacks more than a request brings."""
+    if boot.pace.is_thin and len(boot.missing) > boot.pace.most:
+        words = f"the line to the service is thin: requests hold at most {boot.pace.most} samples, the newest go first"
+        logs.slow.failed(f"{words}, and {len(boot.missing)} wait for the record", reason="thin")
+    elif not boot.is_behind:
+        logs.slow.over("the record has caught up on a thin line")
 
 
 def note_refusal(logs: SurfaceLogs, boot: Boot, batch: Batch, reason: str) -> None:

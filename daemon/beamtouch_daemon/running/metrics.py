@@ -82,13 +82,15 @@ class CountCollector(Collector):
         dropped = _counter("samples_dropped", "Samples that never arrive.")
         in_log = _gauge("samples_in_log", "Samples that are not durable in the record yet.", "where")
         refused = _gauge("boots_refused", "Starts of the daemon whose samples the service refuses.")
+        thin = _gauge("line_thin", "1 while requests to the service take so long that they are made small.")
         for name, logs in self._logs().items():
+            thin.add_metric([name], logs.is_line_thin)
             published.add_metric([name], logs.counts.published)
             dropped.add_metric([name], logs.counts.dropped)
             in_log.add_metric([name, "memory"], logs.in_memory)
             in_log.add_metric([name, "disk"], logs.on_disk)
             refused.add_metric([name], logs.refused)
-        yield from (published, dropped, in_log, refused)
+        yield from (published, dropped, in_log, refused, thin)
 
     def _of_parts(self) -> Iterator[Metric]:
         words = "1 while a part of the daemon fails and is begun again."
