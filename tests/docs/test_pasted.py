@@ -47,6 +47,7 @@ NEED_A_DEVICE = {
     "is a serial converter": "tests/daemon/test_converters.py",
     "requests to unit 1 fail: exception 6, device busy": "tests/daemon/test_refusals.py",
     "beamtouch_requests_failed_total": "tests/daemon/test_refusals.py",
+    "the line to the service is thin": "tests/daemon/test_thin_line.py",
     "its zeros have drifted by up to": "daemon/beamtouch_daemon/running/acquisition.py",
     "all zeros have moved together": "tests/service/test_alarms.py",
 }
