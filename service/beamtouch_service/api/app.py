@@ -1,6 +1,10 @@
 """The web application.
 
-Every route is a coroutine without an await between reading and changing state, so one thread needs no locks.
+All routes run in one event loop, so code between two awaits runs alone and needs no locks. A change that takes longer
+than a slice of `turns` awaits between its steps. Batches of one surface hold its lock meanwhile (`samples`). Whatever
+else may have changed during an await, such as the record of a surface, is looked at again after it
+(`events/recorder.py`). Other threads, such as those of the record, run a call and return its answer. But for counts,
+only the loop changes what routes read.
 """
 
 import asyncio

@@ -13,8 +13,9 @@ from beamtouch_service.surfaces.estimate import Estimate
 from beamtouch_service.surfaces.surface import Surface
 
 LATE_S = 3.0
-"""What nobody waits for becomes durable this late: each commit writes a page of the disk at least. A daemon keeps in
-memory for five seconds what is not durable, before it writes that to a disk of its own."""
+"""What nobody waits for becomes durable this late, as each commit writes at least one page of the disk. With one commit
+a second, a sample is durable after at most 4 s. A daemon writes what is not durable after 5 s (its `MEMORY_S`) to a
+disk of its own: one second is left for the commit and for the receipt that tells the daemon."""
 
 
 class SurfaceRecord:
