@@ -1,0 +1,119 @@
+"""The token that each route needs, written by hand for each method: what the code says of itself is no witness."""
+
+from collections.abc import Iterator
+
+import pytest
+from fastapi.routing import iter_route_contexts
+
+from service.bench import READ_TOKEN, TOKEN, Bench, kind, surface_of
+
+FILES = (
+    *("answer", "beam", "beam_parts", "commissioning", "curves", "dom", "drawing", "events", "feed", "health"),
+    *("notes", "page", "sse", "state", "strip", "tables", "token", "token_form", "zones"),
+)
+NEEDS = {
+    "GET /": "nothing",
+    **{f"GET /{name}.js": "nothing" for name in FILES},
+    **{f"GET /{name}.css": "nothing" for name in ("commissioning", "page", "zones")},
+    "GET /icon.svg": "nothing",
+    "GET /health/live": "nothing",
+    "GET /health/ready": "read",
+    "GET /metrics": "read",
+    "GET /openapi.json": "read",
+    "GET /contact": "read",
+    "GET /stream": "read",
+    "GET /events": "read",
+    "GET /events/{id}": "read",
+    "GET /surfaces": "read",
+    "GET /surfaces/{name}": "read",
+    "GET /surfaces/{name}/beam": "read",
+    "GET /surfaces/{name}/calibration-data": "read",
+    "GET /surfaces/{name}/commissioning": "read",
+    "GET /surfaces/{name}/commissionings": "read",
+    "GET /surfaces/{name}/commissionings/{id}": "read",
+    "GET /surfaces/{name}/contact": "read",
+    "GET /surfaces/{name}/model": "read",
+    "GET /surfaces/{name}/stream": "read",
+    "POST /surfaces/{name}/commissioning": "write",
+    "POST /surfaces/{name}/commissioning/abandon": "write",
+    "POST /surfaces/{name}/commissioning/confirm": "write",
+    "POST /surfaces/{name}/commissioning/skip": "write",
+    "POST /surfaces/{name}/samples": "write",
+}
+"""Method and path of each route -> the least token that it takes. The write token reads, too."""
+WRITES = [route for route, needs in NEEDS.items() if needs == "write"]
+QUERY = "course=c&step=0&by=Ann"
+"""What some routes need beside a token; others pass over it."""
+
+
+def served(bench: Bench) -> Iterator[str]:
+    for route in iter_route_contexts(bench.app.routes):
+        # A route of GET answers HEAD: see `test_head_needs_the_token_of_get`.
+        yield from (f"{method} {route.path}" for method in (route.methods or ()) if method != "HEAD")
+
+
+def outcome(bench: Bench, method: str, path: str, token: str | None) -> str:
+    """Ask; return `refused` (401), `forbidden` (403) or `passed`."""
+    headers = {"Authorization": f"Bearer {token}"} if token else {}
+    answer = bench.client.request(method, f"{path.format(name='press-7', id=1)}?{QUERY}", headers=headers)
+    assert answer.status_code != 405, (method, path)
+    if answer.status_code in (401, 403) and method != "HEAD":
+        assert kind(answer) == {401: "unauthorized", 403: "forbidden"}[answer.status_code]
+    return {401: "refused", 403: "forbidden"}.get(answer.status_code, "passed")
+
+
+def make_bench(token: str | None, read_token: str | None) -> Bench:
+    bench = Bench(surface_of(), token=token, read_token=read_token)
+    bench.app.context.streams.stop.set()  # a stream ends at once then
+    return bench
+
+
+def test_the_table_names_every_route_and_every_method() -> None:
+    routes = list(served(make_bench(TOKEN, READ_TOKEN)))
+    assert sorted(routes) == sorted(NEEDS)
+
+
+def ask(bench: Bench, *tokens: str | None) -> dict[str, list[str]]:
+    """Ask every route with each token."""
+    return {route: [outcome(bench, *route.split(), token) for token in tokens] for route in NEEDS}
+
+
+def test_each_route_takes_the_tokens_of_the_table_and_no_others() -> None:
+    passed, refused = "passed", "refused"
+    answers = {
+        "nothing": [passed, passed, passed, passed],
+        "read": [refused, refused, passed, passed],
+        "write": [refused, refused, "forbidden", passed],
+    }
+    asked = ask(make_bench(TOKEN, READ_TOKEN), None, "wrong", READ_TOKEN, TOKEN)
+    assert asked == {route: answers[needs] for route, needs in NEEDS.items()}
+
+
+def test_without_a_read_token_reads_are_open_and_writes_are_not() -> None:
+    asked = ask(make_bench(TOKEN, None), None, "wrong", TOKEN)
+    refused = {route: "refused" if needs == "write" else "passed" for route, needs in NEEDS.items()}
+    assert asked == {route: [without, without, "passed"] for route, without in refused.items()}
+
+
+@pytest.mark.parametrize("read_token", [None, READ_TOKEN])
+def test_without_a_write_token_no_route_writes(read_token: str | None) -> None:
+    asked = ask(make_bench(None, read_token), None, "None", TOKEN, READ_TOKEN)
+    assert {route: set(asked[route]) for route in WRITES} == {route: {"refused"} for route in WRITES}
+
+
+def test_head_needs_the_token_of_get() -> None:
+    bench = make_bench(TOKEN, READ_TOKEN)
+    for route, needs in NEEDS.items():
+        method, path = route.split()
+        if method == "GET" and not path.endswith("/stream"):
+            asked = [outcome(bench, "HEAD", path, token) for token in (None, READ_TOKEN)]
+            assert asked == ["passed" if needs == "nothing" else "refused", "passed"], route
+
+
+@pytest.mark.parametrize("method", ["GET", "POST", "PUT", "PATCH", "DELETE", "OPTIONS", "TRACE"])
+def test_a_method_that_a_route_does_not_have_is_refused_without_a_token(method: str) -> None:
+    bench = make_bench(TOKEN, READ_TOKEN)
+    for path in {route.split()[1] for route in NEEDS}:
+        if f"{method} {path}" not in NEEDS:
+            answer = bench.client.request(method, f"{path.format(name='press-7', id=1)}?{QUERY}")
+            assert answer.status_code == 401, path
