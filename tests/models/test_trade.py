@@ -3,6 +3,7 @@
 import json
 import re
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -12,6 +13,37 @@ from in_process import Command, Refusal
 
 MAX_RATIO = 1.2
 """The largest error over the limit of a model that `build` writes."""
+
+
+CHANGES: dict[str, Callable[[dict[str, Any], dict[str, Any]], bool]] = {
+    "1 sensor more (3)": lambda one, _: (one["changed"], one["sensors"]) == ("sensors", 3),
+    "A quarter of the noise of a reading": lambda one, own: one["reading_mm"] == pytest.approx(own["reading_mm"] / 4),
+    "Half the noise of a reading": lambda one, own: one["reading_mm"] == pytest.approx(own["reading_mm"] / 2),
+    "Twice the noise of a reading": lambda one, own: one["reading_mm"] == pytest.approx(own["reading_mm"] * 2),
+    "Four times the noise of a reading": lambda one, own: one["reading_mm"] == pytest.approx(own["reading_mm"] * 4),
+    "Twice the latency (80 ms)": lambda one, _: one["changed"] == "latency",
+}
+"""What a sentence says of a change, and the model that has it."""
+
+
+def assert_changes_are_told(found: dict[str, Any]) -> None:
+    """Require that each sentence on a change says what its model saves or costs."""
+    own, *others = found["models"]
+    told = dict(sentence.split(": ", 1) for sentence in found["sentences"] if sentence.split(": ")[0] in CHANGES)
+    assert set(told) == set(CHANGES)
+    said = []
+    for change, words in told.items():
+        (model,) = (one for one in others if CHANGES[change](one, own))
+        percent = 100 * (model["error_mm"] / own["error_mm"] - 1)
+        if words.startswith("no difference beyond its standard error"):
+            continue
+        matched = re.fullmatch(r"(saves|costs) (\S+) ± (\S+) % of the error\.", words)
+        assert matched, words
+        said.append(matched[1])
+        assert matched[1] == ("saves" if percent < 0 else "costs"), change
+        assert float(matched[2]) == pytest.approx(abs(percent), rel=0.06)
+        assert float(matched[3]) < float(matched[2])
+    assert {"saves", "costs"} <= set(said)
 
 
 @pytest.mark.usefixtures("short_work")
@@ -60,7 +92,7 @@ def test_the_command_writes_the_folder_names_what_fails_and_builds_the_choice(
         assert f"\n{build}\n" in told
         assert f"\n{front} of {points} points" in told
     assert found["sentences"][0].startswith("2 sensors give a mean error of ")
-    assert any("more (3)" in sentence for sentence in found["sentences"])
+    assert_changes_are_told(found)
     assert page.partition("## The front")[2].count("\n| ") == 2 + front
     since_touch = found["since_touch"]
     assert [one["readings"] for one in since_touch] == sorted(one["readings"] for one in since_touch)

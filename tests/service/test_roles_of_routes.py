@@ -75,7 +75,8 @@ def test_the_table_names_every_route_and_every_method() -> None:
 
 def ask(bench: Bench, *tokens: str | None) -> dict[str, list[str]]:
     """Ask every route with each token."""
-    return {route: [outcome(bench, *route.split(), token) for token in tokens] for route in NEEDS}
+    each = [(route, *route.split()) for route in NEEDS]
+    return {route: [outcome(bench, method, path, token) for token in tokens] for route, method, path in each}
 
 
 def test_each_route_takes_the_tokens_of_the_table_and_no_others() -> None:
