@@ -112,6 +112,17 @@ def test_a_touch_of_a_calm_beam_is_as_sure_as_a_reading_until_a_quarter_of_the_p
     np.testing.assert_allclose(covariance[204], there / 5)
 
 
+def test_a_touch_so_small_that_its_swing_hides_in_the_noise_is_at_rest_after_a_whole_period() -> None:
+    since = np.arange(300) - 199.5
+    swing = np.where(since > 0, 1 - np.cos(2 * np.pi * since / PERIOD), 0.0)[:, np.newaxis]
+    claims, early = 0, slice(202, 200 + int(PERIOD))
+    for one in noise(300, 13, 60):
+        filtered = grown(stepped(3, 300, 0) * swing + one, period=PERIOD)
+        shown = filtered.mean_mm[early] @ ALONG > 3 * np.linalg.norm(ALONG)
+        claims += int((shown & ~filtered.moves[early]).sum())
+    assert claims < 0.02 * 60 * PERIOD
+
+
 @pytest.mark.parametrize("dead", [None, 2])
 @pytest.mark.parametrize("period", [6.3, 9.1, 20.0])
 def test_turning_points_of_a_swing_of_few_readings_are_no_touch(period: float, dead: int | None) -> None:

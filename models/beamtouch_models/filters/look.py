@@ -44,6 +44,8 @@ class Seen(NamedTuple):
     """Whether they drift; not if all rows before the change are lost, as it may be a step then."""
     touched: NDArray[np.bool_]
     """Whether they follow a touch: a sharp change of a beam that lay still."""
+    jumps: FloatArray
+    """Square of the newest change: of their mean from that of as many rows before, in units of the noise; 0 without."""
     lags: FloatArray
     """Distance of their mean from the newest readings that noise does not explain, shape (readings, channels)."""
 
@@ -73,7 +75,7 @@ class Look:
     """
 
     def __init__(self, channels: int, longest: int, fewest: int, slowest_period: float, unit: float) -> None:
-        self.longest, self._fewest = longest, min(fewest, longest)
+        self.longest, self._fewest, self._unit = longest, min(fewest, longest), unit
         self.still = math.ceil(STILL_PART * slowest_period)
         """Number of readings that must agree to prove rest."""
         self._before = max(2, math.ceil(slowest_period))
@@ -102,6 +104,7 @@ class Look:
         changed = self._differ(sums)
         since, sizes = np.full((2, len(changed)), self.longest)
         drifts, shown, touched = np.zeros((3, len(changed)), dtype=np.bool_)
+        jumps = np.zeros(len(changed))
         found = np.flatnonzero(changed.any(axis=1))
         if len(found):
             part, first = sums.of(found), changed[found].argmax(axis=1)
@@ -118,9 +121,11 @@ class Look:
             few = (size < self._fewest) & ~touched[found]
             since[found], sizes[found] = split, np.where(few, self._fewest, size)
             drifts[found] = moving = ~step | few
-            _, number = part.each(split[:, np.newaxis] * np.array([2, 1]))
-            shown[found] = moving & number.any(axis=(1, 2))
-        return Seen(since, sizes, shown, touched, self._lags(sums, sizes, drifts))
+            values, number = part.each(split[:, np.newaxis] * np.array([2, 1, 0]))
+            shown[found] = moving & number[:, 0].any(axis=1)
+            before, after = np.moveaxis(values / np.maximum(number, 1), 1, 0)
+            jumps[found] = ((after - before) ** 2).sum(axis=1) / self._unit**2
+        return Seen(since, sizes, shown, touched, jumps, self._lags(sums, sizes, drifts))
 
     def _differ(self, sums: Sums) -> NDArray[np.bool_]:
         """Return in which windows some readings differ from all of them, shape (means, windows).

@@ -21,6 +21,8 @@ MEANS = 4
 SWINGING = 1 / 2
 """Share of the square of the newest deviation that counts where a mean is of more rows than since the last change. A
 load that moves has gone on; a beam that rings comes back."""
+CERTAIN = 2.0
+"""Expected scatter of a swing over the limit of the test, from which it is seen in nearly all cases."""
 LONE = 1
 """Readings in a window that may be spikes. More of them are the motion of the beam."""
 LOOKED = 4
@@ -104,6 +106,7 @@ class Motion:
         self._rows = max(span, look.still)
         self._ages = np.arange(self._rows)[::-1]
         self._means = max(MEANS, math.ceil(SCATTER_PART * slowest_period))
+        self._of_swing = scatter_of_swing(slowest_period)
         working, sizes = range(len(noise_mm) + 1), range(self._rows + 1)
         self._scatter = np.array(
             [[chi_square_quantile(max(size - 1, 0) * few, FALSE) for few in working] for size in sizes]
@@ -186,6 +189,7 @@ class Motion:
         moves = near.squares > self._scatter[near.compared, working]
         moves |= seen.since < np.minimum(near.compared, self._look.longest)
         moves |= seen.drifts & (seen.since <= self.memory)
+        moves |= self._may_swing(seen, near, working)
         unseen = np.zeros(len(moves), dtype=np.bool_)
         if near.missing is not None:
             hides, unseen = self._hides(taken, near, near.missing)
@@ -198,6 +202,17 @@ class Motion:
                 moves[index] |= moved and unseen[index]
                 moved = moved if taken.doubtful[index] else bool(moves[index])
         return moves | taken.doubtful, confirms, moved
+
+    def _may_swing(self, seen: Seen, near: Near, working: NDArray[np.intp]) -> NDArray[np.bool_]:
+        """Return where readings since a change agree, and yet would if the beam swung, shape (means,).
+
+        A load that comes at once leaves the beam swinging by as much as it bends it. So the change is up to two swings.
+        Readings of a whole period show them.
+        """
+        few = np.minimum(seen.since, len(self._of_swing) - 1)
+        expected = self._of_swing[few] * seen.jumps / 4
+        hides: NDArray[np.bool_] = expected < CERTAIN * self._scatter[near.compared, working]
+        return hides & (seen.jumps > 0) & (seen.since < len(self._of_swing))
 
     def _hides(
         self, taken: Taken, near: Near, missing: NDArray[np.bool_]
@@ -271,3 +286,13 @@ class Motion:
         around = windows(taken.readings, self.memory, len(share)) - taken.mean[:, np.newaxis]
         apart: FloatArray = share * np.ptp(np.where(np.isnan(around), 0.0, around), axis=1)
         return apart
+
+
+def scatter_of_swing(period: float) -> FloatArray:
+    """Return the expected sum of squares about their mean of k readings of a swing of amplitude 1, by k.
+
+    Its phase is not known. The last k is that of a whole period; there are none if the period, in readings, is 0.
+    """
+    numbers, angle = np.arange(1.0, math.ceil(period) + 1), math.pi / max(period, 2.0)
+    together = np.sin(numbers * angle) / math.sin(angle)
+    return np.concatenate([[0.0], numbers / 2 - together**2 / (2 * numbers)])
