@@ -10,8 +10,8 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from beamtouch_common.complaints import complaint, parser_complaint
+from beamtouch_common.encodings import decode
 from beamtouch_common.errors import InputError
-from beamtouch_common.text import decode
 
 MAX_BYTES = 1024 * 1024
 """Largest file that people write, a thousand times a usual one; a larger file was given by mistake."""

@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
+from beamtouch_common.encodings import SAVE, other_encoding
 from beamtouch_common.errors import FailedError, InputError
-from beamtouch_common.text import SAVE, other_encoding
 
 MIN_TOKEN_CHARACTERS = 16
 MAX_BYTES = 4096

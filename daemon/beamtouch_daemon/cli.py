@@ -12,7 +12,7 @@ from typing import get_args
 from beamtouch_common import log
 from beamtouch_common.commands import Parser, exit_code, whole_number
 from beamtouch_daemon.commands.argument_types import BAUDS, MAX_TIMEOUT_MS, bauds, between, numbers, parities
-from beamtouch_daemon.config.encodings import ByteOrder, Encoding
+from beamtouch_daemon.config.value_types import ByteOrder, ValueType
 
 PROGRAM = "beamtouch-daemon"
 MAX_WAIT_S = 86_400.0
@@ -146,7 +146,7 @@ def _add_init(command: argparse.ArgumentParser) -> None:
     words = "4: input registers, 3: holding registers (default: 4)"
     command.add_argument("--function", type=int, choices=(3, 4), help=words)
     words = "type of the values of a Modbus unit (default: as in the model's configuration, u16)"
-    command.add_argument("--type", choices=get_args(Encoding), help=words)
+    command.add_argument("--type", choices=get_args(ValueType), help=words)
     words = (
         "first register of the values, from 0; the channels follow without a gap (default: as in that configuration)"
     )

@@ -2,7 +2,7 @@
 
 import pytest
 
-from beamtouch_common.text import decode, other_encoding
+from beamtouch_common.encodings import decode, other_encoding
 
 TOML = 'name = "Pr\u00fcfstand"\r\nlength_mm = 400\r\n'
 UTF_16, ANSI = (

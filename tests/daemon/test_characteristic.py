@@ -85,7 +85,7 @@ WIDE = {"range_mm": [-1e6, 1e6], "rest_gap_mm": 1e5, "gain_mm_per_count": 0.01, 
 
 
 @pytest.mark.parametrize(
-    ("encoding", "channel", "good", "saturated"),
+    ("value_type", "channel", "good", "saturated"),
     [
         ("u16", {}, (60, 65_534), (0, 65_535)),
         ("i16", {}, (-32_767, -1, 0, 1, 32_766), (-32_768, 32_767)),
@@ -100,9 +100,9 @@ WIDE = {"range_mm": [-1e6, 1e6], "rest_gap_mm": 1e5, "gain_mm_per_count": 0.01, 
     ],
 )
 def test_the_type_of_the_counts_says_where_they_are_saturated(
-    encoding: str, channel: dict[str, object], good: tuple[float, ...], saturated: tuple[float, ...]
+    value_type: str, channel: dict[str, object], good: tuple[float, ...], saturated: tuple[float, ...]
 ) -> None:
-    characteristic = of(WIDE | channel | {"type": encoding})
+    characteristic = of(WIDE | channel | {"type": value_type})
     codes = characteristic.quality(np.array([*good, *saturated])[:, np.newaxis])[:, 0].tolist()
     assert [QUALITIES[code] for code in codes] == [GOOD] * len(good) + [SATURATED] * len(saturated)
 

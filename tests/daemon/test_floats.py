@@ -75,14 +75,14 @@ async def test_check_shows_a_light_load_in_whatever_unit_a_device_gives(tmp_path
 @pytest.mark.anyio
 @pytest.mark.parametrize("order", ["ABCD", "CDAB", "BADC", "DCBA"])
 async def test_values_of_every_type_are_read_in_every_order_of_their_registers(tmp_path: Path, order: str) -> None:
-    encodings = ("u32", "i32", "f32", "f64")
+    value_types = ("u32", "i32", "f32", "f64")
     values = {"u32": (2500, 2200), "i32": (2500, 2200)}
-    registers = [word for one in encodings for word in registers_of(values.get(one, (2.5, 2.2)), one, order)]
+    registers = [word for one in value_types for word in registers_of(values.get(one, (2.5, 2.2)), one, order)]
     async with pymodbus_server(registers) as port:
         tables = []
-        for first, encoding in zip((0, 4, 8, 12), encodings, strict=True):
-            gain = 0.001 if encoding in values else 1.0
-            text = surface(port, encoding, name=encoding, first=first, gain=gain)
+        for first, value_type in zip((0, 4, 8, 12), value_types, strict=True):
+            gain = 0.001 if value_type in values else 1.0
+            text = surface(port, value_type, name=value_type, first=first, gain=gain)
             tables.append(text.replace("port =", f'byte_order = "{order}"\nport =', 1))
         outcome = await command("check", configs.write(tmp_path, *tables))
     assert outcome.code == 0, outcome.err

@@ -71,7 +71,7 @@ def test_a_configuration_has_the_source_and_the_service_and_keeps_what_belongs_t
 
 
 @pytest.mark.parametrize(
-    ("options", "registers", "encoding"),
+    ("options", "registers", "value_type"),
     [
         (("--type", "f32"), [0, 2], "f32"),
         (("--type", "f64", "--register", "100"), [100, 104], "f64"),
@@ -80,17 +80,17 @@ def test_a_configuration_has_the_source_and_the_service_and_keeps_what_belongs_t
     ],
 )
 def test_values_of_another_type_follow_each_other_from_a_register_on(
-    tmp_path: Path, model: Path, init: Init, options: tuple[str, ...], registers: list[int], encoding: str | None
+    tmp_path: Path, model: Path, init: Init, options: tuple[str, ...], registers: list[int], value_type: str | None
 ) -> None:
     model.write_text(TEMPLATE.replace("range_mm", "adc_bits = 12\nrange_mm"))
     written = init(*TCP, "--byte-order", "CDAB", *options)
     assert (written.returncode, written.stderr) == (0, "")
     bench = content(tmp_path)["surfaces"]["bench"]
-    assert [(one["register"], one.get("type")) for one in bench["channels"]] == [(at, encoding) for at in registers]
+    assert [(one["register"], one.get("type")) for one in bench["channels"]] == [(at, value_type) for at in registers]
     assert bench["source"]["byte_order"] == "CDAB"
     bits = {one.get("adc_bits") for one in bench["channels"]}
-    assert bits == ({None} if encoding in ("f32", "f64") else {12})  # a fractional number has none
-    assert ("; for values in mm they are 1 and 0" in written.stdout) == (encoding in ("f32", "f64"))
+    assert bits == ({None} if value_type in ("f32", "f64") else {12})  # a fractional number has none
+    assert ("; for values in mm they are 1 and 0" in written.stdout) == (value_type in ("f32", "f64"))
     assert "# mounted 35 mm from the left end" in (tmp_path / "daemon.toml").read_text()
 
 

@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymodbus.client.mixin import ModbusClientMixin
 
-from beamtouch_daemon.config.encodings import ByteOrder, Encoding, ends_of, words_of
 from beamtouch_daemon.config.modules import module_of, names
+from beamtouch_daemon.config.value_types import ByteOrder, ValueType, ends_of, words_of
 from beamtouch_daemon.sources.registers import Block, Value, blocks_of
 
 
@@ -43,30 +43,30 @@ def test_blocks_hold_every_register_within_the_limits(registers: set[int], most:
 
 
 @pytest.mark.parametrize(
-    ("encoding", "value"),
+    ("value_type", "value"),
     [("u16", 40_000), ("i16", -3), ("u32", 3_000_000_000), ("i32", -70_000), ("f32", -1.5), ("f64", -1.5e-3)],
 )
-def test_values_are_those_that_pymodbus_writes(encoding: Encoding, value: float) -> None:
+def test_values_are_those_that_pymodbus_writes(value_type: ValueType, value: float) -> None:
     types = {"u16": "UINT16", "i16": "INT16", "u32": "UINT32", "i32": "INT32", "f32": "FLOAT32", "f64": "FLOAT64"}
-    kind = getattr(ModbusClientMixin.DATATYPE, types[encoding])
+    kind = getattr(ModbusClientMixin.DATATYPE, types[value_type])
     for order, word_order in (("ABCD", "big"), ("CDAB", "little")):
         registers = ModbusClientMixin.convert_to_registers(value, kind, word_order)  # type: ignore[arg-type]
         contents = dict(enumerate(registers, 7))
-        assert Value(7, encoding, order).decode(contents) == value  # type: ignore[arg-type]
+        assert Value(7, value_type, order).decode(contents) == value  # type: ignore[arg-type]
 
 
 @given(
     st.floats(width=32, allow_nan=False, allow_infinity=False),
-    st.sampled_from(get_args(Encoding)),
+    st.sampled_from(get_args(ValueType)),
     st.sampled_from(get_args(ByteOrder)),
 )
-def test_registers_hold_what_was_put_into_them(number: float, encoding: Encoding, order: ByteOrder) -> None:
-    low, high = ends_of(encoding)
-    kept = number if encoding.startswith("f") else float(round(min(max(number, low), high)))
-    value = Value(7, encoding, order)
+def test_registers_hold_what_was_put_into_them(number: float, value_type: ValueType, order: ByteOrder) -> None:
+    low, high = ends_of(value_type)
+    kept = number if value_type.startswith("f") else float(round(min(max(number, low), high)))
+    value = Value(7, value_type, order)
     registers = value.encode(kept)
     assert value.decode(dict(enumerate(registers, 7))) == kept
-    assert len(registers) == words_of(encoding)
+    assert len(registers) == words_of(value_type)
 
 
 @pytest.mark.parametrize("order", ["ABCD", "CDAB", "BADC", "DCBA"])

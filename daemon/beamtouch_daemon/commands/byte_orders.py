@@ -5,9 +5,9 @@ from typing import get_args
 
 import numpy as np
 
-from beamtouch_daemon.config.encodings import ByteOrder, words_of
 from beamtouch_daemon.config.settings import Surface
 from beamtouch_daemon.config.sources import Modbus
+from beamtouch_daemon.config.value_types import ByteOrder, words_of
 from beamtouch_daemon.processing.characteristic import QUALITIES, Characteristic
 from beamtouch_daemon.sources.registers import Value
 from beamtouch_service.samples import Quality
@@ -20,15 +20,17 @@ def find_byte_orders(surface: Surface, counts: Sequence[float | None]) -> list[B
     """
     if not isinstance(surface.source, Modbus):
         return []
-    places = [at for at, encoding in enumerate(surface.encodings) if words_of(encoding) > 1 and counts[at] is not None]
+    places = [
+        at for at, value_type in enumerate(surface.value_types) if words_of(value_type) > 1 and counts[at] is not None
+    ]
     characteristic, configured = Characteristic.of(surface), surface.source.byte_order
 
     def good_in(order: ByteOrder) -> int:
         values = np.full(len(counts), np.nan)
         for place in places:
-            encoding = surface.encodings[place]
-            registers = Value(0, encoding, configured).encode(counts[place] or 0.0)
-            value = Value(0, encoding, order).decode(dict(enumerate(registers)))
+            value_type = surface.value_types[place]
+            registers = Value(0, value_type, configured).encode(counts[place] or 0.0)
+            value = Value(0, value_type, order).decode(dict(enumerate(registers)))
             values[place] = np.nan if value is None else value
         codes = characteristic.quality(values[np.newaxis])[0].tolist()
         return [QUALITIES[codes[place]] for place in places].count(Quality.GOOD)

@@ -18,10 +18,10 @@ from beamtouch_common.digits import decimals_of, digits
 from beamtouch_common.errors import FailedError
 from beamtouch_common.table import aligned
 from beamtouch_daemon.commands.byte_orders import find_byte_orders
-from beamtouch_daemon.config.encodings import LARGEST
 from beamtouch_daemon.config.file import load_config
 from beamtouch_daemon.config.settings import Config, Surface
 from beamtouch_daemon.config.tare_file import NOT_TARED
+from beamtouch_daemon.config.value_types import LARGEST
 from beamtouch_daemon.delivery.client import ServiceClient
 from beamtouch_daemon.delivery.readiness import readiness_of
 from beamtouch_daemon.processing import resolution

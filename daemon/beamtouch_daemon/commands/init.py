@@ -16,9 +16,9 @@ from beamtouch_common.commands import DONE
 from beamtouch_common.errors import FailedError, InputError
 from beamtouch_common.files import parse_toml, read_text, require_writable, write_atomically
 from beamtouch_daemon.commands.argument_types import address_of
-from beamtouch_daemon.config.encodings import Encoding, has_fractions, words_of
 from beamtouch_daemon.config.file import load_config
 from beamtouch_daemon.config.settings import Config
+from beamtouch_daemon.config.value_types import ValueType, has_fractions, words_of
 
 MODE = 0o644
 """Permissions: a configuration holds no secret, and the user of the service reads what root wrote."""
@@ -140,19 +140,19 @@ def _with_table(text: str, names: tuple[str, ...], keys: Keys, *, keeps_others: 
     return "\n".join([*lines[:begin], *table, "", *lines[end:]]).rstrip("\n") + "\n"
 
 
-def _with_registers(text: str, name: str, encoding: Encoding | None, register: int) -> str:
+def _with_registers(text: str, name: str, value_type: ValueType | None, register: int) -> str:
     """Return a configuration whose channels follow each other from a register on; their comments stay.
 
-    Without a type (`encoding`), those of the channels stay. Fractional numbers have no bits of an ADC.
+    Without a type (`value_type`), those of the channels stay. Fractional numbers have no bits of an ADC.
     """
     header, lines, is_channel = _header(("surfaces", name, "channels"), of_list=True), list[str](), False
-    left_out = set() if encoding is None else {"type", *(["adc_bits"] if has_fractions(encoding) else [])}
+    left_out = set() if value_type is None else {"type", *(["adc_bits"] if has_fractions(value_type) else [])}
     for line in text.split("\n"):
         if line.lstrip().startswith("["):
             is_channel = bool(header.match(line))
         if is_channel and _key_in(line) == "register":
-            lines += [f"register = {register}", *([] if encoding is None else [f'type = "{encoding}"'])]
-            register += words_of(encoding or "u16")
+            lines += [f"register = {register}", *([] if value_type is None else [f'type = "{value_type}"'])]
+            register += words_of(value_type or "u16")
         elif not (is_channel and _key_in(line) in left_out):
             lines.append(line)
     return "\n".join(lines)

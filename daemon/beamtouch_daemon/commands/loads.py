@@ -10,9 +10,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from beamtouch_common.digits import MAX_DECIMALS
+from beamtouch_common.encodings import decode
 from beamtouch_common.errors import FailedError, InputError
 from beamtouch_common.files import require_writable
-from beamtouch_common.text import decode
 from beamtouch_daemon.commands.check import counts_text, rounded
 from beamtouch_daemon.config.settings import Loads
 from beamtouch_daemon.processing.pipeline import Taken

@@ -13,7 +13,6 @@ from pydantic import Field, FiniteFloat, PrivateAttr, ValidationInfo, model_vali
 from beamtouch_common.errors import InputError
 from beamtouch_common.secrets import read_token
 from beamtouch_daemon.config import tare_file
-from beamtouch_daemon.config.encodings import Encoding, ends_of, has_fractions, words_of
 from beamtouch_daemon.config.modules import Module
 from beamtouch_daemon.config.publish import Publish, trust
 from beamtouch_daemon.config.signal import (
@@ -26,6 +25,7 @@ from beamtouch_daemon.config.signal import (
     ZeroTracking,
 )
 from beamtouch_daemon.config.sources import ModbusRtu, ModbusTcp, NetworkPort, RelativePath, SerialLine, Source, Strict
+from beamtouch_daemon.config.value_types import ValueType, ends_of, has_fractions, words_of
 from beamtouch_models.filters import UNSEEN_SWING
 from beamtouch_service.samples import MAX_CHANNELS, BeamIdentity, Noise, SurfaceName
 
@@ -99,14 +99,14 @@ class Surface(Strict):
             raise ValueError(f"two channels have the same name {name}")
         placed = sorted(((self.place_of(channel), channel) for channel in self.channels), key=itemgetter(0))
         for (place, channel), (next_place, following) in pairwise(placed):
-            encoding, between = self.encoding_of(channel), next_place[2] - place[2]
-            if next_place[:2] != place[:2] or between >= words_of(encoding):
+            value_type, between = self.value_type_of(channel), next_place[2] - place[2]
+            if next_place[:2] != place[:2] or between >= words_of(value_type):
                 continue
             if not between:
                 raise ValueError(f"two channels have the same register {place[2]}")
             message = (
-                f"channels {channel.name} and {following.name} overlap: a value of type {encoding} takes "
-                f"{words_of(encoding)} registers; correct register, or type"
+                f"channels {channel.name} and {following.name} overlap: a value of type {value_type} takes "
+                f"{words_of(value_type)} registers; correct register, or type"
             )
             raise ValueError(message)
         return self
@@ -183,26 +183,26 @@ class Surface(Strict):
 
     def _misfit_of_bits(self, adc_bits: int, channel: Channel) -> str:
         """Return why counts of a channel's type cannot be those of an ADC with so many bits; empty if they can."""
-        encoding = self.encoding_of(channel)
-        if has_fractions(encoding):
-            return f"adc_bits is for whole numbers, not {encoding}; remove it, or state counts_range"
-        if 2.0**adc_bits - 1 > (largest := ends_of(encoding)[1]):
-            return f"adc_bits = {adc_bits}: counts of {encoding} end at {largest:.0f}; remove it, or correct type"
+        value_type = self.value_type_of(channel)
+        if has_fractions(value_type):
+            return f"adc_bits is for whole numbers, not {value_type}; remove it, or state counts_range"
+        if 2.0**adc_bits - 1 > (largest := ends_of(value_type)[1]):
+            return f"adc_bits = {adc_bits}: counts of {value_type} end at {largest:.0f}; remove it, or correct type"
         return ""
 
-    def encoding_of(self, channel: Channel) -> Encoding:
+    def value_type_of(self, channel: Channel) -> ValueType:
         """Return the data type of a channel's counts; those of a serial device are whole numbers or their means."""
         return channel.type or (self.module.type if self.module else "u16")
 
     @property
-    def encodings(self) -> list[Encoding]:
+    def value_types(self) -> list[ValueType]:
         """The data type of each channel's counts."""
-        return [self.encoding_of(channel) for channel in self.channels]
+        return [self.value_type_of(channel) for channel in self.channels]
 
     @property
     def has_fractions(self) -> list[bool]:
         """Whether the counts of each channel are fractional numbers, whose type does not say their steps."""
-        return [has_fractions(encoding) for encoding in self.encodings]
+        return [has_fractions(value_type) for value_type in self.value_types]
 
     @property
     def conversions(self) -> int:

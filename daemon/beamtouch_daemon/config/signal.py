@@ -6,9 +6,9 @@ from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, Field, FiniteFloat, model_validator
 
-from beamtouch_daemon.config import encodings
-from beamtouch_daemon.config.encodings import Encoding
+from beamtouch_daemon.config import value_types
 from beamtouch_daemon.config.sources import Host, Strict
+from beamtouch_daemon.config.value_types import ValueType
 from beamtouch_models.filters import readings_within
 from beamtouch_service.samples import ChannelName
 
@@ -34,7 +34,7 @@ Positive = Annotated[FiniteFloat, Field(gt=0, le=LARGEST)]
 Duration = Annotated[FiniteFloat, Field(gt=0, le=86_400_000)]
 """In ms, up to a day: `noise` prints times up to an hour."""
 Length = Annotated[FiniteFloat, Field(ge=-LARGEST, le=LARGEST)]
-Count = Annotated[FiniteFloat, Field(ge=-encodings.LARGEST, le=encodings.LARGEST)]
+Count = Annotated[FiniteFloat, Field(ge=-value_types.LARGEST, le=value_types.LARGEST)]
 Range = Annotated[tuple[Length, Length], Field(strict=False)]
 Counts = Annotated[tuple[Count, Count], Field(strict=False)]
 Point = Annotated[tuple[Count, Length], Field(strict=False)]
@@ -122,7 +122,7 @@ class Channel(Strict):
     """Modbus: unit of this channel; default: the source's."""
     host: Host | None = None
     """Modbus TCP: device of this channel; default: the source's."""
-    type: Encoding | None = None
+    type: ValueType | None = None
     """Modbus: data type of the counts; default: the module's, or u16. Those of f32 and f64 are fractional numbers, for
     example in mm, V or mA."""
     gain_mm_per_count: Annotated[Length, AfterValidator(_not_flat)] | None = None
@@ -192,13 +192,13 @@ class Channel(Strict):
         first, second = map(self.count_at, self.range_mm)
         return min(first, second), max(first, second)
 
-    def saturated_at(self, encoding: Encoding) -> tuple[float, float]:
+    def saturated_at(self, value_type: ValueType) -> tuple[float, float]:
         """Return the counts at which, and beyond which, the channel is saturated; its counts have this type."""
         if self.counts_range is not None:
             return self.counts_range
-        low, high = encodings.ends_of(encoding) if self.adc_bits is None else (0.0, 2.0**self.adc_bits - 1)
+        low, high = value_types.ends_of(value_type) if self.adc_bits is None else (0.0, 2.0**self.adc_bits - 1)
         if self._shows_cuts(is_end=low == 0):
-            size, is_above = self._most_of_cuts(encoding), low == 0 or self.count_at(self.rest_gap_mm) > 0
+            size, is_above = self._most_of_cuts(value_type), low == 0 or self.count_at(self.rest_gap_mm) > 0
             return (size, high) if is_above else (low, -size)
         return low, high
 
@@ -211,10 +211,10 @@ class Channel(Strict):
         near = NEAR_END * (last - first)
         return (is_end or min(abs(first), abs(last)) <= near) and abs(self.count_at(self.rest_gap_mm)) > near
 
-    def _most_of_cuts(self, encoding: Encoding) -> float:
+    def _most_of_cuts(self, value_type: ValueType) -> float:
         """Return the largest count, without its sign, of an input without its cable."""
         largest = max(map(abs, self.linear_counts))
-        counts = 0.0 if encodings.has_fractions(encoding) else min(CUT_COUNTS, CUT_PARTS[1] * largest)
+        counts = 0.0 if value_types.has_fractions(value_type) else min(CUT_COUNTS, CUT_PARTS[1] * largest)
         return max(counts, CUT_PARTS[0] * largest)
 
 

@@ -7,8 +7,8 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat, 
 
 from beamtouch_common.files import file_path
 from beamtouch_common.hosts import host_name, tcp_address
-from beamtouch_daemon.config.encodings import ByteOrder
 from beamtouch_daemon.config.modules import Module, module_of
+from beamtouch_daemon.config.value_types import ByteOrder
 
 Milliseconds = Annotated[FiniteFloat, Field(ge=1, le=60_000)]
 Host = Annotated[str, Field(min_length=1), AfterValidator(host_name)]

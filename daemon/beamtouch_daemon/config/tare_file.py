@@ -6,9 +6,9 @@ from pathlib import Path
 
 from pydantic import BaseModel, ConfigDict, FiniteFloat, ValidationError
 
+from beamtouch_common.encodings import decode
 from beamtouch_common.errors import FailedError, InputError
 from beamtouch_common.files import read_bounded, write_atomically
-from beamtouch_common.text import decode
 from beamtouch_service.samples import ChannelName, SurfaceName
 
 MODE = 0o644

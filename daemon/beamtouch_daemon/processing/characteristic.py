@@ -45,7 +45,7 @@ class Characteristic:
     def of(cls, surface: Surface, rest_gap_mm: Mapping[str, float] | None = None) -> Self:
         """Return the characteristics of a surface; `rest_gap_mm`, by channel name, overrides its rest gaps."""
         channels, rest = surface.channels, rest_gap_mm or {}
-        saturated = [channel.saturated_at(surface.encoding_of(channel)) for channel in channels]
+        saturated = [channel.saturated_at(surface.value_type_of(channel)) for channel in channels]
         ends = [(c.table[0][0], c.table[-1][0]) if c.table else (-np.inf, np.inf) for c in channels]
         return cls(
             counts=_rows([[counts for counts, _ in channel.points] for channel in channels]),

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from beamtouch_daemon.config.encodings import WHOLE
 from beamtouch_daemon.config.settings import Surface
 from beamtouch_daemon.config.signal import GrowingMean
+from beamtouch_daemon.config.value_types import WHOLE
 from beamtouch_daemon.processing import resolution, stuck
 from beamtouch_daemon.processing.at_rest import without_line
 from beamtouch_daemon.processing.characteristic import Characteristic

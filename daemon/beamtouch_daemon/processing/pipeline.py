@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from beamtouch_daemon.config.encodings import LARGEST
 from beamtouch_daemon.config.settings import Surface
 from beamtouch_daemon.config.sources import SerialLine
+from beamtouch_daemon.config.value_types import LARGEST
 from beamtouch_daemon.processing import stuck
 from beamtouch_daemon.processing.characteristic import QUALITIES, Characteristic
 from beamtouch_daemon.processing.filters import Uncertainty, chain_of, uncertainties

@@ -6,8 +6,8 @@ digit, but the ADC or the sensor behind it may be much coarser. A recording says
 
 import numpy as np
 
-from beamtouch_daemon.config.encodings import spacing_of
 from beamtouch_daemon.config.settings import Surface
+from beamtouch_daemon.config.value_types import spacing_of
 from beamtouch_models.filters import FloatArray
 
 JITTER = 2.0
@@ -17,8 +17,8 @@ a device does as much."""
 
 def finest(surface: Surface) -> FloatArray:
     """Return the smallest change that the type of each channel's counts can show [counts], shape (channels,)."""
-    pairs = zip(surface.encodings, surface.channels, strict=True)
-    return np.array([spacing_of(encoding, max(map(abs, channel.linear_counts))) for encoding, channel in pairs])
+    pairs = zip(surface.value_types, surface.channels, strict=True)
+    return np.array([spacing_of(value_type, max(map(abs, channel.linear_counts))) for value_type, channel in pairs])
 
 
 def tolerance(surface: Surface) -> FloatArray:

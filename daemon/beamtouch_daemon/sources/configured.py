@@ -32,7 +32,7 @@ def source_of(surface: Surface, name: str = "", buses: Buses | None = None) -> S
     units: dict[tuple[str, int], dict[int, Value]] = {}
     for index, channel in enumerate(surface.channels):
         host, unit, register = surface.place_of(channel)
-        value = Value(register, surface.encoding_of(channel), settings.byte_order)
+        value = Value(register, surface.value_type_of(channel), settings.byte_order)
         units.setdefault((host, unit), {})[index] = value
     shared = {} if buses is None else buses
     limits = settings.max_request_registers, settings.bridge_registers, settings.function_code

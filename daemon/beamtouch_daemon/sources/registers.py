@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from pymodbus.pdu import DecodePDU
 
-from beamtouch_daemon.config.encodings import FORMATS, ByteOrder, Encoding, has_fractions, words_of
+from beamtouch_daemon.config.value_types import FORMATS, ByteOrder, ValueType, has_fractions, words_of
 
 MAX_REGISTERS = 125
 """Limit of registers in one request."""
@@ -77,13 +77,13 @@ class Value:
     """A value in one register, or in several consecutive ones."""
 
     register: int
-    encoding: Encoding = "u16"
+    value_type: ValueType = "u16"
     byte_order: ByteOrder = "ABCD"
 
     @property
     def registers(self) -> range:
         """The registers of the value."""
-        return range(self.register, self.register + words_of(self.encoding))
+        return range(self.register, self.register + words_of(self.value_type))
 
     @property
     def swaps_bytes(self) -> bool:
@@ -97,20 +97,20 @@ class Value:
         ----------
         contents : Contents of the registers that were read, 0 to 65535.
         """
-        if self.encoding == "u16" and not self.swaps_bytes:
+        if self.value_type == "u16" and not self.swaps_bytes:
             return contents.get(self.register)
         try:
             words = [contents[register] for register in self.registers]
         except KeyError:
             return None
         data = struct.pack(self._format, *(reversed(words) if self._swaps_words else words))
-        value: float = struct.unpack(FORMATS[self.encoding], data)[0]
+        value: float = struct.unpack(FORMATS[self.value_type], data)[0]
         return value if math.isfinite(value) else None
 
     def encode(self, value: float) -> list[int]:
         """Return the contents of the registers of a value."""
-        whole = value if has_fractions(self.encoding) else round(value)
-        words = struct.unpack(self._format, struct.pack(FORMATS[self.encoding], whole))
+        whole = value if has_fractions(self.value_type) else round(value)
+        words = struct.unpack(self._format, struct.pack(FORMATS[self.value_type], whole))
         return list(reversed(words) if self._swaps_words else words)
 
     @property

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import onnx
 
+from beamtouch_common.encodings import decode
 from beamtouch_common.errors import InputError
-from beamtouch_common.text import decode
 from beamtouch_models.metadata import METADATA_PREFIX
 from beamtouch_models.scene import Scene, change_scene
 

@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 
 from beamtouch_common.digits import digits
+from beamtouch_common.encodings import decode
 from beamtouch_common.errors import InputError
-from beamtouch_common.text import decode
 from beamtouch_models.arrays import Bools, Floats, Indices
 from beamtouch_models.health.changes import DRIFT
 from beamtouch_models.health.residuals import LoadErrors

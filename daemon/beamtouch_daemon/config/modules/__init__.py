@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
 
-from beamtouch_daemon.config.encodings import Encoding, words_of
+from beamtouch_daemon.config.value_types import ValueType, words_of
 
 
 class Module(BaseModel):
@@ -21,7 +21,7 @@ class Module(BaseModel):
     first_register: Annotated[int, Field(ge=0, le=65_535)]
     """Register of input 0; the other inputs follow without a gap."""
     function: Literal[3, 4]
-    type: Encoding
+    type: ValueType
     max_registers: Annotated[int, Field(ge=1, le=125)]
     """Limit of registers in one request."""
     max_hz: Annotated[FiniteFloat, Field(gt=0)] | None = None

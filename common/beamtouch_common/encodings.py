@@ -19,18 +19,18 @@ def decode(content: bytes) -> str:
 
     Some editors begin a file with a byte order mark, which is no part of the text.
     """
-    place = 0
+    start = 0
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        place = error.start
+        start = error.start
     else:
         if "\0" not in text:
             return text
     name = other_encoding(content)
     if not name:
         raise ValueError("not a text file in UTF-8")
-    line = content.count(b"\n", 0, place) + 1
+    line = content.count(b"\n", 0, start) + 1
     raise ValueError(f"in {name}, not in UTF-8{'' if 'UTF' in name else f' (line {line})'}; {SAVE}")
 
 
