@@ -3,17 +3,18 @@
 import asyncio
 import math
 from collections.abc import AsyncIterator
-from contextlib import AbstractContextManager, asynccontextmanager, nullcontext
+from contextlib import AbstractContextManager, asynccontextmanager, closing, nullcontext
 
 from pymodbus.framer import FramerSocket
 
 from beamtouch_daemon.config.sources import ModbusTcp
+from beamtouch_daemon.sources.converter import connect
 from beamtouch_daemon.sources.host_address import HostAddress, UnknownHostError, no_connection
-from beamtouch_daemon.sources.reading import NoAnswerError
+from beamtouch_daemon.sources.reading import NoAnswerError, SourceError
 from beamtouch_daemon.sources.registers import DECODER, Answer, Block, answer_to
 from beamtouch_daemon.sources.requests import Failure, Requests, insist
-from beamtouch_daemon.sources.rtu_line import answers_of
-from beamtouch_daemon.sources.rtu_over_tcp import answers_in_rtu
+from beamtouch_daemon.sources.rtu_line import RtuLine, answers_of
+from beamtouch_daemon.sources.serial_port import SerialPort
 from beamtouch_daemon.uptime import uptime_s
 
 REST_S = 0.5
@@ -163,7 +164,7 @@ class TcpLink:
         """Return whether a device that has never answered passes on RTU frames instead."""
         if not self._has_answered and uptime_s() >= self._looks_again_s:
             self._looks_again_s = uptime_s() + LOOK_AGAIN_S
-            self._answers_in_rtu = await answers_in_rtu(self._address, self._unit, block, self._timeout_s)
+            self._answers_in_rtu = await _answers_in_rtu(self._address, self._unit, block, self._timeout_s)
         return self._answers_in_rtu and not self._has_answered
 
     def _converter_error(self) -> NoAnswerError:
@@ -193,3 +194,13 @@ class TcpLink:
         if self._stream is not None:
             self._stream[1].transport.abort()
             self._stream = None
+
+
+async def _answers_in_rtu(address: HostAddress, unit: int, block: Block, timeout_s: float) -> bool:
+    """Return whether a unit answers a request in an RTU frame over a connection of its own. It only reads."""
+    try:
+        with closing(SerialPort(f"tcp://{address}", await connect(address))) as port:
+            await RtuLine(port, 0.0).exchange(unit, block, timeout_s)
+    except (NoAnswerError, SourceError):
+        return False
+    return True
