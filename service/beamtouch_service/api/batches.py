@@ -21,28 +21,29 @@ _AT_ONCE_BYTES = 8192
 _MAX_UNKNOWN = 20
 """Unknown keys of an object that are looked at."""
 _Model = TypeVar("_Model", bound=BaseModel)
-_Place = tuple[int | str, ...]
+_Location = tuple[int | str, ...]
+"""Keys and indices that lead to a part of a body."""
 
 
 async def read_batch(body: bytes, turns: Turns) -> Batch:
-    """Read a batch; raises ProblemError (400 if it is not JSON, 422 with the places that are wrong)."""
-    reading = _Reading()
-    await turns.finish(reading.steps(body))
-    if reading.batch is None or reading.places:
-        places = [{"pointer": pointer(place), "detail": words} for place, words in reading.places[:MAX_ERRORS]]
-        raise ProblemError(invalid_request(places, reading.count))
-    return reading.batch
+    """Read a batch; raises ProblemError (400 if it is not JSON, 422 with the locations that are wrong)."""
+    reader = _BatchReader()
+    await turns.finish(reader.steps(body))
+    if reader.batch is None or reader.flaws:
+        flaws = [{"pointer": pointer(location), "detail": words} for location, words in reader.flaws[:MAX_ERRORS]]
+        raise ProblemError(invalid_request(flaws, reader.count))
+    return reader.batch
 
 
-class _Reading:
-    """A body while it is read."""
+class _BatchReader:
+    """Reads one body."""
 
     def __init__(self) -> None:
         self.batch: Batch | None = None
-        self.places: list[tuple[_Place, str]] = []
-        """The first places that are wrong, with what is wrong there."""
+        self.flaws: list[tuple[_Location, str]] = []
+        """The first flaws: where each is, and what is wrong there."""
         self.count = 0
-        """Number of places that are wrong."""
+        """Number of all flaws."""
 
     def steps(self, body: bytes) -> Iterator[None]:
         """Read a body; raises ProblemError if it is not JSON."""
@@ -78,7 +79,7 @@ class _Reading:
         if not self.count:
             self.batch = self._validate(Batch, content | {"samples": samples})
 
-    def _read(self, model: type[_Model], text: bytes, at: _Place = ()) -> _Model | None:
+    def _read(self, model: type[_Model], text: bytes, at: _Location = ()) -> _Model | None:
         """Read JSON as a model; note what is wrong."""
         try:
             return model.model_validate_json(text)
@@ -86,13 +87,13 @@ class _Reading:
             self._note_all(error, at)
             return None
 
-    def _validate(self, model: type[_Model], content: object, at: _Place = ()) -> _Model | None:
+    def _validate(self, model: type[_Model], content: object, at: _Location = ()) -> _Model | None:
         """Return values as a model; note what is wrong, in the words for JSON."""
         try:
             return model.model_validate(content)
         except ValidationError as error:
             count = error.error_count()
-            if len(self.places) >= MAX_ERRORS:
+            if len(self.flaws) >= MAX_ERRORS:
                 self.count += count
             elif count == 1 and error.errors(include_url=False)[0]["type"] == "value_error":  # ours
                 self._note_all(error, at)
@@ -100,7 +101,7 @@ class _Reading:
                 return self._read(model, _json(model, content), at)
             return None
 
-    def _note_all(self, error: ValidationError, at: _Place) -> None:
+    def _note_all(self, error: ValidationError, at: _Location) -> None:
         # Neither input nor context: a wrong body can be a megabyte long, and an answer is no place to repeat it.
         found = error.errors(include_url=False, include_input=False, include_context=False)
         if found[0]["type"] == "json_invalid":
@@ -108,10 +109,10 @@ class _Reading:
         for entry in found:
             self._note(at + entry["loc"], entry["msg"])
 
-    def _note(self, place: _Place, words: str) -> None:
+    def _note(self, location: _Location, words: str) -> None:
         self.count += 1
-        if len(self.places) < MAX_ERRORS:
-            self.places.append((place, words))
+        if len(self.flaws) < MAX_ERRORS:
+            self.flaws.append((location, words))
 
 
 def _json(model: type[BaseModel], content: object) -> bytes:

@@ -10,7 +10,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict
 from beamtouch_service.access import Role
 from beamtouch_service.api import gate
 from beamtouch_service.api.context import Context, ContextParameter, SurfaceInPath
-from beamtouch_service.api.reading import PLACE
+from beamtouch_service.api.record_answers import SLOT
 from beamtouch_service.commissioning import results
 from beamtouch_service.commissioning.course import Course
 from beamtouch_service.commissioning.courses import hides_presses
@@ -166,7 +166,7 @@ async def post_commissioning_abandon(
     return _state(context, name)
 
 
-@router.get("/surfaces/{name}/commissionings", dependencies=[PLACE])
+@router.get("/surfaces/{name}/commissionings", dependencies=[SLOT])
 async def get_commissionings(context: ContextParameter, name: SurfaceInPath) -> CommissioningList:
     """Return the results on record of this surface, newest first: the last 20."""
     return CommissioningList(commissionings=await _recorded(context, name))
@@ -176,7 +176,7 @@ async def get_commissionings(context: ContextParameter, name: SurfaceInPath) -> 
     "/surfaces/{name}/commissionings/{id}",
     response_model=Recorded,
     responses={200: {"content": {"text/plain": {"schema": {"type": "string"}}}}},
-    dependencies=[PLACE],
+    dependencies=[SLOT],
 )
 async def get_commissioning_result(
     context: ContextParameter,

@@ -47,15 +47,15 @@ def internal(scope: Scope, _error: Exception) -> Response:
     return _counted(scope, Problem(Kind.INTERNAL, "An error in the service ended this request. See its log."))
 
 
-def invalid_request(places: list[dict[str, str]], count: int) -> Problem:
-    """Return the problem of a request that is wrong in `count` places; `places` lists the first of them."""
-    first = f"{places[0]['pointer']}: {places[0]['detail']}" if places else "unknown place"
+def invalid_request(flaws: list[dict[str, str]], count: int) -> Problem:
+    """Return the problem of a request with `count` flaws; `flaws` lists the first of them."""
+    first = f"{flaws[0]['pointer']}: {flaws[0]['detail']}" if flaws else "unknown place"
     more = f" (and {count - 1} more)" if count > 1 else ""
-    return Problem(Kind.INVALID_REQUEST, f"{first}{more}", members={"errors": places})
+    return Problem(Kind.INVALID_REQUEST, f"{first}{more}", members={"errors": flaws})
 
 
 def pointer(location: tuple[int | str, ...]) -> str:
-    """Return a place in a JSON document as a pointer (RFC 6901) in fragment form. Very long ones are cut."""
+    """Return a location in a JSON document as a pointer (RFC 6901) in fragment form. Very long ones are cut."""
     parts = (str(part).replace("~", "~0").replace("/", "~1") for part in location)
     return ("#" + "".join(f"/{part}" for part in parts))[:_MAX_POINTER]
 
@@ -118,8 +118,8 @@ def _methods_at(request: Request) -> list[str]:
 
 async def _validation(request: Request, error: RequestValidationError) -> Response:
     found = error.errors()
-    places = [{"pointer": pointer(tuple(one["loc"])), "detail": str(one["msg"])} for one in found[:MAX_ERRORS]]
-    return _counted(request.scope, invalid_request(places, len(found)))
+    flaws = [{"pointer": pointer(tuple(one["loc"])), "detail": str(one["msg"])} for one in found[:MAX_ERRORS]]
+    return _counted(request.scope, invalid_request(flaws, len(found)))
 
 
 async def _disconnect(_request: Request, _error: ClientDisconnect) -> Response:

@@ -22,7 +22,7 @@ from pydantic import AwareDatetime, BaseModel, BeforeValidator, ConfigDict, Fiel
 from beamtouch_service.access import Role
 from beamtouch_service.api import gate
 from beamtouch_service.api.context import ContextParameter, SurfaceInPath
-from beamtouch_service.api.reading import PLACE, Pieces
+from beamtouch_service.api.record_answers import SLOT, Pieces
 from beamtouch_service.events import queries
 from beamtouch_service.events.event import Begin, Contradiction, End, EventKind
 from beamtouch_service.events.event import Event as RecordedEvent
@@ -195,7 +195,7 @@ def _encode(number: int, recorded: RecordedEvent, *, path: bool) -> str:
     "/events",
     response_model=EventList,
     responses={200: {"content": {_CSV: {"schema": {"type": "string"}}}}},
-    dependencies=[PLACE],
+    dependencies=[SLOT],
 )
 async def get_events(context: ContextParameter, request: Request, query: Annotated[EventQuery, Query()]) -> Response:
     """Return contacts and unexplained stretches, the newest first; as CSV, one row per event."""
@@ -210,7 +210,7 @@ async def get_events(context: ContextParameter, request: Request, query: Annotat
     return Pieces(page.content, headers=headers, media_type=_CSV if as_csv else "application/json")
 
 
-@router.get("/events/{id}", response_model=EventWithPath, dependencies=[PLACE])
+@router.get("/events/{id}", response_model=EventWithPath, dependencies=[SLOT])
 async def get_event(
     context: ContextParameter, number: Annotated[int, PathParameter(alias="id", ge=1, lt=2**63)]
 ) -> Response:
@@ -293,7 +293,7 @@ class CalibrationQuery(BaseModel):
     responses={
         200: {"description": "A row per contact, oldest first.", "content": {_CSV: {"schema": {"type": "string"}}}}
     },
-    dependencies=[PLACE],
+    dependencies=[SLOT],
 )
 async def get_calibration_data(
     context: ContextParameter, name: SurfaceInPath, query: Annotated[CalibrationQuery, Query()]

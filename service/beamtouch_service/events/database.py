@@ -63,12 +63,12 @@ class Connections:
 class Database:
     """A database with a connection that writes, and others that only read. It is checked before its first use."""
 
-    def __init__(self, writer: Connections, readers: Connections, place: str, remedy: str) -> None:
+    def __init__(self, writer: Connections, readers: Connections, where: str, remedy: str) -> None:
         """Prepare it, unless it is away; raises EventStoreError if it can never be used.
 
-        Messages that it cannot be used name the place and the remedy.
+        Messages that it cannot be used say where it is, and name the remedy.
         """
-        self._writer, self._readers, self._place, self._remedy = writer, readers, place, remedy
+        self._writer, self._readers, self._where, self._remedy = writer, readers, where, remedy
         self._is_prepared = False
         self.away_because = ""
         """Why it was away at first; empty if it was not."""
@@ -130,7 +130,7 @@ class Database:
             raise EventsAwayError(reason_of(error)) from None
 
     def _with_remedy(self, reason: str, remedy: str) -> str:
-        return f"{self._place}: {reason}; {remedy}"
+        return f"{self._where}: {reason}; {remedy}"
 
     def _remedy_of(self, _error: Exception) -> str:
         return self._remedy

@@ -18,8 +18,8 @@ from beamtouch_service.events.threads import Workers
 
 MAX_ANSWERS = 32
 """Answers from the record that may be under way: waiting for a thread, being read, or being sent. Each may be a MB."""
-PLACE_S = 1.0
-"""A request waits this long for a place among them. A client that asks again at once is so slowed down, too."""
+SLOT_S = 1.0
+"""A request waits this long for a slot among them. A client that asks again at once is so slowed down, too."""
 QUERY_S = 15.0
 """Longest time for an answer of the database."""
 _WORK_S = 0.2e-3
@@ -32,7 +32,7 @@ _T = TypeVar("_T")
 
 
 class TooManyReadersError(Exception):
-    """So many answers from the record are under way that there is no place for another one."""
+    """So many answers from the record are under way that there is no slot for another one."""
 
 
 class Reader:
@@ -64,21 +64,21 @@ class Readers:
 
     def __init__(self, database: Database) -> None:
         self._database, self._threads = database, Workers("reader", READERS)
-        self._places = asyncio.Semaphore(MAX_ANSWERS)
+        self._slots = asyncio.Semaphore(MAX_ANSWERS)
 
     @asynccontextmanager
-    async def place(self) -> AsyncIterator[None]:
-        """Have a place for an answer during a block; raises TooManyReadersError."""
+    async def slot(self) -> AsyncIterator[None]:
+        """Have a slot for an answer during a block; raises TooManyReadersError."""
         is_there = False
         with suppress(TimeoutError):
-            async with asyncio.timeout(PLACE_S):
-                is_there = await self._places.acquire()
+            async with asyncio.timeout(SLOT_S):
+                is_there = await self._slots.acquire()
         if not is_there:
             raise TooManyReadersError
         try:
             yield
         finally:
-            self._places.release()
+            self._slots.release()
 
     async def read(self, query: Callable[[Reader], _T]) -> _T:
         """Return the answer to a query of what is durable; raises EventsAwayError."""

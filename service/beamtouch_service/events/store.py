@@ -103,11 +103,11 @@ class Due:
     event: Event
 
 
-def open_database(place: Path | str | None) -> Database:
+def open_database(where: Path | str | None) -> Database:
     """Open a file, the database of a URL, or memory; raises EventStoreError."""
-    if place is None:
+    if where is None:
         return MemoryDatabase()
-    return ServerDatabase(place) if isinstance(place, str) else FileDatabase(place)
+    return ServerDatabase(where) if isinstance(where, str) else FileDatabase(where)
 
 
 class Store:

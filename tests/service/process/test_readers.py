@@ -16,7 +16,7 @@ WAITS = """
 import time
 from pathlib import Path
 from beamtouch_service.events import queries, readers
-readers.MAX_ANSWERS, readers.PLACE_S, readers.QUERY_S = 2, 0.1, 600.0
+readers.MAX_ANSWERS, readers.SLOT_S, readers.QUERY_S = 2, 0.1, 600.0
 find = queries.find_events
 def wait(reader, **how):
     with open("begun", "a") as begun:
@@ -66,7 +66,7 @@ def test_beyond_a_number_of_readers_others_are_told_to_come_again_and_nothing_el
     assert service.get("/events").is_success
 
 
-def test_a_client_that_takes_nothing_keeps_its_place_only_until_it_leaves(service: Service, tmp_path: Path) -> None:
+def test_a_client_that_takes_nothing_keeps_its_slot_only_until_it_leaves(service: Service, tmp_path: Path) -> None:
     (tmp_path / "go").touch()
     rows = [RESTING, *[TOUCHING] * 250] * 30
     expected = 4

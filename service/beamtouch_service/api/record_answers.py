@@ -1,4 +1,4 @@
-"""Answers from the record: each has a place among a bounded number of them until its client has it."""
+"""Answers from the record: each takes one of a bounded number of slots until its client has it."""
 
 from collections.abc import AsyncIterator
 
@@ -11,12 +11,12 @@ _PIECE_BYTES = 64 * 1024
 """An answer goes out in pieces of this size. Others get their turn between two of them."""
 
 
-async def _have_place(context: ContextParameter) -> AsyncIterator[None]:
-    async with context.recorder.readers.place():
+async def _have_slot(context: ContextParameter) -> AsyncIterator[None]:
+    async with context.recorder.readers.slot():
         yield
 
 
-PLACE = Depends(_have_place)
+SLOT = Depends(_have_slot)
 """Of a route that reads the record."""
 
 
