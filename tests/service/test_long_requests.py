@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from beamtouch_models.metadata import POSITION_OUTPUTS
-from beamtouch_service import turns
+from beamtouch_service import steps
 from beamtouch_service.api.app import Application, create_app
 from beamtouch_service.samples import MAX_SAMPLES
 from beamtouch_service.sections import SurfaceSection
@@ -31,8 +31,8 @@ STEPS = 4
 
 @pytest.fixture(autouse=True)
 def _each_step_takes_a_second(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(turns, "perf_counter", count().__next__)
-    monkeypatch.setattr(turns, "SLICE_S", STEPS)
+    monkeypatch.setattr(steps, "perf_counter", count().__next__)
+    monkeypatch.setattr(steps, "SLICE_S", STEPS)
 
 
 @pytest.fixture

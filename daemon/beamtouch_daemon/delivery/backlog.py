@@ -74,7 +74,7 @@ class Backlog:
             answer = None
         finally:
             boot.backlog = BacklogState.RESTS
-            boot.turn.set()
+            boot.changed.set()
             self._over_s = monotonic()
         is_taken = answer is not None and answer.verdict is Verdict.TAKEN
         is_further = is_taken and (not first or boot.missing[:1] != first)
@@ -91,12 +91,12 @@ class Backlog:
         if present is None or not boot.pace.is_thin:
             return
         present.backlog = BacklogState.WAITS
-        present.turn.set()
+        present.changed.set()
         try:
             while present.live.sent_s < self._over_s and present.live.next < present.log.next:
                 if (wait_s := end_s - monotonic()) <= 0:
                     break
-                await present.next_turn(wait_s)
+                await present.wait_for_change(wait_s)
         finally:
             present.backlog = BacklogState.RESTS
 

@@ -101,7 +101,7 @@ class Boot:
         self.backlog = BacklogState.RESTS
         self.live_failed = False
         """Whether a live batch was not taken since the record lacked nothing. It is not repeated."""
-        self.turn = asyncio.Event()
+        self.changed = asyncio.Event()
         """Set when a live batch goes out or is over, and when the backlog waits or a request of it is over."""
         self._counts = counts
         self._refused = _ENDED
@@ -126,12 +126,12 @@ class Boot:
             return False
         return self.log.next - missing.start <= self.pace.most
 
-    async def next_turn(self, within_s: float) -> None:
-        """Wait for a turn, at most so long; the caller looks at what has changed."""
-        self.turn.clear()
+    async def wait_for_change(self, within_s: float) -> None:
+        """Wait for a change, at most so long [s]; the caller looks what it is."""
+        self.changed.clear()
         with suppress(TimeoutError):
             async with asyncio.timeout(within_s if math.isfinite(within_s) else None):
-                await self.turn.wait()
+                await self.changed.wait()
 
     def acknowledge(self, receipt: Receipt) -> None:
         """Forget what is durable. Receipts may come late, so that only ever grows."""

@@ -46,7 +46,7 @@ class Live:
         async with asyncio.TaskGroup() as requests:
             while True:
                 while (wait_s := self._next_s() - monotonic()) > 0:
-                    await boot.next_turn(wait_s)
+                    await boot.wait_for_change(wait_s)
                 if samples := self._samples():
                     boot.live.begin(samples[0].sample.sequence, samples[-1].sample.sequence)
                     requests.create_task(self._send(samples))
@@ -80,12 +80,12 @@ class Live:
     async def _send(self, samples: Sequence[Taken]) -> None:
         boot, first = self._boot, samples[0].sample.sequence
         boot.live.sent_s = begin_s = monotonic()
-        boot.turn.set()
+        boot.changed.set()
         try:
             answer = await send(self._client, self._logs, boot, self._batch(samples))
         finally:
             boot.live.end(first)
-            boot.turn.set()
+            boot.changed.set()
         if answer is None or answer.receipt is None:
             boot.live_failed = self._has_failed = True
             self._due_s = monotonic() + self._backoff.next()

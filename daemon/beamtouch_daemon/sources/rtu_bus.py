@@ -98,7 +98,7 @@ class RtuLink:
         """Use the port for a session; SourceError if it cannot be opened."""
         async with self._bus.used() as line:
             self._way = UnitLine(line, self._unit.address, self._timeout_s)
-            async with self._unit.turn:
+            async with self._unit.lock:
                 self._unit.will_be_asked(self._blocks)
             yield
 
@@ -108,5 +108,5 @@ class RtuLink:
 
     async def read(self, block: Block) -> Answer:
         """Read registers, in turn with the other users of the bus."""
-        async with self._unit.turn:
+        async with self._unit.lock:
             return await self._unit.read(self._way, block)

@@ -40,7 +40,7 @@ class RtuLine:
         self.port = port
         self._silence_s = silence_s
         self._take_unexpected = take_unexpected
-        self._turn = asyncio.Lock()
+        self._lock = asyncio.Lock()
         """Held for one request and its answer."""
         self._free_s = 0.0
 
@@ -87,7 +87,7 @@ class RtuLine:
     @asynccontextmanager
     async def _held(self) -> AsyncIterator[bytes]:
         """Hold the line, once it has been silent for long enough; give what came unexpectedly."""
-        async with self._turn:
+        async with self._lock:
             await asyncio.sleep(max(0.0, self._free_s - uptime_s()))
             unexpected = self.port.take()
             self._note(unexpected)

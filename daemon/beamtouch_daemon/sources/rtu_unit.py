@@ -99,7 +99,7 @@ class Unit:
 
     def __init__(self, address: int, clock: Callable[[], float] = uptime_s) -> None:
         self.address = address
-        self.turn = asyncio.Lock()
+        self.lock = asyncio.Lock()
         """Held while the unit is read; other units may be asked between two requests."""
         self.blocks: set[Block] = set()
         """All that is read from it."""

@@ -1,7 +1,7 @@
 """The web application.
 
 All routes run in one event loop, so code between two awaits runs alone and needs no locks. A change that takes longer
-than a slice of `turns` awaits between its steps. Batches of one surface hold its lock meanwhile (`samples`). Whatever
+than a slice of `steps` awaits between its steps. Batches of one surface hold its lock meanwhile (`samples`). Whatever
 else may have changed during an await, such as the record of a surface, is looked at again after it
 (`events/recorder.py`). Other threads, such as those of the record, run a call and return its answer. But for counts,
 only the loop changes what routes read.

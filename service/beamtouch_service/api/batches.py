@@ -14,7 +14,7 @@ from beamtouch_service.api.errors import MAX_ERRORS, invalid_request, pointer
 from beamtouch_service.problems import Kind, Problem, ProblemError
 from beamtouch_service.samples import MAX_SAMPLES, Batch, Sample
 from beamtouch_service.surfaces.covariances import find_flaws
-from beamtouch_service.turns import Turns
+from beamtouch_service.steps import Stepper
 
 _AT_ONCE_BYTES = 8192
 """A body up to this size is read in one step, of a millisecond."""
@@ -25,10 +25,10 @@ _Location = tuple[int | str, ...]
 """Keys and indices that lead to a part of a body."""
 
 
-async def read_batch(body: bytes, turns: Turns) -> Batch:
+async def read_batch(body: bytes, stepper: Stepper) -> Batch:
     """Read a batch; raises ProblemError (400 if it is not JSON, 422 with the locations that are wrong)."""
     reader = _BatchReader()
-    await turns.finish(reader.steps(body))
+    await stepper.finish(reader.steps(body))
     if reader.batch is None or reader.flaws:
         flaws = [{"pointer": pointer(location), "detail": words} for location, words in reader.flaws[:MAX_ERRORS]]
         raise ProblemError(invalid_request(flaws, reader.count))

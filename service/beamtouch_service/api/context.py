@@ -21,7 +21,7 @@ from beamtouch_service.own_names import OwnNames
 from beamtouch_service.problems import Kind, Problem, ProblemError
 from beamtouch_service.surfaces.freshness import Ticks
 from beamtouch_service.surfaces.registry import Registry
-from beamtouch_service.turns import Turns
+from beamtouch_service.steps import Stepper
 
 Clock = Callable[[], float]
 """Returns the time in seconds. It never goes back."""
@@ -64,7 +64,7 @@ class Context:
     courses: Courses = field(default_factory=Courses)
     names: OwnNames | None = None
     """The names that clients may ask for; None: any."""
-    turns: Turns = field(default_factory=Turns)
+    stepper: Stepper = field(default_factory=Stepper)
     ticks: Ticks = field(default_factory=Ticks)
     """Notices that the process stood still."""
     missing: dict[str, str] = field(default_factory=dict)

@@ -145,7 +145,7 @@ class Counts:
 
     def _channels_out(self, surface: Surface) -> None:
         """Log the channels that went out, and those that are back, once each."""
-        for name, out, is_back in surface.channels_out.take_turns():
+        for name, out, is_back in surface.channels_out.take_changes():
             if is_back:
                 words = "surface %s: channel %s is good again; it had been out since %s"
                 _log.info(words, surface.name, name, out.since)

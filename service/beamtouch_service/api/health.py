@@ -59,7 +59,7 @@ async def get_ready(context: ContextParameter, health: Annotated[bool, Query(des
 async def get_metrics(context: ContextParameter) -> Response:
     """Return counts, ages and durations for Prometheus, as text."""
     figures = Figures(context)
-    await context.turns.finish(figures.read())
+    await context.stepper.finish(figures.read())
     # In a thread: of many surfaces, there are tens of thousands.
     text = await asyncio.to_thread(generate_latest, figures)
     return Response(text, media_type=CONTENT_TYPE_LATEST)

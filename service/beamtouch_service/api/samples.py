@@ -39,11 +39,11 @@ async def post_samples(name: SurfaceInPath, request: Request) -> Response:
         begin_s = context.clock()
         earliest_s = context.ticks.earliest_s(begin_s)
         body = decompressed(await read_body(request), request.headers.get("content-encoding", ""))
-        batch = await read_batch(body, context.turns)
-        async with context.turns.of(name):
+        batch = await read_batch(body, context.stepper)
+        async with surface.lock:
             arrival_s = surface.transit.arrival_s(batch, begin_s, earliest_s)
             received = surface.begin(batch, arrival_s, _peer(request))
-            await context.turns.finish(_follow(context, surface, batch, received))
+            await context.stepper.finish(_follow(context, surface, batch, received))
     except ProblemError as error:
         known = name if name in context.registry.names else ""
         context.counts.rejected.labels(known, error.problem.kind.slug).inc()

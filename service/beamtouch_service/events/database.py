@@ -38,13 +38,13 @@ class Connections:
     def __init__(
         self,
         engine: Engine,
-        turn: AbstractContextManager[object] | None = None,
+        lock: AbstractContextManager[object] | None = None,
         identify: Callable[[], object] = lambda: None,
         on_replaced: Callable[[], None] = lambda: None,
     ) -> None:
-        """Hold `turn` during each use. `on_replaced` is called once `identify` tells another file than before."""
+        """Hold `lock` during each use. `on_replaced` is called once `identify` tells another file than before."""
         self.engine = engine
-        self._turn, self._identify, self._on_replaced = turn or nullcontext(), identify, on_replaced
+        self._lock, self._identify, self._on_replaced = lock or nullcontext(), identify, on_replaced
         self._opened: object = None
         """What the connections are of."""
 
@@ -55,7 +55,7 @@ class Connections:
             self._opened = None
             self._on_replaced()
             self.engine.dispose()
-        with self._turn, self.engine.connect() as connection:
+        with self._lock, self.engine.connect() as connection:
             self._opened = self._opened or self._identify()
             yield connection
 

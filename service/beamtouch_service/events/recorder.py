@@ -25,7 +25,7 @@ from beamtouch_service.samples import Batch
 from beamtouch_service.sections import EventsSection
 from beamtouch_service.surfaces.estimate import Estimate, Estimator
 from beamtouch_service.surfaces.surface import Surface
-from beamtouch_service.turns import Turns
+from beamtouch_service.steps import Stepper
 
 COMMIT_S = 1.0
 """Time between two commits, each of the surfaces of which something is due."""
@@ -56,7 +56,7 @@ class Recorder:
         """Times that another service had written what this one was about to write."""
         self.ended = asyncio.Event()
         """Set by the next commit that ends events, which then puts a new one here."""
-        self._turns = Turns()
+        self._stepper = Stepper()
         self._records: dict[str, SurfaceRecord] = {}
         self._loads: dict[tuple[str, str], asyncio.Task[None]] = {}
         self._unread: dict[str, Surface] = {}
@@ -114,7 +114,7 @@ class Recorder:
             return None, None
         record.adopt(model)
         record.hear(batch)
-        await self._turns.finish(self._add(record, batch, weighed))
+        await self._stepper.finish(self._add(record, batch, weighed))
         boot = record.boot(batch.boot_id)
         if boot is None or self._records.get(surface.name) is not record:  # another service has it
             return None, None

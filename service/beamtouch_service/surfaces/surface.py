@@ -4,6 +4,7 @@ No I/O and no clock: the caller gives the time, in seconds of the service's mono
 """
 
 import math
+from asyncio import Lock
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -38,7 +39,7 @@ class Received:
     model: ModelFile | None = None
     """The model of the last of them."""
     steps: Iterator[None] = field(default_factory=lambda: iter(()))
-    """Moves the answer by one sample after another; other batches of the surface must wait until that is done."""
+    """Moves the answer by one sample after another; the caller holds the lock of the surface until that is done."""
 
     def weighed(self, model: ModelFile | None) -> dict[int, Estimate]:
         """Return the samples that moved the answer under a model, by number."""
@@ -111,6 +112,8 @@ class Surface:
         """When they came."""
         self.newest: Newest | None = None
         """The newest sample; None before the first."""
+        self.lock = Lock()
+        """Held while a batch moves the answer: others wait for its last step."""
         self.transit = Transit()
         """Tells when a batch arrived."""
         self._order = Order(self.stale_ms)
