@@ -186,7 +186,7 @@ class Line:
         change = self._boot.change()
         ended = [event.event for event, _, _ in change.events if event is not self._boot.event]
         said.false += sum(event.kind is EventKind.CONTACT and not _is_true(event, course) for event in ended)
-        self._boot.made(change, {})
+        self._boot.note_durable(change, {})
         if best := self._boot.take_best():
             self.health.add(best)
             self.surface.health = self.health.state

@@ -1,4 +1,4 @@
-"""What the record writes to the disk: an SD card is worn out by what is written again and again."""
+"""Writes of the record to the disk: an SD card wears out by what is written again and again."""
 
 from pathlib import Path
 

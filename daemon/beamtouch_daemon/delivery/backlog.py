@@ -66,14 +66,14 @@ class Backlog:
     async def _deliver(self, boot: Boot) -> bool:
         """Send what the record lacks of a boot, or ask how far it is; return whether the service took it."""
         first = boot.missing[:1]
-        boot.backlog = BacklogState.SENDS if first else BacklogState.RESTS
+        boot.backlog_state = BacklogState.SENDS if first else BacklogState.RESTS
         try:
             batch = await self._batch(boot)
             answer = await send(self._client, self._logs, boot, batch)
         except LogFileError:  # the store says so
             answer = None
         finally:
-            boot.backlog = BacklogState.RESTS
+            boot.backlog_state = BacklogState.RESTS
             boot.changed.set()
             self._over_s = monotonic()
         is_taken = answer is not None and answer.verdict is Verdict.TAKEN
@@ -90,7 +90,7 @@ class Backlog:
         present, end_s = self._logs.present, monotonic() + boot.pace.rest_of_backlog_s
         if present is None or not boot.pace.is_thin:
             return
-        present.backlog = BacklogState.WAITS
+        present.backlog_state = BacklogState.WAITS
         present.changed.set()
         try:
             while present.live.sent_s < self._over_s and present.live.next < present.log.next:
@@ -98,7 +98,7 @@ class Backlog:
                     break
                 await present.wait_for_change(wait_s)
         finally:
-            present.backlog = BacklogState.RESTS
+            present.backlog_state = BacklogState.RESTS
 
     async def _batch(self, boot: Boot) -> Batch:
         """Return the next samples that the record lacks, as far as they have the same notes."""
@@ -110,7 +110,7 @@ class Backlog:
             notes = list(part.notes)
             samples += part.samples
             numbers = numbers[len(part.samples) :]
-        return boot.log.backlog(samples, notes)
+        return boot.log.backlog_batch(samples, notes)
 
     async def _part(self, boot: Boot, numbers: range) -> Batch:
         """Return the first of these samples that lie together, in a chunk or in memory; none if they are gone."""
@@ -121,7 +121,7 @@ class Backlog:
         if batch is None or batch.boot_id != boot.log.head.boot_id or not _holds(batch, numbers[0]):
             batch = self._read = await self._store.read(chunk)
         if batch is None:
-            return boot.log.backlog([], [])
+            return boot.log.backlog_batch([], [])
         return batch.model_copy(update={"samples": [one for one in batch.samples if one.sequence in numbers]})
 
     def _reduce(self, boot: Boot, batch: Batch, answer: Answer) -> bool:

@@ -98,7 +98,7 @@ class Boot:
         self.due_s = 0.0
         """Time of the next request of the backlog on the monotonic clock, at the earliest."""
         self.backoff = Backoff(max_s=BACKLOG_RETRY_S)
-        self.backlog = BacklogState.RESTS
+        self.backlog_state = BacklogState.RESTS
         self.live_failed = False
         """Whether a live batch was not taken since the record lacked nothing. It is not repeated."""
         self.changed = asyncio.Event()

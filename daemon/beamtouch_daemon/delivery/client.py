@@ -145,7 +145,7 @@ class ServiceClient:
         path = f"/surfaces/{surface}/samples"
         if batch is None:
             return await self._request("POST", path, b"{}")
-        content = compressed(batch.model_dump_json(exclude_defaults=True).encode())
+        content = compress(batch.model_dump_json(exclude_defaults=True).encode())
         return await self._request("POST", path, content, {"Content-Encoding": "gzip"}, timeout_s)
 
     async def get(self, path: str) -> Answer:
@@ -186,7 +186,7 @@ def _socket(address: tuple[Any, ...]) -> socket.socket:
     return made
 
 
-def compressed(content: bytes) -> bytes:
+def compress(content: bytes) -> bytes:
     """Return content as gzip. This level takes 3 us for a sample of four channels, and 5 % more bytes than the best."""
     encoder = zlib.compressobj(level=4, wbits=16 + zlib.MAX_WBITS)
     return encoder.compress(content) + encoder.flush()

@@ -61,9 +61,9 @@ class Live:
             return math.inf
         if boot.live.in_flight:
             return max(self._due_s, boot.live.begun_s + pace.overlap_s)
-        if not pace.is_thin or not boot.is_behind or boot.backlog is BacklogState.WAITS:
+        if not pace.is_thin or not boot.is_behind or boot.backlog_state is BacklogState.WAITS:
             return self._due_s
-        rest_s = pace.beside_s if boot.backlog is BacklogState.SENDS else pace.rest_s(self._took_s)
+        rest_s = pace.beside_s if boot.backlog_state is BacklogState.SENDS else pace.rest_s(self._took_s)
         return max(self._due_s, boot.live.begun_s + rest_s)
 
     def _samples(self) -> list[Taken]:
@@ -73,7 +73,7 @@ class Live:
             return []
         limit = boot.pace.live_limit(is_behind=boot.is_behind)
         first = max(boot.live.next, boot.log.next - limit, boot.log.oldest_in_memory)
-        if boot.is_gap_small and boot.backlog is not BacklogState.SENDS:
+        if boot.is_gap_small and boot.backlog_state is not BacklogState.SENDS:
             first = boot.missing.start
         return boot.log.from_memory(range(first, boot.log.next))
 

@@ -83,9 +83,9 @@ class Log:
     def batch(self, samples: Sequence[Taken]) -> Batch:
         """Return a backlog of samples with the same notes. The service validates it."""
         notes = [str(note) for note in samples[0].notes] if samples else []
-        return self.backlog([one.sample for one in samples], notes)
+        return self.backlog_batch([one.sample for one in samples], notes)
 
-    def backlog(self, samples: Sequence[Sample], notes: Sequence[str]) -> Batch:
+    def backlog_batch(self, samples: Sequence[Sample], notes: Sequence[str]) -> Batch:
         """Return a backlog of samples that were taken under these notes."""
         return self.head.model_copy(update={"samples": list(samples), "notes": list(notes), "backlog": True})
 

@@ -23,14 +23,14 @@ NEWEST = 3
 """Samples that show the state of a surface of which nothing is known: a live batch holds no more of them where the line
 is thin and the backlog brings the others."""
 STALE_S = 0.5
-"""Age at which an answer is stale, until a receipt states it. Of this age, as parts:"""
-PART_OF_STALE = 0.5
-"""A request of the backlog takes at most this."""
-REST_OF_STALE = 0.3
-"""The longest rest from the begin of one live batch to the next."""
-BESIDE_OF_STALE = 0.6
-"""That rest while a request of the backlog is in flight. At its end a live batch goes out, which is newer than one that
-would have stood behind it."""
+"""Age at which an answer is stale, until a receipt states it. The shares below are of this age."""
+PART_SHARE = 0.5
+"""A request of the backlog takes at most this share."""
+REST_SHARE = 0.3
+"""The longest rest from the begin of one live batch to the next is this share."""
+BESIDE_SHARE = 0.6
+"""That rest is this share while a request of the backlog is in flight. At its end a live batch goes out, which is newer
+than one that would have stood behind it."""
 WINDOW_S = 30.0
 """The quickest request is that of the last one to two windows with answers."""
 TIMEOUT_S, LONG_TIMEOUT_S = 2.0, 4.0
@@ -106,17 +106,17 @@ class Pace:
 
     def rest_s(self, took_s: float) -> float:
         """Return the time from the begin of a live batch that took so long to the next one [s], on a thin line."""
-        return min(3 * took_s, REST_OF_STALE * self.stale_s)
+        return min(3 * took_s, REST_SHARE * self.stale_s)
 
     @property
     def beside_s(self) -> float:
         """That time while a request of the backlog is in flight on a thin line [s]."""
-        return BESIDE_OF_STALE * self.stale_s
+        return BESIDE_SHARE * self.stale_s
 
     @property
     def overlap_s(self) -> float:
         """That time while the former one has no answer [s]; infinite: it waits for the answer."""
-        shortest_s, way_s = REST_OF_STALE * self.stale_s, self._quickest_s
+        shortest_s, way_s = REST_SHARE * self.stale_s, self._quickest_s
         return max(way_s / 2, shortest_s) if shortest_s < way_s < math.inf else math.inf
 
     @property
@@ -131,7 +131,7 @@ class Pace:
 
     @property
     def _part_s(self) -> float:
-        return min(PART_S, PART_OF_STALE * self.stale_s)
+        return min(PART_S, PART_SHARE * self.stale_s)
 
     def _says_much(self, samples: int) -> bool:
         """Return whether the time of a request with so many samples says something about a large one."""

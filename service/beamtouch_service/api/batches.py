@@ -13,8 +13,8 @@ from pydantic_core import from_json, to_json
 from beamtouch_service.api.errors import MAX_ERRORS, invalid_request, pointer
 from beamtouch_service.problems import Kind, Problem, ProblemError
 from beamtouch_service.samples import MAX_SAMPLES, Batch, Sample
-from beamtouch_service.surfaces.covariances import find_flaws
 from beamtouch_service.steps import Stepper
+from beamtouch_service.surfaces.covariances import find_flaws
 
 _AT_ONCE_BYTES = 8192
 """A body up to this size is read in one step, of a millisecond."""

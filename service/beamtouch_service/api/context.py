@@ -19,9 +19,9 @@ from beamtouch_service.commissioning.courses import Courses
 from beamtouch_service.events.recorder import Recorder
 from beamtouch_service.own_names import OwnNames
 from beamtouch_service.problems import Kind, Problem, ProblemError
+from beamtouch_service.steps import Stepper
 from beamtouch_service.surfaces.freshness import Ticks
 from beamtouch_service.surfaces.registry import Registry
-from beamtouch_service.steps import Stepper
 
 Clock = Callable[[], float]
 """Returns the time in seconds. It never goes back."""

@@ -38,7 +38,7 @@ async def post_samples(name: SurfaceInPath, request: Request) -> Response:
         # The age was stated before the body travelled. Counted from here, travel makes samples older, never younger.
         begin_s = context.clock()
         earliest_s = context.ticks.earliest_s(begin_s)
-        body = decompressed(await read_body(request), request.headers.get("content-encoding", ""))
+        body = decompress(await read_body(request), request.headers.get("content-encoding", ""))
         batch = await read_batch(body, context.stepper)
         async with surface.lock:
             arrival_s = surface.transit.arrival_s(batch, begin_s, earliest_s)
@@ -113,7 +113,7 @@ async def read_body(request: Request) -> bytes:
     return bytes(body)
 
 
-def decompressed(body: bytes, encoding: str) -> bytes:
+def decompress(body: bytes, encoding: str) -> bytes:
     """Return a body as it was before a `Content-Encoding`.
 
     Raises
@@ -126,13 +126,13 @@ def decompressed(body: bytes, encoding: str) -> bytes:
         case "" | "identity":
             return body
         case "gzip" | "x-gzip":
-            return _unzipped(body)
+            return _unzip(body)
         case _:
             detail = "Send the batch with Content-Encoding: gzip, or without one."
             raise ProblemError(Problem(Kind.UNKNOWN_ENCODING, detail), {"Accept-Encoding": "gzip"})
 
 
-def _unzipped(body: bytes) -> bytes:
+def _unzip(body: bytes) -> bytes:
     decoder = zlib.decompressobj(wbits=16 + zlib.MAX_WBITS)
     try:
         content = decoder.decompress(body, MAX_BODY_BYTES + 1)

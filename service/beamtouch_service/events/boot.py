@@ -118,7 +118,7 @@ class Boot:
         events = [event for event, _, _ in change.events]
         self._changed = [*events, *(event for event in self._changed if event not in events)]
 
-    def made(self, change: BootChange, numbers: dict[OpenEvent, int]) -> None:
+    def note_durable(self, change: BootChange, numbers: dict[OpenEvent, int]) -> None:
         """Note that a change is durable; `numbers` are the ids of new events."""
         self.durable, self._version = change.durable, change.version + 1
         for event, _, _ in change.events:

@@ -93,7 +93,7 @@ class Database:
                 yield connection
 
     @contextmanager
-    def loading(self) -> Iterator[Connection]:
+    def reading_as_writer(self) -> Iterator[Connection]:
         """Give the connection that writes, for reading; raises EventsAwayError. Only one thread may use this."""
         with self._use_writer() as connection:
             self._limit(connection)

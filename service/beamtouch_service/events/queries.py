@@ -1,4 +1,4 @@
-"""What readers ask of the record."""
+"""Queries for the readers of the record."""
 
 import time
 from dataclasses import dataclass

@@ -119,11 +119,11 @@ class SurfaceRecord:
             if boot := self._boots.get(one.boot_id):
                 boot.take_back(one)
 
-    def made(self, change: Change, numbers: dict[OpenEvent, int]) -> None:
+    def note_durable(self, change: Change, numbers: dict[OpenEvent, int]) -> None:
         """Note that a change is durable; `numbers` are the ids of new events."""
         for one in change.boots:
             if boot := self._boots.get(one.boot_id):
-                boot.made(one, numbers)
+                boot.note_durable(one, numbers)
         if change.health.next:
             # The model may have changed meanwhile, and the health with it. It stands in the same rows.
             change.health.stored = self._health.stored = change.health.next

@@ -23,9 +23,9 @@ from beamtouch_service.events.threads import in_thread
 from beamtouch_service.events.writer import Writer
 from beamtouch_service.samples import Batch
 from beamtouch_service.sections import EventsSection
+from beamtouch_service.steps import Stepper
 from beamtouch_service.surfaces.estimate import Estimate, Estimator
 from beamtouch_service.surfaces.surface import Surface
-from beamtouch_service.steps import Stepper
 
 COMMIT_S = 1.0
 """Time between two commits, each of the surfaces of which something is due."""
@@ -215,7 +215,7 @@ class Recorder:
             self._writer.note("")
             for change in changes:
                 if change.surface not in lost:
-                    records[change.surface].made(change, numbers)
+                    records[change.surface].note_durable(change, numbers)
             for name in lost:
                 # Another service has written: what is known here is not so any more.
                 self.races += 1

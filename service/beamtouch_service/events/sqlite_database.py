@@ -52,7 +52,7 @@ class FileDatabase(Database):
     """A SQLite file, which other programs may read. Several services may write to it."""
 
     def __init__(self, path: Path) -> None:
-        self._path, self._log = path, WriteAheadLog(path)
+        self._path, self._wal = path, WriteAheadLog(path)
         writer, reader = (f"{path.absolute().as_uri()}?mode={mode}" for mode in ("rwc", "rw"))
         identify = partial(_identity, path)
         super().__init__(
@@ -64,7 +64,7 @@ class FileDatabase(Database):
         event.listen(self._readers.engine, "connect", _only_read)
 
     def _require_room(self, connection: Connection) -> None:
-        if reason := self._log.too_long(connection):
+        if reason := self._wal.reason_to_wait(connection):
             raise EventsAwayError(reason)
 
     def _note_replaced(self) -> None:

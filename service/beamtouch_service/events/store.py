@@ -128,7 +128,7 @@ class Store:
         """Return the cursors of this boot and of those with an open event, and the health of the surface."""
         of_boot = (CURSORS.c.boot_id == boot_id) | CURSORS.c.event.is_not(null())
         query = select(CURSORS).where(CURSORS.c.surface == surface, of_boot)
-        with self.database.loading() as connection:
+        with self.database.reading_as_writer() as connection:
             rows = connection.execute(query).all()
             numbers = [row.event for row in rows if row.event is not None]
             content = connection.execute(select(_c.id, *CONTENT).where(_c.id.in_(numbers)))
@@ -141,7 +141,7 @@ class Store:
 
     def healths(self) -> dict[str, StoredHealth]:
         """Return the health of each surface that has one on record."""
-        with self.database.loading() as connection:
+        with self.database.reading_as_writer() as connection:
             return _read_healths(connection, true())
 
     def commit(self, changes: Sequence[Change]) -> tuple[dict[OpenEvent, int], set[str]]:

@@ -20,12 +20,15 @@ class WriteAheadLog:
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        self._log, self._index = (path.with_name(f"{path.name}-{what}") for what in ("wal", "shm"))
+        self._wal, self._index = (path.with_name(f"{path.name}-{what}") for what in ("wal", "shm"))
         self._hourly = Repeated(_log, every_s=3600.0)
 
-    def too_long(self, connection: Connection) -> str:
-        """Return why nothing may be written; empty if it may. The connection is in no transaction."""
-        size = _size(self._log)
+    def reason_to_wait(self, connection: Connection) -> str:
+        """Return why nothing may be written now; empty if it may. The connection is in no transaction.
+
+        Writes a long log into the file first, as far as other programs allow, and warns of them once an hour.
+        """
+        size = _size(self._wal)
         if size <= WARN_BYTES:
             return ""
         # What is in the file already is overwritten by the next commit.

@@ -93,7 +93,7 @@ def test_options_of_the_address_take_the_place_of_the_limits(events_url: str) ->
         assert connection.exec_driver_sql("SHOW lock_timeout").scalar() == "0"
     store.close()
     store = Store(EventsSection(url=events_url))
-    for use in (store.database.writing, store.database.loading, store.database.reading):
+    for use in (store.database.writing, store.database.reading_as_writer, store.database.reading):
         with use() as connection:
             assert connection.exec_driver_sql("SHOW statement_timeout").scalar() == "20s"
     store.close()

@@ -18,7 +18,7 @@ from paho.mqtt.reasoncodes import ReasonCode
 from paho.mqtt.subscribeoptions import SubscribeOptions
 
 from beamtouch_service.events.threads import in_thread
-from beamtouch_service.outputs.mqtt.messages import OFFLINE, TEXT, Kept, Topics, kept, kept_properties
+from beamtouch_service.outputs.mqtt.messages import OFFLINE, TEXT, Kept, Topics, kept_properties, read_kept
 from beamtouch_service.outputs.mqtt.section import MqttSection
 
 ANSWER_S = 5.0
@@ -102,7 +102,7 @@ class Connection:
         client.on_publish = lambda _client, _data, number, reason, _properties: self._give(number, reason)
         client.on_subscribe = lambda _client, _data, number, reasons, _properties: self._give(number, reasons[0])
         client.on_unsubscribe = lambda _client, _data, number, reasons, _properties: self._give(number, reasons[0])
-        client.on_message = lambda _client, _data, message: self.received.put_nowait(kept(message))
+        client.on_message = lambda _client, _data, message: self.received.put_nowait(read_kept(message))
         # Perhaps in the thread that connects.
         client.on_disconnect = lambda _client, _data, _flags, reason, _properties: self._lose_soon(str(reason))
         client.on_socket_close = lambda _client, _data, line: self._forget(line)

@@ -72,7 +72,7 @@ def kept_properties(content_type: str, owner: str, *, will: bool = False) -> Pro
     return made
 
 
-def kept(message: MQTTMessage) -> Kept:
+def read_kept(message: MQTTMessage) -> Kept:
     """Return a message with its owner, from its properties."""
     pairs: list[tuple[str, str]] = getattr(message.properties, "UserProperty", [])
     return Kept(message.topic, bytes(message.payload), dict(pairs).get(OWNER), not message.retain)
