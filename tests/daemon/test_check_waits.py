@@ -11,10 +11,13 @@ from . import configs
 from .devices import pymodbus_server
 from .process import Daemon, started
 from .service import real_service
+from .waits import until
 
 pytestmark = pytest.mark.anyio
 
 OTHER = "127.0.0.2"
+READINGS = 30
+"""Of a look, at most."""
 
 
 def write(folder: Path, port: int, url: str) -> Path:
@@ -32,20 +35,29 @@ async def line_of(check: Daemon, words: str) -> None:
 
 
 async def test_check_waits_for_the_unit_that_comes_last(tmp_path: Path) -> None:
+    polls = 0
+
+    async def count(*_: object) -> None:
+        nonlocal polls
+        polls += 1
+
     async with (
         real_service(tmp_path, write_model(tmp_path, "bench", channels=4)) as url,
-        pymodbus_server([20_000, 20_500, 21_000]) as port,
+        pymodbus_server([20_000, 20_500, 21_000], count) as port,
     ):
         config = write(tmp_path, port, url)
         async with started("check", config, "--wait", "0") as at_once:
             refused = await at_once.end()
         async with started("check", config, "--wait", "300") as waiting:
             await line_of(waiting, "waiting: bench: not all channels arrive")
+            begun = polls
+            await until(lambda: polls >= begun + 3 * READINGS)
             async with pymodbus_server([21_500], port=port, host=OTHER):
                 outcome = await waiting.end()
     assert refused.code == 1
     assert "s4 missing: the device sent no value" in refused.err
     assert outcome.code == 0, outcome.err
+    assert "waiting" not in outcome.err, "it says the same once, however often it looks"
     assert [line.split()[1:3] for line in outcome.out.splitlines()[1:5]] == [
         ["s1", "20000"],
         ["s2", "20500"],
