@@ -35,7 +35,7 @@ def following(*, is_on: bool) -> Iterator[None]:
     if is_on:
         yield
         return
-    with patch.object(Ringing, "step", return_value=None):
+    with patch.object(Ringing, "follow", return_value=([], None)):
         yield
 
 

@@ -214,14 +214,7 @@ class Chain:
         """Return the means, those of a beam that rings replaced by where it will rest, and what is known after them."""
         if followed is None and not filtered.moves.any():
             return filtered, None
-        found = []
-        came = np.any(~np.isnan(readings), axis=1).tolist()
-        for row, moves in enumerate(filtered.moves.tolist()):
-            if moves or followed is not None:
-                reading_mm = readings[row] if came[row] else None
-                followed = ringing.step(followed, float(times[row]), reading_mm, moves=moves)
-                if moves and followed is not None and followed.found is not None:
-                    found.append((row, followed.found))
+        found, followed = ringing.follow(followed, times, readings, filtered.moves.tolist())
         return (filtered.replaced(found) if found else filtered), followed
 
     def _with_lost(self, values: FloatArray, lost: Sequence[int]) -> tuple[FloatArray, NDArray[np.intp]]:

@@ -67,10 +67,10 @@ class Filtered:
         if not better.any():
             return self
         mean_mm, variance, excess_mm2 = self.mean_mm.copy(), self.relative_variance.copy(), self.excess_mm2.copy()
-        for at in np.flatnonzero(better).tolist():
-            (row, one), known = found[at], there[at]
-            mean_mm[row, known], variance[row, known] = one.mean_mm[known], 1 / one.readings
-            excess_mm2[place[at]] = one.excess_mm2
+        rows, there, shares = rows[better], there[better], np.array([[1 / one.readings] for _, one in found])
+        mean_mm[rows] = np.where(there, means[better], mean_mm[rows])
+        variance[rows] = np.where(there, shares[better], variance[rows])
+        excess_mm2[place[better]] = np.array([one.excess_mm2 for _, one in found])[better]
         return replace(self, mean_mm=mean_mm, relative_variance=variance, excess_mm2=excess_mm2)
 
     def at(self, rows: NDArray[np.intp]) -> Self:

@@ -9,7 +9,7 @@ docs/decisions/045-ringing.md explains the form.
 """
 
 import math
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -30,20 +30,20 @@ MOST_POLES = 2
 """Three pairs would take a load that grows for a swing."""
 SHORTER = 0.6
 """Length of the shorter window that is tried where one fails, over it."""
-STEPS = 3
+STEPS = 2
 """Gauss-Newton steps of a search, for each new pole."""
 HIGHEST_LOWEST = 3.0
 """Lowest frequency above which there is no place for a pole."""
 SLOPES_TRIED = 4
 """Slopes are tried in one fit of so many."""
-MOST_AHEAD = 8
-"""Most rows that wait for a fit, because they are as the last one predicts."""
-FRESH = 8
+MOST_AHEAD = 16
+"""Most rows that wait for a fit, because they are as the last one predicts; half as many if it has slopes."""
+FRESH = 4
 """A fit is of all but a part of its rows: one in so many."""
 LIKE = 2.0
 """Square of the distance of a row from its prediction, over that of noise, up to which it is as predicted."""
-PATIENT, MOST_WAITS = 3, 8
-"""After so many searches in vain a row more passes before the next one, up to the most."""
+MOST_WAITS = 8
+"""After each search in vain a row more passes before the next one, up to so many."""
 CALM_ROWS = 5
 """Rows that do not move, after which a search is given up."""
 OPENS, CLOSES = 15.0, 3.0
@@ -90,6 +90,13 @@ class Followed(NamedTuple):
         """Whether the last fit is the second one in a row. One to few rows may be chance."""
         return len(self.constants) > 1
 
+    def with_rows(self, times: FloatArray, values: FloatArray) -> Self:
+        """Return what is known with more rows; the oldest ones are forgotten."""
+        return self._replace(
+            times=np.concatenate([self.times, times])[-MOST_ROWS:],
+            values=np.concatenate([self.values, values])[-MOST_ROWS:],
+        )
+
 
 class Ringing:
     """Follows a surface.
@@ -114,22 +121,71 @@ class Ringing:
         self._lowest = 2 * math.pi * LEAST_CYCLES * self._block / slowest_period
         """Lowest angular frequency, per row."""
 
-    def step(
-        self, before: Followed | None, time: float, reading_mm: FloatArray | None, *, moves: bool
-    ) -> Followed | None:
-        """Take the next reading; return what is known after it, None of a beam that does not move.
+    def follow(
+        self, before: Followed | None, times: FloatArray, readings_mm: FloatArray, moves: list[bool]
+    ) -> tuple[list[tuple[int, Found]], Followed | None]:
+        """Take the next readings; return the rests that are found, by reading, and what is known after them.
 
         Parameters
         ----------
         before
             What was known.
-        time
-            Of the reading, in readings.
-        reading_mm
-            Shape (channels,); NaN where a channel is missing; None of a reading that is lost.
+        times, readings_mm
+            When they were taken, in readings, and shape (readings, channels); NaN is missing, a whole row is lost.
         moves
-            Whether the mean of the newest readings moves.
+            Whether the mean of the newest readings moves, after each of them.
         """
+        found: list[tuple[int, Found]] = []
+        came, at = np.any(~np.isnan(readings_mm), axis=1).tolist(), 0
+        while at < len(moves):
+            if before is None and not moves[at]:
+                at += 1
+                continue
+            until = at
+            if before is not None and before.is_confirmed and before.fit is not None:
+                before, until = self._wait(before, before.fit, times, readings_mm, moves, at)
+            if until == at:
+                reading_mm = readings_mm[at] if came[at] else None
+                before, until = self._step(before, float(times[at]), reading_mm, moves=moves[at]), at + 1
+            if before is not None and before.found is not None:
+                found += [(row, before.found) for row in range(at, until) if moves[row]]
+            at = until
+        return found, before
+
+    def _waits(self, before: Followed, last: Fit, time: float, more: int = 0) -> bool:
+        """Return whether a row that the last fit predicts waits for the next one, after so many more."""
+        most = min(MOST_AHEAD // (1 + last.slopes), (len(before.times) + more) // FRESH)
+        return (time - before.fitted) / self._block < most
+
+    def _wait(
+        self,
+        before: Followed,
+        last: Fit,
+        times: FloatArray,
+        readings_mm: FloatArray,
+        moves: list[bool],
+        first: int,
+    ) -> tuple[Followed, int]:
+        """Take readings from the first one on that wait for a fit; return what is known, and the next reading."""
+        if self._block > 1 or before.doubtful is not None or not self._waits(before, last, times[first]):
+            return before, first
+        ahead = slice(first, first + MOST_AHEAD)
+        rows = readings_mm[ahead] / self._unit_mm
+        are_predicted = self._are_predicted(before, last, times[ahead], rows)
+        calm, number = before.calm, 0
+        while number < len(rows) and are_predicted[number]:
+            calmer = 0 if moves[first + number] else calm + 1
+            if calmer >= self._slowest_period or not self._waits(before, last, times[first + number], number):
+                break
+            calm, number = calmer, number + 1
+        if not number:
+            return before, first
+        return before.with_rows(times[first : first + number], rows[:number])._replace(calm=calm), first + number
+
+    def _step(
+        self, before: Followed | None, time: float, reading_mm: FloatArray | None, *, moves: bool
+    ) -> Followed | None:
+        """Take the next reading, None if it is lost; return what is known, None of a beam that does not move."""
         if before is None:
             if not moves or reading_mm is None:
                 return None
@@ -149,14 +205,12 @@ class Ringing:
 
     def _follow(self, before: Followed, time: float, row: FloatArray) -> Followed:
         """Take the next row."""
-        times = np.append(before.times, time)[-MOST_ROWS:]
-        values = np.concatenate([before.values, row[np.newaxis]])[-MOST_ROWS:]
-        now = before._replace(times=times, values=values)
+        now = before.with_rows(np.array([time]), row[np.newaxis])
+        times, values = now.times, now.values
         if before.fit is None:
             return self._searched(now)
-        waits = (time - before.fitted) / self._block < min(MOST_AHEAD, len(before.times) // FRESH)
-        is_predicted = before.doubtful is None and self._is_predicted(before, before.fit, time, row)
-        if waits and is_predicted and before.is_confirmed:
+        is_predicted = before.doubtful is None and self._are_predicted(before, before.fit, times[-1:], values[-1:])[0]
+        if is_predicted and before.is_confirmed and self._waits(before, before.fit, time):
             return now
         checks = before.age % SLOPES_TRIED == 0
         best = self._carried(before.fit, times, values, checks=checks)
@@ -175,12 +229,13 @@ class Ringing:
         since = np.stack([before.doubtful[1], row])
         return self._searched(now._replace(times=np.array([before.doubtful[0], time]), values=since))
 
-    def _is_predicted(self, before: Followed, last: Fit, time: float, row: FloatArray) -> bool:
-        """Return whether the last fit says what a row is."""
-        if len(last.constant) != len(row):
-            return False
-        apart = row - predicted(last, np.array([(time - before.fitted) / self._block]))[0]
-        return bool(apart @ apart < LIKE * chi_square_quantile(len(row), FALSE))  # False for NaN
+    def _are_predicted(self, before: Followed, last: Fit, times: FloatArray, rows: FloatArray) -> list[bool]:
+        """Return whether the last fit says what rows are, (rows, channels)."""
+        if len(last.constant) != rows.shape[1]:
+            return [False] * len(rows)
+        apart = rows - predicted(last, (times - before.fitted) / self._block)
+        limit = LIKE * chi_square_quantile(rows.shape[1], FALSE)
+        return [square < limit for square in (apart * apart).sum(axis=1).tolist()]  # False for NaN
 
     def _searched(self, now: Followed) -> Followed:
         """Search for a fit: of all rows, or else of the newer ones."""
@@ -198,7 +253,7 @@ class Ringing:
             values=now.values[-kept:],
             doubtful=None,
             failures=failures,
-            waits=min(failures // PATIENT, MOST_WAITS),
+            waits=min(failures, MOST_WAITS),
         )
         return self._told(now, best)
 
@@ -251,15 +306,16 @@ class Ringing:
         ages, values, lowest = self._whole(times, values)
         if len(ages) < LEAST_ROWS:
             return None
-        tried = fit(ages, values, Poles.none(), lowest, slopes=False)
-        kinds = [tried, fit(ages, values, Poles.none(), lowest, slopes=True)]
+        best = fit(ages, values, Poles.none(), lowest, slopes=False)
+        sloping = fit(ages, values, Poles.none(), lowest, slopes=True)
         for _ in range(MOST_POLES):
-            few = values.size < tried.parameters + 2 + 3 * values.shape[1]
-            if few or lowest > HIGHEST_LOWEST or explains(tried):
+            few = values.size < best.parameters + 2 + 3 * values.shape[1]
+            if few or lowest > HIGHEST_LOWEST or explains(best) or explains(sloping):
                 break
-            tried = refine(ages, values, seek(tried, ages, values, lowest), lowest, slopes=False, steps=STEPS)
-            kinds += [tried, refine(ages, values, tried.following, lowest, slopes=True, steps=1)]
-        return min(filter(explains, kinds), key=worth, default=None)
+            best = refine(ages, values, seek(best, ages, values, lowest), lowest, slopes=False, steps=STEPS)
+            if not explains(best):
+                sloping = refine(ages, values, best.following, lowest, slopes=True, steps=1)
+        return next(filter(explains, (best, sloping)), None)
 
     def _seen(self, of: Fit, now: Followed) -> float:
         """Return the swings that are seen (r.m.s., in units of the noise)."""

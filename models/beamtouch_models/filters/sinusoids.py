@@ -104,13 +104,16 @@ def fit(times: FloatArray, values: FloatArray, poles: Poles, lowest: float, *, s
         columns[first : first + count], columns[first + count : linear] = wave.real, wave.imag
         np.multiply(columns[first:linear], times, out=columns[linear:])
     products, shown = columns @ columns.T, columns @ values
-    inverse = np.linalg.inv(products[:linear, :linear] + np.eye(linear) / AMPLITUDE**2)
+    normal = products[:linear, :linear].copy()
+    normal.flat[:: linear + 1] += 1 / AMPLITUDE**2
+    inverse = np.linalg.inv(normal)
     found = inverse @ shown[:linear]
-    square = float((values * values).sum() - (shown[:linear] * found).sum())
+    every = values.ravel()
+    square = float(every @ every - shown[:linear].ravel() @ found.ravel())
     parameters = linear * channels + 2 * count
     freedom = number * channels - parameters
-    covariance = inverse[0, 0] * np.eye(channels)
     if not count:
+        covariance = inverse[0, 0] * np.eye(channels)
         return Fit(poles, slopes, found[0], found, square, number, freedom, parameters, covariance, poles, square)
     mixed = inverse @ products[:linear, linear:]
     left = products[linear:, linear:] - products[linear:, :linear] @ mixed
@@ -124,15 +127,16 @@ def fit(times: FloatArray, values: FloatArray, poles: Poles, lowest: float, *, s
     flat = changes.reshape(2 * count, -1)
     stiffness = (left @ changes).reshape(2 * count, -1) @ flat.T
     force = flat @ residual.ravel()
-    diagonal = np.arange(2 * count)
     prior = 1 / (DAMPING * poles.frequency) ** 2
-    stiffness[diagonal[:count], diagonal[:count]] += prior
-    stiffness[diagonal[count:], diagonal[count:]] += 1 / math.pi**2
+    diagonal = stiffness.reshape(-1)[:: 2 * count + 1]
+    diagonal[:count] += prior
+    diagonal[count:] += 1 / math.pi**2
     force[:count] -= prior * poles.decay
-    square += float((prior * poles.decay**2).sum())
+    square += float(prior @ (poles.decay * poles.decay))
     moved = -(mixed[0] @ changes)  # the constant, by decays and frequencies
     spread = np.linalg.inv(stiffness)
-    covariance = covariance + moved.T @ spread @ moved
+    covariance = moved.T @ spread @ moved
+    covariance.reshape(-1)[:: channels + 1] += inverse[0, 0]
     step = spread @ force
     following = Poles(poles.decay + step[:count], poles.frequency + step[count:]).within(lowest)
     step = np.concatenate([following.decay - poles.decay, following.frequency - poles.frequency])
@@ -162,7 +166,8 @@ def predicted(of: Fit, times: FloatArray) -> FloatArray:
     if count:
         wave = np.exp((1j * of.poles.frequency - of.poles.decay)[:, np.newaxis] * times)
         columns[first : first + count], columns[first + count :] = wave.real, wave.imag
-    said: FloatArray = columns.T @ of.coefficients
+    # Summed column by column, so that a row is the same however many there are.
+    said: FloatArray = (columns[:, :, np.newaxis] * of.coefficients[:, np.newaxis]).sum(axis=0)
     return said
 
 
