@@ -53,8 +53,8 @@ UNSEEN_SWING = 0.03
 still, and what is no damped sinusoid."""
 FEW = 8.0
 """Rows below which much more is not seen."""
-LAGS = (1, 2, 4)
-"""The constant is compared with those of so many rows before."""
+LAGS = (1, 2)
+"""The constant is compared with those of so many fits before."""
 
 
 class Followed(NamedTuple):
