@@ -1,0 +1,34 @@
+"""Contacts before which no rest was seen say nothing of the sensors: their zeros are not known."""
+
+from service.bench import Bench, Row
+from service.event_story import RESTING, TOUCHING, Story
+
+CONTACT: list[Row] = [*[TOUCHING] * 3, *[RESTING] * 3]
+
+
+def contacts_of(bench: Bench) -> set[int]:
+    """Return the numbers of contacts that the health of the channels counts; empty before the first."""
+    bench.get("/events")  # it writes what there is so far
+    return {one["contacts"] for one in bench.get("/surfaces/press-7").json()["health"].values()}
+
+
+def test_a_contact_after_a_start_under_load_does_not_count(bench: Bench) -> None:
+    story = Story(bench, CONTACT * 3)
+    story.deliver(0, 6)
+    assert len(bench.get("/events").json()["events"]) == 1
+    assert contacts_of(bench) == set()
+    story.deliver(6, 18)
+    assert len(bench.get("/events").json()["events"]) == 3
+    assert contacts_of(bench) == {2}
+
+
+def test_another_sender_that_begins_under_load_adds_none_to_those_before(bench: Bench) -> None:
+    first = Story(bench, [RESTING, *CONTACT])
+    first.deliver(0, 7)
+    assert contacts_of(bench) == {1}
+    second = Story(bench, CONTACT * 2, "boot-0002")
+    second.later_us = 60_000_000
+    second.deliver(0, 6)
+    assert contacts_of(bench) == {1}
+    second.deliver(6, 12)
+    assert contacts_of(bench) == {2}
