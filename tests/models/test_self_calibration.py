@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -119,6 +120,17 @@ def test_the_command_writes_a_model_and_says_what_it_changed(
     plain = design_sensors_here("calibrate", bench_model, "--events", path, "-o", output)
     for word in ("gain ", "position ", "misfit ", "floor "):
         assert any(line.startswith(word) for line in plain.stdout.splitlines()), word
+    rows = dict(line.split(maxsplit=1) for line in plain.stdout.splitlines() if line.startswith(("floor ", "misfit ")))
+    told_floor = re.fullmatch(r"gains \+- (\S+) % before, \+- (\S+) % now", rows["floor"])
+    told_misfit = re.match(r"(\S+) before, (\S+) after ", rows["misfit"])
+    assert told_floor
+    assert told_misfit
+    for words, gain in zip(told_floor.groups(), (bench.metadata.floor.gain, told["floor"]["gain"]), strict=True):
+        ends = [float(end) for end in words.split("..")]
+        assert (ends[0], ends[-1]) == pytest.approx((100 * min(gain), 100 * max(gain)), rel=0.06)
+    assert [float(one) for one in told_misfit.groups()] == pytest.approx(
+        [told["misfit"]["before"], told["misfit"]["after"]], rel=0.01
+    )
     assert "calibrated with 200 unlabelled contacts" in design_sensors_here("inspect", output).stdout
 
 
