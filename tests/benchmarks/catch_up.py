@@ -20,6 +20,7 @@ sys.path.insert(0, str(Path(__file__).parent.parent))
 
 import numpy as np
 
+from beamtouch_common.uptime import uptime_s
 from beamtouch_daemon.delivery.backlog import Backlog
 from beamtouch_daemon.delivery.boots import Boot
 from beamtouch_daemon.delivery.client import ServiceClient
@@ -27,7 +28,6 @@ from beamtouch_daemon.delivery.live import Live
 from beamtouch_daemon.processing.pipeline import Taken
 from beamtouch_daemon.sources.reading import Reading
 from beamtouch_daemon.tasks import cancel
-from beamtouch_daemon.uptime import uptime_s
 from beamtouch_service.samples import Batch, Quality, Sample
 from daemon.publishing import stored
 from daemon.service import TOKEN, real_service

@@ -12,8 +12,8 @@ from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 from pymodbus.simulator.simdevice import SimAction
 
+from beamtouch_common.uptime import uptime_s
 from beamtouch_daemon.tasks import cancel
-from beamtouch_daemon.uptime import uptime_s
 from beamtouch_protocol.framing import Decoder, encode
 from beamtouch_protocol.messages import (
     PROTOCOL_VERSION,

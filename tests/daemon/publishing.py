@@ -7,6 +7,7 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 from time import sleep
 
+from beamtouch_common.uptime import uptime_s
 from beamtouch_daemon.delivery.backlog import Backlog
 from beamtouch_daemon.delivery.client import ServiceClient
 from beamtouch_daemon.delivery.live import Live
@@ -14,7 +15,6 @@ from beamtouch_daemon.delivery.log_store import LogStore
 from beamtouch_daemon.processing.pipeline import Taken
 from beamtouch_daemon.sources.reading import Reading
 from beamtouch_daemon.tasks import cancel
-from beamtouch_daemon.uptime import uptime_s
 from beamtouch_service.samples import Batch, Note, Quality, Sample
 
 from .service import TOKEN, Service

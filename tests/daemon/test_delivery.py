@@ -65,7 +65,7 @@ async def test_a_sender_that_is_interrupted_makes_no_sample_younger() -> None:
 
 async def test_a_sample_from_before_a_suspend_is_old(monkeypatch: pytest.MonkeyPatch) -> None:
     slept_s, waiting = 3600.0, taken(1, 1)
-    monkeypatch.setattr("beamtouch_daemon.uptime.clock_gettime", lambda clock: clock_gettime(clock) + slept_s)
+    monkeypatch.setattr("beamtouch_common.uptime.clock_gettime", lambda clock: clock_gettime(clock) + slept_s)
     async with serving(Service()) as service, Bench(service) as bench:
         bench.put(waiting)
         await service.until(1)

@@ -8,7 +8,7 @@ from contextlib import aclosing
 import pytest
 from pymodbus.constants import ExcCodes
 
-from beamtouch_daemon.uptime import uptime_s
+from beamtouch_common.uptime import uptime_s
 
 from .devices import Fault, NumberingUnit, Pieces, StampingUnit, pymodbus_server, tcp_unit
 from .sessions import Reading, Source, SourceError, first_readings, polled, take_across_sessions

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from beamtouch_daemon.uptime import uptime_s
+from beamtouch_common.uptime import uptime_s
 from beamtouch_protocol import messages
 from beamtouch_protocol.messages import HelloRequest, Message, Ping, Pong, Start, Stop
 

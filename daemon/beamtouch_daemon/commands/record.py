@@ -20,6 +20,7 @@ from beamtouch_common.commands import DONE
 from beamtouch_common.digits import digits
 from beamtouch_common.errors import FailedError, InputError
 from beamtouch_common.typed import is_terminal, typed_line
+from beamtouch_common.uptime import uptime_s
 from beamtouch_daemon.commands.loads import Load, LoadFile, parse_load
 from beamtouch_daemon.config.file import load_config
 from beamtouch_daemon.config.settings import Loads, Surface
@@ -29,7 +30,6 @@ from beamtouch_daemon.processing.characteristic import QUALITIES, Characteristic
 from beamtouch_daemon.processing.pipeline import Pipeline, Taken, counts_of
 from beamtouch_daemon.sources.configured import source_of
 from beamtouch_daemon.sources.reading import Reading, SourceError
-from beamtouch_daemon.uptime import uptime_s
 from beamtouch_service.samples import Quality
 
 MAX_SECONDS = 3600.0

@@ -13,6 +13,7 @@ from typing import get_args
 
 from beamtouch_common.commands import DONE
 from beamtouch_common.errors import FailedError, InputError
+from beamtouch_common.uptime import uptime_s
 from beamtouch_daemon.commands.argument_types import RTU_UNITS, address_of, ranges
 from beamtouch_daemon.commands.scan_report import KINDS, Findings, FoundUnit, Source
 from beamtouch_daemon.config.sources import ModbusTcp
@@ -24,7 +25,6 @@ from beamtouch_daemon.sources.registers import Answer, Block
 from beamtouch_daemon.sources.requests import insist
 from beamtouch_daemon.sources.rtu_line import RtuLine, silence_of
 from beamtouch_daemon.sources.serial_port import LineSettings, Opener, Parity, SerialPort
-from beamtouch_daemon.uptime import uptime_s
 
 BAUDS = (9600, 19_200, 115_200, 38_400, 57_600)
 """The usual rates of Modbus modules, the most usual first."""

@@ -10,12 +10,12 @@ import math
 from collections.abc import Sequence
 from time import monotonic
 
+from beamtouch_common.uptime import uptime_s
 from beamtouch_common.waits import Backoff
 from beamtouch_daemon.delivery.boots import BacklogState, Boot, SurfaceLogs
 from beamtouch_daemon.delivery.client import ServiceClient
 from beamtouch_daemon.delivery.sending import send
 from beamtouch_daemon.processing.pipeline import Taken
-from beamtouch_daemon.uptime import uptime_s
 from beamtouch_service.samples import Batch
 
 LIVE_RETRY_S = 1.0

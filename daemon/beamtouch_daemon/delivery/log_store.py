@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import TypeVar
 
 from beamtouch_common.log import Repeated
+from beamtouch_common.uptime import uptime_s
 from beamtouch_daemon.delivery.boots import Boot, SurfaceLogs
 from beamtouch_daemon.delivery.log_file import Chunk, ForeignFileError, LogFile, LogFileError
 from beamtouch_daemon.delivery.pace import most_in_batch
 from beamtouch_daemon.processing.pipeline import Taken
-from beamtouch_daemon.uptime import uptime_s
 from beamtouch_service.samples import Batch
 
 WRITE_S = 1.0

@@ -7,13 +7,13 @@ import time
 from contextlib import aclosing
 
 from beamtouch_common.log import Repeated
+from beamtouch_common.uptime import uptime_s
 from beamtouch_common.waits import Backoff
 from beamtouch_daemon.config.settings import Surface
 from beamtouch_daemon.delivery.boots import Boot
 from beamtouch_daemon.processing.pipeline import Pipeline
 from beamtouch_daemon.processing.rate import RateMeter
 from beamtouch_daemon.sources.reading import Reading, Source, SourceError
-from beamtouch_daemon.uptime import uptime_s
 from beamtouch_service.samples import Note, Quality
 
 NEXT_SESSION_S = 0.5

@@ -18,10 +18,10 @@ from prometheus_client.registry import Collector
 from beamtouch_common.listening import remedy
 from beamtouch_common.log import Repeated
 from beamtouch_common.parts import Parts
+from beamtouch_common.uptime import uptime_s
 from beamtouch_common.waits import Backoff
 from beamtouch_daemon.delivery.boots import SurfaceLogs
 from beamtouch_daemon.running.acquisition import Acquisition
-from beamtouch_daemon.uptime import uptime_s
 from beamtouch_service.samples import Quality
 
 LOOPBACK = "127.0.0.1"

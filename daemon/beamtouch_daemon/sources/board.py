@@ -10,6 +10,7 @@ from collections.abc import AsyncGenerator, Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, aclosing, suppress
 from typing import NamedTuple, TypeGuard
 
+from beamtouch_common.uptime import uptime_s
 from beamtouch_common.waits import Backoff
 from beamtouch_daemon.config.sources import SerialLine
 from beamtouch_daemon.sources.clock import HostClock
@@ -17,7 +18,6 @@ from beamtouch_daemon.sources.kept_port import KeptPort
 from beamtouch_daemon.sources.reading import Reading, SourceError
 from beamtouch_daemon.sources.requests import Requests
 from beamtouch_daemon.sources.serial_port import LineSettings, SerialPort
-from beamtouch_daemon.uptime import uptime_s
 from beamtouch_protocol import messages
 from beamtouch_protocol.framing import Decoder, encode
 from beamtouch_protocol.messages import Hello, HelloRequest, Message, Ping, Pong, Start, Stop

@@ -4,9 +4,9 @@ import asyncio
 from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager, contextmanager
 
+from beamtouch_common.uptime import uptime_s
 from beamtouch_daemon.sources.serial_port import LineSettings, Opener, SerialPort
 from beamtouch_daemon.sources.traffic import SILENT_S
-from beamtouch_daemon.uptime import uptime_s
 
 
 class KeptPort:

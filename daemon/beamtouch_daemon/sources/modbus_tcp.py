@@ -7,6 +7,7 @@ from contextlib import AbstractContextManager, asynccontextmanager, closing, nul
 
 from pymodbus.framer import FramerSocket
 
+from beamtouch_common.uptime import uptime_s
 from beamtouch_daemon.config.sources import ModbusTcp
 from beamtouch_daemon.sources.converter import connect
 from beamtouch_daemon.sources.host_address import HostAddress, UnknownHostError, no_connection
@@ -15,7 +16,6 @@ from beamtouch_daemon.sources.registers import DECODER, Answer, Block, answer_to
 from beamtouch_daemon.sources.requests import Failure, Requests, insist
 from beamtouch_daemon.sources.rtu_line import RtuLine, answers_of
 from beamtouch_daemon.sources.serial_port import SerialPort
-from beamtouch_daemon.uptime import uptime_s
 
 REST_S = 0.5
 """Pause between attempts to reach a unit that was given up."""

@@ -12,11 +12,11 @@ from contextlib import AbstractAsyncContextManager, AbstractContextManager, Asyn
 from typing import Protocol
 
 from beamtouch_common.log import Repeated
+from beamtouch_common.uptime import uptime_s
 from beamtouch_daemon.sources.reading import NoAnswerError, Reading, Schedule, SourceError
 from beamtouch_daemon.sources.registers import Answer, Block, Value
 from beamtouch_daemon.sources.requests import Requests, reason_of, refusal_text
 from beamtouch_daemon.tasks import cancel
-from beamtouch_daemon.uptime import uptime_s
 
 GIVEN_UP_AFTER = 3
 """A unit is given up after this many failed slots in a row."""

@@ -6,8 +6,8 @@ from collections.abc import AsyncGenerator, Mapping
 from contextlib import AbstractContextManager, aclosing
 from typing import NamedTuple, Protocol
 
+from beamtouch_common.uptime import uptime_s
 from beamtouch_daemon.sources.requests import Failure, Requests
-from beamtouch_daemon.uptime import uptime_s
 
 
 class SourceError(Exception):

@@ -5,8 +5,8 @@ from collections import Counter, deque
 from collections.abc import Awaitable, Callable
 from enum import StrEnum
 
+from beamtouch_common.uptime import uptime_s
 from beamtouch_daemon.sources.registers import Answer, Block
-from beamtouch_daemon.uptime import uptime_s
 
 TRIES = 3
 """A request that is refused is sent at most this often."""

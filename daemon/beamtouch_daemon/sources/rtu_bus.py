@@ -8,6 +8,7 @@ written by hand: a link asks its unit (`rtu_unit`), which proves which answers a
 from collections.abc import AsyncIterator, Collection
 from contextlib import AbstractContextManager, asynccontextmanager
 
+from beamtouch_common.uptime import uptime_s
 from beamtouch_daemon.config.sources import ModbusRtu
 from beamtouch_daemon.sources.kept_port import KeptPort
 from beamtouch_daemon.sources.registers import Answer, Block, answer_to
@@ -15,7 +16,6 @@ from beamtouch_daemon.sources.requests import Requests
 from beamtouch_daemon.sources.rtu_line import RtuLine, UnitLine, answers_of, silence_of
 from beamtouch_daemon.sources.rtu_unit import Unit, forgotten_s
 from beamtouch_daemon.sources.serial_port import LineSettings
-from beamtouch_daemon.uptime import uptime_s
 
 REST_S, REST_TIMEOUTS = 0.5, 13.0
 """A unit that was given up is tried again after the longer of this time and this number of timeouts: it takes at most

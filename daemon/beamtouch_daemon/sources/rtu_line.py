@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 from pymodbus.framer import FramerRTU
 
+from beamtouch_common.uptime import uptime_s
 from beamtouch_daemon.sources.reading import NoAnswerError
 from beamtouch_daemon.sources.registers import DECODER, Answer, Block, answer_to
 from beamtouch_daemon.sources.requests import Failure, insist
 from beamtouch_daemon.sources.rtu_unit import READ_FUNCTIONS
 from beamtouch_daemon.sources.serial_port import SerialPort
-from beamtouch_daemon.uptime import uptime_s
 
 BITS_PER_CHARACTER = 11
 MIN_SILENCE_S = 0.00175

@@ -17,10 +17,10 @@ from contextlib import suppress
 from enum import IntEnum
 from typing import NamedTuple, Protocol
 
+from beamtouch_common.uptime import uptime_s
 from beamtouch_daemon.sources.reading import NoAnswerError
 from beamtouch_daemon.sources.registers import MAX_REGISTERS, UNREAD, Answer, Block
 from beamtouch_daemon.sources.requests import reason_of, refusal_text
-from beamtouch_daemon.uptime import uptime_s
 
 READ_FUNCTIONS = (4, 3, 1, 2)
 """Functions that only read, so that a probe never changes a device."""

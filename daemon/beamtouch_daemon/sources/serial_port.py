@@ -10,11 +10,11 @@ from typing import Literal, NamedTuple
 import serial
 
 from beamtouch_common.hosts import tcp_address
+from beamtouch_common.uptime import uptime_s
 from beamtouch_daemon.sources.converter import Converter, connect
 from beamtouch_daemon.sources.host_address import HostAddress
 from beamtouch_daemon.sources.reading import SourceError
 from beamtouch_daemon.sources.traffic import Traffic
-from beamtouch_daemon.uptime import uptime_s
 
 Parity = Literal["none", "even", "odd"]
 

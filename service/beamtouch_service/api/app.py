@@ -15,6 +15,7 @@ from typing import Any
 from fastapi import FastAPI, Request, Response
 
 from beamtouch_common.commands import version
+from beamtouch_common.uptime import uptime_s
 from beamtouch_service.access import Access, Role
 from beamtouch_service.api import (
     commissioning,
@@ -28,7 +29,7 @@ from beamtouch_service.api import (
     stream,
     surfaces,
 )
-from beamtouch_service.api.context import Clock, Context, Streams, boot_clock
+from beamtouch_service.api.context import Clock, Context, Streams
 from beamtouch_service.api.counts import Counts
 from beamtouch_service.events.recorder import Recorder
 from beamtouch_service.own_names import OwnNames
@@ -100,7 +101,7 @@ class Application(FastAPI):
 def create_app(
     served: Iterable[Surface],
     access: Access | str | None = None,
-    clock: Clock = boot_clock,
+    clock: Clock = uptime_s,
     streams: Streams | None = None,
     recorder: Recorder | None = None,
     names: OwnNames | None = None,

@@ -1,7 +1,6 @@
 """The state that routes share: surfaces, clock, tokens, counts, and the keeper of events."""
 
 import logging
-import time
 from asyncio import Event
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -25,11 +24,6 @@ from beamtouch_service.surfaces.registry import Registry
 
 Clock = Callable[[], float]
 """Returns the time in seconds. It never goes back."""
-
-
-def boot_clock() -> float:
-    """Return the time since the machine started [s]. It includes sleep: a contact from before a suspend is stale."""
-    return time.clock_gettime(time.CLOCK_BOOTTIME)
 
 
 @dataclass

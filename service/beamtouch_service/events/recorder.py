@@ -12,6 +12,7 @@ from contextlib import suppress
 from functools import partial
 from typing import TypeVar
 
+from beamtouch_common.uptime import uptime_s
 from beamtouch_service.events.database import EventsAwayError, UnreadableRowError
 from beamtouch_service.events.event import OpenEvent
 from beamtouch_service.events.health import HealthHistory, StoredHealth
@@ -245,7 +246,7 @@ class Recorder:
 
     async def _tidy(self) -> None:
         try:
-            await self.tidy(time.time(), time.clock_gettime(time.CLOCK_BOOTTIME))
+            await self.tidy(time.time(), uptime_s())
         except EventsAwayError as error:
             self._writer.note(str(error))
 
