@@ -13,8 +13,8 @@ from typing import Any, TypeVar
 
 from sqlalchemy import Row, Select
 
+from beamtouch_common.threads import Workers
 from beamtouch_service.events.database import READERS, Database, EventsAwayError
-from beamtouch_service.events.threads import Workers
 
 MAX_ANSWERS = 32
 """Answers from the record that may be under way: waiting for a thread, being read, or being sent. Each may be a MB."""

@@ -12,6 +12,7 @@ from contextlib import suppress
 from functools import partial
 from typing import TypeVar
 
+from beamtouch_common.threads import in_thread
 from beamtouch_common.uptime import uptime_s
 from beamtouch_service.events.database import EventsAwayError, UnreadableRowError
 from beamtouch_service.events.event import OpenEvent
@@ -20,7 +21,6 @@ from beamtouch_service.events.readers import Readers
 from beamtouch_service.events.record import SurfaceRecord
 from beamtouch_service.events.retention import Deleted, Retention
 from beamtouch_service.events.store import Change, Store
-from beamtouch_service.events.threads import in_thread
 from beamtouch_service.events.writer import Writer
 from beamtouch_service.samples import Batch
 from beamtouch_service.sections import EventsSection

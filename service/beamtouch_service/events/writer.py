@@ -5,8 +5,8 @@ from collections.abc import Callable
 from typing import TypeVar
 
 from beamtouch_common.log import Repeated
+from beamtouch_common.threads import Workers
 from beamtouch_service.events.store import Store
-from beamtouch_service.events.threads import Workers
 
 _log = logging.getLogger("beamtouch.service.events")
 _T = TypeVar("_T")

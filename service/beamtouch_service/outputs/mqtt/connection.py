@@ -17,7 +17,7 @@ from paho.mqtt.properties import Properties
 from paho.mqtt.reasoncodes import ReasonCode
 from paho.mqtt.subscribeoptions import SubscribeOptions
 
-from beamtouch_service.events.threads import in_thread
+from beamtouch_common.threads import in_thread
 from beamtouch_service.outputs.mqtt.messages import OFFLINE, TEXT, Kept, Topics, kept_properties, read_kept
 from beamtouch_service.outputs.mqtt.section import MqttSection
 

@@ -18,10 +18,10 @@ from functools import partial
 from asyncua import Node, Server, ua
 from asyncua.common.callback import Callback, CallbackType
 
+from beamtouch_common.threads import in_thread
 from beamtouch_service.access import Access
 from beamtouch_service.address import Address
 from beamtouch_service.api.context import Context
-from beamtouch_service.events.threads import in_thread
 from beamtouch_service.outputs.opcua.events import EventSender
 from beamtouch_service.outputs.opcua.section import OpcUaSection
 from beamtouch_service.outputs.opcua.security import ReadOnlyServer, Security, read_security

@@ -1,4 +1,8 @@
-"""Threads for calls that may take long. The end of the process waits for none of them."""
+"""Threads for calls that may never return, as of a database or a broker. The end of the process waits for none of them.
+
+The end of the process waits for what `asyncio.to_thread` runs, so that is for calls that end soon by themselves. A
+`ThreadPoolExecutor` is for calls that must be finished, as those of the daemon's log file.
+"""
 
 import asyncio
 import threading
