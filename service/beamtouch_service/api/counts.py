@@ -7,7 +7,7 @@ from time import monotonic, time
 from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, disable_created_metrics
 
 from beamtouch_common.log import Repeated
-from beamtouch_common.spans import span
+from beamtouch_common.spans import apart, are_apart
 from beamtouch_models.modelfile import State
 from beamtouch_service.problems import Kind
 from beamtouch_service.samples import Quality
@@ -33,9 +33,6 @@ _BATCH_S = (0.5e-3, 1e-3, 2e-3, 5e-3, 10e-3, 20e-3, 50e-3, 0.1, 0.2, 0.5, 1.0, 1
 """Bounds [s] from a sample on loopback to the longest time that a body may take."""
 _AGE_S = (1e-3, 2e-3, 5e-3, 10e-3, 20e-3, 50e-3, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
 """Bounds [s] around sensible limits of age."""
-
-_APART_S = 60.0
-"""Clocks that differ by more are named."""
 
 _log = logging.getLogger("beamtouch.service")
 # Each counter would otherwise have a second series with the time of its creation.
@@ -169,11 +166,10 @@ class Counts:
     def _clocks(self, surface: Surface, now_s: float) -> None:
         """Log that a daemon has another clock than this machine at `now_s` [s]: once an hour."""
         ahead_s = clock_ahead_s(surface, now_s)
-        if ahead_s is None or abs(ahead_s) <= _APART_S or not self._hourly.due(f"clock of {surface.name}"):
+        if ahead_s is None or not are_apart(ahead_s) or not self._hourly.due(f"clock of {surface.name}"):
             return
-        apart = f"{span(abs(ahead_s))} {'ahead of' if ahead_s > 0 else 'behind'}"
         words = "surface %s: the clock of its daemon is %s that of this machine; events have the time of the daemon"
-        _log.warning(words, surface.name, apart)
+        _log.warning(words, surface.name, apart(ahead_s))
 
     def problem(self, kind: Kind, client: str) -> None:
         """Count a problem that was answered to this address; log a refusal once per minute and kind."""

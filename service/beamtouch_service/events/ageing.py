@@ -66,7 +66,8 @@ class Watch:
         is_trusted = self.is_trusted or uptime_s - since_s >= TRUSTED_AFTER_S
         off_s = self._longest_off_s if is_trusted and not self.is_trusted else 0.0
         watch = Watch(self.keep_s, uptime_s, apart_s, since_s, is_trusted)
-        warning = f"the clock was set by {span(jump_s)}; events age as before" if was_set else ""
+        way = "forward" if jump_s > 0 else "back"
+        warning = f"the clock was set {way} by {span(abs(jump_s))}; events age as before" if was_set else ""
         return _pass(stored, clock_s, ran_s, off_s, is_trusted=is_trusted), watch, warning
 
     @property

@@ -16,10 +16,6 @@ from beamtouch_service.events.best import Best, DisjointMean
 from beamtouch_service.events.path import Path
 from beamtouch_service.surfaces.follower import Decision
 
-AHEAD_S = 86_400.0
-"""A time that is further ahead of the clock than this is of a clock that was wrong. A mistaken zone is less than a day.
-"""
-
 
 class EventKind(StrEnum):
     """Kinds of events."""

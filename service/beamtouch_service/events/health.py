@@ -9,7 +9,7 @@ from typing import Any
 
 from beamtouch_models.modelfile import BestSample, ChannelChange, Health, ModelFile
 from beamtouch_service.events.best import Best
-from beamtouch_service.events.event import AHEAD_S
+from beamtouch_service.events.times import latest_us
 from beamtouch_service.surfaces.channels import ChannelHealth, Part, SurfaceHealth
 from beamtouch_service.surfaces.contact import rfc3339
 
@@ -98,7 +98,7 @@ class HealthHistory:
 
     def _is_late(self, best: Best) -> bool:
         """Return whether a sample is from before the newest one, whose own time counts only if it can be true."""
-        if self._newest_us > (time.time() + AHEAD_S) * 1e6:
+        if self._newest_us > latest_us(time.time()):
             self._newest_us = 0  # of a clock that was wrong: it would make all samples late for years
         return best.at_us < self._newest_us
 

@@ -7,9 +7,10 @@ from typing import Any
 from sqlalchemy import Row, Select, null, select, true, tuple_
 
 from beamtouch_service.events.best import Best
-from beamtouch_service.events.event import AHEAD_S, Event, EventKind
+from beamtouch_service.events.event import Event, EventKind
 from beamtouch_service.events.readers import Reader
 from beamtouch_service.events.tables import CONTENT, EVENTS, WITHOUT_PATH, Numbered, event_of
+from beamtouch_service.events.times import latest_us
 
 _c = EVENTS.c
 
@@ -83,7 +84,7 @@ def _newest(
     if until_us is not None:
         query = query.where(_c.touched_us < until_us)
     query = query.order_by(_c.touched_us.desc(), _c.id.desc())
-    ahead_us = round((time.time() + AHEAD_S) * 1e6)
+    ahead_us = latest_us(time.time())
     following = tuple_(_c.touched_us, _c.id) < tuple_(*after) if after else true()
     parts = [query.where(_c.touched_us <= ahead_us, following), query.where(_c.touched_us > ahead_us)]
     if after and after[0] > ahead_us:

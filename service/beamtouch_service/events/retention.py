@@ -7,7 +7,7 @@ from typing import NamedTuple
 from sqlalchemy import Connection, delete, exists, func, select, tuple_, update
 
 from beamtouch_common.log import Repeated
-from beamtouch_common.spans import span
+from beamtouch_common.spans import apart, are_apart
 from beamtouch_service.events.ageing import RecordTime, Watch
 from beamtouch_service.events.database import Database
 from beamtouch_service.events.tables import CURSORS, EVENTS, IS_FINISHED, TIME
@@ -21,8 +21,6 @@ _FEWEST = 100
 _QUIET_BOOT_S = 86_400.0
 """The cursor of a boot without an event on record is deleted this long after its last sample. A daemon that is started
 anew every few seconds would fill the record with them, and so displace events."""
-_APART_S = 60.0
-"""A machine whose clock is this far from that of the database is named."""
 _c = EVENTS.c
 _log = logging.getLogger("beamtouch.service.events")
 
@@ -73,9 +71,9 @@ class Retention:
         self._watch = watch
         if warning:
             _log.warning("the record of events: %s", warning)
-        if shared_s is not None and abs(clock_s - shared_s) > _APART_S and self._hourly.due("apart"):
-            words = "the clock of this machine is %s from that of the database; the record goes by the latter"
-            _log.warning(words, span(clock_s - shared_s))
+        if shared_s is not None and are_apart(clock_s - shared_s) and self._hourly.due("apart"):
+            words = "the clock of this machine is %s that of the database; the record goes by the latter"
+            _log.warning(words, apart(clock_s - shared_s))
         return self._note(Deleted(old, are_more_old, oversize))
 
     def _note(self, deleted: Deleted) -> Deleted:
