@@ -4,9 +4,9 @@ from pathlib import Path
 
 _CODE = """
 import os
-from beamtouch_common import parts
+from beamtouch_common import parts, waits
 parts.FIRST_PAUSE_S = parts.LONGEST_PAUSE_S = 0.1
-parts.STEADY_S = 0.5
+waits.STEADY_S = 0.5
 
 import {module}
 holder = {module}
@@ -21,7 +21,7 @@ def broken(*arguments, **options):
 
 holder.{function} = broken
 """
-WORDS = "unexpected error (ZeroDivisionError('division by zero')); it is begun again"
+WORDS = "unexpected error (ZeroDivisionError('division by zero')); restarting"
 """How a part that fails for it is named."""
 
 

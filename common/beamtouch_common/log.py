@@ -54,6 +54,16 @@ class Repeated:
         self._logged[reason] = now_s, 0
         return pending + number
 
+    def line_if_due(self, text: str, reason: str = "") -> str:
+        """Count an event; return its line, with their number since the last one, if one is due, else an empty text.
+
+        Lines with the same reason have a limit in common; default: those with the same text.
+        """
+        times = self.due(reason or text)
+        if not times:
+            return ""
+        return f"{text} ({times} times since the last such line)" if times > 1 else text
+
     def failed(self, text: str, reason: str = "") -> None:
         """Note a failure, and log it if a line is due.
 
@@ -64,9 +74,8 @@ class Repeated:
         """
         if self._failed_since_s is None:
             self._failed_since_s = self._clock()
-        if times := self.due(reason or text):
-            count = f" ({times} times since the last such line)" if times > 1 else ""
-            self._log.warning("%s%s%s", self._prefix, text, count)
+        if line := self.line_if_due(text, reason):
+            self._log.warning("%s%s", self._prefix, line)
             self._is_failure_logged = True
 
     def over(self, words: str = "works again") -> None:

@@ -14,8 +14,6 @@ if TYPE_CHECKING:
 
 FIRST_PAUSE_S, LONGEST_PAUSE_S = 1.0, 30.0
 """Pause before a part is begun again: doubled with each failure, so that a part that fails always disturbs no other."""
-STEADY_S = 10.0
-"""A part that has run for this long, and for as long as the pause before, has recovered."""
 
 
 class Parts:
@@ -36,9 +34,9 @@ class Parts:
         `work` must be able to begin again in the same process.
         """
         self.failures.setdefault(name, 0)
-        backoff, repeated, pause_s = Backoff(FIRST_PAUSE_S, LONGEST_PAUSE_S), Repeated(self._log), 0.0
+        backoff, repeated = Backoff(FIRST_PAUSE_S, LONGEST_PAUSE_S), Repeated(self._log)
         while True:
-            steady = asyncio.get_running_loop().call_later(max(STEADY_S, pause_s), self._recover, name, backoff)
+            steady = asyncio.get_running_loop().call_later(backoff.steady_s, self._recover, name, backoff)
             try:
                 await work()
                 self._recover(name, backoff)
@@ -55,10 +53,9 @@ class Parts:
     def _note(self, name: str, error: Exception, pause_s: float, repeated: Repeated) -> None:
         self.failures[name] += 1
         first = _first(error)
-        self.failing[name] = f"unexpected error ({first!r}); it is begun again"
-        if times := repeated.due(repr(first)):
-            count = f" ({times} times since the last such line)" if times > 1 else ""
-            self._log.critical("%s: unexpected error; begun again in %g s%s", name, pause_s, count, exc_info=error)
+        self.failing[name] = f"unexpected error ({first!r}); restarting"
+        if line := repeated.line_if_due(f"{name}: unexpected error; restarting in {pause_s:g} s", repr(first)):
+            self._log.critical("%s", line, exc_info=error)
 
     def _recover(self, name: str, backoff: Backoff) -> None:
         backoff.reset()

@@ -2,6 +2,8 @@
 
 FIRST_S = 0.1
 MAX_S = 2.0
+STEADY_S = 10.0
+"""What has run for this long, and for as long as the last wait, has recovered."""
 
 
 class Backoff:
@@ -11,6 +13,12 @@ class Backoff:
         self._first_s = first_s
         self._max_s = max_s
         self._next_s = first_s
+        self._last_s = 0.0
+
+    @property
+    def steady_s(self) -> float:
+        """What has run for this long since the last wait has recovered, and may call `reset` [s]."""
+        return max(STEADY_S, self._last_s)
 
     def reset(self) -> None:
         """Start again from the shortest time, after a success."""
@@ -18,6 +26,5 @@ class Backoff:
 
     def next(self) -> float:
         """Return the next waiting time [s]."""
-        wait_s = self._next_s
-        self._next_s = min(2 * wait_s, self._max_s)
-        return wait_s
+        self._last_s, self._next_s = self._next_s, min(2 * self._next_s, self._max_s)
+        return self._last_s

@@ -72,7 +72,7 @@ async def test_a_part_that_fails_is_named_and_works_again_once_its_fault_is_gone
             await service.until(len(service.samples()) + 100)
             outcome = await daemon.stop()
     assert outcome.code == 0
-    assert outcome.err.count(f"{part}: unexpected error; begun again in 0.1 s\n") == 1
+    assert outcome.err.count(f"{part}: unexpected error; restarting in 0.1 s\n") == 1
     assert f"{part}: runs again" in outcome.err
     # What was taken is delivered.
     numbers = {sample.sequence for sample in service.samples()}

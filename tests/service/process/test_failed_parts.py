@@ -123,5 +123,5 @@ def test_a_part_that_fails_is_named_and_works_again_once_its_fault_is_gone(
     ended, errors = service.stop(signal.SIGTERM)
     assert ended == 0
     # With its traceback, and no more than once a minute.
-    assert errors.count(f"{part}: unexpected error; begun again in 0.1 s\n") == 1
+    assert errors.count(f"{part}: unexpected error; restarting in 0.1 s\n") == 1
     assert f"{part}: runs again" in errors

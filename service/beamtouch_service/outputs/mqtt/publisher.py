@@ -27,8 +27,6 @@ from beamtouch_service.sections import load_pair, require_readable
 
 RETRY_S, MAX_RETRY_S = 0.5, 8.0
 """Pause after a connection was lost, and the longest one."""
-STEADY_S = 10.0
-"""A connection that lasts this long ends the doubling of pauses."""
 
 _log = logging.getLogger("beamtouch.service.mqtt")
 
@@ -88,7 +86,7 @@ class Publisher:
             await self._events.count_pending()
             begin_s = monotonic()
             await self._serve_connection()
-            if monotonic() - begin_s > STEADY_S:
+            if monotonic() - begin_s > backoff.steady_s:
                 backoff.reset()
             await asyncio.sleep(backoff.next())
 
@@ -134,9 +132,9 @@ class Publisher:
             self._lost_s = monotonic()
         self._context.missing[name] = f"broker {self._where}: {reason}"
         is_new = not self._problem or (isinstance(failure, RefusedError) and reason != self._problem)
-        if is_new and (times := self._repeated.due(reason)):
-            count = f" ({times} times since the last such line)" if times > 1 else ""
-            _log.warning("MQTT broker %s: %s; the service goes on and tries again%s", self._where, reason, count)
+        text = f"MQTT broker {self._where}: {reason}; the service goes on and tries again"
+        if is_new and (line := self._repeated.line_if_due(text, reason)):
+            _log.warning("%s", line)
             self._problem, self._is_announced = reason, True
 
 
