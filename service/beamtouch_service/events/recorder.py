@@ -55,7 +55,7 @@ class Recorder:
         self.store, self.retention = Store(events), Retention(events)
         self.races = 0
         """Times that another service had written what this one was about to write."""
-        self.ended = asyncio.Event()
+        self._ended = asyncio.Event()
         """Set by the next commit that ends events, which then puts a new one here."""
         self._stepper = Stepper()
         self._records: dict[str, SurfaceRecord] = {}
@@ -199,6 +199,17 @@ class Recorder:
         except TimeoutError:
             raise EventsAwayError(f"it has not answered for {AWAY_S:g} s") from None
 
+    async def write_once_any(self, call: Callable[[Store], list[_T]]) -> list[_T]:
+        """Return what a call of the record gives, once that is not empty; raises EventsAwayError as `write` does.
+
+        After an empty list it is made again as soon as further events have ended.
+        """
+        while True:
+            ended = self._ended  # taken before the call: some may end meanwhile
+            if answer := await self.write(call):
+                return answer
+            await ended.wait()
+
     async def _write_changes(self, *, everything: bool) -> None:
         now_s = time.monotonic()
         records = {name: one for name, one in self._records.items() if everything or one.is_due(now_s)}
@@ -222,8 +233,8 @@ class Recorder:
                 self.races += 1
                 self._records.pop(name, None)
             if any(change.has_ended for change in changes if change.surface not in lost):
-                self.ended.set()
-                self.ended = asyncio.Event()
+                self._ended.set()
+                self._ended = asyncio.Event()
         if self._unread:
             await self._read_health()
 

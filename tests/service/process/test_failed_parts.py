@@ -43,7 +43,7 @@ PARTS = [
     Case("modbus_server", "beamtouch_service.outputs.modbus.server", "asyncio", "start_server", is_early=True),
     Case("mqtt", "beamtouch_service.outputs.mqtt.publisher", "Publisher", "_introduce", is_early=True),
     Case("mqtt contacts", "beamtouch_service.outputs.mqtt.contacts", "ContactSender", "_send"),
-    Case("mqtt events", "beamtouch_service.outputs.mqtt.events", "EventSender", "_due"),
+    Case("mqtt events", "beamtouch_service.outputs.mqtt.events", "EventSender", "_find_due"),
     Case("opcua", "beamtouch_service.outputs.opcua.server", "Space", "build", is_early=True),
     Case("opcua", "beamtouch_service.outputs.opcua.events", "EventSender", "_due"),
 ]

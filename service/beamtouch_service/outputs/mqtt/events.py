@@ -3,13 +3,14 @@
 import asyncio
 import logging
 from contextlib import suppress
+from functools import partial
 
 from prometheus_client import Counter
 
 from beamtouch_service.api import events as event_answers
 from beamtouch_service.api.context import Context
 from beamtouch_service.events.database import EventsAwayError
-from beamtouch_service.events.store import Due
+from beamtouch_service.events.store import Due, Store
 from beamtouch_service.outputs.mqtt.connection import REFUSED_RETRY_S, WINDOW, Connection, RefusedError
 from beamtouch_service.outputs.mqtt.messages import JSON, Topics, properties
 from beamtouch_service.outputs.mqtt.section import MqttSection
@@ -42,9 +43,9 @@ class EventSender:
 
     async def count_pending(self) -> None:
         """Count the events that have yet to be acknowledged, unless the record takes long."""
-        with suppress(TimeoutError):
+        with suppress(TimeoutError, EventsAwayError):  # the log has it
             async with asyncio.timeout(COUNT_S):
-                await self._due(limit=0)
+                await self._recorder.write(partial(self._find_due, limit=0))
 
     async def run(self, connection: Connection) -> None:
         """Send events over a connection; raises BrokerError when it is lost."""
@@ -52,33 +53,25 @@ class EventSender:
         settled_s = loop.time() + RETURN_S
         while True:
             await asyncio.sleep(self._resume_s - loop.time())
-            ended = self._recorder.ended
-            due = await self._due(limit=WINDOW)
-            if due is None:
-                await asyncio.sleep(RETRY_S)
-                continue
-            if not due:
-                await ended.wait()
-                continue
             try:
+                due = await self._recorder.write_once_any(partial(self._find_due, limit=WINDOW))
                 has_listeners = await self._send(connection, due)
             except RefusedError as error:
                 self._resume_s = loop.time() + REFUSED_RETRY_S
                 words = "the MQTT broker refuses events (%s); allow this user to write to %s"
                 _log.warning(words, error, self._topics.event("+"))
                 continue
+            except EventsAwayError:  # the log has it
+                await asyncio.sleep(RETRY_S)
+                continue
             if has_listeners or loop.time() > settled_s:
                 await self._acknowledge(due)
             else:
                 await asyncio.sleep(RETRY_S)
 
-    async def _due(self, limit: int) -> list[Due] | None:
-        """Return events to send, as far as the window allows; None while the record is away."""
-        destination, from_start = self._destination, self._from_start
-        try:
-            due, count = await self._recorder.write(lambda store: store.due(destination, limit, from_start=from_start))
-        except EventsAwayError:  # the log has it
-            return None
+    def _find_due(self, store: Store, limit: int) -> list[Due]:
+        """Return at most `limit` events to send, and count all, in the thread of the record."""
+        due, count = store.due(self._destination, limit, from_start=self._from_start)
         self._pending.set(count)
         return due
 

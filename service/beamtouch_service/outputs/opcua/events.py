@@ -67,14 +67,10 @@ class EventSender:
     async def _take(self) -> list[Due]:
         """Take events from the record. Nobody acknowledges them, so they count as sent."""
         while True:
-            ended = self._recorder.ended
             try:
-                if due := await self._recorder.write(_take_due):
-                    return due
+                return await self._recorder.write_once_any(_take_due)
             except EventsAwayError:  # the log has it
                 await asyncio.sleep(RETRY_S)
-            else:
-                await ended.wait()
 
     async def _send(self, due: Due) -> None:
         said = event_answers.event(due.number, due.event)
