@@ -91,8 +91,6 @@ class Boot:
         """Number of the sample that the record takes next; None if that is not known."""
         self.refusal = ""
         """Why the service refuses this boot; empty if it does not."""
-        self.stale_ms: float | None = None
-        """After this time an answer is stale, by the last receipt [ms]; None before the first."""
         self.told_s = -math.inf
         """Time of the last receipt on the monotonic clock."""
         self.due_s = 0.0
@@ -136,7 +134,6 @@ class Boot:
     def acknowledge(self, receipt: Receipt) -> None:
         """Forget what is durable. Receipts may come late, so that only ever grows."""
         self.told_s = monotonic()
-        self.stale_ms = receipt.stale_ms
         self.pace.stale_s = receipt.stale_ms / 1e3
         self.refusal = ""
         self.expected = receipt.expected

@@ -15,10 +15,9 @@ import aiohttp
 from pydantic import BaseModel, ValidationError
 
 from beamtouch_daemon.config.settings import Config
+from beamtouch_daemon.delivery.pace import TIMEOUT_S
 from beamtouch_service.samples import Batch, Receipt
 
-TIMEOUT_S = 2.0
-"""Time limit of a request, unless another one is given."""
 MAX_DETAIL = 400
 """Longest explanation of the service in the log, in characters."""
 

@@ -11,6 +11,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from beamtouch_common.files import identity_of
 from beamtouch_service.samples import Batch
 
 APPLICATION_ID = 0x62746C31
@@ -151,7 +152,7 @@ class LogFile:
                 database.execute(_SCHEMA)
         with suppress(OSError), Path(f"{self._path}-journal").open("ab") as journal:
             journal.write(bytes(max(0, JOURNAL_BYTES - journal.tell())))
-        self._identity = _identity_of(self._path)
+        self._identity = identity_of(self._path)
         rows = database.execute("SELECT id, bytes, first, last, surface, boot FROM chunk ORDER BY id").fetchall()
         examples: dict[tuple[str, str], Batch] = {}
         for row, *_, surface, boot in rows:
@@ -179,7 +180,7 @@ class LogFile:
         """Use the open file in a transaction."""
         if self._database is None:
             raise LogFileError(f"{self._path} is not open")
-        if _identity_of(self._path) != self._identity:
+        if identity_of(self._path) != self._identity:
             self._lose()
             raise LogFileError(f"{self._path} was deleted or replaced while in use; the samples in it are lost")
         with self._errors(doing), self._database as database:
@@ -233,11 +234,3 @@ def _read(database: sqlite3.Connection, row: int) -> Batch:
     if batch is None or _columns(columns[0], batch, content) != columns:
         raise ValueError("a checksum does not match")
     return batch
-
-
-def _identity_of(path: Path) -> tuple[int, int] | None:
-    try:
-        status = path.stat()
-    except OSError:
-        return None
-    return status.st_dev, status.st_ino

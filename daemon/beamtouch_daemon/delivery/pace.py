@@ -46,8 +46,8 @@ class Pace:
     """How much of one boot goes into a request, and when."""
 
     def __init__(self, channels: int) -> None:
-        self.stale_s = STALE_S
-        """Age at which an answer is stale [s]."""
+        self.stale_s: float | None = None
+        """Age at which an answer is stale, by the last receipt [s]; None before the first."""
         self.timeout_s = TIMEOUT_S
         """Time limit of the next request."""
         self.is_thin = False
@@ -106,17 +106,17 @@ class Pace:
 
     def rest_s(self, took_s: float) -> float:
         """Return the time from the begin of a live batch that took so long to the next one [s], on a thin line."""
-        return min(3 * took_s, REST_SHARE * self.stale_s)
+        return min(3 * took_s, REST_SHARE * self._stale_s)
 
     @property
     def beside_s(self) -> float:
         """That time while a request of the backlog is in flight on a thin line [s]."""
-        return BESIDE_SHARE * self.stale_s
+        return BESIDE_SHARE * self._stale_s
 
     @property
     def overlap_s(self) -> float:
         """That time while the former one has no answer [s]; infinite: it waits for the answer."""
-        shortest_s, way_s = REST_SHARE * self.stale_s, self._quickest_s
+        shortest_s, way_s = REST_SHARE * self._stale_s, self._quickest_s
         return max(way_s / 2, shortest_s) if shortest_s < way_s < math.inf else math.inf
 
     @property
@@ -125,13 +125,18 @@ class Pace:
         return self._part_s / 2
 
     @property
+    def _stale_s(self) -> float:
+        """Age at which an answer is stale, as far as that is known [s]."""
+        return STALE_S if self.stale_s is None else self.stale_s
+
+    @property
     def _quickest_s(self) -> float:
         """Time of the quickest request [s]; infinite before the first answer."""
         return min(self._least_s, self._former_s)
 
     @property
     def _part_s(self) -> float:
-        return min(PART_S, PART_SHARE * self.stale_s)
+        return min(PART_S, PART_SHARE * self._stale_s)
 
     def _says_much(self, samples: int) -> bool:
         """Return whether the time of a request with so many samples says something about a large one."""

@@ -184,10 +184,10 @@ class Acquisition:
 
         How long an answer may stand on it, only a receipt says.
         """
-        stale_ms = self.boot.stale_ms
-        if len(self._unprocessed) > self._pipeline.most_waiting or stale_ms is None:
+        stale_s = self.boot.pace.stale_s
+        if len(self._unprocessed) > self._pipeline.most_waiting or stale_s is None:
             return False
-        if readings[-1].monotonic_s - self._sampled_s >= min(self._rest_s, STALE_PART * stale_ms / 1e3):
+        if readings[-1].monotonic_s - self._sampled_s >= min(self._rest_s, STALE_PART * stale_s):
             return False
         return all(self._pipeline.explains(reading) for reading in readings)
 

@@ -1,7 +1,6 @@
 """The record in a SQLite file, or in memory."""
 
 import logging
-import os
 import sqlite3
 from functools import partial
 from pathlib import Path
@@ -10,6 +9,7 @@ from typing import TypedDict
 
 from sqlalchemy import Connection, Engine, QueuePool, StaticPool, create_engine, event
 
+from beamtouch_common.files import identity_of
 from beamtouch_service.events.database import READERS, Connections, Database, EventsAwayError, compact_json
 from beamtouch_service.events.write_ahead import WriteAheadLog
 
@@ -54,7 +54,7 @@ class FileDatabase(Database):
     def __init__(self, path: Path) -> None:
         self._path, self._wal = path, WriteAheadLog(path)
         writer, reader = (f"{path.absolute().as_uri()}?mode={mode}" for mode in ("rwc", "rw"))
-        identify = partial(_identity, path)
+        identify = partial(identity_of, path)
         super().__init__(
             Connections(_file_engine(writer, 1), identify=identify, on_replaced=self._note_replaced),
             Connections(_file_engine(reader, READERS), identify=identify),
@@ -90,11 +90,3 @@ def _file_engine(uri: str, connections: int) -> Engine:
 
 def _only_read(connection: sqlite3.Connection, _: object) -> None:
     connection.execute("PRAGMA query_only=ON")
-
-
-def _identity(path: Path) -> tuple[int, int] | None:
-    try:
-        status = os.stat(path)  # noqa: PTH116  # a third of the time of Path.stat, at each use
-    except OSError:
-        return None
-    return status.st_dev, status.st_ino
