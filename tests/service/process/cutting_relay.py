@@ -5,6 +5,8 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 
+from service.process.mqtt_packets import read_packets
+
 _SUBSCRIBE, _PUBLISH = 0x82, 0x30
 Ends = Callable[[int, bytes], bool]
 """Whether a packet ends the connection, by its first byte and what follows its length."""
@@ -38,16 +40,11 @@ def _accept(listener: socket.socket, broker_port: int, ends: Ends) -> None:
 
 
 def _pass_up(service: socket.socket, broker: socket.socket, ends: Ends) -> None:
-    with service, broker, suppress(OSError), service.makefile("rb") as packets:
-        while head := packets.read(1):
-            size = packets.read(1)
-            while size[-1] & 0x80:
-                size += packets.read(1)
-            length = sum((byte & 0x7F) << 7 * place for place, byte in enumerate(size))
-            rest = packets.read(length)
-            if ends(head[0], rest):
+    with service, broker, suppress(OSError), service.makefile("rb") as stream:
+        for packet in read_packets(stream):
+            if ends(packet.kind, packet.rest):
                 break
-            broker.sendall(head + size + rest)
+            broker.sendall(packet.whole)
         # The other thread reads from these.
         for line in (service, broker):
             line.shutdown(socket.SHUT_RDWR)

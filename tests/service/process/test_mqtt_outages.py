@@ -18,7 +18,7 @@ from service.process.mqtt_line import (
     wait_connected,
     wait_for,
 )
-from service.process.relay import Relay
+from service.process.stalling_relay import StallingRelay
 
 STALE_S = 1.0
 WITHOUT_OTHER_LIMITS = (
@@ -101,7 +101,7 @@ def test_a_frozen_broker_finds_no_old_contact_when_it_goes_on(line: Line, *, is_
 def test_a_contact_that_the_socket_does_not_take_in_time_is_dropped(line: Line) -> None:
     """The broker answers, and then takes nothing: what has not left the service's machine must never leave it."""
     names = [f"press-{number}" for number in range(7, 47)]
-    relay = Relay(line.broker.port)
+    relay = StallingRelay(line.broker.port)
     service = line.start(stale_ms=STALE_S * 1e3, port=relay.port, surfaces=names, code=WITHOUT_OTHER_LIMITS)
     for name in names[:5]:
         batch = now_batch(TOUCHING, sequence=1)

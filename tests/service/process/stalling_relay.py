@@ -1,4 +1,4 @@
-"""A relay between a service and its broker, which can stop reading from the service in the middle of a turn."""
+"""A relay between a service and its broker, which stops reading from the service in the middle of a turn."""
 
 import fcntl
 import select
@@ -8,6 +8,8 @@ import termios
 import threading
 from contextlib import suppress
 
+from service.process.mqtt_packets import read_packets
+
 _UNSUBACK = 0xB0
 _BEFORE_CONTACTS = 2
 """The service asks for a first UNSUBACK to learn what the broker keeps, and for the next one before contacts."""
@@ -15,7 +17,7 @@ _RECEIVE_BYTES = 4096
 WAIT_S = 30.0
 
 
-class Relay:
+class StallingRelay:
     """Passes bytes on. Once contacts are due, it reads no more from the first connection until that is reset."""
 
     def __init__(self, broker_port: int) -> None:
@@ -69,18 +71,14 @@ class Relay:
         self.is_over.set()
 
     def _pass_down(self, broker: socket.socket, service: socket.socket, reads: threading.Event, is_first: bool) -> None:
-        with suppress(OSError), broker.makefile("rb") as packets:
+        with suppress(OSError), broker.makefile("rb") as stream:
             confirmed = 0
-            while head := packets.read(1):
-                size = packets.read(1)
-                while size[-1] & 0x80:
-                    size += packets.read(1)
-                rest = packets.read(sum((byte & 0x7F) << 7 * place for place, byte in enumerate(size)))
-                confirmed += head[0] == _UNSUBACK
+            for packet in read_packets(stream):
+                confirmed += packet.kind == _UNSUBACK
                 if is_first and confirmed == _BEFORE_CONTACTS:
                     # First the stop, so that nothing of the turn passes.
                     reads.clear()
-                service.sendall(head + size + rest)
+                service.sendall(packet.whole)
 
 
 def _pass_on(source: socket.socket, target: socket.socket, _reads: threading.Event) -> None:
