@@ -1,4 +1,4 @@
-"""Reads TOML files, with one-line errors; checks early that files can be written, writes them atomically, tells them apart."""
+"""Files: reads TOML with one-line errors, checks early that one can be written, writes atomically, tells two apart."""
 
 import os
 import secrets
