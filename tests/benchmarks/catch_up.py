@@ -94,8 +94,8 @@ async def go_on(boot: Boot, is_over: Callable[[], bool]) -> None:
     while not is_over():
         due_s += BATCH_S
         await asyncio.sleep(max(0.0, due_s - time.monotonic()))
-        boot.log.put(samples(boot.log.next, IN_BATCH))
-        boot.fresh.set()
+        boot.put(samples(boot.log.next, IN_BATCH))
+        boot.wake_live()
 
 
 async def run(number: int, folder: Path) -> None:

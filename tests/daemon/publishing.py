@@ -91,8 +91,8 @@ class Bench:
 
     def put(self, samples: list[Taken]) -> None:
         """Add samples, and wake the live reader."""
-        self.log.put(samples)
-        self.boot.fresh.set()
+        self.boot.put(samples)
+        self.boot.wake_live()
 
     def count(self, number: int, age_s: float = 0.0) -> None:
         """Add as many samples with the next numbers."""

@@ -3,21 +3,22 @@
 import asyncio
 import logging
 import math
+from collections.abc import Sequence
 from contextlib import suppress
 from enum import Enum
 from time import monotonic
 
 from beamtouch_common.log import Repeated
 from beamtouch_common.waits import Backoff
+from beamtouch_daemon.delivery.live_window import ENDED, LiveWindow
 from beamtouch_daemon.delivery.log import Counts, Log
 from beamtouch_daemon.delivery.log_file import Chunk
 from beamtouch_daemon.delivery.pace import Pace
+from beamtouch_daemon.processing.pipeline import Taken
 from beamtouch_service.samples import MAX_EARLIER, Batch, Receipt
 
 BACKLOG_RETRY_S = 5.0
 """Longest wait of the backlog after a request that brought the record no further."""
-_ENDED = 2**53
-"""Greater than any sequence number."""
 _log = logging.getLogger(__name__)
 
 
@@ -29,48 +30,6 @@ class BacklogState(Enum):
     """It lets a live batch go before its next request."""
     SENDS = "sends"
     """Its request is in flight, and brings samples."""
-
-
-class LiveWindow:
-    """The samples that live batches are bringing, and will bring."""
-
-    def __init__(self) -> None:
-        self.next = 1
-        """Number of the first sample that no live batch has taken."""
-        self.begun_s = -math.inf
-        """When the last live batch was begun, on the monotonic clock."""
-        self.sent_s = -math.inf
-        """When it went out."""
-        self._first_in_flight = set[int]()
-
-    @property
-    def first(self) -> int:
-        """Number of the first sample that a live batch is bringing, or will bring."""
-        return min([self.next, *self._first_in_flight])
-
-    @property
-    def in_flight(self) -> int:
-        """Number of live batches without an answer."""
-        return len(self._first_in_flight)
-
-    def begin(self, first: int, last: int) -> None:
-        """Note that a live batch brings samples, from now on."""
-        self.begun_s = monotonic()
-        self._first_in_flight.add(first)
-        self.next = last + 1
-
-    def end(self, first: int) -> None:
-        """Note that a live batch is over, with an answer or without."""
-        self._first_in_flight.discard(first)
-
-    def restart(self) -> None:
-        """Note that no live batch is in flight."""
-        self._first_in_flight.clear()
-
-    def close(self) -> None:
-        """Leave all samples to the backlog."""
-        self.next = _ENDED
-        self.restart()
 
 
 class Boot:
@@ -102,13 +61,13 @@ class Boot:
         self.changed = asyncio.Event()
         """Set when a live batch goes out or is over, and when the backlog waits or a request of it is over."""
         self._counts = counts
-        self._refused = _ENDED
+        self._refused = ENDED
         """Number of a sample that was refused alone; it is dropped once all before it are durable."""
 
     @property
     def missing(self) -> range:
         """Numbers of the samples that the record lacks and no live batch will bring; empty while that is unknown."""
-        first = _ENDED if self.expected is None else max(self.expected, self.log.oldest)
+        first = ENDED if self.expected is None else max(self.expected, self.log.oldest)
         return range(first, min(self.live.first, self._refused, self.log.next))
 
     @property
@@ -119,10 +78,18 @@ class Boot:
     @property
     def is_gap_small(self) -> bool:
         """Whether the record lacks so little that the next live batch may begin with it."""
-        missing, is_refused = self.missing, self._refused != _ENDED
+        missing, is_refused = self.missing, self._refused != ENDED
         if not missing or self.live_failed or is_refused or missing.start < self.log.oldest_in_memory:
             return False
         return self.log.next - missing.start <= self.pace.most
+
+    def put(self, samples: Sequence[Taken]) -> None:
+        """Add samples with the next numbers to the log."""
+        self.log.put(samples)
+
+    def wake_live(self) -> None:
+        """Have a live batch take new samples."""
+        self.fresh.set()
 
     async def wait_for_change(self, within_s: float) -> None:
         """Wait for a change, at most so long [s]; the caller looks what it is."""
@@ -160,7 +127,7 @@ class Boot:
     def _drop_refused(self) -> None:
         if self._refused <= self.log.oldest:
             self._counts.drop(self.log.forget(self._refused))
-            self._refused = _ENDED
+            self._refused = ENDED
 
 
 class SurfaceLogs:

@@ -119,7 +119,7 @@ class Acquisition:
         while True:
             await self._arrived.wait()
             self.process()
-            self.boot.fresh.set()
+            self.boot.wake_live()
             await asyncio.sleep(self._batch_s - self._pause_s)
 
     def process(self) -> None:
@@ -132,7 +132,7 @@ class Acquisition:
         if samples := self._pipeline.process(readings, time.time() - uptime_s(), notes):
             self.quality = samples[-1].sample.quality
             self._sampled_s = samples[-1].monotonic_s
-            self.boot.log.put(samples)
+            self.boot.put(samples)
         self._tell_drift()
 
     def _tell_drift(self) -> None:
