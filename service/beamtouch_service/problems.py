@@ -43,7 +43,7 @@ class Kind(Enum):
     INVALID_REQUEST = ("invalid-request", 422, "The request has a wrong format")
     MISSING_CHANNELS = ("missing-channels", 422, "The batch lacks channels of the model")
     MALFORMED_ENCODING = ("malformed-encoding", 400, "The body is not compressed as it says")
-    UNKNOWN_ENCODING = ("unknown-encoding", 415, "The body is compressed in a way that is not known here")
+    UNKNOWN_ENCODING = ("unknown-encoding", 415, "Unsupported Content-Encoding")
     TOO_LARGE = ("too-large", 413, "The body is too large")
     TOO_SLOW = ("too-slow", 408, "The body took too long to arrive")
     EVENTS_AWAY = ("events-away", 503, "The events on record cannot be read")
