@@ -23,7 +23,7 @@ from beamtouch_daemon.running.acquisition import PATIENCE_S, Acquisition
 from beamtouch_daemon.sources.rtu_bus import REST_TIMEOUTS
 from beamtouch_service.samples import Quality
 from free_ports import free_port
-from own_names import own_names_in
+from host_names import host_names_in
 from service_manager import Manager
 
 from . import configs
@@ -270,7 +270,7 @@ async def test_what_is_missing_is_named_and_used_when_it_comes(tmp_path: Path) -
 
 
 async def test_names_that_do_not_resolve_are_waited_for(tmp_path: Path) -> None:
-    names = own_names_in(tmp_path)
+    names = host_names_in(tmp_path)
     async with serving(Service()) as service, pymodbus_server([21_000, 65_535]) as device:
         url = service.url.replace("127.0.0.1", "service.plant")
         config = configs.write(tmp_path, configs.surface(source=configs.tcp(device, "module.plant")), url=url)

@@ -5,7 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from own_names import own_names_in
+from host_names import host_names_in
 from service.bench import BuildModel, batch_of
 from service.event_story import RESTING, TOUCHING
 from service.process.broker import Broker
@@ -36,7 +36,7 @@ def test_a_port_that_is_taken_is_waited_for(command: Command, token_file: Path) 
 
 
 def test_a_name_that_does_not_resolve_is_waited_for(tmp_path: Path, token_file: Path, read_token_file: Path) -> None:
-    names, pipe = own_names_in(tmp_path), subprocess.PIPE
+    names, pipe = host_names_in(tmp_path), subprocess.PIPE
     tokens = ("--write-token-file", str(token_file), "--read-token-file", str(read_token_file))
     run = (sys.executable, *CLI, "run", "--host", "gateway.plant", "--port", "0", *tokens)
     with subprocess.Popen((*names.prefix, *run), stdout=pipe, stderr=pipe, text=True) as process:

@@ -8,7 +8,7 @@ SCRIPT = 'mount --bind "$0" /etc/hosts && exec "$@"'
 
 
 @dataclass(frozen=True)
-class OwnNames:
+class HostNames:
     """A file of names; programs that are started with `prefix` before their command use it."""
 
     path: Path
@@ -25,8 +25,8 @@ class OwnNames:
             file.write(f"{address} {name}\n")
 
 
-def own_names_in(folder: Path) -> OwnNames:
+def host_names_in(folder: Path) -> HostNames:
     """Return a file that knows localhost."""
     path = folder / "hosts"
     path.write_text("127.0.0.1 localhost\n")
-    return OwnNames(path)
+    return HostNames(path)
