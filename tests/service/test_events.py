@@ -2,6 +2,7 @@
 
 import csv
 import io
+import time
 from itertools import pairwise
 from typing import Any
 
@@ -293,3 +294,16 @@ def test_a_zone_whose_plus_became_a_space_is_answered_with_what_to_write(bench: 
     assert (answer.status_code, kind(answer)) == (422, "invalid-request")
     assert f"write 2026-11-21T00:40:46%2B{zone[1:]}, or the time in UTC with Z at its end" in answer.json()["detail"]
     assert bench.get(f"/events?since=2026-11-21T00:40:46%2B{zone[1:]}").status_code == 200
+
+
+def test_events_of_a_clock_that_is_years_ahead_do_not_hide_those_after_them(bench: Bench) -> None:
+    for boot_id, contacts, ahead_days in (("boot-0001", 2, -1.0), ("boot-ahead", 3, 3653.0), ("boot-0002", 2, 0.5)):
+        story = Story(bench, [RESTING, TOUCHING, RESTING] * contacts, boot_id)
+        story.later_us = round((time.time() + ahead_days * 86_400) * 1e6) - START_US
+        story.deliver(0, len(story.rows))
+    pages, following = list[int](), ""
+    while following is not None:
+        page = bench.get(f"/events?limit=2{following and f'&after={following}'}").json()
+        pages, following = pages + [event["id"] for event in page["events"]], page["next"]
+    whole = [event["id"] for event in bench.get("/events").json()["events"]]
+    assert whole == pages == [7, 6, 2, 1, 5, 4, 3]

@@ -1,6 +1,5 @@
 """The limits of the record: how old and how large it becomes, whatever the wall clock says."""
 
-import time
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -9,9 +8,9 @@ import pytest
 
 from beamtouch_service.events.store import Store
 from beamtouch_service.sections import EventsSection
-from service.bench import START_US, Bench, Row, surface_of
+from service.bench import Bench, Row, surface_of
 from service.event_story import RESTING, TOUCHING, Story
-from service.record_days import DAY_S, Days
+from service.record_days import Days
 from service.record_file import execute
 
 CONTACT: list[Row] = [RESTING, *[TOUCHING] * 3, *[RESTING] * 3]
@@ -33,11 +32,9 @@ def start(tmp_path: Path) -> Callable[[], Bench]:
     return lambda: Bench(surface_of(), events=EventsSection(file=tmp_path / "events.db"))
 
 
-def deliver(bench: Bench, contacts: int, boot_id: str = "boot-0001", ahead_days: float | None = None) -> None:
-    """Deliver contacts of one boot, and make them durable; its clock may be ahead of that of this machine."""
+def deliver(bench: Bench, contacts: int, boot_id: str = "boot-0001") -> None:
+    """Deliver contacts of one boot, and make them durable."""
     story = Story(bench, CONTACT * contacts, boot_id)
-    if ahead_days is not None:
-        story.later_us = round((time.time() + ahead_days * DAY_S) * 1e6) - START_US
     story.deliver(0, len(story.rows))
     assert numbers(bench)  # the list is that of what is durable
     assert story.ask()["durable"] == len(story.rows)
@@ -218,16 +215,3 @@ def test_a_boot_goes_on_after_a_day_without_samples(tmp_path: Path, keeps: bool)
     story.deliver(1, len(story.rows))
     assert numbers(bench) == [1]
     assert bench.app.context.recorder.races == 0
-
-
-def test_events_of_a_clock_that_is_years_ahead_do_not_hide_those_after_them(tmp_path: Path) -> None:
-    bench = Bench(surface_of(), events=EventsSection(file=tmp_path / "events.db"))
-    deliver(bench, 2, ahead_days=-1)
-    deliver(bench, 3, "boot-ahead", YEARS)
-    deliver(bench, 2, "boot-0002", 0.5)
-    assert numbers(bench) == [7, 6, 2, 1, 5, 4, 3]
-    pages, following = list[int](), ""
-    while following is not None:
-        page = bench.get(f"/events?limit=2{following and f'&after={following}'}").json()
-        pages, following = pages + [event["id"] for event in page["events"]], page["next"]
-    assert pages == numbers(bench)
