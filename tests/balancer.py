@@ -8,8 +8,8 @@ from pathlib import Path
 
 import httpx2
 
+from debian_parts import require
 from free_ports import free_port
-from parts import require
 from plain_http import TIMEOUT_S
 from waiting import wait_until
 

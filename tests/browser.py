@@ -10,7 +10,7 @@ from typing import Any
 
 from playwright.sync_api import Browser, ConsoleMessage, Page, Route, sync_playwright
 
-from parts import require
+from debian_parts import require
 
 TIMEOUT_MS = 60_000.0
 """Generous: test machines may be busy."""

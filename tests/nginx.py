@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from debian_parts import require
 from free_ports import free_port
-from parts import require
 from waiting import wait_until
 
 _CONFIG = """

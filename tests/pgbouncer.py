@@ -11,8 +11,8 @@ from pathlib import Path
 
 import psycopg
 
+from debian_parts import give_up, require
 from free_ports import free_port
-from parts import give_up, require
 from postgres import PASSWORD, Postgres
 from waiting import wait_until
 

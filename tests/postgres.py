@@ -15,8 +15,8 @@ from typing import Any
 
 import psycopg
 
+from debian_parts import give_up
 from free_ports import free_port
-from parts import give_up
 from waiting import wait_until
 
 PASSWORD = "horse-and-battery"  # noqa: S105  # of these tests only

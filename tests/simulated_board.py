@@ -9,7 +9,7 @@ from pathlib import Path
 from beamtouch_protocol.framing import Decoder, encode
 from beamtouch_protocol.messages import Hello, Message, Pong, Reading
 from beamtouch_protocol.sequence import missing_between
-from parts import give_up
+from debian_parts import give_up
 from toolchain import FIRMWARE_PROTOCOL, need, run
 
 MILLIVOLTS = 5000

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
-from parts import give_up
+from debian_parts import give_up
 from waiting import wait_until
 
 COMMAND = str(Path(sys.executable).parent / "design-sensors")

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from filelock import FileLock
 
-from parts import give_up
+from debian_parts import give_up
 
 FIRMWARE_PROTOCOL = Path(__file__).parents[1] / "firmware_protocol"
 CODEC = FIRMWARE_PROTOCOL / "c"

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from balancer import answers
+from debian_parts import require
 from free_ports import free_port
-from parts import require
 from service.small_model import BEAM, write_model
 from waiting import wait_until
 

@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 from beamtouch_service.samples import Quality
+from debian_parts import require
 from free_ports import free_port
-from parts import require
 
 from . import configs
 from .devices import SerialDevice

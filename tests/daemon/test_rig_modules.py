@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
+from debian_parts import require
 from example_scenes import SCENES
 from forked_line import Rig, rig
-from parts import require
 from toolchain import run
 
 from .configs import write

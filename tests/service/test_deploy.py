@@ -9,7 +9,7 @@ import pytest
 from beamtouch_service.config import load_settings
 from beamtouch_service.events.store import Store
 from beamtouch_service.sections import EventsSection
-from parts import require
+from debian_parts import require
 from postgres import PASSWORD, Postgres
 
 FOLDER = Path(__file__).parents[2] / "deploy"

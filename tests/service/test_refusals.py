@@ -14,8 +14,8 @@ import pytest
 from beamtouch_models import cli as design_sensors
 from beamtouch_service import cli
 from certificates import make_certificate
+from debian_parts import require
 from in_process import Command, command_of
-from parts import require
 from service.bench import TOKEN
 from service.small_model import content_of, write_model
 

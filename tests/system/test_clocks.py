@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-from parts import require
+from debian_parts import require
 
 SLEPT_S = 100_000
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from packaging.utils import canonicalize_name
 
-from parts import give_up, require
+from debian_parts import give_up, require
 from toolchain import made_once, run
 
 ROOT = Path(__file__).parents[2]

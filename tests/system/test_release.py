@@ -11,8 +11,8 @@ from zipfile import ZipFile
 
 import pytest
 
+from debian_parts import give_up
 from links import absolute
-from parts import give_up
 from project import addresses
 
 ROOT = Path(__file__).parents[2]

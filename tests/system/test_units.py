@@ -10,8 +10,8 @@ from pathlib import Path
 import httpx2
 import pytest
 
+from debian_parts import require
 from forked import Forked
-from parts import require
 from plain_http import TIMEOUT_S
 from service.small_model import write_model
 

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from debian_parts import require
 from free_ports import free_port
-from parts import require
 from waiting import wait_until
 
 

@@ -14,8 +14,8 @@ import httpx2
 import pytest
 
 from balancer import answers
+from debian_parts import require
 from free_ports import free_port
-from parts import require
 from service.bench import TOKEN, batch_of
 from service.process.conftest import Service
 from waiting import wait_until

@@ -15,7 +15,7 @@ from contextlib import ExitStack, suppress
 import pytest
 
 from contact_registers import FIGURES, USED, decoded, expected
-from parts import require
+from debian_parts import require
 from processes import resident_mb
 from service.bench import Row, batch_of
 from service.event_story import ODD, RESTING, TOUCHING

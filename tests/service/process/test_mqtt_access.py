@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from certificates import make_certificate
-from parts import require
+from debian_parts import require
 from plain_http import TIMEOUT_S
 from service.event_story import RESTING, TOUCHING
 from service.process.mqtt_line import (

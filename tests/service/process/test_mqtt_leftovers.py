@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from parts import require
+from debian_parts import require
 from service.event_story import RESTING, TOUCHING
 from service.process.broker import Subscriber
 from service.process.conftest import Service

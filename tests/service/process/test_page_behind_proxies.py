@@ -14,9 +14,9 @@ import pytest
 
 from balancer import answers
 from browser import NO_FIGURE, OpenPage, Watched
+from debian_parts import require
 from free_ports import free_port
 from nginx import Nginx, nginx_in
-from parts import require
 from pasted import ROOT, blocks_of
 from plain_http import TIMEOUT_S
 from service.bench import READ_TOKEN, TOKEN, BuildModel, batch_of
