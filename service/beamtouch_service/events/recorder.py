@@ -199,10 +199,10 @@ class Recorder:
         except TimeoutError:
             raise EventsAwayError(f"it has not answered for {AWAY_S:g} s") from None
 
-    async def write_once_any(self, call: Callable[[Store], list[_T]]) -> list[_T]:
-        """Return what a call of the record gives, once that is not empty; raises EventsAwayError as `write` does.
+    async def wait_for_finished(self, call: Callable[[Store], list[_T]]) -> list[_T]:
+        """Return the finished events that a call of the record gives, once there are any; raises EventsAwayError.
 
-        After an empty list it is made again as soon as further events have ended.
+        While there are none, the call is made again after each commit that ends events.
         """
         while True:
             ended = self._ended  # taken before the call: some may end meanwhile

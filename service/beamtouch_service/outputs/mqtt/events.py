@@ -54,7 +54,7 @@ class EventSender:
         while True:
             await asyncio.sleep(self._resume_s - loop.time())
             try:
-                due = await self._recorder.write_once_any(partial(self._find_due, limit=WINDOW))
+                due = await self._recorder.wait_for_finished(partial(self._find_due, limit=WINDOW))
                 has_listeners = await self._send(connection, due)
             except RefusedError as error:
                 self._resume_s = loop.time() + REFUSED_RETRY_S

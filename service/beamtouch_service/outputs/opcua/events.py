@@ -68,7 +68,7 @@ class EventSender:
         """Take events from the record. Nobody acknowledges them, so they count as sent."""
         while True:
             try:
-                return await self._recorder.write_once_any(_take_due)
+                return await self._recorder.wait_for_finished(_take_due)
             except EventsAwayError:  # the log has it
                 await asyncio.sleep(RETRY_S)
 
