@@ -98,8 +98,16 @@ class EventsSection(Section):
     """PostgreSQL database, as postgresql://USER@HOST/NAME. Several services can share it."""
     keep_days: Annotated[FiniteFloat, Field(gt=0, le=36_500)] = 30.0
     """Age at which events are deleted, by the time in which services ran."""
-    max_mb: Annotated[FiniteFloat, Field(ge=1, le=1e6)] = 100.0
-    """Size of the record. Beyond it, the oldest events are deleted."""
+    max_mb: Annotated[FiniteFloat, Field(ge=1, le=1e6)] | None = None
+    """Size of the record. Beyond it, the oldest events are deleted. Default: 1200 in a file or a database, which holds
+    a contact each 2 s for 30 days, and 100 in memory."""
+
+    @property
+    def largest_mb(self) -> float:
+        """The size of the record beyond which events are deleted [MB]."""
+        if self.max_mb is not None:
+            return self.max_mb
+        return 1200.0 if self.file or self.url else 100.0
 
     @model_validator(mode="after")
     def _name_one_place(self) -> Self:

@@ -26,7 +26,7 @@ def test_with_nothing_it_listens_on_loopback_and_has_no_surface() -> None:
     settings = load_settings(None, {})
     assert (settings.server.host, settings.server.port, settings.surfaces) == ("127.0.0.1", 8420, {})
     assert (settings.server.max_streams, settings.events, settings.outputs) == (32, EventsSection(), ())
-    assert (settings.events.file, settings.events.keep_days, settings.events.max_mb) == (None, 30, 100)
+    assert (settings.events.file, settings.events.keep_days, settings.events.largest_mb) == (None, 30, 100)
     assert read_access(settings.server).write is None
 
 
@@ -41,7 +41,8 @@ def test_paths_in_a_config_are_relative_to_it(tmp_path: Path) -> None:
         "[surfaces.c]\nunexplained_after_s = 2.5\n",
     )
     assert (settings.server.port, settings.server.max_streams) == (9000, 3)
-    assert (settings.events.file, settings.events.keep_days, settings.events.max_mb) == (tmp_path / "events.db", 1.5, 2)
+    events = settings.events
+    assert (events.file, events.keep_days, events.largest_mb) == (tmp_path / "events.db", 1.5, 2)
     surfaces = settings.surfaces.items()
     assert [(name, entry.model, entry.stale_ms, entry.unexplained_after_s) for name, entry in surfaces] == [
         ("a", tmp_path / "a.onnx", 250, 10),

@@ -3,7 +3,6 @@
 import random
 import sqlite3
 from contextlib import closing
-from datetime import UTC, datetime
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -15,7 +14,7 @@ from hypothesis import strategies as st
 from beamtouch_service.events import record
 from beamtouch_service.sections import EventsSection
 from postgres import at_port
-from service.bench import START_US, Bench, Row, batch_of, surface_with
+from service.bench import Bench, Row, batch_of, surface_with
 from service.event_story import BETWEEN, HARDER, ODD, RESTING, TOUCHING, Story
 from service.record_file import execute
 from service.small_model import model_of
@@ -63,9 +62,10 @@ def shared_place(request: pytest.FixtureRequest, tmp_path: Path) -> Path | str:
 def rounded(events: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """Return events with figures as near as float32 allows."""
     for event in events:
-        for name in ("mean_position_mm", "peak_position_mm", "peak_force_n"):
-            event[name] = event[name] and pytest.approx(event[name], abs=1e-3)
-        event["path"] = [{**point, "position_mm": round(point["position_mm"], 2)} for point in event["path"]]
+        for figures in (event, *event["path"]):
+            for name in figures:
+                if name.endswith(("_mm", "_n")):
+                    figures[name] = figures[name] and pytest.approx(figures[name], abs=1e-3)
         event["capture"] = [one["sequence"] for one in event["capture"]]
     return events
 
@@ -269,22 +269,19 @@ def test_an_event_is_the_same_wherever_another_service_goes_on(services: Service
 
 
 @pytest.mark.parametrize("cut", [1, 190, 250, 800, 999])
-def test_a_long_path_is_the_same_wherever_another_service_goes_on(services: Services, tmp_path: Path, cut: int) -> None:
-    rows: list[Row] = [RESTING, *[TOUCHING] * 500, *[HARDER] * 499, RESTING]
+def test_a_load_is_the_same_wherever_another_service_goes_on(services: Services, tmp_path: Path, cut: int) -> None:
+    loads = [TOUCHING] * 300 + [HARDER] * 200 + [[0.5, 0.4, 0.2]] * 300 + [TOUCHING, HARDER] * 100
+    rows: list[Row] = [RESTING, *loads, RESTING]
     first, second, straight = (services.story(rows, tmp_path / name) for name in ("events.db", "events.db", "other.db"))
+    for story in (first, second, straight):
+        story.is_growing = True
     first.deliver(0, cut)
     assert first.events is not None
     second.deliver(cut, len(rows))
     straight.deliver(0, len(rows))
-    (event,), (expected,) = second.events, straight.events
-    assert [point["at"] for point in event["path"]] == [point["at"] for point in expected["path"]]
-    assert 100 <= len(event["path"]) <= 200
-    times = [datetime.fromisoformat(point["at"]) for point in event["path"]]
-    assert (times[0].isoformat(), times[-1].isoformat()) == tuple(
-        datetime.fromtimestamp((START_US + 5000 * number) // 1000 / 1e3, UTC).isoformat() for number in (1, 999)
-    )
-    steps_s = [(after - before).total_seconds() for before, after in pairwise(times)]
-    assert max(steps_s) <= 2 * 5.0 / 100
+    assert rounded(second.events) == rounded(straight.events)
+    (event,) = second.events
+    assert [point["lasts_ms"] for point in event["path"][:3]] == [1500.0, 1000.0, 1500.0]
 
 
 def test_a_service_that_lost_the_race_reads_the_record_anew(services: Services, shared_place: Path | str) -> None:
@@ -419,7 +416,7 @@ def test_while_the_record_is_damaged_answers_go_on_and_the_cursor_stands(
     ("damage", "reason"),
     [
         ("UPDATE cursors SET memory = substr(memory, 2)", "Extra data"),
-        ("UPDATE events SET path = substr(path, 2)", "path: Error -3"),
+        ("UPDATE events SET path = substr(path, 2)", "Extra data"),
         ("UPDATE events SET kind = 'bontact'", "'bontact' is not among the defined enum values"),
     ],
 )

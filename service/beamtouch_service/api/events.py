@@ -12,7 +12,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from functools import partial
-from typing import Annotated, Literal
+from itertools import zip_longest
+from typing import Annotated, Any, Literal
 from urllib.parse import urlencode
 
 from fastapi import Path as PathParameter
@@ -31,14 +32,15 @@ from beamtouch_service.events.readers import Reader
 from beamtouch_service.events.tables import Numbered
 from beamtouch_service.problems import Kind, Problem, ProblemError
 from beamtouch_service.samples import SurfaceName
-from beamtouch_service.surfaces.contact import ContactQuality, rfc3339
+from beamtouch_service.surfaces.contact import ContactQuality, Figures, rfc3339
 
 _CSV = "text/csv"
 _DECIMALS = 10
 """Decimals of lengths in mm, as CSV."""
 _MAX_LIMIT = 1000
 _MAX_PATHS = 50
-"""With its path, an event is a hundred times as large."""
+"""With its path and its capture, an event may be a hundred times as large."""
+
 
 router = gate.make_router("events", Role.READ)
 
@@ -93,12 +95,21 @@ class EventQuery(BaseModel):
         return limit
 
 
-class PathPoint(BaseModel):
-    """The position and force of a contact at one time."""
+class Stay(BaseModel):
+    """A part of a contact in which one load explains all samples, with 95 % intervals."""
 
     at: str
+    """Time of its begin (RFC 3339)."""
+    lasts_ms: float
     position_mm: float
+    position_low_mm: float
+    position_high_mm: float
     force_n: float | None
+    """Null if the model does not estimate force."""
+    force_low_n: float | None
+    force_high_n: float | None
+    unsteady: bool
+    """Whether these figures stand on unsteady samples."""
 
 
 class Event(BaseModel):
@@ -112,7 +123,8 @@ class Event(BaseModel):
     touched_at: str
     """Time of the first sample of the event (RFC 3339)."""
     lifted_at: str | None
-    """Time of the first clear sample after it; null if that is not known."""
+    """Time of the first clear reading after it, or of the first clear sample after an unexplained stretch; null if that
+    is not known."""
     begin: Begin
     """`touch` (a contact) or `clear` (a stretch): the sample before was clear; `unexplained`: a contact after an
     unexplained stretch, so its touch was not seen; `unseen`: the sample before is not known."""
@@ -124,15 +136,37 @@ class Event(BaseModel):
     """Time from the first sample to `lifted_at`, or to the last sample if that is null."""
     unexplained_ms: float
     """The part of `dwell_ms` that was unexplained. It counts in no force and no position."""
+    mean_position_mm: float | None
+    """Mean position of the load over its time; null without a contact."""
+    mean_position_low_mm: float | None
+    """Lower end of the 95 % interval of this mean."""
+    mean_position_high_mm: float | None
+    """Upper end of the 95 % interval of this mean."""
+    min_position_mm: float | None
+    """Where a load that moves was farthest left; of one that lies still, its position."""
+    max_position_mm: float | None
+    """Where a load that moves was farthest right."""
+    mean_force_n: float | None
+    """Mean force of the load over its time, without the ramps of touch and lift; null if the model does not estimate
+    force. Times `dwell_ms`, it is the impulse."""
+    mean_force_low_n: float | None
+    """Lower end of the 95 % interval of this mean."""
+    mean_force_high_n: float | None
+    """Upper end of the 95 % interval of this mean."""
     peak_force_n: float | None
-    """Null without a contact, or if the model does not estimate force."""
+    """Largest force of the load that lasted. Swings of the beam are none of it."""
+    peak_force_low_n: float | None
+    """Lower end of its 95 % interval."""
+    peak_force_high_n: float | None
+    """Upper end of its 95 % interval."""
     peak_position_mm: float | None
     """Position at the peak force."""
-    mean_position_mm: float | None
     samples: int
-    """Number of samples in the mean position."""
+    """Number of samples in these figures."""
+    unsteady_samples: int
+    """How many of them were unsteady."""
     unsteady: bool
-    """Whether peak and mean are those of unsteady samples, because the event has no others."""
+    """Whether the figures stand on unsteady samples. Their intervals hold all the same."""
     quality: ContactQuality
     """`degraded` if at least one sample lacked channels."""
     model: str
@@ -145,8 +179,8 @@ class Event(BaseModel):
 class EventWithPath(Event):
     """One event, with the path of its contact, and what was unexplained."""
 
-    path: list[PathPoint]
-    """At most 200 points, evenly spread in time, without unexplained samples."""
+    path: list[Stay]
+    """The stays of its load, at most 25. Between two of them it moved, or its force changed."""
     capture: list[Contradiction]
     """Its first unexplained samples, channel by channel: at most 5."""
 
@@ -170,7 +204,6 @@ def _members(number: int, recorded: RecordedEvent) -> dict[str, object]:
         # The sender's clock may have been set back during the contact.
         "dwell_ms": max(0.0, round((end_us - recorded.touched_us) / 1e3, 3)),
         "unexplained_ms": round(unexplained_us / 1e3, 3),
-        "mean_position_mm": None if recorded.mean_position_mm is None else round(recorded.mean_position_mm, 4),
         "quality": ContactQuality.DEGRADED if recorded.degraded else ContactQuality.GOOD,
         "zones": {zone: round(us / 1e3, 3) for zone, us in recorded.zones.items()},
     }
@@ -186,9 +219,21 @@ def _encode(number: int, recorded: RecordedEvent, *, path: bool) -> str:
     text = event(number, recorded).model_dump_json()
     if not path:
         return text
-    # The path is on record as JSON: to read and write it again would take the interpreter for a millisecond.
     capture = json.dumps(recorded.capture, ensure_ascii=False, allow_nan=False) if recorded.capture else "[]"
-    return f'{text[:-1]},"path":{recorded.path},"capture":{capture}}}'
+    return f'{text[:-1]},"path":{json.dumps(_path(recorded))},"capture":{capture}}}'
+
+
+def _path(recorded: RecordedEvent) -> list[dict[str, Any]]:
+    """Return the path of an event, each point as a `Stay`."""
+    return [
+        {
+            "at": rfc3339(recorded.touched_us + round(since_us)),
+            "lasts_ms": round(lasts_us / 1e3, 3),
+            **dict(zip_longest(Figures._fields, spans)),
+            "unsteady": bool(is_unsteady),
+        }
+        for since_us, lasts_us, is_unsteady, *spans in recorded.path
+    ]
 
 
 @router.get(

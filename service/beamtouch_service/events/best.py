@@ -3,6 +3,7 @@
 A sample of many readings is better than one of few. Samples of one stretch share readings, so that only one is kept.
 """
 
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from typing import Any, NamedTuple
 
@@ -15,6 +16,8 @@ MAX_AT_REST = 16
 """Samples that the mean of a rest counts for at most, so that it follows the zeros."""
 
 MINUTE_US = 60e6
+_DIGITS, _DEVIATION_DIGITS = 6, 4
+"""Significant digits on record of deflections and of their deviations: far below any noise, and half of the bytes."""
 
 Values = list[float]
 """One value per channel."""
@@ -157,14 +160,20 @@ class BestSamples:
             readings=readings,
             characteristic=decision.estimate.characteristic,
             channels=self._channels,
-            deflection_mm=deflection_mm,
-            deviation_mm=np.sqrt(variance_mm2).tolist(),
-            rest_mm=rest.mm if rest else None,
-            rest_deviation_mm=np.sqrt(np.array(rest.variance_mm2) + drifted_mm**2).tolist() if rest else None,
+            deflection_mm=_short(deflection_mm, _DIGITS),
+            deviation_mm=_short(np.sqrt(variance_mm2), _DEVIATION_DIGITS),
+            rest_mm=_short(rest.mm, _DIGITS) if rest else None,
+            rest_deviation_mm=(
+                _short(np.sqrt(np.array(rest.variance_mm2) + drifted_mm**2), _DEVIATION_DIGITS) if rest else None
+            ),
         )
 
     def _readings(self, decision: Decision) -> int:
         return decision.estimate.sample.readings or self._settled
+
+
+def _short(values: Iterable[float], digits: int) -> Values:
+    return [float(f"{value:.{digits}g}") for value in values]
 
 
 def _is_steady(decision: Decision) -> bool:

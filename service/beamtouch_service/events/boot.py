@@ -11,6 +11,7 @@ from typing import Any
 from beamtouch_models.modelfile import ModelFile, State, Suspects
 from beamtouch_service.events.best import Best, BestSamples, DisjointMean
 from beamtouch_service.events.event import Begin, ChannelDoubt, Contradiction, End, Event, EventKind, OpenEvent
+from beamtouch_service.events.load import begin_us, sighting_of
 from beamtouch_service.events.store import BootChange, Cursor
 from beamtouch_service.sections import SurfaceSection
 from beamtouch_service.surfaces.contact import rfc3339
@@ -62,7 +63,7 @@ class Boot:
             if cursor.model != self.model.identity:
                 raise ValueError(f"another model decided it ({cursor.model})")
             self._remember(cursor.memory)
-            self.event = OpenEvent(event, number, cursor.memory["means"]) if event else None
+            self.event = OpenEvent(event, number, cursor.memory["load"]) if event else None
         except (KeyError, TypeError, ValueError) as error:
             _log.info("surface %s: an event of boot %s cannot go on: %s", self._surface, self._boot_id, error)
             self.event = OpenEvent(event, number) if event else None
@@ -77,7 +78,7 @@ class Boot:
         return self._judge.past._asdict() | {
             "was_clear": self._was_clear,
             "rest": self._best.rest.to_json(),
-            "means": self.event.means if self.event else None,
+            "load": self.event.load.memory if self.event else None,
         }
 
     @property
@@ -159,7 +160,8 @@ class Boot:
 
     def _lift(self, decision: Decision) -> None:
         if self.event:
-            self.event.lift(decision.estimate.sample.acquired_unix_us)
+            at_us = decision.estimate.sample.acquired_unix_us
+            self.event.lift(at_us, begin_us(decision, self._best.reading_us))
             self._end()
         self._was_clear = True
         self._best.add_rest(decision)
@@ -188,7 +190,7 @@ class Boot:
             self._end()
             self._best.rest, begin = rest, Begin.UNEXPLAINED
         event = self.event = self.event or OpenEvent(self._first(decision, begin, is_stretch=is_stretch))
-        event.add(decision, self._best.reading_us)
+        event.add(decision, sighting_of(decision, self.model.metadata.thresholds, self._best.reading_us))
         event.best = self._best.choose(event.best, decision)
         if decision.state is State.UNEXPLAINED and len(event.event.capture) < MAX_CAPTURED:
             event.event.capture.append(self._capture(decision).model_dump())

@@ -12,8 +12,8 @@ from typing import Any
 from pydantic import BaseModel
 
 from beamtouch_models.modelfile import State
-from beamtouch_service.events.best import Best, DisjointMean
-from beamtouch_service.events.path import Path
+from beamtouch_service.events.best import Best
+from beamtouch_service.events.load import DECIMALS, Load, Sighting
 from beamtouch_service.surfaces.follower import Decision
 
 
@@ -101,10 +101,21 @@ class Event:
     lifted_us: int | None = None
     """Time of the first clear sample after it; None if that is not known."""
     samples: int = 0
-    """Number of samples that the position and the peak are of."""
+    """Number of samples in the figures of the load."""
+    unsteady_samples: int = 0
+    """How many of them were unsteady."""
     mean_position_mm: float | None = None
-    """Mean over samples that share no readings."""
+    mean_position_low_mm: float | None = None
+    mean_position_high_mm: float | None = None
+    min_position_mm: float | None = None
+    max_position_mm: float | None = None
+    mean_force_n: float | None = None
+    mean_force_low_n: float | None = None
+    mean_force_high_n: float | None = None
     peak_force_n: float | None = None
+    """Largest force of the load; no swing of the beam."""
+    peak_force_low_n: float | None = None
+    peak_force_high_n: float | None = None
     peak_position_mm: float | None = None
     """Position at the peak force."""
     unexplained_us: int = 0
@@ -114,11 +125,9 @@ class Event:
     degraded: bool = False
     """At least one sample lacked channels or could not be decided."""
     unsteady: bool = False
-    """Samples, position and peak are those of unsteady samples, as there are no others."""
-    path: str = "[]"
-    """JSON of the path; empty while the event goes on, and if it was read without."""
-    path_part_ms: int = 1
-    """Of each part of the event that is this long [ms], the path has one point."""
+    """Whether the figures stand on unsteady samples."""
+    path: list[list[float]] = field(default_factory=list)
+    """The stays of the load, as `Load.path`; empty if it was read without."""
     best: dict[str, Any] | None = None
     """Its best sample, as `Best`; None if no sample was steady with all channels."""
     zones: dict[str, int] = field(default_factory=dict)
@@ -130,23 +139,16 @@ class Event:
 class OpenEvent:
     """An event while its samples arrive."""
 
-    def __init__(self, event: Event, number: int | None = None, means: list[Any] | None = None) -> None:
-        """Begin with an event whose first sample has yet to be added, or go on with one on record and its `means`."""
+    def __init__(self, event: Event, number: int | None = None, memory: dict[str, Any] | None = None) -> None:
+        """Begin with an event whose first sample has yet to be added, or go on with one on record and its memory."""
         self.event = event
         self.number = number
         """Its id; None until it is on record."""
         self.best = Best.read(event.best)
-        self._path = Path.read(event.touched_us, event.path, event.path_part_ms)
-        self._means = [DisjointMean.read(kept) for kept in means or [None, None]]
-        """Positions of steady samples, and of unsteady ones."""
+        self.load = Load.read(event.touched_us, event.path, memory)
 
-    @property
-    def means(self) -> list[Any]:
-        """What it needs beside its event on record to go on, as JSON."""
-        return [mean.to_json() for mean in self._means]
-
-    def add(self, decision: Decision, reading_us: float) -> None:
-        """Add the next sample, whose readings are that far apart."""
+    def add(self, decision: Decision, seen: Sighting | None) -> None:
+        """Add the next sample, and what it sees of the load, if it counts there."""
         event, sample = self.event, decision.estimate.sample
         if event.ends_unexplained:
             event.unexplained_us += max(0, sample.acquired_unix_us - event.last_us)
@@ -155,43 +157,48 @@ class OpenEvent:
         event.degraded |= bool(decision.estimate.bad) or decision.state is None
         for zone, longer_us in decision.zones.stays_us.items():
             event.zones[zone] = event.zones.get(zone, 0) + longer_us
-        position_mm, force_n = decision.figures.position_mm, decision.figures.force_n
-        if decision.is_odd or event.ends_unexplained or position_mm is None:
+        if decision.is_odd or event.ends_unexplained or seen is None:
             return
-        self._path.add(sample.acquired_unix_us, position_mm, force_n)
-        self._count(decision, position_mm)
-        # Readings from before the event do not count.
-        most = 1 + round((sample.acquired_unix_us - event.touched_us) / reading_us)
-        mean = self._means[decision.is_unsteady]
-        mean.add(sample.acquired_unix_us, min(sample.readings or 1, max(1, most)), reading_us, [position_mm], [0.0])
-        if event.unsteady == decision.is_unsteady and (whole := mean.of_all()):
-            event.mean_position_mm = whole.mm[0]
-
-    def _count(self, decision: Decision, position_mm: float) -> None:
-        """Count the figures of a sample. Those of unsteady samples count only where there are no others."""
-        event, force_n = self.event, decision.figures.force_n
-        if event.samples and event.unsteady != decision.is_unsteady:
-            if decision.is_unsteady:
-                return
-            event.samples, event.peak_force_n, event.peak_position_mm = 0, None, None
         event.samples += 1
-        event.unsteady = decision.is_unsteady
-        if force_n is not None and (event.peak_force_n is None or force_n > event.peak_force_n):
-            event.peak_force_n, event.peak_position_mm = force_n, position_mm
+        event.unsteady_samples += seen.is_unsteady
+        self.load.add(seen)
 
     def finish(self, end: End, lifted_us: int | None = None) -> None:
         """End the event."""
         self.event.end, self.event.lifted_us = end, lifted_us
 
-    def lift(self, at_us: int) -> None:
-        """End the event before a clear sample at this time."""
+    def lift(self, at_us: int, begin_us: float) -> None:
+        """End the event before a clear sample at this time, whose oldest reading was taken at `begin_us`."""
         if self.event.kind is EventKind.UNEXPLAINED:
             self.finish(End.CLEAR, at_us)
+        elif self.event.ends_unexplained:
+            self.finish(End.UNEXPLAINED, at_us)
         else:
-            self.finish(End.UNEXPLAINED if self.event.ends_unexplained else End.LIFT, at_us)
+            self.finish(End.LIFT, self.load.lift(at_us, begin_us))
 
     def row(self) -> dict[str, Any]:
-        """Return the event so far, as it is recorded; its path as points."""
+        """Return the event so far, as it is recorded."""
         values = {name: copy(value) for name, value in vars(self.event).items()}
-        path = {"path": self._path.points, "path_part_ms": self._path.part_ms}
-        return values | path | {"best": asdict(self.best) if self.best else None}
+        best = asdict(self.best) if self.best else None
+        return values | self._figures() | {"path": self.load.path, "best": best}
+
+    def _figures(self) -> dict[str, Any]:
+        """Return the figures of the load so far."""
+        load = self.load.figures
+        if load is None:
+            return {}
+        spans = {"mean_position{}_mm": load.position, "mean_force{}_n": load.force, "peak_force{}_n": load.largest}
+        ends = ("", "_low", "_high")
+        values = {
+            name.format(end): value
+            for name, span in spans.items()
+            if span
+            for end, value in zip(ends, span, strict=True)
+        }
+        values |= {"min_position_mm": load.least_mm, "max_position_mm": load.most_mm}
+        rounded = {name: round(value, DECIMALS) for name, value in values.items()}
+        at_mm = load.largest_at_mm
+        return rounded | {
+            "peak_position_mm": None if at_mm is None else round(at_mm, DECIMALS),
+            "unsteady": load.is_unsteady,
+        }

@@ -42,7 +42,7 @@ class Retention:
     def __init__(self, events: EventsSection) -> None:
         self.old = self.oversize = 0
         """Events that were deleted since the start of the service, for each reason."""
-        self._keep_s, self._max_bytes = events.keep_days * 86_400, events.max_mb * 1e6
+        self._keep_s, self._max_bytes = events.keep_days * 86_400, events.largest_mb * 1e6
         self._watch = Watch(self._keep_s)
         self._hourly = Repeated(_log, every_s=3600.0)
 

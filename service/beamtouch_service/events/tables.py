@@ -11,13 +11,11 @@ from sqlalchemy import (
     Boolean,
     Column,
     Connection,
-    Dialect,
     Double,
     Enum,
     ForeignKey,
     Index,
     Integer,
-    LargeBinary,
     MetaData,
     Row,
     String,
@@ -27,29 +25,15 @@ from sqlalchemy import (
     literal_column,
     select,
 )
-from sqlalchemy.types import TypeDecorator, TypeEngine
+from sqlalchemy.types import TypeEngine
 
 from beamtouch_service.events.event import Begin, End, Event, EventKind
-from beamtouch_service.events.path import pack, unpack
 
-FORMAT = 13
+FORMAT = 14
 """The format of the record. A record of another one is refused. Raise it when a table, a field of `Event` or the memory
 of a cursor changes."""
 _NUMBER = BigInteger().with_variant(Integer, "sqlite")
 _ALL = MetaData()
-
-
-class _PackedPath(TypeDecorator[str]):
-    """Takes the points of a path, and gives its JSON."""
-
-    impl = LargeBinary
-    cache_ok = True
-
-    def process_bind_param(self, value: Any, _dialect: Dialect) -> bytes | None:  # noqa: ANN401  # as it is overridden
-        return None if value is None else pack(value)
-
-    def process_result_value(self, value: bytes | None, _dialect: Dialect) -> str | None:
-        return None if value is None else unpack(value)
 
 
 def _words(words: type[StrEnum]) -> Enum:
@@ -76,8 +60,7 @@ def _column(entry: Field[Any]) -> Column[Any]:
     held = [get_origin(kind) or kind for kind in kinds if kind is not NoneType]
     if len(held) != 1 or held[0] not in _TYPES:
         raise TypeError(f"no column for the field {entry.name} of an event: {entry.type}")
-    kind = _PackedPath() if entry.name == "path" else _TYPES[held[0]]
-    return Column(entry.name, kind, nullable=NoneType in kinds)
+    return Column(entry.name, _TYPES[held[0]], nullable=NoneType in kinds)
 
 
 EVENTS = Table(

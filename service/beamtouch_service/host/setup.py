@@ -16,6 +16,7 @@ from beamtouch_service.address import Address
 from beamtouch_service.api.app import create_app
 from beamtouch_service.api.context import Streams
 from beamtouch_service.config import Settings, read_access
+from beamtouch_service.events import forecast
 from beamtouch_service.events.database import EventStoreError
 from beamtouch_service.events.recorder import Recorder
 from beamtouch_service.host import models
@@ -100,9 +101,10 @@ def report(settings: Settings, *, as_json: bool) -> str:
     """Return what a service with these settings would serve, and what may not be meant; errors as of `prepare`."""
     parts = prepare(settings)
     found = {one.name: one.model_error or (one.model.identity if one.model else None) for one in parts.surfaces}
+    days, limits = forecast.describe(settings.events)
     if as_json:
-        return json.dumps({"surfaces": found, "warnings": parts.warnings})
-    lines = [f"surface {name}: {words or 'no model'}" for name, words in found.items()]
+        return json.dumps({"surfaces": found, "events": days, "warnings": parts.warnings})
+    lines = [f"surface {name}: {words or 'no model'}" for name, words in found.items()] + limits
     return "\n".join([*lines, *(f"warning: {warning}" for warning in parts.warnings)])
 
 

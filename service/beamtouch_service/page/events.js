@@ -51,13 +51,30 @@ export class Events {
     const row = html("tr", { "data-of": of }, html("th", { scope: "row" }, clock(event.touched_at)));
     const lasted = html("td", {}, duration(event, this.current));
     if (event.kind === "unexplained") row.append(html("td", { colspan: 2, class: "doubt" }, "unexplained"), lasted);
-    else row.append(number(event.mean_position_mm), number(event.peak_force_n), lasted);
+    else row.append(place(event), force(event), lasted);
     return row;
   }
 }
 
+/** Where the load lay, or from where to where it moved. */
+function place({ mean_position_mm: mean, mean_position_low_mm: low, mean_position_high_mm: high, ...event }) {
+  const moved = event.min_position_mm < low || event.max_position_mm > high;
+  if (moved) return html("td", {}, `${event.min_position_mm.toFixed(1)} … ${event.max_position_mm.toFixed(1)}`);
+  return number(mean, low, high);
+}
+
+/** The mean force, and the largest one if it was clearly larger. */
+const force = ({ mean_force_n: mean, mean_force_low_n: low, mean_force_high_n: high, peak_force_n: peak }) => {
+  const cell = number(mean, low, high);
+  if (peak > high) cell.append(`, at most ${peak.toFixed(1)}`);
+  return cell;
+};
+
 const clock = (at) => html("time", { datetime: at }, new Date(at).toLocaleTimeString("en-GB"));
-const number = (value) => html("td", {}, value === null || value === undefined ? "—" : value.toFixed(1));
+const number = (value, low, high) => {
+  if (value === null || value === undefined) return html("td", {}, "—");
+  return html("td", { title: `${low.toFixed(1)} to ${high.toFixed(1)} (95 %)` }, value.toFixed(1));
+};
 const seconds = (ms) => (ms / 1000).toFixed(1);
 
 /** How long it lasted and was in zones, in s, whether its figures are uncertain, and how it ended; at least that long

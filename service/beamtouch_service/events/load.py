@@ -1,0 +1,296 @@
+"""The load of a contact: where it lay and how hard it pressed, with 95 % intervals. Pure.
+
+Successive samples share readings, so they are no independent witnesses, and a beam that rings swings about its load.
+So a contact is cut into stays. The samples of a stay have a place and a force in common, within their intervals: one
+load explains them all, and the swings are none of it. A load that moves makes a stay of each part that differs.
+
+A load that lies still is known as well as the best sample. Where it changes and no sample is steady, none tells all of
+a stay: its figures are the means of its samples, each weighted by the root of what it knows, as is best for errors that
+samples share. For the same reason the half-width of a mean is the mean half-width.
+"""
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from beamtouch_common.zones import Span
+from beamtouch_models.metadata import Thresholds
+from beamtouch_service.surfaces.follower import Decision
+
+MAX_STAYS = 25
+"""Of more stays, the two neighbours that lasted least become one."""
+RAMP = 0.2
+"""The part of a contact that its ramps may last at most, at each end: stays that are weaker than the next one inwards,
+as while a load is laid on or taken off."""
+DECIMALS = 4
+
+Spans = tuple[Span, ...]
+"""Position [mm], and force [N] if the model states it."""
+
+
+class Sighting(NamedTuple):
+    """A sample that counts in the figures of a contact."""
+
+    at_us: int
+    """Time of its newest reading [us since 1970]."""
+    begin_us: float
+    """Time of its oldest reading."""
+    spans: Spans
+    knows: float
+    """What it knows: the trace of the inverse of its covariance [1/mm^2]."""
+    is_shown: bool
+    """Whether this sample alone shows a contact. One after the lift, or while the beam still swings far, does not."""
+    is_unsteady: bool
+
+
+def begin_us(decision: Decision, reading_us: float) -> float:
+    """Return the time of the oldest reading of a sample, whose readings are that far apart."""
+    sample = decision.estimate.sample
+    return sample.acquired_unix_us - ((sample.readings or 1) - 1) * reading_us
+
+
+def sighting_of(decision: Decision, thresholds: Thresholds, reading_us: float) -> Sighting | None:
+    """Return what a decided sample sees of the load; None if it has no figures."""
+    position, force = decision.figures.position, decision.figures.force
+    if position is None:
+        return None
+    evidence = decision.evidence
+    return Sighting(
+        decision.estimate.sample.acquired_unix_us,
+        begin_us(decision, reading_us),
+        (position,) if force is None else (position, force),
+        float(np.square(evidence.whitening_per_mm).sum()),
+        evidence.log_odds > thresholds.touch[evidence.channels - 1],
+        decision.is_unsteady,
+    )
+
+
+class Stay(NamedTuple):
+    """A part of a contact in which one load explains all samples."""
+
+    since_us: int
+    """From the touch to its begin."""
+    lasts_us: int
+    is_unsteady: bool
+    """Whether its figures stand on unsteady samples."""
+    spans: Spans
+
+    @classmethod
+    def read(cls, point: Sequence[float]) -> "Stay":
+        """Return the stay of a point of a path."""
+        since_us, lasts_us, is_unsteady, *ends = point
+        spans = tuple(Span(*ends[at : at + 3]) for at in range(0, len(ends), 3))
+        return cls(round(since_us), round(lasts_us), bool(is_unsteady), spans)
+
+    @property
+    def point(self) -> list[float]:
+        """It as numbers: begin and length [us], 1 if it is unsteady, then middle, low and high of each span."""
+        return [self.since_us, self.lasts_us, int(self.is_unsteady), *(end for span in self.spans for end in span)]
+
+    @property
+    def weight(self) -> int:
+        """How much it counts: a single sample lasts no time, and the clock of a sender may be set back."""
+        return max(1, self.lasts_us)
+
+    def is_weaker(self, other: "Stay") -> bool:
+        """Return whether its force is surely smaller than that of another one."""
+        return len(self.spans) > 1 and self.spans[1].high < other.spans[1].middle
+
+
+@dataclass
+class NewestStay:
+    """The stay that goes on."""
+
+    begin_us: float
+    end_us: float
+    common: list[tuple[float, float]]
+    """What the intervals of its samples have in common."""
+    best: Spans
+    """The figures of the sample that knows most."""
+    best_us: int
+    knows: float
+    is_shown: bool
+    is_unsteady: bool
+    """Of the best sample."""
+    weight: float
+    means: Spans
+    """The means of its samples."""
+
+    @classmethod
+    def of(cls, seen: Sighting, begin: float) -> "NewestStay":
+        """Begin a stay with its first sample."""
+        spans, common = seen.spans, [(span.low, span.high) for span in seen.spans]
+        known = seen.at_us, seen.knows, seen.is_shown, seen.is_unsteady
+        return cls(begin, seen.at_us, common, spans, *known, seen.knows**0.5, spans)
+
+    @classmethod
+    def read(cls, kept: dict[str, Any]) -> "NewestStay":
+        """Return a stay that was kept as JSON; raises KeyError or TypeError for anything else."""
+        common = [(low, high) for low, high in kept["common"]]
+        best, means = (tuple(Span(*span) for span in kept[name]) for name in ("best", "means"))
+        return cls(**kept | {"common": common, "best": best, "means": means})
+
+    def explains(self, seen: Sighting) -> bool:
+        """Return whether the load of this stay may be that of a sample."""
+        if not (seen.is_shown and self.is_shown):
+            return True
+        each = zip(seen.spans, self.common, self.means, strict=True)
+        # Of many samples, some have nothing in common by chance; few of these are far from the mean of all.
+        return all(_meet(span, common) or span.low <= mean.middle <= span.high for span, common, mean in each)
+
+    def add(self, seen: Sighting) -> None:
+        """Add the next sample."""
+        self.end_us = seen.at_us
+        if self.is_shown and not seen.is_shown:
+            return
+        if seen.is_shown and not self.is_shown:
+            vars(self).update(vars(NewestStay.of(seen, self.begin_us)))
+            return
+        for number, (span, (low, high)) in enumerate(zip(seen.spans, self.common, strict=True)):
+            if _meet(span, (low, high)):
+                self.common[number] = max(low, span.low), min(high, span.high)
+        if seen.knows >= self.knows:
+            self.best, self.best_us, self.knows = seen.spans, seen.at_us, seen.knows
+            self.is_unsteady = seen.is_unsteady
+        more = seen.knows**0.5
+        self.means = _mean([self.means, seen.spans], [self.weight, more])
+        self.weight += more
+
+    def stay(self, touched_us: int, *, is_only: bool) -> Stay:
+        """Return the stay so far, of a contact that began then; `is_only`: it is the only one."""
+        is_best = is_only or not self.is_unsteady
+        spans = tuple(map(_within, self.best, self.common)) if is_best else self.means
+        begin_us, lasts_us = round(self.begin_us) - touched_us, round(self.end_us - self.begin_us)
+        return Stay(begin_us, lasts_us, self.is_unsteady, _rounded(spans))
+
+
+def _within(span: Span, common: tuple[float, float]) -> Span:
+    """Return a span with its middle in what all samples have in common: the best one may be that of a turning point."""
+    return span._replace(middle=min(max(span.middle, common[0]), common[1]))
+
+
+def _rounded(spans: Spans) -> Spans:
+    return tuple(Span(*(round(end, DECIMALS) for end in span)) for span in spans)
+
+
+def _meet(span: Span, common: tuple[float, float]) -> bool:
+    return span.low <= common[1] and common[0] <= span.high
+
+
+def _mean(each: Sequence[Spans], weights: Sequence[float]) -> Spans:
+    """Return the weighted means of spans, and of their ends."""
+    share = np.array(weights) / sum(weights)
+    return tuple(Span(*(float(share @ end) for end in zip(*spans, strict=True))) for spans in zip(*each, strict=True))
+
+
+@dataclass(frozen=True)
+class LoadFigures:
+    """The figures of a load."""
+
+    position: Span
+    """Mean position over its time."""
+    force: Span | None
+    """Mean force; None if the model states none."""
+    largest: Span | None
+    """Largest force that lasted, rather than swung."""
+    largest_at_mm: float | None
+    least_mm: float
+    most_mm: float
+    """From where to where it was."""
+    is_unsteady: bool
+    """Whether all of them stand on unsteady samples."""
+
+
+class Load:
+    """The load of a contact while its samples arrive."""
+
+    def __init__(self, touched_us: int) -> None:
+        """Begin with a contact that began then [us since 1970]."""
+        self._touched_us = touched_us
+        self._closed: list[Stay] = []
+        self._newest: NewestStay | None = None
+
+    @classmethod
+    def read(cls, touched_us: int, path: Sequence[Sequence[float]], memory: dict[str, Any] | None) -> "Load":
+        """Go on from a path on record and the memory beside it; raises KeyError or TypeError for anything else."""
+        load = cls(touched_us)
+        load._closed = [Stay.read(point) for point in path[:-1]]
+        load._newest = NewestStay.read(memory) if memory else None
+        return load
+
+    @property
+    def memory(self) -> dict[str, Any] | None:
+        """What it needs beside its path to go on, as JSON; None before the first sample."""
+        return asdict(self._newest) if self._newest else None
+
+    def add(self, seen: Sighting) -> None:
+        """Add the next sample."""
+        newest = self._newest
+        if newest is None:
+            self._newest = NewestStay.of(seen, self._touched_us)
+        elif newest.explains(seen):
+            newest.add(seen)
+        else:
+            # The load changed with the first reading of this sample, but not before the best one of the last stay.
+            newest.end_us = max(newest.best_us, seen.begin_us)
+            self._closed.append(newest.stay(self._touched_us, is_only=False))
+            self._newest = NewestStay.of(seen, newest.end_us)
+            if len(self._closed) == MAX_STAYS:
+                self._join()
+
+    def _join(self) -> None:
+        """Make one of the two neighbours that lasted least."""
+        closed = self._closed
+        first = min(range(len(closed) - 1), key=lambda at: closed[at].weight + closed[at + 1].weight)
+        one, other = closed[first : first + 2]
+        means = _mean([one.spans, other.spans], [one.weight, other.weight])
+        lasts_us, is_unsteady = one.lasts_us + other.lasts_us, one.is_unsteady and other.is_unsteady
+        closed[first : first + 2] = [Stay(one.since_us, lasts_us, is_unsteady, _rounded(means))]
+
+    def lift(self, at_us: int, begin: float) -> int:
+        """End the load before a clear sample at this time with its oldest reading at `begin`; return when it ended."""
+        newest = self._newest
+        if newest is None:
+            return at_us
+        newest.end_us = min(float(at_us), max(float(newest.best_us), begin))
+        return round(newest.end_us)
+
+    @property
+    def _stays(self) -> list[Stay]:
+        newest = self._newest
+        return [*self._closed, newest.stay(self._touched_us, is_only=not self._closed)] if newest else []
+
+    @property
+    def path(self) -> list[list[float]]:
+        """The stays so far, each as a list of numbers."""
+        return [stay.point for stay in self._stays]
+
+    @property
+    def figures(self) -> LoadFigures | None:
+        """The figures so far; None before the first sample."""
+        stays = _without_ramps(self._stays)
+        if not stays:
+            return None
+        mean = _mean([stay.spans for stay in stays], [stay.weight for stay in stays])
+        places = [stay.spans[0].middle for stay in stays]
+        about = min(places), max(places), all(stay.is_unsteady for stay in stays)
+        if len(mean) == 1:
+            return LoadFigures(mean[0], None, None, None, *about)
+        place, largest = max((stay.spans for stay in stays), key=lambda spans: spans[1].middle)
+        return LoadFigures(mean[0], mean[1], largest, place.middle, *about)
+
+
+def _without_ramps(stays: list[Stay]) -> list[Stay]:
+    """Return the stays without those of the touch and of the lift."""
+    most_us = RAMP * sum(stay.weight for stay in stays)
+    for inwards in (1, -1):
+        stays, spent_us = stays[::inwards], 0.0
+        while len(stays) > 1 and stays[0].is_weaker(stays[1]):
+            spent_us += stays[0].weight
+            if spent_us > most_us:
+                break
+            stays = stays[1:]
+        stays = stays[::inwards]
+    return stays

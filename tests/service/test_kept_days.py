@@ -1,0 +1,54 @@
+"""`beamtouch-service check` says for how many days the limits of the record keep its events."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from beamtouch_service import cli
+from beamtouch_service.sections import EventsSection
+from service.bench import Bench, surface_of
+from service.event_story import RESTING, TOUCHING
+
+BUSY = "at a contact each 2 s"
+
+
+def check(folder: Path, section: str, capsys: pytest.CaptureFixture[str]) -> tuple[list[str], dict[str, Any]]:
+    """Return the lines on events of `check`, and what it says of them as JSON."""
+    path = folder / "service.toml"
+    path.write_text(f"[events]\n{section}\n")
+    assert cli.main(["check", "--config", str(path)]) == 0
+    lines = [line for line in capsys.readouterr().out.splitlines() if line.startswith("events:")]
+    assert cli.main(["check", "--config", str(path), "--json"]) == 0
+    return lines, json.loads(capsys.readouterr().out)["events"]
+
+
+def test_the_defaults_keep_a_contact_each_2_s_for_30_days(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    lines, days = check(tmp_path, 'file = "events.db"', capsys)
+    assert lines == [f"events: kept for 30 days {BUSY} (keep_days)"]
+    assert days == {"busy_days": 30.0}
+    assert not (tmp_path / "events.db").exists()
+
+
+def test_a_size_that_is_too_small_is_said_with_its_days(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    lines, _ = check(tmp_path, 'file = "events.db"\nmax_mb = 100', capsys)
+    assert lines == [f"events: kept for 2.89 days {BUSY} (max_mb = 100)"]
+    # In memory.
+    assert check(tmp_path, "keep_days = 30", capsys)[0] == lines
+
+
+def test_a_record_says_its_own_pace(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "events.db"
+    bench = Bench(surface_of(), events=EventsSection(file=file))
+    rows = [RESTING, TOUCHING] * 150
+    bench.send(*rows, every_us=20_000_000)
+    assert bench.get("/events").status_code == 200
+    (busy, own), days = check(tmp_path, 'file = "events.db"\nmax_mb = 1', capsys)
+    assert busy == f"events: kept for 0.0289 days {BUSY} (max_mb = 1)"
+    assert own.startswith("events: kept for 0.")
+    assert own.endswith(" days at the pace of the record, an event each 39.7 s (max_mb = 1)")
+    # An event of three channels takes some 400 to 1200 bytes.
+    assert 1e6 / 1200 * 39.7 / 86_400 < days["own_days"] < 1e6 / 400 * 39.7 / 86_400
+    file.write_bytes(b"no database")
+    assert check(tmp_path, 'file = "events.db"\nmax_mb = 1', capsys)[0] == [busy]
