@@ -40,7 +40,7 @@ from beamtouch_service.commissioning import course, pressing, verdict
 from beamtouch_service.commissioning.results import MAX_KEPT
 from beamtouch_service.events.boot import MAX_CAPTURED, MAX_WAITING
 from beamtouch_service.events.database import READERS
-from beamtouch_service.events.path import MAX_POINTS
+from beamtouch_service.events.load import MAX_STAYS, RAMP
 from beamtouch_service.events.readers import MAX_ANSWERS
 from beamtouch_service.events.write_ahead import MAX_BYTES, WARN_BYTES
 from beamtouch_service.host.serve import IDLE_S
@@ -253,7 +253,7 @@ STATED = {
         f"the log odds fall to {PARTS[decider.LIFT_FRACTION]} of the threshold",
     ],
     "docs/reference/events.md": [
-        f"add `path`, at most {MAX_POINTS} points",
+        f"add `path`, at most {MAX_STAYS} points",
         f"gave none for longer than {WORDS[PAUSE]} times `stale_ms`",
         f"holds the first {WORDS[MAX_CAPTURED]} unexplained samples",
         f"reads for {WORDS[READERS]} clients at a time. Beyond {MAX_ANSWERS} that wait",

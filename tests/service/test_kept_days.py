@@ -50,5 +50,6 @@ def test_a_record_says_its_own_pace(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert own.endswith(" days at the pace of the record, an event each 39.7 s (max_mb = 1)")
     # An event of three channels takes some 400 to 1200 bytes.
     assert 1e6 / 1200 * 39.7 / 86_400 < days["own_days"] < 1e6 / 400 * 39.7 / 86_400
+    file = tmp_path / "other.db"
     file.write_bytes(b"no database")
-    assert check(tmp_path, 'file = "events.db"\nmax_mb = 1', capsys)[0] == [busy]
+    assert check(tmp_path, 'file = "other.db"\nmax_mb = 1', capsys)[0] == [busy]
