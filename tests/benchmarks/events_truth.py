@@ -116,7 +116,7 @@ def samples_of(files: Files, loads: list[Load], seed: int, *, gains: bool) -> li
 
 def all_events(http: httpx2.Client) -> list[dict[str, Any]]:
     """Return all events, oldest first."""
-    events, after = list[dict[str, Any]](), {}
+    events, after = list[dict[str, Any]](), dict[str, str]()
     while True:
         page = http.get("/events", params={"limit": 1000, **after}).json()
         events += page["events"]
@@ -188,7 +188,9 @@ def pairs_of(
 ) -> list[Pair]:
     """Return the loads that have one event, which is of no other load. The ramps of a load are not the load."""
     contacts = [event for event in events if event["kind"] == "contact" and event["lifted_at"]]
-    spans = [(seconds(event, "touched_at", begin_unix_s), seconds(event, "lifted_at", begin_unix_s)) for event in contacts]
+    spans = [
+        (seconds(event, "touched_at", begin_unix_s), seconds(event, "lifted_at", begin_unix_s)) for event in contacts
+    ]
     found = []
     for begin_s, load in truth:
         end_s = begin_s + len(load) / rate_hz
@@ -241,7 +243,9 @@ def run(kind: str, given: argparse.Namespace, files: Files, folder: Path) -> dic
     runs = [samples_of(files, loads, seed, gains=given.gains) for seed, (loads, _) in enumerate(courses)]
     boots, event_bytes = recorded(folder, files, runs, given.checkout)
     rate_hz = files.loaded.metadata.sensor.rate_hz
-    pairs = [pair for (_, truth), events in zip(courses, boots, strict=True) for pair in pairs_of(events, truth, rate_hz)]
+    pairs = [
+        pair for (_, truth), events in zip(courses, boots, strict=True) for pair in pairs_of(events, truth, rate_hz)
+    ]
     return compare(pairs, sum(parts)) | {"bytes an event": round(event_bytes)}
 
 

@@ -40,7 +40,7 @@ from beamtouch_service.commissioning import course, pressing, verdict
 from beamtouch_service.commissioning.results import MAX_KEPT
 from beamtouch_service.events.boot import MAX_CAPTURED, MAX_WAITING
 from beamtouch_service.events.database import READERS
-from beamtouch_service.events.load import MAX_STAYS, RAMP
+from beamtouch_service.events.load import MAX_STAYS
 from beamtouch_service.events.readers import MAX_ANSWERS
 from beamtouch_service.events.write_ahead import MAX_BYTES, WARN_BYTES
 from beamtouch_service.host.serve import IDLE_S
