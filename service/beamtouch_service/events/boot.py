@@ -190,7 +190,7 @@ class Boot:
             self._end()
             self._best.rest, begin = rest, Begin.UNEXPLAINED
         event = self.event = self.event or OpenEvent(self._first(decision, begin, is_stretch=is_stretch))
-        event.add(decision, sighting_of(decision, self.model.metadata.thresholds, self._best.reading_us))
+        event.add(decision, sighting_of(decision, self.model.metadata.thresholds.touch, self._best.reading_us))
         event.best = self._best.choose(event.best, decision)
         if decision.state is State.UNEXPLAINED and len(event.event.capture) < MAX_CAPTURED:
             event.event.capture.append(self._capture(decision).model_dump())

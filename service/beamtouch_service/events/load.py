@@ -16,7 +16,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from beamtouch_common.zones import Span
-from beamtouch_models.metadata import Thresholds
 from beamtouch_service.surfaces.follower import Decision
 
 MAX_STAYS = 25
@@ -51,8 +50,14 @@ def begin_us(decision: Decision, reading_us: float) -> float:
     return sample.acquired_unix_us - ((sample.readings or 1) - 1) * reading_us
 
 
-def sighting_of(decision: Decision, thresholds: Thresholds, reading_us: float) -> Sighting | None:
-    """Return what a decided sample sees of the load; None if it has no figures."""
+def sighting_of(decision: Decision, touch: Sequence[float], reading_us: float) -> Sighting | None:
+    """Return what a sample sees of the load; None if it has no figures.
+
+    Parameters
+    ----------
+    touch : log odds above which a sample shows a contact, for each number of channels
+    reading_us : time from one reading to the next
+    """
     position, force = decision.figures.position, decision.figures.force
     if position is None:
         return None
@@ -62,7 +67,7 @@ def sighting_of(decision: Decision, thresholds: Thresholds, reading_us: float) -
         begin_us(decision, reading_us),
         (position,) if force is None else (position, force),
         float(np.square(evidence.whitening_per_mm).sum()),
-        evidence.log_odds > thresholds.touch[evidence.channels - 1],
+        evidence.log_odds > touch[evidence.channels - 1],
         decision.is_unsteady,
     )
 
