@@ -46,3 +46,8 @@ def test_a_knock_is_noticed_at_once_and_is_not_healed_within_a_minute(bench: Mod
     said = line(bench).play(Course(60, [], knock(60.0, 10.0, SECOND)))
     assert 10.0 < said.unexplained_at_s[0] < 11.0
     assert said.unexplained_at_s[-1] > 59.0
+
+
+def test_a_load_that_goes_in_half_a_minute_leaves_a_rest_that_is_clear(bench: ModelFile) -> None:
+    said = line(bench).play(Course(140, [Press(5.0, 125.0, 200.0, 2.0, 30.0)], drift(0.0, ALL)))
+    assert said.share(State.CLEAR) > 0.95

@@ -36,8 +36,9 @@ SPEED = 2.0
 """Fastest motion of a zero, over the stated rate."""
 LEASH = 4.0
 """Distance from such a motion that noise explains, in standard deviations of the zero."""
-PROBATION_S = 5.0
-"""A rest that a step back ends so soon may have been the end of a slow lift: then its zero is taken back."""
+PROBATION_S, CREEPS_S = 5.0, 60.0
+"""A rest that ends so soon with a step back, or with readings that creep back, may have been part of a slow lift. Then
+its zero is taken back. What is hardly faster than a drift takes so long to show against the noise."""
 LITTLE = 0.02
 """Variance of a zero that is not stated, over that of the noise of a mean."""
 MINUTE_S = 60.0
@@ -176,8 +177,7 @@ class Zeros:
         start_mm2 = np.full(self._channels, self._walk.start_mm**2)
         self._rest = _Zero(0, nothing.astype(np.intp), nothing, start_mm2, start_mm2, nothing)
         self._before: tuple[int, _Zero] | None = None
-        """The rest before the last load, and the number of readings up to which that load may turn out not to be
-        gone."""
+        """The rest before the last load, and the number of readings up to when that load seemed to be gone."""
         self._load: _Load | None = None
         """None while the beam rests."""
         self._last: _Block | None = None
@@ -257,12 +257,18 @@ class Zeros:
             if self._load is None or self._load.first is None:
                 self._follow(block, self._rest)
             elif self._returns(block, self._load):
-                self._before = self._read + round(PROBATION_S * self._rate_hz), self._rest
+                if self._before is None or not self._is_soon(self._before[0], CREEPS_S):
+                    self._doubt(self._rest)
                 self._follow(block, self._rest)
         elif rest := self._steps_back_to(block):
+            self._doubt(rest)  # a slow lift may go on, and look like a rest again
             self._follow(block, rest)
         else:
             self._hold(block)
+
+    def _doubt(self, before: _Zero) -> None:
+        """Keep the rest before a load for a while: the load may turn out not to be gone."""
+        self._before = self._read, before
 
     def _hold(self, block: _Block) -> None:
         """Note a load. Its first block may hold the touch; a single one may be chance."""
@@ -296,11 +302,16 @@ class Zeros:
         """Return the rest before the last load, if that explains a block and the zeros since then were none."""
         if self._before is None:
             return None
-        until, rest = self._before
+        returned, rest = self._before
         there = block.there
         moved, step = (self._rest.mm - rest.mm)[there], (block.mean_mm - self._rest.mm)[there]
-        is_back = self._read <= until and float(moved @ step) < 0
+        is_soon = self._is_soon(returned, CREEPS_S if self._load is None else PROBATION_S)
+        is_back = is_soon and float(moved @ step) < 0
         return rest if is_back and self._is_within(block, rest) and self._repeats(block) else None
+
+    def _is_soon(self, after: int, seconds: float) -> bool:
+        """Return whether no more than a time has passed since this number of readings."""
+        return self._read - after <= seconds * self._rate_hz
 
     def _repeats(self, block: _Block) -> bool:
         """Return whether a block is like that before it."""
