@@ -16,6 +16,8 @@ from beamtouch_models.filters.readings import FloatArray
 
 AMPLITUDE = 1e3
 """Deviation of an amplitude before anything is measured, in units of the noise."""
+ALIKE = 1e-8
+"""Part of each square that two columns never share: those of two poles that meet can be told apart, whatever their size."""
 DAMPING = 0.04
 """Deviation of a damping ratio before anything is measured."""
 MAX_DAMPING = 0.12
@@ -105,7 +107,7 @@ def fit(times: FloatArray, values: FloatArray, poles: Poles, lowest: float, *, s
         np.multiply(columns[first:linear], times, out=columns[linear:])
     products, shown = columns @ columns.T, columns @ values
     normal = products[:linear, :linear].copy()
-    normal.flat[:: linear + 1] += 1 / AMPLITUDE**2
+    normal.flat[:: linear + 1] += 1 / AMPLITUDE**2 + ALIKE * normal.flat[:: linear + 1]
     inverse = np.linalg.inv(normal)
     found = inverse @ shown[:linear]
     every = values.ravel()
@@ -127,6 +129,7 @@ def fit(times: FloatArray, values: FloatArray, poles: Poles, lowest: float, *, s
     flat = changes.reshape(2 * count, -1)
     stiffness = (left @ changes).reshape(2 * count, -1) @ flat.T
     force = flat @ residual.ravel()
+    stiffness.flat[:: 2 * count + 1] *= 1 + ALIKE
     prior = 1 / (DAMPING * poles.frequency) ** 2
     diagonal = stiffness.reshape(-1)[:: 2 * count + 1]
     diagonal[:count] += prior
