@@ -1,4 +1,4 @@
-"""Two sinusoids that become the same one, of whatever size and decay, leave a fit with a finite, positive covariance."""
+"""Two sinusoids that become the same one, of any size and decay, leave a fit with a finite, positive covariance."""
 
 import numpy as np
 import pytest

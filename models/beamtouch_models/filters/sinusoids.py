@@ -17,7 +17,7 @@ from beamtouch_models.filters.readings import FloatArray
 AMPLITUDE = 1e3
 """Deviation of an amplitude before anything is measured, in units of the noise."""
 ALIKE = 1e-8
-"""Part of each square that two columns never share: those of two poles that meet can be told apart, whatever their size."""
+"""Part of each square that two columns never share, so that two poles that meet are told apart, whatever their size."""
 DAMPING = 0.04
 """Deviation of a damping ratio before anything is measured."""
 MAX_DAMPING = 0.12
