@@ -95,6 +95,16 @@ def test_readings_that_are_not_taken_evenly_are_followed_by_their_own_times() ->
     assert np.median(far[False]) > 4 * np.median(far[True])
 
 
+def test_readings_lost_from_a_burst_with_times_leave_the_fit_as_it_is() -> None:
+    values, came = touched(200, 100.3) + noise(200, 9), np.ones(200, np.bool_)
+    came[[130, 141, 142, 155]] = False
+    at = np.flatnonzero(came)
+    gaps = (np.diff(at, prepend=-1) - 1).tolist()
+    counted = chain().apply(values[came], gaps)
+    timed = chain().apply(values[came], gaps, (at + 5e6).tolist())
+    np.testing.assert_allclose(timed.mean_mm, counted.mean_mm, rtol=1e-6, atol=1e-3)
+
+
 def test_at_rest_nothing_changes() -> None:
     values = np.concatenate([noise(300, 1), LOAD / 40 + noise(300, 2)])
     without = chain()

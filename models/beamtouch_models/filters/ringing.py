@@ -233,7 +233,8 @@ class Ringing:
         """Return whether the last fit says what rows are, (rows, channels)."""
         if len(last.constant) != rows.shape[1]:
             return [False] * len(rows)
-        apart = rows - predicted(last, (times - before.fitted) / self._block)
+        # A reading that is lost has no time.
+        apart = rows - predicted(last, np.maximum(times - before.fitted, 0.0) / self._block)
         limit = LIKE * chi_square_quantile(rows.shape[1], FALSE)
         return [square < limit for square in (apart * apart).sum(axis=1).tolist()]  # False for NaN
 
