@@ -15,7 +15,7 @@ def test_poles_that_meet_leave_a_finite_positive_covariance(apart: float) -> Non
     rng = np.random.default_rng(0)
     for _ in range(500):
         readings, channels = rng.integers(6, 60), rng.integers(1, 9)
-        ages = np.arange(readings) - readings + 1.0  # a swing that decays fast was 1e9 times as large
+        ages: FloatArray = np.arange(float(readings)) - readings + 1.0  # a swing may have been 1e9 times as large
         values: FloatArray = rng.normal(size=(readings, channels)) * 10 ** rng.uniform(-1, 5)
         frequency, decay = rng.uniform(LOWEST, np.pi), rng.uniform(0.0, 0.5)
         poles = Poles(np.array([decay, decay]), np.array([frequency, frequency + apart])).within(LOWEST)
