@@ -17,6 +17,10 @@ FORCE_PER_MM = 0.01
 """Relative deviation of a force per mm by which its load is misplaced: hands are as good with both."""
 
 
+SESSION_MIN = 10.0
+"""Time in which the loads of a recording follow each other."""
+
+
 def random_imperfections(metadata: Metadata, rng: np.random.Generator) -> Imperfections:
     """Departures that a fit can find, from a fifth of to all that is plausible."""
     size = rng.uniform(0.2, 1.0)
@@ -71,6 +75,7 @@ def recorded(
         measured_mm=clean + rng.normal(scale=deviation, size=clean.shape),
         deviation_mm=np.full(clean.shape, deviation),
         lines=np.stack([first, first + SAMPLES - 1], axis=1),
+        minutes=np.linspace(0.0, SESSION_MIN, count),
     )
 
 

@@ -12,9 +12,10 @@ import pytest
 from beamtouch_models import modelfile
 from beamtouch_models.accuracy.limit import draw, posterior_median_mm
 from beamtouch_models.calibration.calibrate import Calibrated, calibrate
-from beamtouch_models.calibration.fit import fit, residuals_of
+from beamtouch_models.calibration.fit import fit
 from beamtouch_models.calibration.recordings import read_contacts, read_loads
 from beamtouch_models.calibration.self_calibrate import self_calibrate
+from beamtouch_models.calibration.session import Session
 from beamtouch_models.calibration.theory import Theory
 from beamtouch_models.modelfile import ModelFile, Weighed, evidence
 from beamtouch_models.rig.surface import Imperfections
@@ -140,7 +141,7 @@ def test_leverages_leave_out_as_fitting_again_does(bench: ModelFile) -> None:
     whole = fit(theory, loads, kinds, rounds=1)
     for index in (0, 3, 5):
         rest = fit(theory, loads.without(index), kinds, rounds=1)
-        off = residuals_of(theory, loads, rest.vector).left_mm[index]
+        off = Session(theory, loads).residuals(rest.vector).left_mm[index]
         assert whole.left_out_mm[index] == pytest.approx(off, rel=0.2, abs=0.05 * np.abs(whole.left_out_mm).max())
 
 

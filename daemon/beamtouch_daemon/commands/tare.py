@@ -3,6 +3,7 @@
 import argparse
 import asyncio
 from collections.abc import Mapping
+from datetime import UTC, datetime
 
 import numpy as np
 
@@ -54,9 +55,10 @@ def _tare(config: Config, name: str, *, accept_change: bool) -> None:
         last_mm = config.read_rest_gaps([name])[name]
     except (InputError, FailedError):
         last_mm = {}  # a file that cannot be used is replaced
+    since_s = tare_file.age_s(path, datetime.now(UTC))
     try:
         readings = asyncio.run(first_readings(source_of(surface), at_rest.readings_for_tare(surface.rate_hz)))
-        gaps = _measure_rest(counts_of(readings), surface, last_mm, accept_change=accept_change)
+        gaps = _measure_rest(counts_of(readings), surface, last_mm, since_s, accept_change=accept_change)
         contact = asyncio.run(_ask_for_contact(config, name))
         if contact and not accept_change:
             raise NotAtRestError(f"the service sees {contact}; {REMEDY}")
@@ -70,12 +72,12 @@ def _tare(config: Config, name: str, *, accept_change: bool) -> None:
     print(f"{name}: rest gaps {text}, mean of {len(readings)} readings, in {path}")
     answers = {None: "the service could not be asked, or has no contact to give", "": "the service sees a beam at rest"}
     answer = answers.get(contact, f"the service sees {contact}")
-    print(f"{name}: {at_rest.describe_comparison(gaps, last_mm, surface)}; {answer}")
+    print(f"{name}: {at_rest.describe_comparison(gaps, last_mm, surface, since_s)}; {answer}")
     print(f"{name}: a running daemon takes them when it starts again: systemctl restart beamtouch-daemon")
 
 
 def _measure_rest(
-    counts: FloatArray, surface: Surface, last_mm: Mapping[str, float], *, accept_change: bool
+    counts: FloatArray, surface: Surface, last_mm: Mapping[str, float], since_s: float, *, accept_change: bool
 ) -> dict[str, float]:
     """Return the rest gaps [mm] by channel name; NotAtRestError if the beam moves, or they contradict earlier ones."""
     gaps = at_rest.rest_gaps(counts, surface)
@@ -84,7 +86,7 @@ def _measure_rest(
     names = [surface.channel_names[index] for index in too_long] or at_rest.find_frozen(counts, surface)
     if names:
         raise NotAtRestError(at_rest.stuck_complaint(names))
-    contradictions = at_rest.find_contradictions(gaps, last_mm, surface)
+    contradictions = at_rest.find_contradictions(gaps, last_mm, surface, since_s)
     if contradictions and not accept_change:
         raise NotAtRestError(f"{', '.join(contradictions)}; {REMEDY if last_mm else FIRST_REMEDY}")
     return gaps

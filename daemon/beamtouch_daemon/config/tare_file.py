@@ -1,5 +1,6 @@
 """The tare file: the rest gaps that `tare` measured, in a small JSON file beside the configuration."""
 
+import math
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
@@ -58,3 +59,13 @@ def load(path: Path, channels: Sequence[str]) -> dict[str, float]:
     if set(content.rest_gap_mm) != set(channels):
         raise InputError(f"{path}: made for other channels; delete it or run beamtouch-daemon tare again")
     return content.rest_gap_mm
+
+
+def age_s(path: Path, now: datetime) -> float:
+    """Return the time since a tare [s]; infinite if that is not known, as without a file, or where a clock was wrong."""
+    try:
+        taken_at = TareFile.model_validate_json(decode(read_bounded(path))).taken_at
+        since_s = (now - datetime.fromisoformat(taken_at)).total_seconds()
+    except (OSError, ValueError, TypeError):
+        return math.inf
+    return since_s if since_s >= 0 else math.inf

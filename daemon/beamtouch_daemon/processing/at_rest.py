@@ -14,7 +14,7 @@ from beamtouch_daemon.config.settings import Surface
 from beamtouch_daemon.config.signal import Channel
 from beamtouch_daemon.processing import resolution, stuck
 from beamtouch_daemon.processing.characteristic import QUALITIES, Characteristic
-from beamtouch_models.filters import FloatArray
+from beamtouch_models.filters import FloatArray, Walk
 from beamtouch_service.samples import Quality
 
 TARE_S = 1.0
@@ -120,7 +120,9 @@ def describe_motion(gap_mm: FloatArray, step_mm: float, noise_mm: float | None) 
     return f"standard deviation {digits(spread, 2)} mm, drift {digits(drift, 2)} mm, noise {digits(noise, 2)} mm"
 
 
-def find_contradictions(rest_gap_mm: Mapping[str, float], last_mm: Mapping[str, float], surface: Surface) -> list[str]:
+def find_contradictions(
+    rest_gap_mm: Mapping[str, float], last_mm: Mapping[str, float], surface: Surface, since_s: float = math.inf
+) -> list[str]:
     """Return a phrase for each channel whose rest gap differs too much from the last tare, or the configuration.
 
     Parameters
@@ -128,43 +130,79 @@ def find_contradictions(rest_gap_mm: Mapping[str, float], last_mm: Mapping[str, 
     rest_gap_mm : Measured rest gaps [mm], by channel name.
     last_mm : Rest gaps of the last tare [mm], by channel name; empty without one: then the configuration counts.
     surface : The configuration.
+    since_s : Time since the last tare [s], which bounds warmth; infinite if it is not known.
     """
     reference = "the last tare" if last_mm else "its rest_gap_mm"
-    return [
+    differences = _differences(rest_gap_mm, last_mm, surface, _warmth_mm(rest_gap_mm, last_mm, surface, since_s))
+    contradictions = [
         f"{name} {difference_mm:+.{max(3, decimals_of(allowed_mm))}f} mm from {reference}"
-        for name, difference_mm, allowed_mm in _differences(rest_gap_mm, last_mm, surface)
+        for name, difference_mm, allowed_mm in differences
         if abs(difference_mm) > allowed_mm
     ]
+    swap = _find_swap(rest_gap_mm, last_mm, surface) if len(contradictions) == 2 else ""
+    return [*contradictions, swap] if swap else contradictions
 
 
-def describe_comparison(rest_gap_mm: Mapping[str, float], last_mm: Mapping[str, float], surface: Surface) -> str:
+def _find_swap(rest_gap_mm: Mapping[str, float], last_mm: Mapping[str, float], surface: Surface) -> str:
+    """Return a phrase for two channels that have each other's rest gaps; empty if none have.
+
+    They are the ones that differ from their own.
+    """
+    expected_mm = {one.name: last_mm.get(one.name, one.rest_gap_mm) for one in surface.channels}
+    differences = _differences(rest_gap_mm, last_mm, surface, 0.0)
+    first, second = sorted(differences, key=lambda one: abs(one[1]) - one[2])[-2:]
+    apart_mm = expected_mm[first[0]] - expected_mm[second[0]]
+    is_swapped = abs(first[1] + apart_mm) <= first[2] and abs(second[1] - apart_mm) <= second[2]
+    names = " and ".join(sorted((first[0], second[0])))
+    return f"{names} have each other's rest gaps, so their cables seem to be swapped" if is_swapped else ""
+
+
+def describe_comparison(
+    rest_gap_mm: Mapping[str, float], last_mm: Mapping[str, float], surface: Surface, since_s: float = math.inf
+) -> str:
     """Describe what accepted rest gaps were compared with, and how closely; arguments as `find_contradictions`."""
-    differences = _differences(rest_gap_mm, last_mm, surface)
+    warmth_mm = _warmth_mm(rest_gap_mm, last_mm, surface, since_s)
+    differences = _differences(rest_gap_mm, last_mm, surface, warmth_mm)
     name, difference_mm, _ = max(differences, key=lambda difference: abs(difference[1]))
     smallest_mm = min(allowed_mm for _, _, allowed_mm in differences)
     what = "compared with the last tare" if last_mm else "first tare, compared with rest_gap_mm"
     text = (
         f"{what}: {name} differs most, by {digits(abs(difference_mm), 2)} mm; {digits(smallest_mm, 2)} mm are allowed"
     )
+    if abs(warmth_mm) > smallest_mm:
+        text += (
+            f"; all gaps changed by about {warmth_mm:+.{max(3, decimals_of(smallest_mm))}f} mm, taken for warmth: a load "
+            "that moves all sensors about alike would pass, too, so look at the beam"
+        )
     if all(channel.smallest_force_mm is None for channel in surface.channels):
         return f"{text}; a load that moves less is not noticed, as the channels state no smallest_force_mm"
     return text
 
 
-def _differences(
-    rest_gap_mm: Mapping[str, float], last_mm: Mapping[str, float], surface: Surface
-) -> list[tuple[str, float, float]]:
-    """Return name, difference [mm] and largest allowed difference [mm] of each channel.
+def _warmth_mm(
+    rest_gap_mm: Mapping[str, float], last_mm: Mapping[str, float], surface: Surface, since_s: float
+) -> float:
+    """Return what all channels have in common [mm], as far as zeros drift in the time since the last tare [s].
 
-    What all channels have in common counts as warmth, as far as zero tracking would follow it: no load moves all alike.
+    No load moves all alike. Few channels show no difference between the two.
     """
+    tracking = surface.zero_tracking
+    if tracking is None or not last_mm or len(surface.channels) < FEWEST_WARM:
+        return 0.0
+    moved_mm = [rest_gap_mm[one.name] - last_mm.get(one.name, one.rest_gap_mm) for one in surface.channels]
+    walk = Walk(tracking.drift_um_per_min / 1e3, tracking.max_mm, surface.zero_drift_mm)
+    most_mm = min(tracking.max_mm, STATED_DEVIATIONS * float(walk.grown_mm(since_s)))
+    return min(max(float(np.median(moved_mm)), -most_mm), most_mm)
+
+
+def _differences(
+    rest_gap_mm: Mapping[str, float], last_mm: Mapping[str, float], surface: Surface, warmth_mm: float
+) -> list[tuple[str, float, float]]:
+    """Return name, difference [mm] beyond the warmth, and largest allowed difference [mm] of each channel."""
     moved_mm = {
         channel.name: rest_gap_mm[channel.name] - last_mm.get(channel.name, channel.rest_gap_mm)
         for channel in surface.channels
     }
-    warmth_mm, most_mm = 0.0, surface.zero_tracking.max_mm if surface.zero_tracking and last_mm else 0.0
-    if len(moved_mm) >= FEWEST_WARM:
-        warmth_mm = min(max(float(np.median(list(moved_mm.values()))), -most_mm), most_mm)
     drift_mm = STATED_DEVIATIONS * surface.zero_drift_mm
     differences = []
     for channel in surface.channels:

@@ -12,9 +12,13 @@ from beamtouch_models.accuracy import limit
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.arrays import Floats
 from beamtouch_models.building.measure import measure
-from beamtouch_models.calibration.fit import Fit, fit, supported_fit
-from beamtouch_models.calibration.mistaken import MistakenLoad, mistaken, swapped
+from beamtouch_models.calibration.choice import averaged_fit
+from beamtouch_models.calibration.doubts import doubt
+from beamtouch_models.calibration.fit import Fit, fit
+from beamtouch_models.calibration.mistaken import MistakenLoad, mistaken
 from beamtouch_models.calibration.recordings import Loads, RecordingError
+from beamtouch_models.calibration.session import DRIFTING, Session
+from beamtouch_models.calibration.swapped import swapped
 from beamtouch_models.calibration.theory import Theory
 from beamtouch_models.errors import ModelFileError, NotGoodEnoughError
 from beamtouch_models.estimators.estimator import Estimator, estimator_of
@@ -77,15 +81,17 @@ def calibrate(model: ModelFile, loads: Loads, progress: Progress) -> Calibrated:
     residual_mm = float(np.hypot(checked.fit.errors.residual_mm, checked.fit.prediction_mm))
     # The floor of the scene comes with the model; what the fit leaves unexplained does not average away either.
     zero_mm = np.hypot(Surface.of_model(metadata).readings.floor_mm, residual_mm)
-    # The offsets are what the zeros drifted between the tare and the recording, and the next tare takes them away.
+    # The offsets are what the zeros drifted between the tare and the recording, and the next tare takes them away. During
+    # the recording, they went on.
+    drifted_mm = np.abs(checked.fit.session.drift_mm(checked.fit.vector)).max(axis=0)
     prior = replace(
         checked.fit.theory.prior_with(departures),
         gain=np.array(metadata.floor.gain),
-        zero_mm=np.hypot(zero_mm, departures.offset_mm),
+        zero_mm=np.hypot(np.hypot(zero_mm, departures.offset_mm), drifted_mm),
     )
     calibration = Calibration(
         departures=departures,
-        fitted=list(checked.fit.kinds),
+        fitted=[kind for kind in checked.fit.kinds if kind != DRIFTING],
         loads=len(loads.number),
         residual_mm=residual_mm,
         error_before_mm=float(before_mm.mean()),
@@ -99,13 +105,18 @@ def calibrate(model: ModelFile, loads: Loads, progress: Progress) -> Calibrated:
 def checked_fit(model: ModelFile, loads: Loads, progress: Progress) -> CheckedFit:
     """Fit the departures of a model's surface to recorded loads; raises as `calibrate`."""
     theory = Theory.of(model.metadata)
-    swap = swapped(theory, loads, [channel.name for channel in model.metadata.layout])
+    names = [channel.name for channel in model.metadata.layout]
+    swap = swapped(theory, loads, names)
     if swap:
         raise RecordingError(swap)
+    hidden = doubt(theory, loads, names)
+    if hidden:
+        raise RecordingError(hidden)
     mistaken_loads = mistaken(theory, loads, lambda done: progress("looking for loads that do not fit", 0.3 * done))
     if mistaken_loads:
         raise RecordingError(_contradiction(loads, mistaken_loads))
-    found = supported_fit(theory, loads, lambda done: progress("fitting", 0.3 + 0.2 * done))
+    progress("fitting", 0.4)
+    found = averaged_fit(fit(theory, loads, Session(theory, loads).usual_kinds))
     expected_mm = theory.curve(np.zeros(theory.size)).measured_mm(loads.position_mm, loads.force_n)
     expected_mm = expected_mm[np.isfinite(loads.measured_mm)]
     if not np.abs(expected_mm).max() > MOVED * theory.prior.noise_mm:
@@ -116,19 +127,20 @@ def checked_fit(model: ModelFile, loads: Loads, progress: Progress) -> CheckedFi
     if not left <= MAX_LEFT:
         hint = _scale_hint(loads.measured_mm[np.isfinite(loads.measured_mm)], expected_mm)
         raise NotGoodEnoughError(_another_surface(f"leaves {left:.0%} of the expected deflections unexplained", hint))
-    before = _errors_mm(prior_of_model(model.metadata), model.metadata.departures, loads)
+    before = _errors_mm(
+        prior_of_model(model.metadata), model.metadata.departures, found.session.undrifted(found.vector)
+    )
     after = np.empty(len(loads.number))
     for index in range(len(after)):
         progress("leaving out one load at a time", 0.5 + 0.2 * index / len(after))
-        departures = fit(theory, loads.without(index), found.kinds, found.vector).departures
-        after[index] = _errors_mm(theory.prior_with(departures), departures, loads[[index]])[0]
+        others = fit(theory, loads.without(index), found.kinds, found.vector, sizes=found.sizes)
+        load = Session(theory, loads[[index]]).undrifted(others.vector)
+        after[index] = _errors_mm(theory.prior_with(others.departures), others.departures, load)[0]
     # A single sample has this error in addition, and the loads themselves stand a little off.
     best = float(np.hypot(limit_mm(theory.prior, loads, model.metadata.seed, draws=100), loads.errors.placing_mm))
     if not after.mean() <= max(MAX_LEFT * model.metadata.length_mm, best):
         raise NotGoodEnoughError(_another_surface(f"locates left-out loads to {digits(after.mean(), 3)} mm"))
-    # A fit without departures is right only if the scene itself locates well.
-    worse = np.hypot(after.mean(), best) > WORSE * np.hypot(before.mean(), best)
-    if worse or (not found.kinds and not after.mean() <= best):
+    if np.hypot(after.mean(), best) > WORSE * np.hypot(before.mean(), best):
         raise NotGoodEnoughError(_worse(loads, before, after))
     return CheckedFit(found, before, after)
 

@@ -7,18 +7,19 @@ Mandel 1982, doi 10.6028/jres.087.022). Kinds of departures are added one by one
 loads that are left out of the fit.
 """
 
+from collections.abc import Mapping
 from dataclasses import astuple, dataclass
+from types import MappingProxyType
 
 import numpy as np
 
 from beamtouch_models.arrays import Floats
 from beamtouch_models.calibration.recordings import Loads
+from beamtouch_models.calibration.session import Session
 from beamtouch_models.calibration.theory import Fitted, Theory, best_step
 from beamtouch_models.health.residuals import LoadErrors, Residuals, leave_out
 from beamtouch_models.sweeps import Fraction
 
-WORTH = 0.95
-"""A kind of departure is added if it lowers the error of left-out loads to at most this fraction."""
 ROUNDS = 3
 """Largest number of times that the residual is estimated."""
 STEPS = 8
@@ -31,6 +32,8 @@ CLOSE = 1e-3
 """A fit ends with a step below this, in units of plausible departures."""
 PSEUDO_LOADS = 0.25
 """Weight of the stated errors, in loads; they matter where the loads tell little."""
+EACH_PLAUSIBLE: Mapping[str, float] = MappingProxyType({})
+"""Each kind has its plausible size."""
 UPDATES = 10
 """Number of improvements of the errors in each round of a fit. A round starts from the errors of the previous one."""
 
@@ -39,6 +42,7 @@ UPDATES = 10
 class Fit(Fitted):
     """A fit of some kinds of departures to known loads."""
 
+    session: Session
     errors: LoadErrors
     """Errors of the recording as the fit finds them, and the residual beyond all of them."""
     scatter: float
@@ -47,10 +51,17 @@ class Fit(Fitted):
     """Remaining degrees of freedom: deflections minus the departures that they determine."""
     left_out_mm: Floats
     """(loads, channels) measured minus predicted, each load left out of the fit; NaN without a measurement."""
-    left_out: float
-    """Root mean square of `left_out_mm`, in units of the errors that the recording states."""
-    prediction_mm: float
-    """Root mean square error of the predicted deflections, from that of the departures."""
+    log_evidence: float
+    """Logarithm of the probability of the recording by these kinds, but for a constant."""
+    sizes: Mapping[str, float]
+    """How large each kind is, over what is plausible, where that is not 1."""
+
+    @property
+    def prediction_mm(self) -> float:
+        """Root mean square error of the predicted deflections, from that of the departures."""
+        slopes = self.session.slopes(self.vector, self.kinds)
+        measured = np.isfinite(self.session.loads.measured_mm).sum()
+        return float(np.sqrt(np.einsum("lcv,vw,lcw->", slopes, self.covariance, slopes) / measured))
 
     @property
     def error_mm(self) -> float:
@@ -59,73 +70,94 @@ class Fit(Fitted):
 
 
 def fit(
-    theory: Theory, loads: Loads, kinds: tuple[str, ...], start: Floats | None = None, *, rounds: int = ROUNDS
+    theory: Theory,
+    loads: Loads,
+    kinds: tuple[str, ...],
+    start: Floats | None = None,
+    *,
+    rounds: int = ROUNDS,
+    sizes: Mapping[str, float] = EACH_PLAUSIBLE,
 ) -> Fit:
-    """Fit some kinds of departures; the others stay as in the scene."""
-    free, vector, errors = theory.free_of(kinds), np.zeros(theory.size), loads.errors
+    """Fit some kinds of departures; the others stay as in the scene.
+
+    `sizes` has how large a kind is, over what is plausible, where that is not 1.
+    """
+    session = Session(theory, loads)
+    free, about, vector, errors = session.places_of(kinds), session.about(sizes), np.zeros(session.size), loads.errors
     if start is not None:
         vector[free] = start[free]
-    residuals = residuals_of(theory, loads, vector)
+    residuals = session.residuals(vector)
     measured = int(residuals.is_measured.sum())
     for _ in range(rounds):
-        vector = _solve(theory, loads, kinds, vector, residuals.whitening(errors))
-        residuals, slopes = residuals_of(theory, loads, vector), _slopes(theory, loads, kinds, vector)
+        vector = _solve(session, kinds, about, vector, residuals.whitening(errors))
+        residuals, slopes = session.residuals(vector), session.slopes(vector, kinds)[..., free]
         # Only departures that the data determine, rather than the prior, use up degrees of freedom.
         weighed = residuals.whitening(errors) @ slopes
-        freedom = max(1.0, measured - float(np.einsum("lcv,vw,lcw->", weighed, _covariance(weighed), weighed)))
+        own = _covariance(weighed, about[free])
+        freedom = max(1.0, measured - float(np.einsum("lcv,vw,lcw->", weighed, own, weighed)))
         errors = _likely_errors(residuals, loads.errors, errors, freedom)
     whitening, as_stated = residuals.whitening(errors), residuals.whitening(loads.errors)
     weighed, left = whitening @ slopes, residuals.left_mm[..., None]
-    own = _covariance(weighed)
+    own = _covariance(weighed, about[free])
     left_out = np.linalg.solve(whitening, leave_out((whitening @ left)[..., 0], weighed, own)[..., None])
+    covariance = np.zeros((session.size, session.size))
+    covariance[np.ix_(free, free)] = own
     return Fit(
         theory,
         kinds,
         vector,
-        theory.covariance_of(kinds, own),
+        covariance,
+        session,
         errors,
         scatter=float(np.sqrt(((as_stated @ left) ** 2).sum() / freedom)),
         freedom=freedom,
         left_out_mm=np.where(residuals.is_measured, left_out[..., 0], np.nan),
-        left_out=float(np.sqrt(((as_stated @ left_out) ** 2).sum() / measured)),
-        prediction_mm=float(np.sqrt(np.einsum("lcv,vw,lcw->", slopes, own, slopes) / measured)),
+        log_evidence=_log_evidence(whitening, residuals, vector, own, loads.errors, errors),
+        sizes=sizes,
     )
 
 
-def residuals_of(theory: Theory, loads: Loads, vector: Floats) -> Residuals:
-    """Return the residuals of known loads on a surface with departures."""
-    return Residuals.of(theory.curve(vector), loads.position_mm, loads.force_n, loads.measured_mm, loads.deviation_mm)
+def _log_evidence(
+    whitening: Floats, residuals: Residuals, vector: Floats, covariance: Floats, about: LoadErrors, errors: LoadErrors
+) -> float:
+    """Return the logarithm of the probability of a recording by what was fitted, but for a constant.
+
+    It is that of all departures that their priors allow (Laplace's approximation; MacKay 1992, doi
+    10.1162/neco.1992.4.3.415), so departures that gain little cost more than they bring.
+    """
+    left = (whitening @ residuals.left_mm[..., None])[..., 0]
+    _, log_weights = np.linalg.slogdet(whitening)
+    _, log_volume = np.linalg.slogdet(covariance)
+    own = np.array([errors.placing_mm, errors.force]) ** 2
+    stated = np.array([about.placing_mm, about.force]) ** 2
+    safe = np.maximum(own, np.finfo(np.float64).tiny)
+    of_errors = -PSEUDO_LOADS / 2 * float((stated / safe + np.log(safe)).sum())
+    return float(log_weights.sum() - ((left**2).sum() + vector @ vector - log_volume) / 2) + of_errors
 
 
-def _slopes(theory: Theory, loads: Loads, kinds: tuple[str, ...], vector: Floats) -> Floats:
-    """Return the change of each deflection with the fitted departures, (loads, channels, departures)."""
-    slopes = theory.slopes(vector, loads.position_mm, loads.force_n, kinds)[..., theory.free_of(kinds)]
-    return slopes * np.isfinite(loads.measured_mm)[..., None]
+def _covariance(weighed: Floats, about: Floats) -> Floats:
+    """Return the covariance of the fitted departures, from their whitened slopes and the deviations of their priors."""
+    return np.linalg.inv(np.einsum("lcv,lcw->vw", weighed, weighed) + np.diag(about**-2))
 
 
-def _covariance(weighed: Floats) -> Floats:
-    """Return the covariance of the fitted departures, from their whitened slopes and their prior of variance 1."""
-    return np.linalg.inv(np.einsum("lcv,lcw->vw", weighed, weighed) + np.eye(weighed.shape[2]))
-
-
-def _solve(theory: Theory, loads: Loads, kinds: tuple[str, ...], vector: Floats, whitening: Floats) -> Floats:
-    """Return the vector with the likeliest departures for this whitening of the residuals."""
-    free = theory.free_of(kinds)
-    low, high = theory.bounds_of(free)
+def _solve(session: Session, kinds: tuple[str, ...], about: Floats, vector: Floats, whitening: Floats) -> Floats:
+    """Return the vector with the likeliest entries for this whitening of the residuals."""
+    free = session.places_of(kinds)
+    low, high = session.bounds_of(free)
 
     def price(vector: Floats) -> float:
-        residuals = residuals_of(theory, loads, vector)
+        residuals = session.residuals(vector)
         left = whitening @ residuals.left_mm[..., None]
-        price = float((left**2).sum() + (vector[free] ** 2).sum())
+        price = float((left**2).sum() + ((vector[free] / about[free]) ** 2).sum())
         # Where the curve of a sensor turns back, what it shows has no bounds.
         is_possible = np.isfinite(price) and np.abs(residuals.moved_mm).max() < BEYOND_MM
         return price if is_possible else np.inf
 
     here = price(vector)
     for _ in range(STEPS if len(free) else 0):
-        weighed = whitening @ _slopes(theory, loads, kinds, vector)
-        left = (whitening @ residuals_of(theory, loads, vector).left_mm[..., None])[..., 0]
-        step, _ = best_step(weighed, left, vector[free], 1.0, (low - vector[free], high - vector[free]))
+        weighed = whitening @ session.slopes(vector, kinds)[..., free]
+        left = (whitening @ session.residuals(vector).left_mm[..., None])[..., 0]
+        step, _ = best_step(weighed, left, vector[free], about[free], (low - vector[free], high - vector[free]))
         # Far from the truth, as with a wrong wiring, a whole step may lead to a worse place.
         for _ in range(HALVINGS):
             nearer = vector.copy()
@@ -165,17 +197,3 @@ def _likely_errors(residuals: Residuals, about: LoadErrors, start: LoadErrors, f
         variance[:2] *= np.sqrt(pulls / traces)
         variance[2] *= np.sqrt((pulled**2).sum() / own)
     return LoadErrors(*np.sqrt(variance).tolist())
-
-
-def supported_fit(theory: Theory, loads: Loads, progress: Fraction) -> Fit:
-    """Fit the kinds of departures that lower the error of left-out loads."""
-    best, open_kinds = fit(theory, loads, ()), list(theory.kinds)
-    while open_kinds:
-        progress(1 - len(open_kinds) / len(theory.kinds))
-        trials = [fit(theory, loads, (*best.kinds, kind), best.vector) for kind in open_kinds]
-        trial = min(trials, key=lambda one: one.left_out)
-        if trial.left_out > WORTH * best.left_out:
-            break
-        best = trial
-        open_kinds.remove(trial.kinds[-1])
-    return best

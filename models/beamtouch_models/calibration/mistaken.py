@@ -1,4 +1,4 @@
-"""The search for mistakes in a recording: loads that contradict the others, swapped channels, swapped ends of the beam.
+"""The search for loads of a recording that contradict the others.
 
 A wrong load, whose position or force was mistyped, pulls the fit towards itself, so residuals do not show which load is
 wrong. Each load is therefore tested against a fit without it, with its externally studentized residual (Cook &
@@ -6,54 +6,18 @@ Weisberg, Residuals and Influence in Regression, 1982, sec. 2.2). Two wrong load
 out as well if the rest disagrees.
 """
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
 from scipy.stats import f as f_distribution
 
-from beamtouch_models.calibration.fit import ROUNDS, Fit, fit, residuals_of
+from beamtouch_models.calibration.fit import ROUNDS, Fit, fit
 from beamtouch_models.calibration.recordings import Loads
+from beamtouch_models.calibration.session import Session
 from beamtouch_models.calibration.theory import Theory
-from beamtouch_models.decision.wrong_channels import wirings
 from beamtouch_models.sweeps import Fraction, silent
-
-POOR_NOISES = 8.0
-"""Residual, in noises of a sample, below which loads agree with the channels as they are."""
-BETTER = 3.0
-"""Factor by which the scatter must shrink when something is swapped."""
-OTHER_END = (
-    "the channels seem to be in reverse order, or positions to be measured from the other end of the beam; "
-    "check the order in the daemon's config, and where positions are measured from"
-)
-"""One message for both: on a symmetric surface they look the same."""
-
-
-def swapped(theory: Theory, loads: Loads, names: list[str]) -> str | None:
-    """Say what seems swapped or inverted: channels, the order of all, or the ends of the beam; None if nothing does."""
-    kinds = tuple(theory.kinds)
-    asis = fit(theory, loads, kinds)
-    if asis.errors.residual_mm <= POOR_NOISES * theory.prior.noise_mm:
-        return None
-    trials = [(fit(theory, other, kinds).scatter, message) for message, other in _swaps(theory, loads, names)]
-    scatter, message = min(trials, default=(np.inf, ""))
-    return message if BETTER * scatter < asis.scatter else None
-
-
-def _swaps(theory: Theory, loads: Loads, names: list[str]) -> Iterator[tuple[str, Loads]]:
-    """Yield each possible swap: its message, and the loads without the swap."""
-    for wiring in wirings(names):
-        message = f"{wiring.text}; check the wiring and the order in the daemon's config"
-        measured_mm = loads.measured_mm[:, wiring.order] * np.array(wiring.signs)
-        deviation_mm = loads.deviation_mm[:, wiring.order]
-        corrected = replace(loads, measured_mm=measured_mm, deviation_mm=deviation_mm)
-        yield OTHER_END if wiring.is_reversed else message, corrected
-    mirrored_mm = theory.prior.length_mm - loads.position_mm
-    low, high = theory.prior.position_mm
-    if ((low <= mirrored_mm) & (mirrored_mm <= high)).all():
-        yield OTHER_END, replace(loads, position_mm=mirrored_mm)
-
 
 CHANCE = 1e-4
 """Probability that any load of a correct recording is called mistaken."""
@@ -125,20 +89,21 @@ def _rank(
 
 def _fit_without(theory: Theory, loads: Loads, left_out: tuple[int, ...], rounds: int = ROUNDS) -> Fit:
     # Start from the scene, not from a fit that included the load.
-    return fit(theory, loads.without(*left_out), tuple(theory.kinds), rounds=rounds)
+    return fit(theory, loads.without(*left_out), Session(theory, loads).usual_kinds, rounds=rounds)
 
 
 def _contradicts(fitted: Fit, loads: Loads, index: int) -> bool:
     """Return whether a load contradicts a fit to others, beyond chance and by enough to matter."""
     theory, load = fitted.theory, loads[[index]]
-    residuals = residuals_of(theory, load, fitted.vector)
+    session = Session(theory, load)
+    residuals = session.residuals(fitted.vector)
     count = int(residuals.is_measured.sum())
     if not np.sqrt((residuals.left_mm**2).sum() / count) >= FAR_NOISES * theory.prior.noise_mm:
         return False
-    slopes = theory.slopes(fitted.vector, load.position_mm, load.force_n, fitted.kinds)
+    slopes = session.slopes(fitted.vector, fitted.kinds)
     # An honest load may be off by as much as is stated, even if the others are better.
     errors = fitted.errors.at_least(loads.errors)
-    misfit = residuals.misfit(errors, slopes * residuals.is_measured[..., None], fitted.covariance)
+    misfit = residuals.misfit(errors, slopes, fitted.covariance)
     chance = f_distribution.sf(float(misfit[0]) / count, count, fitted.freedom)
     return bool(chance < CHANCE / len(loads.number))
 

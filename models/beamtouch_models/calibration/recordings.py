@@ -29,7 +29,9 @@ MAX_DEFLECTIONS = 100.0
 """Largest deflection, over the largest of the model; a larger one cannot be in mm."""
 FORCE_FACTOR = 1000.0
 """Factor by which a force may lie below or above the range of forces; beyond, it cannot be in N."""
-GOOD = "good"
+GOOD, TIME = "good", "unix_time_s"
+MAX_MINUTES = 24 * 60.0
+"""Longest recording; if it takes longer, the times of its loads say nothing of their zeros."""
 STATED = LoadErrors(placing_mm=1.0, force=0.01)
 """Errors of loads that a person places by a ruler and weighs on a scale."""
 
@@ -52,6 +54,8 @@ class Loads:
     """(loads, channels) standard deviation of that mean."""
     lines: Indices
     """(loads, 2) first and last line of each load in the file, counted from 1."""
+    minutes: Floats
+    """(loads,) time of each load since the first; 0 if the file has no times."""
     errors: LoadErrors = STATED
     """Stated errors of the positions and forces of the loads."""
 
@@ -60,7 +64,7 @@ class Loads:
         return self[~np.isin(np.arange(len(self.number)), indices)]
 
     def __getitem__(self, kept: Bools | list[int]) -> "Loads":
-        arrays = ("number", "position_mm", "force_n", "measured_mm", "deviation_mm", "lines")
+        arrays = ("number", "position_mm", "force_n", "measured_mm", "deviation_mm", "lines", "minutes")
         return replace(self, **{name: getattr(self, name)[kept] for name in arrays})
 
     def in_words(self, index: int) -> str:
@@ -175,7 +179,18 @@ def _averaged(rows: list[_Line], channels: list[str], metadata: Metadata) -> Loa
     # Samples of a moving average share readings, so their mean is only as good as that of as many readings.
     deviation = metadata.noise.reading_mm / np.sqrt(np.maximum(good, 1))
     ends = np.array([(own[0], own[-1]) for own in each])
-    return Loads(loads, position[ends[:, 0]], force[ends[:, 0]], mean, deviation, line[ends])
+    return Loads(loads, position[ends[:, 0]], force[ends[:, 0]], mean, deviation, line[ends], _minutes(rows, each))
+
+
+def _minutes(rows: list[_Line], each: list[Indices]) -> Floats:
+    """Return the time of each load since the first [min]; 0 if some load has none."""
+    try:
+        seconds = np.array([float(row.cells.get(TIME, "")) for row in rows])
+    except ValueError:
+        return np.zeros(len(each))
+    minutes = np.array([seconds[own].mean() for own in each]) / 60
+    since: Floats = minutes - minutes.min()
+    return since if np.isfinite(since).all() and since.max() < MAX_MINUTES else np.zeros(len(each))
 
 
 def _deflection_mm(row: _Line, channel: str) -> float:

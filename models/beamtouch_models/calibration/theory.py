@@ -58,6 +58,8 @@ class Theory:
     sensor_mm: Floats
     prior: Prior
     max_deflection_mm: float
+    drift_mm_per_min: float
+    """Standard deviation of the drift of a zero."""
     _influences: dict[tuple[float, ...], Floats] = field(default_factory=dict, repr=False, compare=False)
     """Influence matrices that were computed recently."""
 
@@ -66,7 +68,14 @@ class Theory:
         """Return the theory of a model; raises SceneError if its scene cannot be computed."""
         surface, sensor_mm = Surface.of_model(metadata), metadata.layout_mm
         scene, prior = surface.scene, Prior.of(surface.influence, sensor_mm, metadata.noise.sample_mm)
-        return cls(scene.beam, scene.contact.width_mm, sensor_mm, prior, metadata.max_deflection_mm)
+        return cls(
+            scene.beam,
+            scene.contact.width_mm,
+            sensor_mm,
+            prior,
+            metadata.max_deflection_mm,
+            metadata.floor.drift_mm_per_min,
+        )
 
     @cached_property
     def kinds(self) -> dict[str, slice]:

@@ -17,6 +17,7 @@ from beamtouch_models.arrays import Floats
 from beamtouch_models.calibration.calibrate import Calibrated, calibrate
 from beamtouch_models.calibration.recordings import read_contacts, read_loads
 from beamtouch_models.calibration.self_calibrate import KINDS, SelfCalibrated, self_calibrate
+from beamtouch_models.calibration.session import DRIFTING
 from beamtouch_models.commands.shared import shown_progress
 from beamtouch_models.health.changes import DRIFT
 from beamtouch_models.health.residuals import LoadErrors
@@ -26,6 +27,14 @@ from beamtouch_models.printing import Result
 
 MIN_ERROR, MAX_ERROR = 1e-3, 50.0
 """Bounds of the stated errors of the loads, in mm and in percent."""
+
+IN_GAINS = "as in the scene; what it differs is in the gains, as known loads show the product only"
+ALIKE_FORCES = 0.2
+"""Range of the forces, over their mean, below which they are the same."""
+SAME_FORCE = (
+    "all loads have about the same force, so a weight that was forgotten would pass for gains; record some loads "
+    "with another force, such as half of it"
+)
 
 
 def run(options: argparse.Namespace) -> Result:
@@ -62,6 +71,9 @@ def _calibrate_with_loads(model: ModelFile, options: argparse.Namespace) -> Told
     fit, before, after, limit_mm = calibrated.fit, calibrated.before_mm, calibrated.after_mm, calibrated.limit_mm
     errors = fit.theory.standard_errors(fit.vector, fit.spread)
     words = _departures_in_words(calibrated.metadata, fit.departures, errors)
+    drift, drift_errors = fit.session.rates_um_per_min(fit.vector), fit.session.rates_um_per_min(fit.spread)
+    if np.ptp(loads.force_n) < ALIKE_FORCES * loads.force_n.mean():
+        print(SAME_FORCE, file=sys.stderr)
     placing_mm, force_percent = fit.errors.placing_mm, 100 * fit.errors.force
     fields = {
         "standard_errors": {kind: values.tolist() for kind, values in errors.items()},
@@ -70,13 +82,22 @@ def _calibrate_with_loads(model: ModelFile, options: argparse.Namespace) -> Told
         "limit_mm": limit_mm,
         "placing_mm": placing_mm,
         "force_percent": force_percent,
+        "drift_um_per_min": drift.tolist(),
         "loads_left_out": sorted(set(options.leave_out)),
     }
     placed = f"placed to about {digits(placing_mm, 2)} mm and with forces known to about {digits(force_percent, 2)} %"
     mean, worst = digits(after.mean(), 3), digits(after.max(), 3)
     rows = [
         ("loads", f"{len(before)}, {placed}"),
-        *((kind, text if kind in fit.kinds else "as in the scene") for kind, text in words.items()),
+        *(
+            ("rigidity", IN_GAINS) if kind == "rigidity" and not errors[kind].any() else (kind, text)
+            for kind, text in words.items()
+        ),
+        *(
+            [("drift", f"{_each(calibrated.metadata, drift, drift_errors)} um per minute of the recording")]
+            if DRIFTING in fit.kinds
+            else []
+        ),
         ("before", f"{digits(before.mean(), 3)} mm mean error of these loads, {digits(before.max(), 3)} mm worst"),
         ("after", f"{mean} mm mean, {worst} mm worst, each by a fit without the load"),
         ("limit", f"{digits(limit_mm, 3)} mm mean error of single samples of these loads, at best"),
@@ -135,10 +156,7 @@ def _departures_in_words(metadata: Metadata, found: Departures, errors: Mapping[
     """Return each kind of departure with its standard errors, in the units of the departures, as text."""
 
     def each(values: list[float], spread: Floats, factor: float = 1.0, centre: float = 0.0) -> str:
-        return ", ".join(
-            f"{channel.name} {(value - centre) * factor:+.2f} +- {error * factor:.2f}"
-            for channel, value, error in zip(metadata.layout, values, spread, strict=True)
-        )
+        return _each(metadata, (np.array(values) - centre) * factor, spread * factor)
 
     shown = {
         "rigidity": f"{(found.rigidity - 1) * 100:+.2f} +- {errors['rigidity'][0] * 100:.2f} %",
@@ -152,6 +170,14 @@ def _departures_in_words(metadata: Metadata, found: Departures, errors: Mapping[
         left, right = (f"{value:.3f} +- {error:.3f}" for value, error in ends)
         shown["fixity"] = f"left {left}, right {right}"
     return shown
+
+
+def _each(metadata: Metadata, values: Floats, errors: Floats) -> str:
+    """Return the value of each channel with its error, as text."""
+    return ", ".join(
+        f"{channel.name} {value:+.2f} +- {error:.2f}"
+        for channel, value, error in zip(metadata.layout, values, errors, strict=True)
+    )
 
 
 def _percent(values: Sequence[float]) -> str:
