@@ -1,6 +1,8 @@
-"""Recorded loads with one that was mistyped: how often `calibrate` names it; and how often it refuses honest ones.
+"""Recorded loads in which something is wrong: how often `calibrate` names it; and how often it refuses honest ones.
 
-`python tests/benchmarks/bench_calibration.py --runs 200` prints a row per scene and mistake as it is measured.
+`python tests/benchmarks/bench_calibration.py --runs 200` prints a row per scene and mistyped load as it is measured,
+and with `--doubts` one per scene and other fault of a recording, with the share of stated intervals that hold the
+truth.
 """
 
 import argparse
@@ -8,6 +10,7 @@ import sys
 import tempfile
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -17,12 +20,18 @@ sys.path.insert(0, str(Path(__file__).parent.parent))  # for what tests and benc
 from shipped import build
 
 from beamtouch_models.calibration.calibrate import checked_fit
+from beamtouch_models.calibration.fit import Fit
 from beamtouch_models.calibration.recordings import Loads, RecordingError
+from beamtouch_models.calibration.theory import GAIN, RIGIDITY
 from beamtouch_models.errors import NotGoodEnoughError
 from beamtouch_models.modelfile import ModelFile
-from real_surfaces import MISTAKES, random_imperfections, recorded, with_mistake
+from beamtouch_models.rig.surface import Imperfections
+from doubtful_recordings import WRONG, doubtful
+from real_surfaces import MISTAKES, random_imperfections, recorded, true_prior, with_mistake
 
 SCENE_NAMES = ("bench", "conveyor", "cantilever")
+SIDES, PLACES = 1.96, 9
+"""Half of an interval of 95 %, in standard errors, and number of places of contacts over the range."""
 RUNS = 6
 """Per scene and mistake in `make bench`."""
 
@@ -63,6 +72,59 @@ def measured(name: str, mistake: str, runs: int, hand_mm: float, *, anywhere: bo
     return {"name": row_name, "value": counts[wanted] / runs, "unit": wanted, "goal": 0.99, "runs": runs, **counts}
 
 
+def doubted(name: str, wrong: str, runs: int) -> dict[str, object]:
+    """Count what is named over random surfaces, and the stated intervals that hold the truth in what is accepted."""
+    model = model_of(name)
+    counts = dict.fromkeys(("named", "misnamed", "refused", "accepted"), 0)
+    held: dict[str, list[bool]] = {"gains": [], "positions": [], "forces": []}
+    for seed in range(runs):
+        rng = np.random.default_rng([seed, 7])
+        real = random_imperfections(model.metadata, rng)
+        loads, named = doubtful(model.metadata, real, wrong, rng)
+        try:
+            checked = checked_fit(model, loads, lambda _doing, _done: None)
+        except RecordingError as error:
+            counts["named" if named and str(error).startswith(named) else "misnamed"] += 1
+        except NotGoodEnoughError:
+            counts["refused"] += 1
+        else:
+            counts["accepted"] += 1
+            for kind, values in holding(model, checked.fit, real).items():
+                held[kind] += values
+    wanted = "accepted" if wrong in {"none", "drift"} else "named"
+    shares = {kind: round(float(np.mean(values)), 3) for kind, values in held.items() if values}
+    row = {"name": f"{name}, {wrong}", "value": counts[wanted] / runs, "unit": wanted, "goal": 0.95, "runs": runs}
+    return {**row, **counts, **shares}
+
+
+def holding(model: ModelFile, found: Fit, real: Imperfections) -> dict[str, list[bool]]:
+    """Return whether the stated 95 % intervals of gains, positions and forces hold the truth.
+
+    Forces are those of contacts at known places over the range, by all channels alike. Gains are over the rigidity, if
+    the fit says that loads show the product only.
+    """
+    theory, metadata = found.theory, model.metadata
+    truth = theory.vector_of(real.departures(len(metadata.layout)))
+    if not found.spread[theory.kinds["rigidity"]].any():
+        truth[theory.kinds["gain"]] -= RIGIDITY / GAIN * truth[theory.kinds["rigidity"]]
+    inside = np.abs(found.vector[: theory.size] - truth) <= SIDES * found.spread[: theory.size]
+    places_mm, force_n = np.linspace(*metadata.ranges.position_mm, PLACES), np.full(PLACES, metadata.ranges.force_n[1])
+    shown_mm = theory.curve(found.vector).measured_mm(places_mm, force_n)
+    prior = true_prior(metadata, real)
+    true_mm = prior.measured(force_n[:, None] * prior.influence_at(places_mm))
+    slopes = theory.slopes(found.vector[: theory.size], places_mm, force_n, tuple(theory.kinds))
+    along = shown_mm / (shown_mm**2).sum(axis=1, keepdims=True)
+    # The zeros of the recording are taken away by the next tare.
+    share = ((true_mm - shown_mm + np.array(found.departures.offset_mm)) * along).sum(axis=1)
+    slopes[..., theory.kinds["offset"]] = 0.0
+    of_force = np.einsum("lc,lcv->lv", along, slopes)
+    covariance = found.covariance[: theory.size, : theory.size]
+    error = np.sqrt(np.einsum("lv,vw,lw->l", of_force, covariance, of_force))
+    forces = (np.abs(share) <= SIDES * error).tolist()
+    gains, positions = (inside[theory.kinds[kind]].tolist() for kind in ("gain", "position"))
+    return {"gains": gains, "positions": positions, "forces": forces}
+
+
 def rows(
     runs: int, mistakes: Sequence[str], names: Sequence[str], hand_mm: float, *, anywhere: bool
 ) -> Iterator[dict[str, object]]:
@@ -74,7 +136,8 @@ def rows(
 
 def run() -> list[dict[str, object]]:
     """Rows for `make bench`."""
-    return list(rows(RUNS, ("none", "60 mm"), SCENE_NAMES, 0.0, anywhere=False))
+    loads = rows(RUNS, ("none", "60 mm"), SCENE_NAMES, 0.0, anywhere=False)
+    return [*loads, *(doubted("cantilever", wrong, RUNS) for wrong in WRONG)]
 
 
 def main() -> None:
@@ -85,7 +148,12 @@ def main() -> None:
     parser.add_argument("--scenes", nargs="+", choices=SCENE_NAMES, default=SCENE_NAMES)
     parser.add_argument("--hand-mm", type=float, default=0.0, help="deviation of loads from where they are said to be")
     parser.add_argument("--anywhere", action="store_true", help="random positions and forces, not even and equal ones")
+    parser.add_argument("--doubts", action="store_true", help="other faults of a recording, instead of mistyped loads")
     options = parser.parse_args()
+    if options.doubts:
+        for name, wrong in product(options.scenes, WRONG):
+            print(doubted(name, wrong, options.runs), flush=True)
+        return
     for row in rows(options.runs, options.mistakes, options.scenes, options.hand_mm, anywhere=options.anywhere):
         print(row, flush=True)
 

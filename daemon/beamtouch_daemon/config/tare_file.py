@@ -62,7 +62,7 @@ def load(path: Path, channels: Sequence[str]) -> dict[str, float]:
 
 
 def age_s(path: Path, now: datetime) -> float:
-    """Return the time since a tare [s]; infinite if that is not known, as without a file, or where a clock was wrong."""
+    """Return the time since a tare [s]; infinite without a file, or where a clock was wrong."""
     try:
         taken_at = TareFile.model_validate_json(decode(read_bounded(path))).taken_at
         since_s = (now - datetime.fromisoformat(taken_at)).total_seconds()

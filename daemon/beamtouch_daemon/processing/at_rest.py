@@ -171,8 +171,8 @@ def describe_comparison(
     )
     if abs(warmth_mm) > smallest_mm:
         text += (
-            f"; all gaps changed by about {warmth_mm:+.{max(3, decimals_of(smallest_mm))}f} mm, taken for warmth: a load "
-            "that moves all sensors about alike would pass, too, so look at the beam"
+            f"; all gaps changed by about {warmth_mm:+.{max(3, decimals_of(smallest_mm))}f} mm, taken for warmth: a "
+            "load that moves all sensors about alike would pass, too, so look at the beam"
         )
     if all(channel.smallest_force_mm is None for channel in surface.channels):
         return f"{text}; a load that moves less is not noticed, as the channels state no smallest_force_mm"

@@ -13,11 +13,11 @@ from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.arrays import Floats
 from beamtouch_models.building.measure import measure
 from beamtouch_models.calibration.choice import averaged_fit
-from beamtouch_models.calibration.doubts import doubt
+from beamtouch_models.calibration.doubts import doubts
 from beamtouch_models.calibration.fit import Fit, fit
 from beamtouch_models.calibration.mistaken import MistakenLoad, mistaken
 from beamtouch_models.calibration.recordings import Loads, RecordingError
-from beamtouch_models.calibration.session import DRIFTING, Session
+from beamtouch_models.calibration.session import Session
 from beamtouch_models.calibration.swapped import swapped
 from beamtouch_models.calibration.theory import Theory
 from beamtouch_models.errors import ModelFileError, NotGoodEnoughError
@@ -78,11 +78,13 @@ def calibrate(model: ModelFile, loads: Loads, progress: Progress) -> Calibrated:
     metadata, checked = model.metadata, checked_fit(model, loads, progress)
     departures, before_mm, after_mm = checked.fit.departures, checked.before_mm, checked.after_mm
     # The error of a prediction beyond the noise of the recording widens the intervals.
-    residual_mm = float(np.hypot(checked.fit.errors.residual_mm, checked.fit.prediction_mm))
+    bends_mm = checked.fit.session.bends_mm(checked.fit.vector)
+    left_mm = (checked.fit.errors.residual_mm, checked.fit.prediction_mm, np.sqrt(np.nanmean(bends_mm**2)))
+    residual_mm = float(np.linalg.norm(left_mm))
     # The floor of the scene comes with the model; what the fit leaves unexplained does not average away either.
     zero_mm = np.hypot(Surface.of_model(metadata).readings.floor_mm, residual_mm)
-    # The offsets are what the zeros drifted between the tare and the recording, and the next tare takes them away. During
-    # the recording, they went on.
+    # The offsets are what the zeros drifted between the tare and the recording, and went on to drift during it. The next
+    # tare takes both away.
     drifted_mm = np.abs(checked.fit.session.drift_mm(checked.fit.vector)).max(axis=0)
     prior = replace(
         checked.fit.theory.prior_with(departures),
@@ -91,7 +93,7 @@ def calibrate(model: ModelFile, loads: Loads, progress: Progress) -> Calibrated:
     )
     calibration = Calibration(
         departures=departures,
-        fitted=[kind for kind in checked.fit.kinds if kind != DRIFTING],
+        fitted=[kind for kind in checked.fit.kinds if kind in checked.fit.theory.kinds],
         loads=len(loads.number),
         residual_mm=residual_mm,
         error_before_mm=float(before_mm.mean()),
@@ -109,14 +111,14 @@ def checked_fit(model: ModelFile, loads: Loads, progress: Progress) -> CheckedFi
     swap = swapped(theory, loads, names)
     if swap:
         raise RecordingError(swap)
-    hidden = doubt(theory, loads, names)
-    if hidden:
-        raise RecordingError(hidden)
+    doubt, possible = doubts(theory, loads, names)
+    if doubt:
+        raise RecordingError(doubt)
     mistaken_loads = mistaken(theory, loads, lambda done: progress("looking for loads that do not fit", 0.3 * done))
     if mistaken_loads:
         raise RecordingError(_contradiction(loads, mistaken_loads))
     progress("fitting", 0.4)
-    found = averaged_fit(fit(theory, loads, Session(theory, loads).usual_kinds))
+    found = averaged_fit(fit(theory, loads, (*Session(theory, loads).usual_kinds, *possible)))
     expected_mm = theory.curve(np.zeros(theory.size)).measured_mm(loads.position_mm, loads.force_n)
     expected_mm = expected_mm[np.isfinite(loads.measured_mm)]
     if not np.abs(expected_mm).max() > MOVED * theory.prior.noise_mm:
@@ -128,13 +130,13 @@ def checked_fit(model: ModelFile, loads: Loads, progress: Progress) -> CheckedFi
         hint = _scale_hint(loads.measured_mm[np.isfinite(loads.measured_mm)], expected_mm)
         raise NotGoodEnoughError(_another_surface(f"leaves {left:.0%} of the expected deflections unexplained", hint))
     before = _errors_mm(
-        prior_of_model(model.metadata), model.metadata.departures, found.session.undrifted(found.vector)
+        prior_of_model(model.metadata), model.metadata.departures, found.session.as_of_surface(found.vector)
     )
     after = np.empty(len(loads.number))
     for index in range(len(after)):
         progress("leaving out one load at a time", 0.5 + 0.2 * index / len(after))
         others = fit(theory, loads.without(index), found.kinds, found.vector, sizes=found.sizes)
-        load = Session(theory, loads[[index]]).undrifted(others.vector)
+        load = Session(theory, loads[[index]]).as_of_surface(others.vector)
         after[index] = _errors_mm(theory.prior_with(others.departures), others.departures, load)[0]
     # A single sample has this error in addition, and the loads themselves stand a little off.
     best = float(np.hypot(limit_mm(theory.prior, loads, model.metadata.seed, draws=100), loads.errors.placing_mm))

@@ -13,30 +13,36 @@ from beamtouch_models.calibration.recordings import Loads
 from beamtouch_models.calibration.session import WEIGHT, Session, bend_of
 from beamtouch_models.calibration.theory import Theory
 
-SURELY = 7.0
-"""Gain of the logarithm of the probability from which something is named: a thousand to one."""
-HARMLESS_NOISES = 8.0
-"""Largest own bend, in noises of a sample, below which a channel does no harm."""
+SURELY, PERHAPS = 5.0, 1.0
+"""Gain of the logarithm of the probability from which something is named, and from which it is fitted beside all else,
+so that the errors of the fit hold it."""
+HARMLESS_BEND, HARMLESS_NOISES = 0.03, 2.0
+"""Largest own bend that does no harm: relative to the largest deflection of the channel, and in noises of a sample."""
 HARMLESS_WEIGHT = 0.02
 """Largest forgotten weight, over the mean force, that does no harm; forces are stated to about half as much."""
 
 
-def doubt(theory: Theory, loads: Loads, names: list[str]) -> str | None:
-    """Say what the loads hide: a channel that does not fit, or a forgotten weight; None if neither shows."""
+def doubts(theory: Theory, loads: Loads, names: list[str]) -> tuple[str, tuple[str, ...]]:
+    """Say what the loads hide: a channel that does not fit, or a forgotten weight; empty if neither shows.
+
+    Returns its words, and the kinds of what shows and does no harm: these are to be fitted, too.
+    """
     kinds = Session(theory, loads).usual_kinds
     plain = fit(theory, loads, kinds)
     suspects = [WEIGHT, *(bend_of(channel) for channel in range(len(names)))]
-    best, hidden = plain, list[str]()
+    best, hidden, gains = plain, list[str](), list[float]()
     while len(hidden) < len(suspects):
         trials = [fit(theory, loads, (*kinds, *hidden, one), best.vector) for one in suspects if one not in hidden]
         trial = max(trials, key=lambda one: one.log_evidence)
-        if trial.log_evidence < best.log_evidence + SURELY:
+        gain = trial.log_evidence - best.log_evidence
+        if gain < PERHAPS:
             break
-        best, hidden = trial, [*hidden, trial.kinds[-1]]
+        best, hidden, gains = trial, [*hidden, trial.kinds[-1]], [*gains, gain]
     if not hidden or best.scatter > AGREED or best.log_evidence < _with_a_mistyped_load(theory, loads, kinds):
-        return None
-    told = [text for one in hidden if (text := _in_words(best, one, names))]
-    return "; ".join(told) + "; nothing was written" if told else None
+        return "", ()
+    told = [in_words(best, one, names) for one, gain in zip(hidden, gains, strict=True) if gain >= SURELY]
+    told = [text for text in told if text]
+    return ("; ".join(told) + "; nothing was written", ()) if told else ("", tuple(hidden))
 
 
 def _with_a_mistyped_load(theory: Theory, loads: Loads, kinds: tuple[str, ...]) -> float:
@@ -50,7 +56,7 @@ def _with_a_mistyped_load(theory: Theory, loads: Loads, kinds: tuple[str, ...]) 
     return max(each)
 
 
-def _in_words(found: Fit, kind: str, names: list[str]) -> str:
+def in_words(found: Fit, kind: str, names: list[str]) -> str:
     """Return what is hidden and what to do about it; empty if it does no harm."""
     session, loads = found.session, found.session.loads
     place = session.kinds[kind]
@@ -71,11 +77,12 @@ def _in_words(found: Fit, kind: str, names: list[str]) -> str:
     channel = int(kind.removeprefix("bend "))
     bends_mm = session.bends_mm(found.vector)[:, channel]
     worst = int(np.nanargmax(np.abs(bends_mm)))
-    if abs(bends_mm[worst]) < HARMLESS_NOISES * found.theory.prior.noise_mm:
-        return ""
     shown_mm = float(loads.measured_mm[worst, channel])
+    least_mm = max(HARMLESS_NOISES * found.theory.prior.noise_mm, HARMLESS_BEND * abs(shown_mm))
+    if abs(bends_mm[worst]) < least_mm:
+        return ""
     return (
-        f"{names[channel]} does not fit, as if its characteristic were another: where it shows {digits(shown_mm, 3)} mm, "
-        f"the loads say {digits(shown_mm - float(bends_mm[worst]), 3)} mm. Check its table, or measure one with feeler "
+        f"{names[channel]} does not fit, as if its characteristic were another: where it shows {digits(shown_mm, 3)} "
+        f"mm, the loads say {digits(shown_mm - float(bends_mm[worst]), 3)} mm. Check its table, or measure one with feeler "
         "gauges, and record the loads again"
     )

@@ -18,7 +18,6 @@ from beamtouch_models.calibration.recordings import Loads
 from beamtouch_models.calibration.session import Session
 from beamtouch_models.calibration.theory import Fitted, Theory, best_step
 from beamtouch_models.health.residuals import LoadErrors, Residuals, leave_out
-from beamtouch_models.sweeps import Fraction
 
 ROUNDS = 3
 """Largest number of times that the residual is estimated."""

@@ -1,8 +1,8 @@
 """A recording of known loads, with all that may explain it: the surface, and what the recording itself adds.
 
 Zeros drift while loads are recorded, so each load counts from another zero; the times of the loads show it. A weight
-that nobody stated, such as a hanger, makes each load heavier by the same force. A channel whose characteristic is wrong,
-as when a curved sensor is described as straight, bends its deflections as no other channel does. All three are fitted
+that nobody stated, such as a hanger, makes each load heavier by the same force. A channel whose characteristic is
+wrong, as when a curved sensor is described as straight, bends its deflections as no other channel does. All three are fitted
 beside the departures of the surface. Drift is usual; the other two are mistakes, which are named.
 """
 
@@ -14,13 +14,13 @@ import numpy as np
 
 from beamtouch_models.arrays import Floats, Indices
 from beamtouch_models.calibration.recordings import Loads
-from beamtouch_models.calibration.theory import MAX_DEPARTURE, OFFSET_NOISES, Theory
+from beamtouch_models.calibration.theory import GRID, MAX_DEPARTURE, OFFSET_NOISES, Theory
 from beamtouch_models.health.residuals import Residuals
 
 DRIFTING, WEIGHT = "drift", "weight"
 WEIGHT_SHARE = 0.1
 """Standard deviation of a plausible weight that nobody stated, over the mean force of the loads."""
-OWN_BEND = 0.1
+OWN_BEND = 0.2
 """Standard deviation of the relative bend of one channel at full travel, and of its change along the travel."""
 SESSION_MIN = 10.0
 """Usual time in which loads are recorded."""
@@ -82,9 +82,10 @@ class Session:
         drift: Floats = self._drift_unit_mm[:, None] * vector[self.kinds[DRIFTING]]
         return drift
 
-    def undrifted(self, vector: Floats) -> Loads:
-        """Return the loads less the drift of the zeros."""
-        return replace(self.loads, measured_mm=self.loads.measured_mm - self.drift_mm(vector))
+    def as_of_surface(self, vector: Floats) -> Loads:
+        """Return the loads without what the recording itself adds."""
+        measured_mm = self.loads.measured_mm - self.drift_mm(vector) - self.bends_mm(vector)
+        return replace(self.loads, measured_mm=measured_mm, force_n=self.loads.force_n + self.weight_n(vector))
 
     def rates_um_per_min(self, vector: Floats) -> Floats:
         """Return the drift of each channel (channels,)."""
@@ -103,11 +104,8 @@ class Session:
 
     def residuals(self, vector: Floats) -> Residuals:
         """Return the residuals of the loads."""
-        loads = self.loads
-        force_n = loads.force_n + self.weight_n(vector)
-        measured_mm = loads.measured_mm - self.drift_mm(vector) - self.bends_mm(vector)
-        curve = self.theory.curve(vector)
-        return Residuals.of(curve, loads.position_mm, force_n, measured_mm, loads.deviation_mm)
+        loads, curve = self.as_of_surface(vector), self.theory.curve(vector)
+        return Residuals.of(curve, loads.position_mm, loads.force_n, loads.measured_mm, loads.deviation_mm)
 
     def slopes(self, vector: Floats, kinds: tuple[str, ...]) -> Floats:
         """Return the change of what is expected of each deflection with each entry, (loads, channels, entries).
@@ -151,6 +149,9 @@ class Session:
     @cached_property
     def _bend_units_mm(self) -> Floats:
         """(loads, terms, channels) deflection that the terms of a plausible bend add; they vanish at rest."""
-        full_mm = self.theory.max_deflection_mm
+        prior = self.theory.prior
+        shapes = prior.influence_at(np.linspace(*prior.position_mm, GRID))
+        full_mm = prior.force_n[1] * np.abs(shapes).max(axis=0)
         share = self.loads.measured_mm[:, None] / full_mm
-        return OWN_BEND * full_mm * share ** (2 + np.arange(BENDS))[:, None]
+        units_mm: Floats = OWN_BEND * full_mm * share ** (2 + np.arange(BENDS))[:, None]
+        return units_mm
