@@ -7,7 +7,13 @@ import numpy as np
 import pytest
 
 from beamtouch_daemon.config.settings import Surface
-from beamtouch_daemon.processing.at_rest import NotAtRestError, rest_gaps, select_rest
+from beamtouch_daemon.processing.at_rest import (
+    NotAtRestError,
+    describe_comparison,
+    find_contradictions,
+    rest_gaps,
+    select_rest,
+)
 from beamtouch_models.filters import FloatArray
 
 from .surfaces import (
@@ -153,3 +159,32 @@ def test_channels_that_do_not_change_are_stuck_where_others_or_the_stated_noise_
     still = np.full((MINUTE, CHANNELS), 20_000.0)
     assert refusal(still, four_channels(noise_mm=NOISE_MM)).startswith("s1, s2, s3, s4 stuck")
     assert len(select_rest(still, four_channels(), {})) == MINUTE
+
+
+TRACKED: dict[str, object] = {"noise_mm": NOISE_MM, "zero_tracking": {"drift_um_per_min": 5, "max_mm": 0.1}}
+SLOPING = {"s1": 0.06, "s2": 0.075, "s3": 0.09, "s4": 0.105}
+"""How a load moves four sensors [mm] that are far from it."""
+
+
+def test_a_load_that_moves_all_sensors_is_no_warmth_of_a_moment() -> None:
+    surface = four_channels(None, **TRACKED)
+    last = dict.fromkeys(SLOPING, 2.5)
+    loaded = {name: 2.5 - moved for name, moved in SLOPING.items()}
+    hour = 3600.0
+    assert [name.split()[0] for name in find_contradictions(loaded, last, surface, since_s=60.0)] == ["s3", "s4"]
+    assert find_contradictions(loaded, last, surface, since_s=hour) == []
+    assert "taken for warmth: a load that moves all sensors about alike would pass, too" in describe_comparison(
+        loaded, last, surface, hour
+    )
+    assert "warmth" not in describe_comparison(last, last, surface, hour)
+
+
+def test_cables_that_were_swapped_since_the_last_tare_are_named() -> None:
+    surface = four_channels()
+    last = {"s1": 2.5, "s2": 2.2, "s3": 2.6, "s4": 2.5}
+    now = last | {"s2": 2.6, "s3": 2.2}
+    assert find_contradictions(now, last, surface)[-1] == (
+        "s2 and s3 have each other's rest gaps, so their cables seem to be swapped"
+    )
+    assert len(find_contradictions(last | {"s2": 2.6}, last, surface)) == 1
+    assert len(find_contradictions(last | {"s2": 2.5, "s3": 2.9}, last, surface)) == 2

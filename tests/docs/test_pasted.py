@@ -31,6 +31,18 @@ GUIDES = {
     "docs/how-to/plc.md": [r"\| `identity` ", r"old: contact.*\nposition .* to .*\nforce .* to .*\ngate [iu]"],
     "docs/how-to/zones.md": [r"gate +120 ", '"gate": "inside"'],
     "docs/how-to/python.md": ["( N at 1|nothing touches)"],
+    "docs/how-to/drift.md": [
+        "all zeros have moved together by",
+        r"drift_um_per_min = 60",
+        r"its zeros have drifted by up to \S+ um since the last tare",
+        "hall: not tared: s1 -0",
+    ],
+    "docs/how-to/spare-part.md": [
+        "channels-out",
+        r"not tared: s2 \S+ mm from the last tare",
+        r"gain +s1 \S+ \+- \S+ s2 \+[345]\.",
+    ],
+    "docs/how-to/backup.md": [r"(?s)\nok\n.*\nevents.db\n.*\"lifted_at\".*\"lifted_at\".*\"state\":\"contact\""],
     "docs/how-to/upgrade.md": ["golden   9 answers reproduced", "posterior"],
 }
 """What the guides print, among other things; patterns."""
@@ -48,7 +60,7 @@ NEED_A_DEVICE = {
     "requests to unit 1 fail: exception 6, device busy": "tests/daemon/test_failing_requests.py",
     "beamtouch_requests_failed_total": "tests/daemon/test_failing_requests.py",
     "the line to the service is thin": "tests/daemon/test_thin_line.py",
-    "its zeros have drifted by up to": "daemon/beamtouch_daemon/running/acquisition.py",
+    "its zeros have drifted by up to": "tests/daemon/test_warm_hall.py",
     "all zeros have moved together": "tests/service/test_alarms.py",
 }
 """Words of quoted sentences that the rig does not cause: of devices that fail, or of hours. Others hold them."""

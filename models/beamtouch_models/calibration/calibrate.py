@@ -19,7 +19,7 @@ from beamtouch_models.calibration.mistaken import MistakenLoad, mistaken
 from beamtouch_models.calibration.recordings import Loads, RecordingError
 from beamtouch_models.calibration.session import Session
 from beamtouch_models.calibration.swapped import swapped
-from beamtouch_models.calibration.theory import Theory
+from beamtouch_models.calibration.theory import POSITION_MM, Theory
 from beamtouch_models.errors import ModelFileError, NotGoodEnoughError
 from beamtouch_models.estimators.estimator import Estimator, estimator_of
 from beamtouch_models.estimators.onnx_graph import to_bytes, with_force_error, with_linear_input
@@ -65,8 +65,8 @@ class Calibrated(CheckedFit):
     """Mean error of the best estimate for these loads at the noise of a sample."""
 
 
-def calibrate(model: ModelFile, loads: Loads, progress: Progress) -> Calibrated:
-    """Fit a model to recorded loads and rebuild it.
+def calibrate(model: ModelFile, loads: Loads, progress: Progress, mounting_mm: float = POSITION_MM) -> Calibrated:
+    """Fit a model to recorded loads and rebuild it; sensors stand where they should but for `mounting_mm`.
 
     Raises
     ------
@@ -75,7 +75,7 @@ def calibrate(model: ModelFile, loads: Loads, progress: Progress) -> Calibrated:
     NotGoodEnoughError
         The fit locates left-out loads worse than the given model does, or explains too little of the recording.
     """
-    metadata, checked = model.metadata, checked_fit(model, loads, progress)
+    metadata, checked = model.metadata, checked_fit(model, loads, progress, mounting_mm)
     departures, before_mm, after_mm = checked.fit.departures, checked.before_mm, checked.after_mm
     # The error of a prediction beyond the noise of the recording widens the intervals.
     bends_mm = checked.fit.session.bends_mm(checked.fit.vector)
@@ -83,8 +83,8 @@ def calibrate(model: ModelFile, loads: Loads, progress: Progress) -> Calibrated:
     residual_mm = float(np.linalg.norm(left_mm))
     # The floor of the scene comes with the model; what the fit leaves unexplained does not average away either.
     zero_mm = np.hypot(Surface.of_model(metadata).readings.floor_mm, residual_mm)
-    # The offsets are what the zeros drifted between the tare and the recording, and went on to drift during it. The next
-    # tare takes both away.
+    # The offsets are what the zeros drifted between the tare and the recording. They went on to drift during it. The
+    # next tare takes both away.
     drifted_mm = np.abs(checked.fit.session.drift_mm(checked.fit.vector)).max(axis=0)
     prior = replace(
         checked.fit.theory.prior_with(departures),
@@ -104,9 +104,9 @@ def calibrate(model: ModelFile, loads: Loads, progress: Progress) -> Calibrated:
     return Calibrated(checked.fit, before_mm, after_mm, content, fresh, best_mm)
 
 
-def checked_fit(model: ModelFile, loads: Loads, progress: Progress) -> CheckedFit:
+def checked_fit(model: ModelFile, loads: Loads, progress: Progress, mounting_mm: float = POSITION_MM) -> CheckedFit:
     """Fit the departures of a model's surface to recorded loads; raises as `calibrate`."""
-    theory = Theory.of(model.metadata)
+    theory = replace(Theory.of(model.metadata), mounting_mm=mounting_mm)
     names = [channel.name for channel in model.metadata.layout]
     swap = swapped(theory, loads, names)
     if swap:

@@ -83,6 +83,6 @@ def in_words(found: Fit, kind: str, names: list[str]) -> str:
         return ""
     return (
         f"{names[channel]} does not fit, as if its characteristic were another: where it shows {digits(shown_mm, 3)} "
-        f"mm, the loads say {digits(shown_mm - float(bends_mm[worst]), 3)} mm. Check its table, or measure one with feeler "
-        "gauges, and record the loads again"
+        f"mm, the loads say {digits(shown_mm - float(bends_mm[worst]), 3)} mm. Check its table, or measure one with "
+        "feeler gauges, and record the loads again"
     )

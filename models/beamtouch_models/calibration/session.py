@@ -2,8 +2,8 @@
 
 Zeros drift while loads are recorded, so each load counts from another zero; the times of the loads show it. A weight
 that nobody stated, such as a hanger, makes each load heavier by the same force. A channel whose characteristic is
-wrong, as when a curved sensor is described as straight, bends its deflections as no other channel does. All three are fitted
-beside the departures of the surface. Drift is usual; the other two are mistakes, which are named.
+wrong, as when a curved sensor is described as straight, bends its deflections as no other channel does. All three are
+fitted beside the departures of the surface. Drift is usual; the other two are mistakes, which are named.
 """
 
 from collections.abc import Mapping

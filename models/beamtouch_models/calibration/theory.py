@@ -60,6 +60,8 @@ class Theory:
     max_deflection_mm: float
     drift_mm_per_min: float
     """Standard deviation of the drift of a zero."""
+    mounting_mm: float = POSITION_MM
+    """Standard deviation of a plausible position of a sensor from that of the layout."""
     _influences: dict[tuple[float, ...], Floats] = field(default_factory=dict, repr=False, compare=False)
     """Influence matrices that were computed recently."""
 
@@ -136,7 +138,7 @@ class Theory:
     def _units(self) -> dict[str, float]:
         """The plausible size of each kind: one in the vector."""
         bend_per_mm, offset_mm = BEND / self.max_deflection_mm, OFFSET_NOISES * self.prior.noise_mm
-        return dict(zip(FIELDS, (RIGIDITY, GAIN, POSITION_MM, bend_per_mm, FIXITY, offset_mm), strict=True))
+        return dict(zip(FIELDS, (RIGIDITY, GAIN, self.mounting_mm, bend_per_mm, FIXITY, offset_mm), strict=True))
 
     def prior_with(self, departures: Departures) -> Prior:
         """Return the prior of the surface with departures."""

@@ -122,6 +122,8 @@ def calibrate(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--leave-out", type=number, action="append", default=[], metavar="LOAD", help=words)
     words = "standard deviation of a load's true position from the stated one, in mm (default: 1)"
     parser.add_argument("--placing-mm", type=float, default=1.0, metavar="MM", help=words)
+    words = "standard deviation of a sensor's true position from that of the layout, in mm (default: 1.5)"
+    parser.add_argument("--mounting-mm", type=float, default=1.5, metavar="MM", help=words)
     words = "standard deviation of a load's true force from the stated one, in percent (default: 1)"
     parser.add_argument("--force-percent", type=float, default=1.0, metavar="P", help=words)
     _add_output(parser, "model file to write (.onnx)")

@@ -61,13 +61,14 @@ Told = tuple[Calibrated | SelfCalibrated, dict[str, Any], list[tuple[str, str]]]
 
 def _calibrate_with_loads(model: ModelFile, options: argparse.Namespace) -> Told:
     """Calibrate a model with recorded loads."""
-    for option, value in (("--placing-mm", options.placing_mm), ("--force-percent", options.force_percent)):
+    for name in ("placing_mm", "force_percent", "mounting_mm"):
+        value, option = getattr(options, name), f"--{name.replace('_', '-')}"
         if not MIN_ERROR <= value <= MAX_ERROR:  # nobody can place or weigh loads so well or so badly
             raise InputError(f"{option} {value:g} is not from {MIN_ERROR:g} to {MAX_ERROR:g}")
     stated = LoadErrors(options.placing_mm, options.force_percent / 100)
     loads = replace(read_loads(options.readings, model.metadata, options.leave_out), errors=stated)
     with shown_progress() as progress:
-        calibrated = calibrate(model, loads, progress)
+        calibrated = calibrate(model, loads, progress, options.mounting_mm)
     fit, before, after, limit_mm = calibrated.fit, calibrated.before_mm, calibrated.after_mm, calibrated.limit_mm
     errors = fit.theory.standard_errors(fit.vector, fit.spread)
     words = _departures_in_words(calibrated.metadata, fit.departures, errors)

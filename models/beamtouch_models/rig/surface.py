@@ -21,6 +21,9 @@ from beamtouch_models.scene.tables import Finite, Fixity, PositiveFinite, Strict
 from beamtouch_models.surface import Surface
 from beamtouch_models.world import Motion, SensorErrors, World, counts_of_output
 
+PER_CHANNEL = ("position_offset_mm", "gain", "offset_mm")
+"""Departures with an entry per channel."""
+
 
 class Imperfections(Strict):
     """The keys of the imperfections file; by default the surface is as the scene and the model state."""
@@ -31,6 +34,8 @@ class Imperfections(Strict):
     """Measured over true deflection, per channel."""
     offset_mm: Annotated[tuple[Finite, ...], Field(strict=False)] = ()
     """Added to each gap; a tare removes it."""
+    drift_um_per_min: Annotated[tuple[Finite, ...], Field(strict=False)] = ()
+    """Drift of each zero, from the start on, in the direction of the load."""
     curve_per_mm: Finite = 0.0
     """Curvature of the characteristic: a deflection w is measured as y, where y + curve y^2 = gain w."""
     fixity: Annotated[tuple[Fixity, Fixity], Field(strict=False)] = (0.0, 0.0)
@@ -48,11 +53,11 @@ class Imperfections(Strict):
         SceneError
             A list is neither empty nor has one entry per channel.
         """
-        given = {name: list(getattr(self, name)) for name in ("position_offset_mm", "gain", "offset_mm")}
+        given = {name: list(getattr(self, name)) for name in (*PER_CHANNEL, "drift_um_per_min")}
         for name, values in given.items():
             if len(values) not in (0, channels):
                 raise SceneError(f"{name} has {len(values)} entries for {channels} channels")
-        stated = {name: values for name, values in given.items() if values}
+        stated = {name: values for name, values in given.items() if values and name in PER_CHANNEL}
         if self.offset_mm:  # a larger gap is a smaller deflection
             stated["offset_mm"] = [-value for value in self.offset_mm]
         whole = {"fixity": self.fixity, "rigidity": self.rigidity, "curve_per_mm": self.curve_per_mm}
@@ -99,6 +104,7 @@ class VirtualSurface:
             )
             raise SceneError(message)
         self._motion, self._exact = Motion(self._world, rings=rings), SensorErrors.none(1, self.channels)
+        self._drift_mm_per_s = np.array(imperfections.drift_um_per_min or 0.0) / 60e3
         self._rng = np.random.default_rng(seed)
         self._faults = faults or Faults([channel.name for channel in model.layout])
 
@@ -117,6 +123,6 @@ class VirtualSurface:
 
     def _outputs(self, load: Load, seconds: float) -> Floats:
         place_mm = 0.0 if load.position_mm is None else load.position_mm  # without a load, its force is 0
-        deflection = self._motion.at(seconds, place_mm, load.force_n)
+        deflection = self._motion.at(seconds, place_mm, load.force_n) + self._drift_mm_per_s * seconds
         outputs = self._world.outputs(deflection[None, None], self._exact, self._rng)[0, 0]
         return self._faults.change(outputs, seconds)
