@@ -11,8 +11,8 @@ from beamtouch_models.modelfile import ModelFile
 from example_scenes import SCENES
 from forked_line import rig
 
-from .configs import TOKEN
 from .process import command, started
+from .service import TOKEN
 
 pytestmark = [pytest.mark.anyio, pytest.mark.long]
 
