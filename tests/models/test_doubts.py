@@ -117,7 +117,7 @@ def swapped_since_the_tare(loads: Loads, rest_mm: float) -> Loads:
 def test_cables_that_were_swapped_since_the_tare_are_named_where_rest_gaps_differ(bench: ModelFile) -> None:
     rng = np.random.default_rng(4)
     loads = recorded(bench.metadata, random_imperfections(bench.metadata, rng), rng)
-    for rest_mm in (0.0, 0.3):
+    for rest_mm in (0.0, 0.3, -1.0):
         with pytest.raises(RecordingError, match="s1 and s2 seem to be swapped; check the wiring"):
             checked_fit(bench, swapped_since_the_tare(loads, rest_mm), silent)
 
