@@ -42,7 +42,7 @@ GUIDES = {
         r"not tared: s2 \S+ mm from the last tare",
         r"gain +s1 \S+ \+- \S+ s2 \+[345]\.",
     ],
-    "docs/how-to/backup.md": [r"(?s)\nok\n.*\nevents.db\n.*\"lifted_at\".*\"lifted_at\".*\"state\":\"contact\""],
+    "docs/how-to/backup.md": [r"(?s)\nok\n.*\nevents\.db\n.*\"lifted_at\".*\"state\":\"contact\""],
     "docs/how-to/upgrade.md": ["golden   9 answers reproduced", "posterior"],
 }
 """What the guides print, among other things; patterns."""
