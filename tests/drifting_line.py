@@ -15,6 +15,7 @@ from beamtouch_daemon.processing.filters import rest_of
 from beamtouch_daemon.processing.pipeline import Pipeline, Taken
 from beamtouch_daemon.sources.reading import Reading
 from beamtouch_models.arrays import Floats
+from beamtouch_models.filters import TARED, Rested
 from beamtouch_models.modelfile import ModelFile, State
 from beamtouch_models.scene import parse_scene
 from beamtouch_models.surface import Surface as Physics
@@ -123,14 +124,14 @@ class Said:
 
 
 class Line:
-    """A surface with its daemon and its service, from a tare on."""
+    """A surface with its daemon and its service, from a start of both on."""
 
-    def __init__(self, model: ModelFile, settings: Settings, seed: int = 0) -> None:
+    def __init__(self, model: ModelFile, settings: Settings, seed: int = 0, rested: Rested = TARED) -> None:
         self.model, self.settings, self.rng = model, settings, np.random.default_rng(seed)
         metadata, section = model.metadata, SurfaceSection(stale_ms=1000)
         scene, noise_mm = parse_scene(metadata.scene, metadata.name), Physics.of_model(metadata).readings.sensor_mm
         self._world = World.of(scene, metadata.sensor, metadata.layout_mm, noise_mm, None, (0.0, metadata.length_mm))
-        self.pipeline = Pipeline(settings, None, rest_of(settings))
+        self.pipeline = Pipeline(settings, None, rest_of(settings), rested)
         self.surface = Served(metadata.name, model, section)
         self._boot = Boot(metadata.name, section, BOOT, model, 0)
         self.health = HealthHistory(metadata.name, model, StoredHealth())

@@ -53,11 +53,11 @@ window = 1
 {channels}"""
 
 
-def tare(folder: Path, name: str = "bench") -> None:
+def tare(folder: Path, name: str = "bench", taken_at: str = "2026-11-20T23:40:46+00:00") -> None:
     """Write the tare file of a surface: 2.5 mm at rest."""
     gaps = {
         "surface": name,
-        "taken_at": "2026-11-20T23:40:46+00:00",
+        "taken_at": taken_at,
         "readings": 200,
         "rest_gap_mm": {"s1": 2.5, "s2": 2.5},
     }

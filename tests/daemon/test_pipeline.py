@@ -137,8 +137,8 @@ def test_a_sample_says_how_far_zeros_may_have_drifted_once_it_is_more_than_is_al
     assert {one.sample.zero_mm is None for one in resting[100:]} == {True}
     pressed = pipeline.process(readings_of(*wobbling(DOWN, round(30 * RATE_HZ))), 0.0)
     common_mm, own_mm = pressed[-1].sample.zero_mm or (0.0, 0.0)
-    assert common_mm == pytest.approx(TRACKING["max_mm"])  # 30 um in half a minute would be beyond it
-    assert own_mm == pytest.approx(0.0088, rel=0.1)
+    assert common_mm == pytest.approx(TRACKING["max_mm"] / 3**0.5, rel=0.01)  # 30 um would be beyond the limit
+    assert own_mm == pytest.approx(0.0029, rel=0.1)
     lifted = pipeline.process(readings_of(*wobbling(REST, 400)), 0.0)
     assert lifted[-1].sample.zero_mm is None
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from beamtouch_models.arrays import Floats
-from beamtouch_models.filters import Tracked, Walk, Zeros
+from beamtouch_models.filters import Rested, Tracked, Walk, Zeros
 
 RATE_HZ, NOISE_MM, CHANNELS = 200.0, 0.0045, 4
 WALK = Walk(rate_mm_per_min=0.005, max_mm=0.1, start_mm=0.001)
@@ -150,6 +150,22 @@ def test_a_light_touch_soon_after_a_long_contact_is_no_part_of_its_lift() -> Non
     touched: Times = lambda at_s: pressed(5, 305, 0.3)(at_s) + pressed(320, 330, 0.02)(at_s)  # noqa: E731  # read as one
     at_s, true_mm, tracked = play(340, drift(-5.0), touched)
     assert np.abs(tracked.zero_mm - true_mm)[at_s > 310].max() < 2e-3
+
+
+@pytest.mark.parametrize("hours", [1.0, 1e3, np.inf])
+def test_a_start_long_after_the_tare_takes_what_a_drift_explains_for_rest(hours: float) -> None:
+    tracking = Zeros(WALK, RATE_HZ, NOISE_MM, 0.0, 0.0, CHANNELS, Rested(hours * 3600))
+    at_s, true_mm, tracked = play(10, lambda at_s: np.full((len(at_s), CHANNELS), 0.06), None, tracking)
+    assert tracked.common_mm[0] == pytest.approx(WALK.max_mm / 3**0.5)
+    assert np.abs(tracked.zero_mm - true_mm)[at_s > 1].max() < 2e-3
+
+
+def test_a_start_long_after_the_tare_under_a_load_is_uncertain_until_the_lift() -> None:
+    tracking = Zeros(WALK, RATE_HZ, NOISE_MM, 0.0, 0.0, CHANNELS, Rested(3600.0))
+    at_s, true_mm, tracked = play(20, lambda at_s: np.full((len(at_s), CHANNELS), 0.06), pressed(-1, 10, 0.3), tracking)
+    assert np.abs(tracked.zero_mm[at_s < 10]).max() == 0.0
+    assert (np.abs(tracked.zero_mm - true_mm) < 2 * deviation(tracked)).mean() > 0.9
+    assert np.abs(tracked.zero_mm - true_mm)[at_s > 11].max() < 2e-3
 
 
 @pytest.mark.parametrize("lost", [1, 19, 4000])

@@ -7,15 +7,18 @@ import pytest
 
 from beamtouch_daemon.config.settings import Surface
 from beamtouch_models.building.daemon_config import daemon_config
+from beamtouch_models.filters import TARED, Rested
 from beamtouch_models.modelfile import ModelFile, State
 from drifting_line import Course, Line, Press, drift, knock, presses
 
+HOURS_AGO = Rested(4 * 3600)
+"""A tare."""
 ALL, SECOND = (1.0, 1.0, 1.0, 1.0), (0.0, 1.0, 0.0, 0.0)
 
 
-def line(model: ModelFile) -> Line:
+def line(model: ModelFile, rested: Rested = TARED) -> Line:
     (table,) = tomllib.loads(daemon_config(model.metadata))["surfaces"].values()
-    return Line(model, Surface.model_validate(table))
+    return Line(model, Surface.model_validate(table), rested=rested)
 
 
 @pytest.mark.parametrize(
@@ -46,6 +49,16 @@ def test_a_knock_is_noticed_at_once_and_is_not_healed_within_a_minute(bench: Mod
     said = line(bench).play(Course(60, [], knock(60.0, 10.0, SECOND)))
     assert 10.0 < said.unexplained_at_s[0] < 11.0
     assert said.unexplained_at_s[-1] > 59.0
+
+
+def test_a_start_hours_after_the_tare_is_clear_at_rest_and_wide_under_a_load(bench: ModelFile) -> None:
+    warm = knock(30.0, -1.0, ALL)
+    said = line(bench, HOURS_AGO).play(Course(40, presses(bench, 40, 2.0), warm))
+    assert (said.lost, said.wrong, said.false, said.share(State.CLEAR)) == (0, set(), 0, 1.0)
+    loaded = line(bench, HOURS_AGO).play(Course(40, [Press(-1.0, 20.0, 150.0, 8.0)], warm))
+    assert (loaded.lost, loaded.wrong, loaded.share(State.CLEAR)) == (0, set(), 1.0)
+    assert np.mean(loaded.held) > 0.93
+    assert np.median(loaded.interval_mm) > 2 * np.median(said.interval_mm)
 
 
 def test_a_load_that_goes_in_half_a_minute_leaves_a_rest_that_is_clear(bench: ModelFile) -> None:

@@ -63,9 +63,9 @@ class Publish(Strict):
     """Limit of the samples per surface in memory that the record of the service does not have yet; beyond it the oldest
     are dropped and counted."""
     log_file: RelativePath = Path("beamtouch-daemon.samples")
-    """Keeps such samples on disk after 5 s, and over a restart."""
+    """Keeps such samples on disk after 5 s, and over a restart. The zeros of the last rest are kept beside it."""
     log_mb: Annotated[FiniteFloat, Field(ge=0, le=100_000)] = 200.0
-    """Limit of the size of that file; beyond it the oldest samples are dropped and counted. 0: no file."""
+    """Limit of the size of that file; beyond it the oldest samples are dropped and counted. 0: no file, and no zeros."""
 
 
 def trust(path: Path) -> ssl.SSLContext:

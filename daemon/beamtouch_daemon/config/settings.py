@@ -12,7 +12,7 @@ from pydantic import Field, FiniteFloat, PrivateAttr, ValidationInfo, model_vali
 
 from beamtouch_common.errors import InputError
 from beamtouch_common.secrets import read_token
-from beamtouch_daemon.config import tare_file
+from beamtouch_daemon.config import tare_file as tares
 from beamtouch_daemon.config.modules import Module
 from beamtouch_daemon.config.publish import Publish, trust
 from beamtouch_daemon.config.signal import (
@@ -269,14 +269,26 @@ class Config(Strict):
         """Path of the file of the logs."""
         return self._directory / self.publish.log_file
 
+    @property
+    def zeros_file(self) -> Path:
+        """Path of the file of the zeros that are kept over a restart: the daemon may write beside its log."""
+        return self.log_file.with_name(f"{self.log_file.name}.zeros.json")
+
     def tare_file(self, name: str) -> Path:
         """Return the path of the tare file of surface `name`."""
         return self._directory / (self.surfaces[name].tare_file or f"{name}.tare.json")
 
     def read_rest_gaps(self, names: Iterable[str] | None = None) -> dict[str, dict[str, float]]:
-        """Return the rest gaps in the tare files of surfaces, by default of all; errors as of `tare_file.load`."""
+        """Return the rest gaps [mm] by channel name of surfaces, by default of all; empty without a tare file.
+
+        Errors as of `tare_file.load`.
+        """
+        return {name: {} if tare is None else tare.rest_gap_mm for name, tare in self.read_tares(names).items()}
+
+    def read_tares(self, names: Iterable[str] | None = None) -> dict[str, tares.TareFile | None]:
+        """Return the tares of surfaces, by default of all; errors as of `tare_file.load`."""
         return {
-            name: tare_file.load(self.tare_file(name), self.surfaces[name].channel_names)
+            name: tares.load(self.tare_file(name), self.surfaces[name].channel_names)
             for name in (self.surfaces if names is None else names)
         }
 

@@ -28,10 +28,19 @@ class TareFile(BaseModel):
 
     surface: SurfaceName
     taken_at: str
-    """UTC, ISO 8601; for the record."""
+    """UTC, ISO 8601."""
     readings: int
     """Number of readings in the mean."""
     rest_gap_mm: dict[ChannelName, FiniteFloat]
+
+    def age_s(self, now: datetime) -> float:
+        """Return the time since the tare; infinite if the file does not say, or the clock is before it."""
+        try:
+            taken_at = datetime.fromisoformat(self.taken_at)
+        except ValueError:
+            return math.inf
+        age_s = (now - taken_at.replace(tzinfo=taken_at.tzinfo or UTC)).total_seconds()
+        return age_s if age_s >= 0 else math.inf
 
 
 def save(path: Path, surface: str, readings: int, rest_gap_mm: dict[str, float]) -> None:
@@ -41,15 +50,15 @@ def save(path: Path, surface: str, readings: int, rest_gap_mm: dict[str, float])
     write_atomically(path, (content.model_dump_json(indent=2) + "\n").encode(), mode=MODE)
 
 
-def load(path: Path, channels: Sequence[str]) -> dict[str, float]:
-    """Return the rest gaps [mm] by channel name; empty without a file.
+def load(path: Path, channels: Sequence[str]) -> TareFile | None:
+    """Return the content of a tare file; None without a file.
 
     InputError if the file cannot be used; FailedError if it cannot be read now.
     """
     try:
         content = TareFile.model_validate_json(decode(read_bounded(path)))
     except FileNotFoundError:
-        return {}
+        return None
     except OSError as error:
         raise FailedError(f"{path}: {error.strerror}") from error
     except ValidationError as error:
@@ -58,14 +67,12 @@ def load(path: Path, channels: Sequence[str]) -> dict[str, float]:
         raise InputError(f"{path}: not a tare file: {error}; or run beamtouch-daemon tare again") from error
     if set(content.rest_gap_mm) != set(channels):
         raise InputError(f"{path}: made for other channels; delete it or run beamtouch-daemon tare again")
-    return content.rest_gap_mm
+    return content
 
 
 def age_s(path: Path, now: datetime) -> float:
     """Return the time since a tare [s]; infinite without a file, or where a clock was wrong."""
     try:
-        taken_at = TareFile.model_validate_json(decode(read_bounded(path))).taken_at
-        since_s = (now - datetime.fromisoformat(taken_at)).total_seconds()
-    except (OSError, ValueError, TypeError):
+        return TareFile.model_validate_json(decode(read_bounded(path))).age_s(now)
+    except (OSError, ValueError):
         return math.inf
-    return since_s if since_s >= 0 else math.inf

@@ -1,4 +1,4 @@
-"""Turns readings into samples: characteristic, quality, zero, filter, covariance, sequence number."""
+"""Turns readings into samples: characteristic, quality, filter, zero, covariance, sequence number."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from beamtouch_daemon.processing.characteristic import QUALITIES, Characteristic
 from beamtouch_daemon.processing.filters import Uncertainty, chain_of, uncertainties
 from beamtouch_daemon.processing.zero_tracking import ZeroTracker
 from beamtouch_daemon.sources.reading import Reading
-from beamtouch_models.filters import Filtered, FloatArray, Rest
+from beamtouch_models.filters import TARED, Filtered, FloatArray, Rest, Rested
 from beamtouch_service.samples import Note, Quality, Sample
 
 _GOOD = QUALITIES.index(Quality.GOOD)
@@ -57,24 +57,35 @@ class Pipeline:
     """
 
     def __init__(
-        self, surface: Surface, rest_gap_mm: Mapping[str, float] | None = None, rest: Rest | None = None
+        self,
+        surface: Surface,
+        rest_gap_mm: Mapping[str, float] | None = None,
+        rest: Rest | None = None,
+        rested: Rested = TARED,
     ) -> None:
-        """Begin with nothing known; without `rest`, each reading becomes a sample."""
+        """Begin with nothing known but the last rest; without `rest`, each reading becomes a sample."""
         self._characteristic = Characteristic.of(surface, rest_gap_mm)
         self._chain = chain_of(surface)
         self._rest = rest
         self._longest_runs = stuck.longest_runs(surface)
         self._judges_runs = bool(np.isfinite(self._longest_runs).any())
         self._runs = stuck.Runs.of(surface)
-        self._zeros = ZeroTracker.of(surface)
+        self._zeros = ZeroTracker.of(surface, rested)
         # The timer of a serial device is steadier than what is known of its clock.
         self._rate_hz = None if isinstance(surface.source, SerialLine) else surface.rate_hz
+        self.last_s: float | None = None
+        """Time of the newest reading that was processed, by the clock of `uptime_s`."""
         self._sequence = 1
 
     @property
     def most_waiting(self) -> int:
         """Readings that may wait before they are processed, as nothing happens; 0 while something does."""
         return self._rest.most_waiting if self._rest is not None and self._rest.lasts else 0
+
+    @property
+    def rested(self) -> Rested | None:
+        """The last rest, before the next reading; None if zeros are not tracked."""
+        return None if self._zeros is None else self._zeros.rested
 
     @property
     def far_zero_mm(self) -> float | None:
@@ -98,6 +109,7 @@ class Pipeline:
         unix_minus_monotonic_s : Wall clock minus the clock of the readings now [s]; dates the samples for the record.
         notes : Notes on the surface, which the samples carry.
         """
+        self.last_s = readings[-1].monotonic_s
         counts = counts_of(readings)
         gap_mm = self._characteristic.gap(counts)
         codes = self._quality(counts, gap_mm)
@@ -105,11 +117,12 @@ class Pipeline:
         lost = [reading.lost for reading in readings]
         good = codes == _GOOD
         zeros = None if self._zeros is None else self._zeros.track(np.where(good, raw, np.nan), lost)
-        zeroed = raw if zeros is None else raw - zeros.zero_mm
-        filtered = self._filtered(np.where(good, zeroed, np.nan), readings, good, zeroed[-1], counts[-1])
+        filtered = self._filtered(np.where(good, raw, np.nan), readings, good, raw[-1], counts[-1])
         at_rest = len(readings) - len(filtered.moves)
-        readings, codes, good, zeroed = readings[at_rest:], codes[at_rest:], good[at_rest:], zeroed[at_rest:]
-        values, stated = np.where(good, filtered.mean_mm, zeroed), uncertainties(filtered)
+        readings, codes, good, raw = readings[at_rest:], codes[at_rest:], good[at_rest:], raw[at_rest:]
+        values, stated = np.where(good, filtered.mean_mm, raw), uncertainties(filtered)
+        if zeros is not None:
+            values -= zeros.zero_mm[at_rest:]  # not of each reading: a mean holds some from before a zero moved
         drifts: list[list[float] | None] = [None] * len(readings)
         if self._zeros is not None and zeros is not None:
             drifts = self._zeros.stated(zeros, filtered)
@@ -138,12 +151,12 @@ class Pipeline:
         values_mm: FloatArray,
         readings: Sequence[Reading],
         good: NDArray[np.bool_],
-        zeroed_mm: FloatArray,
+        newest_mm: FloatArray,
         counts: FloatArray,
     ) -> Filtered:
         """Return the means after all readings, or only that after the last one if nothing happens up to it.
 
-        `zeroed_mm` and `counts` are those of the last reading.
+        `newest_mm` and `counts` are those of the last reading.
         """
         lost = [reading.lost for reading in readings]
         times = None if self._rate_hz is None else [reading.monotonic_s * self._rate_hz for reading in readings]
@@ -153,12 +166,12 @@ class Pipeline:
         if self._rest.lasts:
             before = self._chain.state
             newest = self._chain.apply_at_rest(values_mm, lost)
-            if self._rest.follow(newest, good, zeroed_mm, counts, mm_per_count):
+            if self._rest.follow(newest, good, newest_mm, counts, mm_per_count):
                 return newest
             self._chain.state = before
             return self._chain.apply(values_mm, lost, times)
         filtered = self._chain.apply(values_mm, lost, times)
-        if self._rest.follow(filtered, good, zeroed_mm, counts, mm_per_count):
+        if self._rest.follow(filtered, good, newest_mm, counts, mm_per_count):
             return filtered.at(np.array([len(filtered.moves) - 1]))
         return filtered
 

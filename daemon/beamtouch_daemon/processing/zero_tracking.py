@@ -10,7 +10,7 @@ import numpy as np
 
 from beamtouch_daemon.config.settings import Surface
 from beamtouch_daemon.processing.filters import steps_mm
-from beamtouch_models.filters import Filtered, FloatArray, Tracked, Walk, Zeros, beyond_start
+from beamtouch_models.filters import Filtered, FloatArray, Rested, Tracked, Walk, Zeros, beyond_start
 
 DIGITS = 3
 FAR = 0.7
@@ -20,23 +20,29 @@ FAR = 0.7
 class ZeroTracker:
     """The zeros of one surface."""
 
-    def __init__(self, surface: Surface, walk: Walk, noise_mm: float) -> None:
+    def __init__(self, surface: Surface, walk: Walk, noise_mm: float, rested: Rested) -> None:
         period = (surface.slowest_period_ms or 0.0) * surface.rate_hz / 1e3
         channels = len(surface.channels)
         self._walk, self._noise_mm = walk, noise_mm
-        self._zeros = Zeros(walk, surface.rate_hz, noise_mm, steps_mm(surface), period, channels)
+        self._zeros = Zeros(walk, surface.rate_hz, noise_mm, steps_mm(surface), period, channels, rested)
 
     @classmethod
-    def of(cls, surface: Surface) -> Self | None:
-        """Return that of a surface; None if it does not track its zeros."""
+    def of(cls, surface: Surface, rested: Rested) -> Self | None:
+        """Return that of a surface, from its last rest on; None if it does not track its zeros."""
         tracking, noise_mm = surface.zero_tracking, surface.noise_mm
         if tracking is None or noise_mm is None:
             return None
-        return cls(surface, Walk(tracking.drift_um_per_min / 1e3, tracking.max_mm, surface.zero_drift_mm), noise_mm)
+        walk = Walk(tracking.drift_um_per_min / 1e3, tracking.max_mm, surface.zero_drift_mm)
+        return cls(surface, walk, noise_mm, rested)
 
     def track(self, deflection_mm: FloatArray, lost: Sequence[int]) -> Tracked:
         """Return the zeros of each reading; arguments as of `Zeros.track`."""
         return self._zeros.track(deflection_mm, lost)
+
+    @property
+    def rested(self) -> Rested:
+        """The last rest, before the next reading."""
+        return self._zeros.rested
 
     @property
     def far_mm(self) -> float | None:

@@ -7,13 +7,14 @@ import uuid
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping, Sequence
 from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from time import monotonic
 
 from beamtouch_common.errors import InputError
 from beamtouch_common.parts import Parts
 from beamtouch_common.systemd import ServiceManager
-from beamtouch_daemon.config.settings import Config
-from beamtouch_daemon.config.tare_file import NOT_TARED
+from beamtouch_daemon.config.settings import Config, Surface
+from beamtouch_daemon.config.tare_file import NOT_TARED, TareFile
 from beamtouch_daemon.delivery.backlog import Backlog
 from beamtouch_daemon.delivery.client import ServiceClient
 from beamtouch_daemon.delivery.live import Live
@@ -24,14 +25,18 @@ from beamtouch_daemon.processing.filters import rest_of
 from beamtouch_daemon.processing.pipeline import Pipeline
 from beamtouch_daemon.running import metrics
 from beamtouch_daemon.running.acquisition import Acquisition
+from beamtouch_daemon.running.kept_zeros import Kept, KeptZeros
 from beamtouch_daemon.sources.configured import Buses, source_of
 from beamtouch_daemon.tasks import cancel
+from beamtouch_models.filters import TARED, Rested
 from beamtouch_service.samples import Batch
 
 WATCH_S = 1.0
 """Longest time between two checks for progress."""
 FINISH_S = 2.5
 """Time limit for a stop to deliver the remaining samples; the service makes them durable once a second."""
+RECENT_S = 60.0
+"""Age of a tare up to which a start says nothing of it: zeros have hardly drifted."""
 _log = logging.getLogger(__name__)
 
 
@@ -63,7 +68,7 @@ async def run(config: Config) -> tuple[dict[str, Summary], bool]:
     FailedError
         Such a file cannot be read; it may come later.
     """
-    rest_gaps_mm = config.read_rest_gaps()
+    tares = config.read_tares()
     loop = asyncio.get_running_loop()
     signalled: asyncio.Future[signal.Signals] = loop.create_future()
 
@@ -75,38 +80,65 @@ async def run(config: Config) -> tuple[dict[str, Summary], bool]:
         loop.add_signal_handler(number, on_signal, number)
     async with ServiceClient.of(config) as client, _opened_store(config) as store:
         buses: Buses = {}
-        acquisitions = [_begin(config, name, rest_mm, store, buses) for name, rest_mm in rest_gaps_mm.items()]
+        zeros = KeptZeros(config.zeros_file if config.publish.log_mb else None)
+        acquisitions = [_begin(config, name, tare, zeros, store, buses) for name, tare in tares.items()]
         parts = Parts(_log)
         jobs = {f"{one.name} readings": one.read for one in acquisitions}
         jobs |= {f"{one.name} samples": one.run for one in acquisitions}
         jobs |= {f"{one.name} live": Live(client, store.surface(one.name), one.boot).run for one in acquisitions}
         jobs |= {"backlogs": lambda: _deliver_backlogs(config, client, store, parts), "log file": store.run}
+        jobs["zeros"] = lambda: zeros.keep(lambda: _kept(acquisitions))
         if (port := config.metrics.port) is not None:
             jobs["metrics"] = lambda: metrics.serve(port, acquisitions, store.surfaces, parts)
         await _serve(acquisitions, jobs, parts, signalled)
+        zeros.write(_kept(acquisitions))
         await _finish(client, store)
         summaries = _summaries(acquisitions, store)
     return summaries, signalled.result() is signal.SIGINT
 
 
-def _begin(config: Config, name: str, rest_gap_mm: Mapping[str, float], store: LogStore, buses: Buses) -> Acquisition:
-    """Return the acquisition of a surface, with a new log; without rest gaps, it is not tared, and the log says so."""
+def _begin(
+    config: Config, name: str, tare: TareFile | None, zeros: KeptZeros, store: LogStore, buses: Buses
+) -> Acquisition:
+    """Return the acquisition of a surface, with a new log; without a tare, the log says so."""
     surface, publish = config.surfaces[name], config.publish
-    if not rest_gap_mm:
+    rest_gap_mm = {} if tare is None else tare.rest_gap_mm
+    characteristic = Characteristic.of(surface, rest_gap_mm).identity
+    if tare is None:
         _log.warning("%s: %s", name, NOT_TARED)
+    rested = zeros.rested(name, characteristic) or _tared(name, surface, tare)
     head = Batch.model_construct(
         boot_id=str(uuid.uuid4()),
         channels=surface.channel_names,
         samples=[],
         noise_mm=None if surface.noise_mm is None else [surface.noise_mm] * len(surface.channels),
-        characteristic=Characteristic.of(surface, rest_gap_mm).identity,
+        characteristic=characteristic,
         beam=surface.beam,
     )
     boot = store.surface(name).begin(head, publish.log_samples)
     rest = rest_of(surface) if publish.rest_ms else None
-    source, pipeline = source_of(surface, name, buses), Pipeline(surface, rest_gap_mm, rest)
+    source, pipeline = source_of(surface, name, buses), Pipeline(surface, rest_gap_mm, rest, rested)
     times_s = publish.batch_ms / 1e3, publish.rest_ms / 1e3
-    return Acquisition(name, surface, source, pipeline, boot, *times_s, is_tared=bool(rest_gap_mm))
+    return Acquisition(name, surface, source, pipeline, boot, *times_s, is_tared=tare is not None)
+
+
+def _tared(name: str, surface: Surface, tare: TareFile | None) -> Rested:
+    """Return the last tare as the last rest, and say what that means for a load that lies on the beam."""
+    if tare is None:
+        return TARED
+    age_s = tare.age_s(datetime.now(UTC))
+    if surface.zero_tracking is not None and age_s > RECENT_S:
+        words = (
+            "%s: of its zeros, only those of the tare are known (%s): a light load that lies on the beam now is taken "
+            "for their drift"
+        )
+        _log.info(words, name, tare.taken_at)
+    return Rested(age_s)
+
+
+def _kept(acquisitions: Sequence[Acquisition]) -> dict[str, Kept]:
+    """Return what is known of zeros, by surface."""
+    return {one.name: kept for one in acquisitions if (kept := one.kept) is not None}
 
 
 async def _serve(

@@ -98,11 +98,11 @@ def _filter(surface: SimulatedSurface, readings_mm: Floats, came: Bools) -> Weig
         if walk and zeros:
             zeros.restart()
             tracked = zeros.track(values, skipped)
-            values = values - tracked.zero_mm
         filtered = chain.apply(values, skipped)
         mean[draw, there], variance[draw, there] = filtered.mean_mm, filtered.relative_variance
         covariance[draw, there] = filtered.covariance_mm2
         if walk and zeros:
+            mean[draw, there] -= tracked.zero_mm
             noise_mm2 = filtered.relative_variance * noise_mm**2
             drift[draw, there] = beyond_start(tracked, walk, filtered.mean_mm, noise_mm2)
     # A channel whose newest reading is not good takes no part, whatever its filter still holds.

@@ -17,16 +17,18 @@ from beamtouch_models.filters.filtered import Filtered
 from beamtouch_models.filters.readings import FloatArray
 from beamtouch_models.filters.rest import Rest
 from beamtouch_models.filters.ringing import UNSEEN_SWING
-from beamtouch_models.filters.zeros import PERSISTS_S, Tracked, Walk, Zeros, beyond_start
+from beamtouch_models.filters.zeros import PERSISTS_S, TARED, Rested, Tracked, Walk, Zeros, beyond_start
 
 __all__ = [
     "PERSISTS_S",
+    "TARED",
     "UNSEEN_SWING",
     "Chain",
     "Filtered",
     "FloatArray",
     "Mean",
     "Rest",
+    "Rested",
     "Tracked",
     "Walk",
     "Zeros",

@@ -39,8 +39,12 @@ LEASH = 4.0
 PROBATION_S, CREEPS_S = 5.0, 60.0
 """A rest that ends so soon with a step back, or with readings that creep back, may have been part of a slow lift. Then
 its zero is taken back. What is hardly faster than a drift takes so long to show against the noise."""
+ANYWHERE = 3**-0.5
+"""Standard deviation of a zero that may be anywhere within the limit, over that limit."""
 LITTLE = 0.02
 """Variance of a zero that is not stated, over that of the noise of a mean."""
+LONGEST_S = 1e9
+"""A longer time since the last rest, or an unknown one, makes no difference."""
 MINUTE_S = 60.0
 
 
@@ -58,8 +62,23 @@ class Walk:
     def grown_mm(self, seconds: float | FloatArray) -> FloatArray:
         """Return the standard deviation of the common drift in a time since the last rest."""
         drift = self.rate_mm_per_min / MINUTE_S * np.sqrt(seconds * np.maximum(seconds, PERSISTS_S))
-        grown: FloatArray = np.minimum(drift, self.max_mm)
+        grown: FloatArray = np.minimum(drift, ANYWHERE * self.max_mm)
         return grown
+
+
+@dataclass(frozen=True)
+class Rested:
+    """The last rest before the first reading; by default a tare just now."""
+
+    ago_s: float = 0.0
+    """Time from it to the first reading; infinite if it is not known."""
+    zero_mm: tuple[float, ...] | None = None
+    """The zeros, from the last tare; None: they are those of the tare."""
+    deviation_mm: tuple[float, ...] | None = None
+    """Their standard deviations at that rest; None: what is allowed for after a tare."""
+
+
+TARED = Rested()
 
 
 class Tracked(NamedTuple):
@@ -147,6 +166,8 @@ class Zeros:
         Period of the slowest motion of the beam, in readings; 0 if it is not known.
     channels
         Number of channels.
+    rested
+        The last rest before the first reading.
     """
 
     def __init__(
@@ -157,8 +178,10 @@ class Zeros:
         step_mm: float | FloatArray,
         slowest_period: float,
         channels: int,
+        rested: Rested = TARED,
     ) -> None:
         self._walk, self._rate_hz, self._channels = walk, rate_hz, channels
+        self._rested = rested
         self._size = max(BLOCK_READINGS, math.ceil(BLOCK_S * rate_hz), math.ceil(slowest_period))
         noise, step = (np.broadcast_to(np.asarray(value, np.float64), (channels,)) for value in (noise_mm, step_mm))
         self._single_mm2 = np.maximum(np.maximum(noise, step / 2), np.finfo(np.float64).tiny ** 0.25) ** 2
@@ -170,12 +193,14 @@ class Zeros:
         self.restart()
 
     def restart(self) -> None:
-        """Know nothing but the last tare."""
-        nothing = np.zeros(self._channels)
+        """Know nothing but the last rest before the first reading."""
+        at = -round(min(self._rested.ago_s, LONGEST_S) * self._rate_hz)
+        deviation_mm = self._walk.start_mm if self._rested.deviation_mm is None else self._rested.deviation_mm
+        zero_mm = np.zeros(self._channels) if self._rested.zero_mm is None else np.array(self._rested.zero_mm)
+        variance_mm2 = np.broadcast_to(np.square(deviation_mm), self._channels)
         self._read = 0
         """Number of readings so far, with those that are lost."""
-        start_mm2 = np.full(self._channels, self._walk.start_mm**2)
-        self._rest = _Zero(0, nothing.astype(np.intp), nothing, start_mm2, start_mm2, nothing)
+        self._rest = _Zero(at, np.full(self._channels, at), zero_mm, variance_mm2, variance_mm2, zero_mm)
         self._before: tuple[int, _Zero] | None = None
         """The rest before the last load, and the number of readings up to when that load seemed to be gone."""
         self._load: _Load | None = None
@@ -192,6 +217,13 @@ class Zeros:
     def is_loaded(self) -> bool:
         """Whether the readings left what drift explains, as far as whole blocks say."""
         return self._load is not None
+
+    @property
+    def rested(self) -> Rested:
+        """The last rest, before the next reading."""
+        ago_s = (self._read - self._rest.at) / self._rate_hz
+        deviation_mm = np.sqrt(self._rest.variance_mm2)
+        return Rested(ago_s, tuple(self._rest.mm.tolist()), tuple(deviation_mm.tolist()))
 
     @property
     def zero_mm(self) -> FloatArray:

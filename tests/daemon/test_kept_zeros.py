@@ -1,0 +1,88 @@
+"""Zeros over a restart: a load that came meanwhile is no drift, while what is known of the zeros is from before it."""
+
+import json
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from random import Random
+
+import pytest
+
+from . import configs
+from .devices import pymodbus_server
+from .process import started
+from .service import Service, serving
+
+pytestmark = pytest.mark.anyio
+
+ZEROS = "beamtouch-daemon.samples.zeros.json"
+HOURS_AGO = str(datetime.now(UTC) - timedelta(hours=8))
+
+
+class Beam:
+    """A beam whose channels are deflected alike, behind a device on Modbus."""
+
+    def __init__(self, um: float) -> None:
+        self.um = um
+        self._chance = Random(5)  # noqa: S311  # noise, not secrets
+
+    async def answer(
+        self, _function: int, _start: int, _address: int, _count: int, now: list[int], _set: object
+    ) -> None:
+        now[:2] = [round(20_000 + 10 * self.um + self._chance.gauss(sigma=20)) for _ in range(2)]
+
+
+async def shown_um(folder: Path, beam: Beam) -> tuple[float, str]:
+    """Run the daemon for two seconds; return what the samples said in the end [um], and what it logged."""
+    surface = configs.surface(source=configs.tcp(502)).replace("rate_hz", "noise_mm = 0.002\nrate_hz", 1)
+    surface += "[surfaces.bench.zero_tracking]\ndrift_um_per_min = 5\nmax_mm = 0.05\n"
+    async with serving(Service()) as service, pymodbus_server([20_000, 20_000], beam.answer) as port:
+        config = configs.write(folder, surface.replace("port = 502", f"port = {port}"), url=service.url)
+        async with started("run", config) as daemon:
+            await service.until(400)
+            outcome = await daemon.stop()
+    mean_um = sum(1e3 * (sample.deflection_mm[0] or 0.0) for sample in service.samples()[-100:]) / 100
+    return mean_um, outcome.err
+
+
+async def test_a_load_that_came_while_the_daemon_was_off_is_no_drift(tmp_path: Path) -> None:
+    configs.tare(tmp_path, taken_at=HOURS_AGO)
+    beam = Beam(30.0)
+    at_rest_um, first = await shown_um(tmp_path, beam)
+    beam.um += 15.0
+    loaded_um, second = await shown_um(tmp_path, beam)
+    again_um, _ = await shown_um(tmp_path, beam)
+    beam.um -= 15.0
+    lifted_um, _ = await shown_um(tmp_path, beam)
+    assert [at_rest_um, loaded_um, again_um, lifted_um] == pytest.approx([0.0, 15.0, 15.0, 0.0], abs=2.0)
+    words = "bench: of its zeros, only those of the tare are known"
+    assert (words in first, words in second) == (True, False)
+
+
+@pytest.mark.parametrize("case", ["tared again", "the machine started again", "damaged", "not allowed"])
+async def test_zeros_that_no_longer_count_are_not_used(case: str, tmp_path: Path) -> None:
+    configs.tare(tmp_path, taken_at=HOURS_AGO)
+    beam = Beam(30.0)
+    await shown_um(tmp_path, beam)
+    file = tmp_path / ZEROS
+    content = json.loads(file.read_text())
+    assert content["surfaces"]["bench"]["zero_mm"] == pytest.approx([0.03, 0.03], abs=0.002)
+    if case == "tared again":
+        content["surfaces"]["bench"]["characteristic"] = "of another tare"
+    elif case == "the machine started again":
+        content["started"] = "before"
+    elif case == "not allowed":
+        content["surfaces"]["bench"]["deviation_mm"][0] = -1.0
+    file.write_text("{" if case == "damaged" else json.dumps(content))
+    beam.um = 10.0
+    shown, said = await shown_um(tmp_path, beam)
+    assert shown == pytest.approx(0.0, abs=2.0)
+    assert (f"{file}: damaged; the zeros of before are not known" in said) == (case in {"damaged", "not allowed"})
+    assert json.loads(file.read_text())["surfaces"]["bench"]["zero_mm"] == pytest.approx([0.01, 0.01], abs=0.002)
+
+
+async def test_a_file_that_cannot_be_written_stops_nothing(tmp_path: Path) -> None:
+    configs.tare(tmp_path, taken_at=HOURS_AGO)
+    (tmp_path / ZEROS).mkdir()
+    shown, said = await shown_um(tmp_path, Beam(30.0))
+    assert shown == pytest.approx(0.0, abs=2.0)
+    assert f"{tmp_path / ZEROS}: Is a directory; a restart will not know the zeros" in said
