@@ -2,6 +2,7 @@
 
 import argparse
 import asyncio
+import math
 from collections.abc import Mapping
 from datetime import UTC, datetime
 
@@ -52,10 +53,10 @@ def _tare(config: Config, name: str, *, accept_change: bool) -> None:
     """Tare one surface; FailedError if that is impossible."""
     surface, path = config.surfaces[name], config.tare_file(name)
     try:
-        last_mm = config.read_rest_gaps([name])[name]
+        last = config.read_tares([name])[name]
     except (InputError, FailedError):
-        last_mm = {}  # a file that cannot be used is replaced
-    since_s = tare_file.age_s(path, datetime.now(UTC))
+        last = None  # a file that cannot be used is replaced
+    last_mm, since_s = ({}, math.inf) if last is None else (last.rest_gap_mm, last.age_s(datetime.now(UTC)))
     try:
         readings = asyncio.run(first_readings(source_of(surface), at_rest.readings_for_tare(surface.rate_hz)))
         gaps = _measure_rest(counts_of(readings), surface, last_mm, since_s, accept_change=accept_change)

@@ -65,7 +65,7 @@ class Publish(Strict):
     log_file: RelativePath = Path("beamtouch-daemon.samples")
     """Keeps such samples on disk after 5 s, and over a restart. The zeros of the last rest are kept beside it."""
     log_mb: Annotated[FiniteFloat, Field(ge=0, le=100_000)] = 200.0
-    """Limit of the size of that file; beyond it the oldest samples are dropped and counted. 0: no file, and no zeros."""
+    """Limit of the size of that file; beyond it the oldest samples are dropped and counted. 0: neither file."""
 
 
 def trust(path: Path) -> ssl.SSLContext:

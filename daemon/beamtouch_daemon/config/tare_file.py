@@ -68,11 +68,3 @@ def load(path: Path, channels: Sequence[str]) -> TareFile | None:
     if set(content.rest_gap_mm) != set(channels):
         raise InputError(f"{path}: made for other channels; delete it or run beamtouch-daemon tare again")
     return content
-
-
-def age_s(path: Path, now: datetime) -> float:
-    """Return the time since a tare [s]; infinite without a file, or where a clock was wrong."""
-    try:
-        return TareFile.model_validate_json(decode(read_bounded(path))).age_s(now)
-    except (OSError, ValueError):
-        return math.inf

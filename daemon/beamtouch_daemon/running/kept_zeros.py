@@ -108,7 +108,7 @@ class KeptZeros:
         return {}
 
 
-def kept_of(characteristic: str, rested: Rested | None, last_s: float | None) -> Kept | None:
+def kept_of(characteristic: str | None, rested: Rested | None, last_s: float | None) -> Kept | None:
     """Return what to keep of a surface; None if it does not track its zeros, or had no reading.
 
     Parameters
@@ -120,7 +120,7 @@ def kept_of(characteristic: str, rested: Rested | None, last_s: float | None) ->
     last_s
         Time of its last reading, by the clock of `uptime_s`.
     """
-    if rested is None or last_s is None or not math.isfinite(rested.ago_s):
+    if characteristic is None or rested is None or last_s is None or not math.isfinite(rested.ago_s):
         return None
     if rested.zero_mm is None or rested.deviation_mm is None:
         return None
