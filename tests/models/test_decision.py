@@ -263,3 +263,11 @@ def test_a_sample_that_rest_explains_is_not_unexplained(bench: ModelFile) -> Non
     said = Evidence(still, weights, {"contact_log_odds": -1.0, "misfit": 1e6}, 4, 0.1, False, -1.0, weights)
     assert not is_odd(bench.metadata.thresholds, said)
     assert is_odd(bench.metadata.thresholds, said._replace(rest_misfit=1e6))
+
+
+def test_a_load_that_two_channels_saw_is_not_lifted_by_swings_that_all_of_them_see(world: World) -> None:
+    """A swing overloads the inner sensors: what was seen meanwhile says nothing of them."""
+    load = world.load((200.0, 10.0))
+    assert world.step(load, lost=(1, 2)) == "contact"
+    assert [world.step(0.1 * load, load) for _ in range(6)] == ["contact*"] * 6
+    assert [world.step(0.0 * load, 0.02 * load) for _ in range(3)][-1] == "clear*"

@@ -57,8 +57,9 @@ class Memory(NamedTuple):
     """Samples in a row that could be a lift, or a touch of a beam that has not come to rest."""
     run: int = 0
     """Odd samples in a row; in the state `unexplained`, precise samples since the last odd one."""
-    seen_mm: tuple[float, ...] | None = None
-    """The last deflection (channels,) that the state stands on; None for a clear beam, or if it is not known."""
+    seen_mm: tuple[float | None, ...] | None = None
+    """The last deflection (channels,) that the state stands on, None for a channel that took no part; None for a clear
+    beam, or if it is not known."""
 
 
 AT_REST = Memory(State.CLEAR, armed=True)
@@ -118,7 +119,7 @@ def _lift(before: Memory, evidence: Evidence, touch: float) -> Memory:
 
 
 def _standing_on(state: State, evidence: Evidence) -> Memory:
-    return Memory(state, seen_mm=tuple(evidence.deflection_mm.tolist()))
+    return Memory(state, seen_mm=evidence.seen_mm)
 
 
 def _cleared(evidence: Evidence) -> Memory:
@@ -138,7 +139,7 @@ def _shows(before: Memory, evidence: Evidence, touch: float) -> bool:
         return True
     if before.seen_mm is None:
         return False
-    seen_mm = np.array(before.seen_mm)
+    seen_mm = np.array(before.seen_mm, float)  # NaN for None
     return evidence.shows(seen_mm) >= min(evidence.could_show(seen_mm) / 2, 2 * touch)
 
 

@@ -124,16 +124,30 @@ class Evidence(NamedTuple):
         """Misfit of the best contact; 0 for a model that does not state it."""
         return self.answer.get(MISFIT, 0.0)
 
+    @property
+    def seen_mm(self) -> tuple[float | None, ...]:
+        """The deflection (channels,); None for a channel that took no part."""
+        took_part: list[bool] = self.still_whitening_per_mm.any(axis=0).tolist()
+        return tuple(mm if there else None for mm, there in zip(self.deflection_mm.tolist(), took_part, strict=True))
+
     def shows(self, deflection_mm: Floats) -> float:
-        """Return the misfit that rest would have with this deflection (channels,), under the same covariance."""
-        return _square(self.whitening_per_mm @ deflection_mm)
+        """Return the misfit that rest would have with this deflection (channels,), under the same covariance.
+
+        NaN is not known: the least misfit that any deflection there would leave.
+        """
+        return _least_square(self.whitening_per_mm, deflection_mm)
 
     def could_show(self, deflection_mm: Floats) -> float:
         """Return the same if the scatter were none: the most that the working channels can show."""
-        return _square(self.still_whitening_per_mm @ deflection_mm)
+        return _least_square(self.still_whitening_per_mm, deflection_mm)
 
 
-def _square(whitened: Floats) -> float:
+def _least_square(whitening_per_mm: Floats, deflection_mm: Floats) -> float:
+    known = ~np.isnan(deflection_mm)
+    whitened = whitening_per_mm[:, known] @ deflection_mm[known]
+    if not known.all():
+        free = whitening_per_mm[:, ~known]
+        whitened = whitened - free @ np.linalg.lstsq(free, whitened)[0]
     return float(whitened @ whitened)
 
 
