@@ -239,8 +239,8 @@ def run(kind: str, given: argparse.Namespace, files: Files, folder: Path) -> dic
     """Return the row of one kind of loads."""
     folder.mkdir()
     parts = [TOGETHER] * (given.contacts // TOGETHER) if given.gains else [given.contacts]
-    courses = [course(kind, part, files.loaded, seed + 1) for seed, part in enumerate(parts)]
-    runs = [samples_of(files, loads, seed, gains=given.gains) for seed, (loads, _) in enumerate(courses)]
+    courses = [course(kind, part, files.loaded, given.seed + 1 + number) for number, part in enumerate(parts)]
+    runs = [samples_of(files, loads, given.seed + at, gains=given.gains) for at, (loads, _) in enumerate(courses)]
     boots, event_bytes = recorded(folder, files, runs, given.checkout)
     rate_hz = files.loaded.metadata.sensor.rate_hz
     pairs = [
@@ -271,6 +271,7 @@ def main() -> None:
     parser.add_argument("--contacts", type=int, default=300)
     parser.add_argument("--loads", nargs="+", default=["still"], choices=["still", "steps", "slide", "ramp"])
     parser.add_argument("--gains", action="store_true")
+    parser.add_argument("--seed", type=int, default=0, help="of other loads, gains and noise")
     parser.add_argument("--checkout", type=Path)
     parser.add_argument("--line", action="store_true")
     given = parser.parse_args()

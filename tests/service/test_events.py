@@ -76,13 +76,13 @@ def test_a_contact_that_goes_on_is_an_open_event_and_its_path_says_what_changed(
 
 
 def test_a_path_of_many_changes_stays_short_and_keeps_the_mean(bench: Bench) -> None:
-    story = Story(bench, [RESTING, *[TOUCHING, HARDER] * 200, RESTING])
-    story.deliver(0, 402)
+    story = Story(bench, [RESTING, HARDER, *[TOUCHING, HARDER] * 200, RESTING])
+    story.deliver(0, 403)
     (event,) = story.events
     assert len(event["path"]) <= 25  # points of a path, `docs/reference/events.md`
-    assert sum(point["lasts_ms"] for point in event["path"]) == event["dwell_ms"] == 2000.0
-    assert event["mean_force_n"] == pytest.approx(10.625)
-    assert event["mean_position_mm"] == pytest.approx(175.0)
+    assert sum(point["lasts_ms"] for point in event["path"]) == event["dwell_ms"] == 2005.0
+    assert event["mean_force_n"] == pytest.approx((201 * 12.5 + 200 * 8.75) / 401, abs=1e-4)
+    assert event["mean_position_mm"] == pytest.approx((201 * 200.0 + 200 * 150.0) / 401, abs=1e-4)
 
 
 def test_samples_without_all_channels_or_an_estimate_degrade_the_event(bench: Bench) -> None:

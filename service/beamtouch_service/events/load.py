@@ -5,8 +5,8 @@ So a contact is cut into stays. The samples of a stay have a place and a force i
 load explains them all, and the swings are none of it. A load that moves makes a stay of each part that differs.
 
 A load that lies still is known as well as the best sample. Where it changes and no sample is steady, none tells all of
-a stay: its figures are the means of its samples, each weighted by the root of what it knows, as is best for errors that
-samples share. For the same reason the half-width of a mean is the mean half-width.
+a stay: its figures are the means of its samples over time. As these share errors, the half-width of a mean is the mean
+half-width.
 """
 
 from collections.abc import Sequence
@@ -19,7 +19,7 @@ from beamtouch_common.zones import Span
 from beamtouch_service.surfaces.follower import Decision
 
 MAX_STAYS = 25
-"""Of more stays, the two neighbours that lasted least become one."""
+"""Of more stays, the two neighbours that lasted least become one, unless its force or place is an extreme."""
 RAMP = 0.2
 """The part of a contact that its ramps may last at most, at each end: stays that are weaker than the next one inwards,
 as while a load is laid on or taken off."""
@@ -100,8 +100,15 @@ class Stay(NamedTuple):
         return max(1, self.lasts_us)
 
     def is_weaker(self, other: "Stay") -> bool:
-        """Return whether its force is surely smaller than that of another one."""
-        return len(self.spans) > 1 and self.spans[1].high < other.spans[1].middle
+        """Return whether its force is surely smaller than that of another one.
+
+        Without forces, whether its place is known less than half as well: the interval of a load is the wider, the less
+        it presses.
+        """
+        if len(self.spans) > 1:
+            return self.spans[1].high < other.spans[1].middle
+        (place,), (others,) = self.spans, other.spans
+        return place.high - place.low > 2 * (others.high - others.low)
 
 
 @dataclass
@@ -120,15 +127,16 @@ class NewestStay:
     is_unsteady: bool
     """Of the best sample."""
     weight: float
+    """How long the samples of the means lasted [us]."""
     means: Spans
-    """The means of its samples."""
+    """The means of its samples over time."""
 
     @classmethod
     def of(cls, seen: Sighting, begin: float) -> "NewestStay":
         """Begin a stay with its first sample."""
         spans, common = seen.spans, [(span.low, span.high) for span in seen.spans]
         known = seen.at_us, seen.knows, seen.is_shown, seen.is_unsteady
-        return cls(begin, seen.at_us, common, spans, *known, seen.knows**0.5, spans)
+        return cls(begin, seen.at_us, common, spans, *known, max(1.0, seen.at_us - begin), spans)
 
     @classmethod
     def read(cls, kept: dict[str, Any]) -> "NewestStay":
@@ -147,7 +155,7 @@ class NewestStay:
 
     def add(self, seen: Sighting) -> None:
         """Add the next sample."""
-        self.end_us = seen.at_us
+        lasts_us, self.end_us = max(1.0, seen.at_us - self.end_us), seen.at_us
         if self.is_shown and not seen.is_shown:
             return
         if seen.is_shown and not self.is_shown:
@@ -159,21 +167,33 @@ class NewestStay:
         if seen.knows >= self.knows:
             self.best, self.best_us, self.knows = seen.spans, seen.at_us, seen.knows
             self.is_unsteady = seen.is_unsteady
-        more = seen.knows**0.5
-        self.means = _mean([self.means, seen.spans], [self.weight, more])
-        self.weight += more
+        self.means = _mean([self.means, seen.spans], [self.weight, lasts_us])
+        self.weight += lasts_us
 
     def stay(self, touched_us: int, *, is_only: bool) -> Stay:
         """Return the stay so far, of a contact that began then; `is_only`: it is the only one."""
-        is_best = is_only or not self.is_unsteady
+        is_best = not self.is_unsteady or (is_only and self._lay_still)
         spans = tuple(map(_within, self.best, self.common)) if is_best else self.means
-        begin_us, lasts_us = round(self.begin_us) - touched_us, round(self.end_us - self.begin_us)
-        return Stay(begin_us, lasts_us, self.is_unsteady, _rounded(spans))
+        # The clock of a sender may be set back.
+        since_us, lasts_us = max(0, round(self.begin_us) - touched_us), max(0, round(self.end_us - self.begin_us))
+        return Stay(since_us, lasts_us, self.is_unsteady, _rounded(spans))
+
+    @property
+    def _lay_still(self) -> bool:
+        """Whether the means are within the intervals of the best sample.
+
+        Those of a load that slides slowly are not, though its samples have something in common.
+        """
+        return all(best.low <= mean.middle <= best.high for best, mean in zip(self.best, self.means, strict=True))
 
 
 def _within(span: Span, common: tuple[float, float]) -> Span:
-    """Return a span with its middle in what all samples have in common: the best one may be that of a turning point."""
-    return span._replace(middle=min(max(span.middle, common[0]), common[1]))
+    """Return a span with its middle as near to what all samples have in common as it allows.
+
+    The best sample may be that of a turning point, and it may have nothing in common with the others.
+    """
+    nearest = min(max(span.middle, common[0]), common[1])
+    return span._replace(middle=min(max(nearest, span.low), span.high))
 
 
 def _rounded(spans: Spans) -> Spans:
@@ -246,9 +266,11 @@ class Load:
                 self._join()
 
     def _join(self) -> None:
-        """Make one of the two neighbours that lasted least."""
+        """Make one of the two neighbours that lasted least, but none of those that say how hard and how far."""
         closed = self._closed
-        first = min(range(len(closed) - 1), key=lambda at: closed[at].weight + closed[at + 1].weight)
+        kept = _extremes(_without_ramp(closed, RAMP * sum(stay.weight for stay in closed)))
+        pairs = [at for at in range(len(closed) - 1) if kept.isdisjoint(closed[at : at + 2])]
+        first = min(pairs, key=lambda at: closed[at].weight + closed[at + 1].weight)
         one, other = closed[first : first + 2]
         means = _mean([one.spans, other.spans], [one.weight, other.weight])
         lasts_us, is_unsteady = one.lasts_us + other.lasts_us, one.is_unsteady and other.is_unsteady
@@ -287,15 +309,22 @@ class Load:
         return LoadFigures(mean[0], mean[1], largest, place.middle, *about)
 
 
+def _extremes(stays: list[Stay]) -> set[Stay]:
+    """Return the stays of the largest force, and of the places farthest left and right."""
+    places, forces = ([stay.spans[number].middle for stay in stays] for number in (0, -1))
+    extremes = places.index(min(places)), places.index(max(places)), forces.index(max(forces))
+    return {stays[at] for at in extremes}
+
+
 def _without_ramps(stays: list[Stay]) -> list[Stay]:
     """Return the stays without those of the touch and of the lift."""
     most_us = RAMP * sum(stay.weight for stay in stays)
-    for inwards in (1, -1):
-        stays, spent_us = stays[::inwards], 0.0
-        while len(stays) > 1 and stays[0].is_weaker(stays[1]):
-            spent_us += stays[0].weight
-            if spent_us > most_us:
-                break
-            stays = stays[1:]
-        stays = stays[::inwards]
+    return _without_ramp(_without_ramp(stays, most_us)[::-1], most_us)[::-1]
+
+
+def _without_ramp(stays: list[Stay], most_us: float) -> list[Stay]:
+    """Return the stays without those at the begin that are ever stronger, as far as these last no longer."""
+    while len(stays) > 1 and stays[0].is_weaker(stays[1]) and stays[0].weight <= most_us:
+        most_us -= stays[0].weight
+        stays = stays[1:]
     return stays
