@@ -195,13 +195,19 @@ def pairs_of(
     for begin_s, load in truth:
         end_s = begin_s + len(load) / rate_hz
         own = [at for at, (first_s, last_s) in enumerate(spans) if first_s < end_s and begin_s - 0.02 < last_s]
-        if len(own) != 1:
+        if len(own) != 1 or sum(_meets(one, spans[own[0]], rate_hz) for one in truth) > 1:
             continue
         place_mm, force_n = (np.array([getattr(one, name) for one in load]) for name in ("position_mm", "force_n"))
         whole = force_n >= 0.999 * force_n.max() if len(np.unique(place_mm)) == 1 else np.ones(len(load), bool)
         pair = Pair(contacts[own[0]], place_mm[whole].mean(), force_n[whole].mean(), force_n.max(), len(load) / rate_hz)
         found.append(pair)
     return found
+
+
+def _meets(truth: Truth, span: tuple[float, float], rate_hz: float) -> bool:
+    """Return whether an event lasts into a load: by more than 50 ms at its begin, as the beam may still swing then."""
+    begin_s, load = truth
+    return begin_s < span[1] - 0.05 and span[0] < begin_s + len(load) / rate_hz
 
 
 def compare(pairs: Sequence[Pair], loads: int) -> dict[str, object]:

@@ -27,12 +27,24 @@ def event_of(bench: Bench, rows: list[Row]) -> dict[str, Any]:
 def test_a_figure_is_within_its_interval_even_if_the_best_sample_has_nothing_in_common_with_others(
     bench: Bench,
 ) -> None:
-    event = event_of(bench, [*[at(150, 10)] * 100, at(151.9, 10), at(149.5, 10)])
+    event = event_of(bench, [*[at(150, 10)] * 100, at(151.9, 10), at(149.5, 9.5)])
     assert len(event["path"]) == 1
     for name in ("mean_position{}_mm", "mean_force{}_n", "peak_force{}_n"):
         low, middle, high = (event[name.format(end)] for end in ("_low", "", "_high"))
         assert low <= middle <= high
     assert event["mean_position_mm"] == pytest.approx(150.0, abs=1.0)
+
+
+def test_a_load_that_slides_slowly_is_at_its_mean_place_and_not_at_that_of_its_best_sample(bench: Bench) -> None:
+    """Its samples have something in common, and all are unsteady."""
+    body = batch_of(RESTING, *[at(150, 10)] * 10, *[at(151.5, 10)] * 30, RESTING, begin_us=START_US)
+    for sample in body["samples"][1:-1]:
+        sample |= {"readings": 50, "covariance_mm2": [1e-3, 0.0, 1e-3, 0.0, 0.0, 1e-3]}
+    bench.send(members=body | {"oldest": 1, "noise_mm": [0.01] * 3})
+    (event,) = bench.get("/events?path=true").json()["events"]
+    assert (len(event["path"]), event["unsteady"]) == (1, True)
+    assert event["mean_position_mm"] == pytest.approx(151.15, abs=0.02)
+    assert event["mean_position_high_mm"] - event["mean_position_low_mm"] == pytest.approx(2.0, abs=1e-3)
 
 
 def test_the_largest_force_and_the_farthest_places_of_a_long_contact_stay_on_record(bench: Bench) -> None:
