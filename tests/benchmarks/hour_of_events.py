@@ -2,8 +2,8 @@
 
 The scene `bench` at 200 Hz, its beam ringing. The same readings become samples with `publish.rest_ms` of 0 and of 100;
 a service has each stream for its record. Said are how many contacts each has, touches that are none of them (missed)
-and contacts without a touch (false), how many of one lie on one of the other, how far their beginnings, ends and best
-contacts are apart, and the size of the records. `--touches 0` is a beam at rest, `--rest-ms 100` one stream only.
+and contacts without a touch (false), how many of one lie on one of the other, how far their beginnings, ends and loads
+are apart, and the size of the records. `--touches 0` is a beam at rest, `--rest-ms 100` one stream only.
 """
 
 import argparse
@@ -106,7 +106,7 @@ def compare(found: dict[int, dict[str, Any]]) -> dict[str, object]:
         pairs, other = pairs + 1, few[same[0]]
         apart.setdefault("touch ms", []).append(1e3 * abs(spans[same[0]][0] - begin_s))
         apart.setdefault("lift ms", []).append(1e3 * abs(spans[same[0]][1] - end_s))
-        for key in ("peak_force_n", "mean_position_mm"):
+        for key in ("mean_force_n", "peak_force_n", "mean_position_mm"):
             apart.setdefault(key, []).append(abs(other[key] - event[key]))
     quantiles = {key: np.percentile(values, (50, 90, 100)).round(2).tolist() for key, values in apart.items()}
     return {"one contact of each in the other": pairs, "apart, p50, p90 and largest": quantiles}
