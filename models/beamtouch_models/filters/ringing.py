@@ -33,7 +33,7 @@ SHORTER = 0.6
 STEPS = 2
 """Gauss-Newton steps of a search, for each new pole."""
 HIGHEST_LOWEST = 3.0
-"""Lowest frequency above which there is no place for a pole."""
+"""Lowest frequency, per row, above which there is no place for a pole: the rows are too close together."""
 SLOPES_TRIED = 4
 """Slopes are tried in one fit of so many."""
 MOST_AHEAD = 16
@@ -96,6 +96,17 @@ class Followed(NamedTuple):
             times=np.concatenate([self.times, times])[-MOST_ROWS:],
             values=np.concatenate([self.values, values])[-MOST_ROWS:],
         )
+
+
+class Whole(NamedTuple):
+    """Rows that have the same channels."""
+
+    ages: FloatArray
+    """Their times, in rows before the newest one, shape (rows,)."""
+    values: FloatArray
+    """In units of the noise, shape (rows, channels)."""
+    lowest: float
+    """Lowest angular frequency that they show, per row."""
 
 
 class Ringing:
@@ -271,27 +282,31 @@ class Ringing:
             fit=best, fitted=now.times[-1], opened=opened, found=found, constants=constants, age=now.age + 1
         )
 
-    def _whole(self, times: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray, float]:
-        """Return the rows that have all channels of the newest one, and the lowest angular frequency in them.
+    def _whole(self, times: FloatArray, values: FloatArray) -> Whole | None:
+        """Return the rows that have all channels of the newest one; None if they cannot show a swing.
 
-        Their times are in rows, before the newest one.
+        Rows from before a long gap do not count: their swings may have been any number of times as large. Nor do those
+        that stamps which went back say are newer.
         """
         ages = (times - times[-1]) / self._block
-        missing = np.isnan(values)
-        if missing.any():
-            there = ~missing[-1]
-            rows = ~missing[:, there].any(axis=1)
+        there = ~np.isnan(values[-1])
+        rows = ~np.isnan(values[:, there]).any(axis=1) & (ages <= 0) & (ages > -MOST_ROWS)
+        if not (there.all() and rows.all()):
             ages, values = ages[rows], values[np.ix_(rows, there)]
-        return ages, values, max(self._lowest, 2 * math.pi * LEAST_CYCLES / (1 - ages[0]))
+        if len(ages) < LEAST_ROWS:
+            return None
+        lowest = max(self._lowest, 2 * math.pi * LEAST_CYCLES / (1 - ages.min()))
+        return Whole(ages, values, lowest) if lowest <= HIGHEST_LOWEST else None
 
     def _carried(self, last: Fit, times: FloatArray, values: FloatArray, *, checks: bool) -> Fit | None:
         """Return the last fit some rows later; with or without slopes, or with one more pole, if that is better.
 
         None if none explains the rows.
         """
-        ages, values, lowest = self._whole(times, values)
-        if len(ages) < LEAST_ROWS:
+        whole = self._whole(times, values)
+        if whole is None:
             return None
+        ages, values, lowest = whole
         best = fit(ages, values, last.following.within(lowest), lowest, slopes=last.slopes)
         if explains(best) and not checks:
             return best
@@ -304,14 +319,15 @@ class Ringing:
 
     def _sought(self, times: FloatArray, values: FloatArray) -> Fit | None:
         """Return the best fit of all kinds; None if none explains the rows."""
-        ages, values, lowest = self._whole(times, values)
-        if len(ages) < LEAST_ROWS:
+        whole = self._whole(times, values)
+        if whole is None:
             return None
+        ages, values, lowest = whole
         best = fit(ages, values, Poles.none(), lowest, slopes=False)
         sloping = fit(ages, values, Poles.none(), lowest, slopes=True)
         for _ in range(MOST_POLES):
             few = values.size < best.parameters + 2 + 3 * values.shape[1]
-            if few or lowest > HIGHEST_LOWEST or explains(best) or explains(sloping):
+            if few or explains(best) or explains(sloping):
                 break
             best = refine(ages, values, seek(best, ages, values, lowest), lowest, slopes=False, steps=STEPS)
             if not explains(best):
@@ -320,10 +336,10 @@ class Ringing:
 
     def _seen(self, of: Fit, now: Followed) -> float:
         """Return the swings that are seen (r.m.s., in units of the noise)."""
-        if not len(of.poles.decay):
+        whole = self._whole(now.times, now.values)
+        if whole is None or not len(of.poles.decay):
             return 0.0
-        ages, values, _ = self._whole(now.times, now.values)
-        ages, values = ages - ages.mean(), values - values.mean(axis=0)
+        ages, values = whole.ages - whole.ages.mean(), whole.values - whole.values.mean(axis=0)
         slope = ages @ values
         line = (values * values).sum() - slope @ slope / (ages @ ages)
         return math.sqrt(max(0.0, line - of.promised) / len(ages))

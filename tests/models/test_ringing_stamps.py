@@ -1,0 +1,55 @@
+"""A beam that rings while the times of readings are wrong, or most readings are lost: the filter goes on."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from beamtouch_models.filters import Chain, FloatArray, Mean
+
+READINGS, CHANNELS = 400, 4
+SIZES = 1, 7, 100, 250
+"""Of the parts that reach the filter at once, by seed."""
+PERIODS = 20.0, 140.0, 20.0, 140.0
+"""Of the slowest motion, in readings, by seed. Of the longer one, the filter takes seven readings together."""
+STAMPS: dict[str, Callable[[FloatArray], FloatArray]] = {
+    "right": lambda times: times,
+    "all the same": lambda times: np.full(len(times), 1.7e12),
+    "stopped, again and again": lambda times: times // 100 * 100 + np.minimum(times % 100, 60.0),
+    "ten at a time the same": lambda times: times // 10 * 10,
+    "back by one, each ten": lambda times: times - times // 10,
+    "back by a hundred, once": lambda times: times - 100 * (times > READINGS / 2),
+    "backwards": lambda times: -times,
+    "two hours later, once": lambda times: times + 1.44e6 * (times > READINGS / 2),
+    "too slow by a twentieth": lambda times: 0.95 * times,
+    "hundred times too fast": lambda times: 100 * times,
+    "scattered": lambda times: times + np.random.default_rng(0).normal(scale=3.0, size=len(times)),
+}
+
+
+def rung(seed: int) -> FloatArray:
+    """Return readings of loads that come at once and then slide or grow, in units of the noise."""
+    rng, at = np.random.default_rng(seed), np.arange(float(READINGS))
+    values: FloatArray = rng.standard_normal((READINGS, CHANNELS))
+    for _ in range(3):
+        since = at - rng.uniform(40, READINGS)
+        later, load = np.maximum(since, 0.0), rng.normal(size=CHANNELS) * 10 ** rng.uniform(0, 5)
+        swing = np.exp(-rng.choice([0.0, 0.01, 0.1]) * later) * np.cos(2 * np.pi * rng.uniform(0.03, 0.5) * later)
+        values += ((since >= 0) * (1 - swing + rng.choice([0.0, 0.01, 0.2]) * later))[:, np.newaxis] * load
+    return values
+
+
+@pytest.mark.parametrize("stamps", STAMPS)
+@pytest.mark.parametrize("lost", [0.0, 0.7])
+def test_a_sample_has_a_finite_positive_covariance_whatever_the_stamps_say(stamps: str, lost: float) -> None:
+    for seed in range(4):
+        came = np.flatnonzero(np.random.default_rng(seed).random(READINGS) >= lost)
+        gaps, times = np.diff(came, prepend=-1) - 1, STAMPS[stamps](came.astype(np.float64))
+        values, chain = rung(seed)[came], Chain(Mean("growing-mean", 4, 200, 6.0), CHANNELS, 1.0, PERIODS[seed])
+        for first in range(0, len(came), SIZES[seed]):
+            part = slice(first, first + SIZES[seed])
+            with np.errstate(over="raise", divide="raise", invalid="raise"):
+                filtered = chain.apply(values[part], gaps[part].tolist(), times[part].tolist())
+            there = ~np.isnan(filtered.mean_mm).any(axis=1)
+            assert np.isfinite(filtered.covariance_mm2).all()
+            assert (np.linalg.eigvalsh(filtered.covariance_mm2[there]) > 0).all()
