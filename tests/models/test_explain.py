@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -81,5 +82,26 @@ def test_modes_that_seem_to_stand_still_are_named_with_a_better_rate(design_sens
     assert abs(still["frequency_hz"] - round(still["frequency_hz"] / better) * better) > 10
     text = design_sensors_here("explain", SCENES / "conveyor.toml").stdout
     assert "mode 2, of 96.1 Hz, looks like 3.9 Hz to the readings" in text
-    assert f"at {better:g} readings a second, less seems to stand still" in text
+    # A hundredth, and half of what the aliased mode swings.
+    assert ringing["unseen_swing"] == pytest.approx(0.01 + still["share"] / 2)
+    assert f"intervals therefore allow for {100 * ringing['unseen_swing']:.1f} % of its swing" in text
+    assert f"at {better:g} readings a second, less seems to stand still: 1 % of the swing" in text
     assert "to the readings" not in design_sensors_here("explain", SCENES / "bench.toml").stdout
+
+
+def test_of_rates_that_show_the_modes_as_well_the_nearest_is_named(
+    design_sensors_here: Command, tmp_path: Path
+) -> None:
+    def explained(rate_hz: float) -> dict[str, Any]:
+        scene = tmp_path / "scene.toml"
+        scene.write_text((SCENES / "conveyor.toml").read_text().replace("rate_hz = 100", f"rate_hz = {rate_hz:g}"))
+        ringing: dict[str, Any] = json.loads(design_sensors_here("explain", scene, "--json").stdout)["ringing"]
+        return ringing
+
+    found = explained(210)
+    assert [one["mode"] for one in found["aliased"]] == [3]  # of 216 Hz
+    # Rates from 241 a second on show all modes as well, but are further off.
+    assert found["better_rate_hz"] == pytest.approx(180, abs=1)
+    for rate_hz in (180, 250):
+        other = explained(rate_hz)
+        assert (other["aliased"], other["unseen_swing"]) == ([], 0.01)

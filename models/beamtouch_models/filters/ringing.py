@@ -349,8 +349,7 @@ class Ringing:
         there = ~np.isnan(now.values[-1])
         before = np.array([now.constants[-lag] for lag in LAGS if lag <= len(now.constants)])[:, there]
         apart = np.nan_to_num(before - of.constant)
-        # Few rows leave much to chance, also how well a fit explains them.
-        covariance = of.covariance * max(1.0, of.promised / of.freedom) + apart.T @ apart / len(apart)
+        covariance = of.covariance + apart.T @ apart / len(apart)
         unseen = self._unseen * (1 + (FEW / of.rows) ** 2)
         if len(covariance) < len(there):
             covariance, part = np.zeros((len(there), len(there))), covariance

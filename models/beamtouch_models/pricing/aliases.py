@@ -6,6 +6,7 @@ sudden force excites mode k with a share of the deflection that falls as 1/k^4.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -78,8 +79,17 @@ def aliased_modes(scene: Scene, reading_mm: float) -> tuple[tuple[Aliased, ...],
 
 def unseen_swing(scene: Scene, reading_mm: float) -> float:
     """Return the swing of a beam that readings do not show, over that which they show; arguments as above."""
-    aliased, _ = aliased_modes(scene, reading_mm)
+    return unseen_of(aliased_modes(scene, reading_mm)[0])
+
+
+def unseen_of(aliased: Sequence[Aliased]) -> float:
+    """Return the same for the modes that seem to stand still."""
     return min(1.0, LEAST_UNSEEN + USUAL * sum(one.share for one in aliased))
+
+
+def at_rate(scene: Scene, rate_hz: float) -> Scene:
+    """Return a scene that is read at another rate."""
+    return scene.model_copy(update={"sensors": scene.sensors.model_copy(update={"rate_hz": rate_hz})})
 
 
 def _seen_hz(frequency_hz: Floats, rate_hz: Floats | float) -> Floats:

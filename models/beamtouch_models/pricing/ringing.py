@@ -18,7 +18,7 @@ from beamtouch_models.arrays import Floats
 from beamtouch_models.errors import SceneError
 from beamtouch_models.numbers import number, numbers
 from beamtouch_models.physics.motion import damping_of, first_frequency_hz, frequency_hz, laden_period_s, swing
-from beamtouch_models.pricing.aliases import Aliased, aliased_modes
+from beamtouch_models.pricing.aliases import Aliased, aliased_modes, at_rate, unseen_of, unseen_swing
 from beamtouch_models.pricing.noise import MAX_DEFLECTION_MM
 from beamtouch_models.scene import Scene
 
@@ -44,6 +44,10 @@ class Ringing:
     """Modes that seem to stand still to readings at the rate of the scene."""
     better_rate_hz: float | None
     """A rate nearby at which fewer do; None if there are none, or no better rate."""
+    unseen_swing: float
+    """Swing that readings do not show, over that which they show; intervals allow for it while the beam rings."""
+    better_unseen_swing: float | None
+    """The same at the better rate."""
 
 
 def ringing_of(scene: Scene, reading_mm: float, deflection_mm: float) -> Ringing | None:
@@ -70,6 +74,8 @@ def ringing_of(scene: Scene, reading_mm: float, deflection_mm: float) -> Ringing
         damping_is_assumed=scene.beam.damping_ratio is None,
         aliased=aliased,
         better_rate_hz=better_rate_hz,
+        unseen_swing=unseen_of(aliased),
+        better_unseen_swing=better_rate_hz and unseen_swing(at_rate(scene, better_rate_hz), reading_mm),
     )
 
 
@@ -85,7 +91,6 @@ def decay_s(ratio: float, frequency_hz: float, damping_ratio: float) -> float:
 def told(found: Ringing) -> list[str]:
     """Return the ringing in words, one line each."""
     assumed = ASSUMED if found.damping_is_assumed else ""
-    better = f"at {found.better_rate_hz:g} readings a second, less seems to stand still" if found.better_rate_hz else ""
     return [
         f"the beam rings at {digits(found.frequency_hz, 3)} Hz, with the largest force lying on it as a weight at "
         f"{digits(found.laden_frequency_hz, 3)} Hz; damping {digits(100 * found.damping_ratio, 2)} % of "
@@ -95,8 +100,20 @@ def told(found: Ringing) -> list[str]:
         "the filter follows the swings once the readings show them; until then the interval of an answer is as wide as "
         "they scatter; `build` says how large its error is, and when",
         *map(_told_of, found.aliased),
-        *([better] if better else []),
+        *_told_of_rates(found),
     ]
+
+
+def _told_of_rates(found: Ringing) -> list[str]:
+    """Return what modes that seem to stand still cost, and at what rate it is less, one line each."""
+    if not found.aliased:
+        return []
+    share = digits(100 * found.unseen_swing, 2)
+    cost = f"while the beam rings, intervals therefore allow for {share} % of its swing"
+    if found.better_rate_hz is None or found.better_unseen_swing is None:
+        return [cost]
+    less = digits(100 * found.better_unseen_swing, 2)
+    return [cost, f"at {found.better_rate_hz:g} readings a second, less seems to stand still: {less} % of the swing"]
 
 
 def _told_of(one: Aliased) -> str:
