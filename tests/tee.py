@@ -1,6 +1,7 @@
 """A way from a daemon to a service that keeps all samples which passed it, and that can be cut."""
 
 import asyncio
+import gzip
 import json
 import threading
 import zlib
@@ -74,12 +75,13 @@ class Tee:
 
     async def _pass(self, request: Request) -> Response:
         body = await request.body()
+        is_gzip = request.headers.get("content-encoding") == "gzip"
         if not self._whole.is_set():
             await asyncio.to_thread(self._whole.wait)
             return Response(status_code=502)
         path = request.url.path
         if request.method == "POST" and path.endswith("/samples"):
-            self._keep(path.split("/")[2], body)
+            self._keep(path.split("/")[2], gzip.decompress(body) if is_gzip else body)
         if self._client is None:
             self._client = httpx2.AsyncClient(base_url=self._target, trust_env=False, timeout=TIMEOUT_S)
         headers = {name: value for name, value in request.headers.items() if name not in {"host", "connection"}}
