@@ -8,6 +8,7 @@ import pytest
 from beamtouch_daemon.commands.noise import Measurement, Recording, report
 from beamtouch_daemon.config.settings import Surface
 from beamtouch_daemon.processing import noise as daemon_noise
+from beamtouch_daemon.processing.at_rest import select_rest
 from beamtouch_daemon.processing.noise import ChannelNoise, keys_of, measure_noise, readings_needed
 from beamtouch_models.pricing import noise as priced_noise
 
@@ -171,7 +172,9 @@ def test_a_recording_of_an_hour_says_how_fast_zeros_drift_and_a_minute_does_not(
     minutes = np.arange(60 * 60 * 20)[:, np.newaxis] / 60 / 20
     drift_mm = 0.005 * minutes * np.array([1.0, 1.0, 0.5, -0.2])
     noise_mm = NOISE_MM * np.random.default_rng(8).standard_normal(drift_mm.shape)
-    keys = keys_of(measure_noise(counts_of(drift_mm + noise_mm), surface), surface)
+    counts = counts_of(drift_mm + noise_mm)
+    tared_mm = {channel.name: channel.rest_gap_mm for channel in surface.channels}
+    keys = keys_of(measure_noise(select_rest(counts, surface, tared_mm), surface), surface)
     assert keys.drift_um_per_min == pytest.approx(5.0, rel=0.1)
     assert keys.zero_drift_mm < 0.2 * 0.005 * 60  # not what is followed at each rest
     short = measure_noise(counts_of((drift_mm + noise_mm)[: 15 * 60 * 20]), surface)

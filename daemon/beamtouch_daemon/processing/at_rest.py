@@ -244,7 +244,8 @@ def select_rest(counts: FloatArray, surface: Surface, last_mm: Mapping[str, floa
         message = f"{', '.join(names_of_still)}: neither noise nor steps show, as the counts do not change; "
         raise NotAtRestError(f"{message}state noise_mm from the data sheet, with half a step at least")
     gaps = characteristic.gap(counts)
-    rest = dict(zip(names, gaps.mean(axis=0).tolist(), strict=True))
+    # Of an hour, the first minute: what zeros do after it is to be measured.
+    rest = dict(zip(names, gaps[: math.ceil(60 * surface.rate_hz)].mean(axis=0).tolist(), strict=True))
     if contradictions := find_contradictions(rest, last_mm, surface):
         message = (
             f"{', '.join(contradictions)}; take everything off the beam, or tare it again if its sensors were moved"
@@ -297,7 +298,8 @@ def stuck_complaint(channels: Sequence[str]) -> str:
 
 
 def _find_jump(gaps: FloatArray, step_mm: FloatArray, surface: Surface) -> str:
-    """Describe a sudden change, or a drift that is too large, in gaps (readings, channels); empty if there is none."""
+    """Describe a sudden change, or a drift that is too fast, in gaps (readings, channels); empty if there is none."""
+    minutes = max(1.0, len(gaps) / (60 * surface.rate_hz))
     residual = without_line(gaps)
     medians = np.median(np.stack([residual[:-2], residual[1:-1], residual[2:]]), axis=0)  # without single spikes
     fifths = gaps[: len(gaps) // 5 * 5].reshape(5, -1, gaps.shape[1]).mean(axis=1)
@@ -307,7 +309,7 @@ def _find_jump(gaps: FloatArray, step_mm: FloatArray, surface: Surface) -> str:
             place, size_mm = jump
             return f"{channel.name} moved by {digits(size_mm, 2)} mm after {digits(place / surface.rate_hz, 3)} s"
         drift_mm = float(np.ptp(fifths[:, index]))
-        if drift_mm > DRIFTS_WITHIN * (channel.range_mm[1] - channel.range_mm[0]):
+        if drift_mm > minutes * DRIFTS_WITHIN * (channel.range_mm[1] - channel.range_mm[0]):
             return f"{channel.name} drifted by {digits(drift_mm, 2)} mm"
     return ""
 
