@@ -76,10 +76,10 @@ def test_a_client_that_takes_nothing_keeps_its_slot_only_until_it_leaves(service
     wait_until(lambda: durable(service) == len(rows))
     connections = [socket.socket() for _ in range(2)]
     for connection in connections:
-        # An answer of 0.4 MB is then more than what the system holds for a client that reads nothing.
+        # Two hundred answers are then more than what the system holds for a client that reads nothing.
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
         connection.connect(("127.0.0.1", service.port))
-        connection.sendall(b"GET /events?path=true HTTP/1.1\r\nHost: localhost\r\n\r\n")
+        connection.sendall(b"GET /events?path=true HTTP/1.1\r\nHost: localhost\r\n\r\n" * 200)
     wait_until(lambda: service.get("/events/1").status_code == 503)
     connections.pop().close()
     wait_until(lambda: service.get("/events/1").is_success)
