@@ -39,7 +39,9 @@ class _Way:
     def __init__(self, bytes_s: float, one_way_s: float) -> None:
         self.carried = 0
         """Bytes so far."""
-        self._bytes_s, self._one_way_s = bytes_s, one_way_s
+        self.bytes_s = bytes_s
+        """What it carries from now on."""
+        self._one_way_s = one_way_s
         self._waiting = asyncio.Queue[tuple[_Connection, bytes]](BUFFER_BYTES // PIECE_BYTES)
         self.passes = asyncio.Event()
         self.passes.set()
@@ -62,7 +64,7 @@ class _Way:
             await self.passes.wait()
             if connection.is_gone:
                 continue
-            free_s = max(free_s, loop.time()) + len(piece) / self._bytes_s
+            free_s = max(free_s, loop.time()) + len(piece) / self.bytes_s
             await asyncio.sleep(free_s - loop.time())
             self.carried += len(piece)
             loop.call_later(self._one_way_s, _deliver, connection, piece)

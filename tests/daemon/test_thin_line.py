@@ -1,7 +1,6 @@
 """A line that carries little, or takes long: answers stay fresh, and the record gets everything, each sample once."""
 
 import asyncio
-import random
 import re
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
@@ -10,13 +9,14 @@ from pathlib import Path
 from statistics import median
 
 import httpx2
+import numpy as np
 import pytest
 
 from beamtouch_daemon.processing.pipeline import Taken
 from beamtouch_service.samples import Batch, Quality, Sample
 from plain_http import TIMEOUT_S
 from service.small_model import write_model
-from thin_line import thin_line
+from thin_line import ThinLine, thin_line
 
 from . import configs
 from .devices import pymodbus_server
@@ -68,13 +68,13 @@ async def test_after_an_outage_answers_are_fresh_and_the_record_gets_everything(
     assert counts["samples_published"] == counts["readings"]
 
 
-def measured(number: int, draws: random.Random) -> Taken:
+def measured(number: int, draws: np.random.Generator) -> Taken:
     """Return a sample whose digits are noise, as those of a sensor are: of others, next to nothing travels."""
     return taken_of(
         Sample(
             sequence=number,
             acquired_unix_us=1_795_218_046_123_000 + 10_000 * number,
-            deflection_mm=[round(draws.gauss(0.3, 0.01), 6) for _ in CHANNELS],
+            deflection_mm=[round(float(draws.normal(0.3, 0.01)), 6) for _ in CHANNELS],
             quality=[Quality.GOOD] * 4,
             readings=1 + number % 200,
             covariance_mm2=[
@@ -88,21 +88,21 @@ def measured(number: int, draws: random.Random) -> Taken:
 
 async def measure(bench: Bench, number: int) -> None:
     """Add samples, one each hundredth of a second."""
-    draws = random.Random(1)  # noqa: S311  # noise, not secrets
+    draws = np.random.default_rng(1)
     for _ in range(number):
         bench.put([measured(bench.log.next, draws)])
         await asyncio.sleep(0.01)
 
 
 @asynccontextmanager
-async def bench_over(bytes_s: float, one_way_s: float = 0.0) -> AsyncIterator[tuple[Service, Bench]]:
+async def bench_over(bytes_s: float, one_way_s: float = 0.0) -> AsyncIterator[tuple[Service, Bench, ThinLine]]:
     """Run a service, and what a daemon delivers to it over such a line."""
     async with (
         serving(Service()) as service,
         thin_line(service.port, bytes_s, one_way_s=one_way_s) as line,
         Bench(service, head=boot(channels=CHANNELS), url=line.url) as bench,
     ):
-        yield service, bench
+        yield service, bench, line
 
 
 def recorded(number: int) -> dict[str, list[int]]:
@@ -114,22 +114,37 @@ def backlog_of(service: Service) -> list[Batch]:
 
 
 async def test_on_a_thin_line_no_request_takes_long_and_little_travels_twice(caplog: pytest.LogCaptureFixture) -> None:
-    async with bench_over(20_000.0) as (service, bench):
+    async with bench_over(20_000.0) as (service, bench, _):
         service.problem_of = lambda *_: (503, "busy")
         await measure(bench, 200)
-        draws = random.Random(2)  # noqa: S311  # noise, not secrets
+        draws = np.random.default_rng(2)
         bench.put([measured(bench.log.next + place, draws) for place in range(1000)])
         service.problem_of = lambda *_: None
         await measure(bench, 600)
         await until(lambda: bench.log.is_empty)
     assert service.record.numbers() == recorded(1800)
     assert len(service.samples()) < 1.2 * 1800
-    assert median(len(batch.samples) for batch in backlog_of(service)) < 75  # those take 0.4 s here
     assert re.search("bench: the line to the service is thin: .* and [0-9]{2,} wait for the record", caplog.text)
 
 
+async def test_a_line_that_becomes_thinner_gets_smaller_requests() -> None:
+    """At first some 150 samples take a quarter of a second, then some 40."""
+    async with bench_over(40_000.0) as (service, bench, line):
+        service.problem_of = lambda *_: (503, "busy")
+        draws = np.random.default_rng(2)
+        bench.put([measured(1 + place, draws) for place in range(2000)])
+        service.problem_of = lambda *_: None
+        await until(lambda: any(len(batch.samples) > 100 for batch in backlog_of(service)))
+        line.up.bytes_s /= 4
+        await until(lambda: bench.log.is_empty)
+    assert service.record.numbers() == recorded(2000)
+    *_, last = backlog_of(service)
+    sizes = [len(batch.samples) for batch in backlog_of(service) if batch is not last]
+    assert median(sizes[-5:]) < 80
+
+
 async def test_on_a_long_way_a_live_batch_does_not_wait_for_the_answer_to_the_last_one() -> None:
-    async with bench_over(1e6, one_way_s=0.25) as (service, bench):
+    async with bench_over(1e6, one_way_s=0.25) as (service, bench, _):
         await measure(bench, 400)
         await until(lambda: bench.log.is_empty)
     assert service.record.numbers() == recorded(400)
