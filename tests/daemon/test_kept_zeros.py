@@ -3,12 +3,12 @@
 import json
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from random import Random
 
 import pytest
 
 from . import configs
 from .devices import pymodbus_server
+from .noisy_beam import NoisyBeam
 from .process import started
 from .service import Service, serving
 
@@ -18,20 +18,7 @@ ZEROS = "beamtouch-daemon.samples.zeros.json"
 HOURS_AGO = str(datetime.now(UTC) - timedelta(hours=8))
 
 
-class Beam:
-    """A beam whose channels are deflected alike, behind a device on Modbus."""
-
-    def __init__(self, um: float) -> None:
-        self.um = um
-        self._chance = Random(5)  # noqa: S311  # noise, not secrets
-
-    async def answer(
-        self, _function: int, _start: int, _address: int, _count: int, now: list[int], _set: object
-    ) -> None:
-        now[:2] = [round(20_000 + 10 * self.um + self._chance.gauss(sigma=20)) for _ in range(2)]
-
-
-async def shown_um(folder: Path, beam: Beam) -> tuple[float, str]:
+async def shown_um(folder: Path, beam: NoisyBeam) -> tuple[float, str]:
     """Run the daemon for two seconds; return what the samples said in the end [um], and what it logged."""
     surface = configs.surface(source=configs.tcp(502)).replace("rate_hz", "noise_mm = 0.002\nrate_hz", 1)
     surface += "[surfaces.bench.zero_tracking]\ndrift_um_per_min = 5\nmax_mm = 0.05\n"
@@ -46,7 +33,7 @@ async def shown_um(folder: Path, beam: Beam) -> tuple[float, str]:
 
 async def test_a_load_that_came_while_the_daemon_was_off_is_no_drift(tmp_path: Path) -> None:
     configs.tare(tmp_path, taken_at=HOURS_AGO)
-    beam = Beam(30.0)
+    beam = NoisyBeam(30.0)
     at_rest_um, first = await shown_um(tmp_path, beam)
     beam.um += 15.0
     loaded_um, second = await shown_um(tmp_path, beam)
@@ -61,7 +48,7 @@ async def test_a_load_that_came_while_the_daemon_was_off_is_no_drift(tmp_path: P
 @pytest.mark.parametrize("case", ["tared again", "the machine started again", "damaged", "not allowed"])
 async def test_zeros_that_no_longer_count_are_not_used(case: str, tmp_path: Path) -> None:
     configs.tare(tmp_path, taken_at=HOURS_AGO)
-    beam = Beam(30.0)
+    beam = NoisyBeam(30.0)
     await shown_um(tmp_path, beam)
     file = tmp_path / ZEROS
     content = json.loads(file.read_text())
@@ -83,6 +70,6 @@ async def test_zeros_that_no_longer_count_are_not_used(case: str, tmp_path: Path
 async def test_a_file_that_cannot_be_written_stops_nothing(tmp_path: Path) -> None:
     configs.tare(tmp_path, taken_at=HOURS_AGO)
     (tmp_path / ZEROS).mkdir()
-    shown, said = await shown_um(tmp_path, Beam(30.0))
+    shown, said = await shown_um(tmp_path, NoisyBeam(30.0))
     assert shown == pytest.approx(0.0, abs=2.0)
     assert f"{tmp_path / ZEROS}: Is a directory; a restart will not know the zeros" in said

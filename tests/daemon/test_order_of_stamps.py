@@ -1,8 +1,8 @@
 """Times of readings of a board never go back, whatever becomes of the line: filters count on their order."""
 
 import math
-import random
 
+import numpy as np
 import pytest
 
 from beamtouch_daemon.sources.clock import HostClock
@@ -15,7 +15,7 @@ START_S = 5000.0
 @pytest.mark.parametrize("rate", [0.993, 1.0, 1.007])
 def test_pings_that_become_slow_make_no_reading_older_than_the_one_before(rate: float) -> None:
     """The fast ones are forgotten after a while, and less is known of the offset then."""
-    chance, clock, last_s, steps = random.Random(6), HostClock(), -math.inf, 0  # noqa: S311  # no secrets
+    chance, clock, last_s, steps = np.random.default_rng(6), HostClock(), -math.inf, 0
     for number in range(MINUTES * 60 * RATE_HZ):
         true_s = number / RATE_HZ
         device_s = 77.0 + rate * true_s

@@ -2,7 +2,7 @@
 
 import math
 import struct
-from typing import get_args
+from typing import Literal, get_args
 
 import pytest
 from hypothesis import given
@@ -12,6 +12,9 @@ from pymodbus.client.mixin import ModbusClientMixin
 from beamtouch_daemon.config.modules import module_of, names
 from beamtouch_daemon.config.value_types import ByteOrder, ValueType, ends_of, words_of
 from beamtouch_daemon.sources.registers import Block, Value, blocks_of
+
+WORD_ORDERS: tuple[tuple[ByteOrder, Literal["big", "little"]], ...] = (("ABCD", "big"), ("CDAB", "little"))
+"""Orders of bytes that pymodbus has, and its names for them."""
 
 
 def words(*registers: int) -> list[Value]:
@@ -49,10 +52,10 @@ def test_blocks_hold_every_register_within_the_limits(registers: set[int], most:
 def test_values_are_those_that_pymodbus_writes(value_type: ValueType, value: float) -> None:
     types = {"u16": "UINT16", "i16": "INT16", "u32": "UINT32", "i32": "INT32", "f32": "FLOAT32", "f64": "FLOAT64"}
     kind = getattr(ModbusClientMixin.DATATYPE, types[value_type])
-    for order, word_order in (("ABCD", "big"), ("CDAB", "little")):
-        registers = ModbusClientMixin.convert_to_registers(value, kind, word_order)  # type: ignore[arg-type]
+    for order, word_order in WORD_ORDERS:
+        registers = ModbusClientMixin.convert_to_registers(value, kind, word_order)
         contents = dict(enumerate(registers, 7))
-        assert Value(7, value_type, order).decode(contents) == value  # type: ignore[arg-type]
+        assert Value(7, value_type, order).decode(contents) == value
 
 
 @given(

@@ -1,35 +1,20 @@
 """Samples of a beam at rest: rare, but never so rare that the answer of the service grows stale."""
 
 from pathlib import Path
-from random import Random
 
 import pytest
 
 from . import configs
 from .devices import pymodbus_server
+from .noisy_beam import NoisyBeam
 from .process import started, summary_of
 from .service import Service, serving
-from .waits import until
 
 pytestmark = pytest.mark.anyio
 
 REST_MS = 10_000
 STALE_MS = 500.0
 """A fifth is 20 readings at 200 Hz."""
-
-
-class Beam:
-    """The registers of a beam at rest, which count how often they are read."""
-
-    def __init__(self) -> None:
-        self.polls = 0
-        self._chance = Random(5)  # noqa: S311 - noise, not secrets
-
-    async def answer(
-        self, _function: int, _start: int, _address: int, _count: int, now: list[int], _set: object
-    ) -> None:
-        self.polls += 1
-        now[:2] = [round(20_000 + self._chance.gauss(sigma=20)) for _ in range(2)]
 
 
 def write(folder: Path, port: int, url: str) -> Path:
@@ -42,7 +27,7 @@ def write(folder: Path, port: int, url: str) -> Path:
 
 
 async def test_samples_at_rest_are_at_most_a_fifth_of_the_stale_time_apart(tmp_path: Path) -> None:
-    beam = Beam()
+    beam = NoisyBeam()
     async with serving(Service()) as service, pymodbus_server([20_000, 20_000], beam.answer) as port:
         service.stale_ms = 60_000.0
         async with started("run", write(tmp_path, port, service.url)) as daemon:
@@ -50,27 +35,27 @@ async def test_samples_at_rest_are_at_most_a_fifth_of_the_stale_time_apart(tmp_p
             await service.until(1)
             rare = False
             while not rare:
-                begun = beam.polls, len(service.samples())
-                await until(lambda begun=begun: beam.polls >= begun[0] + 200)  # type: ignore[misc]
-                rare = len(service.samples()) - begun[1] < 3
+                sent = len(service.samples())
+                await beam.asked(200)
+                rare = len(service.samples()) - sent < 3
             # Each receipt states how long an answer may stand now: the newest one counts.
             service.stale_ms = STALE_MS
             sent = len(service.samples())
             await service.until(sent + 1)
-            polls, sent = beam.polls, len(service.samples())
-            await until(lambda: beam.polls >= polls + 400)
+            sent = len(service.samples())
+            await beam.asked(400)
             # 400 readings are 20 fifths of the stale time: a busy machine has more time for each of them, not less.
             assert 8 <= len(service.samples()) - sent < 200
             assert (await daemon.stop()).code == 0
 
 
 async def test_before_the_service_says_how_long_an_answer_may_stand_no_batch_waits(tmp_path: Path) -> None:
-    beam = Beam()
+    beam = NoisyBeam()
     async with serving(Service()) as service, pymodbus_server([20_000, 20_000], beam.answer) as port:
         service.statuses = [503] * 100_000
         config = write(tmp_path, port, service.url)
         async with started("run", config, "--summary", tmp_path / "summary.json") as daemon:
-            await until(lambda: beam.polls >= 800)
+            await beam.asked(800)
             assert (await daemon.stop()).code == 0
     summary = summary_of(tmp_path)["bench"]
     assert summary["readings"] >= 600

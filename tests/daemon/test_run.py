@@ -9,7 +9,6 @@ import sqlite3
 from collections.abc import Callable
 from contextlib import closing, suppress
 from pathlib import Path
-from random import Random
 from time import monotonic, time
 from types import SimpleNamespace
 from typing import Any, cast
@@ -31,6 +30,7 @@ from .conftest import Refused
 from .devices import SerialDevice, pymodbus_server
 from .faulty import LOG_FILE, batches_in, everything, leave_samples, soon
 from .lines import terminal
+from .noisy_beam import NoisyBeam
 from .process import PATIENT_STOP, Outcome, started, summary_of
 from .service import TOKEN, Service, serving
 from .waits import until
@@ -112,14 +112,8 @@ async def test_a_failing_surface_costs_others_nothing_and_does_not_fill_the_log(
 
 async def test_a_beam_at_rest_sends_few_samples_and_a_touch_at_once_each_of_its_readings(tmp_path: Path) -> None:
     """A sample at rest would be due after 10 s; a touch does not wait for it."""
-    chance, polls, is_touched = Random(5), 0, False  # noqa: S311 - noise, not secrets
-
-    async def noise(_function: int, _start: int, _address: int, _count: int, now: list[int], _set: object) -> None:
-        nonlocal polls
-        polls += 1
-        now[:2] = [round(20_000 + 1000 * is_touched + chance.gauss(sigma=20)) for _ in range(2)]
-
-    async with serving(Service()) as service, pymodbus_server([20_000, 20_000], noise) as port:
+    beam = NoisyBeam()
+    async with serving(Service()) as service, pymodbus_server([20_000, 20_000], beam.answer) as port:
         surface = configs.surface(source=configs.tcp(port)).replace("rate_hz", "noise_mm = 0.002\nrate_hz", 1)
         surface = surface.replace('"moving-average"\nwindow = 1', '"growing-mean"\nmax_mean_ms = 20_000')
         service.stale_ms = 60_000.0
@@ -129,12 +123,12 @@ async def test_a_beam_at_rest_sends_few_samples_and_a_touch_at_once_each_of_its_
             await service.until(1)
             few = False
             while not few:
-                begun = polls, len(service.samples())
-                await until(lambda begun=begun: polls >= begun[0] + 200)  # type: ignore[misc]
-                few = len(service.samples()) - begun[1] < 50
-            is_touched, begun_polls = True, polls
+                sent = len(service.samples())
+                await beam.asked(200)
+                few = len(service.samples()) - sent < 50
+            beam.um, begun_polls = 100.0, beam.polls
             await until(lambda: sum((one.deflection_mm[0] or 0.0) > 0.05 for one in service.samples()) >= 8)
-            assert polls - begun_polls < 100
+            assert beam.polls - begun_polls < 100
             assert (await daemon.stop()).code == 0
 
 

@@ -4,12 +4,12 @@ import os
 import stat
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from random import Random
 
 import pytest
 
 from . import configs
 from .devices import pymodbus_server
+from .noisy_beam import NoisyBeam
 from .process import command, started
 from .service import Service, serving
 
@@ -41,14 +41,9 @@ async def test_the_service_user_reads_what_root_tared(tmp_path: Path, before: in
 async def test_a_start_takes_a_change_for_drift_if_the_tare_is_old(
     age: timedelta | None, *, is_followed: bool, tmp_path: Path
 ) -> None:
-    chance = Random(5)  # noqa: S311  # noise, not secrets
-
-    async def answer(_function: int, _start: int, _address: int, _count: int, now: list[int], _set: object) -> None:
-        now[:2] = [round(20_300 + chance.gauss(sigma=20)) for _ in range(2)]
-
     surface = configs.surface(source=configs.tcp(502)).replace("rate_hz", "noise_mm = 0.002\nrate_hz", 1)
     surface += "[surfaces.bench.zero_tracking]\ndrift_um_per_min = 5\nmax_mm = 0.05\n"
-    async with serving(Service()) as service, pymodbus_server([20_300, 20_300], answer) as port:
+    async with serving(Service()) as service, pymodbus_server([20_300, 20_300], NoisyBeam(30.0).answer) as port:
         config = configs.write(tmp_path, surface.replace("port = 502", f"port = {port}"), url=service.url)
         configs.tare(tmp_path, taken_at="" if age is None else str(datetime.now(UTC) - age))
         async with started("run", config):

@@ -3,7 +3,6 @@
 import csv
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from random import Random
 
 import numpy as np
 import pytest
@@ -41,7 +40,7 @@ def test_of_more_contacts_than_are_used_the_newest_count(tmp_path: Path, bench: 
     if order == "newest first":
         rows.reverse()
     elif order == "mixed":
-        Random(1).shuffle(rows)  # noqa: S311  # no secrets
+        rows = [rows[at] for at in np.random.default_rng(1).permutation(len(rows))]
     contacts = read(tmp_path / "contacts.csv", bench, rows)
     assert numbers(contacts) == list(range(MORE, MAX_CONTACTS + MORE))
     assert (contacts.older, contacts.other_characteristic) == (MORE, 0)

@@ -147,7 +147,11 @@ def test_steps_of_an_adc_that_hide_the_noise_bound_what_a_rest_tells() -> None:
 
 
 def test_a_light_touch_soon_after_a_long_contact_is_no_part_of_its_lift() -> None:
-    touched: Times = lambda at_s: pressed(5, 305, 0.3)(at_s) + pressed(320, 330, 0.02)(at_s)  # noqa: E731  # read as one
+    contact, light_touch = pressed(5, 305, 0.3), pressed(320, 330, 0.02)
+
+    def touched(at_s: Floats) -> Floats:
+        return contact(at_s) + light_touch(at_s)
+
     at_s, true_mm, tracked = play(340, drift(-5.0), touched)
     assert np.abs(tracked.zero_mm - true_mm)[at_s > 310].max() < 2e-3
 
