@@ -49,6 +49,8 @@ BETWEEN_S = 0.1
 """Time between the samples of a beam at rest, `publish.rest_ms` of the daemon."""
 TOGETHER = 30
 IN_BATCH = 1000
+ASK_S, LATE_S = 0.1, 5.0
+"""Time between two questions what is durable, and the longest until all of a line is."""
 Truth = tuple[float, list[Load]]
 """When a load was laid on [s], and what it was at each reading."""
 
@@ -145,22 +147,19 @@ def recorded(folder: Path, files: Files, runs: list[list[dict[str, Any]]], check
         size = used_bytes(folder / "events.sqlite")
         for number, samples in enumerate(runs):
             head = {"boot_id": f"benchmark-{number:03}", "channels": channels, "backlog": True, "oldest": 1}
-            expected: int | None = 1
-            while expected is None or expected <= len(samples):
-                part = samples[(expected or 1) - 1 :][:IN_BATCH]
+            receipt: dict[str, int | None] = {"expected": 1, "durable": 0}
+            while (receipt["durable"] or 0) < len(samples):
+                at = receipt["expected"] or 1
+                part = samples[at - 1 :][:IN_BATCH]
                 answer = http.post(
                     "/surfaces/bench/samples",
                     json={**head, "samples": part},
                     headers={"Authorization": f"Bearer {TOKEN}"},
                 )
                 assert answer.status_code == 200, answer.text
-                expected = answer.json()["expected"]
-        http.post(
-            "/surfaces/bench/samples",
-            json={**head, "samples": []},
-            headers={"Authorization": f"Bearer {TOKEN}"},
-        )
-        time.sleep(3)
+                receipt = answer.json()
+                if not part:
+                    time.sleep(ASK_S)
         events = all_events(http)
         size -= used_bytes(folder / "events.sqlite")
     boots = [[event for event in events if event["boot_id"] == f"benchmark-{number:03}"] for number in range(len(runs))]
@@ -261,7 +260,7 @@ def run_line(contacts: int, files: Files, folder: Path) -> dict[str, object]:
     (folder / "script.toml").write_text(script(touches))
     surface = Surface("bench", "modbus-tcp", folder / "script.toml", ())
     with Line(folder, files.scene, files.model, files.daemon, [surface]) as line:
-        time.sleep(touches[-1].offset_s + REST_S + 5.0)
+        time.sleep(touches[-1].offset_s + REST_S + LATE_S)  # the script plays in real time
         begin_s = began_s(line.truth("bench"), touches)
         with httpx2.Client(base_url=line.url, timeout=60, trust_env=False) as http:
             events = all_events(http)
