@@ -14,7 +14,8 @@ from beamtouch_daemon.config.settings import Surface
 from beamtouch_daemon.config.signal import Channel
 from beamtouch_daemon.processing import resolution, stuck
 from beamtouch_daemon.processing.characteristic import QUALITIES, Characteristic
-from beamtouch_models.filters import FloatArray, Walk
+from beamtouch_daemon.processing.filters import walk_of
+from beamtouch_models.filters import FloatArray
 from beamtouch_service.samples import Quality
 
 TARE_S = 1.0
@@ -29,7 +30,8 @@ DRIFT_DEVIATIONS = 5.0
 MOUNTED_WITHIN = 0.1
 """Largest difference from the configured rest gap, which may be nominal, as a part of the linear range."""
 DRIFTS_WITHIN = 0.02
-"""Largest difference between two tares, from warmth and settling, as a part of the linear range."""
+"""Largest difference between two tares, from warmth and settling, as a part of the linear range; also the largest drift
+in each minute of a long recording."""
 LOAD_SHARE = 0.1
 """The same for both, as a part of what the smallest force causes where it moves the channel most. Smaller parts would
 refuse ordinary settling. With it, the smallest force shows everywhere but within a few percent of the supports."""
@@ -186,12 +188,11 @@ def _warmth_mm(
 
     No load moves all alike. Few channels show no difference between the two.
     """
-    tracking = surface.zero_tracking
-    if tracking is None or not last_mm or len(surface.channels) < FEWEST_WARM:
+    walk = walk_of(surface)
+    if walk is None or not last_mm or len(surface.channels) < FEWEST_WARM:
         return 0.0
     moved_mm = [rest_gap_mm[one.name] - last_mm.get(one.name, one.rest_gap_mm) for one in surface.channels]
-    walk = Walk(tracking.drift_um_per_min / 1e3, tracking.max_mm, surface.zero_drift_mm)
-    most_mm = min(tracking.max_mm, STATED_DEVIATIONS * float(walk.grown_mm(since_s)))
+    most_mm = min(walk.max_mm, STATED_DEVIATIONS * float(walk.grown_mm(since_s)))
     return min(max(float(np.median(moved_mm)), -most_mm), most_mm)
 
 

@@ -11,7 +11,7 @@ from beamtouch_daemon.config.settings import Surface
 from beamtouch_daemon.config.signal import Filter, GrowingMean, NoFilter
 from beamtouch_daemon.processing.characteristic import Characteristic
 from beamtouch_models import filters
-from beamtouch_models.filters import Chain, Filtered, FloatArray, Mean, Rest
+from beamtouch_models.filters import Chain, Filtered, FloatArray, Mean, Rest, Walk
 
 PLAIN = 1.02
 """No covariance is stated while the variance is within this factor of that of a mean of the stated readings."""
@@ -41,6 +41,14 @@ def rest_of(surface: Surface) -> Rest | None:
     unit_mm = filters.unit_of(surface.noise_mm, steps_mm(surface), len(surface.channels))
     period = (surface.slowest_period_ms or 0.0) * surface.rate_hz / 1e3
     return Rest(unit_mm, surface.filter.longest(surface.rate_hz), period)
+
+
+def walk_of(surface: Surface) -> Walk | None:
+    """Return how the zeros of a surface walk; None if it does not track them."""
+    tracking = surface.zero_tracking
+    if tracking is None:
+        return None
+    return Walk(tracking.drift_um_per_min / 1e3, tracking.max_mm, surface.zero_drift_mm)
 
 
 def steps_mm(surface: Surface) -> FloatArray:

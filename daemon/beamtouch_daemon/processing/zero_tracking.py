@@ -9,7 +9,7 @@ from typing import Self
 import numpy as np
 
 from beamtouch_daemon.config.settings import Surface
-from beamtouch_daemon.processing.filters import steps_mm
+from beamtouch_daemon.processing.filters import steps_mm, walk_of
 from beamtouch_models.filters import Filtered, FloatArray, Rested, Tracked, Walk, Zeros, beyond_start
 
 DIGITS = 3
@@ -29,10 +29,9 @@ class ZeroTracker:
     @classmethod
     def of(cls, surface: Surface, rested: Rested) -> Self | None:
         """Return that of a surface, from its last rest on; None if it does not track its zeros."""
-        tracking, noise_mm = surface.zero_tracking, surface.noise_mm
-        if tracking is None or noise_mm is None:
+        walk, noise_mm = walk_of(surface), surface.noise_mm
+        if walk is None or noise_mm is None:
             return None
-        walk = Walk(tracking.drift_um_per_min / 1e3, tracking.max_mm, surface.zero_drift_mm)
         return cls(surface, walk, noise_mm, rested)
 
     def track(self, deflection_mm: FloatArray, lost: Sequence[int]) -> Tracked:
