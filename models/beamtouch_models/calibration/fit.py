@@ -1,10 +1,9 @@
-"""The fit of a surface's departures from its scene to known loads, limited to those that the loads support.
+"""The fit of some kinds of departures of a surface from its scene, and of what a recording adds, to known loads.
 
 Maximum a posteriori: generalised least squares with a prior on each departure, of its plausible size. The covariance
 of the residuals holds the noise of the recording, the errors of position and force of each load, and a residual that
 neither explains. The residual is as large as makes the weighted squares equal to their degrees of freedom (Paule &
-Mandel 1982, doi 10.6028/jres.087.022). Kinds of departures are added one by one, each only if it lowers the error of
-loads that are left out of the fit.
+Mandel 1982, doi 10.6028/jres.087.022). How large each kind is, `choice` says.
 """
 
 from collections.abc import Mapping

@@ -127,8 +127,9 @@ class Evidence(NamedTuple):
     @property
     def seen_mm(self) -> tuple[float | None, ...]:
         """The deflection (channels,); None for a channel that took no part."""
-        each = zip(self.deflection_mm.tolist(), self.still_whitening_per_mm.T, strict=True)
-        return tuple(mm if column.any() else None for mm, column in each)
+        took_part = np.logical_or.reduce(self.still_whitening_per_mm != 0).tolist()
+        each = zip(self.deflection_mm.tolist(), took_part, strict=True)
+        return tuple(mm if there else None for mm, there in each)
 
     def shows(self, deflection_mm: Floats) -> float:
         """Return the misfit that rest would have with this deflection (channels,), under the same covariance.

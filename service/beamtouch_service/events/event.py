@@ -99,7 +99,7 @@ class Event:
     begin: Begin
     end: End = End.OPEN
     lifted_us: int | None = None
-    """Time of the first clear sample after it; None if that is not known."""
+    """Time of the first clear reading after it, or clear sample after a stretch; None if it is not known."""
     samples: int = 0
     """Number of samples in the figures of the load."""
     unsteady_samples: int = 0
