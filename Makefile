@@ -55,7 +55,7 @@ check: $(INSTALLED)  ## lint, format, types, imports, reference
 	$(BIN)/lint-imports
 	$(BIN)/python docs/generator/reference.py --check
 
-reference: $(INSTALLED)  ## write the parts of the pages in docs/ that come from the code, the schemas, and docs/mistakes.md
+reference: $(INSTALLED)  ## write the parts of the pages in docs/ that come from code and tests, the schemas, and docs/mistakes.md
 	$(BIN)/python docs/generator/reference.py
 	$(BIN)/python tests/mistakes.py
 

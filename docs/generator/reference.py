@@ -1,4 +1,4 @@
-"""The parts of the reference that come from the code: `make reference` writes them into the committed pages.
+"""Parts of the pages that come from code and tests: `make reference` writes them into the committed pages.
 
 A part stands in its page between the lines `<!-- generate: NAME -->` and `<!-- generated -->`.
 """
@@ -14,6 +14,7 @@ from pathlib import Path
 from pydantic import BaseModel
 
 import facts
+import promises
 from beamtouch_daemon.config.settings import Config
 from beamtouch_models.rig.loads import Script
 from beamtouch_models.rig.surface import Imperfections
@@ -81,6 +82,7 @@ _PARTS: Mapping[str, Callable[[], str]] = (
         "commands": helps_as_markdown,
         "metrics": facts.metrics,
         "problems": facts.problems,
+        "promises": promises.as_markdown,
         "python": python_interface,
         "registers": registers,
     }

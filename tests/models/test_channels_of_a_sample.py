@@ -63,6 +63,7 @@ def test_rest_is_judged_by_the_channels_of_the_sample(bench: ModelFile) -> None:
         assert not is_odd(thresholds, said._replace(rest_misfit=limit / JUST)), channels
 
 
+@pytest.mark.promise("docs/reference/contact.md", "exceed the threshold for the number of working channels")
 def test_a_touch_is_judged_by_the_channels_of_the_sample(bench: ModelFile) -> None:
     thresholds = bench.metadata.thresholds
     for channels in numbers(bench):
@@ -73,6 +74,13 @@ def test_a_touch_is_judged_by_the_channels_of_the_sample(bench: ModelFile) -> No
             assert decider.step(touched).state is state, channels
 
 
+@pytest.mark.promise(
+    "docs/reference/contact.md",
+    (
+        "`check-NAME` needs four working channels: without the named one, three must be left, because two explain "
+        "nearly any load."
+    ),
+)
 @pytest.mark.parametrize("channels", [1, 2, 3])
 def test_with_so_few_channels_none_is_suspected(bench: ModelFile, channels: int) -> None:
     """Two that are left fit most contacts: one that contradicts them is as likely right."""

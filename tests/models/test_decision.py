@@ -129,6 +129,19 @@ SEQUENCES = {
 """Each step: the deflection, ~ along which the readings scatter, and the state; * if it is unsteady."""
 
 
+@pytest.mark.promise(
+    "docs/reference/contact.md",
+    (
+        "until five still samples in a row have shown the beam at rest, a touch needs four times the log odds, or "
+        "three samples in a row above the threshold."
+    ),
+    "so a touch of a ringing beam may be seen two samples late",
+    "means of few readings, and samples that pass for rest only because they are so uncertain, take three in a row.",
+    (
+        "`unexplained` begins after three samples in a row that neither rest nor a single contact explains, and ends "
+        "after three that one of them explains. Until then the state stays, with `unsteady`."
+    ),
+)
 @pytest.mark.parametrize("sequence", SEQUENCES.values(), ids=SEQUENCES)
 def test_the_state_follows(world: World, sequence: str) -> None:
     two, load = world.load((100, 8), (300, 8)), world.load((100, 8))
@@ -167,6 +180,10 @@ def test_honest_contacts_and_rest_stay_explained(world: World) -> None:
         assert CLEAR in [world.step(0 * load) for _ in range(12)]
 
 
+@pytest.mark.promise(
+    "docs/reference/contact.md",
+    "It appears when nearly all of the last unexplained samples name the same channel.",
+)
 def test_the_channel_that_contradicts_the_others_is_named_after_many_samples(world: World) -> None:
     suspects = Suspects(world.metadata, world.run)
     wedge = 0.5 * np.eye(world.channels)[2]
@@ -184,6 +201,10 @@ def test_two_contacts_are_not_taken_for_a_broken_channel(world: World) -> None:
         assert [named_after(suspects, world.sample(two)) for _ in range(60)] == [None] * 60
 
 
+@pytest.mark.promise(
+    "docs/reference/contact.md",
+    "Only one or two channels work, so nothing would notice a second load or a wrong sensor.",
+)
 def test_two_channels_take_two_contacts_for_one_but_not_a_pull(world: World) -> None:
     valid = [True, False, False, True, *[False] * (world.channels - 4)]
 
@@ -237,6 +258,7 @@ def test_no_single_contact_of_any_force_is_unexplained_on_few_channels(world: Wo
             assert UNEXPLAINED not in {world.step(load, lost=lost).rstrip("*") for _ in range(6)}
 
 
+@pytest.mark.promise("docs/reference/contact.md", "one unexplained sample is `unexplained` at once")
 def test_if_no_state_is_known_an_odd_sample_is_unexplained_at_once(world: World) -> None:
     wedge = 0.5 * np.eye(world.channels)[2]
     world.decider = Hypotheses(world.metadata.thresholds, memories_after(None))

@@ -34,6 +34,10 @@ from stated_problems import fewest_mm, real_prior
 pytestmark = pytest.mark.long
 
 
+@pytest.mark.promise(
+    "docs/reference/contact.md",
+    "A beam at rest exceeds it as often as the scene's `false_contacts_per_day` allows.",
+)
 @pytest.mark.parametrize(
     ("name", "kept"), [("bench", (0, 1, 2, 3)), pytest.param("short-deep", (1,), marks=pytest.mark.soak)]
 )

@@ -46,6 +46,11 @@ def deliver(story: Story, first: int, last: int) -> None:
     story.deliver(first, last)
 
 
+@pytest.mark.promise(
+    "docs/reference/service-configuration.md",
+    "A state `unexplained` that lasts longer raises a metric and writes a line to the log.",
+)
+@pytest.mark.promise("docs/reference/metrics.md", "they ignore what lasts less than `unexplained_after_s`")
 def test_a_stretch_that_lasts_raises_a_metric_and_writes_one_line(
     soon: Bench, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -82,6 +87,10 @@ def test_a_stretch_that_lasts_raises_a_metric_and_writes_one_line(
     assert metrics(soon)["beamtouch_unexplained_seconds_total.press-7"] < 4
 
 
+@pytest.mark.promise(
+    "docs/reference/contact.md",
+    "`check-NAME`, only with `unexplained`: channel NAME contradicts the others.",
+)
 def test_contact_and_summary_carry_the_state_and_its_suspect(soon: Bench) -> None:
     soon.send(*[WEDGED] * 60)
     contact, summary = soon.contact(), soon.get("/surfaces/press-7").json()
@@ -101,6 +110,7 @@ MOVED: Row = [0.03, 0.031, 0.029, 0.03]
 """All zeros, by about the same."""
 
 
+@pytest.mark.promise("docs/reference/contact.md", "with `unexplained` farther or faster than the daemon follows")
 def test_zeros_that_moved_together_are_warmth_at_every_door(
     bench_model: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -126,6 +136,10 @@ def test_zeros_that_moved_together_are_warmth_at_every_door(
     assert soon.get("/health/ready?health=true").status_code == 200
 
 
+@pytest.mark.promise(
+    "docs/reference/problems.md",
+    "`channels-out`, `changed-channels`, `zeros-moved`, `unexplained`: only `/health/ready?health=true` gives these.",
+)
 def test_a_stretch_that_lasts_needs_a_technician(soon: Bench) -> None:
     story = Story(soon, [[0.0] * 4, *[WEDGED] * 200])
     deliver(story, 0, 60)
@@ -137,6 +151,7 @@ def test_a_stretch_that_lasts_needs_a_technician(soon: Bench) -> None:
     assert (problem["type"].rpartition(":")[2], problem["suspect"]) == ("unexplained", "s3")
 
 
+@pytest.mark.promise("docs/reference/contact.md", "otherwise nearly as far.")
 def test_a_daemon_whose_zeros_are_nearly_as_far_as_it_follows_says_so(soon: Bench) -> None:
     soon.send([0.0] * 4, members={"notes": ["zeros"]})
     assert soon.contact()["notes"] == ["zeros"]
@@ -177,6 +192,10 @@ class Cable:
         return bool(out)
 
 
+@pytest.mark.promise(
+    "docs/reference/sensor-health.md",
+    "So a loose cable counts as out if it is off for more than half of the time",
+)
 def test_a_loose_cable_is_out_if_it_is_off_for_more_than_half_of_the_time(
     soon: Bench, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -221,6 +240,11 @@ class Wired:
         return wiring
 
 
+@pytest.mark.promise(
+    "docs/how-to/troubleshooting.md",
+    "log, page and `wiring` of `GET /surfaces/NAME` name two cables that are swapped or a sensor that is inverted",
+)
+@pytest.mark.promise("docs/reference/contact.md", "then name the cables")
 @pytest.mark.parametrize(
     ("change", "wiring"),
     [
@@ -249,6 +273,10 @@ def test_other_faults_are_not_taken_for_a_wrong_wiring(bench_model: Path) -> Non
     assert again is None
 
 
+@pytest.mark.promise(
+    "docs/reference/metrics.md",
+    '`surface=""` stands for names that do not exist, so clients cannot create labels.',
+)
 def test_samples_contacts_problems_and_durations_are_counted_for_each_surface() -> None:
     bench = Bench(surface_of(), surface_of("press-8"))
     bench.get("/contact?surface=press-7")

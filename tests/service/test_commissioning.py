@@ -144,6 +144,17 @@ def test_nothing_begins_where_nothing_could_be_seen_of_a_press() -> None:
     assert bench.post(b"", PATH).status_code == 200
 
 
+@pytest.mark.promise(
+    "docs/how-to/commission-on-the-page.md",
+    (
+        "A button that was meant for an earlier step changes nothing. One commissioning of a surface can be under "
+        "way at a time."
+    ),
+)
+@pytest.mark.promise(
+    "docs/reference/problems.md",
+    "nothing was changed, because no commissioning is under way, or another one or another step than the request names",
+)
 def test_several_people_cannot_undo_each_others_steps(course: Course) -> None:
     course.send(RESTING)
     course_id = course.act().json()["course"]["id"]
@@ -167,6 +178,11 @@ def test_several_people_cannot_undo_each_others_steps(course: Course) -> None:
     assert kind(course.act(f"/skip?course={course_id}&step=0")) == "other-commissioning"
 
 
+@pytest.mark.promise(
+    "docs/how-to/commission-on-the-page.md",
+    "When another daemon sends, the beam must lie still first.",
+    "The commissioning is gone, and the page says so.",
+)
 def test_another_model_ends_it_and_another_sender_begins_at_rest(course: Course) -> None:
     course.send(RESTING)
     course.act()
@@ -180,6 +196,10 @@ def test_another_model_ends_it_and_another_sender_begins_at_rest(course: Course)
     assert "The model of the surface changed" in course.state["ended"]
 
 
+@pytest.mark.promise(
+    "docs/how-to/commission-on-the-page.md",
+    "The page says that the surface is stale. The steps so far stay",
+)
 def test_a_surface_that_falls_silent_says_so_and_keeps_the_steps(course: Course) -> None:
     course.send(RESTING)
     course.act()
@@ -206,6 +226,10 @@ def restore(database: Path, whole: bytes) -> None:
     database.write_bytes(whole)
 
 
+@pytest.mark.promise(
+    "docs/how-to/commission-on-the-page.md",
+    "The result waits. Press Put on record again when the page no longer complains.",
+)
 def test_while_the_record_is_away_the_result_waits(tmp_path: Path) -> None:
     path = tmp_path / "events.db"
     course = Course(Bench(surface_of(), events=EventsSection(file=path)))

@@ -68,6 +68,10 @@ def course(bench_model: Path) -> Course:
     return Course(bench_model)
 
 
+@pytest.mark.promise(
+    "docs/how-to/commission-on-the-page.md",
+    "an error passes up to 5 mm, for your aim, and half the interval",
+)
 def test_presses_as_asked_pass(course: Course) -> None:
     report = course.follow()
     assert report["passed"]
@@ -75,6 +79,13 @@ def test_presses_as_asked_pass(course: Course) -> None:
     assert all(place["says"].endswith(" mm") and ", within " in place["says"] for place in report["places"])
 
 
+@pytest.mark.promise(
+    "docs/how-to/commission-on-the-page.md",
+    (
+        "If the page does not see a press, make sure that you press firmly, then press Not seen: go on. The result "
+        "says so."
+    ),
+)
 @pytest.mark.parametrize("mark", [0, 2])
 def test_a_mark_that_was_skipped_does_not_pass(course: Course, mark: int) -> None:
     report = course.follow(skipped=course.sensors + mark)

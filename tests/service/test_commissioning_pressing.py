@@ -34,6 +34,10 @@ class Samples:
         return self.finder.stage
 
 
+@pytest.mark.promise(
+    "docs/how-to/commission-on-the-page.md",
+    "It waits until the beam lies still again. A press counts once the beam is back where it rested before",
+)
 def test_a_press_is_from_rest_once_it_has_been_held_and_the_next_one_needs_a_lift() -> None:
     samples = Samples()
     assert samples.add([0.1, 2.0, -0.3], count=SECOND - 20) is Stage.REST
@@ -74,6 +78,10 @@ def test_only_what_is_held_is_a_press(rows: Sequence[Row], count: int, is_found:
         assert samples.found[0][1:] == [pytest.approx(middle_mm, abs=0.005, nan_ok=True), 0.0]
 
 
+@pytest.mark.promise(
+    "docs/how-to/commission-on-the-page.md",
+    "a press that was not held for long enough counts for nothing.",
+)
 def test_a_pause_ends_a_press_that_was_not_held_for_long_enough() -> None:
     samples = Samples()
     samples.add(RESTING)
@@ -148,6 +156,10 @@ def test_zeros_may_drift_before_a_press_while_the_surface_is_clear() -> None:
     assert samples.found == [[0.5, 0.2, 0.0]]
 
 
+@pytest.mark.promise(
+    "docs/how-to/commission-on-the-page.md",
+    "A faulty sensor does not stop it: go on to the end, and you know all faults at once.",
+)
 def test_a_channel_that_jumps_and_stays_does_not_stop_the_course() -> None:
     samples = Samples()
     samples.add(RESTING)

@@ -22,6 +22,10 @@ def place(at_mm: float, position_mm: float | None, half_mm: float = 1.0) -> Plac
     return judge_place(PlaceResult(at_mm=at_mm, state=State.CONTACT, position_mm=position_mm, **ends))
 
 
+@pytest.mark.promise(
+    "docs/how-to/commission-on-the-page.md",
+    "If all three positions are wrong by the same millimetres, look from where you measured.",
+)
 @pytest.mark.parametrize(
     ("stated", "is_wired", "last"),
     [
@@ -59,6 +63,10 @@ def open_store(request: pytest.FixtureRequest, tmp_path: Path) -> Callable[[], S
     return lambda: Store(events)
 
 
+@pytest.mark.promise(
+    "docs/how-to/commission-on-the-page.md",
+    "The service keeps the last 20 results of each surface, whatever their age",
+)
 def test_each_result_is_on_record_once_and_the_newest_of_each_surface_are_kept(
     open_store: Callable[[], Store],
 ) -> None:

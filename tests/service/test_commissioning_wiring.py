@@ -123,6 +123,10 @@ def test_presses_above_all_sensors_show_the_wiring_for_certain(name: str) -> Non
     assert [sentence[: len(begin)] for sentence, begin in zip(sentences, advice, strict=True)] == advice
 
 
+@pytest.mark.promise(
+    "docs/how-to/commission-on-the-page.md",
+    "two wirings explain the presses about as well. The next presses may settle it",
+)
 def test_what_one_press_does_not_tell_apart_is_not_sure() -> None:
     explanation = pressed(SWAPPED, INVERTED, DEAD, steps=1)
     found = find(explanation, NAMES, {})
@@ -137,6 +141,10 @@ def test_what_one_press_does_not_tell_apart_is_not_sure() -> None:
     assert pressed(SWAPPED, INVERTED, DEAD).rivals == []
 
 
+@pytest.mark.promise(
+    "docs/how-to/commission-on-the-page.md",
+    "something else touched the beam or a sensor during a press, or the model is of another beam",
+)
 def test_a_press_during_which_something_else_moves_a_sensor_is_explained_by_no_wiring() -> None:
     moved = 10 * deflections(np.array(AT_MM))
     moved[2, 1] += 0.5 * moved[2].max()
@@ -223,6 +231,10 @@ def test_many_sensors_take_little_longer_than_few() -> None:
     assert took_s[32] < 40 * took_s[8]
 
 
+@pytest.mark.promise(
+    "docs/how-to/commission-on-the-page.md",
+    "the sensor sits where the beam hardly bends; nothing can be said of it",
+)
 def test_of_a_sensor_that_no_press_moves_nothing_is_said() -> None:
     explanation = pressed(sensors_mm=[125.0, 250.0, 399.99])
     assert explanation.is_explained

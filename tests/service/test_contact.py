@@ -38,6 +38,10 @@ def test_the_contact_is_the_one_of_the_design(bench: Bench) -> None:
         assert bench.get(path).json() == response.json()
 
 
+@pytest.mark.promise(
+    "docs/reference/contact.md",
+    "Position and force are numbers only in the state `contact`, so a client that reads nothing else cannot be misled.",
+)
 def test_figures_are_rounded_and_there_are_none_on_a_beam_at_rest(bench: Bench) -> None:
     # The position is 100 + 100 s2 + 200 s3, the force 10 times the sum.
     bench.send([0.5, 0.2345678, 0.0])
@@ -48,12 +52,14 @@ def test_figures_are_rounded_and_there_are_none_on_a_beam_at_rest(bench: Bench) 
     assert (contact["state"], {contact[name] for name in FIGURES}) == ("clear", {None})
 
 
+@pytest.mark.promise("docs/reference/contact.md", "Null without a contact, or if the model does not estimate force.")
 def test_a_model_without_force_gives_null_for_it() -> None:
     bench = Bench(surface_of(outputs=("position_mm", "contact_log_odds")))
     bench.send(TOUCHING)
     assert [bench.contact()[name] for name in FIGURES] == [150.0, None, None, None, None, None]
 
 
+@pytest.mark.promise("docs/reference/contact.md", "Channels that took no part; empty if the quality is good.")
 def test_channels_are_matched_by_name_and_one_that_is_not_good_is_left_out_and_named(bench: Bench) -> None:
     bench.send([9.0, 0.125, 0.5, 0.25], channels=["spare", "s3", "s1", "s2"])
     assert bench.contact()["position_mm"] == 150.0
@@ -68,6 +74,7 @@ def test_channels_are_matched_by_name_and_one_that_is_not_good_is_left_out_and_n
     assert bench.contact()["quality"] == "good"
 
 
+@pytest.mark.promise("docs/reference/problems.md", "`unusable-estimate`: the answer of the model is not finite")
 @pytest.mark.parametrize("name", [*FIGURES, "contact_log_odds", "misfit"])
 def test_what_is_not_finite_is_never_an_answer(name: str) -> None:
     bench = Bench(surface_of(spoiled=name))
@@ -79,6 +86,7 @@ def test_what_is_not_finite_is_never_an_answer(name: str) -> None:
     assert bench.get("/health/ready").json()["surfaces"]["press-7"] == problem.json()
 
 
+@pytest.mark.promise("docs/reference/problems.md", "or its interval misses the beam.")
 @pytest.mark.parametrize(
     ("row", "answer"),
     [
@@ -121,6 +129,9 @@ def test_a_note_of_the_sender_stands_with_the_contact_until_it_is_gone(bench: Be
     assert bench.contact()["notes"] == []
 
 
+@pytest.mark.promise("docs/reference/service-configuration.md", "No contact is given from a sample older than this.")
+@pytest.mark.promise("README.md", "no position comes from samples older than a surface's limit")
+@pytest.mark.promise("docs/reference/samples.md", "A sample that arrives again counts as repeated and changes nothing.")
 def test_no_samples_then_fresh_then_stale(bench: Bench) -> None:
     assert (bench.problem(), bench.problem("/health/ready")) == ("no-samples", "not-ready")
     bench.send(age_ms=100)
@@ -144,6 +155,7 @@ def test_no_samples_then_fresh_then_stale(bench: Bench) -> None:
     assert bench.problem() == "stale"
 
 
+@pytest.mark.promise("docs/reference/samples.md", "A late sample never replaces a newer one.")
 def test_the_newest_sample_counts_whatever_comes_after_it(bench: Bench) -> None:
     bench.send([0.5, 0.5, 0.0], TOUCHING, sequence=1000)
     before = bench.contact()
@@ -165,6 +177,7 @@ def states(bench: Bench, rows: list[Row], each: int = 1) -> str:
     return found
 
 
+@pytest.mark.promise("docs/reference/contact.md", "the log odds fall to an eighth of the threshold")
 def test_between_the_thresholds_the_state_is_what_it_was(bench: Bench) -> None:
     """A contact ends at an eighth of the log odds at which it begins."""
     assert states(bench, [BETWEEN, TOUCHING, *[BETWEEN] * 6, RESTING, BETWEEN]) == "lc" + "c" * 6 + "ll"
@@ -175,6 +188,10 @@ def test_a_batch_is_answered_as_its_samples_one_by_one(bench: Bench, each: int, 
     assert states(bench, [TOUCHING, BETWEEN, RESTING, BETWEEN] * 10, each) == found * 10
 
 
+@pytest.mark.promise(
+    "docs/reference/contact.md",
+    "Over missing samples, and samples that allow no decision, a contact continues for at most `stale_ms`.",
+)
 def test_a_sample_without_an_answer_leaves_the_state_and_a_long_gap_does_not(bench: Bench) -> None:
     bench.send(TOUCHING, sequence=1)
     bench.send([None, None, None], sequence=2, quality=["missing"] * 3)
@@ -195,6 +212,10 @@ def test_a_channel_or_a_noise_that_changes_is_weighed_anew(bench: Bench) -> None
     assert (bench.contact()["notes"], bench.contact()["misfit"]) == (["unsteady"], 250.0)
 
 
+@pytest.mark.promise(
+    "docs/reference/contact.md",
+    "Time of the sample by the sender's clock (RFC 3339). It never decides freshness.",
+)
 @pytest.mark.parametrize("days", [40, -40, 3653])
 def test_a_clock_of_the_sender_that_is_set_changes_no_answer(days: int) -> None:
     """BETWEEN ends no contact, but begins none either: it shows whether what was before it counts."""

@@ -75,6 +75,7 @@ def test_a_contact_that_goes_on_is_an_open_event_and_its_path_says_what_changed(
     assert (event["mean_position_mm"], event["mean_force_n"]) == (pytest.approx(170.0), pytest.approx(10.25))
 
 
+@pytest.mark.promise("docs/reference/events.md", "Beyond 25 stays, the two neighbours that lasted least become one")
 def test_a_path_of_many_changes_stays_short_and_keeps_the_mean(bench: Bench) -> None:
     story = Story(bench, [RESTING, HARDER, *[TOUCHING, HARDER] * 200, RESTING])
     story.deliver(0, 403)
@@ -106,6 +107,12 @@ def told(story: Story) -> list[tuple[str, str, str, float, float]]:
     ]
 
 
+@pytest.mark.promise(
+    "docs/reference/events.md",
+    "The stretch counts in `unexplained_ms`, and in no force, position or path.",
+    "a contact after a stretch, so its touch was not seen",
+    "An unexplained event has no force, no position and an empty path.",
+)
 @pytest.mark.parametrize(
     ("rows", "events"),
     [
@@ -143,6 +150,7 @@ def test_undecided_samples_go_on_in_a_stretch(bench: Bench) -> None:
     assert story.events[0]["quality"] == "degraded"
 
 
+@pytest.mark.promise("docs/reference/events.md", "holds the first five unexplained samples of an event")
 def test_a_stretch_keeps_what_each_channel_of_its_first_samples_contradicts() -> None:
     wedged: Row = [0.5, 0.25, 0.75, 0.125]
     resting: Row = [0.0] * 4
@@ -181,6 +189,10 @@ def ids(bench: Bench, query: str) -> list[int]:
     return [event["id"] for event in bench.get(f"/events?{query}").json()["events"]]
 
 
+@pytest.mark.promise(
+    "docs/reference/events.md",
+    "`next` is the value of `after` for the events that follow it, and null if there are none.",
+)
 def test_pages_come_newest_first_and_can_be_limited_by_time_kind_and_surface(history: Bench) -> None:
     found, after = list[int](), ""
     while after is not None:
@@ -221,6 +233,7 @@ def test_a_wrong_query_is_a_problem_that_names_the_parameter(history: Bench, que
     assert response.json()["errors"][0]["pointer"].startswith("#/query/" + query.split("=", maxsplit=1)[0])
 
 
+@pytest.mark.promise("docs/reference/events.md", "`GET /events/ID` and `path=true` add `path`, at most 25 points")
 def test_a_list_has_paths_only_on_request_and_a_single_event_always(history: Bench) -> None:
     (plain, *_), (full, *_) = (history.get(f"/events{query}").json()["events"] for query in ("", "?path=true&limit=50"))
     assert history.get("/events/7").json() == full
@@ -264,6 +277,13 @@ def figures(event: dict[str, Any]) -> tuple[float, ...]:
     return tuple(event[name] for name in names)
 
 
+@pytest.mark.promise(
+    "docs/reference/events.md",
+    (
+        "A sample that alone does not show a contact, as while the beam swings far or after the lift, counts in no "
+        "figure if others do."
+    ),
+)
 @pytest.mark.parametrize("parts", [[10], [4, 6], [9, 1]])
 def test_a_settled_sample_after_the_lift_is_no_part_of_the_load(bench: Bench, parts: list[int]) -> None:
     """All samples of the load are unsteady, as the beam rings."""
@@ -279,6 +299,11 @@ def test_a_settled_sample_after_the_lift_is_no_part_of_the_load(bench: Bench, pa
     assert (event["peak_force_low_n"], event["peak_force_high_n"]) == (16.5, 18.5)
 
 
+@pytest.mark.promise(
+    "docs/reference/events.md",
+    "A load that lies still makes one stay, with the figures of the sample that knows most.",
+    "Swings of the beam make no stay, so they are no largest force.",
+)
 def test_the_sample_that_knows_most_counts_and_an_overshoot_within_its_interval_does_not(bench: Bench) -> None:
     knows: dict[str, Any] = {"readings": 50}
     above: Row = [0.53, 0.25, 0.125]
@@ -289,6 +314,10 @@ def test_the_sample_that_knows_most_counts_and_an_overshoot_within_its_interval_
     assert (event["min_position_mm"], event["max_position_mm"]) == (150.0, 150.0)
 
 
+@pytest.mark.promise(
+    "docs/reference/events.md",
+    "Stays that are weaker than the next one inwards are ramps and no part of the load",
+)
 def test_the_ramps_of_touch_and_lift_are_not_the_load(bench: Bench) -> None:
     ramp = [[0.5 * part, 0.25 * part, 0.125 * part] for part in (0.4, 0.7)]
     send(bench, *((row, STILL) for row in [*[RESTING] * 6, *ramp, *[TOUCHING] * 20, *reversed(ramp), RESTING]))
@@ -307,6 +336,7 @@ def test_the_mean_of_a_load_that_moves_is_that_of_its_path(bench: Bench) -> None
     assert event["mean_force_n"] == 8.75
 
 
+@pytest.mark.promise("docs/reference/events.md", "time of its first sample, and of the first clear reading after it")
 def test_a_lift_is_at_the_first_clear_reading(bench: Bench) -> None:
     send(bench, (RESTING, STILL), *[(TOUCHING, STILL)] * 5, (RESTING, {"readings": 8}))
     (event,) = bench.get("/events").json()["events"]
@@ -314,6 +344,7 @@ def test_a_lift_is_at_the_first_clear_reading(bench: Bench) -> None:
     assert event["dwell_ms"] == 465.0
 
 
+@pytest.mark.promise("docs/reference/loads.md", "the same of the rest before the contact")
 def test_the_steady_sample_of_the_most_readings_is_kept_with_the_rest_before_it(bench: Bench) -> None:
     degraded = {"readings": 100, "quality": ["good", "good", "stuck"]}
     best: Row = [0.52, 0.26, 0.13]
@@ -333,6 +364,13 @@ def test_the_steady_sample_of_the_most_readings_is_kept_with_the_rest_before_it(
     assert best_samples(bench, "?since=2026-11-20T23:40:01Z") == []
 
 
+@pytest.mark.promise(
+    "docs/reference/loads.md",
+    (
+        "the best sample of each contact that a single contact explains, which is the steady one with the most "
+        "readings and all channels good"
+    ),
+)
 def test_an_event_without_a_steady_sample_of_one_contact_has_no_row(bench: Bench) -> None:
     missing: dict[str, Any] = {"readings": 4, "quality": ["good", "missing", "good"]}
     odd: Row = [0.5, 0.1, 0.4]
@@ -357,6 +395,7 @@ def test_contacts_of_another_layout_of_channels_have_no_row() -> None:
     assert "s4_mm" not in row
 
 
+@pytest.mark.promise("docs/reference/events.md", "In an address, the + of a zone is written `%2B`.")
 @pytest.mark.parametrize("zone", ["+02:00", "+0200"])
 def test_a_zone_whose_plus_became_a_space_is_answered_with_what_to_write(bench: Bench, zone: str) -> None:
     answer = bench.get(f"/events?since=2026-11-21T00:40:46{zone}")
@@ -365,6 +404,10 @@ def test_a_zone_whose_plus_became_a_space_is_answered_with_what_to_write(bench: 
     assert bench.get(f"/events?since=2026-11-21T00:40:46%2B{zone[1:]}").status_code == 200
 
 
+@pytest.mark.promise(
+    "docs/reference/events.md",
+    "events that are stamped more than a day ahead of the service's clock come last.",
+)
 def test_events_of_a_clock_that_is_years_ahead_do_not_hide_those_after_them(bench: Bench) -> None:
     for boot_id, contacts, ahead_days in (("boot-0001", 2, -1.0), ("boot-ahead", 3, 3653.0), ("boot-0002", 2, 0.5)):
         story = Story(bench, [RESTING, TOUCHING, RESTING] * contacts, boot_id)

@@ -45,6 +45,7 @@ def senders() -> Senders:
     return Senders(60_000)
 
 
+@pytest.mark.promise("docs/reference/samples.md", "With it, the service notices a batch that was held up on its way.")
 @pytest.mark.parametrize("apart_s", [-1e6, 0.0, 1e6])
 def test_what_waited_is_seen_beside_the_quickest_whatever_the_clocks_say(senders: Senders, apart_s: float) -> None:
     waited_s = [senders.waited_s(apart_s + way_s) for way_s in (0.004, 0.002, 0.352, 0.003)]

@@ -43,6 +43,8 @@ def used_bytes(bench: Bench) -> int:
         return database.used_bytes(connection)
 
 
+@pytest.mark.promise("docs/reference/service-configuration.md", "Beyond it, the oldest events are deleted.")
+@pytest.mark.promise("docs/reference/events.md", "and the oldest above `max_mb`")
 def test_above_its_size_the_oldest_events_go_and_the_newest_stay(
     bench: Bench, caplog: pytest.LogCaptureFixture
 ) -> None:

@@ -24,6 +24,11 @@ def check(folder: Path, section: str, capsys: pytest.CaptureFixture[str]) -> tup
     return lines, json.loads(capsys.readouterr().out)["events"]
 
 
+@pytest.mark.promise("docs/reference/events.md", "so the default of `max_mb` holds one each 2 s for 30 days")
+@pytest.mark.promise(
+    "docs/reference/service-configuration.md",
+    "1200 in a file or a database, which holds a contact each 2 s for 30 days",
+)
 def test_the_defaults_keep_a_contact_each_2_s_for_30_days(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     lines, days = check(tmp_path, 'file = "events.db"', capsys)
     assert lines == [f"events: kept for 30 days {BUSY} (keep_days)"]
@@ -38,6 +43,7 @@ def test_a_size_that_is_too_small_is_said_with_its_days(tmp_path: Path, capsys: 
     assert check(tmp_path, "keep_days = 30", capsys)[0] == lines
 
 
+@pytest.mark.promise("docs/reference/events.md", "and at the pace of a record that is there")
 def test_a_record_says_its_own_pace(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "events.db"
     bench = Bench(surface_of(), events=EventsSection(file=file))

@@ -35,6 +35,7 @@ def test_a_figure_is_within_its_interval_even_if_the_best_sample_has_nothing_in_
     assert event["mean_position_mm"] == pytest.approx(150.0, abs=1.0)
 
 
+@pytest.mark.promise("docs/reference/events.md", "and so has a contact that slid so slowly that it makes one stay")
 def test_a_load_that_slides_slowly_is_at_its_mean_place_and_not_at_that_of_its_best_sample(bench: Bench) -> None:
     """Its samples have something in common, and all are unsteady."""
     body = batch_of(RESTING, *[at(150, 10)] * 10, *[at(151.5, 10)] * 30, RESTING, begin_us=START_US)
@@ -47,6 +48,10 @@ def test_a_load_that_slides_slowly_is_at_its_mean_place_and_not_at_that_of_its_b
     assert event["mean_position_high_mm"] - event["mean_position_low_mm"] == pytest.approx(2.0, abs=1e-3)
 
 
+@pytest.mark.promise(
+    "docs/reference/events.md",
+    "those of the largest force and of the places farthest left and right stay.",
+)
 def test_the_largest_force_and_the_farthest_places_of_a_long_contact_stay_on_record(bench: Bench) -> None:
     """They last shortly, and the path has no room for all of its changes."""
     sway = [*[at(200, 5)] * 8, *[at(200, 8)] * 8]
@@ -69,6 +74,10 @@ def test_a_clock_that_is_set_back_gives_no_negative_times(bench: Bench) -> None:
     assert all(point["lasts_ms"] >= 0 and point["at"] >= event["touched_at"] for point in event["path"])
 
 
+@pytest.mark.promise(
+    "docs/reference/events.md",
+    "Without forces, these are the stays whose position has an interval of more than twice the width.",
+)
 def test_without_forces_the_ramps_are_stays_whose_place_is_known_less_well() -> None:
     load = Load(0)
     for number in range(44):

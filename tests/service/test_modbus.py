@@ -26,6 +26,11 @@ def have_figures(words: list[int]) -> bool:
     return {number(words[offset : offset + 2], ">f") for offset in FIGURES.values()} != {None}
 
 
+@pytest.mark.promise(
+    "docs/reference/registers.md",
+    "The first channel of the model is bit 0 (the lowest) of the first register, channel 17 is bit 0 of the second.",
+    "only with state 3",
+)
 def test_each_quality_and_the_channel_to_check_have_bits_in_the_order_of_the_model() -> None:
     surface = surface_of(channels=40, min_channels=1)
     bad = {0: "out-of-range", 15: "saturated", 16: "stuck", 39: "missing"}
@@ -42,6 +47,12 @@ def test_each_quality_and_the_channel_to_check_have_bits_in_the_order_of_the_mod
     assert (words[2], words[3], words[22:26]) == (3, 0, [0b100, 0, 0, 0])
 
 
+@pytest.mark.promise(
+    "docs/reference/registers.md",
+    "see below; 0 from state 16 on",
+    "age of the newest sample, rounded up; 65535: more, or no sample",
+    "All six figures are NaN unless the state is 2.",
+)
 def test_a_surface_that_is_stale_gives_no_figure_and_no_bit() -> None:
     surface = surface_of()
     surface.receive(parsed(*[[0.2, None, 0.3]] * 3, quality=["good", "missing", "good"]), NOW_S)
@@ -53,6 +64,10 @@ def test_a_surface_that_is_stale_gives_no_figure_and_no_bit() -> None:
     assert block(surface, NOW_S + 1e6)[4] == 65_535
 
 
+@pytest.mark.promise(
+    "docs/reference/registers.md",
+    "number of the newest sample, its lower 32 bits; 0 before the first",
+)
 @pytest.mark.parametrize(
     ("rows", "state", "age_ms", "sequence", "missing"),
     [
@@ -82,6 +97,7 @@ def test_a_surface_whose_samples_are_of_another_beam_or_that_has_no_model_says_s
     assert block(surface_with(None))[2] == 16
 
 
+@pytest.mark.promise("docs/reference/registers.md", "counts up 10 times a second and wraps to 0 after 65535")
 def test_the_heartbeat_counts_tenths_of_a_second() -> None:
     found = [block(surface_with(None), second)[1] for second in (12.3, 12.4, 6553.5, 6553.6)]
     assert found == [123, 124, 65_535, 0]
@@ -108,6 +124,13 @@ model = "press-7.onnx"
 """
 
 
+@pytest.mark.promise(
+    "docs/reference/registers.md",
+    (
+        "The first surface of the configuration has addresses 0 to 49, the second 50 to 99, and so on, in the order "
+        "of the sections `[surfaces.NAME]` in the file."
+    ),
+)
 def test_the_command_lists_the_blocks_of_a_configuration(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "service.toml"
     path.write_text(CONFIG)

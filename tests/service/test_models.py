@@ -52,6 +52,7 @@ def kept(tmp_path: Path) -> Kept:
     return Kept(write_model(tmp_path))
 
 
+@pytest.mark.promise("docs/how-to/upgrade.md", "A running service takes a new model file within a few seconds")
 async def test_a_new_model_is_in_use_after_two_looks_that_find_the_same_file(kept: Kept) -> None:
     bench, old, looks = Bench(kept.surface), kept.identity, []
     bench.send()
@@ -93,6 +94,11 @@ async def test_a_copy_under_way_is_waited_for(kept: Kept) -> None:
     assert (kept.identity != old, kept.surface.model_error) == (True, None)
 
 
+@pytest.mark.promise(
+    "docs/how-to/upgrade.md",
+    "the graph gives the golden answers that the file holds",
+    "Otherwise the old model stays, and the log and `model_error` of `GET /surfaces/NAME` say why.",
+)
 async def test_a_bad_file_changes_nothing_and_is_named_once_until_there_is_a_good_one(
     kept: Kept, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -128,6 +134,10 @@ async def test_a_bad_file_changes_nothing_and_is_named_once_until_there_is_a_goo
     assert kept.surface.model_error is None
 
 
+@pytest.mark.promise(
+    "docs/how-to/upgrade.md",
+    "the samples that arrive are of the beam of the file, and have its channels",
+)
 async def test_a_model_waits_for_its_channels(kept: Kept, caplog: pytest.LogCaptureFixture) -> None:
     old = kept.identity
     kept.surface.receive(parsed(), 10.0)
@@ -142,6 +152,10 @@ async def test_a_model_waits_for_its_channels(kept: Kept, caplog: pytest.LogCapt
     assert (kept.identity[:5], kept.surface.model_error) == ("five@", None)
 
 
+@pytest.mark.promise(
+    "docs/how-to/upgrade.md",
+    "give the service the new model and the daemon the configuration that was built with it, in either order",
+)
 @pytest.mark.parametrize("model_comes_first", [True, False])
 async def test_model_and_daemon_may_be_changed_in_either_order(kept: Kept, *, model_comes_first: bool) -> None:
     kept.surface.receive(parsed(), 10.0)
@@ -158,6 +172,11 @@ async def test_model_and_daemon_may_be_changed_in_either_order(kept: Kept, *, mo
     assert kept.surface.contact(10.2).model.startswith("renamed@")
 
 
+@pytest.mark.promise(
+    "docs/how-to/upgrade.md",
+    "the samples that arrive are of the beam of the file",
+    "Samples that state no beam are taken with any model, so only a restart of the service changes the beam then",
+)
 @pytest.mark.parametrize(("stated", "whose"), [(None, "the model in use is"), ("beam-1", "the samples are")])
 async def test_a_model_of_another_beam_waits_for_samples_of_that_beam(
     kept: Kept, stated: str | None, whose: str, caplog: pytest.LogCaptureFixture
@@ -184,6 +203,7 @@ def zoned(tmp_path: Path) -> Kept:
     return Kept(write_model(tmp_path), SurfaceSection(zones={"gate": zone}))
 
 
+@pytest.mark.promise("docs/how-to/upgrade.md", "the zones of the surface lie on that beam")
 async def test_a_new_model_that_a_zone_is_off_leaves_the_old_one_in_use(zoned: Kept) -> None:
     old = zoned.identity
     await zoned.polls(NO_FORCE)

@@ -26,6 +26,17 @@ def press() -> Press:
     return Press()
 
 
+@pytest.mark.promise(
+    "docs/how-to/mqtt.md",
+    (
+        "A contact is sent at once when the state changes, otherwise with new samples at most `max_rate_hz` times "
+        "per second"
+    ),
+)
+@pytest.mark.promise(
+    "docs/reference/service-configuration.md",
+    "Contacts per second and surface while the state does not change.",
+)
 def test_a_state_is_due_at_once_and_a_sample_in_it_at_its_turn(press: Press) -> None:
     pace = Pace([press.surface], max_rate_hz=10)
     assert pace.due(100.0) == [press.surface]  # that there are no samples
@@ -51,6 +62,10 @@ def test_a_state_is_due_at_once_and_a_sample_in_it_at_its_turn(press: Press) -> 
         assert pace.due(at_s) == []
 
 
+@pytest.mark.promise(
+    "docs/how-to/mqtt.md",
+    "So a surface whose samples stop sends `urn:beamtouch:problem:stale` when its limit is over, and then each second.",
+)
 def test_a_surface_is_due_when_it_becomes_stale_and_then_each_second(press: Press) -> None:
     pace = Pace([press.surface], max_rate_hz=1)
     press.take(TOUCHING, 10.0)
@@ -67,6 +82,7 @@ def test_a_surface_is_due_when_it_becomes_stale_and_then_each_second(press: Pres
     assert pace.due(again_s + 1e-6) == [press.surface]
 
 
+@pytest.mark.promise("docs/how-to/mqtt.md", "and at least each second.")
 def test_the_same_sample_is_due_within_a_second(press: Press) -> None:
     press.surface.stale_ms = 60_000
     pace = Pace([press.surface], max_rate_hz=20)

@@ -74,6 +74,7 @@ def ends(story: Story) -> list[tuple[str, str]]:
     return [(event["begin"], event["end"]) for event in story.events]
 
 
+@pytest.mark.promise("docs/reference/samples.md", "number of the next sample that the record takes")
 def test_a_receipt_says_how_far_the_record_is(services: Services) -> None:
     story = services.story(CONTACT)
     receipt = story.deliver(0, 4)
@@ -83,6 +84,7 @@ def test_a_receipt_says_how_far_the_record_is(services: Services) -> None:
     assert (receipt["durable"], receipt["expected"]) == (4, 5)
 
 
+@pytest.mark.promise("docs/reference/events.md", "Readers get what is durable")
 def test_who_reads_the_record_gets_what_is_durable_and_makes_nothing_durable(services: Services) -> None:
     story = services.story(CONTACT)
     story.deliver(0, 10)
@@ -95,6 +97,14 @@ def test_who_reads_the_record_gets_what_is_durable_and_makes_nothing_durable(ser
     assert story.ask()["durable"] == 10
 
 
+@pytest.mark.promise(
+    "docs/reference/events.md",
+    "an event within a second of its end, and one that is open as it was some seconds ago",
+)
+@pytest.mark.promise(
+    "docs/reference/samples.md",
+    "loses what its service had not made durable, at most a second of samples.",
+)
 def test_what_somebody_waits_for_is_durable_within_a_second_and_the_rest_a_little_later(
     services: Services, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -120,6 +130,8 @@ def test_what_somebody_waits_for_is_durable_within_a_second_and_the_rest_a_littl
     assert story.deliver(13, 14)["durable"] == 13
 
 
+@pytest.mark.promise("docs/reference/events.md", "The record takes each sample once and in order")
+@pytest.mark.promise("docs/reference/samples.md", "The record takes each sample once and in order.")
 def test_what_is_behind_a_gap_waits_for_the_backlog_and_the_answer_does_not(services: Services) -> None:
     story = services.story(CONTACT)
     story.deliver(0, 3)
@@ -146,6 +158,11 @@ def test_a_gap_within_a_batch_is_no_loss_while_the_sender_has_the_samples(servic
     assert 'beamtouch_record_samples_lost_total{surface="press-7"} 0.0' in story.bench.metrics()
 
 
+@pytest.mark.promise(
+    "docs/reference/samples.md",
+    "Null in a backlog, which never moves the answer.",
+    "they never touch the answer.",
+)
 def test_a_backlog_gives_no_answer_and_chooses_no_sender(services: Services) -> None:
     story = services.story(CONTACT)
     story.backlog(0, 10)
@@ -164,6 +181,12 @@ def test_a_large_backlog_is_taken_whole(services: Services) -> None:
     assert rounded(story.events) == rounded(services.straight(rows))
 
 
+@pytest.mark.promise(
+    "docs/reference/events.md",
+    "an event that was open there ends `unseen`",
+    "`beamtouch_record_samples_lost_total` counts it",
+)
+@pytest.mark.promise("docs/reference/samples.md", "What is before it and not in the record is lost.")
 def test_what_the_sender_lost_ends_the_event_unseen(services: Services) -> None:
     story = services.story([*CONTACT, *CONTACT])
     story.deliver(0, 3)
@@ -195,6 +218,7 @@ def test_a_boot_that_the_record_does_not_know_begins_at_its_oldest_sample(servic
     assert 'beamtouch_record_samples_lost_total{surface="press-7"} 0.0' in story.bench.metrics()
 
 
+@pytest.mark.promise("docs/reference/samples.md", "Null: the sender keeps nothing.")
 def test_of_a_sender_that_keeps_nothing_a_gap_is_a_loss(services: Services) -> None:
     story = services.story(CONTACT)
     story.oldest = None
@@ -229,6 +253,10 @@ def test_a_backlog_of_a_past_boot_completes_its_event(services: Services) -> Non
     assert sorted(ends(story)) == [("touch", "lift"), ("touch", "open")]
 
 
+@pytest.mark.promise(
+    "docs/reference/events.md",
+    "ended with samples that are lost, could not be decided, or belong to another model",
+)
 def test_another_model_ends_the_open_event(services: Services, tmp_path: Path) -> None:
     story = services.story(CONTACT, tmp_path / "events.db")
     story.deliver(0, 5)
@@ -240,6 +268,11 @@ def test_another_model_ends_the_open_event(services: Services, tmp_path: Path) -
     assert ends(story) == [("touch", "unseen"), ("unseen", "lift")]
 
 
+@pytest.mark.promise("docs/reference/events.md", "A surface without a model has no record.")
+@pytest.mark.promise(
+    "docs/reference/service-configuration.md",
+    "Without it, the surface accepts samples but gives no contact.",
+)
 def test_without_a_model_there_is_no_record() -> None:
     surface = surface_with(None)
     story = Story(Bench(surface), CONTACT)
@@ -338,6 +371,7 @@ def deliver_some(story: Story, first: int, last: int, rng: random.Random) -> Non
         story.bench.get("/events")
 
 
+@pytest.mark.promise("docs/reference/samples.md", "loses nothing to an outage or a killed service")
 @pytest.mark.usefixtures("_shared")
 @settings(max_examples=3, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
 @given(rng=st.randoms(use_true_random=True))
@@ -394,6 +428,10 @@ def test_events_and_cursor_are_written_together_or_not_at_all(services: Services
     assert rounded(story.events) == rounded(services.straight(CONTACT))
 
 
+@pytest.mark.promise(
+    "docs/reference/problems.md",
+    "Contacts go on, and daemons keep their samples. The answer has `Retry-After`.",
+)
 def test_while_the_record_is_damaged_answers_go_on_and_the_cursor_stands(
     services: Services, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -412,6 +450,7 @@ def test_while_the_record_is_damaged_answers_go_on_and_the_cursor_stands(
     assert caplog.text.count("the record of events is away") == 1
 
 
+@pytest.mark.promise("docs/reference/samples.md", "`durable` and `expected` are null while the record cannot be read.")
 @pytest.mark.parametrize(
     ("damage", "reason"),
     [
@@ -460,6 +499,10 @@ def test_a_record_that_is_deleted_begins_anew_with_what_the_sender_keeps(
     assert story.ask()["durable"] == 10
 
 
+@pytest.mark.promise(
+    "docs/reference/events.md",
+    "or before a pause in which the device gave none for longer than four times `stale_ms`",
+)
 @pytest.mark.parametrize("after_s", [1.9, 2.1])
 @pytest.mark.parametrize("restarts", [False, True])
 def test_a_contact_before_a_pause_of_the_device_is_not_that_after_it(

@@ -44,6 +44,11 @@ def numbers(bench: Bench) -> list[int]:
     return [event["id"] for event in bench.get("/events?limit=1000").json()["events"]]
 
 
+@pytest.mark.promise(
+    "docs/reference/events.md",
+    "Events are deleted after `keep_days`",
+    "`beamtouch_record_events_deleted_total` counts both",
+)
 def test_events_leave_the_record_with_their_age(tmp_path: Path) -> None:
     bench = Bench(surface_of(), events=EventsSection(file=tmp_path / "events.db", keep_days=2))
     days = Days()
@@ -56,6 +61,11 @@ def test_events_leave_the_record_with_their_age(tmp_path: Path) -> None:
     assert 'beamtouch_record_events_deleted_total{reason="age"} 3.0' in bench.metrics()
 
 
+@pytest.mark.promise("docs/reference/events.md", "The age does not go by the wall clock, which may be wrong")
+@pytest.mark.promise(
+    "docs/reference/service-configuration.md",
+    "Age at which events are deleted, by the time in which services ran.",
+)
 def test_a_clock_that_is_set_while_the_service_runs_makes_no_event_older(
     start: Callable[[], Bench], caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -98,6 +108,10 @@ def test_a_clock_that_is_wrong_from_the_start_on_makes_no_event_older_until_it_i
     assert f"the record of events: {before}set it if it is wrong" in said
 
 
+@pytest.mark.promise(
+    "docs/reference/events.md",
+    "and of the time in which none ran at most a tenth of `keep_days` at each start",
+)
 def test_a_clock_that_stays_wrong_costs_a_tenth_of_the_days_at_each_start(start: Callable[[], Bench]) -> None:
     bench, days = start(), Days()
     days.run(bench)

@@ -247,6 +247,10 @@ def test_check_warns_of_what_is_open_to_others(
     assert "no token protects the Modbus TCP server" in check("", more="[modbus_server]\nport = 0\n")
 
 
+@pytest.mark.promise(
+    "docs/reference/registers.md",
+    "Two names may have the same identity; `beamtouch-service check` then says which to rename.",
+)
 def test_check_names_surfaces_whose_blocks_no_controller_can_tell_apart(service: Command, tmp_path: Path) -> None:
     names = ("press-898", "press-3264", "press-1")
     assert crc_hqx(names[0].encode(), 0) == crc_hqx(names[1].encode(), 0)

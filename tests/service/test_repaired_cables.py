@@ -40,6 +40,14 @@ class Cable:
         return "s3" in self.bench.get("/surfaces/press-7").json()["channels_out"]
 
 
+@pytest.mark.promise(
+    "docs/reference/sensor-health.md",
+    "a channel is back after as long as it was away, at most `degraded_after_s`",
+)
+@pytest.mark.promise(
+    "docs/how-to/troubleshooting.md",
+    "When the sensor is good again, the note `degraded` goes after at most `degraded_after_s`.",
+)
 @pytest.mark.parametrize("off_s", [4.0, 40.0, 4000.0])
 def test_however_long_a_cable_was_off_it_is_back_after_the_stated_time(off_s: float) -> None:
     cable = Cable()

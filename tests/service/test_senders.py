@@ -19,6 +19,10 @@ def moves(bench: Bench, boot_id: str, sequence: int, age_s: float = 0.0) -> bool
     return bool(bench.get("/contact").json().get("sequence") == sequence)
 
 
+@pytest.mark.promise(
+    "docs/reference/samples.md",
+    "A sender that another one has replaced returns only when the newest sample is stale.",
+)
 def test_a_former_sender_returns_when_the_present_is_stale_and_not_before(bench: Bench) -> None:
     assert moves(bench, "daemon-one", 12)
     bench.now_s += STEP_S
@@ -105,6 +109,10 @@ def test_any_order_of_batches_gives_what_a_set_gives(batches: list[set[int]]) ->
         assert sender.lost == max(known) - min(known) + 1 - len(known)
 
 
+@pytest.mark.promise(
+    "docs/reference/samples.md",
+    "If two programs send samples of a surface in turn, the contact has the note `senders`",
+)
 @pytest.mark.parametrize("age_s", [0.0, 0.05, 0.4])
 def test_two_daemons_that_send_in_turn_are_told_until_one_stops(
     bench: Bench, caplog: pytest.LogCaptureFixture, age_s: float
@@ -128,6 +136,7 @@ def test_two_daemons_that_send_in_turn_are_told_until_one_stops(
     assert sum("the sender changed to" in message for message in caplog.messages) <= 2  # one a minute
 
 
+@pytest.mark.promise("docs/reference/samples.md", "Behind a proxy, the address is the one in `X-Forwarded-For`.")
 def test_the_line_about_two_daemons_names_the_one_behind_a_proxy(
     bench: Bench, caplog: pytest.LogCaptureFixture
 ) -> None:

@@ -85,6 +85,7 @@ def test_a_contact_that_is_held_on_a_weak_sample_says_so(bench: Bench) -> None:
     assert (bench.contact()["state"], bench.contact()["notes"]) == ("clear", ["unsteady"])
 
 
+@pytest.mark.promise("docs/reference/samples.md", "A sender that states neither is taken to send settled samples.")
 def test_a_sample_without_readings_is_a_settled_one(line: Line) -> None:
     settled_mm = line.model.metadata.noise.sample_mm
     readings = round((line.noise_mm / settled_mm) ** 2)
@@ -120,6 +121,10 @@ def test_a_covariance_is_taken_in_the_order_of_the_model(line: Line) -> None:
     assert mixed != line.figures(stated(covariance_mm2[::-1, ::-1]), noise_mm=noise_mm)
 
 
+@pytest.mark.promise(
+    "docs/reference/contact.md",
+    "The daemon states another noise than the model was made for. The larger one counts.",
+)
 @pytest.mark.parametrize(("ratio", "counts"), [(0.5, 1.0), (2.0, 2.0), (0.85, 0.85), (1.2, 1.2)])
 def test_of_two_contradicting_noises_the_larger_counts(line: Line, ratio: float, counts: float) -> None:
     size = len(line.channels)
@@ -152,6 +157,10 @@ def test_a_larger_covariance_widens_the_interval_and_is_unsteady(line: Line) -> 
     assert unsure["notes"] == [*sure["notes"], "unsteady"]
 
 
+@pytest.mark.promise(
+    "docs/reference/samples.md",
+    "A deflection far beyond the largest one of the model counts as out of range.",
+)
 @pytest.mark.parametrize("huge_mm", [1e3, -1e3, 1e38, -1e300])
 def test_a_deflection_that_no_load_makes_is_out_of_range(bench: Bench, huge_mm: float) -> None:
     # The largest deflection of the model is 1 mm.
@@ -239,6 +248,7 @@ def test_a_product_of_a_factor_with_itself_is_taken_even_if_rounded(
     assert '"accepted":1' in answer_to(np.round(matrix / quantum) * quantum)
 
 
+@pytest.mark.promise("docs/reference/samples.md", "A matrix that is not positive semi-definite is refused.")
 @settings(max_examples=25)
 @given(factor=factors, share=st.floats(0.001, 1.0))
 def test_a_matrix_with_a_negative_eigenvalue_is_refused(

@@ -85,6 +85,18 @@ def reports_of(zone: Zone, story: list[Step], *, restarts: bool = False) -> list
     return found
 
 
+@pytest.mark.promise(
+    "docs/how-to/zones.md",
+    (
+        "it holds 99.9 % to begin an answer and 99 % to keep it, so that the answer for a contact at an edge does "
+        "not flicker"
+    ),
+    "A contact that was `unsure` in between has not left.",
+)
+@pytest.mark.promise(
+    "docs/reference/service-configuration.md",
+    "A contact must have been in it for this long, without a break, before the answer is `inside`.",
+)
 @pytest.mark.parametrize("name", STORIES)
 def test_answers_of_consecutive_samples_also_through_any_restart(name: str) -> None:
     zone, story, expected, entries = STORIES[name]

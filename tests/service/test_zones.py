@@ -31,6 +31,13 @@ def zones_of(bench: Bench) -> dict[str, str | None]:
     return found
 
 
+@pytest.mark.promise(
+    "docs/how-to/zones.md",
+    (
+        "there is no contact to judge: the state or the sample is unexplained, a clear beam is `unsteady`, or a note "
+        "is `overload`, `unchecked` or `senders`"
+    ),
+)
 def test_a_contact_that_is_doubted_is_in_no_zone() -> None:
     bench = zoned()
     missing = {"quality": ["good", "missing", "good"]}
@@ -51,6 +58,11 @@ def test_a_contact_that_is_doubted_is_in_no_zone() -> None:
     assert bench.get("/metrics").text.count('beamtouch_zone_entries_total{surface="press-7",zone="gate"} 2.0') == 1
 
 
+@pytest.mark.promise(
+    "docs/how-to/zones.md",
+    "With a problem (503) there is no contact, and so no answer.",
+    "After a pause longer than `stale_ms`",
+)
 def test_a_stale_contact_is_in_no_zone_and_counts_anew_when_samples_return() -> None:
     bench = zoned()
     bench.post(batch_of(*[row(150)] * 5))
@@ -89,6 +101,10 @@ class Touch:
 ENTRIES = "beamtouch_zone_entries_total{"
 
 
+@pytest.mark.promise(
+    "docs/how-to/zones.md",
+    "The dwell is counted by the ages of the samples, so setting the clock of the sender changes no answer.",
+)
 def test_a_clock_that_is_set_makes_no_contact_older_and_lets_none_enter_twice() -> None:
     touch = Touch()
     touch.goes_on()
@@ -100,6 +116,11 @@ def test_a_clock_that_is_set_makes_no_contact_older_and_lets_none_enter_twice() 
     assert touch.entries == ["1.0", "1.0"]
 
 
+@pytest.mark.promise(
+    "docs/how-to/zones.md",
+    "its answer and its dwell begin anew, but no second entry is counted.",
+    "with another sender",
+)
 def test_with_another_sender_a_contact_enters_anew() -> None:
     touch = Touch()
     for _ in range(5):
@@ -113,6 +134,7 @@ def test_with_another_sender_a_contact_enters_anew() -> None:
     assert touch.entries == ["2.0", "1.0"]
 
 
+@pytest.mark.promise("docs/how-to/zones.md", "or a note is `overload`, `unchecked` or `senders`")
 def test_while_two_daemons_send_a_contact_is_in_no_zone() -> None:
     bench, answers = zoned(), []
     for number in range(1, 11):
@@ -124,6 +146,10 @@ def test_while_two_daemons_send_a_contact_is_in_no_zone() -> None:
     assert answers[-1] == (["senders"], None)
 
 
+@pytest.mark.promise(
+    "docs/reference/events.md",
+    "the zones that the contact was inside, with the time in ms; left out if there is none",
+)
 @pytest.mark.parametrize("shared", [False, True])
 def test_events_say_which_zones_and_for_how_long(tmp_path: Path, *, shared: bool) -> None:
     """Also if another service takes over in the middle of the dwell."""
@@ -159,6 +185,10 @@ def test_the_register_map_says_where_each_zone_is(tmp_path: Path, capsys: pytest
     assert "| `press-7` | 2    | `end`  | bits 2 and 3 of address 92 are both set | address 94 |" in printed
 
 
+@pytest.mark.promise(
+    "docs/how-to/zones.md",
+    "A zone beyond the end of the beam, or a bound of the force for a model that states none, is refused at the start.",
+)
 @pytest.mark.parametrize(
     ("zone", "reason"),
     [
