@@ -57,7 +57,7 @@ check: $(INSTALLED)  ## lint, format, types, imports, reference
 
 reference: $(INSTALLED)  ## write the parts of the pages in docs/ that come from code and tests, the schemas, and docs/mistakes.md
 	$(BIN)/python docs/generator/reference.py
-	$(BIN)/python tests/mistakes.py
+	$(BIN)/python tests/common/mistakes.py
 
 docs: $(INSTALLED)  ## build the site in build/site; a warning is an error
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet

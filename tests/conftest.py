@@ -19,14 +19,14 @@ from xdist.remote import Producer
 
 import beamtouch_models
 from beamtouch_models import modelfile
-from browser import OpenPage, chromium, pages
-from example_scenes import SCENES
-from few_draws import few_draws, short_work
-from pgbouncer import pooled
-from postgres import Postgres, running
-from scheduling import Scheduling
-from simulated_board import Board, Boards, build_board, build_firmware
-from toolchain import made_once
+from service.postgres import Postgres, running
+from service.process.pgbouncer import pooled
+from support.pages.browser import OpenPage, chromium, pages
+from support.programs.simulated_board import Board, Boards, build_board, build_firmware
+from support.programs.toolchain import made_once
+from support.running.scheduling import Scheduling
+from support.surfaces.example_scenes import SCENES
+from support.surfaces.few_draws import few_draws, short_work
 
 # A shell may start background work with Ctrl-C ignored. Processes that tests interrupt would inherit that.
 signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -10,8 +10,8 @@ import numpy as np
 
 from beamtouch_models.physics.beam import influence_matrix
 from beamtouch_models.scene import load_scene
-from exact_beam import ExactBeam
-from example_scenes import SCENES
+from models.exact_beam import ExactBeam
+from support.surfaces.example_scenes import SCENES
 
 
 def run() -> list[dict[str, Any]]:

@@ -26,8 +26,8 @@ from beamtouch_models.calibration.theory import GAIN, RIGIDITY
 from beamtouch_models.errors import NotGoodEnoughError
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.rig.surface import Imperfections
-from doubtful_recordings import WRONG, doubtful
-from real_surfaces import MISTAKES, random_imperfections, recorded, true_prior, with_mistake
+from models.doubtful_recordings import WRONG, doubtful
+from support.surfaces.real_surfaces import MISTAKES, random_imperfections, recorded, true_prior, with_mistake
 
 SCENE_NAMES = ("bench", "conveyor", "cantilever")
 SIDES, PLACES = 1.96, 9

@@ -9,7 +9,7 @@ from time import monotonic
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
-from example_scenes import SCENES
+from support.surfaces.example_scenes import SCENES
 
 BARE = [sys.executable, "-c", "pass"]
 PROGRAMS = Path(sys.executable).parent

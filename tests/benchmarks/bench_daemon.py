@@ -7,11 +7,11 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
-from daemon import configs
 from daemon.devices import pymodbus_server
 from daemon.process import started
 from daemon.service import TOKEN, Service, serving
-from processes import processor_s
+from support.programs.processes import processor_s
+from support.surfaces import configs
 
 SECONDS = 5.0
 CHANNELS = (0, 1, 2, 3)

@@ -16,7 +16,7 @@ from shipped import build
 
 from beamtouch_daemon.config.file import load_config
 from beamtouch_models.modelfile import ModelFile, State
-from drifting_line import Course, Line, Press, drift, knock, presses
+from system.drifting_line import Course, Line, Press, drift, knock, presses
 
 RATES_UM_PER_MIN = (0.5, 2.0, 5.0, 20.0)
 EACH_S = (1.0, 2.0, 4.0, 20.0)

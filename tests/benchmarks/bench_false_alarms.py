@@ -6,14 +6,14 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
-from example_scenes import SCENES
-from false_alarms import (
+from models.false_alarms import (
     Watched,
     false_contacts_per_day,
     false_stretches_of_contacts_per_day,
     false_stretches_per_day,
     surface,
 )
+from support.surfaces.example_scenes import SCENES
 
 CONTACTS, STRETCHES = 1024, 8192
 """Sequences that are drawn."""

@@ -10,7 +10,7 @@ sys.path.insert(0, str(Path(__file__).parent.parent))
 from bench_calibration import model_of
 
 from beamtouch_models.modelfile import Health
-from drawn_contacts import Drawn
+from models.drawn_contacts import Drawn
 
 RUNS, BASELINE = 100, 200
 HONEST = 20_000

@@ -12,7 +12,7 @@ from serving import loaded, service, surfaces
 from shipped import build
 
 from beamtouch_models import modelfile
-from free_ports import free_port
+from support.network.free_ports import free_port
 
 PERIOD_MS, STREAMED_S = 20, 20
 """Period of a controller, and how long it polls under the stream."""

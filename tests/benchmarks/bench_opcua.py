@@ -16,10 +16,10 @@ from serving import HERE, service, surfaces
 from shipped import build
 
 from beamtouch_models.modelfile import ModelFile
-from free_ports import free_port
-from opcua_hello import is_open
-from processes import processor_s, resident_mb
-from waiting import wait_until
+from service.process.opcua_hello import is_open
+from support.network.free_ports import free_port
+from support.programs.processes import processor_s, resident_mb
+from support.running.waiting import wait_until
 
 SUBSCRIBERS = (1, 10, 50)
 SECONDS = 15.0

@@ -25,8 +25,8 @@ from beamtouch_models.physics.beam import influence_of
 from beamtouch_models.placement.eigenvalue_product import eigenvalue_product_of, largest_gap
 from beamtouch_models.placement.placing import place, score_positions
 from beamtouch_models.placement.search import first_best, search_from
-from example_scenes import paper_scene
-from stated_problems import problem_in
+from support.surfaces.example_scenes import paper_scene
+from support.surfaces.stated_problems import problem_in
 
 Search = Callable[["Peer", int, int], Any]
 

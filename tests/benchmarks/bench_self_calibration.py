@@ -28,8 +28,8 @@ from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.rig.surface import Imperfections
 from beamtouch_models.session import Answers, Run, runner
 from beamtouch_models.sweeps import silent
-from real_surfaces import true_prior
-from unlabelled_contacts import Kind, drawn, surface
+from support.surfaces.real_surfaces import true_prior
+from support.surfaces.unlabelled_contacts import Kind, drawn, surface
 
 SCENE_NAMES = ("bench", "conveyor", "stepped")
 CASES = {

@@ -21,7 +21,7 @@ from serving import TOKEN, loaded, server, service, surfaces
 from shipped import build
 
 from beamtouch_models.modelfile import ModelFile
-from processes import resident_mb
+from support.programs.processes import resident_mb
 
 TURNS, SECONDS = 5, 2.0
 ESTIMATES = 3000

@@ -32,7 +32,7 @@ from beamtouch_service.samples import Batch
 from beamtouch_service.surfaces.surface import Surface as Served
 from daemon.devices import pymodbus_server
 from daemon.process import started
-from example_scenes import SCENES
+from support.surfaces.example_scenes import SCENES
 
 STEPS = 150
 LOAD = Load(150.0, 10.0)

@@ -12,7 +12,7 @@ sys.path.insert(0, str(Path(__file__).parent.parent))
 from serving import TOKEN, loaded, service, surfaces
 from shipped import build
 
-from processes import processor_s, resident_mb
+from support.programs.processes import processor_s, resident_mb
 
 MOST, SECONDS = 48, 3.0
 RESTING = 200

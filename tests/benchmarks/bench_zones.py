@@ -35,7 +35,7 @@ from beamtouch_models.world import SensorErrors
 from beamtouch_service.samples import Batch
 from beamtouch_service.sections import SurfaceSection
 from beamtouch_service.surfaces.follower import Follower
-from example_scenes import SCENES
+from support.surfaces.example_scenes import SCENES
 
 EDGES_MM = {"bench": (120.0, 280.0), "conveyor": (400.0, 800.0)}
 CONTACTS = 2000

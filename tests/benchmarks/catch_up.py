@@ -31,7 +31,7 @@ from beamtouch_daemon.tasks import cancel
 from beamtouch_service.samples import Batch, Quality, Sample
 from daemon.publishing import stored
 from daemon.service import TOKEN, real_service
-from service.small_model import write_model
+from support.surfaces.small_model import write_model
 
 CHANNELS = ["s1", "s2", "s3", "s4"]
 COVARIANCE = [1e-8, 0.0, 1e-8, 0.0, 0.0, 1e-8, 0.0, 0.0, 0.0, 1e-8]

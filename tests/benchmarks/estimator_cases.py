@@ -30,8 +30,8 @@ from beamtouch_models.scene import Scene, load_scene
 from beamtouch_models.session import open_session, runner
 from beamtouch_models.surface import Surface
 from beamtouch_models.sweeps import silent
-from example_scenes import SCENES
-from stated_problems import problem_in, real_prior
+from support.surfaces.example_scenes import SCENES
+from support.surfaces.stated_problems import problem_in, real_prior
 
 DRAWS = 8000
 SEED = 11

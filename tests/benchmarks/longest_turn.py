@@ -25,8 +25,8 @@ from serving import TOKEN, server
 from beamtouch_models import build
 from beamtouch_service.api.samples import MAX_BODY_BYTES
 from beamtouch_service.samples import MAX_SAMPLES
-from example_scenes import SCENES
-from few_draws import short_work
+from support.surfaces.example_scenes import SCENES
+from support.surfaces.few_draws import short_work
 
 WATCHED = """
 import asyncio, mmap, struct, sys, time

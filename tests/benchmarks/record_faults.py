@@ -25,14 +25,14 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "demo"))
 import httpx2
 import numpy as np
 from contact_watch import Watched, watch
-from shipped import build
-
-from example_scenes import SCENES
-from line import Line, Surface
 from plant import PlantLine
-from postgres import Postgres, running
+from shipped import build
 from tee import Boot, Tee, boots_of
-from waiting import wait_until
+
+from line import Line, Surface
+from service.postgres import Postgres, running
+from support.running.waiting import wait_until
+from support.surfaces.example_scenes import SCENES
 
 ASK_S, REST_S, FROZEN_S, DROPPED_S = 0.1, 4.0, 5.0, 20.0
 MAX_SAMPLES = 500

@@ -29,7 +29,7 @@ from serving import HERE, TOKEN, build_with, service, surfaces
 from shipped import build
 
 from beamtouch_models.modelfile import ModelFile
-from processes import resident_mb
+from support.programs.processes import resident_mb
 
 SURFACE, PATH = "s0", "/events?path=true&limit=50"
 SECTIONS = f'[events]\nfile = "events.db"\n{surfaces([SURFACE])}'

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from processes import processor_s
+from support.programs.processes import processor_s
 
 TOKEN = "a-token-of-this-benchmark"  # noqa: S105
 HERE = Path(__file__).parent

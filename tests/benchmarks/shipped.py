@@ -5,7 +5,7 @@ from pathlib import Path
 
 import beamtouch_models
 from beamtouch_models.modelfile import ModelFile
-from example_scenes import SCENES
+from support.surfaces.example_scenes import SCENES
 
 
 def build(folder: Path, name: str = "bench", rate_hz: int | None = None) -> ModelFile:

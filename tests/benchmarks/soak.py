@@ -23,8 +23,8 @@ from contact_watch import Watched, watch
 from shipped import build
 
 from line import Line, Surface
-from processes import processor_s, resident_mb
-from waiting import wait_until
+from support.programs.processes import processor_s, resident_mb
+from support.running.waiting import wait_until
 
 ASK_S = 0.05
 

@@ -23,7 +23,7 @@ sys.path.append(str(Path(__file__).parent.parent.parent / "demo"))
 from shipped import build
 
 from line import Kind, Line, Surface
-from processes import processor_s
+from support.programs.processes import processor_s
 
 LINES: dict[int, Kind] = {1000: "serial", 200: "modbus-tcp"}
 WARM_S = 5.0

@@ -26,11 +26,11 @@ import numpy as np
 import tomli_w
 
 import beamtouch_models
-from example_scenes import SCENES
-from free_ports import free_port
+from daemon.thin_line import ThinLine, thin_line
 from line import Line, Surface
-from thin_line import ThinLine, thin_line
-from waiting import wait_until
+from support.network.free_ports import free_port
+from support.running.waiting import wait_until
+from support.surfaces.example_scenes import SCENES
 
 BEFORE_S, OUTAGE_S, FROM_S, TO_S = 10.0, 20.0, 10.0, 40.0
 LAG_S = 2.5

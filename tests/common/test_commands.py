@@ -19,7 +19,7 @@ from beamtouch_daemon import cli as daemon
 from beamtouch_models import cli as design
 from beamtouch_models.rig import cli as rig
 from beamtouch_service import cli as service
-from example_scenes import SCENES
+from support.surfaces.example_scenes import SCENES
 
 Main = Callable[[list[str]], int]
 PROGRAMS: dict[str, tuple[Main, str]] = {

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from fault_list import ROOT, read_faults
-from waiting import wait_until
+from faults.fault_list import ROOT, read_faults
+from support.running.waiting import wait_until
 
 FAULTS = """
 [[fault]]

@@ -17,7 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from beamtouch_common.errors import InputError
 from beamtouch_common.files import load_toml, require_writable, write_atomically
-from unprivileged import without_root
+from common.unprivileged import without_root
 
 CROSSES = "x" * 76
 

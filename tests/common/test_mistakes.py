@@ -6,12 +6,12 @@ from pathlib import Path
 
 import pytest
 
-import mistakes
 from beamtouch_daemon import cli as daemon_cli
 from beamtouch_models import cli as models_cli
 from beamtouch_service import cli as service_cli
-from in_process import command_of
-from mistakes import Mistake
+from common import mistakes
+from common.mistakes import Mistake
+from support.programs.in_process import command_of
 
 MAINS: dict[str, Callable[[list[str]], int]] = {
     "design-sensors": models_cli.main,
@@ -43,4 +43,4 @@ def test_no_answer_speaks_python() -> None:
 
 def test_there_are_many_and_the_document_shows_them() -> None:
     assert len(mistakes.mistakes()) >= 40
-    assert mistakes.DOCUMENT.read_text() == mistakes.document(), "run: python tests/mistakes.py"
+    assert mistakes.DOCUMENT.read_text() == mistakes.document(), "run: make reference"

@@ -3,7 +3,7 @@
 import pytest
 
 from beamtouch_common.zones import BEGIN, Span, Zone, ZoneState
-from zone_cases import GATE, I, O, U, at
+from support.surfaces.zone_cases import GATE, I, O, U, at
 
 PRESSED = Zone(from_mm=120, to_mm=200, least_force_n=5, largest_force_n=15)
 LENGTH_MM = 400.0

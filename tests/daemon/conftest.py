@@ -5,7 +5,7 @@ from collections.abc import Callable
 import pytest
 
 from beamtouch_daemon.cli import main
-from in_process import command_of
+from support.programs.in_process import command_of
 
 Refused = Callable[..., str]
 

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from beamtouch_service.samples import Batch, Sample
+from support.surfaces import configs
 
-from . import configs
 from .lines import Terminal
 from .process import PATIENT_STOP, Daemon, started, summary_of
 from .service import Service

@@ -6,7 +6,7 @@ from typing import Any, Literal
 from pymodbus.client.mixin import ModbusClientMixin
 from pymodbus.simulator.simdevice import SimAction
 
-from . import configs
+from support.surfaces import configs
 
 TYPES = {"u16": "UINT16", "i16": "INT16", "u32": "UINT32", "i32": "INT32", "f32": "FLOAT32", "f64": "FLOAT64"}
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from forked import Forked
+from support.programs.forked import Forked
 
 COMMAND = "beamtouch_daemon.cli"
 PATIENT_STOP = "from beamtouch_daemon.running import daemon; daemon.FINISH_S = 60.0"

@@ -9,7 +9,8 @@ from pathlib import Path
 
 from pymodbus.simulator.simdevice import SimAction
 
-from . import configs
+from support.surfaces import configs
+
 from .devices import pymodbus_server
 from .process import Outcome, started
 

@@ -17,12 +17,13 @@ from starlette.responses import JSONResponse, Response
 from starlette.routing import Route
 
 from beamtouch_service.samples import Batch, Receipt, Sample
-from forked import Forked
-from plain_http import TIMEOUT_S
+from support.network.plain_http import TIMEOUT_S
+from support.programs.forked import Forked
+from support.surfaces import configs
 
 from .record import Record, Recorder
 
-TOKEN = "swordfish-of-the-tests-and-longer"  # noqa: S105
+TOKEN = configs.TOKEN
 
 
 class Service:

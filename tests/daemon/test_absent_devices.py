@@ -8,7 +8,8 @@ from time import monotonic
 
 import pytest
 
-from . import configs
+from support.surfaces import configs
+
 from .devices import rtu_units
 from .lines import Watch, terminal
 from .process import started

@@ -8,11 +8,11 @@ from pathlib import Path
 import httpx2
 import pytest
 
-from free_ports import free_port
-from plain_http import TIMEOUT_S
-from service.small_model import BEAM, write_model
+from support.network.free_ports import free_port
+from support.network.plain_http import TIMEOUT_S
+from support.surfaces import configs
+from support.surfaces.small_model import BEAM, write_model
 
-from . import configs
 from .devices import pymodbus_server
 from .process import PATIENT_STOP, command, started, summary_of
 from .service import TOKEN, contact_has, real_service, serving_model

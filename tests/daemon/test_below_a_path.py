@@ -7,13 +7,13 @@ from pathlib import Path
 
 import pytest
 
-from balancer import answers
-from debian_parts import require
-from free_ports import free_port
-from service.small_model import BEAM, write_model
-from waiting import wait_until
+from support.network.balancer import answers
+from support.network.free_ports import free_port
+from support.running.debian_parts import require
+from support.running.waiting import wait_until
+from support.surfaces import configs
+from support.surfaces.small_model import BEAM, write_model
 
-from . import configs
 from .devices import pymodbus_server
 from .process import PATIENT_STOP, command, started, summary_of
 from .service import contact_has, real_service

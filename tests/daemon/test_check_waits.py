@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from service.small_model import BEAM, write_model
+from support.surfaces import configs
+from support.surfaces.small_model import BEAM, write_model
 
-from . import configs
 from .devices import pymodbus_server
 from .process import Daemon, started
 from .service import real_service

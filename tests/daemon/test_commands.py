@@ -9,7 +9,8 @@ from random import Random
 
 import pytest
 
-from . import configs
+from support.surfaces import configs
+
 from .conftest import Refused
 from .devices import Pieces, SerialDevice, StampingUnit, pymodbus_server, rtu_units
 from .lines import terminal

@@ -17,9 +17,9 @@ from beamtouch_daemon.config.settings import Config, Surface
 from beamtouch_daemon.config.sources import ModbusTcp
 from beamtouch_daemon.processing.pipeline import Pipeline
 from beamtouch_daemon.sources.reading import Reading
-from wrong_numbers import numbers_in, with_value, with_wrong_numbers
+from support.surfaces import configs
+from support.surfaces.wrong_numbers import numbers_in, with_value, with_wrong_numbers
 
-from . import configs
 from .conftest import Refused
 from .devices import pymodbus_server
 from .process import command

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from . import configs
+from support.surfaces import configs
+
 from .conftest import Refused
 from .devices import NumberingUnit, RegisterUnit, RestingUnit, SerialDevice, rtu_units, with_crc
 from .lines import SerialConverter, serial_converter

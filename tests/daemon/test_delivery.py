@@ -10,7 +10,7 @@ import pytest
 
 from beamtouch_daemon.delivery.log_store import LogStore
 from beamtouch_service.samples import Batch, Note
-from free_ports import free_port
+from support.network.free_ports import free_port
 
 from .faulty import soon
 from .publishing import ROOM, Bench, Interrupting, boot, hang, keep, stored, taken

@@ -8,10 +8,10 @@ from typing import NamedTuple
 import httpx2
 import pytest
 
-from broken import broken
-from free_ports import free_port
+from support.network.free_ports import free_port
+from support.programs.broken import broken
+from support.surfaces import configs
 
-from . import configs
 from .devices import pymodbus_server
 from .process import PATIENT_STOP, started
 from .service import Service, serving

@@ -11,9 +11,9 @@ import httpx2
 import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
-from free_ports import free_port
+from support.network.free_ports import free_port
+from support.surfaces import configs
 
-from . import configs
 from .devices import Pieces, RefusingUnit, RestingUnit, StampingUnit, rtu_units, tcp_unit
 from .lines import terminal
 from .process import command, started

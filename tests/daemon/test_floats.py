@@ -17,8 +17,8 @@ from beamtouch_daemon.processing.stuck import longest_runs
 from beamtouch_daemon.sources.reading import Reading
 from beamtouch_models.filters import FloatArray
 from beamtouch_service.samples import Quality
+from support.surfaces import configs
 
-from . import configs
 from .devices import pymodbus_server
 from .floats import measures, registers_of, surface
 from .process import command

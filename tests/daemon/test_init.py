@@ -10,9 +10,9 @@ from typing import Any
 import pytest
 
 from beamtouch_daemon.cli import main
-from in_process import Outcome, command_of
+from support.programs.in_process import Outcome, command_of
+from support.surfaces import configs
 
-from . import configs
 from .conftest import Refused
 from .devices import SerialDevice, StampingUnit, pymodbus_server, rtu_units
 from .lines import terminal

@@ -12,8 +12,8 @@ import pytest
 
 from beamtouch_protocol.messages import Reading
 from beamtouch_service.samples import Batch, Note
+from support.surfaces import configs
 
-from . import configs
 from .devices import Pieces, SerialDevice, StampingUnit, rtu_units
 from .faulty import cable, counts_of, running, soon
 from .lines import Terminal, terminal

@@ -13,8 +13,8 @@ import pytest
 from beamtouch_daemon.sources.registers import Block
 from beamtouch_daemon.sources.rtu_unit import probes_for
 from beamtouch_daemon.tasks import cancel
+from support.surfaces import configs
 
-from . import configs
 from .devices import Fault, NumberingUnit, Pieces, StampingUnit, no_echo, rtu_units, with_crc
 from .faulty import plain
 from .faulty_bus import Pattern, patterns, run, values_only

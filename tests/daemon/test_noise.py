@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from . import configs
+from support.surfaces import configs
+
 from .devices import SerialDevice, pymodbus_server
 from .lines import Terminal, terminal
 from .process import command

@@ -11,10 +11,10 @@ from pathlib import Path
 import pytest
 
 from beamtouch_service.samples import Quality
-from debian_parts import require
-from free_ports import free_port
+from support.network.free_ports import free_port
+from support.running.debian_parts import require
+from support.surfaces import configs
 
-from . import configs
 from .devices import SerialDevice
 from .faulty import (
     LOG_FILE,

@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 from pymodbus.constants import ExcCodes
 
-from . import configs
+from support.surfaces import configs
+
 from .conftest import Refused
 from .devices import pymodbus_server
 from .recording import DOWN, LIMITS, REST, UP, noisy, rows_of, stated, talk

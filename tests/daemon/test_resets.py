@@ -12,9 +12,9 @@ from pathlib import Path
 
 import pytest
 
-from simulated_board import Board
+from support.programs.simulated_board import Board
+from support.surfaces import configs
 
-from . import configs
 from .devices import RestingUnit, SerialDevice, rtu_units
 from .lines import RebootingTerminal, Terminal, Watch, rebooting_terminal, terminal
 from .process import Outcome, command, started, summary_of

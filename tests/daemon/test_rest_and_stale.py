@@ -4,7 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from . import configs
+from support.surfaces import configs
+
 from .devices import pymodbus_server
 from .noisy_beam import NoisyBeam
 from .process import started, summary_of

@@ -9,12 +9,12 @@ from pathlib import Path
 
 import pytest
 
-from debian_parts import require
-from example_scenes import SCENES
-from forked_line import Rig, rig
-from toolchain import run
+from support.programs.forked_line import Rig, rig
+from support.programs.toolchain import run
+from support.running.debian_parts import require
+from support.surfaces.configs import write
+from support.surfaces.example_scenes import SCENES
 
-from .configs import write
 from .process import command
 
 pytestmark = pytest.mark.anyio

@@ -21,11 +21,11 @@ from beamtouch_daemon.config.sources import ModbusRtu
 from beamtouch_daemon.running.acquisition import PATIENCE_S, Acquisition
 from beamtouch_daemon.sources.rtu_bus import REST_TIMEOUTS
 from beamtouch_service.samples import Quality
-from free_ports import free_port
-from host_names import host_names_in
-from service_manager import Manager
+from support.network.free_ports import free_port
+from support.network.host_names import host_names_in
+from support.programs.service_manager import Manager
+from support.surfaces import configs
 
-from . import configs
 from .conftest import Refused
 from .devices import SerialDevice, pymodbus_server
 from .faulty import LOG_FILE, batches_in, everything, leave_samples, soon

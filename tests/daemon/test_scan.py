@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from free_ports import free_port
+from support.network.free_ports import free_port
+from support.surfaces import configs
 
-from . import configs
 from .conftest import Refused
 from .devices import Pieces, RegisterUnit, SerialDevice, pymodbus_server, rtu_units
 from .lines import terminal

@@ -10,8 +10,8 @@ import pytest
 from beamtouch_common.uptime import uptime_s
 from beamtouch_protocol import messages
 from beamtouch_protocol.messages import HelloRequest, Message, Ping, Pong, Start, Stop
+from support.surfaces import configs
 
-from . import configs
 from .devices import SerialDevice, StampingUnit, rtu_units
 from .lines import Terminal, terminal
 from .sessions import Reading, Source, SourceError, change_waits, first_readings, polled, source_in

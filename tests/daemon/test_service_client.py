@@ -22,9 +22,8 @@ from beamtouch_daemon.delivery.client import (
     Verdict,
 )
 from beamtouch_service.problems import Kind
-from certificates import make_certificate
-
-from . import configs
+from support.network.certificates import make_certificate
+from support.surfaces import configs
 
 pytestmark = pytest.mark.anyio
 

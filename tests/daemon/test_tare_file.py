@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from . import configs
+from support.surfaces import configs
+
 from .devices import pymodbus_server
 from .noisy_beam import NoisyBeam
 from .process import command, started

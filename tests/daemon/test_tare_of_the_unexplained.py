@@ -4,10 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from free_ports import free_port
-from service.small_model import write_model
+from support.network.free_ports import free_port
+from support.surfaces import configs
+from support.surfaces.small_model import write_model
 
-from . import configs
 from .devices import pymodbus_server
 from .process import command, started
 from .service import contact_has, real_service

@@ -14,11 +14,11 @@ import pytest
 
 from beamtouch_daemon.processing.pipeline import Taken
 from beamtouch_service.samples import Batch, Quality, Sample
-from plain_http import TIMEOUT_S
-from service.small_model import write_model
-from thin_line import ThinLine, thin_line
+from daemon.thin_line import ThinLine, thin_line
+from support.network.plain_http import TIMEOUT_S
+from support.surfaces import configs
+from support.surfaces.small_model import write_model
 
-from . import configs
 from .devices import pymodbus_server
 from .process import PATIENT_STOP, started, summary_of
 from .publishing import Bench, boot, taken_of

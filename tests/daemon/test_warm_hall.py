@@ -8,8 +8,8 @@ import pytest
 
 from beamtouch_models.building.daemon_config import daemon_config
 from beamtouch_models.modelfile import ModelFile
-from example_scenes import SCENES
-from forked_line import rig
+from support.programs.forked_line import rig
+from support.surfaces.example_scenes import SCENES
 
 from .process import command, started
 from .service import TOKEN

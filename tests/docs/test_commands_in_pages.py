@@ -10,8 +10,8 @@ import pytest
 
 from beamtouch_models.scene.schema import editor_schema
 from helps import PROGRAMS, all_helps
-from pasted import COMMANDS, ROOT, blocks_of
 from reference import FILES
+from support.pages.pasted import COMMANDS, ROOT, blocks_of
 
 FOUND = [page.relative_to(ROOT) for page in (*ROOT.glob("*.md"), *ROOT.glob("[a-z]*/**/*.md"))]
 PAGES = [str(page) for page in FOUND if page.parts[0] != "build"]

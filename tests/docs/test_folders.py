@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from pasted import ROOT
+from support.pages.pasted import ROOT
 
 PACKAGES = {
     "daemon": "daemon/beamtouch_daemon",

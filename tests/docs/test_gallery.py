@@ -13,7 +13,7 @@ import matplotlib.pyplot as plt
 import pytest
 from nbformat import NotebookNode, reads
 
-from pasted import ROOT
+from support.pages.pasted import ROOT
 
 pytestmark = pytest.mark.long
 GALLERY = ROOT / "docs" / "gallery"

@@ -12,7 +12,7 @@ from beamtouch_service.problems import Kind
 from beamtouch_service.surfaces import problems
 from beamtouch_service.surfaces.channels import ChannelHealth
 from beamtouch_service.surfaces.contact import Contact
-from pasted import ROOT, blocks_of
+from support.pages.pasted import ROOT, blocks_of
 
 PAGES = [str(page.relative_to(ROOT)) for page in (ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")))]
 SHOWN = [

@@ -13,8 +13,8 @@ from typing import Any
 
 import pytest
 
-from pasted import COMMANDS, ROOT, blocks_of, paste
-from toolchain import made_once, need
+from support.pages.pasted import COMMANDS, ROOT, blocks_of, paste
+from support.programs.toolchain import made_once, need
 
 pytestmark = [pytest.mark.long, pytest.mark.timeout(900)]
 

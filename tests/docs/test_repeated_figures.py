@@ -5,7 +5,7 @@ import re
 
 import pytest
 
-from pasted import ROOT
+from support.pages.pasted import ROOT
 
 DOCS = ROOT / "docs"
 NOTICED = {

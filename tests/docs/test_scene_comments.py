@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from pasted import ROOT
+from support.pages.pasted import ROOT
 
 
 def numbers_of(value: object) -> Iterator[float]:

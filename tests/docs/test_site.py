@@ -14,9 +14,9 @@ from pydantic import BaseModel
 
 from beamtouch_models import cli
 from beamtouch_models.scene.schema import editor_schema
-from pasted import ROOT
 from reference import ANSWERS, FILES
 from schemas import keys_of
+from support.pages.pasted import ROOT
 
 SCHEMAS = ROOT / "docs" / "schemas"
 EXAMPLES = {

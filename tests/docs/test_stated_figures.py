@@ -51,7 +51,7 @@ from beamtouch_service.samples import MAX_SAMPLES, Note
 from beamtouch_service.sections import ServerSection, SurfaceSection
 from beamtouch_service.surfaces.follower import PAUSE
 from beamtouch_service.surfaces.freshness import WINDOW_S
-from pasted import ROOT, blocks_of
+from support.pages.pasted import ROOT, blocks_of
 
 WORDS: dict[float, str] = {1: "a", 2: "two", 3: "three", 4: "four", 5: "five", 10: "ten"}
 TIMES = {2.0: "twice"}

@@ -24,7 +24,7 @@ from time import monotonic
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
-from fault_list import LIST, ROOT, Fault, read_faults
+from faults.fault_list import LIST, ROOT, Fault, read_faults
 
 PACKAGES = ("common", "firmware_protocol", "models", "service", "daemon")
 TIMEOUT_S = 1800.0

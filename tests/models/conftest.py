@@ -12,10 +12,10 @@ from beamtouch_models.challenge.play import SimulatedSurface
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.rig import cli as rig_cli
 from beamtouch_models.scene import Scene
-from few_draws import short_work
-from in_process import Command, Refusal, command_of
-from quick_model import write_quick_model
-from toolchain import made_once
+from models.quick_model import write_quick_model
+from support.programs.in_process import Command, Refusal, command_of
+from support.programs.toolchain import made_once
+from support.surfaces.few_draws import short_work
 
 Explain = Callable[[Scene], dict[str, Any]]
 

@@ -11,7 +11,7 @@ from beamtouch_models.accuracy.posterior import posterior_quantiles
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.estimators.posterior.cells import resolving_cells
 from beamtouch_models.surface import Surface
-from posterior_cases import answers_of, graph_of
+from support.surfaces.posterior_cases import answers_of, graph_of
 
 Case = tuple[object, object, tuple[float, float], float, list[float], dict[str, float]]
 """Supports, force, range of positions, width of a contact, sensors, and their errors."""

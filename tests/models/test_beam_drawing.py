@@ -7,8 +7,8 @@ from beamtouch_models.building.report.beam_drawing import BENT_PX, HEIGHT, MARGI
 from beamtouch_models.metadata import Channel
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.scene import Scene, parse_scene
-from example_scenes import PAPER
-from tags import Tags
+from support.pages.tags import Tags
+from support.surfaces.example_scenes import PAPER
 
 SUPPORTS = {
     'kind = "simple"': "roller: can turn and slide",

@@ -14,8 +14,8 @@ from beamtouch_models.building.report import page
 from beamtouch_models.estimators import estimator
 from beamtouch_models.estimators.posterior.window import posterior_graph
 from beamtouch_models.modelfile import ModelFile
-from example_scenes import PAPER
-from in_process import Command
+from support.programs.in_process import Command
+from support.surfaces.example_scenes import PAPER
 
 
 @pytest.mark.parametrize(

@@ -14,9 +14,9 @@ from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.placement.placing import Aim, place
 from beamtouch_models.scene import change_scene, load_scene
 from beamtouch_models.surface import Surface
-from example_scenes import SCENES
-from stated_problems import problem_in
-from tags import Tags
+from support.pages.tags import Tags
+from support.surfaces.example_scenes import SCENES
+from support.surfaces.stated_problems import problem_in
 
 pytestmark = pytest.mark.long
 

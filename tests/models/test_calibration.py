@@ -21,11 +21,11 @@ from beamtouch_models.modelfile import ModelFile, Weighed, evidence
 from beamtouch_models.rig.surface import Imperfections
 from beamtouch_models.surface import prior_of_model
 from beamtouch_models.sweeps import silent
-from calibration_files import write_contacts, write_readings
-from few_draws import short_work
-from in_process import Command
-from real_surfaces import deflections_on, random_imperfections, recorded, true_prior
-from unlabelled_contacts import Kind, drawn, missed_mm
+from support.programs.in_process import Command
+from support.surfaces.calibration_files import write_contacts, write_readings
+from support.surfaces.few_draws import short_work
+from support.surfaces.real_surfaces import deflections_on, random_imperfections, recorded, true_prior
+from support.surfaces.unlabelled_contacts import Kind, drawn, missed_mm
 
 pytestmark = pytest.mark.long
 

@@ -10,9 +10,9 @@ import pytest
 from beamtouch_models import load_model
 from beamtouch_models.arrays import Floats
 from beamtouch_models.modelfile import ModelFile
-from calibration_files import FORCES, POSITIONS, write_contacts, write_readings
-from deflections import deflections_of
-from in_process import Command, Outcome, Refusal
+from support.programs.in_process import Command, Outcome, Refusal
+from support.surfaces.calibration_files import FORCES, POSITIONS, write_contacts, write_readings
+from support.surfaces.deflections import deflections_of
 
 Calibrate = Callable[..., Outcome]
 MAX_BYTES = 64 * 2**20

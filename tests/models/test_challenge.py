@@ -17,7 +17,7 @@ from beamtouch_models.challenge.judge import Said, judge
 from beamtouch_models.challenge.play import Case, Drawn, Make, SimulatedSurface
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.sweeps import Progress, Spread
-from in_process import Command, Refusal
+from support.programs.in_process import Command, Refusal
 
 
 def only(model: ModelFile, case: Case, draws: int = 150, seed: int = 1) -> list[Row]:

@@ -14,7 +14,7 @@ from beamtouch_models.modelfile import (
     evidence,
     is_odd,
 )
-from deflections import deflections_of
+from support.surfaces.deflections import deflections_of
 
 JUST = 1.01
 NEVER = 1e9

@@ -17,7 +17,7 @@ from beamtouch_models.charts import (
     round_ticks,
     standalone,
 )
-from tags import Tags
+from support.pages.tags import Tags
 
 
 @pytest.mark.parametrize(

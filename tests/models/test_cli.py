@@ -11,9 +11,9 @@ import onnx
 import pytest
 
 from beamtouch_models import cli, modelfile
-from example_scenes import SCENES
-from in_process import Command
-from tags import Tags
+from support.pages.tags import Tags
+from support.programs.in_process import Command
+from support.surfaces.example_scenes import SCENES
 
 
 def test_help_of_every_command_imports_nothing_that_computes() -> None:

@@ -8,7 +8,7 @@ import pytest
 
 from beamtouch_common.errors import FailedError
 from beamtouch_models.workers import cluster_at
-from sweeping import dask
+from models.sweeping import dask
 
 
 def work_without_workers(address: str, worker: subprocess.Popen[bytes]) -> None:

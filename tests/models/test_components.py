@@ -12,7 +12,7 @@ from beamtouch_models.arrays import Floats
 from beamtouch_models.physics.beam import influence
 from beamtouch_models.placement.eigenvalue_product import log_eigenvalue_product, principal_components
 from beamtouch_models.scene.beam import Beam
-from example_scenes import UNIT_BEAM
+from support.surfaces.example_scenes import UNIT_BEAM
 
 beam = Beam.model_validate(UNIT_BEAM)
 LOADS = np.arange(1, 400) / 400

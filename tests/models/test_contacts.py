@@ -7,7 +7,7 @@ from scipy.stats import chi2
 from beamtouch_models.accuracy import posterior
 from beamtouch_models.accuracy.limit import draw, simulated
 from beamtouch_models.accuracy.statistics import Measurement, mean_of, quantile_of, share_of
-from posterior_cases import prior_of
+from support.surfaces.posterior_cases import prior_of
 
 SEEDS = 50
 CASES = [

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from beamtouch_models.filters import Chain, Filtered, FloatArray, Mean
-from covariance_cases import FILTER, NOISE_MM, PERIOD, RATE_HZ
+from models.covariance_cases import FILTER, NOISE_MM, PERIOD, RATE_HZ
 
 
 def evidence(filtered: Filtered, samples: slice) -> FloatArray:

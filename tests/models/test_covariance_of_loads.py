@@ -8,7 +8,7 @@ from beamtouch_models.challenge.contacts import touched
 from beamtouch_models.challenge.play import Drawn, Play, SimulatedSurface
 from beamtouch_models.challenge.ringing import rings
 from beamtouch_models.filters import Chain, FloatArray
-from covariance_cases import FILTER, NOISE_MM, PERIOD
+from models.covariance_cases import FILTER, NOISE_MM, PERIOD
 
 BEFORE, LOADS = 60, 80
 """Readings at rest before a load, more than the filter looks back, and loads."""

@@ -7,7 +7,7 @@ from scipy.optimize import nnls
 from beamtouch_models.curve import Curve
 from beamtouch_models.physics.beam import influence_of
 from beamtouch_models.scene import load_scene
-from example_scenes import SCENES
+from support.surfaces.example_scenes import SCENES
 
 
 @pytest.mark.parametrize("name", ["bench", "two-spans", "stepped"])

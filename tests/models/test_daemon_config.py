@@ -18,7 +18,7 @@ from beamtouch_models.rig.loads import Load
 from beamtouch_models.rig.surface import VirtualSurface
 from beamtouch_models.scene import load_scene
 from beamtouch_service.samples import Quality
-from example_scenes import SCENES
+from support.surfaces.example_scenes import SCENES
 
 
 def surface_of(metadata: Metadata, folder: Path) -> Surface:

@@ -21,7 +21,7 @@ from beamtouch_models.modelfile import (
     is_unchecked,
     memories_after,
 )
-from deflections import deflections_of
+from support.surfaces.deflections import deflections_of
 
 CLEAR, CONTACT, UNEXPLAINED = "clear", "contact", "unexplained"
 

@@ -12,7 +12,7 @@ from beamtouch_models.accuracy.evaluation import estimates
 from beamtouch_models.accuracy.thresholds import SURELY, size_per_n
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.surface import prior_of_model
-from in_process import Command
+from support.programs.in_process import Command
 
 DRAWS = 2048
 

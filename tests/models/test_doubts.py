@@ -14,11 +14,11 @@ from beamtouch_models.calibration.recordings import Loads, RecordingError, read_
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.rig.surface import Imperfections
 from beamtouch_models.sweeps import silent
-from calibration_files import write_readings
-from deflections import deflections_of
-from doubtful_recordings import bent_mm, doubtful
-from in_process import Command
-from real_surfaces import random_imperfections, recorded
+from models.doubtful_recordings import bent_mm, doubtful
+from support.programs.in_process import Command
+from support.surfaces.calibration_files import write_readings
+from support.surfaces.deflections import deflections_of
+from support.surfaces.real_surfaces import random_imperfections, recorded
 
 pytestmark = pytest.mark.long
 

@@ -6,7 +6,7 @@ import pytest
 
 from beamtouch_models import frequency_hz
 from beamtouch_models.scene import Scene, load_scene
-from example_scenes import SCENES, paper_scene
+from support.surfaces.example_scenes import SCENES, paper_scene
 
 from .conftest import Explain
 

@@ -14,8 +14,8 @@ from beamtouch_models.accuracy.limit import draw
 from beamtouch_models.description import unseen
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.surface import prior_of_model
-from example_scenes import PAPER
-from in_process import Command
+from support.programs.in_process import Command
+from support.surfaces.example_scenes import PAPER
 
 
 @pytest.mark.long

@@ -20,16 +20,16 @@ from beamtouch_models.physics.beam import influence_of
 from beamtouch_models.scene import load_scene
 from beamtouch_models.session import runner
 from beamtouch_models.surface import Surface
-from example_scenes import SCENES, paper_scene
-from false_alarms import (
+from models.false_alarms import (
     false_contacts_per_day,
     false_stretches_of_contacts_per_day,
     false_stretches_per_day,
     surface,
 )
-from posterior_cases import graph_of, prior_of
-from rare_rest import exceeding
-from stated_problems import fewest_mm, real_prior
+from models.rare_rest import exceeding
+from support.surfaces.example_scenes import SCENES, paper_scene
+from support.surfaces.posterior_cases import graph_of, prior_of
+from support.surfaces.stated_problems import fewest_mm, real_prior
 
 pytestmark = pytest.mark.long
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from beamtouch_models.modelfile import BestSample, Health, ModelFile
-from drawn_contacts import Drawn
+from models.drawn_contacts import Drawn
 
 BASELINE = 100
 

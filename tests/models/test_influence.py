@@ -18,8 +18,8 @@ from beamtouch_models.errors import SceneError
 from beamtouch_models.physics.beam import travel_of
 from beamtouch_models.scene import parse_scene
 from beamtouch_models.scene.beam import Beam, changed_beam
-from exact_beam import ExactBeam, fixed, simple
-from example_scenes import PAPER, UNIT_BEAM
+from models.exact_beam import ExactBeam, fixed, simple
+from support.surfaces.example_scenes import PAPER, UNIT_BEAM
 
 SCENE = parse_scene(PAPER, "paper.toml")
 ULP = 2.0**-53

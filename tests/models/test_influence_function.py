@@ -15,7 +15,7 @@ from beamtouch_models.estimators.posterior.window import posterior_graph
 from beamtouch_models.physics.influence import InfluenceFunction
 from beamtouch_models.placement.layout import Candidates
 from beamtouch_models.placement.placing import place, place_by_position_error, recommended_count
-from posterior_cases import answers_of
+from support.surfaces.posterior_cases import answers_of
 
 LENGTH_MM = 500.0
 TENSION_N = 50.0

@@ -13,7 +13,7 @@ from beamtouch_common.errors import InputError
 from beamtouch_models import cli
 from beamtouch_models.errors import SceneError
 from beamtouch_models.modelfile import ModelFile
-from example_scenes import SCENES
+from support.surfaces.example_scenes import SCENES
 
 SCENE = (SCENES / "bench.toml").read_text()
 

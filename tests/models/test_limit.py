@@ -21,8 +21,8 @@ from beamtouch_models.physics.beam import influence_of
 from beamtouch_models.pricing.prices import Effect
 from beamtouch_models.scene import Scene, change_scene, load_scene
 from beamtouch_models.surface import Surface
-from example_scenes import SCENES, paper_scene
-from posterior_cases import plain_posterior, prior_of, quantiles_of
+from support.surfaces.example_scenes import SCENES, paper_scene
+from support.surfaces.posterior_cases import plain_posterior, prior_of, quantiles_of
 
 
 @pytest.mark.parametrize(("layout", "percent"), [((400 / 3, 800 / 3), 4.50), ((107, 293), 3.78)])

@@ -8,8 +8,8 @@ from beamtouch_models import frequency_hz
 from beamtouch_models.scene import Scene, parse_scene
 from beamtouch_models.scene.beam import changed_beam
 from beamtouch_models.scene.materials import MATERIALS, MaterialName
-from example_scenes import PAPER, SCENES
-from in_process import Command
+from support.programs.in_process import Command
+from support.surfaces.example_scenes import PAPER, SCENES
 
 MODULUS = "youngs_modulus_gpa = 210"
 

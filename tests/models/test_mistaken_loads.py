@@ -21,9 +21,9 @@ from beamtouch_models.calibration.theory import Theory
 from beamtouch_models.errors import NotGoodEnoughError
 from beamtouch_models.rig.surface import Imperfections
 from beamtouch_models.sweeps import silent
-from calibration_files import write_readings
-from in_process import Command
-from real_surfaces import MISTAKES, deflections_on, random_imperfections, recorded, with_mistake
+from support.programs.in_process import Command
+from support.surfaces.calibration_files import write_readings
+from support.surfaces.real_surfaces import MISTAKES, deflections_on, random_imperfections, recorded, with_mistake
 
 pytestmark = pytest.mark.long
 

@@ -13,7 +13,7 @@ from onnx import helper
 
 from beamtouch_models.metadata import FORCE_OUTPUTS, POSITION_OUTPUTS
 from beamtouch_models.modelfile import ModelFile
-from in_process import Refusal
+from support.programs.in_process import Refusal
 
 CALIBRATION = {
     "departures": {"position_offset_mm": [0] * 4, "gain": [1] * 4, "offset_mm": [0] * 3},

@@ -11,7 +11,7 @@ from beamtouch_models.physics.beam import influence
 from beamtouch_models.physics.motion import MODES, Modes, beyond_rest, first_frequency_hz, slowest_period_ms, swings
 from beamtouch_models.scene import load_scene
 from beamtouch_models.scene.beam import Beam
-from example_scenes import SCENES
+from support.surfaces.example_scenes import SCENES
 
 BENCH = load_scene(SCENES / "bench.toml")[0].beam
 SENSORS = np.array([68.0, 156.0, 244.0, 332.0])

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from example_scenes import SCENES
-from in_process import Command
+from support.programs.in_process import Command
+from support.surfaces.example_scenes import SCENES
 
 ANEW = "--move-sensors places them anew"
 

@@ -13,10 +13,10 @@ from beamtouch_models.physics.beam import influence_of
 from beamtouch_models.placement.placing import Aim
 from beamtouch_models.scene import change_scene, load_scene, parse_scene
 from beamtouch_models.surface import Surface, prior_of_model
-from example_scenes import SCENES, paper_scene
-from handbook import deflection_per_newton
-from posterior_cases import answers_of, graph_of
-from stated_problems import real_prior
+from models.handbook import deflection_per_newton
+from support.surfaces.example_scenes import SCENES, paper_scene
+from support.surfaces.posterior_cases import answers_of, graph_of
+from support.surfaces.stated_problems import real_prior
 
 SURFACES, CONTACTS = 80, 50
 TOLERANCE_MM = 1.0

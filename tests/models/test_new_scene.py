@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from beamtouch_models.scene import load_scene
-from example_scenes import SCENES
-from in_process import Command
+from support.programs.in_process import Command
+from support.surfaces.example_scenes import SCENES
 
 STRIP = ("--length-mm", 650, "--width-mm", 40, "--thickness-mm", 2)
 BLOCK = ("--length-mm", 100, "--width-mm", 10, "--thickness-mm", 8)

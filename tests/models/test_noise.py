@@ -11,7 +11,7 @@ from beamtouch_models.pricing.noise import step_mm
 from beamtouch_models.pricing.prices import Effect
 from beamtouch_models.scene import Requirements, Scene
 from beamtouch_models.surface import Surface
-from example_scenes import paper_scene
+from support.surfaces.example_scenes import paper_scene
 
 
 def with_latency(scene: Scene, latency_ms: float | None) -> Scene:

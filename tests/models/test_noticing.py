@@ -9,9 +9,9 @@ from beamtouch_models.arrays import Floats
 from beamtouch_models.placement.placing import place, place_by_position_error
 from beamtouch_models.placement.position_error import FORCES, PLACES, SLACK, OtherLoads, other_loads
 from beamtouch_models.scene import Scene, change_scene
-from example_scenes import paper_scene
-from handbook import deflection_per_newton
-from stated_problems import problem_in
+from models.handbook import deflection_per_newton
+from support.surfaces.example_scenes import paper_scene
+from support.surfaces.stated_problems import problem_in
 
 pytestmark = pytest.mark.long
 

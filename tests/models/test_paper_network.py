@@ -10,9 +10,9 @@ from beamtouch_models import modelfile
 from beamtouch_models.arrays import Floats
 from beamtouch_models.estimators.paper_network import _initial, _present, paper_graph, train, trained_as_in_the_paper
 from beamtouch_models.reproduction.paper import deflection_mm
-from example_scenes import SCENES
-from in_process import Command
-from posterior_cases import answers_of, prior_of
+from support.programs.in_process import Command
+from support.surfaces.example_scenes import SCENES
+from support.surfaces.posterior_cases import answers_of, prior_of
 
 LOADS = np.arange(20.0, 201.0, 4.0)
 ONE_SENSOR = deflection_mm([200.0], LOADS)

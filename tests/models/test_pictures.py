@@ -9,8 +9,8 @@ from beamtouch_models.building.report.beam_drawing import beam_drawing
 from beamtouch_models.charts import DARK, LIGHT, SERIES_COLOURS, Chart, Series, draw, standalone
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.scene import load_scene
-from example_scenes import SCENES
-from pictures import decoded, drawn, share_of, share_of_black
+from models.pictures import decoded, drawn, share_of, share_of_black
+from support.surfaces.example_scenes import SCENES
 
 ROOT = Path(__file__).parents[2]
 PICTURES = [*sorted((ROOT / "docs").glob("*.svg")), ROOT / "service/beamtouch_service/page/icon.svg"]

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from example_scenes import PAPER, SCENES
-from in_process import Command
+from support.programs.in_process import Command
+from support.surfaces.example_scenes import PAPER, SCENES
 
 KEYS = {
     "positions_mm", "log_eigenvalue_product", "accuracy_limit_percent", "standard_error", "gap",

@@ -17,8 +17,8 @@ from beamtouch_models.placement.eigenvalue_product import eigenvalue_product_of,
 from beamtouch_models.placement.layout import Candidates
 from beamtouch_models.placement.placing import place, place_by_position_error, recommended_count
 from beamtouch_models.scene import Scene, change_scene
-from example_scenes import paper_scene
-from stated_problems import problem_in
+from support.surfaces.example_scenes import paper_scene
+from support.surfaces.stated_problems import problem_in
 
 # Two and four sensors as published; three and five from an independent enumeration of all layouts of the grid.
 OPTIMA = {

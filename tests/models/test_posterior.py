@@ -18,9 +18,9 @@ from beamtouch_models.estimators.small_network import first_stage, train
 from beamtouch_models.physics.beam import influence_of
 from beamtouch_models.session import runner
 from beamtouch_models.sweeps import silent
-from example_scenes import paper_scene
-from false_alarms import surface
-from posterior_cases import (
+from models.false_alarms import surface
+from support.surfaces.example_scenes import paper_scene
+from support.surfaces.posterior_cases import (
     answers_of,
     check_sane,
     graph_of,

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from example_scenes import PAPER
-from in_process import Command, Refusal
+from support.programs.in_process import Command, Refusal
+from support.surfaces.example_scenes import PAPER
 
 NOISE, COUNT, FORCE = "noise_percent_of_max = 2", "count = 2", "force_n = 10.0"
 CASES = {

@@ -24,8 +24,8 @@ from beamtouch_models.reproduction.figures import (
 )
 from beamtouch_models.reproduction.paper import LOADS_MM, SOURCE, TITLE, Figure, Row, dimensionless, equal_pitch_mm
 from beamtouch_models.reproduction.reproduce import Reproduction, reproduce
-from in_process import Command
-from tags import Tags
+from support.pages.tags import Tags
+from support.programs.in_process import Command
 
 
 @pytest.fixture

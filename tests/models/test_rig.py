@@ -11,10 +11,10 @@ from pathlib import Path
 
 import pytest
 
-from example_scenes import SCENES
-from in_process import Command
-from rig_process import process_of
-from simulated_board import Board
+from models.rig_process import process_of
+from support.programs.in_process import Command
+from support.programs.simulated_board import Board
+from support.surfaces.example_scenes import SCENES
 
 SCENE = SCENES / "bench.toml"
 SIGMA_COUNTS = 79

@@ -8,7 +8,7 @@ import pytest
 from beamtouch_models.rig.faults import Faults
 from beamtouch_models.rig.loads import Load, default_script, load_script
 from beamtouch_models.scene import load_scene
-from example_scenes import SCENES
+from support.surfaces.example_scenes import SCENES
 
 TOUCH_MOVE_LIFT = """
 [[step]]

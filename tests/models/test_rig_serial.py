@@ -15,9 +15,9 @@ import pytest
 
 from beamtouch_protocol.framing import Decoder, encode
 from beamtouch_protocol.messages import Hello, HelloRequest, Message, Ping, Pong, Reading, Start, Stop
-from example_scenes import SCENES
-from rig_process import process_of
-from waiting import wait_until
+from models.rig_process import process_of
+from support.running.waiting import wait_until
+from support.surfaces.example_scenes import SCENES
 
 SCENE = SCENES / "bench.toml"
 

@@ -10,8 +10,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from beamtouch_models.pricing.ringing import decay_s
-from example_scenes import PAPER, SCENES
-from in_process import Command
+from support.programs.in_process import Command
+from support.surfaces.example_scenes import PAPER, SCENES
 
 
 def last_above_s(frequency_hz: float, zeta: float, ratio: float) -> float:

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 
 from beamtouch_common.commands import WRONG_INPUT
 from beamtouch_models import cli, load_model
-from example_scenes import INSTEAD, OPTIONS, PLAIN, Tables
-from wrong_numbers import numbers_in, with_value
+from support.surfaces.example_scenes import INSTEAD, OPTIONS, PLAIN, Tables
+from support.surfaces.wrong_numbers import numbers_in, with_value
 
 SUPPORTS = [
     *("simply-supported", "cantilever", "fixed-fixed", "propped"),

@@ -17,8 +17,8 @@ from beamtouch_models.placement.placing import place
 from beamtouch_models.placement.position_error import SPARE_NOTICES, PositionError, position_error_of
 from beamtouch_models.placement.search import first_best, search_from
 from beamtouch_models.scene import Scene, change_scene
-from example_scenes import paper_scene
-from stated_problems import problem_in
+from support.surfaces.example_scenes import paper_scene
+from support.surfaces.stated_problems import problem_in
 
 pytestmark = pytest.mark.long
 

@@ -19,11 +19,11 @@ from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.rig.surface import Imperfections
 from beamtouch_models.surface import prior_of_model
 from beamtouch_models.sweeps import silent
-from calibration_files import write_contacts
-from few_draws import short_work
-from in_process import Command
-from real_surfaces import true_prior
-from unlabelled_contacts import OFF, Kind, fitted, random_contacts
+from support.programs.in_process import Command
+from support.surfaces.calibration_files import write_contacts
+from support.surfaces.few_draws import short_work
+from support.surfaces.real_surfaces import true_prior
+from support.surfaces.unlabelled_contacts import OFF, Kind, fitted, random_contacts
 
 pytestmark = pytest.mark.long
 

@@ -7,7 +7,7 @@ from beamtouch_models.errors import SceneError
 from beamtouch_models.physics.beam import travel_of
 from beamtouch_models.scene import Scene, parse_scene
 from beamtouch_models.surface import Surface
-from example_scenes import SCENES, paper_scene
+from support.surfaces.example_scenes import SCENES, paper_scene
 
 
 def test_sensors_that_could_change_places_are_refused() -> None:

@@ -13,7 +13,7 @@ from beamtouch_models.challenge.play import Drawn, SimulatedSurface
 from beamtouch_models.challenge.ringing import rings
 from beamtouch_models.loading import ModelFile, load
 from beamtouch_models.surface import prior_of_model
-from few_draws import few_draws
+from support.surfaces.few_draws import few_draws
 
 SLOW = """
 [beam]

@@ -18,8 +18,8 @@ from beamtouch_models.estimators.posterior.window import windowed_graph
 from beamtouch_models.estimators.small_network import Network, first_stage, train
 from beamtouch_models.metadata import FORCE_OUTPUTS, POSITION_OUTPUTS
 from beamtouch_models.session import runner
-from posterior_cases import answers_of, graph_of, prior_of, with_floor
-from rare_rest import exceeding
+from models.rare_rest import exceeding
+from support.surfaces.posterior_cases import answers_of, graph_of, prior_of, with_floor
 
 PRIOR = with_floor(prior_of("bench", 4, 0.2, known=False))
 CONTACTS = 1000

@@ -15,10 +15,10 @@ from typing import Any
 import pytest
 
 from beamtouch_models import cli
-from example_scenes import PAPER
-from in_process import Command, command_of
-from sweeping import COMMAND, QUICKLY_TIMED, WITHIN_S, at_work, dask, group, sweeping
-from waiting import wait_until
+from models.sweeping import COMMAND, QUICKLY_TIMED, WITHIN_S, at_work, dask, group, sweeping
+from support.programs.in_process import Command, command_of
+from support.running.waiting import wait_until
+from support.surfaces.example_scenes import PAPER
 
 LONG = ("--draws", 2000)
 """Enough work for workers to be interrupted."""

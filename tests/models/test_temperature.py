@@ -12,7 +12,7 @@ from beamtouch_models.pricing.prices import Effect
 from beamtouch_models.scene import Scene
 from beamtouch_models.scene.beam import Beam
 from beamtouch_models.surface import Surface
-from example_scenes import paper_scene
+from support.surfaces.example_scenes import paper_scene
 
 L_MM, EI = 400.0, 1.18125e7
 PINNED = [{"at_mm": 0, "slides": False}, {"at_mm": L_MM, "slides": False}]

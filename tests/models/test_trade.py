@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 
 from beamtouch_models import modelfile
-from example_scenes import PAPER
-from in_process import Command, Refusal
+from support.programs.in_process import Command, Refusal
+from support.surfaces.example_scenes import PAPER
 
 MAX_RATIO = 1.2
 """The largest error over the limit of a model that `build` writes."""

@@ -14,7 +14,7 @@ from beamtouch_models.scene import change_scene, load_scene, parse_scene
 from beamtouch_models.surface import Surface
 from beamtouch_models.trade.measure import Model, Task, follow, measure, numbers_of_sensors
 from beamtouch_models.trade.trade import NotToBeHadError, Point, most_accurate, pareto_front, quickest
-from example_scenes import PAPER, SCENES
+from support.surfaces.example_scenes import PAPER, SCENES
 
 NONE, PLAIN = Measurement(0.0, 0.0), parse_scene(PAPER, "plain")
 

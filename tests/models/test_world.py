@@ -21,7 +21,7 @@ from beamtouch_models.scene import change_scene, load_scene
 from beamtouch_models.scene.beam import Beam
 from beamtouch_models.surface import prior_of_model
 from beamtouch_models.world import Motion, World, counts_of_output, output_of_gap
-from example_scenes import SCENES, paper_scene
+from support.surfaces.example_scenes import SCENES, paper_scene
 
 SCENE, _ = load_scene(SCENES / "bench.toml")
 READINGS = 1000

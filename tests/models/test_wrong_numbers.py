@@ -9,8 +9,8 @@ from pydantic import BaseModel, ValidationError
 from beamtouch_models.rig.loads import Script
 from beamtouch_models.rig.surface import Imperfections
 from beamtouch_models.scene import Scene
-from example_scenes import INSTEAD, OPTIONS, PLAIN
-from wrong_numbers import with_wrong_numbers
+from support.surfaces.example_scenes import INSTEAD, OPTIONS, PLAIN
+from support.surfaces.wrong_numbers import with_wrong_numbers
 
 EVERY_KEY = {
     part: keys | {key: value for (home, key), value in OPTIONS.items() if home == part and key not in INSTEAD}

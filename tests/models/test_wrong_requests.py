@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from beamtouch_models import cli
-from example_scenes import PAPER
-from in_process import command_of
+from support.programs.in_process import command_of
+from support.surfaces.example_scenes import PAPER
 
 BUILD, EVALUATE, TRADE = "build scene.toml -o m.onnx", "evaluate bench.onnx", "trade scene.toml -o out"
 CALIBRATE, SIZE = "calibrate bench.onnx loads.csv", "--length-mm 650 --width-mm 40 --thickness-mm"

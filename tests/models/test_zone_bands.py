@@ -11,8 +11,8 @@ from beamtouch_models.accuracy.posterior import posterior_quantiles
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.zone_bands import band_at
 from beamtouch_models.arrays import Floats
-from example_scenes import SCENES
-from in_process import Command, Refusal
+from support.programs.in_process import Command, Refusal
+from support.surfaces.example_scenes import SCENES
 
 
 def _scales(load_mm: Floats) -> Floats:

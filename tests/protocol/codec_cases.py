@@ -6,7 +6,7 @@ from typing import Any
 
 from beamtouch_protocol import messages as kinds
 from beamtouch_protocol.messages import Hello, Identify, Message, Ping, Pong, Reading, Start, Stop
-from toolchain import FIRMWARE_PROTOCOL
+from support.programs.toolchain import FIRMWARE_PROTOCOL
 
 GOLDEN: dict[str, Any] = json.loads((FIRMWARE_PROTOCOL / "golden_vectors.json").read_text())
 

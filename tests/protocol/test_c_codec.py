@@ -11,7 +11,7 @@ import pytest
 
 from beamtouch_protocol.framing import MAX_FRAME_BYTES, Decoder, Rejection, encode
 from beamtouch_protocol.messages import MESSAGE_TYPES, PROTOCOL_VERSION, SCHEMA_HASH, Message, Reading
-from toolchain import CODEC, made_once, need, run
+from support.programs.toolchain import CODEC, made_once, need, run
 
 from .codec_cases import GOLDEN, damage, golden_message, noise, random_message
 

@@ -7,7 +7,7 @@ import pytest
 
 from beamtouch_protocol.framing import encode
 from beamtouch_protocol.messages import Hello, HelloRequest, Identify, Message, Ping, Pong, Reading, Start, Stop
-from simulated_board import Board, Boards, at, count_of
+from support.programs.simulated_board import Board, Boards, at, count_of
 
 VOLTAGES = (1000, 2000, 3000, 4000, 500, 0, 5000, 4500)
 CHANNELS = (1, 8)

@@ -21,7 +21,7 @@ from beamtouch_service.events import recorder
 from beamtouch_service.samples import Batch
 from beamtouch_service.sections import EventsSection, SurfaceSection
 from beamtouch_service.surfaces.surface import Surface
-from service.small_model import ModelOptions, model_of
+from support.surfaces.small_model import ModelOptions, model_of
 
 TOKEN = "correct-horse-battery-staple"  # noqa: S105  # of these tests only
 READ_TOKEN = "reading-horse-battery-staple"  # noqa: S105

@@ -8,9 +8,9 @@ import pytest
 from anyio.from_thread import start_blocking_portal
 
 from beamtouch_service.api import counts
-from certificates import make_certificate
 from service.bench import READ_TOKEN, START_US, TOKEN, Bench, BuildModel, surface_of
-from service.small_model import write_model
+from support.network.certificates import make_certificate
+from support.surfaces.small_model import write_model
 
 
 @pytest.fixture

@@ -4,7 +4,7 @@ from itertools import takewhile
 from typing import Any
 
 from service.bench import START_US, Bench, Row, batch_of
-from waiting import wait_until
+from support.running.waiting import wait_until
 
 TOUCHING: Row = [0.5, 0.25, 0.125]
 HARDER: Row = [0.5, 0.5, 0.25]

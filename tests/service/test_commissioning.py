@@ -13,7 +13,7 @@ from beamtouch_models.modelfile import InfluenceCurve
 from beamtouch_service.sections import EventsSection
 from service.bench import TOKEN, Bench, Row, kind, surface_of, surface_with
 from service.event_story import RESTING
-from service.small_model import model_of
+from support.surfaces.small_model import model_of
 
 PATH = "/surfaces/press-7/commissioning"
 STEP_US = 10_000

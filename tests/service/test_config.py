@@ -11,7 +11,7 @@ from pydantic import ValidationError
 from beamtouch_service.config import ConfigFile, Settings, load_settings, read_access
 from beamtouch_service.outputs.modbus.section import ModbusServerSection
 from beamtouch_service.sections import EventsSection
-from wrong_numbers import with_wrong_numbers
+from support.surfaces.wrong_numbers import with_wrong_numbers
 
 EXAMPLE = Path(__file__).parents[2] / "service" / "service.example.toml"
 

@@ -10,8 +10,8 @@ from beamtouch_service.config import load_settings
 from beamtouch_service.events.forecast import describe
 from beamtouch_service.events.store import Store
 from beamtouch_service.sections import EventsSection
-from debian_parts import require
-from postgres import PASSWORD, Postgres
+from service.postgres import PASSWORD, Postgres
+from support.running.debian_parts import require
 
 FOLDER = Path(__file__).parents[2] / "deploy"
 UNIT = FOLDER / "beamtouch-service@.service"

@@ -9,7 +9,7 @@ import pytest
 
 from service.bench import START_US, Bench, Row, batch_of, kind, surface_of
 from service.event_story import BETWEEN, HARDER, ODD, RESTING, TOUCHING, Story
-from service.small_model import model_of
+from support.surfaces.small_model import model_of
 
 
 def test_one_contact_is_one_event(bench: Bench) -> None:

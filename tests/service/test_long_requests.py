@@ -17,7 +17,7 @@ from beamtouch_service.samples import MAX_SAMPLES
 from beamtouch_service.sections import SurfaceSection
 from service.bench import TOKEN, Bench, Row, batch_of, surface_of
 from service.event_story import RESTING, TOUCHING
-from service.small_model import model_of
+from support.surfaces.small_model import model_of
 
 pytestmark = pytest.mark.anyio
 MANY = 200

@@ -12,8 +12,8 @@ from beamtouch_service.outputs.modbus.registers import BLOCK, REGISTERS, STATES
 from beamtouch_service.problems import Kind, ProblemError
 from beamtouch_service.samples import Note, Quality
 from beamtouch_service.surfaces.surface import Surface
-from contact_registers import FIGURES, number
 from service.bench import Row, parsed, surface_of, surface_with
+from service.contact_registers import FIGURES, number
 
 NOW_S = 1000.0
 

@@ -15,7 +15,7 @@ from beamtouch_service.host.models import ModelKeeper
 from beamtouch_service.problems import ProblemError
 from beamtouch_service.sections import SurfaceSection
 from service.bench import Bench, parsed, surface_with
-from service.small_model import content_of, write_model
+from support.surfaces.small_model import content_of, write_model
 
 pytestmark = pytest.mark.anyio
 NO_FORCE = content_of(outputs=POSITION_OUTPUTS)

@@ -5,9 +5,9 @@ import subprocess
 from typing import Any
 from urllib.parse import urlsplit
 
-from pasted import blocks_of
 from service.bench import Bench
-from toolchain import need
+from support.pages.pasted import blocks_of
+from support.programs.toolchain import need
 
 (FLOW,) = [block.text for block in blocks_of("docs/how-to/node-red.md") if block.word == "json"]
 NODES = {node["id"]: node for node in json.loads(FLOW)}

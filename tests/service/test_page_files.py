@@ -7,7 +7,7 @@ import pytest
 
 from beamtouch_service.samples import Note
 from service.bench import Bench
-from tags import Tags
+from support.pages.tags import Tags
 
 PAGE = resources.files("beamtouch_service") / "page"
 FILES = sorted(entry.name for entry in PAGE.iterdir())

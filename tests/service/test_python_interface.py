@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 
 import beamtouch_models as models
-from deflections import deflections_of
 from service.bench import FIGURES, Bench, surface_with
+from support.surfaces.deflections import deflections_of
 
 PLACES_MM = [60, 150, 300]
 

@@ -13,11 +13,11 @@ from hypothesis import strategies as st
 
 from beamtouch_service.events import record
 from beamtouch_service.sections import EventsSection
-from postgres import at_port
 from service.bench import Bench, Row, batch_of, surface_with
 from service.event_story import BETWEEN, HARDER, ODD, RESTING, TOUCHING, Story
+from service.postgres import at_port
 from service.record_file import execute
-from service.small_model import model_of
+from support.surfaces.small_model import model_of
 
 CONTACT: list[Row] = [RESTING, *[TOUCHING] * 8, RESTING]
 LONG: list[Row] = [

@@ -13,11 +13,11 @@ import pytest
 
 from beamtouch_models import cli as design_sensors
 from beamtouch_service import cli
-from certificates import make_certificate
-from debian_parts import require
-from in_process import Command, command_of
 from service.bench import TOKEN
-from service.small_model import content_of, write_model
+from support.network.certificates import make_certificate
+from support.programs.in_process import Command, command_of
+from support.running.debian_parts import require
+from support.surfaces.small_model import content_of, write_model
 
 
 @pytest.fixture

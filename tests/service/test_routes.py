@@ -14,7 +14,7 @@ from beamtouch_service.problems import MEDIA_TYPE
 from beamtouch_service.samples import MAX_SAMPLES, Batch
 from beamtouch_service.surfaces.contact import Contact
 from service.bench import Bench, batch_of, kind, surface_of, surface_with
-from service.small_model import model_of
+from support.surfaces.small_model import model_of
 
 MQTT = Path(__file__).parents[2] / "docs" / "how-to" / "mqtt.md"
 

@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from beamtouch_models import modelfile
-from deflections import deflections_of
 from service.bench import Bench, batch_of, surface_with
 from service.event_story import BETWEEN, RESTING, TOUCHING
+from support.surfaces.deflections import deflections_of
 
 READINGS = 4
 

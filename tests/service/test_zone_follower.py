@@ -7,7 +7,7 @@ import pytest
 
 from beamtouch_common.zones import Zone, ZoneState
 from beamtouch_service.zones.follow import Seen, ZoneFollower, ZoneReport
-from zone_cases import GATE, I, O, U, at
+from support.surfaces.zone_cases import GATE, I, O, U, at
 
 SLOW = Zone(from_mm=120, to_mm=200, dwell_ms=20)
 LENGTH_MM, HOLD_US, STEP_US = 400.0, 100_000, 5000

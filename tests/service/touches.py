@@ -11,8 +11,8 @@ from beamtouch_models import modelfile
 from beamtouch_models.arrays import Floats
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_service.sections import EventsSection
-from deflections import deflections_of
 from service.bench import Bench, surface_with
+from support.surfaces.deflections import deflections_of
 
 Change = Callable[[Floats], Floats]
 

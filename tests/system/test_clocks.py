@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-from debian_parts import require
+from support.running.debian_parts import require
 
 SLEPT_S = 100_000
 

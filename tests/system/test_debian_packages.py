@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 from packaging.utils import canonicalize_name
 
-from debian_parts import give_up, require
-from toolchain import made_once, run
+from support.programs.toolchain import made_once, run
+from support.running.debian_parts import give_up, require
 
 ROOT = Path(__file__).parents[2]
 BUILT = ROOT / "build" / "deb"

@@ -9,7 +9,7 @@ from beamtouch_daemon.config.settings import Surface
 from beamtouch_models.building.daemon_config import daemon_config
 from beamtouch_models.filters import TARED, Rested
 from beamtouch_models.modelfile import ModelFile, State
-from drifting_line import Course, Line, Press, drift, knock, presses
+from system.drifting_line import Course, Line, Press, drift, knock, presses
 
 HOURS_AGO = Rested(4 * 3600)
 """A tare."""

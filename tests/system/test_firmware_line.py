@@ -6,11 +6,11 @@ from typing import Any
 import httpx2
 import pytest
 
-from forked_line import ForkedLine
 from line import Surface
-from plain_http import NO_TLS, TIMEOUT_S
-from simulated_board import Board
-from waiting import wait_until
+from support.network.plain_http import NO_TLS, TIMEOUT_S
+from support.programs.forked_line import ForkedLine
+from support.programs.simulated_board import Board
+from support.running.waiting import wait_until
 
 SCRIPT = "repeat = false\n[[step]]\nseconds = 1e6\nposition_mm = 120\nforce_n = 10\n"
 

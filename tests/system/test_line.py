@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from example_scenes import SCENES
-from forked_line import ForkedLine
 from line import Kind, Line, Surface, Truth
-from plain_http import TIMEOUT_S
+from support.network.plain_http import TIMEOUT_S
+from support.programs.forked_line import ForkedLine
+from support.surfaces.example_scenes import SCENES
 
 pytestmark = [pytest.mark.long, pytest.mark.timeout(600)]
 

@@ -24,9 +24,9 @@ from beamtouch_models.scene import Scene, parse_scene
 from beamtouch_models.session import Run, runner
 from beamtouch_models.surface import Surface
 from beamtouch_models.world import counts_of_output, output_of_gap
-from example_scenes import SCENES
-from posterior_cases import graph_of
-from stated_problems import problem_in, real_prior
+from support.surfaces.example_scenes import SCENES
+from support.surfaces.posterior_cases import graph_of
+from support.surfaces.stated_problems import problem_in, real_prior
 
 CHANNELS, TOUCHES, SETTLED, RECORDED = 4, 400, 40, 12_000
 

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from beamtouch_models.arrays import Floats
-from example_scenes import SCENES
-from forked_line import ForkedLine
 from line import Surface
-from plain_http import NO_TLS, TIMEOUT_S
-from waiting import wait_until
+from support.network.plain_http import NO_TLS, TIMEOUT_S
+from support.programs.forked_line import ForkedLine
+from support.running.waiting import wait_until
+from support.surfaces.example_scenes import SCENES
 
 pytestmark = pytest.mark.long
 

@@ -11,9 +11,9 @@ from zipfile import ZipFile
 
 import pytest
 
-from debian_parts import give_up
 from links import absolute
 from project import addresses
+from support.running.debian_parts import give_up
 
 ROOT = Path(__file__).parents[2]
 BUILT = ROOT / "build" / "release"

@@ -18,7 +18,7 @@ from beamtouch_models.scene import load_scene
 from beamtouch_service.samples import Batch, Sample
 from beamtouch_service.surfaces.contact import Contact
 from beamtouch_service.surfaces.surface import Surface
-from example_scenes import SCENES
+from support.surfaces.example_scenes import SCENES
 
 TOUCHES = 3
 TOUCHED_S, LIFTED_S = 0.8, 0.8

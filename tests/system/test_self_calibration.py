@@ -9,9 +9,9 @@ import pytest
 from beamtouch_models import modelfile
 from beamtouch_models.calibration.theory import Theory
 from beamtouch_models.rig.surface import load_imperfections
-from pasted import ROOT, blocks_of, paste
-from toolchain import need
-from unlabelled_contacts import missed_mm
+from support.pages.pasted import ROOT, blocks_of, paste
+from support.programs.toolchain import need
+from support.surfaces.unlabelled_contacts import missed_mm
 
 pytestmark = [pytest.mark.long, pytest.mark.soak, pytest.mark.timeout(900)]
 

@@ -10,10 +10,10 @@ from pathlib import Path
 import httpx2
 import pytest
 
-from debian_parts import require
-from forked import Forked
-from plain_http import TIMEOUT_S
-from service.small_model import write_model
+from support.network.plain_http import TIMEOUT_S
+from support.programs.forked import Forked
+from support.running.debian_parts import require
+from support.surfaces.small_model import write_model
 
 ROOT = Path(__file__).parents[2]
 GUIDE = (ROOT / "docs" / "how-to" / "debian.md").read_text()

@@ -11,9 +11,8 @@ import pytest
 
 from beamtouch_daemon import cli as daemon_cli
 from beamtouch_service import cli as service_cli
-from daemon import configs
-from daemon.service import TOKEN
-from in_process import command_of
+from support.programs.in_process import command_of
+from support.surfaces import configs
 
 
 def folder(path: Path) -> None:
@@ -103,7 +102,7 @@ def test_a_file_that_cannot_be_read_is_one_line_with_its_reason(
     key: str, make: Callable[[Path], None], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     text, reasons = CONFIGURATIONS[key]
-    (tmp_path / "beamtouch.token").write_text(TOKEN)
+    (tmp_path / "beamtouch.token").write_text(configs.TOKEN)
     (tmp_path / "config.toml").write_text(text)
     make(tmp_path / "one.named")
     if key.startswith("daemon"):

@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING
 
 from beamtouch_models import influence_matrix
 from beamtouch_models.scene import load_scene
-from example_scenes import SCENES
 from service.bench import START_US, batch_of
+from support.surfaces.example_scenes import SCENES
 
 if TYPE_CHECKING:
     from beamtouch_models.arrays import Floats
     from beamtouch_models.modelfile import ModelFile
-    from browser import Watched
     from service.process.conftest import Service
+    from support.pages.browser import Watched
 
 WEDGE_MM = 0.5
 COUNT = 50

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from debian_parts import require
-from free_ports import free_port
-from waiting import wait_until
+from support.network.free_ports import free_port
+from support.running.debian_parts import require
+from support.running.waiting import wait_until
 
 
 @dataclass(frozen=True)

@@ -11,12 +11,12 @@ import httpx2
 import pytest
 
 from beamtouch_models import modelfile
-from forked import Forked
-from plain_http import NO_TLS, TIMEOUT_S
 from service.bench import PATIENT, BuildModel
 from service.process.beam_page import Bench
 from service.process.broker import broker_in
 from service.process.mqtt_line import Line
+from support.network.plain_http import NO_TLS, TIMEOUT_S
+from support.programs.forked import Forked
 
 COMMAND = "beamtouch_service.cli"
 CLI = ("-m", COMMAND)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from service.bench import PATIENT, Row, batch_of
 from service.event_story import RESTING, TOUCHING
-from waiting import wait_until
+from support.running.waiting import wait_until
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

@@ -6,8 +6,8 @@ from contextlib import asynccontextmanager
 
 from asyncua import Client, ua
 
-from opcua_hello import is_open
-from waiting import wait_until
+from service.process.opcua_hello import is_open
+from support.running.waiting import wait_until
 
 TIMEOUT_S = 30
 

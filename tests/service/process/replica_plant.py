@@ -5,12 +5,12 @@ from typing import Any
 
 import httpx2
 
-from balancer import Balancer
-from plain_http import NO_TLS, TIMEOUT_S
 from service.bench import START_US, TOKEN, Row, batch_of
 from service.event_story import RESTING, TOUCHING
 from service.process.conftest import Service
-from waiting import wait_until
+from support.network.balancer import Balancer
+from support.network.plain_http import NO_TLS, TIMEOUT_S
+from support.running.waiting import wait_until
 
 SURFACES = [f"press-{number}" for number in range(8)]
 CONTACT: list[Row] = [RESTING, TOUCHING, TOUCHING, RESTING]

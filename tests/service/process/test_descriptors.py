@@ -10,11 +10,11 @@ from pathlib import Path
 import httpx2
 import pytest
 
-from plain_http import TIMEOUT_S
 from service.bench import batch_of
 from service.process.conftest import Service, StartService
 from service.process.connections import read_to_end
 from service.process.modbus_service import start_modbus
+from support.network.plain_http import TIMEOUT_S
 
 SPARE = 8
 """Descriptors that are left when the test begins."""

@@ -10,15 +10,15 @@ from typing import NamedTuple
 
 import pytest
 
-from broken import WORDS, broken
-from free_ports import free_port
-from opcua_hello import is_open
 from service.bench import PATIENT, batch_of
 from service.event_story import RESTING, TOUCHING
 from service.process.broker import Broker, broker_in
 from service.process.mqtt_line import metric
 from service.process.opcua_client import connected, read
-from waiting import wait_until
+from service.process.opcua_hello import is_open
+from support.network.free_ports import free_port
+from support.programs.broken import WORDS, broken
+from support.running.waiting import wait_until
 
 from .conftest import Service, StartService
 from .modbus_service import ask

@@ -12,7 +12,7 @@ import pytest
 
 from service.bench import TOKEN, batch_of
 from service.process.conftest import Service
-from waiting import wait_until
+from support.running.waiting import wait_until
 
 FROZEN_S = 1.0
 UNNOTICED_S = 0.1

@@ -13,12 +13,12 @@ from typing import Any, Self
 import httpx2
 import pytest
 
-from balancer import answers
-from debian_parts import require
-from free_ports import free_port
 from service.bench import TOKEN, batch_of
 from service.process.conftest import Service
-from waiting import wait_until
+from support.network.balancer import answers
+from support.network.free_ports import free_port
+from support.running.debian_parts import require
+from support.running.waiting import wait_until
 
 CONFIG = Path(__file__).parents[3] / "deploy" / "haproxy-one.cfg"
 PATIENCE_S = 20.0

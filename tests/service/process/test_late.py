@@ -5,13 +5,13 @@ import subprocess
 import sys
 from pathlib import Path
 
-from host_names import host_names_in
 from service.bench import BuildModel, batch_of
 from service.event_story import RESTING, TOUCHING
 from service.process.broker import Broker
 from service.process.conftest import CLI, Command, Process, Service, StartService, service_of
 from service.process.modbus_service import ask
-from waiting import wait_until
+from support.network.host_names import host_names_in
+from support.running.waiting import wait_until
 
 
 def complaint(process: Process) -> str:

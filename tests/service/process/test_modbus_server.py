@@ -14,12 +14,12 @@ from contextlib import ExitStack, suppress
 
 import pytest
 
-from contact_registers import FIGURES, USED, decoded, expected
-from debian_parts import require
-from processes import resident_mb
 from service.bench import Row, batch_of
+from service.contact_registers import FIGURES, USED, decoded, expected
 from service.event_story import ODD, RESTING, TOUCHING
-from waiting import wait_until
+from support.programs.processes import resident_mb
+from support.running.debian_parts import require
+from support.running.waiting import wait_until
 
 from .conftest import StartService
 from .modbus_service import ModbusService, answered, ask, frame, request, start_modbus

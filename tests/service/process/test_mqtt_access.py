@@ -7,9 +7,6 @@ from pathlib import Path
 
 import pytest
 
-from certificates import make_certificate
-from debian_parts import require
-from plain_http import TIMEOUT_S
 from service.event_story import RESTING, TOUCHING
 from service.process.mqtt_line import (
     CONTACT,
@@ -21,6 +18,9 @@ from service.process.mqtt_line import (
     wait_connected,
     wait_for,
 )
+from support.network.certificates import make_certificate
+from support.network.plain_http import TIMEOUT_S
+from support.running.debian_parts import require
 
 PASSWORD = "correct horse battery"  # noqa: S105  # of these tests only
 

@@ -10,12 +10,12 @@ from typing import Any
 
 import pytest
 
-from debian_parts import require
 from service.event_story import RESTING, TOUCHING
 from service.process.broker import Subscriber
 from service.process.conftest import Service
 from service.process.cutting_relay import cutting_relay, publishes_to
 from service.process.mqtt_line import CONTACT, STATUS, Line, events, metric, now_batch, wait_connected, wait_for
+from support.running.debian_parts import require
 
 GUIDE = Path(__file__).parents[3] / "docs" / "how-to" / "mqtt.md"
 IMPATIENT = "from beamtouch_service.outputs.mqtt import leftovers; leftovers.ANSWER_S = 0.1"

@@ -8,7 +8,7 @@ from time import monotonic
 
 import pytest
 
-from waiting import wait_until
+from support.running.waiting import wait_until
 
 from .conftest import StartService
 

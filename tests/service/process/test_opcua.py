@@ -15,12 +15,12 @@ from asyncua import Client, ua
 from asyncua.common.subscription import Subscription
 from asyncua.crypto.security_policies import SecurityPolicyBasic256Sha256
 
-from certificates import make_certificate
-from free_ports import free_port
-from opcua_hello import is_open
 from service.bench import FIGURES, batch_of
 from service.process.opcua_client import TIMEOUT_S, connected, read
-from waiting import wait_until
+from service.process.opcua_hello import is_open
+from support.network.certificates import make_certificate
+from support.network.free_ports import free_port
+from support.running.waiting import wait_until
 
 from .conftest import Service, StartService
 

@@ -4,9 +4,9 @@ import asyncio
 from collections.abc import Sequence
 from typing import Any
 
-from free_ports import free_port
 from service.bench import FIGURES, BuildModel, Row, batch_of
 from service.process.opcua_client import connected, read
+from support.network.free_ports import free_port
 
 from .conftest import StartService
 

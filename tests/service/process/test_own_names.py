@@ -8,8 +8,8 @@ from pathlib import Path
 import httpx2
 import pytest
 
-from plain_http import TIMEOUT_S
 from service.bench import READ_TOKEN, kind
+from support.network.plain_http import TIMEOUT_S
 
 from .conftest import Service, StartService
 

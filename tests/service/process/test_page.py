@@ -9,10 +9,10 @@ from pathlib import Path
 
 import pytest
 
-from browser import NO_FIGURE, SCREENS, OpenPage, Watched
 from service.bench import batch_of
 from service.process.conftest import Service, StartService
-from waiting import wait_until
+from support.pages.browser import NO_FIGURE, SCREENS, OpenPage, Watched
+from support.running.waiting import wait_until
 
 
 def test_contact_degraded_and_too_few_channels(fresh: Service, open_page: OpenPage) -> None:

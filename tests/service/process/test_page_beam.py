@@ -10,9 +10,9 @@ import pytest
 from onnx import helper
 
 from beamtouch_models import modelfile
-from browser import OpenPage, Watched
 from service.process.beam_page import StartBench, bench_shape, circles, drawn
-from waiting import wait_until
+from support.pages.browser import OpenPage, Watched
+from support.running.waiting import wait_until
 
 LENGTH_MM = 400.0
 PIXEL = 0.6

@@ -12,21 +12,21 @@ from urllib.parse import urljoin
 import httpx2
 import pytest
 
-from balancer import answers
-from browser import NO_FIGURE, OpenPage, Watched
-from debian_parts import require
-from free_ports import free_port
-from nginx import Nginx, nginx_in
-from pasted import ROOT, blocks_of
-from plain_http import TIMEOUT_S
 from service.bench import READ_TOKEN, TOKEN, BuildModel, batch_of
 from service.event_story import TOUCHING
 from service.process.beam_page import StartBench
 from service.process.conftest import Service, StartService
+from service.process.nginx import Nginx, nginx_in
 from service.process.replica_plant import CONTACT, SURFACES, Plant
 from service.process.test_page_commissioning import FORCE_N, HELD
 from service.process.test_page_token import enter
-from waiting import wait_until
+from support.network.balancer import answers
+from support.network.free_ports import free_port
+from support.network.plain_http import TIMEOUT_S
+from support.pages.browser import NO_FIGURE, OpenPage, Watched
+from support.pages.pasted import ROOT, blocks_of
+from support.running.debian_parts import require
+from support.running.waiting import wait_until
 
 GUIDE = "docs/how-to/proxy.md"
 PLAIN, WITH_LOGIN = [block.text for block in blocks_of(GUIDE) if block.word == "nginx"]

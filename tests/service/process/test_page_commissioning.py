@@ -7,11 +7,11 @@ from pathlib import Path
 import httpx2
 from playwright.sync_api import ViewportSize
 
-from browser import OpenPage, Watched
-from plain_http import TIMEOUT_S
 from service.bench import TOKEN, Row, batch_of
 from service.process.beam_page import Bench, StartBench
 from service.process.conftest import Service, StartService
+from support.network.plain_http import TIMEOUT_S
+from support.pages.browser import OpenPage, Watched
 
 PHONE: ViewportSize = {"width": 390, "height": 844}
 FORCE_N = 10

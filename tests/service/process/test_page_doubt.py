@@ -5,8 +5,8 @@ import re
 import numpy as np
 import pytest
 
-from browser import NO_FIGURE, SCREENS, OpenPage, Watched
 from service.process.beam_page import StartBench, circles, drawn
+from support.pages.browser import NO_FIGURE, SCREENS, OpenPage, Watched
 
 TWO = ((100, 8), (300, 8))
 """Two contacts, in mm and N."""

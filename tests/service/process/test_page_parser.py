@@ -2,8 +2,8 @@
 
 from typing import Any
 
-from browser import OpenPage, Watched
 from service.process.conftest import StartService
+from support.pages.browser import OpenPage, Watched
 
 _PARSE = """async ({bytes, sizes}) => {
   const {EventParser} = await import("/sse.js");

@@ -3,9 +3,9 @@
 import re
 import signal
 
-from browser import NO_FIGURE, SCREENS, OpenPage, Watched
 from service.bench import READ_TOKEN, batch_of
 from service.process.conftest import Service, StartService
+from support.pages.browser import NO_FIGURE, SCREENS, OpenPage, Watched
 
 WRONG = "a-wrong-token-that-someone-mistyped"
 FORM = "#token-form"

@@ -9,12 +9,12 @@ import pytest
 
 from beamtouch_service.events.store import Store
 from beamtouch_service.sections import EventsSection
-from pgbouncer import pooled
-from postgres import PASSWORD, Postgres, at_port
 from service.bench import PATIENT, batch_of
 from service.event_story import RESTING, TOUCHING
+from service.postgres import PASSWORD, Postgres, at_port
 from service.process.conftest import Command, StartService
-from waiting import wait_until
+from service.process.pgbouncer import pooled
+from support.running.waiting import wait_until
 
 
 @pytest.mark.parametrize("pool_mode", ["session", "transaction"])

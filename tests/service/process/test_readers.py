@@ -10,7 +10,7 @@ import pytest
 from service.bench import PATIENT, batch_of, kind
 from service.event_story import RESTING, TOUCHING
 from service.process.conftest import Service, StartService
-from waiting import wait_until
+from support.running.waiting import wait_until
 
 WAITS = """
 import time

@@ -10,12 +10,12 @@ from pathlib import Path
 import httpx2
 import pytest
 
-from plain_http import TIMEOUT_S
-from postgres import PASSWORD, Postgres, rows
 from service.bench import BuildModel, kind
 from service.event_story import RESTING, TOUCHING
+from service.postgres import PASSWORD, Postgres, rows
 from service.process.conftest import StartService
-from waiting import wait_until
+from support.network.plain_http import TIMEOUT_S
+from support.running.waiting import wait_until
 
 from .replica_plant import CONTACT, SURFACES, Plant
 

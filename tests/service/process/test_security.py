@@ -9,10 +9,10 @@ from pathlib import Path
 import httpx2
 import pytest
 
-from plain_http import NO_TLS, TIMEOUT_S
 from service.bench import READ_TOKEN, TOKEN, batch_of
 from service.process.conftest import Service, StartService
 from service.process.connections import read_to_end
+from support.network.plain_http import NO_TLS, TIMEOUT_S
 
 
 @pytest.mark.parametrize("certified", [False, True])

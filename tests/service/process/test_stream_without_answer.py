@@ -6,9 +6,9 @@ from typing import Any
 import httpx2
 import pytest
 
-from plain_http import NO_TLS
 from service.bench import batch_of
 from service.process.conftest import Service, StartService
+from support.network.plain_http import NO_TLS
 
 from .test_streams import states
 

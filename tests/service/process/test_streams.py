@@ -13,10 +13,10 @@ from typing import Any
 import httpx2
 import pytest
 
-from plain_http import NO_TLS
 from service.bench import BuildModel, batch_of
 from service.process.conftest import Service, StartService
-from waiting import wait_until
+from support.network.plain_http import NO_TLS
+from support.running.waiting import wait_until
 
 STATE = {"surface", "contact", "problem", "age_ms", "channels", "length_mm", "sequence", "misfit_limit"}
 

@@ -14,8 +14,8 @@ import pytest
 
 from service.bench import BuildModel, batch_of
 from service.process.conftest import Service, StartService
-from service_manager import Manager
-from waiting import wait_until
+from support.programs.service_manager import Manager
+from support.running.waiting import wait_until
 
 
 @pytest.fixture

@@ -11,12 +11,12 @@ from typing import Any
 
 import pytest
 
-from postgres import rows
 from service.bench import PATIENT, BuildModel, batch_of
 from service.event_story import RESTING, TOUCHING
+from service.postgres import rows
 from service.process.conftest import Service, service_of
-from waiting import wait_until
-from wrong_clock import WrongClock
+from service.process.wrong_clock import WrongClock
+from support.running.waiting import wait_until
 
 OFTEN = f"{PATIENT}\nfrom beamtouch_service.events import recorder\nrecorder.TIDY_S = 0.1"
 """The record is tidied at each of its looks, which are a second apart."""

@@ -7,15 +7,15 @@ from typing import Any
 import httpx2
 import pytest
 
-from browser import OpenPage
-from free_ports import free_port
-from plain_http import TIMEOUT_S
 from service.bench import Row, batch_of
 from service.event_story import RESTING
 from service.process.beam_page import StartBench
 from service.process.modbus_service import ADDRESS, ModbusService
 from service.process.mqtt_line import CONTACT, Line, wait_connected, wait_for
 from service.process.opcua_client import connected, read
+from support.network.free_ports import free_port
+from support.network.plain_http import TIMEOUT_S
+from support.pages.browser import OpenPage
 
 ZONES = """
 [surfaces.press-7.zones.gate]

@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 from filelock import FileLock
 
-from debian_parts import give_up
+from support.running.debian_parts import give_up
 
-FIRMWARE_PROTOCOL = Path(__file__).parents[1] / "firmware_protocol"
+FIRMWARE_PROTOCOL = Path(__file__).parents[3] / "firmware_protocol"
 CODEC = FIRMWARE_PROTOCOL / "c"
 
 

@@ -17,8 +17,8 @@ from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import Route
 
-from free_ports import free_port
-from waiting import wait_until
+from support.network.free_ports import free_port
+from support.running.waiting import wait_until
 
 TIMEOUT_S = 10.0
 _LENGTH = 4

@@ -3,7 +3,7 @@
 import os
 from pathlib import Path
 
-from debian_parts import give_up
+from support.running.debian_parts import give_up
 
 _FOLDERS = ("/usr/lib/*/faketime", "/usr/lib/faketime")
 

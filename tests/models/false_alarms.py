@@ -30,10 +30,10 @@ from beamtouch_models.rates import SECONDS_PER_DAY
 from beamtouch_models.scene import Scene, load_scene
 from beamtouch_models.session import Run, runner
 from beamtouch_models.surface import Surface
-from example_scenes import SCENES
-from posterior_cases import graph_of
-from rare_rest import FARTHEST, Sequences, at_rest, log_tilt, overlapping_means, rest_like_contact, tilted
-from stated_problems import fewest_mm, real_prior
+from models.rare_rest import FARTHEST, Sequences, at_rest, log_tilt, overlapping_means, rest_like_contact, tilted
+from support.surfaces.example_scenes import SCENES
+from support.surfaces.posterior_cases import graph_of
+from support.surfaces.stated_problems import fewest_mm, real_prior
 
 LIFT = 1 / 8
 """Log odds at which a contact ends, over the threshold of touch."""

@@ -10,8 +10,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import cast
 
-from forked import Forked
 from line import Line
+from support.programs.forked import Forked
 
 MODULES = {
     "beamtouch-daemon": "beamtouch_daemon.cli",

@@ -11,10 +11,10 @@ from pathlib import Path
 
 import psycopg
 
-from debian_parts import give_up, require
-from free_ports import free_port
-from postgres import PASSWORD, Postgres
-from waiting import wait_until
+from service.postgres import PASSWORD, Postgres
+from support.network.free_ports import free_port
+from support.running.debian_parts import give_up, require
+from support.running.waiting import wait_until
 
 INSTALLED = Path("/etc/pgbouncer/pgbouncer.ini")
 

@@ -9,8 +9,8 @@ from pathlib import Path
 from beamtouch_protocol.framing import Decoder, encode
 from beamtouch_protocol.messages import Hello, Message, Pong, Reading
 from beamtouch_protocol.sequence import missing_between
-from debian_parts import give_up
-from toolchain import FIRMWARE_PROTOCOL, need, run
+from support.programs.toolchain import FIRMWARE_PROTOCOL, need, run
+from support.running.debian_parts import give_up
 
 MILLIVOLTS = 5000
 TIMEOUT_S = 120

@@ -14,7 +14,7 @@ from beamtouch_models.estimators.posterior.window import posterior_graph
 from beamtouch_models.physics.beam import influence_of, travel_of
 from beamtouch_models.scene import load_scene
 from beamtouch_models.session import runner
-from example_scenes import SCENES
+from support.surfaces.example_scenes import SCENES
 
 TINY = np.nextafter(np.float32(0), np.float32(1))
 """The smallest subnormal of float32."""

@@ -1,19 +1,19 @@
 """Writes docs/page.png: the page of a service that a rig and a daemon have fed for a minute.
 
-`make demo` builds the model first; then `.venv/bin/python tests/page_picture.py`.
+`make demo` builds the model first; then `.venv/bin/python tests/docs/page_picture.py`.
 """
 
 import sys
 import tempfile
 from pathlib import Path
 
-from browser import chromium, pages
+sys.path.append(str(Path(__file__).parents[1]))
+sys.path.append(str(Path(__file__).parents[2] / "demo"))
 
-ROOT = Path(__file__).parents[1]
-sys.path.append(str(ROOT / "demo"))
+from line import Line, Surface
+from support.pages.browser import chromium, pages
 
-from line import Line, Surface  # noqa: E402  # the demo's folder is no package
-
+ROOT = Path(__file__).parents[2]
 PICTURE = ROOT / "docs" / "page.png"
 BUILT = ROOT / "build" / "demo"
 SIZE = (1000, 900)

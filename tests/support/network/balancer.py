@@ -8,12 +8,12 @@ from pathlib import Path
 
 import httpx2
 
-from debian_parts import require
-from free_ports import free_port
-from plain_http import TIMEOUT_S
-from waiting import wait_until
+from support.network.free_ports import free_port
+from support.network.plain_http import TIMEOUT_S
+from support.running.debian_parts import require
+from support.running.waiting import wait_until
 
-CONFIG = Path(__file__).parents[1] / "deploy" / "haproxy.cfg"
+CONFIG = Path(__file__).parents[3] / "deploy" / "haproxy.cfg"
 _SERVER = re.compile(r"^    server \S+ \S+ check\n", re.MULTILINE)
 _RULES = "    # The query form"
 

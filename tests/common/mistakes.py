@@ -1,13 +1,16 @@
 """Mistakes of users with their answers, from mistakes.toml; run as a program, it writes docs/mistakes.md."""
 
+import sys
 import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 
-from daemon import configs
-from example_scenes import SCENES
+sys.path.append(str(Path(__file__).parents[1]))
 
-DOCUMENT = Path(__file__).parent.parent / "docs" / "mistakes.md"
+from support.surfaces import configs
+from support.surfaces.example_scenes import SCENES
+
+DOCUMENT = Path(__file__).parents[2] / "docs" / "mistakes.md"
 COMMANDS = {
     "scene": "design-sensors explain scene.toml",
     "daemon": "beamtouch-daemon check daemon.toml",

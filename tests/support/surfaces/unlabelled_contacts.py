@@ -14,7 +14,7 @@ from beamtouch_models.metadata import Metadata
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.rig.surface import Imperfections
 from beamtouch_models.sweeps import silent
-from real_surfaces import true_prior
+from support.surfaces.real_surfaces import true_prior
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,8 @@ Its scene gives no remark: away from the supports, every force is seen.
 from pathlib import Path
 
 from beamtouch_models import build
-from example_scenes import PAPER
-from few_draws import short_work
+from support.surfaces.example_scenes import PAPER
+from support.surfaces.few_draws import short_work
 
 SCENE = (
     PAPER.replace("count = 2", "count = 3")

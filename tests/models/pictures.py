@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from matplotlib.image import imread
 
-from debian_parts import require
+from support.running.debian_parts import require
 
 Pixels = npt.NDArray[np.float32]
 """Shape (height, width, 3 or 4): red, green, blue, and opacity where it is not all of it, from 0 to 1."""

@@ -15,9 +15,9 @@ from typing import Any
 
 import psycopg
 
-from debian_parts import give_up
-from free_ports import free_port
-from waiting import wait_until
+from support.network.free_ports import free_port
+from support.running.debian_parts import give_up
+from support.running.waiting import wait_until
 
 PASSWORD = "horse-and-battery"  # noqa: S105  # of these tests only
 

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import tomli_w
 
-from balancer import Balancer, answers
-from free_ports import free_port
 from line import Line, Surface
-from waiting import wait_until
+from support.network.balancer import Balancer, answers
+from support.network.free_ports import free_port
+from support.running.waiting import wait_until
 
 
 class PlantLine(Line):

@@ -9,8 +9,8 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
-from debian_parts import give_up
-from waiting import wait_until
+from support.running.debian_parts import give_up
+from support.running.waiting import wait_until
 
 COMMAND = str(Path(sys.executable).parent / "design-sensors")
 QUICKLY_TIMED = (

@@ -4,7 +4,7 @@ import subprocess
 from collections.abc import Sequence
 from pathlib import Path
 
-from debian_parts import require
+from support.running.debian_parts import require
 
 ELLIPTIC = ("ec", "-pkeyopt", "ec_paramgen_curve:prime256v1")
 

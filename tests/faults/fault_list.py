@@ -5,8 +5,8 @@ from pathlib import Path
 
 from pydantic import BaseModel, ConfigDict, Field
 
-ROOT = Path(__file__).parent.parent
-LIST = Path(__file__).parent / "faults" / "faults.toml"
+ROOT = Path(__file__).parents[2]
+LIST = Path(__file__).with_name("faults.toml")
 
 
 class Fault(BaseModel):

@@ -10,7 +10,7 @@ from beamtouch_models.physics.beam import influence_of
 from beamtouch_models.rig.surface import Imperfections
 from beamtouch_models.scene import parse_scene
 from beamtouch_models.surface import depart
-from calibration_files import FORCES, POSITIONS, SAMPLES
+from support.surfaces.calibration_files import FORCES, POSITIONS, SAMPLES
 
 MISTAKES = ("20 mm", "40 mm", "60 mm", "2 x force", "10 x force")
 FORCE_PER_MM = 0.01

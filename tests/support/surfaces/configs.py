@@ -1,10 +1,9 @@
-"""Configurations as text, as a user writes them."""
+"""Configurations of the daemon as text, as a user writes them."""
 
 import json
 from pathlib import Path
 
-from .service import TOKEN
-
+TOKEN = "swordfish-of-the-tests-and-longer"  # noqa: S105
 PUBLISH = """
 [publish]
 url = "http://127.0.0.1:8420"

@@ -7,9 +7,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from debian_parts import require
-from free_ports import free_port
-from waiting import wait_until
+from support.network.free_ports import free_port
+from support.running.debian_parts import require
+from support.running.waiting import wait_until
 
 _CONFIG = """
 daemon off;

@@ -10,7 +10,7 @@ from typing import Any
 
 from playwright.sync_api import Browser, ConsoleMessage, Page, Route, sync_playwright
 
-from debian_parts import require
+from support.running.debian_parts import require
 
 TIMEOUT_MS = 60_000.0
 """Generous: test machines may be busy."""
@@ -26,7 +26,7 @@ LEAST_CONTRAST = 4.5
 SCREENS = [("desk", (1000, 900), "light"), ("panel", (800, 480), "dark"), ("phone", (390, 844), "light")]
 """Name, width and height [px], and colours."""
 NO_FIGURE = "—"
-SCREENSHOTS = Path(__file__).parents[1] / "build" / "screenshots"
+SCREENSHOTS = Path(__file__).parents[3] / "build" / "screenshots"
 
 OpenPage = Callable[..., "Watched"]
 

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 from filelock import FileLock
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[3]
 COMMANDS = "sh"
 """The word of the fences of commands that run anywhere. Those of `console` need a device, a host or a person."""
 PATIENCE_S = 400.0

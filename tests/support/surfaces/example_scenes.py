@@ -5,7 +5,7 @@ from typing import Any
 
 from beamtouch_models.scene import Scene, parse_scene
 
-SCENES = Path(__file__).parent.parent / "models" / "scenes"
+SCENES = Path(__file__).parents[3] / "models" / "scenes"
 Tables = dict[str, dict[str, Any]]
 UNIT_BEAM = {"length_mm": 1.0, "flexural_rigidity_n_mm2": 1.0}
 

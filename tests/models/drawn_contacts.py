@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from beamtouch_models.arrays import Floats
 from beamtouch_models.modelfile import Answers, BestSample, ModelFile, Weighed, evidence
-from deflections import deflections_of
+from support.surfaces.deflections import deflections_of
 
 REST_READINGS = 32
 

@@ -8,7 +8,7 @@ from beamtouch_models.arrays import Floats
 from beamtouch_models.calibration.recordings import Loads
 from beamtouch_models.metadata import Metadata
 from beamtouch_models.rig.surface import Imperfections
-from real_surfaces import SESSION_MIN, recorded, true_prior, with_mistake
+from support.surfaces.real_surfaces import SESSION_MIN, recorded, true_prior, with_mistake
 
 HANGER, BEND, MISTYPED = 0.1, 0.15, "40 mm"
 """Weight of the hanger over the mean force, bend of a curved sensor at its largest deflection, and a mistyped place."""
