@@ -9,6 +9,10 @@ PRESSED = Zone(from_mm=120, to_mm=200, least_force_n=5, largest_force_n=15)
 LENGTH_MM = 400.0
 
 
+@pytest.mark.promise(
+    "docs/how-to/zones.md",
+    "all of the interval, of the position and of the force if the zone bounds it",
+)
 @pytest.mark.parametrize(
     ("zone", "position", "force", "lies"),
     [

@@ -51,6 +51,10 @@ async def test_a_port_that_cannot_be_used_is_opened_ever_more_rarely(tmp_path: P
             assert await shortest_s(count, number) > sum(SESSION_PAUSES_S) / 2
 
 
+@pytest.mark.promise(
+    "docs/reference/daemon-configuration.md",
+    "A unit that does not answer is asked again after 13 timeouts.",
+)
 @pytest.mark.parametrize("boots", [True, False])
 async def test_units_of_which_none_answers_leave_the_bus_alone_for_thirteen_timeouts(
     tmp_path: Path, *, boots: bool

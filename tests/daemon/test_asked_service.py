@@ -45,6 +45,10 @@ def written(folder: Path, url: str, source: str, channels: int = 4, token: str =
     return path
 
 
+@pytest.mark.promise(
+    "docs/how-to/adc-module.md",
+    "With `--wait 30` it waits up to 30 s until all channels arrive and the service takes samples",
+)
 async def test_check_waits_for_the_device_and_for_the_service(tmp_path: Path, asked: Asked) -> None:
     device, serving = free_port(), free_port()
     config = written(tmp_path, f"http://127.0.0.1:{serving}", configs.tcp(device))
@@ -83,6 +87,7 @@ async def test_a_service_that_takes_no_samples_is_reported(
             assert (await waiting.said(said)).endswith(said)
 
 
+@pytest.mark.promise("docs/how-to/troubleshooting.md", "`beamtouch-daemon check --wait 5` says what to write.")
 async def test_a_service_that_takes_them_gets_none_and_a_configuration_without_beam_is_told_what_to_write(
     tmp_path: Path, asked: Asked
 ) -> None:
@@ -101,6 +106,11 @@ async def test_a_service_that_takes_them_gets_none_and_a_configuration_without_b
         assert (await http.get("/surfaces/bench")).json()["samples"]["accepted"] == 0
 
 
+@pytest.mark.promise("docs/how-to/upgrade.md", "and the daemon keeps them.")
+@pytest.mark.promise(
+    "docs/reference/daemon-configuration.md",
+    "the service refuses samples of another beam than that of its model.",
+)
 async def test_samples_of_another_beam_wait_until_a_model_of_their_beam_is_there(tmp_path: Path) -> None:
     own = write_model(tmp_path, "bench", channels=4, beam="beam-1")
     (tmp_path / "other").mkdir()
@@ -127,6 +137,10 @@ async def test_samples_of_another_beam_wait_until_a_model_of_their_beam_is_there
     assert (counts["samples_published"], counts["samples_in_log"]) == (counts["readings"], 0)
 
 
+@pytest.mark.promise(
+    "docs/explanation/readings-to-samples.md",
+    "`tare` also asks the service, and refuses while that sees a contact",
+)
 async def test_tare_refuses_a_beam_on_which_the_service_sees_a_contact(tmp_path: Path, asked: Asked) -> None:
     serving = free_port()
     async with pymodbus_server([20_900] * 4) as port:  # 0.09 mm down

@@ -86,6 +86,7 @@ def moved_by(motion_mm: FloatArray) -> FloatArray:
 REST = moved_by(np.zeros(MINUTE))
 
 
+@pytest.mark.promise("docs/explanation/readings-to-samples.md", "a beam that is touched, rings or creeps during it")
 @pytest.mark.parametrize(
     ("motion_mm", "said"),
     [
@@ -166,6 +167,11 @@ SLOPING = {"s1": 0.06, "s2": 0.075, "s3": 0.09, "s4": 0.105}
 """How a load moves four sensors [mm] that are far from it."""
 
 
+@pytest.mark.promise(
+    "docs/explanation/readings-to-samples.md",
+    "as far as the stated drift can have come in the time since then",
+    "`tare` says so, as a load that moves all sensors alike would pass, too.",
+)
 def test_a_load_that_moves_all_sensors_is_no_warmth_of_a_moment() -> None:
     surface = four_channels(None, **TRACKED)
     last = dict.fromkeys(SLOPING, 2.5)
@@ -179,6 +185,14 @@ def test_a_load_that_moves_all_sensors_is_no_warmth_of_a_moment() -> None:
     assert "warmth" not in describe_comparison(last, last, surface, hour)
 
 
+@pytest.mark.promise(
+    "docs/explanation/readings-to-samples.md",
+    "Two channels that have each other's rest gaps are named as swapped.",
+)
+@pytest.mark.promise(
+    "docs/how-to/spare-part.md",
+    "If two channels have each other's rest gaps, `tare` says that their cables are swapped.",
+)
 def test_cables_that_were_swapped_since_the_last_tare_are_named() -> None:
     surface = four_channels()
     last = {"s1": 2.5, "s2": 2.2, "s3": 2.6, "s4": 2.5}

@@ -51,6 +51,8 @@ def below_a_path(folder: Path, service: str) -> Iterator[str]:
         process.wait(60)
 
 
+@pytest.mark.promise("docs/how-to/two-hosts.md", "`check` says in one line if nothing is there.")
+@pytest.mark.promise("docs/reference/daemon-configuration.md", "with a path if a proxy serves it below one")
 async def test_run_check_and_tare_reach_a_service_below_a_path_and_a_wrong_path_is_named(tmp_path: Path) -> None:
     model = write_model(tmp_path, "bench", channels=4)
     async with pymodbus_server([20_900] * 4) as port, real_service(tmp_path, model) as service:

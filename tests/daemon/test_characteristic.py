@@ -47,6 +47,11 @@ def test_a_table_agrees_with_plain_interpolation_beside_a_channel_with_a_line() 
     np.testing.assert_allclose(both[:, 1], np.interp(counts[:, 1], *points.T), rtol=1e-13)
 
 
+@pytest.mark.promise(
+    "docs/reference/daemon-configuration.md",
+    "Linear range of the sensor; gaps outside it are out-of-range.",
+    "Counts at these ends and beyond are saturated; overrides `adc_bits`.",
+)
 @pytest.mark.parametrize(
     ("channel", "counts", "expected"),
     [
@@ -84,6 +89,10 @@ WIDE = {"range_mm": [-1e6, 1e6], "rest_gap_mm": 1e5, "gain_mm_per_count": 0.01, 
 """A range that holds every count."""
 
 
+@pytest.mark.promise(
+    "docs/reference/daemon-configuration.md",
+    "the ends of `type` are, and f32 and f64 have none; serial: 16.",
+)
 @pytest.mark.parametrize(
     ("value_type", "channel", "good", "saturated"),
     [
@@ -107,6 +116,11 @@ def test_the_type_of_the_counts_says_where_they_are_saturated(
     assert [QUALITIES[code] for code in codes] == [GOOD] * len(good) + [SATURATED] * len(saturated)
 
 
+@pytest.mark.promise(
+    "docs/explanation/readings-to-samples.md",
+    "but not where 0 counts stand for a gap inside that range, or for that at rest.",
+)
+@pytest.mark.promise("docs/reference/daemon-configuration.md", "Counts of about 0, as without a cable")
 @pytest.mark.parametrize(
     ("channel", "expected"),
     [
@@ -150,6 +164,11 @@ def test_an_invalid_characteristic_is_refused(changes: dict[str, object], said: 
         surface_of(1, TABLED | changes)
 
 
+@pytest.mark.promise("docs/reference/daemon-configuration.md", "the tare file overrides it.")
+@pytest.mark.promise(
+    "docs/reference/samples.md",
+    "a short text that changes with each tare and each change of a characteristic.",
+)
 def test_another_rest_gap_or_gain_is_another_identity_and_a_tare_overrides_the_rest_gap() -> None:
     def of_surface(surface: Surface, tared: dict[str, float] | None = None) -> Characteristic:
         return Characteristic.of(surface, tared)

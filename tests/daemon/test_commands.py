@@ -43,6 +43,10 @@ async def test_check_prints_every_channel_with_the_digits_of_its_sensor(tmp_path
     assert (bench["service"], bench["tared"]) == (None, False)
 
 
+@pytest.mark.promise(
+    "docs/how-to/adc-module.md",
+    "The exit code is 0 if every channel is good and the service takes samples.",
+)
 async def test_check_fails_when_a_channel_is_not_good_or_a_surface_cannot_be_read(tmp_path: Path) -> None:
     with socket.socket() as unused:
         unused.bind(("127.0.0.1", 0))
@@ -110,6 +114,11 @@ async def test_tare_writes_the_rest_gaps_in_place_of_a_file_that_cannot_be_used(
     assert (refused.code, refused.complaint()) == (1, f"bench: cannot write {path}: Is a directory")
 
 
+@pytest.mark.promise(
+    "docs/explanation/readings-to-samples.md",
+    "one that differs from the last tare, or in the first tare from `rest_gap_mm`",
+)
+@pytest.mark.promise("docs/how-to/commissioning.md", "The first tare of a real beam is usually refused")
 async def test_tare_refuses_rest_gaps_that_contradict_the_configuration_or_the_last_tare(tmp_path: Path) -> None:
     async def tare(registers: list[int], *options: str) -> Outcome:
         async with pymodbus_server(registers) as port:
@@ -132,6 +141,7 @@ async def test_tare_refuses_rest_gaps_that_contradict_the_configuration_or_the_l
     assert content["rest_gap_mm"] == pytest.approx({"s1": 1.48, "s2": 2.51})
 
 
+@pytest.mark.promise("docs/reference/daemon-configuration.md", "`tare` refuses a surface that moves more.")
 async def test_tare_refuses_what_moves_or_stands_still_and_writes_nothing_for_it(tmp_path: Path) -> None:
     chance = Random(3)  # noqa: S311 - noise, not secrets
 

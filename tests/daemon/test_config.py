@@ -112,6 +112,11 @@ def test_without_a_filter_table_every_reading_is_a_sample(tmp_path: Path) -> Non
     assert load_config(configs.write(tmp_path, text)).surfaces["bench"].filter.kind == "none"
 
 
+@pytest.mark.promise("docs/reference/daemon-configuration.md", "default: NAME.tare.json beside the configuration.")
+@pytest.mark.promise(
+    "docs/how-to/several-surfaces.md",
+    "Relative paths in a file start from that file; a tare file without `tare_file` stays beside `daemon.toml`.",
+)
 def test_paths_start_from_the_file_that_states_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     tared = configs.surface("one").replace("rate_hz", 'tare_file = "one.json"\nrate_hz', 1)
     path = including(tmp_path, configs.surface(), a=tared, b=configs.surface("two"))
@@ -185,6 +190,11 @@ def test_an_error_is_one_line_with_the_key(
     assert expected in complaint(path)
 
 
+@pytest.mark.promise("docs/how-to/several-surfaces.md", "A port with the serial protocol serves one surface.")
+@pytest.mark.promise(
+    "docs/reference/daemon-configuration.md",
+    "Surfaces may share a bus if they state the same line settings.",
+)
 @pytest.mark.parametrize(
     ("surfaces", "expected"),
     [
@@ -205,6 +215,10 @@ def test_surfaces_share_a_bus_only_if_they_agree_on_its_line(
     assert expected or load_config(path).surfaces.keys() == surfaces.keys()
 
 
+@pytest.mark.promise(
+    "docs/reference/daemon-configuration.md",
+    "its channels may then state `input` instead of `register`.",
+)
 def test_an_input_of_a_module_has_its_register_and_its_limits(tmp_path: Path, complaint: Complaint) -> None:
     source = f'{configs.tcp(502)}\nmodule = "iologik-e1240"'
     text = configs.surface(source=source, rate_hz=10.0).replace("register = ", "input = ")
@@ -269,6 +283,10 @@ def including(folder: Path, *own: str, **files: str) -> Path:
     return path
 
 
+@pytest.mark.promise(
+    "docs/how-to/several-surfaces.md",
+    "A surface in two files, a pattern that matches no file, and a wrong key are refused with the name of the file.",
+)
 @pytest.mark.parametrize(
     ("text", "said"),
     [
@@ -292,6 +310,7 @@ def test_what_is_wrong_is_said_with_the_file_and_the_key(
     assert complaint(path).startswith(expected.removeprefix(f"{path}: "))
 
 
+@pytest.mark.promise("docs/how-to/several-surfaces.md", "a pattern that matches no file")
 @pytest.mark.parametrize(
     ("include", "said"),
     [
@@ -310,6 +329,11 @@ def test_a_wrong_pattern_is_said(tmp_path: Path, complaint: Complaint, include: 
     assert complaint(path).startswith(said)
 
 
+@pytest.mark.promise(
+    "docs/how-to/several-surfaces.md",
+    "Hidden files are left out.",
+    "`beamtouch-daemon check daemon.toml` shows the file of each surface.",
+)
 @pytest.mark.anyio
 async def test_the_surfaces_of_all_files_are_read_once_and_check_shows_the_file_of_each(tmp_path: Path) -> None:
     async with pymodbus_server([20_000, 21_000]) as port:

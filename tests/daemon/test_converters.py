@@ -24,6 +24,10 @@ def modbus_tcp_at(line: SerialConverter) -> str:
     return configs.tcp(int(line.path.rpartition(":")[2])).replace("30_000", "500")
 
 
+@pytest.mark.promise(
+    "docs/how-to/adc-module.md",
+    "if none answers, it asks in RTU frames, as through a serial converter.",
+)
 async def test_scan_finds_a_unit_behind_a_converter_and_its_command_configures_it(tmp_path: Path) -> None:
     async with serial_converter() as line, rtu_units(line, {1: RegisterUnit(8, 0), 3: RestingUnit()}):
         told = await command("scan", line.path, "--units", "1-3")

@@ -32,6 +32,14 @@ def backlog_of(service: Service) -> list[Batch]:
     return [batch for _, batch, _ in service.batches if batch.backlog]
 
 
+@pytest.mark.promise(
+    "docs/explanation/readings-to-samples.md",
+    "The daemon keeps every sample until it is durable in the record of the service",
+)
+@pytest.mark.promise(
+    "docs/reference/samples.md",
+    "`newest_age_ms` is the age of the newest sample at the moment of sending.",
+)
 async def test_samples_arrive_once_and_in_order_with_their_age_and_are_forgotten_when_durable() -> None:
     async with serving(Service()) as service, Bench(service) as bench:
         put_s = [monotonic()]
@@ -52,6 +60,7 @@ async def test_samples_arrive_once_and_in_order_with_their_age_and_are_forgotten
     assert bench.logs.counts.published == 10
 
 
+@pytest.mark.promise("docs/reference/samples.md", "State it anew at each attempt.")
 async def test_a_sender_that_is_interrupted_makes_no_sample_younger() -> None:
     (one,) = taken(1, 1)
     async with serving(Service()) as service, Bench(service) as bench:
@@ -72,6 +81,10 @@ async def test_a_sample_from_before_a_suspend_is_old(monkeypatch: pytest.MonkeyP
     assert (live_of(service)[0].newest_age_ms or 0.0) >= slept_s * 1e3
 
 
+@pytest.mark.promise(
+    "docs/reference/events.md",
+    "and the daemon keeps each sample until it is on record. So an outage costs no event.",
+)
 @pytest.mark.parametrize("status", [500, 302])
 async def test_a_live_batch_that_fails_is_not_repeated_and_the_backlog_brings_it(status: int) -> None:
     service = Service()
@@ -87,6 +100,11 @@ async def test_a_live_batch_that_fails_is_not_repeated_and_the_backlog_brings_it
     assert bench.logs.counts.dropped == 0
 
 
+@pytest.mark.promise(
+    "docs/explanation/readings-to-samples.md",
+    "New samples go out first, and beside them what the record lacks.",
+)
+@pytest.mark.promise("docs/reference/http.md", "the daemon sends at most 250")
 async def test_after_an_outage_the_newest_samples_come_first(caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level("INFO")
     service = Service(address := ("127.0.0.1", free_port()))
@@ -108,6 +126,11 @@ async def test_after_an_outage_the_newest_samples_come_first(caplog: pytest.LogC
     assert "works again after" in caplog.text
 
 
+@pytest.mark.promise("docs/reference/daemon-configuration.md", "beyond it the oldest are dropped and counted.")
+@pytest.mark.promise(
+    "docs/explanation/readings-to-samples.md",
+    "beyond that, the oldest samples are dropped and counted",
+)
 async def test_full_memory_drops_the_oldest_which_are_counted_and_lost_to_the_record(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
@@ -224,6 +247,13 @@ PROXY = ""
 """The type of a problem that is none: a page of HTML."""
 
 
+@pytest.mark.promise(
+    "docs/explanation/readings-to-samples.md",
+    (
+        "If the service refuses all samples, because of a token, the channels or another beam, they wait in the log "
+        "(`beamtouch_boots_refused`)."
+    ),
+)
 @pytest.mark.parametrize(
     ("status", "kind"),
     [
@@ -247,6 +277,10 @@ async def test_what_is_refused_for_now_waits(tmp_path: Path, status: int, kind: 
     assert bench.logs.counts.dropped == bench.logs.refused == 0
 
 
+@pytest.mark.promise(
+    "docs/explanation/readings-to-samples.md",
+    "A single sample that the service refuses is dropped and named in the messages.",
+)
 @pytest.mark.parametrize(("status", "kind"), [(422, "invalid-request"), (413, "too-large")])
 async def test_a_sample_that_is_refused_alone_is_dropped_and_counted_and_the_others_are_recorded(
     tmp_path: Path, caplog: pytest.LogCaptureFixture, status: int, kind: str

@@ -44,6 +44,7 @@ async def reached(kind: str, unit: StampingUnit, timeout_ms: float = PATIENT_MS)
                 yield f"{configs.rtu(line.path)}\ntimeout_ms = {timeout_ms}"
 
 
+@pytest.mark.promise("docs/how-to/adc-module.md", "if a tenth of the requests fail, it says which and why")
 @pytest.mark.parametrize("kind", LINES)
 @pytest.mark.parametrize("every", [2, 3])
 @pytest.mark.parametrize("exception", list(MEANINGS))
@@ -63,6 +64,10 @@ async def test_check_names_a_unit_that_refuses_now_and_then(
     assert "rate_hz" not in failing
 
 
+@pytest.mark.promise(
+    "docs/how-to/troubleshooting.md",
+    "A request that is refused is sent again, so readings may be complete all the same.",
+)
 @pytest.mark.parametrize("kind", LINES)
 async def test_the_daemon_reads_on_and_names_it_in_log_and_metrics(kind: str, tmp_path: Path) -> None:
     port = free_port()
@@ -110,6 +115,10 @@ async def test_one_unit_of_several_behind_a_gateway_is_named_and_costs_the_other
     assert "rate_hz" not in outcome.err
 
 
+@pytest.mark.promise(
+    "docs/how-to/troubleshooting.md",
+    "The log asks for a lower `rate_hz` only if the unit answers, but too slowly.",
+)
 @pytest.mark.parametrize("kind", LINES)
 async def test_requests_that_time_out_now_and_then_lead_to_no_advice_to_lower_the_rate(
     kind: str, tmp_path: Path
@@ -126,6 +135,7 @@ async def test_requests_that_time_out_now_and_then_lead_to_no_advice_to_lower_th
     assert "set rate_hz" not in said
 
 
+@pytest.mark.promise("docs/how-to/troubleshooting.md", "only if the unit answers, but too slowly.")
 async def test_a_unit_that_is_only_too_slow_is_still_told_a_rate(tmp_path: Path) -> None:
     unit = RestingUnit(lambda _number, frame: [(0.04, frame)])
     async with reached("tcp", unit) as source, serving(Service()) as service:

@@ -93,6 +93,7 @@ async def test_values_of_every_type_are_read_in_every_order_of_their_registers(t
     ] * 4
 
 
+@pytest.mark.promise("docs/how-to/adc-module.md", "`check` says so if the values make sense only then.")
 @pytest.mark.anyio
 @pytest.mark.parametrize("order", ["ABCD", "CDAB", "BADC", "DCBA"])
 async def test_check_names_the_byte_order_with_which_values_would_be_gaps(tmp_path: Path, order: str) -> None:
@@ -121,6 +122,7 @@ async def test_values_that_stand_for_none_are_missing_and_zero_has_no_sign(tmp_p
     assert "pair0: s1, s2 missing: the device sent no value, NaN or more than 1e12; check unit" in outcome.err
 
 
+@pytest.mark.promise("docs/explanation/readings-to-samples.md", "and 31 equal readings in a row are `stuck`")
 @pytest.mark.parametrize("deviation_mm", [0.0, LAST_DIGIT], ids=["constant", "last digit"])
 def test_a_frozen_channel_of_fractional_numbers_is_stuck(deviation_mm: FloatArray | float) -> None:
     counts = gaps(WHITE)

@@ -50,6 +50,10 @@ def content(folder: Path) -> dict[str, Any]:
     return tomllib.loads((folder / "daemon.toml").read_text())
 
 
+@pytest.mark.promise(
+    "docs/how-to/adc-module.md",
+    "`init` takes everything about the surface from the model's configuration, and adds the source",
+)
 def test_a_configuration_has_the_source_and_the_service_and_keeps_what_belongs_to_the_model(
     tmp_path: Path, init: Init
 ) -> None:
@@ -70,6 +74,10 @@ def test_a_configuration_has_the_source_and_the_service_and_keeps_what_belongs_t
     assert stat.S_IMODE(path.stat().st_mode) == 0o644
 
 
+@pytest.mark.promise(
+    "docs/how-to/adc-module.md",
+    "It takes the channels to be whole numbers of 16 bits (`u16`) on the registers 0, 1, 2 and so on.",
+)
 @pytest.mark.parametrize(
     ("options", "registers", "value_type"),
     [

@@ -32,6 +32,11 @@ async def shown_um(folder: Path, beam: NoisyBeam) -> tuple[float, str]:
     return mean_um, outcome.err
 
 
+@pytest.mark.promise(
+    "docs/explanation/readings-to-samples.md",
+    "After a restart of the daemon, they go on from the last rest before it, which is kept beside the log",
+)
+@pytest.mark.promise("docs/reference/daemon-configuration.md", "The zeros of the last rest are kept beside it.")
 async def test_a_load_that_came_while_the_daemon_was_off_is_no_drift(tmp_path: Path) -> None:
     configs.tare(tmp_path, taken_at=HOURS_AGO)
     beam = NoisyBeam(30.0)
@@ -46,6 +51,7 @@ async def test_a_load_that_came_while_the_daemon_was_off_is_no_drift(tmp_path: P
     assert (words in first, words in second) == (True, False)
 
 
+@pytest.mark.promise("docs/explanation/readings-to-samples.md", "After a restart of the machine")
 @pytest.mark.parametrize("case", ["tared again", "the machine started again", "damaged", "not allowed"])
 async def test_zeros_that_no_longer_count_are_not_used(case: str, tmp_path: Path) -> None:
     configs.tare(tmp_path, taken_at=HOURS_AGO)

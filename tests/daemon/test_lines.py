@@ -102,6 +102,10 @@ def complaints(outcome: Outcome) -> list[str]:
     return [line for line in outcome.err.splitlines() if "set rate_hz" in line]
 
 
+@pytest.mark.promise(
+    "docs/how-to/adc-module.md",
+    "the log says what to set, and each contact carries the note `rate` until the two agree.",
+)
 async def test_a_device_at_another_rate_is_marked_until_it_keeps_its_rate(tmp_path: Path) -> None:
     with terminal() as line:
         device = KeepingDevice(line, 2.0)

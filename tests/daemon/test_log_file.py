@@ -70,6 +70,10 @@ async def test_samples_of_earlier_boots_are_read_out_in_order_with_the_facts_the
     assert (await recorded(tmp_path / "samples")).record.numbers() == {}
 
 
+@pytest.mark.promise(
+    "docs/reference/daemon-configuration.md",
+    "Limit of the size of that file; beyond it the oldest samples are dropped and counted.",
+)
 async def test_beyond_its_size_the_oldest_are_dropped_and_counted_and_lost_to_the_record(tmp_path: Path) -> None:
     async with stored(tmp_path / "tiny", 50) as store:
         await put_chunks(store, boot(), *[10] * 2)
@@ -146,6 +150,10 @@ def damaged(path: Path) -> list[Path]:
     return [one for one in path.parent.glob(f"{path.name}.damaged*") if not one.name.endswith("-journal")]
 
 
+@pytest.mark.promise(
+    "docs/explanation/readings-to-samples.md",
+    "A damaged log file is renamed to `FILE.damaged` and a new one begun",
+)
 @pytest.mark.parametrize(
     "damage",
     [head, one_bit, another_number, text, pages, alone],

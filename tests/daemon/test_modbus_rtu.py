@@ -238,6 +238,10 @@ async def test_a_unit_that_was_replaced_by_one_without_these_probes_is_read_agai
     await read_through(replaced, 30, timeout_ms=50.0)
 
 
+@pytest.mark.promise(
+    "docs/how-to/adc-module.md",
+    "it also lists the cases in which the bus may deliver an old value unnoticed.",
+)
 async def test_check_states_what_cannot_be_proven_of_a_unit(tmp_path: Path) -> None:
     with terminal() as line:
         async with rtu_units(line, {1: StampingUnit(values_only(lambda _number, frame: [(0.0, frame)]))}):
@@ -301,6 +305,7 @@ async def test_a_unit_of_which_other_registers_are_read_proves_again_that_it_owe
     assert errors == []
 
 
+@pytest.mark.promise("docs/how-to/several-surfaces.md", "The daemon asks them in turn")
 async def test_several_surfaces_and_several_units_that_owe_answers_share_a_bus() -> None:
     def late(number: int, frame: bytes) -> Pieces:
         return [(0.3 if number % 20 == 19 else 0.0, frame)]
@@ -339,6 +344,7 @@ class BackError(Exception):
     """A unit answers again."""
 
 
+@pytest.mark.promise("docs/how-to/several-surfaces.md", "and a dead unit hardly slows the others.")
 async def test_a_dead_unit_costs_other_units_under_a_tenth_and_returns_within_2_s() -> None:
     timeout_ms, rate_hz, seen = 100.0, 50.0, 0
 

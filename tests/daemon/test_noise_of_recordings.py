@@ -27,6 +27,10 @@ from .surfaces import (
 )
 
 
+@pytest.mark.promise(
+    "docs/explanation/readings-to-samples.md",
+    "that of white readings which would leave the same scatter behind the configured filter.",
+)
 @pytest.mark.parametrize(("window", "alike"), [(1, 0.9), (4, 0.5), (20, 0.0), (20, 0.9)])
 def test_the_effective_noise_is_that_of_white_readings_with_the_same_mean(window: int, alike: float) -> None:
     found = measure_noise(counts_of(NOISE_MM * autoregressive(alike)), four_channels(mean_of(window)))
@@ -167,6 +171,7 @@ def test_daemon_and_models_take_the_same_for_zeros() -> None:
     assert daemon_noise.ZERO_SHARE == priced_noise.ZERO_SHARE
 
 
+@pytest.mark.promise("docs/how-to/drift.md", "from 20 minutes on, it prints the `drift_um_per_min` for the scene.")
 def test_a_recording_of_an_hour_says_how_fast_zeros_drift_and_a_minute_does_not() -> None:
     surface = four_channels(rate_hz=20.0)
     minutes = np.arange(60 * 60 * 20)[:, np.newaxis] / 60 / 20

@@ -23,6 +23,13 @@ def recorded(held: int, seed: int) -> FloatArray:
     return counts_of(NOISE_MM * noise)
 
 
+@pytest.mark.promise(
+    "docs/explanation/readings-to-samples.md",
+    (
+        "or that repeats itself, as a module does that is read faster than it measures; then it says which `rate_hz` "
+        "would do."
+    ),
+)
 @pytest.mark.parametrize("held", [4, 8, 40])
 def test_a_module_that_repeats_itself_is_not_stuck_and_a_dead_one_is_soon(held: int) -> None:
     surface = four_channels()

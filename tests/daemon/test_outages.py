@@ -70,6 +70,7 @@ def recorded(service: Service) -> set[tuple[str, int]]:
     return {(boot, number) for boot, numbers in service.record.numbers().items() for number in numbers}
 
 
+@pytest.mark.promise("docs/explanation/readings-to-samples.md", "over restarts too")
 async def test_the_log_of_a_removed_surface_is_delivered_once_its_file_is_free(tmp_path: Path) -> None:
     with cable(tmp_path) as usb:
         device, source = SerialDevice(usb.plug()), configs.serial(str(usb.path))

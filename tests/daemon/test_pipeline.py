@@ -76,6 +76,14 @@ def test_a_mean_continues_over_a_gap_with_what_it_knew(gap: int, expected: list[
     assert deflections(before + after) == pytest.approx([0.0] * 3 + expected)
 
 
+@pytest.mark.promise(
+    "docs/explanation/readings-to-samples.md",
+    "With every kind of filter, `spike_mm` protects against single wrong readings.",
+)
+@pytest.mark.promise(
+    "docs/reference/daemon-configuration.md",
+    "A deflection that is further than this from the median of the last three is a spike, and enters no mean.",
+)
 @pytest.mark.parametrize("kind", [{"kind": "none"}, mean_of(1), {"kind": "growing-mean", "window": 1}])
 def test_a_single_spike_never_passes(kind: dict[str, object]) -> None:
     pipeline = Pipeline(surface_of(filter=kind | {"spike_mm": 0.02}, noise_mm=NOISE_MM))
@@ -83,6 +91,7 @@ def test_a_single_spike_never_passes(kind: dict[str, object]) -> None:
     assert deflections(taken) == pytest.approx([0.0] * len(taken))
 
 
+@pytest.mark.promise("docs/explanation/readings-to-samples.md", "make no filter begin anew")
 def test_times_that_jitter_are_no_gap_and_lost_readings_do_not_count() -> None:
     """On a busy machine, times of a serial line jump although no reading is lost."""
     surface = surface_of(noise_mm=NOISE_MM, filter={"kind": "growing-mean", "max_mean_ms": 500.0})
@@ -131,6 +140,14 @@ def wobbling(counts: float, number: int) -> list[tuple[float, float]]:
     return [(counts + index % 2, counts + index % 2) for index in range(number)]
 
 
+@pytest.mark.promise(
+    "docs/reference/samples.md",
+    "states in `zero_mm` how far they may have drifted since, once that is more than the model allows for.",
+)
+@pytest.mark.promise(
+    "docs/explanation/readings-to-samples.md",
+    "As soon as this is more than `zero_drift_mm`, a sample states it (`zero_mm`)",
+)
 def test_a_sample_says_how_far_zeros_may_have_drifted_once_it_is_more_than_is_allowed_for() -> None:
     pipeline = Pipeline(surface_of(filter=mean_of(1), **TRACKED))
     resting = pipeline.process(readings_of(*wobbling(REST, 400)), 0.0)

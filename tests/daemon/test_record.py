@@ -27,6 +27,11 @@ OF_BENCH = ("--surface", "bench")
 NAMED = "bench: not recorded: 5 N at 100 mm; put them on again"
 
 
+@pytest.mark.promise(
+    "docs/how-to/calibrate.md",
+    "After a wrong answer, or a load that it refuses, `record` asks again.",
+    "`record` refuses a load outside `[surfaces.NAME.loads]` of the configuration",
+)
 async def test_loads_that_are_typed_are_recorded_and_wrong_answers_asked_again(tmp_path: Path) -> None:
     path = tmp_path / "loads.csv"
     typed = ["150 10", "abc", "-3 5", "60 0", "9999 10", "150 10000", "250,5 5", ""]
@@ -74,6 +79,11 @@ async def test_loads_are_appended_and_the_last_one_can_be_taken_back(tmp_path: P
     assert [load[1] for load in stated(path)][4:] == ["60.0"]  # the other one was never put on
 
 
+@pytest.mark.promise(
+    "docs/how-to/calibrate.md",
+    "The answer `accept` after the load records it anyway; `undo` removes the last load.",
+    "a load that deflects no channel clearly",
+)
 @pytest.mark.parametrize(
     ("turns", "options", "code", "loads", "said"),
     [
@@ -96,6 +106,7 @@ async def test_a_load_that_is_refused_or_removed_is_asked_for_again_or_named_or_
     assert told.code == code
 
 
+@pytest.mark.promise("docs/how-to/calibrate.md", "and a load that moves while it is recorded")
 async def test_a_load_that_moves_while_it_is_recorded_is_refused_and_leaves_nothing(tmp_path: Path) -> None:
     slow = noisy(moves_after=150, counts_per_reading=1.7)  # 33 um in a second, after it has settled
     told = await talk(tmp_path, ["150 10", ""], "--seconds", 2, action=slow)

@@ -29,12 +29,17 @@ def test_registers_in_a_row_are_one_request() -> None:
     assert blocks_of([Value(register, "u32") for register in (0, 2, 4)], max_registers=5) == (Block(0, 4), Block(4, 2))
 
 
+@pytest.mark.promise(
+    "docs/reference/daemon-configuration.md",
+    "Up to this many unused registers are read along to save a request",
+)
 def test_a_gap_is_read_along_only_where_that_is_allowed() -> None:
     assert blocks_of(words(0, 3, 9), bridge=2) == (Block(0, 4), Block(9, 1))
     assert blocks_of(words(0, 3, 9), bridge=5) == (Block(0, 10),)
     assert blocks_of(words(0, 3, 9), max_registers=9, bridge=5) == (Block(0, 4), Block(9, 1))
 
 
+@pytest.mark.promise("docs/reference/daemon-configuration.md", "Limit of registers in one request")
 @given(st.sets(st.integers(0, 300), min_size=1), st.integers(1, 125), st.integers(0, 10))
 def test_blocks_hold_every_register_within_the_limits(registers: set[int], most: int, bridge: int) -> None:
     blocks = blocks_of(words(*registers), most, bridge)
@@ -72,6 +77,13 @@ def test_registers_hold_what_was_put_into_them(number: float, value_type: ValueT
     assert len(registers) == words_of(value_type)
 
 
+@pytest.mark.promise(
+    "docs/reference/daemon-configuration.md",
+    (
+        "BADC and DCBA also swap 16-bit values. Of f64, CDAB and DCBA reverse the four registers, BADC and DCBA swap "
+        "the bytes of each."
+    ),
+)
 @pytest.mark.parametrize("order", ["ABCD", "CDAB", "BADC", "DCBA"])
 def test_byte_orders_are_named_after_where_each_byte_stands(order: ByteOrder) -> None:
     data = bytes("ABCD".index(letter) + 1 for letter in order)

@@ -87,6 +87,7 @@ async def test_check_waits_until_the_device_has_booted(device: str, tmp_path: Pa
         await assert_done(line, "check", configs.write(tmp_path, configs.surface(source=source(line.path))))
 
 
+@pytest.mark.promise("docs/how-to/adc-module.md", "`scan` waits 8 s for a board that boots, then asks again.")
 @every_device
 async def test_scan_finds_the_device_with_one_opening(device: str) -> None:
     make, _ = DEVICES[device]
@@ -230,6 +231,7 @@ async def test_a_device_that_resets_itself_is_read_again_through_the_same_port(k
     assert line.opened == 1
 
 
+@pytest.mark.promise("docs/how-to/several-surfaces.md", "The port stays open as long as it works.")
 async def test_surfaces_that_share_a_bus_share_its_open_port(tmp_path: Path) -> None:
     with rebooting_terminal(DEAF_S) as line:
         async with rtu_units(line, {1: RestingUnit(), 2: RestingUnit()}), serving(Service()) as service:

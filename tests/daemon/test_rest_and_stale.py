@@ -27,6 +27,10 @@ def write(folder: Path, port: int, url: str) -> Path:
     return config
 
 
+@pytest.mark.promise(
+    "docs/reference/daemon-configuration.md",
+    "Time from one sample to the next while nothing changes, at most a fifth of `stale_ms` of the service.",
+)
 async def test_samples_at_rest_are_at_most_a_fifth_of_the_stale_time_apart(tmp_path: Path) -> None:
     beam = NoisyBeam()
     async with serving(Service()) as service, pymodbus_server([20_000, 20_000], beam.answer) as port:

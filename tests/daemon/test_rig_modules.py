@@ -49,6 +49,10 @@ def where(kind: str, folder: Path) -> str | Path:
     return "127.0.0.1:0" if kind == "modbus-tcp" else folder / "line"
 
 
+@pytest.mark.promise(
+    "docs/reference/rig.md",
+    "A request for another unit gets exception 11 over TCP, and silence on a serial bus.",
+)
 @pytest.mark.parametrize(
     ("kind", "played", "source", "channel"),
     [

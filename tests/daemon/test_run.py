@@ -110,6 +110,10 @@ async def test_a_failing_surface_costs_others_nothing_and_does_not_fill_the_log(
     assert len(others) == 1
 
 
+@pytest.mark.promise(
+    "docs/reference/daemon-configuration.md",
+    "The first reading that leaves what the mean explains ends that, and the readings that waited become samples too.",
+)
 async def test_a_beam_at_rest_sends_few_samples_and_a_touch_at_once_each_of_its_readings(tmp_path: Path) -> None:
     """A sample at rest would be due after 10 s; a touch does not wait for it."""
     beam = NoisyBeam()
@@ -152,6 +156,10 @@ async def test_a_device_that_comes_back_is_read_again_and_the_outage_is_counted(
     assert len(outcome.err.splitlines()) < 10
 
 
+@pytest.mark.promise(
+    "docs/reference/daemon-configuration.md",
+    "Keeps such samples on disk after 5 s, and over a restart.",
+)
 @pytest.mark.parametrize("log_mb", [0, 200])
 async def test_without_a_service_a_stop_ends_soon_and_what_it_leaves_is_delivered_after_the_next_start(
     tmp_path: Path, log_mb: int
@@ -281,6 +289,11 @@ async def test_names_that_do_not_resolve_are_waited_for(tmp_path: Path) -> None:
     assert "module.plant" not in said
 
 
+@pytest.mark.promise("docs/reference/daemon-configuration.md", "Metrics for Prometheus, on this machine only.")
+@pytest.mark.promise(
+    "docs/reference/metrics.md",
+    "The daemon serves metrics on the loopback address if its configuration has `[metrics] port`.",
+)
 async def test_metrics_are_those_of_the_summary_and_only_on_this_machine(tmp_path: Path) -> None:
     port, address, polls = free_port(), ("127.0.0.1", free_port()), 0
 

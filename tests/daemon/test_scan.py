@@ -43,6 +43,10 @@ async def is_configured(folder: Path, told: Outcome) -> bool:
     return json.loads(checked.out)["surfaces"]["bench"]["error"] is None
 
 
+@pytest.mark.promise(
+    "docs/how-to/adc-module.md",
+    "If a unit has input and holding registers, the command names the input registers (function 4).",
+)
 async def test_the_units_on_a_bus_are_found_with_their_registers_and_the_command_that_configures_them(
     tmp_path: Path,
 ) -> None:
@@ -71,6 +75,10 @@ async def test_the_units_on_a_bus_are_found_with_their_registers_and_the_command
     ]
 
 
+@pytest.mark.promise(
+    "docs/how-to/adc-module.md",
+    "It only reads registers (functions 3 and 4), so it changes no device.",
+)
 async def test_a_scan_sends_only_requests_that_read_and_hellos() -> None:
     seen = bytearray()
     with terminal() as bus:
@@ -152,6 +160,7 @@ def test_wrong_arguments_are_one_line(refused: Refused, words: tuple[str, ...], 
     assert said in refused("scan", *words)
 
 
+@pytest.mark.promise("docs/how-to/adc-module.md", "Ctrl-C ends the scan and prints what was found so far.")
 async def test_ctrl_c_ends_a_scan_with_130_and_what_was_found_before() -> None:
     asked_next = asyncio.Event()
 

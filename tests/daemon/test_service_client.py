@@ -80,6 +80,14 @@ async def unreachable(url: str, trusted: Path | None = None) -> UnreachableError
     return caught.value
 
 
+@pytest.mark.promise(
+    "docs/how-to/two-hosts.md",
+    "The daemon accepts the certificate only if `publish.url` has a name or address that it states.",
+)
+@pytest.mark.promise(
+    "docs/reference/daemon-configuration.md",
+    "Certificates to trust with https (PEM); default: those of the system.",
+)
 async def test_a_certificate_is_trusted_where_it_is_named_and_nowhere_else(certificates: Certificates) -> None:
     own, _ = certificates.own
     async with answering(certificate=certificates.own) as address:

@@ -48,6 +48,10 @@ def test_a_run_is_counted_over_missing_counts_which_neither_add_to_it_nor_end_it
     assert Runs(np.zeros(1)).lengths(np.array([[math.nan], [7.0]]))[:, 0].tolist() == [0, 1]
 
 
+@pytest.mark.promise(
+    "docs/reference/daemon-configuration.md",
+    "A channel is stuck when its counts have not changed for longer; default: from the surface's `noise_mm`.",
+)
 def test_a_stated_time_overrides_the_noise_and_the_steepest_piece_counts() -> None:
     table = {"gain_mm_per_count": None, "offset_mm": None, "table": [[0, 1.0], [10, 1.1], [20, 4.1]]}
     for timed, noise_mm, run in ((None, 0.3 * stated(2.0), 18), (251.0, 0.3 * stated(2.0), 51), (251.0, None, 51)):

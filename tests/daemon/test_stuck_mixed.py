@@ -35,6 +35,7 @@ def first_stuck(surface: Surface) -> list[int | None]:
     ]
 
 
+@pytest.mark.promise("docs/reference/daemon-configuration.md", "default: from the surface's `noise_mm`")
 def test_a_time_that_one_channel_states_leaves_the_others_to_the_noise() -> None:
     stated, by_noise = first_stuck(mixed(NOISE_MM))
     assert stated == round(STATED_MS / 1e3 * RATE_HZ) + 1

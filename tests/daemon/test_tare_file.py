@@ -20,6 +20,7 @@ CLOSED = "import os; os.umask(0o077)"
 """As some distributions set it for root."""
 
 
+@pytest.mark.promise("docs/how-to/debian.md", "measures the rest gaps and keeps them in `/etc/beamtouch`")
 @pytest.mark.parametrize("before", [None, 0o600])
 async def test_the_service_user_reads_what_root_tared(tmp_path: Path, before: int | None) -> None:
     path = tmp_path / "bench.tare.json"

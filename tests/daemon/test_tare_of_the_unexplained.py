@@ -18,6 +18,7 @@ PULLED = [20_000, 19_500, 20_500, 20_000]
 """s2 is 0.05 mm up and s3 as far down: within what a tare takes, and no contact."""
 
 
+@pytest.mark.promise("docs/explanation/readings-to-samples.md", "or something unexplained.")
 async def test_tare_refuses_a_beam_on_which_the_service_sees_what_it_cannot_explain(tmp_path: Path) -> None:
     port_of_service = free_port()
     model = write_model(tmp_path, "bench", channels=4)

@@ -20,6 +20,7 @@ RATE, MAX_MM = 40, 0.05
 """Drift of the rig [um/min], and the distance from the last tare up to which the daemon follows it."""
 
 
+@pytest.mark.promise("docs/how-to/drift.md", "The daemon says when the zeros come near the end of what it follows")
 async def test_zeros_that_drift_far_from_the_tare_are_told_and_a_tare_brings_them_back(
     bench: ModelFile, bench_model: Path, tmp_path: Path
 ) -> None:

@@ -18,6 +18,10 @@ from support.programs.in_process import Command
 from support.surfaces.example_scenes import PAPER
 
 
+@pytest.mark.promise(
+    "docs/how-to/design.md",
+    "`build` warns if one failed sensor ends the surface or doubles the error.",
+)
 @pytest.mark.parametrize(
     ("sensors", "fewest", "spare", "said"),
     [

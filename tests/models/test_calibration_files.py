@@ -77,6 +77,10 @@ def test_contacts_of_an_older_characteristic_are_left_out(
     assert "5 contacts are too few" in done.stderr
 
 
+@pytest.mark.promise(
+    "docs/how-to/calibrate-without-loads.md",
+    "If the rests between the contacts show that a zero moved, one line says so",
+)
 def test_contacts_that_are_too_few_write_nothing_and_those_whose_zeros_moved_are_told(
     calibrate: Calibrate, bench: ModelFile, tmp_path: Path
 ) -> None:
@@ -191,6 +195,7 @@ CONTACTS: list[tuple[Change, str]] = [
 ]
 
 
+@pytest.mark.promise("docs/reference/loads.md", "A load that breaks a rule is named with its lines.")
 @pytest.mark.parametrize(
     ("option", "change", "said"),
     [

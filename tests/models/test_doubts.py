@@ -39,6 +39,10 @@ def refusal(design_sensors_here: Command, folder: Path, model: Path, loads: Path
     return done.stderr
 
 
+@pytest.mark.promise(
+    "docs/how-to/calibrate.md",
+    "one channel bends as no other does: its table, its range, or a curved sensor that is described as straight",
+)
 def test_a_curved_sensor_that_is_described_as_straight_is_named_with_what_to_do(
     design_sensors_here: Command, built_model: Callable[[str], Path], cantilever: ModelFile, tmp_path: Path
 ) -> None:
@@ -55,6 +59,7 @@ def test_a_curved_sensor_that_is_described_as_straight_is_named_with_what_to_do(
     assert shown / true == pytest.approx(1.15, abs=0.04)
 
 
+@pytest.mark.promise("docs/how-to/calibrate.md", "a hanger or a tray that was not weighed")
 def test_a_hanger_that_nobody_weighed_is_named_with_its_weight(
     design_sensors_here: Command, built_model: Callable[[str], Path], cantilever: ModelFile, tmp_path: Path
 ) -> None:
@@ -86,6 +91,14 @@ def test_stated_intervals_of_the_sensors_places_hold_the_truth(wrong: str, canti
     assert np.mean(held) > 0.9
 
 
+@pytest.mark.promise(
+    "docs/how-to/calibrate.md",
+    "Zeros that drift while you record are fitted with the times of the loads.",
+)
+@pytest.mark.promise(
+    "docs/reference/loads.md",
+    "if each row has it, the drift of the zeros during the recording is fitted",
+)
 def test_drift_during_the_session_is_fitted_with_the_times_of_the_loads(cantilever: ModelFile) -> None:
     metadata, rng = cantilever.metadata, np.random.default_rng(3)
     loads = recorded(metadata, random_imperfections(metadata, rng), rng)
@@ -114,6 +127,7 @@ def swapped_since_the_tare(loads: Loads, rest_mm: float) -> Loads:
     return dataclasses.replace(loads, measured_mm=loads.measured_mm[:, order] + apart_mm)
 
 
+@pytest.mark.promise("docs/how-to/calibrate.md", "two cables, also if they were swapped after the tare")
 def test_cables_that_were_swapped_since_the_tare_are_named_where_rest_gaps_differ(bench: ModelFile) -> None:
     rng = np.random.default_rng(4)
     loads = recorded(bench.metadata, random_imperfections(bench.metadata, rng), rng)
@@ -122,6 +136,7 @@ def test_cables_that_were_swapped_since_the_tare_are_named_where_rest_gaps_diffe
             checked_fit(bench, swapped_since_the_tare(loads, rest_mm), silent)
 
 
+@pytest.mark.promise("docs/how-to/calibrate.md", "a knock, or a load that lay on the beam at the tare")
 def test_zeros_that_moved_far_since_the_tare_are_named(bench: ModelFile) -> None:
     rng = np.random.default_rng(4)
     loads = recorded(bench.metadata, random_imperfections(bench.metadata, rng), rng)

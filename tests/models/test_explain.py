@@ -71,6 +71,7 @@ def test_a_drift_is_priced_by_what_each_zero_may_be_off_after_a_contact_of_a_min
     assert ("as the scene states none" in drift["reason"]) == (not stated)
 
 
+@pytest.mark.promise("docs/how-to/design.md", "says that readings at `rate_hz` do not show the swings of a mode")
 def test_modes_that_seem_to_stand_still_are_named_with_a_better_rate(design_sensors_here: Command) -> None:
     done = design_sensors_here("explain", SCENES / "conveyor.toml", "--json")
     ringing = json.loads(done.stdout)["ringing"]

@@ -59,6 +59,10 @@ def test_after_a_touch_all_readings_since_it_count_and_the_error_is_that_of_thei
     assert share[201:203].mean() > 0.85
 
 
+@pytest.mark.promise(
+    "docs/explanation/speed-or-accuracy.md",
+    "While the load moves, the mean is short, but has at least `window` readings",
+)
 @pytest.mark.parametrize("speed", [0.03, 0.3, 3.0])
 def test_while_a_load_moves_the_mean_lags_less_than_its_noise_and_it_grows_again_once_it_lies(speed: float) -> None:
     way = np.clip(np.arange(900) - 300, 0, 300)[:, np.newaxis] * speed * ACROSS / np.linalg.norm(ACROSS)
@@ -71,6 +75,10 @@ def test_while_a_load_moves_the_mean_lags_less_than_its_noise_and_it_grows_again
     assert np.median([one.readings[-1] for one in filtered]) == LONGEST
 
 
+@pytest.mark.promise(
+    "docs/reference/daemon-configuration.md",
+    "The newest one waits for the next one, as it may be a touch.",
+)
 def test_a_lone_spike_is_left_out_of_its_channel_and_delays_the_others_by_one_reading() -> None:
     values = noise(100, 6)
     values[60, 1] += 40
@@ -82,6 +90,10 @@ def test_a_lone_spike_is_left_out_of_its_channel_and_delays_the_others_by_one_re
     assert filtered.moves[60]
 
 
+@pytest.mark.promise(
+    "docs/reference/daemon-configuration.md",
+    "Longest time that a mean spans. It bounds `readings` of the samples.",
+)
 @pytest.mark.parametrize("longest", [1, 2, 3, pytest.param(10_000, marks=pytest.mark.soak)])
 def test_a_mean_grows_to_its_longest_and_no_further(longest: int) -> None:
     readings = min(2 * longest + 10, 10_050)
@@ -100,6 +112,10 @@ def test_sums_stay_exact_however_large_and_however_many_the_readings_were() -> N
     np.testing.assert_array_equal(chain.apply(after).mean_mm[-20:], new.apply(after).mean_mm[-20:])
 
 
+@pytest.mark.promise(
+    "docs/explanation/speed-or-accuracy.md",
+    "It carries the note `unsteady` until readings agree for a quarter of the beam's slowest period",
+)
 @pytest.mark.parametrize("dead", [None, 2])
 def test_a_touch_of_a_calm_beam_is_as_sure_as_a_reading_until_a_quarter_of_the_period_agrees(dead: int | None) -> None:
     filtered = grown(without(dead, stepped(100, 300, 200) + noise(300, 11)), period=PERIOD)
@@ -112,6 +128,10 @@ def test_a_touch_of_a_calm_beam_is_as_sure_as_a_reading_until_a_quarter_of_the_p
     np.testing.assert_allclose(covariance[204], there / 5)
 
 
+@pytest.mark.promise(
+    "docs/explanation/speed-or-accuracy.md",
+    "After a touch so small that noise may hide the swings, they must agree for a whole period.",
+)
 def test_a_touch_so_small_that_its_swing_hides_in_the_noise_is_at_rest_after_a_whole_period() -> None:
     since = np.arange(300) - 199.5
     swing = np.where(since > 0, 1 - np.cos(2 * np.pi * since / PERIOD), 0.0)[:, np.newaxis]
@@ -153,6 +173,10 @@ def test_a_touch_in_a_gap_is_no_motion_once_enough_has_been_seen() -> None:
     assert not filtered.moves[228:].any()
 
 
+@pytest.mark.promise(
+    "docs/explanation/readings-to-samples.md",
+    "A load that lay still before a gap keeps its mean after it",
+)
 def test_a_gap_forgets_nothing_that_is_still_true() -> None:
     values, came = stepped(0, 260, 0) + noise(260, 28), np.ones(260, np.bool_)
     came[150:170] = False

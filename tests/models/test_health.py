@@ -75,6 +75,7 @@ def test_a_gain_that_falls_is_named_within_few_contacts(
     assert sum(held) >= 4
 
 
+@pytest.mark.promise("docs/reference/sensor-health.md", "A common change of all gains looks like force.")
 def test_a_common_change_is_force_and_is_not_claimed_to_be_seen(drawn: Drawn) -> None:
     drawn.begin(2)
     health = after(drawn, BASELINE)
@@ -83,6 +84,7 @@ def test_a_common_change_is_force_and_is_not_claimed_to_be_seen(drawn: Drawn) ->
     assert changed(health) == []
 
 
+@pytest.mark.promise("docs/reference/sensor-health.md", "A zero is compared at rest, so no gain can imitate it.")
 def test_a_zero_that_creeps_is_no_gain(drawn: Drawn) -> None:
     drawn.begin(4)
     health = after(drawn, BASELINE)
@@ -96,6 +98,10 @@ def test_a_zero_that_creeps_is_no_gain(drawn: Drawn) -> None:
     assert zero.low < 0.012 < zero.high
 
 
+@pytest.mark.promise(
+    "docs/reference/sensor-health.md",
+    "A change within four times the drift that the scene states is no change.",
+)
 def test_a_zero_that_drifts_within_what_the_scene_states_has_not_changed(drawn: Drawn) -> None:
     drawn.begin(8)
     health = after(drawn, BASELINE)
@@ -106,6 +112,7 @@ def test_a_zero_that_drifts_within_what_the_scene_states_has_not_changed(drawn: 
     assert changed(health) == []
 
 
+@pytest.mark.promise("docs/reference/sensor-health.md", "Changes one after the other are told apart.")
 def test_two_channels_that_change_one_after_the_other_are_both_named(drawn: Drawn) -> None:
     drawn.begin(5)
     health = after(drawn, BASELINE)
@@ -145,6 +152,10 @@ def test_a_history_is_read_again_as_it_was(drawn: Drawn) -> None:
         Health(drawn.metadata.model_copy(update={"layout": drawn.metadata.layout[:3]}), health.to_json())
 
 
+@pytest.mark.promise(
+    "docs/reference/sensor-health.md",
+    "With more than two sensors, each contact checks their gains against each other.",
+)
 @pytest.mark.parametrize("channels", [1, 2])
 def test_two_channels_or_fewer_show_no_gain(bench: ModelFile, channels: int) -> None:
     said, table = bench.metadata, bench.metadata.influence

@@ -29,6 +29,10 @@ def uncertain(samples: list[BestSample], times: float) -> list[BestSample]:
     return [replace(one, rest_deviation_mm=[times * error for error in one.rest_deviation_mm or ()]) for one in samples]
 
 
+@pytest.mark.promise(
+    "docs/reference/sensor-health.md",
+    "one long after its rest counts the less, by the drift that the scene states.",
+)
 def test_gains_are_as_uncertain_as_the_rests_before_the_contacts(bench: ModelFile, contacts: list[BestSample]) -> None:
     (exact, _), (usual, _), (vague, _) = (widths(bench, uncertain(contacts, times)) for times in (0.01, 1.0, 100.0))
     assert np.all(np.array(exact) <= np.array(usual))

@@ -25,6 +25,14 @@ def change(path: Path, old: str, new: str) -> None:
     path.write_text(text.replace(old, new, 1))
 
 
+@pytest.mark.promise(
+    "docs/how-to/design.md",
+    (
+        "A build that replaces a model, or a configuration of the daemon, keeps the places of the sensors in it, and "
+        "says so."
+    ),
+    "a warning then says which sensor has moved, and where to.",
+)
 @pytest.mark.usefixtures("short_work")
 def test_sensors_stay_where_the_replaced_model_has_them_until_told_to_move(
     design_sensors_here: Command, scene: Path, tmp_path: Path
@@ -63,6 +71,10 @@ def test_places_that_the_scene_forbids_are_given_up_with_a_warning(
     assert f"warning: sensors are not where {model} had them: {first[0]:g} -> " in done.stderr
 
 
+@pytest.mark.promise(
+    "docs/how-to/design.md",
+    "write its place as `position_mm` of its channel in the daemon's configuration",
+)
 @pytest.mark.usefixtures("short_work")
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig"])
 def test_sensors_stay_where_the_daemon_configuration_has_them(
@@ -81,6 +93,10 @@ def test_sensors_stay_where_the_daemon_configuration_has_them(
     assert f"stay where {config} has them" in again.stderr
 
 
+@pytest.mark.promise(
+    "docs/how-to/design.md",
+    "`inspect` and `beamtouch-daemon noise` print a line `fixed_mm` for the scene",
+)
 @pytest.mark.usefixtures("short_work")
 def test_inspect_prints_the_places_as_a_line_of_the_scene(
     design_sensors_here: Command, scene: Path, tmp_path: Path

@@ -34,6 +34,7 @@ def numbers(contacts: UnlabelledContacts) -> list[int]:
     return found
 
 
+@pytest.mark.promise("docs/reference/loads.md", "`calibrate --events` uses the newest 2000 contacts")
 @pytest.mark.parametrize("order", ["oldest first", "newest first", "mixed"])
 def test_of_more_contacts_than_are_used_the_newest_count(tmp_path: Path, bench: ModelFile, order: str) -> None:
     rows = [(number, number, "a1") for number in range(MAX_CONTACTS + MORE)]
@@ -46,6 +47,11 @@ def test_of_more_contacts_than_are_used_the_newest_count(tmp_path: Path, bench: 
     assert (contacts.older, contacts.other_characteristic) == (MORE, 0)
 
 
+@pytest.mark.promise("docs/reference/loads.md", "that have the newest characteristic")
+@pytest.mark.promise(
+    "docs/how-to/calibrate-without-loads.md",
+    "Contacts from before the last change of characteristic or tare are left out.",
+)
 def test_the_newest_characteristic_counts_whatever_comes_first_in_the_file(tmp_path: Path, bench: ModelFile) -> None:
     rows = [(number, number, "new" if number >= 30 else "old") for number in range(50)]
     for each in (rows, rows[::-1]):

@@ -87,6 +87,10 @@ def test_the_floor_of_a_tared_deflection_holds_the_drift_and_the_rounding_of_two
         assert zero_mm == pytest.approx(math.hypot(0.01, rounding_mm), rel=1e-3)
 
 
+@pytest.mark.promise(
+    "docs/how-to/design.md",
+    "and the noise is less than half a step, no filter averages the rounding away either; the intervals include it.",
+)
 def test_rounding_that_stays_is_priced_and_never_left_out() -> None:
     hidden, dithered = steps_of(coarse(0.1), 1000), steps_of(coarse(0.6), 1000)
     noise_mm = Surface.of(coarse(0.1), filter_of(1000)).noise.sample_mm

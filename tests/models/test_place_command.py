@@ -54,6 +54,10 @@ def test_by_default_the_scenes_number_of_sensors_has_the_least_position_error(de
     assert 3 * found["standard_error"] < 0.2
 
 
+@pytest.mark.promise(
+    "docs/how-to/design.md",
+    "`--spare 1` makes the error small even when the worst single sensor has failed.",
+)
 @pytest.mark.usefixtures("short_work")
 def test_a_spare_is_stated_with_the_error_without_each_sensor(design_sensors_here: Command, tmp_path: Path) -> None:
     path = scene_in(tmp_path, ("count = 2", "count = 3\ngrid_mm = 80"), ("10.0", "[2.0, 20.0]"))
@@ -77,6 +81,7 @@ def test_the_table_shows_the_layout_of_the_papers_figure_5(design_sensors_here: 
     assert "no layout on the grid" in done.stdout
 
 
+@pytest.mark.promise("docs/how-to/design.md", "take the smallest number that reaches it")
 @pytest.mark.usefixtures("short_work")
 @pytest.mark.parametrize(
     ("sensors", "error_mm", "options", "count", "kept"),
@@ -132,6 +137,17 @@ range_mm = [1, 20]
 """
 
 
+@pytest.mark.promise(
+    "docs/how-to/design.md",
+    (
+        "Housings do not overlap each other, a support or a stretch of `keep_out_mm`, and do not reach beyond an end "
+        "of the beam, not even a free one"
+    ),
+)
+@pytest.mark.promise(
+    "docs/reference/scene.md",
+    "Stretches of the beam that no housing may reach into; it may touch their ends.",
+)
 @pytest.mark.usefixtures("short_work")
 @pytest.mark.parametrize(
     ("rules", "arguments", "said"),

@@ -61,6 +61,7 @@ def test_a_fixed_sensor_on_a_grid_of_a_tenth_is_not_counted_twice() -> None:
     assert found.positions_mm[1] - 100.3 > 50
 
 
+@pytest.mark.promise("docs/reference/scene.md", "0: sensors are points, and may stand at a free end.")
 def test_a_free_end_may_carry_a_sensor() -> None:
     cantilever = change_scene(
         paper_scene(), beam={"supports": "cantilever"}, contact={"force_n": 1, "position_mm": (1, 400)}
@@ -105,6 +106,7 @@ def best_by_enumeration(scene: Scene, count: int, leading: int) -> float | None:
     return float((2 * np.log(singular) - np.log(len(columns))).sum(axis=1).max())
 
 
+@pytest.mark.promise("docs/how-to/design.md", "and `place` then states a bound on how much better any other could be")
 @settings(max_examples=15)
 @given(
     grid_mm=st.sampled_from([20, 25, 32]),

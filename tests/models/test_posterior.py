@@ -105,6 +105,7 @@ def test_intervals_lean_on_neither_end_of_the_range_of_the_force(name: str) -> N
         assert (np.abs(truth - middle) > 2 * half).sum() <= 0.005 * len(truth) + 3 * (0.005 * len(truth)) ** 0.5
 
 
+@pytest.mark.promise("docs/explanation/what-it-can-know.md", "A force that the scene states as one number is trusted.")
 def test_a_known_force_stays_known_within_the_floor() -> None:
     prior = with_floor(prior_of("bench", 4, 0.3, known=True))
     drawn = draw(prior, 500, 3)

@@ -165,6 +165,7 @@ def near(counts: list[int], expected: list[int]) -> list[bool]:
     return [abs(one - other) < 10 * SIGMA_COUNTS for one, other in zip(counts, expected, strict=True)]
 
 
+@pytest.mark.promise("docs/reference/rig.md", "type a fault to begin it, and `mend` to end all of them")
 def test_faults_of_sensors_change_their_counts_until_they_are_mended(rig: Rig) -> None:
     assert rig.type("90 10") == "10 N at 90 mm is on\n"
     s1, s2, s3, s4 = before = rig.counts()
@@ -186,6 +187,10 @@ def test_faults_of_sensors_change_their_counts_until_they_are_mended(rig: Rig) -
     assert not near(rig.counts()[:1], [s1])[0]
 
 
+@pytest.mark.promise(
+    "docs/reference/rig.md",
+    "the device does nothing, and answers the requests that wait when the pause ends",
+)
 def test_replies_are_late_or_lost_or_wait_and_keep_their_numbers(rig: Rig) -> None:
     rig.type("late:300")
     began_s = time.monotonic()

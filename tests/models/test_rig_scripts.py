@@ -24,6 +24,10 @@ force_n = [10, 20]
 """
 
 
+@pytest.mark.promise(
+    "docs/reference/rig.md",
+    "After the last it starts again if `repeat`, else the load is gone for good.",
+)
 @pytest.mark.parametrize(
     ("seconds", "once", "again"),
     [
@@ -51,6 +55,10 @@ def test_the_default_script_stays_in_the_range_of_the_scene() -> None:
     assert all(1 <= (load.position_mm or 0) <= 399 and 2 <= load.force_n <= 20 for load in touching)
 
 
+@pytest.mark.promise(
+    "docs/reference/rig.md",
+    "A fault is on all the time, unless `@` and its times in seconds since the start follow",
+)
 @pytest.mark.parametrize(
     ("times", "on", "off"),
     [

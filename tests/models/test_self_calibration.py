@@ -134,6 +134,13 @@ def test_the_command_writes_a_model_and_says_what_it_changed(
     assert "calibrated with 200 unlabelled contacts" in design_sensors_here("inspect", output).stdout
 
 
+@pytest.mark.promise(
+    "docs/how-to/calibrate-without-loads.md",
+    (
+        "`calibrate` writes no model (exit code 1) if the contacts are too few or at one place, or if they show that "
+        "the beam itself is not as modelled"
+    ),
+)
 @pytest.mark.parametrize(
     ("kind", "seed", "count", "reason"),
     [
@@ -163,6 +170,7 @@ def test_swapped_channels_are_refused(bench: ModelFile) -> None:
         self_fit(bench, swapped, silent)
 
 
+@pytest.mark.promise("docs/how-to/calibrate-without-loads.md", "With three sensors or more (two if the force is known)")
 def test_two_channels_are_too_few(bench: ModelFile) -> None:
     layout = bench.metadata.layout[:2]
     two = dataclasses.replace(bench, metadata=bench.metadata.model_copy(update={"layout": layout}))

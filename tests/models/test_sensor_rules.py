@@ -30,6 +30,10 @@ def stiffened(scene: Scene, times: float) -> Scene:
     return change_scene(scene, beam={"thickness_mm": scene.beam.thickness_mm * times ** (1 / 3)})
 
 
+@pytest.mark.promise(
+    "docs/how-to/design.md",
+    "The line names the largest force that the beam may bear, and how stiff it would have to be",
+)
 @pytest.mark.parametrize(
     ("force_n", "said", "stiffer"),
     [
@@ -54,6 +58,7 @@ def test_the_stand_off_that_a_refusal_names_is_in_the_middle() -> None:
     assert Surface.of(bench(20)).sensor.standoff_mm == pytest.approx(3.629, abs=5e-4)
 
 
+@pytest.mark.promise("docs/how-to/design.md", "A scene is refused if the beam slopes by more than 0.1 rad")
 def test_the_force_that_a_refusal_names_keeps_to_small_angles() -> None:
     with pytest.raises(SceneError, match=r"at 300 N the beam slopes by 0.261 rad.* end contact.force_n at 110 N"):
         travel_of(bench(300)).check_small_angles()

@@ -39,6 +39,7 @@ def untimed(found: Any) -> Any:  # noqa: ANN401  # JSON
     return [untimed(one) for one in found] if isinstance(found, list) else found
 
 
+@pytest.mark.promise("docs/how-to/sweeps.md", "the results are the same for each N, to the byte, except measured times")
 def test_an_evaluation_prints_the_same_bytes_at_any_number_of_workers(
     design_sensors_here: Command, spread_here: Command, quick_model: Path
 ) -> None:
@@ -118,6 +119,13 @@ def stating(folder: Path, name: str, version: str) -> Path:
     return folder
 
 
+@pytest.mark.promise(
+    "docs/how-to/sweeps.md",
+    (
+        "Workers with another Python, or another version of beamtouch, numpy, scipy, onnxruntime or distributed, are "
+        "refused"
+    ),
+)
 @pytest.mark.soak
 def test_a_cluster_gives_the_same_bytes_and_is_refused_in_one_line_where_it_cannot_work(
     design_sensors_here: Command, spread_here: Command, quick_model: Path, tmp_path: Path

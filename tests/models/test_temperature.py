@@ -104,12 +104,17 @@ def test_both_ends_of_the_range_are_priced() -> None:
     assert "buckling is near" in effect.reason
 
 
+@pytest.mark.promise("docs/how-to/design.md", "a scene whose beam buckles is refused.")
 def test_a_beam_that_buckles_is_refused() -> None:
     with pytest.raises(SceneError, match=r"temperature_range_k: 4 K above its mounting the beam buckles.* slide"):
         priced(warmed(PINNED, (-10.0, 4.0)), "expansion")
     assert priced(warmed("simply-supported", (-10.0, 40.0)), "expansion").price == 0
 
 
+@pytest.mark.promise(
+    "docs/reference/scene.md",
+    "Largest drift of a sensor's zero with the temperature. It adds to `zero_drift_mm`.",
+)
 def test_the_drift_of_the_sensors_is_part_of_the_floor() -> None:
     """0.3 um/K over 20 K, between two temperatures anywhere in it: 6 um / sqrt(6), beside 1 um of other drift."""
     still, drifting = warmed("propped", (-5.0, 15.0)), warmed("propped", (-5.0, 15.0), drift_um_per_k=0.3)

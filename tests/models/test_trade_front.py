@@ -30,6 +30,10 @@ THREE = st.sampled_from([1.0, 2.0, 3.0])
 POINTS = st.lists(st.builds(point, THREE, THREE, st.sampled_from([2, 3, 4])), min_size=1, max_size=12)
 
 
+@pytest.mark.promise(
+    "docs/how-to/design.md",
+    "It is on the front if no other point is better in one of error, time and number of sensors and worse in none.",
+)
 @given(POINTS)
 def test_the_front_has_the_points_that_no_other_dominates(points: list[Point]) -> None:
     front = pareto_front(points)
@@ -46,6 +50,7 @@ def test_a_sensor_more_that_saves_less_than_its_standard_error_is_not_on_the_fro
     assert pareto_front([three, four, five]) == [three, five]
 
 
+@pytest.mark.promise("docs/how-to/design.md", "builds the most accurate model that answers within L ms")
 @given(POINTS, st.sampled_from([0.5, 1.0, 2.5]))
 def test_a_requirement_picks_the_best_point_that_meets_it(points: list[Point], wish: float) -> None:
     kept = [one for one in points if one.latency_ms <= wish]

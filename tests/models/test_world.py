@@ -153,6 +153,10 @@ def test_the_rig_rings_in_all_modes_as_challenge_does(name: str) -> None:
     assert (motion.at(times[-1], place_mm, 7.0) == found[-1]).all()  # two conversions at the same time
 
 
+@pytest.mark.promise(
+    "docs/reference/rig.md",
+    "with the damping that the scene states in `beam.damping_ratio` (1 % of critical if it states none)",
+)
 @pytest.mark.parametrize(
     ("imperfections", "rings", "zeta"),
     [(PERFECT, True, 0.01), (Imperfections(damping_ratio=0.05), True, 0.05), (PERFECT, False, 1.0)],

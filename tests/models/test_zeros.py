@@ -66,6 +66,10 @@ def test_a_drift_is_followed_between_contacts_and_its_error_is_stated(
     assert (np.abs(error) < 2).mean() > 0.93
 
 
+@pytest.mark.promise(
+    "docs/explanation/readings-to-samples.md",
+    "they stay, and become uncertain: by the stated rate times the time since the last rest.",
+)
 @pytest.mark.parametrize("channels", [ALL, ONE, SOME], ids=["all", "one", "some"])
 def test_a_long_contact_widens_and_the_rest_after_it_brings_the_zeros_back(channels: Floats) -> None:
     at_s, true_mm, tracked = play(620, drift(5.0, channels), pressed(5, 605, 0.5))
@@ -78,6 +82,7 @@ def test_a_long_contact_widens_and_the_rest_after_it_brings_the_zeros_back(chann
     assert at_s[after] == 606
 
 
+@pytest.mark.promise("docs/explanation/readings-to-samples.md", "stays a load until a drift would usually be as large.")
 def test_a_load_that_stays_for_hours_is_never_taken_for_drift() -> None:
     _, _, tracked = play(3 * 3600, None, lambda at_s: np.where(at_s > 10, 0.15, 0.0))
     assert np.abs(tracked.zero_mm).max() < 2e-3
@@ -90,6 +95,7 @@ def test_a_light_load_that_comes_at_once_stays_a_load_though_a_drift_could_be_as
     assert np.abs(tracked.zero_mm).max() < 2e-3
 
 
+@pytest.mark.promise("docs/reference/daemon-configuration.md", "What changes more than twice as fast is a load.")
 @pytest.mark.parametrize(("mm", "most_mm"), [(0.25, 0.012), (1.0, 0.005)])
 def test_a_load_that_creeps_on_faster_than_a_drift_moves_the_zeros_hardly(mm: float, most_mm: float) -> None:
     tracking = zeros()
@@ -98,6 +104,14 @@ def test_a_load_that_creeps_on_faster_than_a_drift_moves_the_zeros_hardly(mm: fl
     assert np.abs(tracked.zero_mm).max() < most_mm
 
 
+@pytest.mark.promise(
+    "docs/explanation/readings-to-samples.md",
+    "Nothing is followed farther than `max_mm` from the last tare",
+)
+@pytest.mark.promise(
+    "docs/reference/daemon-configuration.md",
+    "Largest distance from the last tare that counts as drift, either way.",
+)
 def test_the_limit_from_the_last_tare_bounds_every_drift() -> None:
     tracking = zeros()
     _, _, tracked = play(25 * 60, drift(5.0), None, tracking)
@@ -156,6 +170,10 @@ def test_a_light_touch_soon_after_a_long_contact_is_no_part_of_its_lift() -> Non
     assert np.abs(tracked.zero_mm - true_mm)[at_s > 310].max() < 2e-3
 
 
+@pytest.mark.promise(
+    "docs/explanation/readings-to-samples.md",
+    "zeros may have drifted since, no farther than `max_mm`",
+)
 @pytest.mark.parametrize("hours", [1.0, 1e3, np.inf])
 def test_a_start_long_after_the_tare_takes_what_a_drift_explains_for_rest(hours: float) -> None:
     tracking = Zeros(WALK, RATE_HZ, NOISE_MM, 0.0, 0.0, CHANNELS, Rested(hours * 3600))

@@ -52,6 +52,7 @@ def test_where_there_are_no_contacts_there_is_no_band() -> None:
     assert band_at(prior, 3.0, 1)[1:] == (0.0, 0.0)
 
 
+@pytest.mark.promise("docs/how-to/zones.md", "it prints a line for each edge within the beam")
 @pytest.mark.usefixtures("short_work")
 def test_explain_forecasts_each_edge_within_the_beam(
     design_sensors_here: Command, refused: Refusal, tmp_path: Path

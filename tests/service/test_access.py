@@ -28,6 +28,7 @@ def routes(bench: Bench) -> Iterator[tuple[str, str]]:
         yield "POST" if path.endswith("/samples") else "GET", path.format(name="press-7", id=1)
 
 
+@pytest.mark.promise("docs/reference/http.md", "a live view of the contact; its files hold no data")
 def test_no_route_is_open_but_the_page_and_the_check_that_the_process_answers(guarded: Bench) -> None:
     is_open = {path for method, path in routes(guarded) if guarded.client.request(method, path).status_code != 401}
     assert is_open == PAGE | {"/health/live"}

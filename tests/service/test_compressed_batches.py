@@ -20,6 +20,7 @@ def post(bench: Bench, body: bytes, encoding: str) -> httpx2.Response:
     return bench.client.post("/surfaces/press-7/samples", content=body, headers=headers)
 
 
+@pytest.mark.promise("docs/reference/samples.md", "The body is JSON, as it is or with `Content-Encoding: gzip`")
 @pytest.mark.parametrize(
     ("body", "encoding"), [(ZIPPED, "gzip"), (ZIPPED, " GZIP"), (ZIPPED, "x-gzip"), (BATCH, "identity"), (BATCH, "")]
 )
@@ -56,6 +57,7 @@ def test_another_encoding_is_refused_and_the_right_one_is_named(bench: Bench, en
     assert answer.headers["accept-encoding"] == "gzip"
 
 
+@pytest.mark.promise("docs/reference/http.md", "1 MiB, also decompressed")
 def test_what_unfolds_beyond_the_limit_is_refused_before_it_is_there(bench: Bench) -> None:
     """Half a megabyte stands for a hundred."""
     bomb = gzip.compress(bytes(100 * MAX_BODY_BYTES), compresslevel=1)

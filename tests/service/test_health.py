@@ -23,6 +23,13 @@ def health(line: TouchedLine) -> dict[str, Any]:
     return health
 
 
+@pytest.mark.promise(
+    "docs/reference/sensor-health.md",
+    (
+        "`changed` is true if the change is certain. Then `since` is about the time of the change, and `contacts` "
+        "counts the contacts after it."
+    ),
+)
 def test_a_gain_that_falls_is_named_with_its_day_at_every_door_and_survives_a_kill(line: TouchedLine) -> None:
     assert health(line) == {}
     line.touch(BASELINE, BEGIN, 3600)
@@ -60,6 +67,14 @@ def test_a_gain_that_falls_is_named_with_its_day_at_every_door_and_survives_a_ki
     assert health(line)["s2"]["since"] == found["s2"]["since"]
 
 
+@pytest.mark.promise(
+    "docs/reference/sensor-health.md",
+    "anew when the model changes or the daemon names another characteristic or tare",
+)
+@pytest.mark.promise(
+    "docs/how-to/spare-part.md",
+    "`health` of the sensors begins anew, with the new tare and with the new model",
+)
 def test_another_characteristic_begins_anew(line: TouchedLine) -> None:
     line.touch(30, BEGIN)
     line.touches.characteristic = "tared-again"

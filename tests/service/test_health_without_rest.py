@@ -1,5 +1,7 @@
 """Contacts before which no rest was seen say nothing of the sensors: their zeros are not known."""
 
+import pytest
+
 from service.bench import Bench, Row
 from service.event_story import RESTING, TOUCHING, Story
 
@@ -12,6 +14,7 @@ def contacts_of(bench: Bench) -> set[int]:
     return {one["contacts"] for one in bench.get("/surfaces/press-7").json()["health"].values()}
 
 
+@pytest.mark.promise("docs/reference/sensor-health.md", "a contact without a rest before it does not count")
 def test_a_contact_after_a_start_under_load_does_not_count(bench: Bench) -> None:
     story = Story(bench, CONTACT * 3)
     story.deliver(0, 6)

@@ -79,6 +79,10 @@ def wide(channels: int, samples: int) -> dict[str, Any]:
     return batch
 
 
+@pytest.mark.promise(
+    "docs/reference/http.md",
+    "The service takes in a large batch in steps, and answers others between them",
+)
 @pytest.mark.parametrize("batch", [batch_of(*LARGE), wide(64, 40)], ids=["many samples", "many channels"])
 @pytest.mark.parametrize("backlog", [False, True])
 async def test_the_loop_turns_between_the_samples_of_a_batch(

@@ -36,6 +36,8 @@ def test_contacts_come_oldest_first(bench: Bench, events: list[str]) -> None:
     assert len(set(times)) == CONTACTS
 
 
+@pytest.mark.promise("docs/reference/http.md", "the best sample of each contact as CSV, oldest first")
+@pytest.mark.promise("docs/reference/loads.md", "(the newest 1000; at most 5000)")
 @pytest.mark.parametrize("limit", [1, 4, CONTACTS + 1])
 def test_a_limit_leaves_the_newest_oldest_first(bench: Bench, events: list[str], limit: int) -> None:
     assert [event for event, _ in rows(bench, f"?limit={limit}")] == events[-limit:]

@@ -197,6 +197,7 @@ def test_what_the_sender_lost_ends_the_event_unseen(services: Services) -> None:
     assert 'beamtouch_record_samples_lost_total{surface="press-7"} 3.0' in story.bench.metrics()
 
 
+@pytest.mark.promise("docs/reference/events.md", "An event does not change once it has ended.")
 def test_an_older_request_that_comes_late_is_no_loss_and_no_repetition(services: Services) -> None:
     story = services.story(CONTACT)
     story.deliver(0, 5)

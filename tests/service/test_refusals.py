@@ -52,6 +52,15 @@ def test_a_wrong_option_is_one_line(refused: Callable[..., str], words: str, com
     assert complaint in refused(*words.split())
 
 
+@pytest.mark.promise("docs/reference/http.md", "An address beyond loopback requires both.")
+@pytest.mark.promise(
+    "docs/reference/service-configuration.md",
+    "Addresses beyond loopback require a write token and a read token.",
+)
+@pytest.mark.promise(
+    "docs/how-to/two-hosts.md",
+    "A service that listens beyond loopback refuses to start without both tokens.",
+)
 @pytest.mark.parametrize("host", ["0.0.0.0", "::"])  # noqa: S104  # that it is refused is the point
 def test_the_network_without_tokens(refused: Callable[..., str], host: str, token_file: Path) -> None:
     line = refused("run", "--host", host, "--port", 0)
@@ -122,6 +131,10 @@ BROKER = '[mqtt]\nhost = "b"\n'
 SURFACES = "\n".join(f"[surfaces.press-{number}]" for number in range(1311))
 
 
+@pytest.mark.promise("docs/how-to/mqtt.md", "`[mqtt]` is refused together with `events.url`")
+@pytest.mark.promise("docs/how-to/opcua.md", "Services that share a database refuse `[opcua]`")
+@pytest.mark.promise("docs/reference/service-configuration.md", "Needs `events.url`.")
+@pytest.mark.promise("docs/reference/registers.md", "the service does not start")
 @pytest.mark.parametrize(
     ("text", "complaint"),
     [
@@ -169,6 +182,7 @@ def test_one_model_is_not_for_several_surfaces(refused: Callable[..., str], tmp_
     assert "--model is for a single surface, but the config has a, b" in line
 
 
+@pytest.mark.promise("docs/how-to/opcua.md", "The key must be an RSA key, as OPC UA needs.")
 @pytest.mark.parametrize(
     ("certificate_file", "key_file", "words"),
     [
@@ -225,6 +239,14 @@ def test_a_missing_library_of_the_service_names_the_extra() -> None:
     assert done.stderr == "beamtouch-service: fastapi is not installed; run: pip install 'beamtouch[service]'\n"
 
 
+@pytest.mark.promise(
+    "docs/reference/http.md",
+    (
+        "A service that listens beyond loopback and names no proxy (`server.proxy`) says so when it starts; "
+        "`beamtouch-service check --config FILE` says so before."
+    ),
+)
+@pytest.mark.promise("docs/how-to/two-hosts.md", "says when a service is open to other machines and names no proxy.")
 def test_check_warns_of_what_is_open_to_others(
     service: Command, tmp_path: Path, token_file: Path, read_token_file: Path
 ) -> None:

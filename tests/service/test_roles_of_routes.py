@@ -79,6 +79,11 @@ def ask(bench: Bench, *tokens: str | None) -> dict[str, list[str]]:
     return {route: [outcome(bench, method, path, token) for token in tokens] for route, method, path in each}
 
 
+@pytest.mark.promise(
+    "docs/reference/http.md",
+    "The write token (`write_token_file`) can also read.",
+    "the next step without a press; the result on record; the end without a result",
+)
 def test_each_route_takes_the_tokens_of_the_table_and_no_others() -> None:
     passed, refused = "passed", "refused"
     answers = {
@@ -90,12 +95,19 @@ def test_each_route_takes_the_tokens_of_the_table_and_no_others() -> None:
     assert asked == {route: answers[needs] for route, needs in NEEDS.items()}
 
 
+@pytest.mark.promise(
+    "docs/reference/http.md",
+    "Without a read token (`read_token_file`), everyone who reaches the service may read.",
+)
+@pytest.mark.promise("docs/reference/service-configuration.md", "Without it, reads need no token.")
 def test_without_a_read_token_reads_are_open_and_writes_are_not() -> None:
     asked = ask(make_bench(TOKEN, None), None, "wrong", TOKEN)
     refused = {route: "refused" if needs == "write" else "passed" for route, needs in NEEDS.items()}
     assert asked == {route: [without, without, "passed"] for route, without in refused.items()}
 
 
+@pytest.mark.promise("docs/reference/http.md", "Without it, writes are disabled.")
+@pytest.mark.promise("docs/reference/service-configuration.md", "Without it, every write is refused.")
 @pytest.mark.parametrize("read_token", [None, READ_TOKEN])
 def test_without_a_write_token_no_route_writes(read_token: str | None) -> None:
     asked = ask(make_bench(None, read_token), None, "None", TOKEN, READ_TOKEN)

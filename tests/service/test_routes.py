@@ -55,6 +55,7 @@ def test_model_and_beam_are_those_in_use(bench: Bench) -> None:
     assert bench.contact()["model"] == model["identity"] != before["model"]
 
 
+@pytest.mark.promise("docs/how-to/several-surfaces.md", "`/contact` without a name is refused, as there are several.")
 def test_several_surfaces_must_be_named() -> None:
     bench = Bench(surface_of(), surface_of("press-8"))
     bench.send(surface="press-8")
@@ -121,6 +122,7 @@ def test_a_wrong_method_is_a_problem_that_names_the_right_one(bench: Bench) -> N
         assert response.headers["allow"] == allowed
 
 
+@pytest.mark.promise("docs/reference/problems.md", "The service failed")
 def test_a_failure_inside_is_a_problem_without_its_traceback(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(*arguments: object) -> None:
         raise RuntimeError(f"secret {arguments}")
@@ -133,6 +135,7 @@ def test_a_failure_inside_is_a_problem_without_its_traceback(bench: Bench, monke
         assert "secret" not in response.text
 
 
+@pytest.mark.promise("docs/reference/http.md", "The stream sends an event `state` after each change")
 def test_a_stream_says_the_state_when_it_changes_and_each_second(bench: Bench) -> None:
     bench.send()
     (surface,) = bench.app.context.registry
@@ -155,6 +158,7 @@ def test_a_batch_holds_so_many_samples_and_no_more(bench: Bench) -> None:
     assert accepted(bench) == MAX_SAMPLES == 2000
 
 
+@pytest.mark.promise("docs/reference/problems.md", "`limit_bytes`")
 @pytest.mark.parametrize("is_stated", [True, False])
 def test_a_body_that_is_too_large_is_refused(bench: Bench, *, is_stated: bool) -> None:
     def chunks() -> Iterator[bytes]:
@@ -210,6 +214,7 @@ def test_a_deflection_that_is_not_finite_is_refused(bench: Bench, value: str) ->
     assert response.json()["errors"][0]["pointer"] == "#/samples/0/deflection_mm/2"
 
 
+@pytest.mark.promise("docs/reference/problems.md", "`errors` (at most 10)")
 def test_a_hugely_wrong_batch_gets_a_short_answer(bench: Bench) -> None:
     body = batch_of(*[[0.5, 0.25, 0.125]] * 500) | {"k" * 100_000: "x" * 100_000}
     for sample in body["samples"]:
@@ -220,6 +225,7 @@ def test_a_hugely_wrong_batch_gets_a_short_answer(bench: Bench) -> None:
     assert len(response.content) < 4000
 
 
+@pytest.mark.promise("docs/reference/metrics.md", "Batches that changed nothing.")
 def test_missing_channels_are_named_and_the_batch_changes_nothing(bench: Bench) -> None:
     response = bench.post(batch_of([0.5, 0.25], channels=["s1", "spare"]))
     assert (response.status_code, kind(response)) == (422, "missing-channels")
@@ -233,6 +239,11 @@ DETAIL = (
 )
 
 
+@pytest.mark.promise("docs/reference/samples.md", "A service whose model is of another beam refuses the batch.")
+@pytest.mark.promise(
+    "docs/how-to/upgrade.md",
+    "Until both are of the same beam, the service refuses the samples (`other-beam`)",
+)
 def test_samples_of_another_beam_are_refused_and_every_answer_says_so(
     bench: Bench, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -252,6 +263,7 @@ def test_samples_of_another_beam_are_refused_and_every_answer_says_so(
     assert bench.problem() == "no-samples"
 
 
+@pytest.mark.promise("docs/reference/samples.md", "Null: the sender does not say, and nothing is compared.")
 def test_samples_of_the_beam_of_the_model_or_of_none_are_taken_and_a_former_beam_changes_nothing(bench: Bench) -> None:
     bench.post(batch_of(boot_id="boot-0002") | {"beam": "beam-2"})
     bench.send(members={"beam": "beam-1"})

@@ -22,6 +22,7 @@ def moves(bench: Bench, boot_id: str, sequence: int, age_s: float = 0.0) -> bool
 @pytest.mark.promise(
     "docs/reference/samples.md",
     "A sender that another one has replaced returns only when the newest sample is stale.",
+    "So a single sample posted by hand blocks the daemon for at most `stale_ms`.",
 )
 def test_a_former_sender_returns_when_the_present_is_stale_and_not_before(bench: Bench) -> None:
     assert moves(bench, "daemon-one", 12)

@@ -71,6 +71,10 @@ def line(bench_model: Path) -> Line:
     return Line(modelfile.load(bench_model))
 
 
+@pytest.mark.promise(
+    "docs/reference/contact.md",
+    "Other samples are `clear` with `unsteady` until one of them shows the state.",
+)
 def test_a_contact_that_is_held_on_a_weak_sample_says_so(bench: Bench) -> None:
     bench.send(RESTING, TOUCHING)
     assert bench.contact()["notes"] == []

@@ -106,6 +106,7 @@ def test_answers_of_consecutive_samples_also_through_any_restart(name: str) -> N
     assert reports_of(zone, story, restarts=True) == reports
 
 
+@pytest.mark.promise("docs/how-to/zones.md", "for how many ms the contact was inside each zone")
 def test_the_dwell_is_part_of_the_time_inside() -> None:
     each = [report.stays_us.get("gate") for report in reports_of(SLOW, steps(*[150] * 6, 100))]
     assert each == [None, None, None, None, 20_000, 5000, None]

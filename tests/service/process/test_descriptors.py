@@ -27,6 +27,7 @@ def open_files(service: Service) -> list[Path]:
     return list(Path(f"/proc/{service.process.pid}/fd").iterdir())
 
 
+@pytest.mark.promise("docs/reference/http.md", "new ones are closed at once; logged once a minute")
 @pytest.mark.parametrize("door", ["http", "modbus"])
 def test_connections_beyond_the_descriptors_are_closed_and_the_others_answered(
     start_press: StartService, door: str

@@ -137,6 +137,13 @@ write_ahead.WARN_BYTES, write_ahead.MAX_BYTES = 50_000, 100_000
 """
 
 
+@pytest.mark.promise(
+    "docs/reference/events.md",
+    (
+        "Above 16 MB the log of the service names that program, and above 64 MB the record waits, and with it the "
+        "daemons' samples, until the program lets go."
+    ),
+)
 def test_while_another_program_holds_an_old_state_the_log_of_the_file_is_bounded_and_the_program_named(
     start: StartService, tmp_path: Path
 ) -> None:

@@ -57,6 +57,11 @@ def polled(port: int, *options: str) -> list[str]:
     return re.findall(r"^\[\d+\]:\s+(\S+)", done.stdout, re.MULTILINE)
 
 
+@pytest.mark.promise(
+    "docs/reference/registers.md",
+    "Each answer is computed when it is read, as `GET /contact` is.",
+    "Word order does not apply to these four registers.",
+)
 @pytest.mark.parametrize(("word_order", "floats"), [("big", ["-B"]), ("little", [])])
 def test_a_client_of_others_reads_the_contacts_and_that_they_are_stale(
     start_press: StartService, word_order: str, floats: list[str]
@@ -112,6 +117,15 @@ REFUSED = [
 """Function and data of requests, each with the exception that the standard wants."""
 
 
+@pytest.mark.promise(
+    "docs/reference/registers.md",
+    (
+        "An address behind the last block is answered with exception 2 (illegal data address), a count of 0 or above "
+        "125 with 3 (illegal data value), every other function, including all that write, with 1 (illegal function)."
+    ),
+    "Unit identifier. Any is accepted, and repeated in the answer.",
+    "of a block reads as 0",
+)
 def test_a_wrong_request_has_the_exception_of_the_standard_and_leaves_the_connection_open(
     server: ModbusService,
 ) -> None:
@@ -126,6 +140,10 @@ def test_a_wrong_request_has_the_exception_of_the_standard_and_leaves_the_connec
         assert ask(connection, 49, 2) == whole[49:51] == [0, ask(connection, 50, 1)[0]]
 
 
+@pytest.mark.promise(
+    "docs/reference/registers.md",
+    "the connection is closed after the earlier answers; logged once a minute",
+)
 def test_what_is_not_modbus_ends_its_connection_after_the_earlier_answers(server: ModbusService) -> None:
     for words in NOT_MODBUS:
         with server.connected() as connection:
@@ -146,6 +164,15 @@ def test_a_client_that_ends_its_side_still_gets_its_answers(server: ModbusServic
         assert [answered(connection)[:2] for _ in range(3)] == [b"\x00\x01", b"\x00\x02", b""]
 
 
+@pytest.mark.promise(
+    "docs/reference/registers.md",
+    "the new one is closed at once; counted in `beamtouch_modbus_connections_refused_total`, logged once a minute.",
+    "the connection is closed",
+)
+@pytest.mark.promise(
+    "docs/reference/service-configuration.md",
+    "A connection without a request for this long is closed.",
+)
 def test_a_hundred_connections_do_not_disturb_a_controller(start_press: StartService) -> None:
     """Those above the limit are closed; when the others have been silent for too long, there is place again."""
     server = start_modbus(start_press, f"max_clients = 4\nidle_s = {IDLE_S}")
@@ -172,6 +199,10 @@ def test_a_hundred_connections_do_not_disturb_a_controller(start_press: StartSer
     assert (code, errors.count("too many connections")) == (0, 1)
 
 
+@pytest.mark.promise(
+    "docs/reference/registers.md",
+    "the service reads no more of them, and closes the connection after `idle_s`",
+)
 def test_a_client_that_does_not_read_costs_little_and_is_closed(start_press: StartService) -> None:
     server = start_modbus(start_press, "idle_s = 3.0")
     before_mb = resident_mb(server.http.process.pid)

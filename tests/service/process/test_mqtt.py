@@ -31,6 +31,11 @@ def states(subscriber: Subscriber) -> list[str]:
     return [one for index, one in enumerate(found) if index == 0 or one != found[index - 1]]
 
 
+@pytest.mark.promise(
+    "docs/how-to/mqtt.md",
+    "The content type of the message (an MQTT 5 property) is `application/json` or `application/problem+json`.",
+    "the answer of `GET /surfaces/SURFACE/contact`",
+)
 def test_a_contact_is_the_answer_of_get_contact(line: Line) -> None:
     subscriber = line.broker.subscribe("-t", "beamtouch/#")
     service = line.start()
@@ -60,6 +65,7 @@ def test_a_contact_is_the_answer_of_get_contact(line: Line) -> None:
     assert not [one for one in later.messages if one.is_retained and one.topic == CONTACT]
 
 
+@pytest.mark.promise("docs/how-to/mqtt.md", "An event is sent when it has ended.")
 def test_events_are_those_of_get_events_and_open_ones_wait(line: Line) -> None:
     subscriber = line.broker.subscribe("-t", EVENT)
     service = line.start()
@@ -75,6 +81,7 @@ def test_events_are_those_of_get_events_and_open_ones_wait(line: Line) -> None:
     wait_for(lambda: metric(service, "events_pending") == 0)
 
 
+@pytest.mark.promise("docs/how-to/mqtt.md", "The broker sends `offline` when the connection ends, whatever the reason.")
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM])
 def test_the_broker_says_when_the_service_is_gone(line: Line, how: signal.Signals) -> None:
     subscriber = line.broker.subscribe("-t", "beamtouch/#")
@@ -96,6 +103,11 @@ def test_the_broker_says_when_the_service_is_gone(line: Line, how: signal.Signal
     assert kept[STATUS] == "offline"
 
 
+@pytest.mark.promise(
+    "docs/how-to/mqtt.md",
+    "`channels` are those that are the cause.",
+    "The broker retains the last one.",
+)
 def test_the_status_names_a_channel_that_is_out_and_is_kept_until_it_is_back(line: Line) -> None:
     topic, sequence = "beamtouch/press-7/status", count(1)
     subscriber = line.broker.subscribe("-t", topic)
@@ -115,6 +127,17 @@ def test_the_status_names_a_channel_that_is_out_and_is_kept_until_it_is_back(lin
     wait_for(lambda: is_told("ready"))
 
 
+@pytest.mark.promise(
+    "docs/how-to/mqtt.md",
+    (
+        "A broker that the record does not know yet gets the events from the start of the service on, or all with "
+        "`send_recorded_events`."
+    ),
+)
+@pytest.mark.promise(
+    "docs/reference/service-configuration.md",
+    "Also send a new broker the events that were recorded before.",
+)
 def test_events_from_before_are_sent_only_where_that_is_asked_for(line: Line) -> None:
     subscriber = line.broker.subscribe("-t", "+/press-7/event")
 
@@ -136,6 +159,11 @@ def test_events_from_before_are_sent_only_where_that_is_asked_for(line: Line) ->
     assert [one.content["id"] for one in subscriber.messages[4:]] == [2, 3]
 
 
+@pytest.mark.promise(
+    "docs/how-to/mqtt.md",
+    "on if the contact is `inside`, off if `outside`, and otherwise unknown.",
+    "and `problem`, which is on unless the status is `ready`.",
+)
 def test_home_assistant_learns_of_each_surface(line: Line) -> None:
     zones = '[surfaces.press-7.zones."in.feed"]\nfrom_mm = 0\nto_mm = 100\n'
     service = line.start("home_assistant_discovery = true", sections=zones)

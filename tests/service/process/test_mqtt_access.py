@@ -85,6 +85,7 @@ def test_what_is_no_broker_for_the_service_is_a_line_that_says_what_to_do(
     assert advice in said
 
 
+@pytest.mark.promise("docs/how-to/mqtt.md", "and one for each new reason of a broker that refuses.")
 def test_events_that_the_broker_refuses_wait(line: Line) -> None:
     rights = line.folder / "rights"
     rights.write_text("topic read #\ntopic write beamtouch/status\ntopic write beamtouch/+/contact\n")

@@ -47,6 +47,13 @@ def change(line: Line, service: Service, *mqtt: str, **how: Any) -> Service:  # 
     return line.start(*mqtt, **how)
 
 
+@pytest.mark.promise(
+    "docs/how-to/mqtt.md",
+    (
+        "A surface that you remove or rename is removed at the broker when the service starts with the new "
+        "configuration, with its description for Home Assistant. Its events stay on record."
+    ),
+)
 def test_a_surface_that_was_removed_or_renamed_is_gone_at_the_broker(line: Line) -> None:
     subscriber = line.broker.subscribe("-t", "#")
     service = line.start(DISCOVERY, surfaces=["press-7", "press-8"])
@@ -88,6 +95,10 @@ def test_what_was_removed_while_the_broker_was_away_goes_when_it_is_back(line: L
     wait_for(lambda: kept(later).keys() == {STATUS, status("press-7"), described("press-7")})
 
 
+@pytest.mark.promise(
+    "docs/how-to/mqtt.md",
+    "A surface, a zone or the whole discovery that you remove from the configuration goes in Home Assistant too.",
+)
 def test_home_assistant_is_told_of_a_zone_that_went_and_then_reads_no_more_of_it(line: Line) -> None:
     def zones(*names: str) -> str:
         return "".join(f"\n[surfaces.press-7.zones.{name}]\nfrom_mm = 0\nto_mm = 100\n" for name in names)
@@ -108,6 +119,7 @@ def test_home_assistant_is_told_of_a_zone_that_went_and_then_reads_no_more_of_it
     wait_for(lambda: len(subscriber.messages) == 5)
 
 
+@pytest.mark.promise("docs/how-to/mqtt.md", "There, `_`, `.` and `/` of the two names are `__u`, `__d` and `__s`")
 def test_names_and_prefixes_that_look_alike_are_devices_of_their_own(line: Line) -> None:
     subscriber = line.broker.subscribe("-t", "#")
     names = ["press.7", "press_7", "press-7", "Press-7", "press__d7", "-", "a" * 64]
@@ -129,6 +141,7 @@ def test_names_and_prefixes_that_look_alike_are_devices_of_their_own(line: Line)
     wait_for(lambda: read <= kept(subscriber).keys())
 
 
+@pytest.mark.promise("docs/how-to/mqtt.md", "so a service removes only what it has retained itself.")
 @pytest.mark.parametrize(
     ("first", "second", "also"),
     [
@@ -164,6 +177,10 @@ def test_a_service_removes_nothing_of_another_one_and_says_if_both_write_to_one_
     assert [topic for topic in everything if f"writes to {topic}, too" in "".join(said)] == also
 
 
+@pytest.mark.promise(
+    "docs/how-to/mqtt.md",
+    "A user that may not read is named in the log: what you remove from the configuration then stays at the broker.",
+)
 def test_a_user_that_may_not_read_is_a_line_that_says_what_stays(line: Line) -> None:
     rights = line.folder / "rights"
     rights.write_text("topic write #\n")
@@ -205,6 +222,7 @@ def test_a_broker_that_ends_the_connection_of_who_may_not_remove_still_gets_cont
     assert [errors.count(f"messages to {topic} (it ends the connection), {said}") for topic in topics] == [1, 1]
 
 
+@pytest.mark.promise("docs/how-to/mqtt.md", "Stop the service before you change these, and remove it there")
 def test_the_command_of_the_guide_removes_all_of_a_service_and_nothing_of_others(line: Line) -> None:
     words = re.search(r"^\$ (mosquitto_sub .* --remove-retained .*)$", GUIDE.read_text(), re.MULTILINE)
     assert words is not None

@@ -27,6 +27,11 @@ WITHOUT_OTHER_LIMITS = (
 """A missing acknowledgement and a missing sign of life end a connection, too: here only after the test."""
 
 
+@pytest.mark.promise(
+    "docs/how-to/mqtt.md",
+    "What the broker has not acknowledged is sent again, also after a restart of the service if `events.file` is set.",
+    "an event that reached no subscriber is repeated until it reaches one",
+)
 def test_events_of_an_outage_arrive_when_the_broker_is_back(line: Line) -> None:
     service = line.start()
     wait_connected(service)
@@ -56,6 +61,10 @@ def test_events_of_an_outage_arrive_when_the_broker_is_back(line: Line) -> None:
     assert "ERROR" not in errors
 
 
+@pytest.mark.promise(
+    "docs/how-to/mqtt.md",
+    "Outages that follow each other within a minute, for the same reason, are counted in the next line.",
+)
 def test_services_that_take_each_others_connection_fill_no_log(line: Line) -> None:
     services = [line.start(), line.start()]
     wait_for(lambda: line.broker.log.count("already connected, closing old connection") >= 6)
@@ -66,6 +75,11 @@ def test_services_that_take_each_others_connection_fill_no_log(line: Line) -> No
         assert errors.count("connected again after") <= len(reasons)
 
 
+@pytest.mark.promise(
+    "docs/how-to/mqtt.md",
+    "The service never queues a contact, and none leaves it older than the limit of its surface",
+    "Only contacts that were written in the moment in which a broker froze, at most one per surface, can arrive late.",
+)
 @pytest.mark.long
 @pytest.mark.parametrize("is_long", [False, pytest.param(True, marks=pytest.mark.soak)])
 def test_a_frozen_broker_finds_no_old_contact_when_it_goes_on(line: Line, *, is_long: bool) -> None:
@@ -97,6 +111,10 @@ def test_a_frozen_broker_finds_no_old_contact_when_it_goes_on(line: Line, *, is_
     assert subscriber.texts(STATUS)[-1] == "online"
 
 
+@pytest.mark.promise(
+    "docs/how-to/mqtt.md",
+    "contacts that were due but not sent: the broker did not answer before they were too old",
+)
 @pytest.mark.long
 def test_a_contact_that_the_socket_does_not_take_in_time_is_dropped(line: Line) -> None:
     """The broker answers, and then takes nothing: what has not left the service's machine must never leave it."""

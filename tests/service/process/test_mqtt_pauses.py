@@ -47,6 +47,7 @@ def broker() -> Iterator[Refusing]:
     one.close()
 
 
+@pytest.mark.promise("docs/how-to/mqtt.md", "Answers, samples and the record go on, and the service tries again.")
 def test_the_pauses_between_attempts_double(start_press: StartService, broker: Refusing) -> None:
     service = start_press(sections=f"[mqtt]\nhost = '127.0.0.1'\nport = {broker.port}\n")
     wait_until(lambda: len(broker.at_s) >= ATTEMPTS)

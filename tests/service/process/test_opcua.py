@@ -49,6 +49,17 @@ class Changes:
         self.events.append(event)
 
 
+@pytest.mark.promise(
+    "docs/how-to/opcua.md",
+    "when a daemon stops, every variable of its surfaces is `BadNoCommunication` after `stale_ms` and one interval.",
+    "A filter with a deadband is refused with `BadMonitoredItemFilterUnsupported`.",
+    "Nobody can write.",
+    "there is no sample yet",
+    (
+        "When an event is finished, its surface emits an OPC UA event of the type `ContactEventType`, and so does "
+        "the object `Server` for clients that listen to all surfaces."
+    ),
+)
 def test_a_read_gives_the_contact_of_its_moment_and_a_subscription_turns_bad_when_samples_stop(
     start_press: StartService,
 ) -> None:
@@ -130,6 +141,11 @@ async def event_type(client: Client, index: int) -> Any:  # noqa: ANN401  # the 
     return await base.get_child(ua.QualifiedName("ContactEventType", index))
 
 
+@pytest.mark.promise(
+    "docs/how-to/opcua.md",
+    "A read, and the first value of a subscription, give the contact of their moment.",
+)
+@pytest.mark.promise("docs/reference/service-configuration.md", "A read is answered with the contact of its moment.")
 def test_the_first_value_of_a_subscription_is_the_contact_of_its_moment(start_press: StartService) -> None:
     # With this interval, nobody looks at the surface between the two samples.
     service, url = start(start_press, 60_000, "interval_ms = 10000")
@@ -174,6 +190,7 @@ async def require_no_deadband(subscription: Subscription, node: Any) -> None:  #
     assert modified.StatusCode.name == "BadMonitoredItemFilterUnsupported"
 
 
+@pytest.mark.promise("docs/reference/service-configuration.md", "The only user. Default: everybody may read.")
 def test_only_the_user_reads_and_in_no_session_of_another_and_names_with_dots_are_nodes_of_their_own(
     start_press: StartService, tmp_path: Path
 ) -> None:
@@ -215,6 +232,13 @@ def test_only_the_user_reads_and_in_no_session_of_another_and_names_with_dots_ar
     asyncio.run(take_over())
 
 
+@pytest.mark.promise(
+    "docs/how-to/opcua.md",
+    (
+        "A publishing interval shorter than `interval_ms`, also 0, becomes `interval_ms`, and at most 100 values of "
+        "a variable wait for a client."
+    ),
+)
 def test_a_client_adds_no_server_and_gets_no_more_than_the_looks_give(start_press: StartService) -> None:
     _, url = start(start_press, 2000, "interval_ms = 50")
 
@@ -250,6 +274,7 @@ MOST_SUBSCRIPTIONS = 1000
 """Of a server, by the library's default."""
 
 
+@pytest.mark.promise("docs/how-to/opcua.md", "and ends with its connection, with all of them")
 @pytest.mark.parametrize("says_so", [True, False])
 def test_subscriptions_end_with_the_session_of_their_client(start_press: StartService, says_so: bool) -> None:
     _, url = start(start_press, 2000)
@@ -289,6 +314,11 @@ def application_certificate(folder: Path, name: str) -> tuple[Path, Path]:
     return certificate.rename(folder / f"{name}.pem"), key.rename(folder.parent / f"{name}-key.pem")
 
 
+@pytest.mark.promise(
+    "docs/how-to/opcua.md",
+    "with it, only one whose certificate, or that of its issuer, lies there.",
+    "Files may be PEM or DER, whatever their names.",
+)
 def test_with_a_certificate_only_trusted_clients_connect_and_only_encrypted(
     start_press: StartService, tmp_path: Path
 ) -> None:
@@ -328,6 +358,7 @@ def test_with_a_certificate_only_trusted_clients_connect_and_only_encrypted(
     assert "check the clock of this machine" in line
 
 
+@pytest.mark.promise("docs/reference/service-configuration.md", "With `key_file`, clients must sign and encrypt.")
 def test_a_server_with_a_certificate_refuses_clients_that_do_not_encrypt(
     start_press: StartService, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -344,6 +375,7 @@ def test_a_server_with_a_certificate_refuses_clients_that_do_not_encrypt(
         asyncio.run(connect_openly())
 
 
+@pytest.mark.promise("docs/how-to/opcua.md", "A session reaches its own subscriptions only")
 def test_nobody_ends_or_takes_over_the_subscription_of_another_client(start_press: StartService) -> None:
     service, url = start(start_press, 60_000, "interval_ms = 50")
 

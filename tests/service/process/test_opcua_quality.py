@@ -4,6 +4,8 @@ import asyncio
 from collections.abc import Sequence
 from typing import Any
 
+import pytest
+
 from service.bench import FIGURES, BuildModel, Row, batch_of
 from service.process.opcua_client import connected, read
 from support.network.free_ports import free_port
@@ -30,6 +32,11 @@ STEPS: Sequence[tuple[str, Row, list[str], list[str], tuple[str, str]]] = (
 """State, deflections and qualities that settle it, notes of the sender, and the codes of state and of figures."""
 
 
+@pytest.mark.promise(
+    "docs/how-to/opcua.md",
+    "A program that takes only `Good` values never takes a doubtful one",
+    "the contact has notes or lacks channels, or the state is `unexplained`",
+)
 def test_only_a_contact_of_all_channels_without_a_note_is_good(
     start_press: StartService, build_model: BuildModel
 ) -> None:

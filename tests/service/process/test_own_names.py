@@ -37,6 +37,17 @@ def ask(service: Service, host: str | None, path: str = "/health/live") -> httpx
     return httpx2.Response(int(status.split()[1]), headers=headers, content=body)
 
 
+@pytest.mark.promise(
+    "docs/reference/http.md",
+    (
+        "Without a read token and without a certificate, the service answers only if it is asked for an address, "
+        "`localhost`, a name without a dot, the name of its machine, or one of `server.names`."
+    ),
+)
+@pytest.mark.promise(
+    "docs/how-to/proxy.md",
+    "A service without a read token refuses names that it does not know (421 `other-name`)",
+)
 def test_a_service_without_a_read_token_refuses_foreign_names(start_press: StartService) -> None:
     service = start_press(server=NAMES)
     machine = socket.gethostname()
@@ -53,6 +64,10 @@ def test_a_service_without_a_read_token_refuses_foreign_names(start_press: Start
     assert 'beamtouch_refusals_total{kind="other-name"}' in service.get("/metrics").text
 
 
+@pytest.mark.promise(
+    "docs/reference/service-configuration.md",
+    "With a read token, or a certificate, any name will do.",
+)
 def test_with_a_read_token_or_a_certificate_any_name_will_do(
     start_press: StartService, certificate: tuple[Path, Path]
 ) -> None:

@@ -42,6 +42,8 @@ def durable(service: Service) -> int | None:
     return number
 
 
+@pytest.mark.promise("docs/reference/http.md", "after a second, 503 `too-many-clients` with `Retry-After`")
+@pytest.mark.promise("docs/reference/events.md", "They hold up no answer and no sample")
 def test_beyond_a_number_of_readers_others_are_told_to_come_again_and_nothing_else_waits(
     service: Service, tmp_path: Path
 ) -> None:

@@ -12,6 +12,10 @@ CHECKS_NOT_HELD = "not_a_server_error,positive_data_acceptance"
 """503 is an answer of its own kind here, and a batch has rules between its members that a schema cannot state."""
 
 
+@pytest.mark.promise(
+    "docs/reference/http.md",
+    "`/openapi.json` describes every route with its parameters, examples and tokens.",
+)
 @pytest.mark.soak
 @pytest.mark.long
 @pytest.mark.timeout(600)

@@ -32,6 +32,7 @@ def test_beyond_loopback_a_service_without_tls_warns_and_one_with_a_certificate_
     assert ("no TLS: others on the network can read the tokens" in errors) is not certified
 
 
+@pytest.mark.promise("docs/reference/http.md", "The service never logs a token.")
 def test_no_token_is_ever_in_the_log(start_press: StartService) -> None:
     service = start_press(read=READ_TOKEN)
     wrong = "a-wrong-token-that-someone-mistyped"
@@ -57,6 +58,7 @@ def test_no_token_is_ever_in_the_log(start_press: StartService) -> None:
     assert len(errors.splitlines()) <= 3
 
 
+@pytest.mark.promise("docs/reference/http.md", "time for a batch to arrive")
 @pytest.mark.long
 def test_a_body_that_trickles_is_given_up_after_ten_seconds(fresh: Service) -> None:
     head = f"POST /surfaces/press-7/samples HTTP/1.1\r\nHost: x\r\nAuthorization: Bearer {TOKEN}\r\n"

@@ -25,6 +25,7 @@ def channels_while(service: Service, kind: str) -> list[tuple[float | None, str]
         return [(one["deflection_mm"], one["quality"]) for one in found["channels"]]
 
 
+@pytest.mark.promise("docs/reference/http.md", "null and `missing` without a fresh sample")
 @pytest.mark.parametrize("is_bad", [False, True])
 def test_a_stale_sample_shows_no_deflection(start_press: StartService, *, is_bad: bool) -> None:
     service = start_press(stale_ms=50)

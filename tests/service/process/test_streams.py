@@ -44,6 +44,7 @@ def deaf(service: Service, stack: ExitStack) -> socket.socket:
     return client
 
 
+@pytest.mark.promise("docs/reference/http.md", "what `GET /contact` gives")
 def test_it_says_what_is_and_what_becomes(fresh: Service) -> None:
     service = fresh
     with ExitStack() as stack:
@@ -80,6 +81,8 @@ def test_it_says_what_is_and_what_becomes(fresh: Service) -> None:
         assert again["age_ms"] > state["age_ms"]
 
 
+@pytest.mark.promise("docs/reference/service-configuration.md", "Open streams. Further ones get 503.")
+@pytest.mark.promise("docs/reference/http.md", "503 `too-many-clients` with `Retry-After`")
 def test_so_many_streams_and_no_more_until_one_ends(start_press: StartService) -> None:
     service = start_press(server="max_streams = 2")
     with ExitStack() as stack:
@@ -97,6 +100,7 @@ def test_so_many_streams_and_no_more_until_one_ends(start_press: StartService) -
     wait_until(admitted)
 
 
+@pytest.mark.promise("docs/reference/http.md", "When the service stops, all streams end at once.")
 def test_it_stops_with_streams_open_one_of_which_is_not_read(
     start_service: StartService, build_model: BuildModel, token_file: Path
 ) -> None:
@@ -124,6 +128,7 @@ def test_it_stops_with_streams_open_one_of_which_is_not_read(
         assert min(read) > 0
 
 
+@pytest.mark.promise("docs/reference/http.md", "A client that reads nothing is dropped after some seconds.")
 @pytest.mark.long
 def test_a_client_that_does_not_read_is_dropped_and_costs_others_nothing(
     start_press: StartService, build_model: BuildModel

@@ -60,6 +60,10 @@ def test_ctrl_c_ends_the_service_without_a_word(fresh: Service) -> None:
     assert fresh.stop(signal.SIGINT) == (130, "")
 
 
+@pytest.mark.promise(
+    "docs/reference/problems.md",
+    "`stopping`: the service stopped before the whole batch had arrived.",
+)
 def test_it_stops_with_a_sender_connected(fresh: Service) -> None:
     service = fresh
     answers: list[httpx2.Response] = []

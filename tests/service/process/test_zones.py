@@ -65,6 +65,14 @@ async def over_opcua(url: str) -> dict[str, object]:
     return {name: found[name].Value.Value for name in ("sequence", "zones/gate", "zones/end")}
 
 
+@pytest.mark.promise(
+    "docs/how-to/zones.md",
+    "register `zones`, two bits a zone, both set while it is `inside`, and a counter of entries for each",
+)
+@pytest.mark.promise(
+    "docs/reference/registers.md",
+    "A zone is `inside` if both of its bits are set; neither bit alone says so.",
+)
 def test_every_door_says_the_same_of_the_same_sample(line: Line) -> None:
     subscriber = line.broker.subscribe("-t", CONTACT)
     opcua = free_port()
