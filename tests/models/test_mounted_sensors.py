@@ -88,7 +88,7 @@ def test_sensors_stay_where_the_daemon_configuration_has_them(
     assert [channel["position_mm"] for channel in channels] == first
     change(config, f"position_mm = {first[0]!r}", f"position_mm = {first[0] + 3!r}")  # as it was drilled
     config.write_text(config.read_text(), encoding=encoding)  # some editors begin a file with a mark
-    again = design_sensors_here("build", scene, *files, "--json")
+    again = design_sensors_here("build", scene, *files, "--json", "--force")
     assert json.loads(again.stdout)["positions_mm"] == [first[0] + 3, *first[1:]]
     assert f"stay where {config} has them" in again.stderr
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from jinja2 import Environment, StrictUndefined
 
 from beamtouch_common.files import write_atomically
+from beamtouch_models.building.replaced import sealed
 from beamtouch_models.metadata import Metadata
 from beamtouch_models.pricing.walk import smallest_mm, walk_of
 from beamtouch_models.surface import Surface
@@ -27,7 +28,7 @@ def daemon_config(metadata: Metadata) -> str:
     form = Environment(undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True).from_string(  # noqa: S701  # TOML
         files(__package__).joinpath("daemon_config.toml.j2").read_text(encoding="utf-8")
     )
-    return form.render(
+    text = form.render(
         dict(metadata),
         service_url=SERVICE_URL,
         token_file=TOKEN_FILE,
@@ -39,6 +40,7 @@ def daemon_config(metadata: Metadata) -> str:
         smallest_mm=smallest_mm(metadata),
         walk=walk_of(metadata, surface.readings),
     )
+    return sealed(text)
 
 
 def write_token_if_absent(folder: Path) -> Path:

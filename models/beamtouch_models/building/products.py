@@ -8,6 +8,7 @@ from beamtouch_common.files import require_writable, write_atomically
 from beamtouch_common.names import NAME, RULE
 from beamtouch_models.building.build import Built, Choices, build_model
 from beamtouch_models.building.daemon_config import daemon_config as daemon_config_of
+from beamtouch_models.building.replaced import require_replaceable
 from beamtouch_models.building.sensors import count_of
 from beamtouch_models.errors import SceneError, require
 from beamtouch_models.names import ESTIMATORS, Criterion, EstimatorName
@@ -28,6 +29,7 @@ def build(  # noqa: PLR0913  # one for each option of the command
     daemon_config: Path | str | None = None,
     report: Path | str | None = None,
     seed: int = 0,
+    force: bool = False,
 ) -> bytes:
     """Build the model of a scene, as `design-sensors build` does.
 
@@ -40,6 +42,7 @@ def build(  # noqa: PLR0913  # one for each option of the command
     estimator : "posterior", "small-network" or "paper-network"
     daemon_config, report : files to write beside: a configuration for the daemon (TOML), and a report (HTML)
     seed : seed of all random numbers; the same seed gives the same bytes
+    force : whether to replace a configuration that was edited after a build wrote it, or another file
 
     Returns
     -------
@@ -48,7 +51,7 @@ def build(  # noqa: PLR0913  # one for each option of the command
     Raises
     ------
     InputError
-        It is not a scene, or a file cannot be written.
+        It is not a scene, or a file cannot be written, or would be lost.
     SceneError
         The scene cannot be built; the message says why.
     NotGoodEnoughError
@@ -66,6 +69,8 @@ def build(  # noqa: PLR0913  # one for each option of the command
         raise SceneError(f"estimator = {estimator!r} must be one of {', '.join(ESTIMATORS)}")
     config_file, report_file = (None if one is None else Path(one) for one in (daemon_config, report))
     require_writable((config_file, report_file), () if path is None else (path,))
+    if not force:
+        require_replaceable(config=config_file, report=report_file, instead="name another one, or give force=True")
     built = build_model(
         stated,
         text,

@@ -107,6 +107,11 @@ def build(parser: argparse.ArgumentParser) -> None:
     words = "also write a configuration for beamtouch-daemon (TOML)"
     parser.add_argument("--daemon-config", type=Path, metavar="FILE", help=words)
     parser.add_argument("--report", type=Path, metavar="FILE", help="also write a report of the build (.html)")
+    words = (
+        "replace also a model that is calibrated, a configuration that was edited after build wrote it, and files that "
+        "build did not write"
+    )
+    parser.add_argument("--force", action="store_true", help=words)
     _share(parser, "--seed", "--json")
 
 

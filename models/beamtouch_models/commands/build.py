@@ -17,6 +17,7 @@ from beamtouch_models.building.daemon_config import write_token_if_absent
 from beamtouch_models.building.mounted import Mounted, find_mounted
 from beamtouch_models.building.products import write_products
 from beamtouch_models.building.remarks import missed_requirement, remarks, weak_spot
+from beamtouch_models.building.replaced import require_replaceable
 from beamtouch_models.commands.inspect import describe
 from beamtouch_models.commands.place import aim_of
 from beamtouch_models.commands.shared import shown_progress, surface_name
@@ -35,6 +36,8 @@ def run(options: argparse.Namespace) -> Result:
     config: Path | None = options.daemon_config
     is_rebuilt = options.scene.suffix == ".onnx"  # a rebuilt model may replace the old one
     require_writable((options.output, config, options.report), () if is_rebuilt else (options.scene,))
+    if not options.force:
+        require_replaceable(options.output, config, options.report)
     note(*remarks(scene), _kept(choices, mounted))
     with shown_progress() as progress:
         built = build_model(

@@ -14,6 +14,7 @@ from beamtouch_common.errors import InputError
 from beamtouch_common.files import require_writable, write_atomically
 from beamtouch_models import loading
 from beamtouch_models.arrays import Floats
+from beamtouch_models.building.replaced import require_model
 from beamtouch_models.calibration.calibrate import Calibrated, calibrate
 from beamtouch_models.calibration.recordings import read_contacts, read_loads
 from beamtouch_models.calibration.self_calibrate import KINDS, SelfCalibrated, self_calibrate
@@ -41,6 +42,7 @@ def run(options: argparse.Namespace) -> Result:
     """Calibrate and write the model; the result is the departures with the errors or misfits before and after."""
     model = loading.load(options.model)
     require_writable([options.output], [options.readings, options.events])
+    require_model(options.output)
     fit_to = _calibrate_with_loads if options.events is None else _calibrate_with_contacts
     calibrated, fields, rows = fit_to(model, options)
     write_atomically(options.output, calibrated.content)

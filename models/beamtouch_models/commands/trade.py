@@ -9,6 +9,7 @@ from beamtouch_common.errors import InputError
 from beamtouch_common.files import write_atomically
 from beamtouch_models.building.build import Choices, build_model
 from beamtouch_models.building.remarks import remarks
+from beamtouch_models.building.replaced import require_replaceable
 from beamtouch_models.commands.shared import folder_of, shown_progress, surface_name
 from beamtouch_models.names import ESTIMATORS
 from beamtouch_models.printing import Result, markdown, note
@@ -26,6 +27,8 @@ def run(options: argparse.Namespace) -> Result:
     scene, text = load_scene(options.scene)
     note(*remarks(scene))
     folder, name = folder_of(options.output), surface_name(options.scene)
+    if (options.latency_ms, options.error_mm) != (None, None):
+        require_replaceable(folder / f"{name}.onnx", instead="name another folder")
     with spread_over(options.workers, options.cluster) as spread, shown_progress() as progress:
         found = trade(
             scene,
