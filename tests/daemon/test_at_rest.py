@@ -9,11 +9,10 @@ import pytest
 from beamtouch_daemon.config.settings import Surface
 from beamtouch_daemon.processing.at_rest import (
     NotAtRestError,
-    describe_comparison,
-    find_contradictions,
     rest_gaps,
     select_rest,
 )
+from beamtouch_daemon.processing.tares import describe_comparison, find_contradictions
 from beamtouch_models.filters import FloatArray
 
 from .surfaces import (

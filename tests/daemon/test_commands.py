@@ -141,6 +141,48 @@ async def test_tare_refuses_rest_gaps_that_contradict_the_configuration_or_the_l
     assert content["rest_gap_mm"] == pytest.approx({"s1": 1.48, "s2": 2.51})
 
 
+LIKE_WARMTH = (
+    "; all have changed about alike, by {} mm, as in a hall that warms or cools, and unlike most loads: look that "
+    "nothing touches the beam, wait until it no longer drifts, and add --accept-change; if the hall does so often, "
+    "state how fast in zero_tracking.drift_um_per_min"
+)
+LIKE_A_LOAD = (
+    "; take everything off the beam and tare again, or add --accept-change if the sensors were moved or the beam was "
+    "changed"
+)
+
+
+@pytest.mark.promise(
+    "docs/how-to/drift.md",
+    "If the zeros have gone farther, `tare` refuses, with about the same distance for each sensor, and says that it "
+    "looks like a hall that warms or cools.",
+)
+@pytest.mark.parametrize(
+    ("registers", "moved", "said"),
+    [
+        ([21_000, 21_100, 20_900], "s1 -0.100 mm, s2 -0.110 mm, s3 -0.090 mm", LIKE_WARMTH.format("-0.100")),
+        ([19_000, 19_000, 19_000], "s1 +0.100 mm, s2 +0.100 mm, s3 +0.100 mm", LIKE_WARMTH.format("+0.100")),
+        ([21_000, 21_600, 21_000], "s1 -0.100 mm, s2 -0.160 mm, s3 -0.100 mm", LIKE_A_LOAD),
+        ([21_000, 21_000, 19_000], "s1 -0.100 mm, s2 -0.100 mm, s3 +0.100 mm", LIKE_A_LOAD),
+        ([21_000, 21_000], "s1 -0.100 mm, s2 -0.100 mm", LIKE_A_LOAD),
+    ],
+    ids=["warmer", "cooler", "a load", "not one way", "two sensors"],
+)
+async def test_tare_says_what_looks_like_warmth_and_what_does_not(
+    tmp_path: Path, registers: list[int], moved: str, said: str
+) -> None:
+    async def tare(now: list[int]) -> Outcome:
+        async with pymodbus_server(now) as port:
+            surface = configs.surface(source=configs.tcp(port), registers=tuple(range(len(now))))
+            return await command("tare", configs.write(tmp_path, surface))
+
+    rested = await tare([20_000] * len(registers))
+    refused = await tare(registers)
+    assert (rested.code, refused.code) == (0, 1)
+    expected = moved.replace(" mm", " mm from the last tare")
+    assert refused.complaint() == f"bench: not tared: {expected}{said}"
+
+
 @pytest.mark.promise("docs/reference/daemon-configuration.md", "`tare` refuses a surface that moves more.")
 async def test_tare_refuses_what_moves_or_stands_still_and_writes_nothing_for_it(tmp_path: Path) -> None:
     chance = Random(3)  # noqa: S311 - noise, not secrets

@@ -12,7 +12,7 @@ import facts
 from beamtouch_common.zones import BEGIN, HOLD, MAX_ZONES
 from beamtouch_daemon.delivery.log_store import MEMORY_S
 from beamtouch_daemon.delivery.pace import MAX_BATCH
-from beamtouch_daemon.processing import at_rest, rate
+from beamtouch_daemon.processing import rate, tares
 from beamtouch_daemon.running.acquisition import PATIENCE_S
 from beamtouch_daemon.sources import board, rtu_bus, rtu_unit, traffic
 from beamtouch_models import read_scene
@@ -130,13 +130,13 @@ STATED = {
     "daemon/daemon.example.toml": [
         f"keeps such samples on disk after {MEMORY_S:g} s",
         f"differs by more than {PARTS[rate.TOLERANCE]}",
-        f"tare allows {WORDS[at_rest.STATED_DEVIATIONS]} times",
+        f"tare allows {WORDS[tares.STATED_DEVIATIONS]} times",
         f"is asked again after {rtu_bus.REST_TIMEOUTS:g} timeouts",
         f"after {rtu_unit.FORGOTTEN_S:g} s or {rtu_unit.FORGOTTEN_TIMEOUTS} timeouts",
         f"What changes more than {TIMES[zeros.SPEED]} as fast is a load",
-        f"gap that differs by {PARTS[at_rest.LOAD_SHARE]} of it.",
-        f"Default: by {PARTS[at_rest.MOUNTED_WITHIN]} of range_mm",
-        f"or {PARTS[at_rest.DRIFTS_WITHIN]} from the last tare",
+        f"gap that differs by {PARTS[tares.LOAD_SHARE]} of it.",
+        f"Default: by {PARTS[tares.MOUNTED_WITHIN]} of range_mm",
+        f"or {PARTS[tares.DRIFTS_WITHIN]} from the last tare",
     ],
     "deploy/README.md": [f"After {WORDS[CHECKS]} checks without an answer"],
     "deploy/haproxy-one.cfg": [f"The service waits {MAX_BODY_S:g} s for a body"],
@@ -187,10 +187,10 @@ STATED = {
         f"with five: {PAPER[5, 'equal']} and {PAPER[5, 'optimised']} %.",
     ],
     "docs/explanation/readings-to-samples.md": [
-        f"more than {PARTS[at_rest.LOAD_SHARE]} of `smallest_force_mm`",
-        f"{WORDS[at_rest.STATED_DEVIATIONS].capitalize()} times `zero_drift_mm` is always allowed",
-        f"by {PARTS[at_rest.MOUNTED_WITHIN]} of the sensor's range",
-        f"each later one by {PARTS[at_rest.DRIFTS_WITHIN]}",
+        f"more than {PARTS[tares.LOAD_SHARE]} of `smallest_force_mm`",
+        f"{WORDS[tares.STATED_DEVIATIONS].capitalize()} times `zero_drift_mm` is always allowed",
+        f"by {PARTS[tares.MOUNTED_WITHIN]} of the sensor's range",
+        f"each later one by {PARTS[tares.DRIFTS_WITHIN]}",
     ],
     "docs/explanation/speed-or-accuracy.md": [f"agree for {PARTS[STILL_PART]} of the beam's slowest period"],
     "docs/how-to/calibrate-without-loads.md": [f"With the {BENCH.sensors.gain_error_percent:g} % of `bench.toml`"],
@@ -206,7 +206,7 @@ STATED = {
         f"keeps the last {MAX_KEPT} results",
     ],
     "docs/how-to/commissioning.md": [
-        f"within {PARTS[at_rest.MOUNTED_WITHIN]} of the sensor's range",
+        f"within {PARTS[tares.MOUNTED_WITHIN]} of the sensor's range",
         f"at bit {Note.DEGRADED.bit} of `notes` and at every `state` from {PROBLEMS} on",
     ],
     "docs/how-to/design.md": [

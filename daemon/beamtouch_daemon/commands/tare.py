@@ -3,8 +3,9 @@
 import argparse
 import asyncio
 import math
-from collections.abc import Mapping
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from datetime import UTC, datetime
+from typing import TypeVar
 
 import numpy as np
 
@@ -15,8 +16,8 @@ from beamtouch_daemon.config import tare_file
 from beamtouch_daemon.config.file import load_config
 from beamtouch_daemon.config.settings import Config, Surface
 from beamtouch_daemon.delivery.client import ServiceClient
-from beamtouch_daemon.delivery.readiness import contact_on
-from beamtouch_daemon.processing import at_rest, stuck
+from beamtouch_daemon.delivery.readiness import calibration_on, contact_on
+from beamtouch_daemon.processing import at_rest, stuck, tares
 from beamtouch_daemon.processing.at_rest import NotAtRestError
 from beamtouch_daemon.processing.pipeline import counts_of
 from beamtouch_daemon.sources.configured import source_of
@@ -31,6 +32,13 @@ FIRST_REMEDY = (
     "take everything off the beam and tare again, or add --accept-change if nothing touches it: before the first tare, "
     "a load and a sensor mounted elsewhere look alike"
 )
+WARMTH_REMEDY = (
+    "all have changed about alike, by {:+.3f} mm, as in a hall that warms or cools, and unlike most loads: look that "
+    "nothing touches the beam, wait until it no longer drifts, and add --accept-change; if the hall does so often, "
+    "state how fast in zero_tracking.drift_um_per_min"
+)
+
+_T = TypeVar("_T")
 
 MIN_DECIMALS = 4
 """Of a rest gap, also where the noise would allow fewer."""
@@ -60,10 +68,10 @@ def _tare(config: Config, name: str, *, accept_change: bool) -> None:
     try:
         readings = asyncio.run(first_readings(source_of(surface), at_rest.readings_for_tare(surface.rate_hz)))
         gaps = _measure_rest(counts_of(readings), surface, last_mm, since_s, accept_change=accept_change)
-        contact = asyncio.run(_ask_for_contact(config, name))
+        contact = asyncio.run(_ask(config, lambda client: contact_on(client, name)))
         if contact and not accept_change:
             raise NotAtRestError(f"the service sees {contact}; {REMEDY}")
-        tare_file.save(path, name, len(readings), gaps)
+        tare_file.save(path, name, len(readings), gaps, surface.channels)
     except (SourceError, NotAtRestError) as error:
         raise FailedError(f"{name}: not tared: {error}") from error
     except OSError as error:
@@ -73,7 +81,12 @@ def _tare(config: Config, name: str, *, accept_change: bool) -> None:
     print(f"{name}: rest gaps {text}, mean of {len(readings)} readings, in {path}")
     answers = {None: "the service could not be asked, or has no contact to give", "": "the service sees a beam at rest"}
     answer = answers.get(contact, f"the service sees {contact}")
-    print(f"{name}: {at_rest.describe_comparison(gaps, last_mm, surface, since_s)}; {answer}")
+    print(f"{name}: {tares.describe_comparison(gaps, last_mm, surface, since_s)}; {answer}")
+    moved = tares.find_moved(gaps, last_mm, surface, since_s)
+    changed = [] if last is None else last.other_characteristics(surface.channels)
+    if moved or changed:
+        is_calibrated = asyncio.run(_ask(config, lambda client: calibration_on(client, name))) or False
+        print(f"{name}: {_describe_new(moved, changed, is_calibrated=is_calibrated)}")
     print(f"{name}: a running daemon takes them when it starts again: systemctl restart beamtouch-daemon")
 
 
@@ -87,17 +100,30 @@ def _measure_rest(
     names = [surface.channel_names[index] for index in too_long] or at_rest.find_frozen(counts, surface)
     if names:
         raise NotAtRestError(at_rest.stuck_complaint(names))
-    contradictions = at_rest.find_contradictions(gaps, last_mm, surface, since_s)
+    contradictions = tares.find_contradictions(gaps, last_mm, surface, since_s)
     if contradictions and not accept_change:
-        raise NotAtRestError(f"{', '.join(contradictions)}; {REMEDY if last_mm else FIRST_REMEDY}")
+        warmth_mm = tares.common_mm(gaps, last_mm, surface)
+        remedy = WARMTH_REMEDY.format(warmth_mm) if warmth_mm else REMEDY if last_mm else FIRST_REMEDY
+        raise NotAtRestError(f"{', '.join(contradictions)}; {remedy}")
     return gaps
 
 
-async def _ask_for_contact(config: Config, name: str) -> str | None:
-    """Return what the service sees on a surface, as `contact_on` does; None also if it cannot be asked."""
+def _describe_new(moved: Sequence[str], changed: Sequence[str], *, is_calibrated: bool) -> str:
+    """Say what to do if the sensors that have moved by themselves, or whose characteristic is another one, are new."""
+    signs = (("another rest gap", moved), ("another characteristic", changed))
+    what = ", ".join(f"{sign} of {' and '.join(names)}" for sign, names in signs if names)
+    again = " again, as its calibration is of the sensors from before" if is_calibrated else ""
+    return (
+        f"{what}: if a sensor is new or stands elsewhere, calibrate the model{again}; until then, a contact may be "
+        "unexplained or misplaced"
+    )
+
+
+async def _ask(config: Config, question: Callable[[ServiceClient], Awaitable[_T | None]]) -> _T | None:
+    """Return what the service answers to a question; None if it cannot be asked."""
     try:
         client = ServiceClient.of(config)
     except (InputError, FailedError):
         return None  # the daemon has the token from elsewhere
     async with client:
-        return await contact_on(client, name)
+        return await question(client)

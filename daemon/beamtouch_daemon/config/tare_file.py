@@ -1,19 +1,24 @@
 """The tare file: the rest gaps that `tare` measured, in a small JSON file beside the configuration."""
 
+import hashlib
 import math
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 
-from pydantic import BaseModel, ConfigDict, FiniteFloat, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
 from beamtouch_common.encodings import decode
 from beamtouch_common.errors import FailedError, InputError
 from beamtouch_common.files import read_bounded, write_atomically
+from beamtouch_daemon.config.signal import Channel
 from beamtouch_service.samples import ChannelName, SurfaceName
 
 MODE = 0o644
 """Permissions: the user of the service reads what root measured, whatever the umask of root."""
+
+DIGITS = 8
+"""Of the identity of a characteristic."""
 
 NOT_TARED = (
     "not tared: the rest gaps are those of the configuration; run beamtouch-daemon tare, with nothing on the beam"
@@ -32,6 +37,13 @@ class TareFile(BaseModel):
     readings: int
     """Number of readings in the mean."""
     rest_gap_mm: dict[ChannelName, FiniteFloat]
+    characteristic: dict[ChannelName, str] = Field(default_factory=dict)
+    """Identity of the characteristic that each was measured with."""
+
+    def other_characteristics(self, channels: Sequence[Channel]) -> list[str]:
+        """Return the channels whose characteristic is another one than at the tare."""
+        now = _identities(channels)
+        return [name for name, before in self.characteristic.items() if now.get(name, before) != before]
 
     def age_s(self, now: datetime) -> float:
         """Return the time since the tare; infinite if the file does not say, or the clock is before it."""
@@ -43,11 +55,23 @@ class TareFile(BaseModel):
         return age_s if age_s >= 0 else math.inf
 
 
-def save(path: Path, surface: str, readings: int, rest_gap_mm: dict[str, float]) -> None:
+def save(path: Path, surface: str, readings: int, rest_gap_mm: dict[str, float], channels: Sequence[Channel]) -> None:
     """Write a tare file whole or not at all; OSError if that is impossible."""
     now = datetime.now(UTC).isoformat(timespec="seconds")
-    content = TareFile(surface=surface, taken_at=now, readings=readings, rest_gap_mm=rest_gap_mm)
+    content = TareFile(
+        surface=surface,
+        taken_at=now,
+        readings=readings,
+        rest_gap_mm=rest_gap_mm,
+        characteristic=_identities(channels),
+    )
     write_atomically(path, (content.model_dump_json(indent=2) + "\n").encode(), mode=MODE)
+
+
+def _identities(channels: Sequence[Channel]) -> dict[str, str]:
+    """Return a short text for each channel that changes with its characteristic."""
+    curves = {channel.name: repr((channel.points, channel.slopes)) for channel in channels}
+    return {name: hashlib.sha256(curve.encode()).hexdigest()[:DIGITS] for name, curve in curves.items()}
 
 
 def load(path: Path, channels: Sequence[str]) -> TareFile | None:

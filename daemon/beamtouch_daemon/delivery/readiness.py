@@ -27,6 +27,12 @@ class _Contact(BaseModel):
     force_n: float | None
 
 
+class _Model(BaseModel):
+    """What counts here of the service's answer to `GET /surfaces/NAME/model`."""
+
+    calibration: dict[str, object] | None
+
+
 class Readiness(NamedTuple):
     """Whether the service takes the samples of a surface, and whether they belong to its model."""
 
@@ -50,6 +56,15 @@ async def contact_on(client: ServiceClient, surface: str) -> str | None:
         return "something that it cannot explain"
     force = "" if contact.force_n is None else f" of {contact.force_n:.3g} N"
     return f"a contact{force} at {contact.position_mm:.0f} mm"
+
+
+async def calibration_on(client: ServiceClient, surface: str) -> bool | None:
+    """Return whether the service's model of a surface is calibrated; None if it cannot tell."""
+    try:
+        model = (await client.get(f"/surfaces/{surface}/model")).parsed(_Model)
+    except UnreachableError:
+        return None
+    return None if model is None else model.calibration is not None
 
 
 async def readiness_of(client: ServiceClient, name: str, surface: Surface) -> Readiness:

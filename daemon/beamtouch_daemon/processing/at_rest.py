@@ -9,12 +9,11 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from beamtouch_common.digits import decimals_of, digits
+from beamtouch_common.digits import digits
 from beamtouch_daemon.config.settings import Surface
-from beamtouch_daemon.config.signal import Channel
 from beamtouch_daemon.processing import resolution, stuck
 from beamtouch_daemon.processing.characteristic import QUALITIES, Characteristic
-from beamtouch_daemon.processing.filters import walk_of
+from beamtouch_daemon.processing.tares import DRIFTS_WITHIN, find_contradictions, largest_change_mm
 from beamtouch_models.filters import FloatArray
 from beamtouch_service.samples import Quality
 
@@ -27,19 +26,6 @@ MAX_DRIFT = 1.0
 """Largest difference between the means of both halves, relative to the noise of one reading."""
 DRIFT_DEVIATIONS = 5.0
 """The same difference, relative to its own standard deviation; the smaller of both limits counts."""
-MOUNTED_WITHIN = 0.1
-"""Largest difference from the configured rest gap, which may be nominal, as a part of the linear range."""
-DRIFTS_WITHIN = 0.02
-"""Largest difference between two tares, from warmth and settling, as a part of the linear range; also the largest drift
-in each minute of a long recording."""
-LOAD_SHARE = 0.1
-"""The same for both, as a part of what the smallest force causes where it moves the channel most. Smaller parts would
-refuse ordinary settling. With it, the smallest force shows everywhere but within a few percent of the supports."""
-FEWEST_WARM = 3
-"""Fewest channels whose common difference may be warmth: a load between two moves both alike."""
-STATED_DEVIATIONS = 4.0
-"""A difference within this many standard deviations of the stated drift is never refused."""
-
 MAX_BAD = 0.01
 """Largest share of the readings of a recording in which a channel is not good."""
 FEW_VALUES = 4
@@ -99,7 +85,7 @@ def steps_mm(counts: FloatArray, surface: Surface) -> FloatArray:
     difference that a rest gap may have from the last tare anyway.
     """
     of_type, shown = resolution.finest(surface), resolution.steps_shown(counts, surface)
-    harmless_mm = [_largest_mm(channel, DRIFTS_WITHIN) for channel in surface.channels]
+    harmless_mm = [largest_change_mm(channel, DRIFTS_WITHIN) for channel in surface.channels]
     count_mm = Characteristic.of(surface).steepest
     return np.maximum(of_type * count_mm, np.where(np.isfinite(shown), np.minimum(shown * count_mm, harmless_mm), 0.0))
 
@@ -120,105 +106,6 @@ def describe_motion(gap_mm: FloatArray, step_mm: float, noise_mm: float | None) 
     if spread <= MAX_SPREAD * noise + step_mm and drift <= max_drift + step_mm:
         return ""
     return f"standard deviation {digits(spread, 2)} mm, drift {digits(drift, 2)} mm, noise {digits(noise, 2)} mm"
-
-
-def find_contradictions(
-    rest_gap_mm: Mapping[str, float], last_mm: Mapping[str, float], surface: Surface, since_s: float = math.inf
-) -> list[str]:
-    """Return a phrase for each channel whose rest gap differs too much from the last tare, or the configuration.
-
-    Parameters
-    ----------
-    rest_gap_mm : Measured rest gaps [mm], by channel name.
-    last_mm : Rest gaps of the last tare [mm], by channel name; empty without one: then the configuration counts.
-    surface : The configuration.
-    since_s : Time since the last tare [s], which bounds warmth; infinite if it is not known.
-    """
-    reference = "the last tare" if last_mm else "its rest_gap_mm"
-    differences = _differences(rest_gap_mm, last_mm, surface, _warmth_mm(rest_gap_mm, last_mm, surface, since_s))
-    contradictions = [
-        f"{name} {difference_mm:+.{max(3, decimals_of(allowed_mm))}f} mm from {reference}"
-        for name, difference_mm, allowed_mm in differences
-        if abs(difference_mm) > allowed_mm
-    ]
-    swap = _find_swap(rest_gap_mm, last_mm, surface) if len(contradictions) == 2 else ""
-    return [*contradictions, swap] if swap else contradictions
-
-
-def _find_swap(rest_gap_mm: Mapping[str, float], last_mm: Mapping[str, float], surface: Surface) -> str:
-    """Return a phrase for two channels that have each other's rest gaps; empty if none have.
-
-    They are the ones that differ from their own.
-    """
-    expected_mm = {one.name: last_mm.get(one.name, one.rest_gap_mm) for one in surface.channels}
-    differences = _differences(rest_gap_mm, last_mm, surface, 0.0)
-    first, second = sorted(differences, key=lambda one: abs(one[1]) - one[2])[-2:]
-    apart_mm = expected_mm[first[0]] - expected_mm[second[0]]
-    is_swapped = abs(first[1] + apart_mm) <= first[2] and abs(second[1] - apart_mm) <= second[2]
-    names = " and ".join(sorted((first[0], second[0])))
-    return f"{names} have each other's rest gaps, so their cables seem to be swapped" if is_swapped else ""
-
-
-def describe_comparison(
-    rest_gap_mm: Mapping[str, float], last_mm: Mapping[str, float], surface: Surface, since_s: float = math.inf
-) -> str:
-    """Describe what accepted rest gaps were compared with, and how closely; arguments as `find_contradictions`."""
-    warmth_mm = _warmth_mm(rest_gap_mm, last_mm, surface, since_s)
-    differences = _differences(rest_gap_mm, last_mm, surface, warmth_mm)
-    name, difference_mm, _ = max(differences, key=lambda difference: abs(difference[1]))
-    smallest_mm = min(allowed_mm for _, _, allowed_mm in differences)
-    what = "compared with the last tare" if last_mm else "first tare, compared with rest_gap_mm"
-    text = (
-        f"{what}: {name} differs most, by {digits(abs(difference_mm), 2)} mm; {digits(smallest_mm, 2)} mm are allowed"
-    )
-    if abs(warmth_mm) > smallest_mm:
-        text += (
-            f"; all gaps changed by about {warmth_mm:+.{max(3, decimals_of(smallest_mm))}f} mm, taken for warmth: a "
-            "load that moves all sensors about alike would pass, too, so look at the beam"
-        )
-    if all(channel.smallest_force_mm is None for channel in surface.channels):
-        return f"{text}; a load that moves less is not noticed, as the channels state no smallest_force_mm"
-    return text
-
-
-def _warmth_mm(
-    rest_gap_mm: Mapping[str, float], last_mm: Mapping[str, float], surface: Surface, since_s: float
-) -> float:
-    """Return what all channels have in common [mm], as far as zeros drift in the time since the last tare [s].
-
-    No load moves all alike. Few channels show no difference between the two.
-    """
-    walk = walk_of(surface)
-    if walk is None or not last_mm or len(surface.channels) < FEWEST_WARM:
-        return 0.0
-    moved_mm = [rest_gap_mm[one.name] - last_mm.get(one.name, one.rest_gap_mm) for one in surface.channels]
-    most_mm = min(walk.max_mm, STATED_DEVIATIONS * float(walk.grown_mm(since_s)))
-    return min(max(float(np.median(moved_mm)), -most_mm), most_mm)
-
-
-def _differences(
-    rest_gap_mm: Mapping[str, float], last_mm: Mapping[str, float], surface: Surface, warmth_mm: float
-) -> list[tuple[str, float, float]]:
-    """Return name, difference [mm] beyond the warmth, and largest allowed difference [mm] of each channel."""
-    moved_mm = {
-        channel.name: rest_gap_mm[channel.name] - last_mm.get(channel.name, channel.rest_gap_mm)
-        for channel in surface.channels
-    }
-    drift_mm = STATED_DEVIATIONS * surface.zero_drift_mm
-    differences = []
-    for channel in surface.channels:
-        largest_mm = _largest_mm(channel, DRIFTS_WITHIN if last_mm else MOUNTED_WITHIN)
-        allowed_mm = max(largest_mm, drift_mm) + (surface.noise_mm or 0.0)
-        differences.append((channel.name, moved_mm[channel.name] - warmth_mm, allowed_mm))
-    return differences
-
-
-def _largest_mm(channel: Channel, share: float) -> float:
-    """Return a share of the linear range [mm], or of what the smallest force causes if that is less."""
-    largest_mm = share * (channel.range_mm[1] - channel.range_mm[0])
-    if channel.smallest_force_mm is None:
-        return largest_mm
-    return min(largest_mm, LOAD_SHARE * channel.smallest_force_mm)
 
 
 def select_rest(counts: FloatArray, surface: Surface, last_mm: Mapping[str, float]) -> FloatArray:
