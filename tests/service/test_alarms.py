@@ -98,6 +98,7 @@ def test_contact_and_summary_carry_the_state_and_its_suspect(soon: Bench) -> Non
         *("unexplained", ["check-s3"], None, None),
     )
     assert (summary["state"], summary["notes"], summary["misfit"]) == ("unexplained", ["check-s3"], contact["misfit"])
+    assert (contact["quality"], contact["degraded_channels"]) == ("good", [])
     assert summary["misfit"] > summary["misfit_limit"]
     # A channel that drops out is not named any more.
     soon.send(*[[0.5, 0.25, 0.75, None]] * 3, sequence=61, quality=["good", "good", "good", "missing"])

@@ -212,6 +212,29 @@ def test_a_surface_that_falls_silent_says_so_and_keeps_the_steps(course: Course)
     assert (course.now["prompt"], course.now["step"]) == (asked, 1)
 
 
+@pytest.mark.promise(
+    "docs/how-to/commission-on-the-page.md",
+    "It stays under way until somebody goes on or presses Abandon.",
+    "It changes nothing else: the surface answers as always.",
+)
+def test_a_commissioning_that_nobody_goes_on_with_stays_and_the_surface_answers_as_always(bench: Bench) -> None:
+    commissioned, plain = Course(bench), Course(Bench(surface_of()))
+    commissioned.send(RESTING)
+    plain.send(RESTING)
+    assert commissioned.act().status_code == 200
+    for row in (RESTING, [0.5, 0.25, 0.125], [0.5, 0.25, 0.75], RESTING):
+        for course in (commissioned, plain):
+            course.send(row)
+        assert commissioned.bench.contact() == plain.bench.contact()
+    events = [course.bench.get("/events?path=true").json() for course in (commissioned, plain)]
+    assert events[0] == events[1] != {"events": [], "next": None}
+    commissioned.bench.now_s += 30 * 86_400
+    step = commissioned.now["step"]
+    commissioned.send(RESTING)
+    commissioned.press(commissioned.now["at_mm"])
+    assert commissioned.now["step"] == step + 1
+
+
 def damage(database: Path) -> bytes:
     """Overwrite a database; return what it was."""
     whole = database.read_bytes()

@@ -140,6 +140,19 @@ def test_an_unexplained_stretch_counts_in_a_contact_or_is_an_event_of_its_own(
         assert (event["samples"] > 0) is is_contact
 
 
+@pytest.mark.promise(
+    "docs/reference/events.md",
+    "Samples that contradict the contact, but are too few for a stretch, count in no figure.",
+)
+def test_samples_that_contradict_a_contact_and_are_no_stretch_count_in_no_figure(bench: Bench) -> None:
+    rows: list[Row] = [*[TOUCHING] * 3, *[ODD] * 2, *[TOUCHING] * 3]
+    story = story_of(bench, [RESTING, *rows, RESTING])
+    assert told(story) == [("contact", "touch", "lift", 40.0, 0.0)]
+    (event,) = story.events
+    assert (event["samples"], event["unsteady_samples"]) == (6, 0)
+    assert [event[f"{name}_position_mm"] for name in ("min", "mean", "max", "peak")] == [150.0] * 4
+
+
 def test_undecided_samples_go_on_in_a_stretch(bench: Bench) -> None:
     story = Story(bench, [RESTING, *[ODD] * 7, *[RESTING] * 3])
     story.deliver(0, 5)
@@ -326,6 +339,24 @@ def test_the_ramps_of_touch_and_lift_are_not_the_load(bench: Bench) -> None:
     assert len(event["path"]) == 5
 
 
+@pytest.mark.promise(
+    "docs/reference/events.md", "if they last for less than a fifth of the contact at its begin, or at its end."
+)
+@pytest.mark.parametrize("is_lift", [False, True])
+@pytest.mark.parametrize(("weak", "mean_n"), [(3, 8.75), (8, 7.0)])
+def test_a_weak_begin_or_end_that_lasts_is_a_part_of_the_load(
+    bench: Bench, is_lift: bool, weak: int, mean_n: float
+) -> None:
+    """Of 20 samples."""
+    ramp: Row = [0.25, 0.125, 0.0625]
+    rows = [*[ramp] * weak, *[TOUCHING] * (20 - weak)]
+    send(bench, *((row, {"readings": 1}) for row in [RESTING, *(rows[::-1] if is_lift else rows), RESTING]))
+    (event,) = bench.get("/events").json()["events"]
+    assert event["mean_force_n"] == pytest.approx(mean_n, abs=0.15)
+    assert event["peak_force_n"] == 8.75
+
+
+@pytest.mark.promise("docs/reference/events.md", "from where to where it moved; twice its position if it lay still")
 def test_the_mean_of_a_load_that_moves_is_that_of_its_path(bench: Bench) -> None:
     places = [[0.5 - 0.005 * step, 0.25 + 0.005 * step, 0.125] for step in range(21)]
     send(bench, (RESTING, STILL), *((row, STILL) for row in places), (RESTING, STILL))

@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from service.record_days import Days
 from service.touches import TouchedLine
 
 BASELINE, CHANGED = 100, 14
@@ -80,6 +81,18 @@ def test_another_characteristic_begins_anew(line: TouchedLine) -> None:
     line.touches.characteristic = "tared-again"
     line.touch(4, DAY)
     assert {(one["contacts"], one["since"][:10]) for one in health(line).values()} == {(4, "2026-03-03")}
+
+
+@pytest.mark.promise("docs/reference/sensor-health.md", "It is kept with the events, without the limit of `keep_days`.")
+def test_health_outlives_the_events_that_it_is_made_from(line: TouchedLine) -> None:
+    line.touch(12, BEGIN)
+    days = Days()
+    days.run(line.bench)
+    days.run(line.bench, 31)
+    assert line.bench.get("/events").json()["events"] == []
+    for _ in range(2):
+        assert {(one["contacts"], one["since"][:10]) for one in health(line).values()} == {(12, "2026-02-01")}
+        line.start()
 
 
 def test_a_clock_that_was_years_ahead_does_not_stop_the_health_of_what_comes_after_the_next_tare(

@@ -4,6 +4,7 @@ import pytest
 
 from service.bench import Bench, Row
 from service.event_story import RESTING, TOUCHING, Story
+from support.surfaces.small_model import model_of
 
 CONTACT: list[Row] = [*[TOUCHING] * 3, *[RESTING] * 3]
 
@@ -35,3 +36,13 @@ def test_another_sender_that_begins_under_load_adds_none_to_those_before(bench: 
     assert contacts_of(bench) == {1}
     second.deliver(6, 12)
     assert contacts_of(bench) == {2}
+
+
+@pytest.mark.promise("docs/reference/sensor-health.md", "anew when the model changes")
+def test_another_model_begins_anew(bench: Bench) -> None:
+    story = Story(bench, [RESTING, *CONTACT * 4])
+    story.deliver(0, 13)
+    assert contacts_of(bench) == {2}
+    bench.adopt(model_of("other"))
+    story.deliver(13, 25)
+    assert contacts_of(bench) == {1}

@@ -97,6 +97,15 @@ def test_a_surface_whose_samples_are_of_another_beam_or_that_has_no_model_says_s
     assert block(surface_with(None))[2] == 16
 
 
+@pytest.mark.promise("docs/reference/registers.md", "readings in the sample; 65535: or more; 0: not known")
+@pytest.mark.parametrize(("stated", "shown"), [(None, 0), (1, 1), (65_535, 65_535), (70_000, 65_535)])
+def test_readings_end_at_the_largest_number_of_a_register(stated: int | None, shown: int) -> None:
+    surface, batch = surface_of(), parsed([0.5, 0.25, 0.125])
+    sample = batch.samples[0].model_copy(update={"readings": stated})
+    surface.receive(batch.model_copy(update={"samples": [sample]}), NOW_S)
+    assert block(surface)[5] == shown
+
+
 @pytest.mark.promise("docs/reference/registers.md", "counts up 10 times a second and wraps to 0 after 65535")
 def test_the_heartbeat_counts_tenths_of_a_second() -> None:
     found = [block(surface_with(None), second)[1] for second in (12.3, 12.4, 6553.5, 6553.6)]

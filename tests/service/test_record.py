@@ -11,7 +11,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from beamtouch_service.events import record
+from beamtouch_service.events import boot, record
 from beamtouch_service.sections import EventsSection
 from service.bench import Bench, Row, batch_of, surface_with
 from service.event_story import BETWEEN, HARDER, ODD, RESTING, TOUCHING, Story
@@ -407,6 +407,26 @@ def test_services_that_die_take_turns_and_race_record_what_one_service_would(rng
     for event in expected_events:
         event["boot_id"] = boot_id
     assert rounded(found) == rounded(expected_events)
+
+
+@pytest.mark.promise("docs/reference/http.md", "the record takes the rest when it comes again")
+def test_of_a_boot_that_nothing_makes_durable_only_so_many_samples_wait(
+    services: Services, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, rows = tmp_path / "events.db", CONTACT * 6
+    expected = rounded(services.straight(rows))
+    monkeypatch.setattr(boot, "MAX_WAITING", 20)
+    story = services.story(rows, path)
+    execute(path, "CREATE TRIGGER full BEFORE INSERT ON cursors BEGIN SELECT RAISE(ABORT, 'disk full'); END")
+    story.deliver(0, 15)
+    receipt = story.deliver(15, 60)
+    assert (receipt["durable"], receipt["expected"]) == (0, 21)
+    assert (story.bench.contact()["state"], story.bench.contact()["sequence"]) == ("clear", 60)
+    execute(path, "DROP TRIGGER full")
+    while (receipt := story.ask())["durable"] != len(rows):
+        story.backlog(receipt["expected"] - 1, len(rows))
+        story.bench.get("/events")
+    assert rounded(story.events) == expected
 
 
 @pytest.mark.parametrize("table", ["events", "cursors"])

@@ -176,6 +176,19 @@ def test_a_wrong_config_is_refused_with_the_place_that_is_wrong(
     assert "not-for-the-log" not in line
 
 
+@pytest.mark.promise(
+    "docs/reference/events.md",
+    "A damaged file stays as it is: the log names the reason, and a service that starts refuses it.",
+)
+def test_a_damaged_record_is_refused_and_stays_as_it_is(refused: Callable[..., str], tmp_path: Path) -> None:
+    damaged = b"SQLite format 3\x00" + bytes(range(256)) * 64
+    (tmp_path / "events.db").write_bytes(damaged)
+    (tmp_path / "service.toml").write_text('[events]\nfile = "events.db"\n')
+    line = refused("run", "--port", 0, "--config", tmp_path / "service.toml")
+    assert f"{tmp_path}/events.db: " in line
+    assert [(one.name, one.read_bytes()) for one in tmp_path.glob("events.db*")] == [("events.db", damaged)]
+
+
 def test_one_model_is_not_for_several_surfaces(refused: Callable[..., str], tmp_path: Path) -> None:
     (tmp_path / "service.toml").write_text("[surfaces.a]\n[surfaces.b]\n")
     line = refused("run", "--config", tmp_path / "service.toml", "--model", "m.onnx")

@@ -114,6 +114,7 @@ def test_without_a_write_token_no_route_writes(read_token: str | None) -> None:
     assert {route: set(asked[route]) for route in WRITES} == {route: {"refused"} for route in WRITES}
 
 
+@pytest.mark.promise("docs/reference/http.md", "Every route that answers GET also answers HEAD, except the streams.")
 def test_head_needs_the_token_of_get() -> None:
     bench = make_bench(TOKEN, READ_TOKEN)
     for route, needs in NEEDS.items():
@@ -121,6 +122,9 @@ def test_head_needs_the_token_of_get() -> None:
         if method == "GET" and not path.endswith("/stream"):
             asked = [outcome(bench, "HEAD", path, token) for token in (None, READ_TOKEN)]
             assert asked == ["passed" if needs == "nothing" else "refused", "passed"], route
+    for path in ("/stream", "/surfaces/press-7/stream"):
+        answer = bench.client.head(path, headers={"Authorization": f"Bearer {READ_TOKEN}"})
+        assert (answer.status_code, answer.headers["allow"]) == (405, "GET")
 
 
 @pytest.mark.parametrize("method", ["GET", "POST", "PUT", "PATCH", "DELETE", "OPTIONS", "TRACE"])

@@ -105,6 +105,19 @@ def test_readings_divide_the_noise_that_the_sender_states(line: Line) -> None:
     assert width_mm(line.figures({"readings": 1}, noise_mm=noise_mm)) > 1.5 * width_mm(divided)
 
 
+@pytest.mark.promise("docs/reference/samples.md", "The service adds it to the covariance. Null: no further.")
+def test_what_zeros_may_have_drifted_is_added_to_the_covariance(line: Line) -> None:
+    """All channels together, and each by itself."""
+    size, noise_mm = len(line.channels), [line.noise_mm] * len(line.channels)
+    common_mm, own_mm = line.noise_mm, line.noise_mm / 2
+    drifted_mm2 = np.full((size, size), common_mm**2) + np.eye(size) * own_mm**2
+    plain = {"readings": READINGS}
+    found = line.figures(plain | {"zero_mm": [common_mm, own_mm]}, noise_mm=noise_mm)
+    assert found == line.figures(stated(np.eye(size) * line.noise_mm**2 / READINGS + drifted_mm2), noise_mm=noise_mm)
+    assert width_mm(found) > 1.2 * width_mm(line.figures(plain, noise_mm=noise_mm))
+    assert line.figures(plain | {"zero_mm": None}, noise_mm=noise_mm) == line.figures(plain, noise_mm=noise_mm)
+
+
 def test_a_covariance_is_taken_in_the_order_of_the_model(line: Line) -> None:
     size = len(line.channels)
     root = np.random.default_rng(1).normal(0, line.noise_mm / 2, (size, size))

@@ -1,0 +1,67 @@
+"""Status codes over OPC UA where there is no contact to judge: every variable says why."""
+
+from datetime import UTC, datetime
+
+import pytest
+
+from beamtouch_common.zones import Zone
+from beamtouch_models.metadata import POSITION_OUTPUTS
+from beamtouch_service.outputs.opcua.values import values
+from beamtouch_service.problems import ProblemError
+from beamtouch_service.sections import SurfaceSection
+from beamtouch_service.surfaces.surface import Surface
+from service.bench import Row, parsed, surface_of, surface_with
+
+NOW_S = 1000.0
+ZONED = SurfaceSection(zones={"gate": Zone(from_mm=120, to_mm=200)})
+
+
+def codes(surface: Surface, now_s: float = NOW_S) -> dict[str, str]:
+    return {name: one.StatusCode.name for name, one in values(surface, now_s, datetime.now(UTC)).items()}
+
+
+@pytest.mark.promise(
+    "docs/how-to/opcua.md",
+    "there is no sample yet",
+    "the newest sample is too old",
+    "too few channels work, or the model gave no usable answer",
+)
+@pytest.mark.parametrize(
+    ("row", "age_s", "code"),
+    [
+        (None, 0.0, "BadWaitingForInitialData"),
+        ([0.5, 0.25, 0.125], 0.5001, "BadNoCommunication"),
+        ([0.2, None, None], 0.0, "BadSensorFailure"),
+        ([0.5, 1.0, 0.5], 0.0, "BadSensorFailure"),  # off the beam
+    ],
+    ids=["no samples", "stale", "too few channels", "no usable answer"],
+)
+def test_without_a_contact_every_variable_says_why(row: Row | None, age_s: float, code: str) -> None:
+    surface = surface_of(section=ZONED)
+    if row is not None:
+        surface.receive(parsed(row, quality=["missing" if value is None else "good" for value in row]), NOW_S)
+    found = codes(surface, NOW_S + age_s)
+    assert {"state", "force_n", "zones/gate"} < found.keys()
+    assert set(found.values()) == {code}
+
+
+@pytest.mark.promise("docs/how-to/opcua.md", "the surface has no model, or one of another beam")
+def test_a_surface_whose_model_is_missing_or_of_another_beam_has_a_wrong_configuration() -> None:
+    surface = surface_of()
+    with pytest.raises(ProblemError):
+        surface.receive(parsed().model_copy(update={"beam": "beam-2"}), NOW_S)
+    for one in (surface, surface_with(None)):
+        assert set(codes(one).values()) == {"BadConfigurationError"}
+
+
+@pytest.mark.promise("docs/how-to/opcua.md", "a force that the model does not estimate, a zone without an answer")
+def test_what_a_contact_has_as_null_is_bad_beside_good_values() -> None:
+    surface = surface_of(section=ZONED, outputs=POSITION_OUTPUTS)
+    surface.receive(parsed([0.5, 0.25, 0.125]), NOW_S)
+    found = codes(surface)
+    assert {name for name, code in found.items() if code == "BadNoData"} == {"force_n", "force_low_n", "force_high_n"}
+    assert {code for name, code in found.items() if "force" not in name} == {"Good"}
+    # Two channels check no contact, so no zone has an answer.
+    surface.receive(parsed([0.5, 0.25, None], sequence=2, quality=["good", "good", "missing"]), NOW_S)
+    found = codes(surface)
+    assert (found["zones/gate"], found["position_mm"]) == ("BadNoData", "UncertainSubNormal")
