@@ -9,6 +9,7 @@ import pytest
 from support.surfaces import configs
 
 from .devices import pymodbus_server
+from .faulty import LOG_FILE
 from .noisy_beam import NoisyBeam
 from .process import started
 from .service import Service, serving
@@ -19,12 +20,13 @@ ZEROS = "beamtouch-daemon.samples.zeros.json"
 HOURS_AGO = str(datetime.now(UTC) - timedelta(hours=8))
 
 
-async def shown_um(folder: Path, beam: NoisyBeam) -> tuple[float, str]:
+async def shown_um(folder: Path, beam: NoisyBeam, publish: str = "") -> tuple[float, str]:
     """Run the daemon for two seconds; return what the samples said in the end [um], and what it logged."""
     surface = configs.surface(source=configs.tcp(502)).replace("rate_hz", "noise_mm = 0.002\nrate_hz", 1)
     surface += "[surfaces.bench.zero_tracking]\ndrift_um_per_min = 5\nmax_mm = 0.05\n"
     async with serving(Service()) as service, pymodbus_server([20_000, 20_000], beam.answer) as port:
         config = configs.write(folder, surface.replace("port = 502", f"port = {port}"), url=service.url)
+        config.write_text(config.read_text().replace("batch_ms", f"{publish}batch_ms"))
         async with started("run", config) as daemon:
             await service.until(400)
             outcome = await daemon.stop()
@@ -80,3 +82,16 @@ async def test_a_file_that_cannot_be_written_stops_nothing(tmp_path: Path) -> No
     shown, said = await shown_um(tmp_path, NoisyBeam(30.0))
     assert shown == pytest.approx(0.0, abs=2.0)
     assert f"{tmp_path / ZEROS}: Is a directory; a restart will not know the zeros" in said
+
+
+@pytest.mark.promise("docs/reference/daemon-configuration.md", "0: neither file.")
+@pytest.mark.promise(
+    "docs/explanation/readings-to-samples.md", "or with `log_mb = 0`, only the tare is known, and its age"
+)
+async def test_without_a_log_neither_file_is_kept_and_a_start_knows_the_tare_only(tmp_path: Path) -> None:
+    configs.tare(tmp_path, taken_at=HOURS_AGO)
+    for um in (30.0, 45.0):
+        shown, said = await shown_um(tmp_path, NoisyBeam(um), "log_mb = 0\n")
+        assert shown == pytest.approx(0.0, abs=2.0)
+        assert "bench: of its zeros, only those of the tare are known" in said
+    assert not any((tmp_path / name).exists() for name in (ZEROS, LOG_FILE))

@@ -7,6 +7,7 @@ import shutil
 import signal
 import ssl
 from datetime import UTC, datetime, timedelta
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -107,6 +108,10 @@ def test_a_read_gives_the_contact_of_its_moment_and_a_subscription_turns_bad_whe
     states = [one.Value.Value for one in changes.found["press-7/state"]]
     assert states[0] is states[-1] is None
     assert "clear" in states
+    # It is reported when it changes, and so keeps the time at which it began.
+    said = [(one.Value.Value, one.StatusCode.name) for one in changes.found["press-7/state"]]
+    assert all(one != after for one, after in pairwise(said))
+    assert changes.found["press-7/sequence"][-2].Value.Value == 35
     (event,) = [one for one in service.get("/events").json()["events"] if one["kind"] == "contact"]
     (found,) = changes.events
     assert abs(found.Time.replace(tzinfo=UTC) - datetime.fromisoformat(event["lifted_at"])) < timedelta(milliseconds=1)
