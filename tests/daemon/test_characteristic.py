@@ -36,6 +36,10 @@ def test_a_table_is_met_in_its_points_to_the_bit_and_straight_in_between_and_bey
     assert of(TABLED).steepest.tolist() == pytest.approx([0.002])
 
 
+@pytest.mark.promise(
+    "docs/reference/daemon-configuration.md",
+    "[counts, gap] points instead of gain and offset, joined by straight lines; out-of-range beyond the ends.",
+)
 def test_a_table_agrees_with_plain_interpolation_beside_a_channel_with_a_line() -> None:
     rng = np.random.default_rng(3)
     points = np.column_stack([np.sort(rng.uniform(0, 60_000, 30)), np.sort(rng.uniform(1, 4, 30))])

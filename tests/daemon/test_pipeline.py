@@ -240,6 +240,7 @@ def test_every_filter_states_it_and_the_service_takes_it(kind: dict[str, object]
         assert Sample.model_validate_json(sample.model_dump_json()) == sample
 
 
+@pytest.mark.promise("docs/reference/daemon-configuration.md", "Samples state their covariance only if it is given.")
 def test_what_a_channel_lacks_shows_in_the_covariance() -> None:
     deflection = ringing(60)
     deflection[40:, 1] = math.nan

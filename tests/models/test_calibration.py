@@ -174,6 +174,7 @@ def test_the_command_prints_the_departures(
     )
 
 
+@pytest.mark.promise("docs/reference/loads.md", "and columns are found by name, so their order does not matter.")
 def test_a_recording_that_a_spreadsheet_saved_is_read(bench: ModelFile, recording: Path, tmp_path: Path) -> None:
     honest, path = read_loads(recording, bench.metadata), tmp_path / "loads.csv"
     without_time = "".join(line.partition(",")[2] for line in recording.read_text().splitlines(keepends=True))

@@ -64,6 +64,7 @@ def test_build_writes_a_model_and_a_daemon_config_and_prints_one_json_object(
     assert json.loads(design_sensors_here("inspect", model, "--json").stdout) == described
 
 
+@pytest.mark.promise("docs/how-to/upgrade.md", "A service refuses a model of another schema.")
 @pytest.mark.usefixtures("short_work")
 def test_an_old_model_is_refused_with_the_command_that_rebuilds_it_for_its_mounted_sensors(
     design_sensors_here: Command, quick_model: Path, tmp_path: Path

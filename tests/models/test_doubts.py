@@ -80,6 +80,7 @@ def found_in(model: ModelFile, wrong: str, seed: int) -> tuple[CheckedFit, Imper
     return checked_fit(model, loads, silent), real
 
 
+@pytest.mark.promise("docs/how-to/calibrate.md", "and the stated errors hold what that leaves open")
 @pytest.mark.parametrize("wrong", ["none", "drift"])
 def test_stated_intervals_of_the_sensors_places_hold_the_truth(wrong: str, cantilever: ModelFile) -> None:
     held = list[bool]()

@@ -90,6 +90,7 @@ def test_a_stretch_that_lasts_raises_a_metric_and_writes_one_line(
 @pytest.mark.promise(
     "docs/reference/contact.md",
     "`check-NAME`, only with `unexplained`: channel NAME contradicts the others.",
+    "The named channel goes on taking part: nothing is left out by itself.",
 )
 def test_contact_and_summary_carry_the_state_and_its_suspect(soon: Bench) -> None:
     soon.send(*[WEDGED] * 60)
@@ -112,6 +113,7 @@ MOVED: Row = [0.03, 0.031, 0.029, 0.03]
 
 
 @pytest.mark.promise("docs/reference/contact.md", "with `unexplained` farther or faster than the daemon follows")
+@pytest.mark.promise("docs/reference/http.md", "the zeros have moved far")
 def test_zeros_that_moved_together_are_warmth_at_every_door(
     bench_model: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -141,6 +143,7 @@ def test_zeros_that_moved_together_are_warmth_at_every_door(
     "docs/reference/problems.md",
     "`channels-out`, `changed-channels`, `zeros-moved`, `unexplained`: only `/health/ready?health=true` gives these.",
 )
+@pytest.mark.promise("docs/reference/http.md", "or an unexplained stretch lasts too long.")
 def test_a_stretch_that_lasts_needs_a_technician(soon: Bench) -> None:
     story = Story(soon, [[0.0] * 4, *[WEDGED] * 200])
     deliver(story, 0, 60)
@@ -216,6 +219,7 @@ def test_a_loose_cable_is_out_if_it_is_off_for_more_than_half_of_the_time(
     ]
 
 
+@pytest.mark.promise("docs/reference/metrics.md", "Without fresh samples, there are no metrics of channels.")
 def test_a_pause_without_samples_counts_for_nothing(soon: Bench) -> None:
     cable = Cable(soon)
     cable.send((1.0, BAD))
@@ -266,6 +270,7 @@ def test_a_wrong_wiring_is_named_after_some_contacts_and_is_over_once_it_is_righ
     assert over == "surface press-7: the wiring seems to be right again"
 
 
+@pytest.mark.promise("docs/how-to/troubleshooting.md", "name two cables that are swapped or a sensor that is inverted")
 def test_other_faults_are_not_taken_for_a_wrong_wiring(bench_model: Path) -> None:
     line = Wired(bench_model)
     assert line.touch(lambda one: one * [1, 0, 1, 1]) is None  # one that does not move

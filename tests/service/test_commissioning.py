@@ -79,6 +79,7 @@ def course(bench: Bench) -> Course:
     return Course(bench)
 
 
+@pytest.mark.promise("docs/how-to/commission-on-the-page.md", "The result lasts until the service stops: download it.")
 def test_from_the_first_press_to_the_record(course: Course) -> None:
     course.order = SWAPPED
     course_id = course.follow()

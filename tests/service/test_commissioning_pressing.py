@@ -54,6 +54,7 @@ def test_a_press_is_from_rest_once_it_has_been_held_and_the_next_one_needs_a_lif
     assert samples.found[1:] == [[0.5, 0.0, 0.0]]
 
 
+@pytest.mark.promise("docs/how-to/commission-on-the-page.md", "How hard does not matter, and your hand may tremble.")
 @pytest.mark.parametrize(
     ("rows", "count", "is_found"),
     [
@@ -159,6 +160,7 @@ def test_zeros_may_drift_before_a_press_while_the_surface_is_clear() -> None:
 @pytest.mark.promise(
     "docs/how-to/commission-on-the-page.md",
     "A faulty sensor does not stop it: go on to the end, and you know all faults at once.",
+    "if it settles elsewhere for ten seconds, the page asks for the press again.",
 )
 def test_a_channel_that_jumps_and_stays_does_not_stop_the_course() -> None:
     samples = Samples()

@@ -9,6 +9,7 @@ BETWEEN: Row = [0.02, 0.0, 0.0]
 """Log odds of a fifth of those of a touch."""
 
 
+@pytest.mark.promise("docs/reference/contact.md", "Left out if no zones are configured.")
 def test_the_contact_is_the_one_of_the_design(bench: Bench) -> None:
     receipt = bench.send(age_ms=12.3, sequence=4711)
     assert receipt == {"accepted": 1, "repeated": 0, "durable": 4710, "expected": 4712, "stale_ms": 500.0}
@@ -141,6 +142,10 @@ def test_a_note_of_the_sender_stands_with_the_contact_until_it_is_gone(bench: Be
 @pytest.mark.promise("docs/reference/service-configuration.md", "No contact is given from a sample older than this.")
 @pytest.mark.promise("README.md", "no position comes from samples older than a surface's limit")
 @pytest.mark.promise("docs/reference/samples.md", "A sample that arrives again counts as repeated and changes nothing.")
+@pytest.mark.promise(
+    "docs/reference/http.md",
+    "200 while every surface can answer `GET /contact` and nothing else is missing, otherwise 503 with the reasons",
+)
 def test_no_samples_then_fresh_then_stale(bench: Bench) -> None:
     assert (bench.problem(), bench.problem("/health/ready")) == ("no-samples", "not-ready")
     bench.send(age_ms=100)

@@ -112,6 +112,7 @@ def told(story: Story) -> list[tuple[str, str, str, float, float]]:
     "The stretch counts in `unexplained_ms`, and in no force, position or path.",
     "a contact after a stretch, so its touch was not seen",
     "An unexplained event has no force, no position and an empty path.",
+    "A contact outlasts an unexplained stretch.",
 )
 @pytest.mark.parametrize(
     ("rows", "events"),
@@ -222,6 +223,7 @@ def test_pages_come_newest_first_and_can_be_limited_by_time_kind_and_surface(his
     assert history.problem("/events?surface=nobody") == "unknown-surface"
 
 
+@pytest.mark.promise("docs/reference/events.md", "`format=csv` gives a table")
 def test_csv_has_a_row_per_event_and_a_link_to_the_next_page(history: Bench) -> None:
     response = history.get("/events?format=csv&limit=2&surface=press-7")
     assert response.headers["content-type"].startswith("text/csv")

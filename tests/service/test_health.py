@@ -31,6 +31,7 @@ def health(line: TouchedLine) -> dict[str, Any]:
         "counts the contacts after it."
     ),
 )
+@pytest.mark.promise("docs/reference/http.md", "a sensor is out or has changed for certain")
 def test_a_gain_that_falls_is_named_with_its_day_at_every_door_and_survives_a_kill(line: TouchedLine) -> None:
     assert health(line) == {}
     line.touch(BASELINE, BEGIN, 3600)

@@ -32,6 +32,7 @@ def test_each_file_is_served_with_its_type_and_asked_for_again(bench: Bench, nam
     assert path not in bench.get("/openapi.json").json()["paths"]
 
 
+@pytest.mark.promise("docs/reference/page.md", "Its content security policy lets it load from the service only.")
 def test_nothing_comes_from_elsewhere_and_nothing_is_inline(bench: Bench) -> None:
     tags = Tags(bench.get("/").text)
     assert tags.of("html")[0]["lang"] == "en"

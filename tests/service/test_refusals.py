@@ -69,6 +69,7 @@ def test_the_network_without_tokens(refused: Callable[..., str], host: str, toke
     assert line.endswith("a write token and a read token: add --read-token-file FILE, or use 127.0.0.1")
 
 
+@pytest.mark.promise("docs/how-to/upgrade.md", "says in one line why a service would refuse a file.")
 def test_a_model_that_cannot_be_served_is_refused_by_run_and_check(refused: Callable[..., str], tmp_path: Path) -> None:
     path = tmp_path / "press-7.onnx"
     whole = content_of()

@@ -176,6 +176,7 @@ def test_what_is_not_json_is_malformed(bench: Bench, body: bytes) -> None:
     assert len(response.content) < 1000
 
 
+@pytest.mark.promise("docs/how-to/upgrade.md", "A service refuses fields that it does not know")
 @pytest.mark.parametrize(
     ("change", "place"),
     [

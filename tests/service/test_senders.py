@@ -114,6 +114,10 @@ def test_any_order_of_batches_gives_what_a_set_gives(batches: list[set[int]]) ->
     "docs/reference/samples.md",
     "If two programs send samples of a surface in turn, the contact has the note `senders`",
 )
+@pytest.mark.promise(
+    "docs/how-to/troubleshooting.md",
+    "The log says `one daemon sends its samples again` some seconds later.",
+)
 @pytest.mark.parametrize("age_s", [0.0, 0.05, 0.4])
 def test_two_daemons_that_send_in_turn_are_told_until_one_stops(
     bench: Bench, caplog: pytest.LogCaptureFixture, age_s: float

@@ -136,6 +136,7 @@ def _is_closed(connection: socket.socket, within_s: float) -> bool:
     return True
 
 
+@pytest.mark.promise("docs/how-to/two-hosts.md", "limits connections, slow heads and bodies")
 @pytest.mark.long
 def test_a_line_gets_its_answers_while_others_hold_connections_and_flood(proxy: tuple[Proxy, Service]) -> None:
     front, service = proxy
@@ -190,6 +191,10 @@ def _heard(connection: socket.socket) -> bytes:
     return found
 
 
+@pytest.mark.promise(
+    "docs/how-to/two-hosts.md",
+    "and refuses ambiguous requests, which two programs may divide differently (request smuggling).",
+)
 def test_no_request_is_hidden_in_another(proxy: tuple[Proxy, Service]) -> None:
     front, service = proxy
     with Line(front) as line, ExitStack() as stack:

@@ -5,6 +5,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from service.bench import BuildModel, batch_of
 from service.event_story import RESTING, TOUCHING
 from service.process.broker import Broker
@@ -48,6 +50,7 @@ def test_a_name_that_does_not_resolve_is_waited_for(tmp_path: Path, token_file: 
             process.kill()
 
 
+@pytest.mark.promise("docs/reference/metrics.md", "whose address, broker or record is not there")
 def test_what_is_missing_is_named_and_used_when_it_comes(
     start_press: StartService, build_model: BuildModel, tmp_path: Path
 ) -> None:

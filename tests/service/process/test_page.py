@@ -88,6 +88,7 @@ def test_a_service_that_refuses_is_not_a_lost_connection(fresh: Service, open_pa
     assert (seen.text("detail"), seen.text("position")) == ("Close one.", NO_FIGURE)
 
 
+@pytest.mark.promise("docs/reference/page.md", "and works with the keyboard")
 def test_the_keyboard_reaches_everything_and_shows_where_it_is(
     start_service: StartService, tmp_path: Path, open_page: OpenPage
 ) -> None:
@@ -109,6 +110,10 @@ _LISTEN = """() => { window.said = []; const status = document.getElementById("s
     .observe(status, {childList: true, characterData: true, subtree: true}); }"""
 
 
+@pytest.mark.promise(
+    "docs/reference/page.md",
+    "The reader announces each change of state, and a new position when the interval no longer contains the last one.",
+)
 def test_what_is_announced_follows_the_contact_and_not_every_sample(fresh: Service, open_page: OpenPage) -> None:
     seen = open_page(fresh.url)
     seen.wait_for_text("status", "no samples yet")
@@ -184,6 +189,7 @@ def test_without_a_connection_no_contact_is_shown_as_going_on(fresh: Service, op
     assert (seen.text("position"), seen.text("age")) == (NO_FIGURE, NO_FIGURE)
 
 
+@pytest.mark.promise("docs/reference/page.md", "Every figure that is older than the surface's limit is shown as “—”.")
 def test_no_figure_stays_while_the_service_hangs_whether_or_not_the_page_gives_it_up(
     start_press: StartService, open_page: OpenPage
 ) -> None:

@@ -34,6 +34,10 @@ def bench_factor(seen: Watched) -> float:
     return float(found[1])
 
 
+@pytest.mark.promise(
+    "docs/reference/page.md",
+    "In a contact it bends as the model says for the stated position and force.",
+)
 def test_a_contact_bends_the_beam_as_physics_does(start_bench: StartBench, open_page: OpenPage) -> None:
     bench = start_bench()
     bench.load((130, 12))

@@ -84,6 +84,11 @@ def get(url: str) -> httpx2.Response:
     return httpx2.get(url, trust_env=False, timeout=TIMEOUT_S)
 
 
+@pytest.mark.promise("docs/reference/page.md", "A proxy may have the page below a path of its own.")
+@pytest.mark.promise(
+    "docs/how-to/proxy.md",
+    "All links on the page are relative, so the service does not need to know the path",
+)
 def test_all_of_the_page_comes_from_below_the_path(
     start_press: StartService, below: Below, open_page: OpenPage
 ) -> None:
@@ -173,6 +178,7 @@ def test_the_page_of_several_services_below_a_path(
         plant.balancer.stop()
 
 
+@pytest.mark.promise("docs/how-to/proxy.md", "A 503 of the service is an answer: its body says why there is no contact")
 def test_programs_get_the_answers_of_the_service_through_nginx(fresh: Service, nginx: Nginx) -> None:
     nginx.start(lines_for(fresh))
     base, headers = f"{nginx.url}/touch", {"Authorization": f"Bearer {TOKEN}"}
@@ -190,6 +196,7 @@ def test_programs_get_the_answers_of_the_service_through_nginx(fresh: Service, n
         assert next(one for one in events if one["contact"])["contact"]["position_mm"] == 150
 
 
+@pytest.mark.promise("docs/how-to/proxy.md", "It keeps the token for its own path only.")
 def test_two_services_below_one_host_keep_a_token_each(
     start_service: StartService, nginx: Nginx, open_page: OpenPage, tmp_path: Path
 ) -> None:
@@ -214,6 +221,11 @@ def test_two_services_below_one_host_keep_a_token_each(
 LOGIN_PAGE = 'default_type text/html; return 200 "<html>Who are you?</html>";'
 
 
+@pytest.mark.promise(
+    "docs/how-to/proxy.md",
+    "`A proxy asks for a login (401): load this page again.`",
+    "`A proxy answers with a page of its own, perhaps a login: load this page again.`",
+)
 @pytest.mark.parametrize(
     ("lines", "said"),
     [
@@ -256,6 +268,10 @@ def test_a_service_that_goes_and_comes_back_behind_the_proxy(
     seen.wait_for_state("contact")
 
 
+@pytest.mark.promise(
+    "docs/how-to/proxy.md",
+    "`The service answers, but its stream does not arrive. A proxy may hold it back.`",
+)
 def test_a_stream_that_a_proxy_holds_back_is_named(fresh: Service, nginx: Nginx, open_page: OpenPage) -> None:
     nginx.start(lines_for(fresh, HELD_BACK))
     numbers = count(1)
@@ -270,6 +286,7 @@ def test_a_stream_that_a_proxy_holds_back_is_named(fresh: Service, nginx: Nginx,
     assert seen.text("position") == NO_FIGURE
 
 
+@pytest.mark.promise("docs/how-to/proxy.md", "So let nginx have the read token, and the page needs none")
 @pytest.mark.parametrize("is_in_address", [False, True], ids=["typed", "in-the-address"])
 def test_behind_a_login_of_nginx_the_page_needs_no_token(
     start_press: StartService, nginx: Nginx, open_page: OpenPage, tmp_path: Path, *, is_in_address: bool

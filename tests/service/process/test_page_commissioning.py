@@ -5,6 +5,7 @@ import signal
 from pathlib import Path
 
 import httpx2
+import pytest
 from playwright.sync_api import ViewportSize
 
 from service.bench import TOKEN, Row, batch_of
@@ -35,6 +36,10 @@ def press(seen: Watched, bench: Bench, prompt: str, at_mm: float) -> None:
     send_through_the_cables(bench)
 
 
+@pytest.mark.promise(
+    "docs/how-to/commission-on-the-page.md",
+    "its channel shows the sensor s4: swap the cables of the two",
+)
 def test_the_page_finds_swapped_cables_an_inverted_sensor_and_a_dead_one(
     start_bench: StartBench, open_page: OpenPage
 ) -> None:

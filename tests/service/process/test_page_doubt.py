@@ -18,6 +18,10 @@ def assert_no_contact_is_shown(seen: Watched) -> None:
     assert seen.page.query_selector("#beam :is(.touch, .bar, .here, .bent, .guessed)") is None
 
 
+@pytest.mark.promise(
+    "docs/reference/page.md",
+    "The page shows no position, no force and no shape, only the measured points, and says what to look at",
+)
 def test_two_contacts_are_unexplained_and_say_what_to_look_at(start_bench: StartBench, open_page: OpenPage) -> None:
     bench = start_bench()
     bench.load((150, 9))
@@ -50,6 +54,7 @@ def test_two_contacts_are_unexplained_and_say_what_to_look_at(start_bench: Start
     assert seen.complaints == []
 
 
+@pytest.mark.promise("docs/reference/page.md", "first the sensor of `check-NAME`.")
 def test_a_sensor_that_contradicts_the_others_is_named_first(start_bench: StartBench, open_page: OpenPage) -> None:
     bench = start_bench()
     bench.load()
@@ -72,6 +77,7 @@ def test_a_sensor_that_contradicts_the_others_is_named_first(start_bench: StartB
     assert seen.page.query_selector("#beam .suspect") is None
 
 
+@pytest.mark.promise("docs/reference/page.md", "All notes stand in words beside the state.")
 def test_notes_stand_in_words(start_bench: StartBench, open_page: OpenPage) -> None:
     bench = start_bench()
     bench.load((100, 40))
@@ -101,6 +107,7 @@ def test_doubt_can_be_read_on_every_screen(start_bench: StartBench, open_page: O
         seen.page.close()
 
 
+@pytest.mark.promise("docs/reference/page.md", "If the page itself fails, it shows no figures until it works again.")
 def test_a_page_that_is_older_than_its_service_or_fails_shows_no_figure_and_recovers(
     start_bench: StartBench, open_page: OpenPage
 ) -> None:

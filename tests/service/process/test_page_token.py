@@ -3,6 +3,8 @@
 import re
 import signal
 
+import pytest
+
 from service.bench import READ_TOKEN, batch_of
 from service.process.conftest import Service, StartService
 from support.pages.browser import NO_FIGURE, SCREENS, OpenPage, Watched
@@ -54,6 +56,10 @@ def assert_only_refusals(seen: Watched) -> None:
     assert seen.strangers() == []
 
 
+@pytest.mark.promise(
+    "docs/reference/page.md",
+    "If the service has a read token, the page shows only a form until it has the right one.",
+)
 def test_from_the_form_to_the_figures_and_back_by_keyboard(start_press: StartService, open_page: OpenPage) -> None:
     service = start_press(read=READ_TOKEN)
     service.post(batch_of([0.0, 0.0, 0.0], sequence=1))
@@ -111,6 +117,11 @@ def test_from_the_form_to_the_figures_and_back_by_keyboard(start_press: StartSer
     assert not [url for url in seen.requests if READ_TOKEN in url or WRONG in url]
 
 
+@pytest.mark.promise(
+    "docs/reference/page.md",
+    "it keeps it until “Forget token” is pressed in any window",
+    "and keeps it until the window is closed.",
+)
 def test_it_is_kept_for_the_session_or_for_the_device(start_press: StartService, open_page: OpenPage) -> None:
     service = start_press(read=READ_TOKEN)
     service.post(batch_of())

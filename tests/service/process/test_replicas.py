@@ -40,6 +40,7 @@ def plant(start_service: StartService, config: Path) -> Iterator[Plant]:
     plant.balancer.stop()
 
 
+@pytest.mark.promise("docs/reference/problems.md", "the service is a replica, and the question is about all surfaces.")
 def test_another_service_takes_over_the_surfaces_of_a_dead_one(plant: Plant) -> None:
     for name in SURFACES:
         plant.deliver(name, *CONTACT)
