@@ -72,7 +72,11 @@ class Note(StrEnum):
     NOISE = "noise", 4, "the daemon states another noise than the model was made for"
     DEGRADED = "degraded", 5, "a channel has been out for longer than `degraded_after_s`"
     SENDERS = "senders", 6, "two daemons send samples of the surface"
-    ZEROS = "zeros", 7, "the zeros have moved together as in warmth, or nearly as far as is followed: wait, then tare"
+    ZEROS = (
+        "zeros",
+        7,
+        "zeros moved together as in warmth, nearly as far as is followed, or too fast: wait, then tare",
+    )
 
 
 class Sample(BaseModel):

@@ -13,9 +13,9 @@ from beamtouch_daemon.processing.filters import steps_mm
 from beamtouch_daemon.processing.pipeline import Pipeline, Taken
 from beamtouch_daemon.sources.reading import Reading
 from beamtouch_models.filters import FloatArray
-from beamtouch_service.samples import Quality, Sample
+from beamtouch_service.samples import Note, Quality, Sample
 
-from .surfaces import RATE_HZ, STEP_MM, mean_of, surface_of
+from .surfaces import RATE_HZ, STEP_MM, counts_of, mean_of, surface_of
 
 GOOD, MISSING, SATURATED, STUCK = Quality.GOOD, Quality.MISSING, Quality.SATURATED, Quality.STUCK
 NOISE_MM = 0.003
@@ -158,6 +158,20 @@ def test_a_sample_says_how_far_zeros_may_have_drifted_once_it_is_more_than_is_al
     assert own_mm == pytest.approx(0.0029, rel=0.1)
     lifted = pipeline.process(readings_of(*wobbling(REST, 400)), 0.0)
     assert lifted[-1].sample.zero_mm is None
+
+
+@pytest.mark.promise("docs/explanation/readings-to-samples.md", "samples carry the note `zeros`.")
+@pytest.mark.parametrize(("um_per_min", "is_noted"), [(20.0, True), (5.0, False)])
+def test_samples_carry_a_note_once_a_zero_drifts_faster_than_is_stated(um_per_min: float, *, is_noted: bool) -> None:
+    tracking = {"drift_um_per_min": 5.0, "max_mm": 0.05}
+    pipeline = Pipeline(surface_of(filter=mean_of(1), noise_mm=NOISE_MM, zero_tracking=tracking))
+    noise_mm = NOISE_MM * np.random.default_rng(3).standard_normal((round(20 * RATE_HZ), 2))
+    drift_mm = 1e-3 * um_per_min / 60 / RATE_HZ * np.arange(len(noise_mm))[:, None] * np.array([0.0, 1.0])
+    rows = [(first, second) for first, second in counts_of(drift_mm + noise_mm).tolist()]
+    noted = {note for one in pipeline.process(readings_of(*rows), 0.0) for note in one.notes}
+    noted |= {note for one in pipeline.process(readings_of(*rows[-1:]), 0.0) for note in one.notes}
+    assert noted == ({Note.ZEROS} if is_noted else set())
+    assert (pipeline.hurried_zero is not None) is is_noted
 
 
 KINDS: list[dict[str, object]] = [

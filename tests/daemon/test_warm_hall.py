@@ -3,21 +3,50 @@
 import re
 import tomllib
 from pathlib import Path
+from time import monotonic
+from typing import Any
 
 import pytest
 
 from beamtouch_models.building.daemon_config import daemon_config
 from beamtouch_models.modelfile import ModelFile
 from support.programs.forked_line import rig
+from support.surfaces import configs
 from support.surfaces.example_scenes import SCENES
 
+from .devices import pymodbus_server
+from .noisy_beam import NoisyBeam
 from .process import command, started
-from .service import TOKEN
+from .service import TOKEN, Service, serving
 
 pytestmark = [pytest.mark.anyio, pytest.mark.long]
 
 RATE, MAX_MM = 40, 0.05
 """Drift of the rig [um/min], and the distance from the last tare up to which the daemon follows it."""
+
+
+async def test_a_zero_that_drifts_faster_than_is_stated_is_told_with_its_rate(tmp_path: Path) -> None:
+    beam, begun_s = NoisyBeam(), list[float]()
+
+    async def warming(*given: Any) -> None:  # noqa: ANN401
+        begun_s.append(monotonic())  # of the first reading: a machine may take long to start the daemon
+        beam.um = 20 / 60 * (begun_s[-1] - begun_s[0])
+        await beam.answer(*given)
+
+    tracking = "[surfaces.bench.zero_tracking]\ndrift_um_per_min = 5\nmax_mm = 0.05\n"
+    async with serving(Service()) as service, pymodbus_server([20_000, 20_000], warming) as port:
+        surface = configs.surface(source=configs.tcp(port), rate_hz=50.0)
+        surface = surface.replace("rate_hz", "noise_mm = 0.002\nrate_hz", 1)
+        config = configs.write(tmp_path, surface + tracking, url=service.url)
+        async with started("run", config) as daemon:
+            said = await daemon.said("looks the same\n")
+            await daemon.stop()
+    told = re.search(
+        r"bench: the zero of s[12] drifts by \+(\S+) um/min, (\S+) times what is stated, and answers", said
+    )
+    assert told is not None, said
+    assert float(told[1]) == pytest.approx(20, rel=0.5)
+    assert float(told[2]) == pytest.approx(4, rel=0.5)
 
 
 @pytest.mark.promise("docs/how-to/drift.md", "The daemon says when the zeros come near the end of what it follows")

@@ -132,6 +132,43 @@ def test_a_load_that_goes_slowly_after_a_long_contact_leaves_no_wrong_zero(lift_
     assert np.abs(tracked.zero_mm[-1000:] - true_mm[-1000:]).max() < 2e-3
 
 
+@pytest.mark.promise(
+    "docs/explanation/readings-to-samples.md",
+    "is noticed at rest, within half a minute if it is four times as fast as stated.",
+)
+@pytest.mark.parametrize("channels", [ALL, ONE, -ONE], ids=["all", "one", "one the other way"])
+@pytest.mark.parametrize("pause_s", [2.0, 20.0])
+def test_a_drift_four_times_as_fast_as_stated_is_told_before_a_zero_is_off_by_the_noise(
+    pause_s: float, channels: Floats
+) -> None:
+    tracking, at_s = zeros(), times(30)
+    true_mm = drift(20.0, channels)(at_s)
+    values_mm = true_mm + every(pause_s)(at_s)[:, None] * SHAPE
+    values_mm += NOISE_MM * np.random.default_rng(7).standard_normal(true_mm.shape)
+    for begin in range(0, len(at_s), 20):
+        tracked = tracking.track(values_mm[begin : begin + 20])
+        if tracking.hurried is not None:
+            break
+    assert tracking.hurried is not None
+    channel, mm_per_min = tracking.hurried
+    assert mm_per_min == pytest.approx(0.02 * channels[channel], rel=0.5)
+    assert np.abs(tracked.zero_mm[-1] - true_mm[begin + 19]).max() < NOISE_MM
+
+
+@pytest.mark.parametrize("channels", [ALL, ONE, SOME], ids=["all", "one", "some"])
+def test_a_drift_as_stated_and_a_load_that_comes_at_once_are_no_fast_drift(channels: Floats) -> None:
+    for load_mm in (every(2.0), every(20.0), pressed(10, 100, 0.02), pressed(5, 65, 0.2, within_s=30.0)):
+        tracking = zeros()
+        play(100, drift(5.0, channels), load_mm, tracking)
+        assert tracking.hurried is None
+
+
+def test_a_drift_that_slows_down_is_told_no_longer() -> None:
+    tracking = zeros()
+    play(120, lambda at_s: 1e-3 * np.interp(at_s, [0, 30, 120], [0, 10, 10])[:, None] * ALL, None, tracking)
+    assert tracking.hurried is None
+
+
 def test_a_knock_at_rest_is_no_drift_at_once_and_one_in_time() -> None:
     knock: Times = lambda at_s: np.where(at_s > 20, 0.03, 0.0)[:, None] * ONE  # noqa: E731  # read as one
     at_s, true_mm, tracked = play(1200, knock)

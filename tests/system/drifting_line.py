@@ -142,7 +142,7 @@ class Line:
         for readings in self._readings(course):
             taken = self.pipeline.process(readings, BEGIN_S)
             for one, decision in zip(taken, self._receive(taken) if taken else [], strict=True):
-                self._judge(said, course, one.monotonic_s, decision)
+                self._judge(said, course, one, decision)
             if taken:
                 self._record(said, course)
         return said
@@ -156,10 +156,10 @@ class Line:
             self._boot.add(decision.estimate)
         return decisions
 
-    def _judge(self, said: Said, course: Course, at_s: float, decision: Decision) -> None:
+    def _judge(self, said: Said, course: Course, taken: Taken, decision: Decision) -> None:
         if decision.state is None:
             return
-        notes = decision.notes(self.model)
+        at_s, notes = taken.monotonic_s, [*decision.notes(self.model), *taken.notes]
         said.notes.update(notes)
         if decision.state is State.UNEXPLAINED:
             said.unexplained_at_s.append(at_s)

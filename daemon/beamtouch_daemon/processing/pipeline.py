@@ -14,7 +14,7 @@ from beamtouch_daemon.processing.characteristic import QUALITIES, Characteristic
 from beamtouch_daemon.processing.filters import Uncertainty, chain_of, uncertainties
 from beamtouch_daemon.processing.zero_tracking import ZeroTracker
 from beamtouch_daemon.sources.reading import Reading
-from beamtouch_models.filters import TARED, Filtered, FloatArray, Rest, Rested
+from beamtouch_models.filters import TARED, Filtered, FloatArray, Hurried, Rest, Rested
 from beamtouch_service.samples import Note, Quality, Sample
 
 _GOOD = QUALITIES.index(Quality.GOOD)
@@ -92,6 +92,11 @@ class Pipeline:
         """The largest drift of a zero since the last tare [mm]; None unless it is nearly as far as is followed."""
         return None if self._zeros is None else self._zeros.far_mm
 
+    @property
+    def hurried_zero(self) -> Hurried | None:
+        """The zero that drifts faster than is stated; None if none does."""
+        return None if self._zeros is None else self._zeros.hurried
+
     def explains(self, reading: Reading) -> bool:
         """Return whether a reading at rest is explained by those before it."""
         return self._rest is not None and self._rest.explains(reading.counts)
@@ -131,7 +136,7 @@ class Pipeline:
         if unsettled.any():
             codes[unsettled] = _MISSING
             waits = (unsettled.any(axis=1) & ~(codes == _GOOD).any(axis=1)).tolist()
-        if self.far_zero_mm is not None:
+        if self.far_zero_mm is not None or self.hurried_zero is not None:
             notes = (*notes, Note.ZEROS)
         rows = zip(readings, values.tolist(), codes.tolist(), stated, drifts, waits, strict=True)
         return [

@@ -10,7 +10,7 @@ import numpy as np
 
 from beamtouch_daemon.config.settings import Surface
 from beamtouch_daemon.processing.filters import steps_mm, walk_of
-from beamtouch_models.filters import Filtered, FloatArray, Rested, Tracked, Walk, Zeros, beyond_start
+from beamtouch_models.filters import Filtered, FloatArray, Hurried, Rested, Tracked, Walk, Zeros, beyond_start
 
 DIGITS = 3
 FAR = 0.7
@@ -48,6 +48,11 @@ class ZeroTracker:
         """The largest distance of a zero from the last tare [mm]; None unless it is near the limit."""
         farthest_mm = float(np.abs(self._zeros.zero_mm).max())
         return farthest_mm if farthest_mm >= FAR * self._walk.max_mm else None
+
+    @property
+    def hurried(self) -> Hurried | None:
+        """The zero that drifts faster than is stated; None if none does."""
+        return self._zeros.hurried
 
     def stated(self, tracked: Tracked, filtered: Filtered) -> list[list[float] | None]:
         """Return what samples say of how far their zeros may have drifted; the samples are of the last readings."""

@@ -82,7 +82,7 @@ class Acquisition:
         self._pause_s = 0.0 if surface.source.is_polled else min(batch_s, MAX_PAUSE_S)
         self._sampled_s = -math.inf
         """Time of the newest reading that became a sample, by the clock of `uptime_s`."""
-        self._is_far = False
+        self._is_far = self._is_hurried = False
         """Whether zeros are far from the last tare, as it was logged."""
         self._unprocessed: list[Reading] = []
         """The newest readings. They become samples once per batch: a few together take about as long as one."""
@@ -140,6 +140,7 @@ class Acquisition:
             self._sampled_s = samples[-1].monotonic_s
             self.boot.put(samples)
         self._tell_drift()
+        self._tell_hurry()
 
     def _tell_drift(self) -> None:
         """Log once that zeros are nearly as far from the last tare as is followed, and that they are back."""
@@ -155,6 +156,26 @@ class Acquisition:
                 "wait until it no longer warms or cools, take everything off the beam, and tare"
             )
             _log.warning(words, self.name, 1e3 * far_mm, 1e3 * tracking.max_mm)
+
+    def _tell_hurry(self) -> None:
+        """Log once that a zero drifts faster than is stated, and that none does any more."""
+        hurried, tracking = self._pipeline.hurried_zero, self.surface.zero_tracking
+        if tracking is None or (hurried is not None) == self._is_hurried:
+            return
+        self._is_hurried = hurried is not None
+        if hurried is None:
+            _log.info("%s: its zeros drift no faster than is stated again", self.name)
+            return
+        um_per_min = 1e3 * hurried.mm_per_min
+        _log.warning(
+            "%s: the zero of %s drifts by %+.2g um/min, %.2g times what is stated, and answers soon become wrong: look "
+            "at this sensor and its bracket, or state the drift of the hall in zero_tracking.drift_um_per_min; a load "
+            "that is laid on very slowly looks the same",
+            self.name,
+            self.surface.channel_names[hurried.channel],
+            um_per_min,
+            abs(um_per_min) / tracking.drift_um_per_min,
+        )
 
     def _take(self, readings: list[Reading]) -> None:
         if self.is_missing:

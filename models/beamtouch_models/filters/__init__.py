@@ -14,6 +14,7 @@ readings, so it is a whole number for every kind.
 
 from beamtouch_models.filters.chain import Chain, Mean, readings_within, unit_of
 from beamtouch_models.filters.filtered import Filtered
+from beamtouch_models.filters.hurry import Hurried
 from beamtouch_models.filters.readings import FloatArray
 from beamtouch_models.filters.rest import Rest
 from beamtouch_models.filters.ringing import UNSEEN_SWING
@@ -26,6 +27,7 @@ __all__ = [
     "Chain",
     "Filtered",
     "FloatArray",
+    "Hurried",
     "Mean",
     "Rest",
     "Rested",

@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from beamtouch_models.filters.hurry import Hurried, Hurry
 from beamtouch_models.filters.readings import FloatArray
 from beamtouch_models.filters.significance import chi_square_quantile
 
@@ -207,6 +208,7 @@ class Zeros:
         """None while the beam rests."""
         self._last: _Block | None = None
         """The block before this one, if it was calm."""
+        self._hurry = Hurry()
         self._begin()
 
     def _begin(self) -> None:
@@ -217,6 +219,11 @@ class Zeros:
     def is_loaded(self) -> bool:
         """Whether the readings left what drift explains, as far as whole blocks say."""
         return self._load is not None
+
+    @property
+    def hurried(self) -> Hurried | None:
+        """The zero that drifts faster than is stated; None if none does."""
+        return self._hurry.hurried
 
     @property
     def rested(self) -> Rested:
@@ -392,6 +399,9 @@ class Zeros:
         seen_mm2 = np.where(there, np.maximum(variance * (1 - gain), self._rounded_mm2), rest.seen_mm2)
         leash = LEASH * np.sqrt(seen_mm2)
         zero_mm = np.where(there, np.clip(moved, steady - leash, steady + leash), rest.mm)
+        strains = bool((there & (zero_mm != moved)).any())
+        seconds = 1 / self._rate_hz
+        self._hurry.add(self._read * seconds, self._size * seconds, block.mean_mm, strains=strains)
         out_mm = self._walk.grown_mm((self._read - seen) / self._rate_hz)
         self._rest = _Zero(self._read, seen, zero_mm, seen_mm2, seen_mm2 + (1 + OWN**2) * out_mm**2, steady)
         self._load = None

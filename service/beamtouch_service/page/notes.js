@@ -9,7 +9,7 @@ const LASTING = {
   unchecked: "Too few sensors to tell a single contact from anything else",
   degraded: "A sensor has been out for too long: it needs repair",
   senders: "Two daemons send samples of this surface: stop one of them",
-  zeros: "The zeros of all sensors have moved, as in warmth: wait until it settles, take everything off, then tare",
+  zeros: "Zeros have moved, as in warmth: wait until it settles, take everything off, then tare",
 };
 const PASSING = {
   overload: "The force is beyond the range of the scene",

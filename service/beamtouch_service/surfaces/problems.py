@@ -72,7 +72,7 @@ def changed_channels(surface: str, changed: list[str]) -> Problem:
 def zeros_moved(surface: str) -> Problem:
     """Return the problem of zeros that have moved together, or nearly as far as the daemon follows them."""
     detail = (
-        "The zeros of all sensors have moved, as in warmth. Wait until the surface no longer warms or cools, take "
+        "Zeros have moved, as in warmth. Wait until the surface no longer warms or cools, take "
         "everything off it, then tare."
     )
     return Problem(Kind.ZEROS_MOVED, detail, surface)
