@@ -95,8 +95,9 @@ class Problem:
 
     @property
     def channels(self) -> list[str]:
-        """The channels that are the cause, if some are."""
-        named = (self.members.get(member, ()) for member in _CAUSES)
+        """The channels that are the cause, or are suspected to be, if some are."""
+        suspect = self.members.get("suspect")
+        named = (*(self.members.get(member, ()) for member in _CAUSES), [suspect] if suspect else ())
         return [name for names in named for name in cast("Iterable[str]", names)]
 
     def body(self) -> dict[str, object]:

@@ -18,12 +18,12 @@ STALE_MS = 500.0
 """A fifth is 20 readings at 200 Hz."""
 
 
-def write(folder: Path, port: int, url: str) -> Path:
+def write(folder: Path, port: int, url: str, rest_ms: float = REST_MS) -> Path:
     """Write a configuration by which a sample at rest is due every ten seconds."""
     surface = configs.surface(source=configs.tcp(port)).replace("rate_hz", "noise_mm = 0.002\nrate_hz", 1)
     surface = surface.replace('"moving-average"\nwindow = 1', '"growing-mean"\nmax_mean_ms = 20_000')
     config = configs.write(folder, surface, url=url)
-    config.write_text(config.read_text().replace("batch_ms", f"rest_ms = {REST_MS}\nbatch_ms"))
+    config.write_text(config.read_text().replace("batch_ms", f"rest_ms = {rest_ms}\nbatch_ms"))
     return config
 
 
@@ -66,3 +66,15 @@ async def test_before_the_service_says_how_long_an_answer_may_stand_no_batch_wai
     assert summary["readings"] >= 600
     # A batch at rest is one sample: of four readings, or of more on a busy machine.
     assert summary["samples_in_log"] > summary["readings"] / 12
+
+
+@pytest.mark.promise("docs/reference/daemon-configuration.md", "0: a sample for each reading always.")
+async def test_without_a_time_at_rest_each_reading_is_a_sample(tmp_path: Path) -> None:
+    beam = NoisyBeam()
+    async with serving(Service()) as service, pymodbus_server([20_000, 20_000], beam.answer) as port:
+        config = write(tmp_path, port, service.url, rest_ms=0)
+        async with started("run", config, "--summary", tmp_path / "summary.json") as daemon:
+            await beam.asked(400)
+            assert (await daemon.stop()).code == 0
+    summary = summary_of(tmp_path)["bench"]
+    assert summary["samples_published"] + summary["samples_in_log"] == summary["readings"] >= 300

@@ -75,6 +75,19 @@ def test_a_gain_that_falls_is_named_within_few_contacts(
     assert sum(held) >= 4
 
 
+@pytest.mark.promise(
+    "docs/reference/sensor-health.md",
+    "a gain has changed only if it deviates from the model by more than the model's floor explains.",
+)
+@pytest.mark.parametrize(("floors", "named"), [(1.0, []), (15.0, [(1, "gain")])])
+def test_a_gain_that_was_off_from_the_start_on_has_changed_only_beyond_the_floor(
+    drawn: Drawn, floors: float, named: list[tuple[int, str]]
+) -> None:
+    drawn.begin(50)
+    drawn.gain[1] *= 1 - floors * drawn.metadata.floor.gain[1]
+    assert changed(after(drawn, 20)) == named
+
+
 @pytest.mark.promise("docs/reference/sensor-health.md", "A common change of all gains looks like force.")
 def test_a_common_change_is_force_and_is_not_claimed_to_be_seen(drawn: Drawn) -> None:
     drawn.begin(2)

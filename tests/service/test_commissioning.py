@@ -266,6 +266,22 @@ def test_while_the_record_is_away_the_result_waits(tmp_path: Path) -> None:
     assert course.act(f"/confirm?course={course_id}&by=Ann").status_code == 200
 
 
+@pytest.mark.promise(
+    "docs/how-to/commission-on-the-page.md",
+    "The commissioning is gone, and the page says so. Results on record stay.",
+)
+def test_a_service_that_starts_again_has_the_results_and_no_commissioning(tmp_path: Path) -> None:
+    events = EventsSection(file=tmp_path / "events.db")
+    course = Course(Bench(surface_of(), events=events))
+    result = course.act(f"/confirm?course={course.follow()}&by=Ann").json()
+    assert course.act().status_code == 200
+    assert (course.state["course"] is not None, course.state["lasting"]) == (True, True)
+    course.bench.stop()
+    again = Bench(surface_of(), events=events)
+    assert again.get(PATH).json()["course"] is None
+    assert again.get(f"{PATH}s").json() == {"commissionings": [result]}
+
+
 @pytest.mark.parametrize("is_away", [False, True])
 def test_while_a_result_is_being_written_nothing_else_happens_to_its_course(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, is_away: bool

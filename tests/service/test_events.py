@@ -177,6 +177,16 @@ def test_a_stretch_keeps_what_each_channel_of_its_first_samples_contradicts() ->
     assert first["channels"][2]["misfit_without"] == 0.0
 
 
+@pytest.mark.promise(
+    "docs/reference/events.md", "the misfit of the best contact without this channel; null if too few channels are left"
+)
+def test_of_three_channels_a_stretch_does_not_say_which_one_is_wrong(bench: Bench) -> None:
+    (event,) = story_of(bench, [RESTING, *[ODD] * 20, *[RESTING] * 4]).events
+    for sample in event["capture"]:
+        each = [(one["misfit_without"], one["explained_without"]) for one in sample["channels"]]
+        assert each == [(None, False)] * 3
+
+
 @pytest.mark.parametrize(
     ("before", "after"),
     [(ODD, [RESTING] * 2), (TOUCHING, [ODD] * 2), (TOUCHING, [BETWEEN]), (TOUCHING, [BETWEEN, ODD, BETWEEN])],

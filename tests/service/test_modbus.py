@@ -5,12 +5,14 @@ from pathlib import Path
 
 import pytest
 
+from beamtouch_common.zones import Zone
 from beamtouch_models.modelfile import State
 from beamtouch_service import cli
 from beamtouch_service.outputs.modbus.blocks import Blocks
 from beamtouch_service.outputs.modbus.registers import BLOCK, REGISTERS, STATES
 from beamtouch_service.problems import Kind, ProblemError
 from beamtouch_service.samples import Note, Quality
+from beamtouch_service.sections import SurfaceSection
 from beamtouch_service.surfaces.surface import Surface
 from service.bench import Row, parsed, surface_of, surface_with
 from service.contact_registers import FIGURES, number
@@ -110,6 +112,19 @@ def test_readings_end_at_the_largest_number_of_a_register(stated: int | None, sh
 def test_the_heartbeat_counts_tenths_of_a_second() -> None:
     found = [block(surface_with(None), second)[1] for second in (12.3, 12.4, 6553.5, 6553.6)]
     assert found == [123, 124, 65_535, 0]
+
+
+@pytest.mark.promise(
+    "docs/reference/registers.md", "entries into zone 1 since the service started; wraps to 0 after 65535"
+)
+def test_the_entries_into_a_zone_wrap() -> None:
+    surface = surface_of(section=SurfaceSection(zones={"gate": Zone(from_mm=120, to_mm=200)}))
+    surface.zone_entries["gate"] = 65_534
+    found = []
+    for sequence, row in enumerate([[0.5, 0.25, 0.125], [0.0] * 3] * 2, 1):
+        surface.receive(parsed(*[row] * 5, sequence=5 * sequence), NOW_S)
+        found.append(block(surface)[43])
+    assert found == [65_535, 65_535, 0, 0]
 
 
 def test_the_map_is_complete_and_no_two_registers_share_an_address() -> None:

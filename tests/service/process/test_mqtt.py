@@ -105,7 +105,7 @@ def test_the_broker_says_when_the_service_is_gone(line: Line, how: signal.Signal
 
 @pytest.mark.promise(
     "docs/how-to/mqtt.md",
-    "`channels` are those that are the cause.",
+    "`channels` are those that are the cause",
     "The broker retains the last one.",
 )
 def test_the_status_names_a_channel_that_is_out_and_is_kept_until_it_is_back(line: Line) -> None:
