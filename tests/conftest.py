@@ -3,7 +3,6 @@
 import os
 import signal
 from collections.abc import Callable, Iterator
-from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
 from zlib import crc32
@@ -25,8 +24,7 @@ from support.pages.browser import OpenPage, chromium, pages
 from support.programs.simulated_board import Board, Boards, build_board, build_firmware
 from support.programs.toolchain import made_once
 from support.running.scheduling import Scheduling
-from support.surfaces.example_scenes import SCENES
-from support.surfaces.few_draws import few_draws, short_work
+from support.surfaces.example_scenes import ROUGH, SCENES
 
 # A shell may start background work with Ctrl-C ignored. Processes that tests interrupt would inherit that.
 signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -80,15 +78,13 @@ ROUGHLY = {"cantilever", "conveyor", "two-spans"}
 """Scenes whose models are asked for the physics and the noise alone, not for thresholds and accuracy."""
 
 
-def _build(path: Path, name: str, folder: Path) -> None:
+def _build(path: Path, name: str, folder: Path, effort: float = 1.0) -> None:
     """Write the model of a scene, `NAME.onnx`, and the configuration for the daemon, `NAME.toml`, into a folder.
 
     The model has the paper's layout: known numbers that take less time to find.
     """
-    with few_draws() if name in ROUGHLY else nullcontext():
-        content = beamtouch_models.build(
-            path, name, criterion="eigenvalue-product", daemon_config=folder / f"{name}.toml"
-        )
+    config = folder / f"{name}.toml"
+    content = beamtouch_models.build(path, name, criterion="eigenvalue-product", daemon_config=config, effort=effort)
     (folder / f"{name}.onnx").write_bytes(content)
 
 
@@ -100,7 +96,7 @@ def built_model(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Pat
     """
 
     def model(name: str) -> Path:
-        made = partial(_build, SCENES / f"{name}.toml", name)
+        made = partial(_build, SCENES / f"{name}.toml", name, effort=ROUGH if name in ROUGHLY else 1.0)
         return made_once(tmp_path_factory, f"model-{name}", made) / f"{name}.onnx"
 
     return model
@@ -110,8 +106,7 @@ def _build_for_firmware(folder: Path) -> None:
     """Write the bench scene with the ADC of the firmware's chip, and its model."""
     text = (SCENES / "bench.toml").read_text().replace("rate_hz = 200", "rate_hz = 200\nadc_bits = 10")
     (folder / "scene.toml").write_text(text)
-    with short_work():
-        _build(folder / "scene.toml", "bench", folder)
+    _build(folder / "scene.toml", "bench", folder, ROUGH)
 
 
 @pytest.fixture(scope="session")

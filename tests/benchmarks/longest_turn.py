@@ -25,8 +25,7 @@ from serving import TOKEN, server
 from beamtouch_models import build
 from beamtouch_service.api.samples import MAX_BODY_BYTES
 from beamtouch_service.samples import MAX_SAMPLES
-from support.surfaces.example_scenes import SCENES
-from support.surfaces.few_draws import short_work
+from support.surfaces.example_scenes import ROUGH, SCENES
 
 WATCHED = """
 import asyncio, mmap, struct, sys, time
@@ -116,8 +115,7 @@ def main() -> int:
 
 def _measure(folder: Path, sensors: int, rounds: int) -> None:
     scene = (SCENES / "bench.toml").read_text().replace("count = 4", f"count = {sensors}")
-    with short_work():
-        content = build(scene.replace("size_mm", "# size_mm"), "bench", criterion="eigenvalue-product")
+    content = build(scene.replace("size_mm", "# size_mm"), "bench", criterion="eigenvalue-product", effort=ROUGH)
     (folder / "bench.onnx").write_bytes(content)
     names = [f"s{number}" for number in range(SURFACES if sensors == SENSORS[-1] else 1)]
     sections = "".join(f"[surfaces.{name}]\nmodel = 'bench.onnx'\nstale_ms = 60000\n" for name in names)

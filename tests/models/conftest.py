@@ -1,7 +1,7 @@
 """What tests of the models share: commands without processes of their own, and a simulated surface."""
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,7 @@ from beamtouch_models.scene import Scene
 from models.quick_model import write_quick_model
 from support.programs.in_process import Command, Refusal, command_of
 from support.programs.toolchain import made_once
-from support.surfaces.few_draws import short_work
+from support.surfaces.example_scenes import ROUGH
 
 Explain = Callable[[Scene], dict[str, Any]]
 
@@ -34,11 +34,23 @@ def quick_model(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def design_sensors_here(capsys: pytest.CaptureFixture[str]) -> Command:
-    """`design-sensors` in this process, without workers: what a test shortens here, it does not shorten in them."""
+    """`design-sensors` in this process, without workers, which would take longer to start than the tests' work."""
+    return command_of(lambda arguments: cli.main(_without_workers(arguments)), capsys)
+
+
+def _without_workers(arguments: list[str]) -> list[str]:
+    sweeps = bool(arguments) and arguments[0] in {"trade", "evaluate", "challenge"}
+    return [*arguments, "--workers", "1"] if sweeps else arguments
+
+
+@pytest.fixture
+def design_sensors_roughly(capsys: pytest.CaptureFixture[str]) -> Command:
+    """The same with little effort, for tests that do not ask for figures."""
 
     def main(arguments: list[str]) -> int:
-        sweeps = bool(arguments) and arguments[0] in {"trade", "evaluate", "challenge"}
-        return cli.main([*arguments, "--workers", "1"] if sweeps else arguments)
+        takes_effort = bool(arguments) and arguments[0] in {"build", "calibrate", "explain", "place", "trade"}
+        effort = ["--effort", str(ROUGH)] if takes_effort else []
+        return cli.main([*_without_workers(arguments), *effort])
 
     return command_of(main, capsys)
 
@@ -59,11 +71,11 @@ def explain(design_sensors_here: Command, tmp_path: Path) -> Explain:
 
 
 @pytest.fixture
-def refused(design_sensors_here: Command) -> Refusal:
+def refused(design_sensors_roughly: Command) -> Refusal:
     """`design-sensors` in this process with what it refuses in one line, as wrong input; returns that line."""
 
     def line(*arguments: object) -> str:
-        done = design_sensors_here(*arguments)
+        done = design_sensors_roughly(*arguments)
         assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1), done.stderr
         return done.stderr
 
@@ -74,10 +86,3 @@ def refused(design_sensors_here: Command) -> Refusal:
 def rig_here(capsys: pytest.CaptureFixture[str]) -> Command:
     """`beamtouch-rig` in this process, for input that it refuses."""
     return command_of(rig_cli.main, capsys)
-
-
-@pytest.fixture(name="short_work")
-def _short_work() -> Iterator[None]:
-    """Commands in this process search and draw little, for tests that do not ask for figures."""
-    with short_work():
-        yield

@@ -6,8 +6,7 @@ Its scene gives no remark: away from the supports, every force is seen.
 from pathlib import Path
 
 from beamtouch_models import build
-from support.surfaces.example_scenes import PAPER
-from support.surfaces.few_draws import short_work
+from support.surfaces.example_scenes import PAPER, ROUGH
 
 SCENE = (
     PAPER.replace("count = 2", "count = 3")
@@ -19,5 +18,4 @@ SCENE = (
 
 def write_quick_model(folder: Path) -> None:
     """Write `quick.onnx` into a folder."""
-    with short_work():
-        (folder / "quick.onnx").write_bytes(build(SCENE, "quick", criterion="eigenvalue-product"))
+    (folder / "quick.onnx").write_bytes(build(SCENE, "quick", criterion="eigenvalue-product", effort=ROUGH))

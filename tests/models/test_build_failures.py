@@ -47,26 +47,24 @@ def test_what_one_failed_sensor_costs_is_said(
     assert ("--spare" in weak) is ("--" in said or said.endswith("th"))
 
 
-@pytest.mark.usefixtures("short_work")
 def test_a_model_that_misses_its_bounds_is_not_written_by_build_and_is_a_note_of_trade(
-    design_sensors_here: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    design_sensors_roughly: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(measure, "MAX_RATIO", 0.1)  # no model is better than the limit
     scene, model = tmp_path / "scene.toml", tmp_path / "model.onnx"
     scene.write_text(PAPER.replace("count = 2", "count = [2, 2]\ngrid_mm = 57"))
     why = "with 0.0226 mm of noise the error is "
-    built = design_sensors_here("build", scene, "-o", model)
+    built = design_sensors_roughly("build", scene, "-o", model)
     assert (built.returncode, built.stdout) == (1, "")
     assert f"design-sensors: nothing was written: {why}" in built.stderr
     assert not model.exists()
-    traded = design_sensors_here("trade", scene, "-o", tmp_path / "out", "--draws", 100, "--estimators", "posterior")
+    traded = design_sensors_roughly("trade", scene, "-o", tmp_path / "out", "--draws", 100, "--estimators", "posterior")
     assert why in traded.stderr
     assert "nothing was written" not in traded.stderr
 
 
-@pytest.mark.usefixtures("short_work")
 def test_a_model_with_answers_that_are_not_finite_is_not_written(
-    design_sensors_here: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    design_sensors_roughly: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def worn_out(*given: Any, **options: Any) -> onnx.ModelProto:  # noqa: ANN401
         graph = posterior_graph(*given, **options)
@@ -78,15 +76,14 @@ def test_a_model_with_answers_that_are_not_finite_is_not_written(
     monkeypatch.setattr(estimator, "posterior_graph", worn_out)
     scene, model = tmp_path / "scene.toml", tmp_path / "model.onnx"
     scene.write_text(PAPER.replace("count = 2", "count = 2\ngrid_mm = 57"))
-    built = design_sensors_here("build", scene, "-o", model)
+    built = design_sensors_roughly("build", scene, "-o", model)
     assert (built.returncode, built.stdout) == (1, "")
     assert "design-sensors: nothing was written: some answers of the model are not finite; check the s" in built.stderr
     assert not model.exists()
 
 
-@pytest.mark.usefixtures("short_work")
 def test_a_build_that_is_interrupted_while_it_measures_for_the_report_leaves_nothing(
-    design_sensors_here: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    design_sensors_roughly: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def interrupt(*_: object) -> None:
         raise KeyboardInterrupt
@@ -95,6 +92,6 @@ def test_a_build_that_is_interrupted_while_it_measures_for_the_report_leaves_not
     scene = tmp_path / "scene.toml"
     scene.write_text(PAPER.replace("count = 2", "count = 2\ngrid_mm = 57"))
     files = ("-o", tmp_path / "m.onnx", "--daemon-config", tmp_path / "d.toml", "--report", tmp_path / "r.html")
-    done = design_sensors_here("build", scene, *files)
+    done = design_sensors_roughly("build", scene, *files)
     assert (done.returncode, done.stdout) == (130, "")
     assert list(tmp_path.iterdir()) == [scene]

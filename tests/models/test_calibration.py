@@ -17,13 +17,14 @@ from beamtouch_models.calibration.recordings import read_contacts, read_loads
 from beamtouch_models.calibration.self_calibrate import self_calibrate
 from beamtouch_models.calibration.session import Session
 from beamtouch_models.calibration.theory import Theory
+from beamtouch_models.effort import Effort
 from beamtouch_models.modelfile import ModelFile, Weighed, evidence
 from beamtouch_models.rig.surface import Imperfections
 from beamtouch_models.surface import prior_of_model
 from beamtouch_models.sweeps import silent
 from support.programs.in_process import Command
 from support.surfaces.calibration_files import write_contacts, write_readings
-from support.surfaces.few_draws import short_work
+from support.surfaces.example_scenes import ROUGH
 from support.surfaces.real_surfaces import deflections_on, random_imperfections, recorded, true_prior
 from support.surfaces.unlabelled_contacts import Kind, drawn, missed_mm
 
@@ -44,8 +45,7 @@ def recording(bench: ModelFile, real: Imperfections, tmp_path_factory: pytest.Te
 @pytest.fixture(scope="module")
 def calibrated(bench: ModelFile, recording: Path) -> Calibrated:
     """The bench's model, fitted to that recording."""
-    with short_work():
-        return calibrate(bench, read_loads(recording, bench.metadata), silent)
+    return calibrate(bench, read_loads(recording, bench.metadata), silent, effort=Effort(ROUGH))
 
 
 def error_over_limit(model: ModelFile, real: Imperfections) -> tuple[float, float]:
@@ -100,8 +100,8 @@ def test_a_beam_rests_before_and_after_its_next_tare(built_model: Callable[[str]
     # The zeros moved between the tare and the recording.
     drifted_mm = 4 * noise_mm * (-1.0) ** np.arange(channels)
     loads = recorded(model.metadata, random_imperfections(model.metadata, rng), rng, count=12)
-    with short_work():
-        found = calibrate(model, dataclasses.replace(loads, measured_mm=loads.measured_mm + drifted_mm), silent)
+    drifted = dataclasses.replace(loads, measured_mm=loads.measured_mm + drifted_mm)
+    found = calibrate(model, drifted, silent, effort=Effort(ROUGH))
     fresh = modelfile.load_bytes(found.content, "calibrated")
     assert fresh.metadata.departures.offset_mm == pytest.approx(drifted_mm.tolist(), abs=0.5 * noise_mm)
     rest_mm, noise_mm2 = np.array([drifted_mm, 0 * drifted_mm]), np.full((2, channels), noise_mm**2)
@@ -121,8 +121,7 @@ def test_unlabelled_contacts_go_on_from_a_calibrated_model(
     # Since the loads, one gain has fallen by 3 %.
     aged = real.model_copy(update={"gain": (real.gain[0], real.gain[1] * 0.97, *real.gain[2:])})
     contacts = drawn(model.metadata, aged, Kind(), np.random.default_rng(5), 100)
-    with short_work():
-        second = self_calibrate(model, contacts, silent)
+    second = self_calibrate(model, contacts, silent, Effort(ROUGH))
     vector, calibration = second.found.fit.vector, second.metadata.calibration
     assert missed_mm(theory, vector, bench.metadata, aged) < 0.4 * missed_mm(theory, start, bench.metadata, aged)
     assert calibration is not None

@@ -31,13 +31,12 @@ def test_help_of_every_command_imports_nothing_that_computes() -> None:
     assert done.stdout.count("usage: design-sensors ") == len(cli.COMMANDS)
 
 
-@pytest.mark.usefixtures("short_work")
 def test_build_writes_a_model_and_a_daemon_config_and_prints_one_json_object(
-    design_sensors_here: Command, tmp_path: Path
+    design_sensors_roughly: Command, tmp_path: Path
 ) -> None:
     model, config = tmp_path / "press.onnx", tmp_path / "daemon.toml"
     asked = ("--sensors", 3, "--seed", 7, "--json", "--daemon-config", config)
-    done = design_sensors_here("build", SCENES / "paper.toml", "-o", model, *asked)
+    done = design_sensors_roughly("build", SCENES / "paper.toml", "-o", model, *asked)
     assert done.returncode == 0, done.stderr
     described = json.loads(done.stdout)
     assert len(described["positions_mm"]) == 3
@@ -61,13 +60,12 @@ def test_build_writes_a_model_and_a_daemon_config_and_prints_one_json_object(
     placed = described["placed"]
     assert (placed["criterion"], placed["spare"]) == ("position-error", 0)
     assert len(placed["limit_without_percent"]) == 3
-    assert json.loads(design_sensors_here("inspect", model, "--json").stdout) == described
+    assert json.loads(design_sensors_roughly("inspect", model, "--json").stdout) == described
 
 
 @pytest.mark.promise("docs/how-to/upgrade.md", "A service refuses a model of another schema.")
-@pytest.mark.usefixtures("short_work")
 def test_an_old_model_is_refused_with_the_command_that_rebuilds_it_for_its_mounted_sensors(
-    design_sensors_here: Command, quick_model: Path, tmp_path: Path
+    design_sensors_roughly: Command, quick_model: Path, tmp_path: Path
 ) -> None:
     old, path = onnx.load(quick_model), tmp_path / "quick.onnx"
     entries = {entry.key.rpartition(".")[2]: entry for entry in old.metadata_props}
@@ -81,14 +79,14 @@ def test_an_old_model_is_refused_with_the_command_that_rebuilds_it_for_its_mount
     old.metadata_props.remove(entries["placed"])  # what no file of that version has
     onnx.save(old, path)
 
-    refused = design_sensors_here("inspect", path)
+    refused = design_sensors_roughly("inspect", path)
     command = re.search(r"`design-sensors (build [^`]*)`", refused.stderr)
     assert (refused.returncode, command and command[1]) == (2, f"build {path} -o {path}")
 
     anew = ("build", path, "-o", tmp_path / "new.onnx", "--criterion", "eigenvalue-product", "--json")
-    assert all(place % 19 == 0 for place in json.loads(design_sensors_here(*anew).stdout)["positions_mm"])
+    assert all(place % 19 == 0 for place in json.loads(design_sensors_roughly(*anew).stdout)["positions_mm"])
     report = tmp_path / "report.html"
-    rebuilt = json.loads(design_sensors_here("build", path, "-o", path, "--report", report, "--json").stdout)
+    rebuilt = json.loads(design_sensors_roughly("build", path, "-o", path, "--report", report, "--json").stdout)
     assert rebuilt["positions_mm"] == kept_mm
     assert rebuilt["placed"]["criterion"] == "eigenvalue-product"
     assert modelfile.load(path).identity == rebuilt["model"]

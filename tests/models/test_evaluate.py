@@ -44,7 +44,6 @@ def test_the_model_of_the_bench_is_at_its_limit(bench: ModelFile) -> None:
     assert found.missed.value == pytest.approx(1 - calls.mean(), abs=4 * found.missed.standard_error + 4 * (1e-3 / 200))
 
 
-@pytest.mark.usefixtures("short_work")
 def test_a_model_answers_to_the_noise_that_a_sample_states(bench: ModelFile) -> None:
     prior = at_noise(prior_of_model(bench.metadata), 5 * bench.metadata.noise.sample_mm)
     found = evaluate(bench, prior, draws=2000, seed=5)
@@ -54,10 +53,9 @@ def test_a_model_answers_to_the_noise_that_a_sample_states(bench: ModelFile) -> 
     assert found.span.ratio.value < 1.03
 
 
-@pytest.mark.usefixtures("short_work")
-def test_one_json_object_and_a_table(design_sensors_here: Command, bench_model: Path, bench: ModelFile) -> None:
+def test_one_json_object_and_a_table(design_sensors_roughly: Command, bench_model: Path, bench: ModelFile) -> None:
     noises = [option for noise in (0.01, 0, bench.metadata.noise.sample_mm) for option in ("--noise", noise)]
-    done = design_sensors_here("evaluate", bench_model, "--draws", 400, *noises, "--json")
+    done = design_sensors_roughly("evaluate", bench_model, "--draws", 400, *noises, "--json")
     assert (done.returncode, done.stderr) == (0, "")
     found = json.loads(done.stdout)
     assert found["model"] == bench.identity
@@ -67,14 +65,13 @@ def test_one_json_object_and_a_table(design_sensors_here: Command, bench_model: 
     assert noisy["noise_mm"] == 0.01
     assert noisy["span"]["ratio"]["standard_error"] > 0
     assert silent["span"]["ratio"] is silent["cramer_rao_mean_mm"] is None
-    table = design_sensors_here("evaluate", bench_model, "--draws", 200, "--noise", 0.01, "--noise", 0).stdout
+    table = design_sensors_roughly("evaluate", bench_model, "--draws", 200, "--noise", 0.01, "--noise", 0).stdout
     for said in ("error over limit", "position interval", "smallest force"):
         assert said in table
     assert re.search(r"without noise\s+the limit is 0, so there is no ratio", table)
     assert re.search(r"limit, mean\s+-", table)
 
 
-@pytest.mark.usefixtures("short_work")
 def test_the_middle_has_figures_only_where_enough_contacts_lie_in_it(bench: ModelFile) -> None:
     # Of 400 mm the middle begins at 80, so that one contact in eighty lies in it, or one in 160.
     for end_mm in (80.5, 81.0):
@@ -105,8 +102,7 @@ def test_a_force_of_the_scene_that_is_missed_is_noted(
     assert f"at {first:.4g}..{last:.4g} mm: up to {2.4 * weakest:.2g} N is needed there" in done.stderr
 
 
-@pytest.mark.usefixtures("short_work")
-def test_every_command_says_that_a_required_error_is_missed(design_sensors_here: Command, tmp_path: Path) -> None:
+def test_every_command_says_that_a_required_error_is_missed(design_sensors_roughly: Command, tmp_path: Path) -> None:
     scene, model = tmp_path / "paper.toml", tmp_path / "paper.onnx"
     coarse = PAPER.replace("count = 2", "count = 2\ngrid_mm = 57")
     missed = (
@@ -116,6 +112,6 @@ def test_every_command_says_that_a_required_error_is_missed(design_sensors_here:
     for wanted_mm, is_missed in ((0.5, True), (50, False)):
         scene.write_text(f"{coarse}\n[requirements]\nposition_error_mm = {wanted_mm}\n")
         for arguments in commands:
-            done = design_sensors_here(*arguments, "--json")
+            done = design_sensors_roughly(*arguments, "--json")
             assert done.returncode == 0, done.stderr
             assert bool(re.search(missed, done.stderr)) is is_missed, done.stderr

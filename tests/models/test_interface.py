@@ -13,7 +13,7 @@ from beamtouch_common.errors import InputError
 from beamtouch_models import cli
 from beamtouch_models.errors import SceneError
 from beamtouch_models.modelfile import ModelFile
-from support.surfaces.example_scenes import SCENES
+from support.surfaces.example_scenes import ROUGH, SCENES
 
 SCENE = (SCENES / "bench.toml").read_text()
 
@@ -189,11 +189,10 @@ def test_a_scene_is_changed_key_by_key(scene: models.Scene) -> None:
         models.change_scene(scene, beem={"length_mm": 400})
 
 
-@pytest.mark.usefixtures("short_work")
 def test_build_takes_a_scene_and_every_option_of_the_command(scene: models.Scene, tmp_path: Path) -> None:
     scene, path = models.change_scene(scene, sensors={"grid_mm": 19}), tmp_path / "bench.toml"
     path.write_text(models.format_scene(scene))
-    options = ("--sensors", "2", "--criterion", "eigenvalue-product", "--seed", "3")
+    options = ("--sensors", "2", "--criterion", "eigenvalue-product", "--seed", "3", "--effort", "0.06")
     files = ("-o", tmp_path / "bench.onnx", "--daemon-config", tmp_path / "told.toml")
     assert cli.main(["build", str(path), *options, *map(str, files)]) == 0
 
@@ -202,6 +201,7 @@ def test_build_takes_a_scene_and_every_option_of_the_command(scene: models.Scene
         "sensors": 2,
         "criterion": "eigenvalue-product",
         "seed": 3,
+        "effort": 0.06,
         "daemon_config": config,
         "report": report,
     }
@@ -214,7 +214,6 @@ def test_build_takes_a_scene_and_every_option_of_the_command(scene: models.Scene
     assert told.identity in (tmp_path / "report.html").read_text()
 
 
-@pytest.mark.usefixtures("short_work")
 def test_a_table_of_influence_stands_in_for_the_beam(scene: models.Scene, bench_model: Path) -> None:
     """A table of the same beam gives the same figures; one of a beam of twice the stiffness gives larger errors."""
     sensors, layout = np.linspace(0, 400, 81), [68.0, 156.0, 244.0, 332.0]
@@ -225,7 +224,9 @@ def test_a_table_of_influence_stands_in_for_the_beam(scene: models.Scene, bench_
     limits = [models.accuracy_limit(scene, layout, draws=300, influence=own).mean_mm for own in (None, same, stiff)]
     assert limits[1] == pytest.approx(limits[0], rel=1e-3)
     assert 1.5 < limits[2] / limits[0] < 2.1
-    layouts = [models.place(scene, 2, criterion="eigenvalue-product", influence=own) for own in (None, same)]
+    layouts = [
+        models.place(scene, 2, criterion="eigenvalue-product", influence=own, effort=ROUGH) for own in (None, same)
+    ]
     assert layouts[0] == pytest.approx(layouts[1], abs=2)
 
     model = models.load_model(bench_model)
@@ -234,7 +235,6 @@ def test_a_table_of_influence_stands_in_for_the_beam(scene: models.Scene, bench_
     assert other.mean_mm.value > 1.5 * beam.mean_mm.value
 
 
-@pytest.mark.usefixtures("short_work")
 def test_evaluate_gives_what_the_command_prints(bench_model: Path, capsys: pytest.CaptureFixture[str]) -> None:
     asked = ("--draws", "500", "--noise", "0.01", "--json", "--workers", "1")
     assert cli.main(["evaluate", str(bench_model), *asked]) == 0

@@ -46,15 +46,14 @@ def test_rollers_places_of_contacts_and_housings_are_those_of_the_command(
     assert "# zero_drift_mm = 0.0006 " in text
 
 
-@pytest.mark.usefixtures("short_work")
 def test_what_comes_next_can_be_pasted(
-    design_sensors_here: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    design_sensors_roughly: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    done = design_sensors_here("new", "a strip.toml", *STRIP, "--sensors", 2)
+    done = design_sensors_roughly("new", "a strip.toml", *STRIP, "--sensors", 2)
     assert "design-sensors build 'a strip.toml' -o MODEL.onnx" in done.stdout
     files = ("-o", "a strip.onnx", "--daemon-config", "a daemon.toml")
-    done = design_sensors_here("build", "a strip.toml", *files, "--criterion", "eigenvalue-product")
+    done = design_sensors_roughly("build", "a strip.toml", *files, "--criterion", "eigenvalue-product")
     lines = [shlex.split(line) for line in done.stderr.removeprefix("try it:").splitlines()[:3]]
     assert lines[0][:4] == ["beamtouch-rig", "a strip.toml", "--model", "a strip.onnx"]
     assert lines[1][:4] == ["beamtouch-service", "run", "--model", "a strip.onnx"]

@@ -28,10 +28,9 @@ def scene_in(folder: Path, *changes: tuple[str, str]) -> Path:
     return path
 
 
-@pytest.mark.usefixtures("short_work")
 @pytest.mark.parametrize("option", [PRODUCT, ("--components", 5)])
-def test_the_layout_of_five_sensors_states_its_gap(design_sensors_here: Command, option: tuple[object, ...]) -> None:
-    done = design_sensors_here("place", SCENES / "paper.toml", "--sensors", 5, *option, "--json")
+def test_the_layout_of_five_sensors_states_its_gap(design_sensors_roughly: Command, option: tuple[object, ...]) -> None:
+    done = design_sensors_roughly("place", SCENES / "paper.toml", "--sensors", 5, *option, "--json")
     assert (done.returncode, done.stderr) == (0, "")
     found = json.loads(done.stdout)
     assert set(found) == KEYS
@@ -58,23 +57,21 @@ def test_by_default_the_scenes_number_of_sensors_has_the_least_position_error(de
     "docs/how-to/design.md",
     "`--spare 1` makes the error small even when the worst single sensor has failed.",
 )
-@pytest.mark.usefixtures("short_work")
-def test_a_spare_is_stated_with_the_error_without_each_sensor(design_sensors_here: Command, tmp_path: Path) -> None:
+def test_a_spare_is_stated_with_the_error_without_each_sensor(design_sensors_roughly: Command, tmp_path: Path) -> None:
     path = scene_in(tmp_path, ("count = 2", "count = 3\ngrid_mm = 80"), ("10.0", "[2.0, 20.0]"))
-    found = json.loads(design_sensors_here("place", path, "--spare", 1, "--json").stdout)
+    found = json.loads(design_sensors_roughly("place", path, "--spare", 1, "--json").stdout)
     assert found["spare"] == 1
     assert len(found["limit_without_percent"]) == 3
     assert min(found["limit_without_percent"]) > found["accuracy_limit_percent"]
-    table = design_sensors_here("place", path, "--spare", 1).stdout
+    table = design_sensors_roughly("place", path, "--spare", 1).stdout
     lines = dict(line.split(maxsplit=1) for line in table.splitlines())
     assert f"{max(found['limit_without_percent']):.3g} % +-" in lines["failed"]
     assert lines["bound"] == "none for this criterion; --criterion eigenvalue-product has one"
 
 
-@pytest.mark.usefixtures("short_work")
-def test_the_table_shows_the_layout_of_the_papers_figure_5(design_sensors_here: Command, tmp_path: Path) -> None:
+def test_the_table_shows_the_layout_of_the_papers_figure_5(design_sensors_roughly: Command, tmp_path: Path) -> None:
     path = scene_in(tmp_path, ("[sensors]", "[sensors]\nsize_mm = 0"))  # the paper's sensors have no size
-    done = design_sensors_here("place", path, "--sensors", 8, "--components", 4, "--search", "paper")
+    done = design_sensors_roughly("place", path, "--sensors", 8, "--components", 4, "--search", "paper")
     assert done.returncode == 0, done.stderr
     assert "68, 69, 156, 157, 243, 244, 331, 332 mm" in done.stdout
     assert "ln -52.6760 (4 leading eigenvalues" in done.stdout
@@ -82,7 +79,6 @@ def test_the_table_shows_the_layout_of_the_papers_figure_5(design_sensors_here: 
 
 
 @pytest.mark.promise("docs/how-to/design.md", "take the smallest number that reaches it")
-@pytest.mark.usefixtures("short_work")
 @pytest.mark.parametrize(
     ("sensors", "error_mm", "options", "count", "kept"),
     [
@@ -93,7 +89,7 @@ def test_the_table_shows_the_layout_of_the_papers_figure_5(design_sensors_here: 
     ],
 )
 def test_an_open_number_is_the_fewest_that_meets_the_requirement_with_room_for_fixed_sensors_and_components(
-    design_sensors_here: Command,
+    design_sensors_roughly: Command,
     tmp_path: Path,
     sensors: str,
     error_mm: float,
@@ -103,19 +99,18 @@ def test_an_open_number_is_the_fewest_that_meets_the_requirement_with_room_for_f
 ) -> None:
     required = f"\n[requirements]\nposition_error_mm = {error_mm}\n[sensors]"
     path = scene_in(tmp_path, ("count = 2", sensors), ("\n[sensors]", required))
-    done = design_sensors_here("place", path, *options, "--json")
+    done = design_sensors_roughly("place", path, *options, "--json")
     assert (done.returncode, done.stderr) == (0, "")
     positions = json.loads(done.stdout)["positions_mm"]
     assert len(positions) == count
     assert kept <= set(positions)
 
 
-@pytest.mark.usefixtures("short_work")
-def test_place_states_the_noise_that_effects_are_priced_in(design_sensors_here: Command) -> None:
+def test_place_states_the_noise_that_effects_are_priced_in(design_sensors_roughly: Command) -> None:
     # The ADC of the conveyor is left out of its model, and its steps of 0.9 um stay in its noise.
-    placed = design_sensors_here("place", SCENES / "conveyor.toml", "--sensors", 2, *PRODUCT)
+    placed = design_sensors_roughly("place", SCENES / "conveyor.toml", "--sensors", 2, *PRODUCT)
     assert "at 0.00135 mm noise per sample" in placed.stdout
-    assert "a sample's noise, 0.00135 mm" in design_sensors_here("explain", SCENES / "conveyor.toml").stdout
+    assert "a sample's noise, 0.00135 mm" in design_sensors_roughly("explain", SCENES / "conveyor.toml").stdout
 
 
 CLAMPED = """
@@ -148,7 +143,6 @@ range_mm = [1, 20]
     "docs/reference/scene.md",
     "Stretches of the beam that no housing may reach into; it may touch their ends.",
 )
-@pytest.mark.usefixtures("short_work")
 @pytest.mark.parametrize(
     ("rules", "arguments", "said"),
     [
@@ -166,11 +160,11 @@ range_mm = [1, 20]
     ],
 )
 def test_a_housing_keeps_off_ends_supports_keep_outs_and_other_housings(
-    design_sensors_here: Command, tmp_path: Path, rules: str, arguments: tuple[object, ...], said: str | None
+    design_sensors_roughly: Command, tmp_path: Path, rules: str, arguments: tuple[object, ...], said: str | None
 ) -> None:
     scene, grid = tmp_path / "scene.toml", "" if "grid" in rules else "grid_mm = 4\n"
     scene.write_text(f"{CLAMPED}{rules}\n{grid}")
-    done = design_sensors_here("place", scene, *arguments, "--json")
+    done = design_sensors_roughly("place", scene, *arguments, "--json")
     assert done.returncode == (0 if said is None else 2), done.stderr
     assert (said or "") in done.stderr
     assert done.stderr.count("\n") == (0 if said is None else 1)
@@ -179,15 +173,14 @@ def test_a_housing_keeps_off_ends_supports_keep_outs_and_other_housings(
         assert {float(place) for place in fixed} <= set(json.loads(done.stdout)["positions_mm"])
 
 
-@pytest.mark.usefixtures("short_work")
 @pytest.mark.parametrize("arguments", [(), ("--spare", 1)])
 def test_layouts_of_the_least_error_leave_room_for_the_housings(
-    design_sensors_here: Command, tmp_path: Path, arguments: tuple[object, ...]
+    design_sensors_roughly: Command, tmp_path: Path, arguments: tuple[object, ...]
 ) -> None:
     """On two spans with a keep-out; as points, two of the sensors would stand side by side."""
     rules = "size_mm = 34\nkeep_out_mm = [[90, 116]]\nfixed_mm = [133]\ngrid_mm = 6\ncount = 4"
     supports = "[beam]\nsupports = [{ at_mm = 0 }, { at_mm = 180 }, { at_mm = 400 }]"
-    done = design_sensors_here(
+    done = design_sensors_roughly(
         "place", scene_in(tmp_path, ("count = 2", rules), ("[beam]", supports)), *arguments, "--json"
     )
     assert done.returncode == 0, done.stderr

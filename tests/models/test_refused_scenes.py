@@ -52,10 +52,9 @@ PLACED = {
 }
 
 
-@pytest.mark.usefixtures("short_work")
 @pytest.mark.parametrize("name", [*CASES, *PLACED])
 def test_every_command_refuses_a_scene_with_the_same_line(
-    design_sensors_here: Command, refused: Refusal, tmp_path: Path, name: str
+    design_sensors_roughly: Command, refused: Refusal, tmp_path: Path, name: str
 ) -> None:
     old, new, said = (CASES | PLACED)[name]
     scene, model, config = tmp_path / "scene.toml", tmp_path / "model.onnx", tmp_path / "daemon.toml"
@@ -65,7 +64,7 @@ def test_every_command_refuses_a_scene_with_the_same_line(
     lines = set()
     for command, options in commands.items():
         if command == "explain" and name in PLACED:
-            assert "contact width" in design_sensors_here(command, scene).stdout
+            assert "contact width" in design_sensors_roughly(command, scene).stdout
         else:
             lines.add(refused(command, scene, *options))
     assert len(lines) == 1

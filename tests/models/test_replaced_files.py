@@ -30,27 +30,26 @@ def scene(tmp_path: Path) -> Path:
     "somebody has edited the configuration since `build` wrote it (its last line tells), `build` ends with one line "
     "and exit code 2, and writes nothing.",
 )
-@pytest.mark.usefixtures("short_work")
 def test_a_configuration_is_replaced_until_somebody_has_edited_it(
-    design_sensors_here: Command, scene: Path, tmp_path: Path
+    design_sensors_roughly: Command, scene: Path, tmp_path: Path
 ) -> None:
     model, config, report = tmp_path / "strip.onnx", tmp_path / "daemon.toml", tmp_path / "strip.html"
     asked = ("build", scene, "-o", model, "--daemon-config", config, "--report", report)
     config.touch()
     for line_end in (b"\n", b"\r\n"):
-        assert design_sensors_here(*asked).returncode == 0
+        assert design_sensors_roughly(*asked).returncode == 0
         config.write_bytes(config.read_bytes().replace(b"\n", line_end))
-    assert design_sensors_here(*asked).returncode == 0
+    assert design_sensors_roughly(*asked).returncode == 0
     edited = config.read_text().replace('host = "127.0.0.1"', 'host = "192.168.0.7"')
     assert edited != config.read_text()
     config.write_text(edited)
     built = model.read_bytes()
     scene.write_text(scene.read_text().replace("width_mm = ", "width_mm = 1"))
-    refused = design_sensors_here(*asked)
+    refused = design_sensors_roughly(*asked)
     assert (refused.returncode, refused.stdout) == (2, "")
     assert refused.stderr == f"design-sensors: {config}: it was edited after build wrote it; {FORCE}\n"
     assert (config.read_text(), model.read_bytes()) == (edited, built)
-    assert design_sensors_here(*asked, "--force").returncode == 0
+    assert design_sensors_roughly(*asked, "--force").returncode == 0
     assert 'host = "127.0.0.1"' in config.read_text()
     assert model.read_bytes() != built
     config.write_text(edited)
@@ -61,14 +60,13 @@ def test_a_configuration_is_replaced_until_somebody_has_edited_it(
 @pytest.mark.promise(
     "docs/how-to/spare-part.md", "`build` replaces neither a calibrated model nor an edited `daemon.toml`."
 )
-@pytest.mark.usefixtures("short_work")
 def test_a_model_may_be_calibrated_in_place_and_is_then_not_replaced_by_a_build_without_a_word(
-    design_sensors_here: Command, bench: ModelFile, bench_model: Path, tmp_path: Path
+    design_sensors_roughly: Command, bench: ModelFile, bench_model: Path, tmp_path: Path
 ) -> None:
     model, loads = tmp_path / "bench.onnx", (np.linspace(20.0, 380.0, 5), np.full(5, 12.0))
     path = write_readings(tmp_path / "loads.csv", bench, deflections_of(bench, *loads), *loads)
     shutil.copy(bench_model, model)
-    assert design_sensors_here("calibrate", model, path, "-o", model).returncode == 0
+    assert design_sensors_roughly("calibrate", model, path, "-o", model).returncode == 0
     calibrated, scene = model.read_bytes(), SCENES / "bench.toml"
     said = f"design-sensors: {model}: it is calibrated, and a new build is not; "
     for asked, instead in (
@@ -76,10 +74,10 @@ def test_a_model_may_be_calibrated_in_place_and_is_then_not_replaced_by_a_build_
         (("build", model, "-o", model), FORCE),
         (("trade", scene, "-o", tmp_path, "--latency-ms", 20), "name another folder"),
     ):
-        refused = design_sensors_here(*asked)
+        refused = design_sensors_roughly(*asked)
         assert (refused.returncode, refused.stderr) == (2, f"{said}{instead}\n")
     assert model.read_bytes() == calibrated
-    assert design_sensors_here("build", model, "-o", model, "--force").returncode == 0
+    assert design_sensors_roughly("build", model, "-o", model, "--force").returncode == 0
     assert models.load_model(model).metadata.calibration is None
 
 

@@ -37,15 +37,14 @@ def test_the_ringing_is_under_the_noise_after_the_stated_time(frequency_hz: floa
     assert stated - true < 0.6 / frequency_hz / math.sqrt(1 - zeta**2)
 
 
-@pytest.mark.usefixtures("short_work")
 def test_explain_says_how_the_bench_rings_if_the_scene_states_a_mass(
-    design_sensors_here: Command, tmp_path: Path
+    design_sensors_roughly: Command, tmp_path: Path
 ) -> None:
     path, text = tmp_path / "scene.toml", (SCENES / "bench.toml").read_text()
 
     def explained(scene: str) -> dict[str, Any] | None:
         path.write_text(scene)
-        told: dict[str, Any] | None = json.loads(design_sensors_here("explain", path, "--json").stdout)["ringing"]
+        told: dict[str, Any] | None = json.loads(design_sensors_roughly("explain", path, "--json").stdout)["ringing"]
         return told
 
     assert explained(PAPER) is None  # no density

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from beamtouch_common.commands import WRONG_INPUT
 from beamtouch_models import cli, load_model
-from support.surfaces.example_scenes import INSTEAD, OPTIONS, PLAIN, Tables
+from support.surfaces.example_scenes import INSTEAD, OPTIONS, PLAIN, ROUGH, Tables
 from support.surfaces.wrong_numbers import numbers_in, with_value
 
 SUPPORTS = [
@@ -47,7 +47,7 @@ def run(*arguments: str) -> tuple[int, str, str]:
     out, err = io.StringIO(), io.StringIO()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err), warnings.catch_warnings():
         warnings.simplefilter("error")
-        code = cli.main(arguments)
+        code = cli.main([*arguments, "--effort", str(ROUGH)])
     return code, out.getvalue(), err.getvalue()
 
 
@@ -55,7 +55,6 @@ def refuse(constant: str) -> float:
     raise AssertionError(f"{constant} is no JSON")
 
 
-@pytest.mark.usefixtures("short_work")
 @pytest.mark.parametrize(
     ("command", "examples"),
     [
@@ -95,7 +94,6 @@ ZEROS_FAR_ABOVE_NOISE: Tables = {
 }
 
 
-@pytest.mark.usefixtures("short_work")
 def test_a_model_is_built_where_zeros_drift_far_more_than_readings_scatter(tmp_path: Path) -> None:
     scene, model = tmp_path / "scene.toml", tmp_path / "scene.onnx"
     scene.write_text(tomli_w.dumps(ZEROS_FAR_ABOVE_NOISE))
@@ -107,7 +105,6 @@ def test_a_model_is_built_where_zeros_drift_far_more_than_readings_scatter(tmp_p
     assert touch[-1] > 1
 
 
-@pytest.mark.usefixtures("short_work")
 def test_a_model_that_large_errors_of_gains_keep_from_the_limit_is_not_written(tmp_path: Path) -> None:
     scene, model = tmp_path / "scene.toml", tmp_path / "scene.onnx"
     plain = PLAIN | {"sensors": PLAIN["sensors"] | {"count": 4, "gain_error_percent": 100.0}}

@@ -14,6 +14,7 @@ from beamtouch_models.accuracy.limit import draw, posterior_median_mm
 from beamtouch_models.calibration.recordings import UnlabelledContacts
 from beamtouch_models.calibration.self_calibrate import SelfCalibrated, self_calibrate, self_fit
 from beamtouch_models.calibration.theory import FIXITY, GAIN
+from beamtouch_models.effort import Effort
 from beamtouch_models.errors import NotGoodEnoughError
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.rig.surface import Imperfections
@@ -21,7 +22,7 @@ from beamtouch_models.surface import prior_of_model
 from beamtouch_models.sweeps import silent
 from support.programs.in_process import Command
 from support.surfaces.calibration_files import write_contacts
-from support.surfaces.few_draws import short_work
+from support.surfaces.example_scenes import ROUGH
 from support.surfaces.real_surfaces import true_prior
 from support.surfaces.unlabelled_contacts import OFF, Kind, fitted, random_contacts
 
@@ -34,8 +35,7 @@ TWO_AT_ONCE = dataclasses.replace(OFF, two_at_once=0.1)
 def found(bench: ModelFile) -> tuple[SelfCalibrated, Imperfections]:
     """The bench's model from 200 contacts, of which a tenth are two at once."""
     contacts, real = random_contacts(bench, TWO_AT_ONCE, 3)
-    with short_work():
-        return self_calibrate(bench, contacts, silent), real
+    return self_calibrate(bench, contacts, silent, Effort(ROUGH)), real
 
 
 def test_200_contacts_bring_the_error_to_the_limit(

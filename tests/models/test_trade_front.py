@@ -8,13 +8,14 @@ from hypothesis import strategies as st
 
 from beamtouch_models.accuracy.limit import Reached
 from beamtouch_models.accuracy.statistics import Measurement
+from beamtouch_models.effort import Effort
 from beamtouch_models.metadata import FilterChoice
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.scene import change_scene, load_scene, parse_scene
 from beamtouch_models.surface import Surface
 from beamtouch_models.trade.measure import Model, Task, follow, measure, numbers_of_sensors
 from beamtouch_models.trade.trade import NotToBeHadError, Point, most_accurate, pareto_front, quickest
-from support.surfaces.example_scenes import PAPER, SCENES
+from support.surfaces.example_scenes import PAPER, ROUGH, SCENES
 
 NONE, PLAIN = Measurement(0.0, 0.0), parse_scene(PAPER, "plain")
 
@@ -97,11 +98,10 @@ def test_a_model_has_the_layout_and_the_figures_of_build(bench: ModelFile) -> No
     assert window.error_mm == found.reached.error_mm
 
 
-@pytest.mark.usefixtures("short_work")
 def test_the_answers_since_a_touch_are_of_the_filter_that_build_writes() -> None:
     stated, _ = load_scene(SCENES / "bench.toml")
     scene = change_scene(stated, requirements={"max_mean_ms": 10.0})  # less than the latency of 20 ms
-    model = measure(Task(scene, "sensors", 2, 128, 0, kept_mm=(110.0, 290.0)))
+    model = measure(Task(scene, "sensors", 2, 128, 0, kept_mm=(110.0, 290.0), effort=Effort(ROUGH)))
     assert isinstance(model, Model)
     answers = [one.answer for one in follow(model)]
     assert answers[-1].readings == Surface.of(scene).filter.max_readings == 4

@@ -11,6 +11,7 @@ from support.surfaces.example_scenes import PAPER
 BUILD, EVALUATE, TRADE = "build scene.toml -o m.onnx", "evaluate bench.onnx", "trade scene.toml -o out"
 CALIBRATE, SIZE = "calibrate bench.onnx loads.csv", "--length-mm 650 --width-mm 40 --thickness-mm"
 PRODUCT = ("--criterion eigenvalue-product", "--components 2")
+EFFORTS = ("0", "-1", "nan", "1000")
 REQUESTS = [
     ("", "the following arguments are required: COMMAND"),
     ("guess", "argument COMMAND: invalid choice: 'guess' (choose from build, "),
@@ -32,6 +33,15 @@ REQUESTS = [
     *(
         (f"place scene.toml {by} --spare 1", "spare = 1: give 0, or 1, which places by position error")
         for by in PRODUCT
+    ),
+    *(
+        (f"{command} --effort {effort}", f"effort = {effort} is not from 0.01 to 100")
+        for command, effort in (
+            (BUILD, "0"),
+            ("explain scene.toml", "-1"),
+            ("place scene.toml", "nan"),
+            (TRADE, "1000"),
+        )
     ),
     ("calibrate bench.onnx -o new.onnx", "READINGS.csv"),
     (f"{CALIBRATE} --events contacts.csv -o new.onnx", "READINGS.csv"),

@@ -53,20 +53,19 @@ def test_where_there_are_no_contacts_there_is_no_band() -> None:
 
 
 @pytest.mark.promise("docs/how-to/zones.md", "it prints a line for each edge within the beam")
-@pytest.mark.usefixtures("short_work")
 def test_explain_forecasts_each_edge_within_the_beam(
-    design_sensors_here: Command, refused: Refusal, tmp_path: Path
+    design_sensors_roughly: Command, refused: Refusal, tmp_path: Path
 ) -> None:
     path = tmp_path / "zones.toml"
     path.write_text("[zones.left]\nfrom_mm = 0\nto_mm = 120\n[zones.gate]\nfrom_mm = 120\nto_mm = 380\n")
     scene = SCENES / "bench.toml"
-    edges = json.loads(design_sensors_here("explain", scene, "--zones", path, "--json").stdout)["zones"]
+    edges = json.loads(design_sensors_roughly("explain", scene, "--zones", path, "--json").stdout)["zones"]
     assert [(edge["zone"], edge["edge_mm"]) for edge in edges] == [("left", 120), ("gate", 120), ("gate", 380)]
     # Next to a support the beam says little of the place.
     assert edges[0]["unsure_mm"] == edges[1]["unsure_mm"] < edges[2]["unsure_mm"] / 2
 
     path.write_text(path.read_text() + "least_force_n = 18\n")
-    forced = json.loads(design_sensors_here("explain", scene, "--zones", path, "--json").stdout)["zones"]
+    forced = json.loads(design_sensors_roughly("explain", scene, "--zones", path, "--json").stdout)["zones"]
     assert forced[0] == edges[0]
     assert forced[1]["unsure_mm"] < edges[1]["unsure_mm"]
     path.write_text("[zones.gate]\nfrom_mm = 120\nto_mm = 380\nleast_force_n = 21\n")

@@ -27,7 +27,7 @@ class Choices:
 
     estimator: EstimatorName = ESTIMATORS[0]
     aim: Aim = DEFAULT_AIM
-    """Criterion of the layout."""
+    """Criterion of the layout, and the effort of search and measurements."""
     kept_mm: tuple[float, ...] = ()
     """Positions of sensors that are mounted already, placed with this aim; none: the sensors are placed."""
 
@@ -84,7 +84,10 @@ def build_model(
     )
     surface, prior = sensors.surface, sensors.prior
     made = sensors.make_estimator(
-        choices.estimator, seed, lambda done: progress("making the estimator", 0.3 + 0.5 * done)
+        choices.estimator,
+        seed,
+        lambda done: progress("making the estimator", 0.3 + 0.5 * done),
+        choices.aim.effort,
     )
     progress("measuring the accuracy against the limit", 0.8)
     fields = measure(made, prior, surface, sensors.world, seed, choices.aim)

@@ -23,6 +23,7 @@ from beamtouch_models.accuracy.thresholds import (
 )
 from beamtouch_models.building.sensors import limits_with_one_failed
 from beamtouch_models.building.since_touch import answers_of_means, answers_since_touch
+from beamtouch_models.effort import Effort
 from beamtouch_models.error_model import whitening
 from beamtouch_models.errors import NotGoodEnoughError
 from beamtouch_models.estimators.estimator import Estimator
@@ -42,7 +43,8 @@ from beamtouch_models.session import Run, runner
 from beamtouch_models.surface import Surface
 from beamtouch_models.world import World
 
-ACCURACY_DRAWS = 4_096
+ACCURACY_DRAWS, LEAST_DRAWS = 4_096, 256
+"""Usual and smallest number of simulated contacts."""
 GOLDEN_DRAWS = 6
 DIGITS = 7
 """Significant digits in the table of influence."""
@@ -69,16 +71,18 @@ class Measured:
 def measure(estimator: Estimator, prior: Prior, surface: Surface, world: World, seed: int, aim: Aim) -> Measured:
     """Measure an estimator on simulated samples of its prior, using the seeds `seed` + 2 and `seed` + 3.
 
-    `surface` is that of the model, `world` its simulation, `aim` that of its layout. Errors are those of `reach`.
+    `surface` is that of the model, `world` its simulation, `aim` that of its layout, with the effort. Errors are those
+    of `reach`.
     """
     run = runner(to_bytes(estimator.graph))
     try:
-        reached = reach(estimator, prior, run, ACCURACY_DRAWS, seed + 2)
+        reached = reach(estimator, prior, run, aim.effort.of(ACCURACY_DRAWS, LEAST_DRAWS), seed + 2)
     except NotGoodEnoughError as error:
         raise NotGoodEnoughError(f"nothing was written: {error}") from None
     thresholds = thresholds_of(prior, surface)
-    accuracy = _accuracy(prior, run, reached, surface, world, seed + 2)
-    failed = limits_with_one_failed(prior, MeanError(accuracy.limit_percent, accuracy.limit_standard_error), seed)
+    accuracy = _accuracy(prior, run, reached, surface, world, seed + 2, aim.effort)
+    limit = MeanError(accuracy.limit_percent, accuracy.limit_standard_error)
+    failed = limits_with_one_failed(prior, limit, seed, aim.effort)
     # Cubic interpolation of this table is off by at most 6e-4 of the largest influence of any shipped scene, at the
     # kink that shear makes, and by 3e-5 elsewhere.
     table = prior.influence_at(np.linspace(*prior.position_mm, PLACES))
@@ -142,13 +146,15 @@ def reach(made: Estimator, prior: Prior, run: Run, draws: int, seed: int) -> Rea
     )
 
 
-def _accuracy(prior: Prior, run: Run, reached: Reached, surface: Surface, world: World, seed: int) -> Accuracy:
+def _accuracy(
+    prior: Prior, run: Run, reached: Reached, surface: Surface, world: World, seed: int, effort: Effort
+) -> Accuracy:
     """Return the error of the exported graph and the accuracy limit."""
     percent = 100 / prior.length_mm
     error, least = reached.error_mm.scaled(percent), reached.limit_mm.scaled(percent)
     since_touch = []
-    plain = answers_of_means(prior, run, surface, world, reached.error_mm, seed)
-    for one in answers_since_touch(plain, prior, run, surface, world, seed):
+    plain = answers_of_means(prior, run, surface, world, reached.error_mm, seed, effort)
+    for one in answers_since_touch(plain, prior, run, surface, world, seed, effort):
         at_once, ringing = one.error_mm.scaled(percent), one.ringing_mm
         since_touch.append(
             SinceTouch(

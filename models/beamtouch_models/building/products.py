@@ -10,9 +10,10 @@ from beamtouch_models.building.build import Built, Choices, build_model
 from beamtouch_models.building.daemon_config import daemon_config as daemon_config_of
 from beamtouch_models.building.replaced import require_replaceable
 from beamtouch_models.building.sensors import count_of
+from beamtouch_models.effort import Effort
 from beamtouch_models.errors import SceneError, require
 from beamtouch_models.names import ESTIMATORS, Criterion, EstimatorName
-from beamtouch_models.numbers import whole
+from beamtouch_models.numbers import number, whole
 from beamtouch_models.placement.placing import DEFAULT_AIM, Aim
 from beamtouch_models.scene import Scene, format_scene, load_scene, path_of, read_scene
 from beamtouch_models.sweeps import Progress, silent
@@ -30,6 +31,7 @@ def build(  # noqa: PLR0913  # one for each option of the command
     report: Path | str | None = None,
     seed: int = 0,
     force: bool = False,
+    effort: float = 1.0,
 ) -> bytes:
     """Build the model of a scene, as `design-sensors build` does.
 
@@ -43,6 +45,8 @@ def build(  # noqa: PLR0913  # one for each option of the command
     daemon_config, report : files to write beside: a configuration for the daemon (TOML), and a report (HTML)
     seed : seed of all random numbers; the same seed gives the same bytes
     force : whether to replace a configuration that was edited after a build wrote it, or another file
+    effort : share of the usual work, from 0.01 to 100; less is quicker, with a layout that may not be the best one and
+        figures with larger standard errors
 
     Returns
     -------
@@ -78,7 +82,7 @@ def build(  # noqa: PLR0913  # one for each option of the command
         count=count_of(sensors),
         seed=whole(seed, "seed", 0),
         progress=silent,
-        choices=Choices(estimator=estimator, aim=Aim(criterion, spare)),
+        choices=Choices(estimator=estimator, aim=Aim(criterion, spare, effort=Effort(number(effort, "effort")))),
     )
     write_products(stated, built, config=config_file, report=report_file)
     return built.content

@@ -19,10 +19,11 @@ from beamtouch_models.accuracy.thresholds import (
     touch_threshold,
 )
 from beamtouch_models.arrays import Floats
+from beamtouch_models.effort import USUAL, Effort
 from beamtouch_models.errors import SceneError, require
 from beamtouch_models.estimators.estimator import Estimator, estimator_of
 from beamtouch_models.names import Criterion, EstimatorName
-from beamtouch_models.numbers import whole
+from beamtouch_models.numbers import number, whole
 from beamtouch_models.physics.influence import InfluenceFunction
 from beamtouch_models.placement.placing import DEFAULT_AIM, Aim, Placement, fewest_sensors, score_positions
 from beamtouch_models.scene import Scene
@@ -30,8 +31,9 @@ from beamtouch_models.surface import Surface
 from beamtouch_models.sweeps import Fraction, Progress, silent
 from beamtouch_models.world import World
 
-FAILED_DRAWS = 1_024
-"""Simulated contacts that the limits with each sensor failed share; only their ratios to the limit are used."""
+FAILED_DRAWS, LEAST_DRAWS = 1_024, 64
+"""Usual and smallest number of contacts that the limits with each sensor failed share; only their ratios to the limit
+are used."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +59,9 @@ class PlacedSensors:
         surface = self.surface
         return World.of(surface.stated, surface.sensor, self.positions_mm, surface.modelled_readings.sensor_mm)
 
-    def make_estimator(self, name: EstimatorName, seed: int, progress: Fraction = silent) -> Estimator:
+    def make_estimator(
+        self, name: EstimatorName, seed: int, progress: Fraction = silent, effort: Effort = USUAL
+    ) -> Estimator:
         """Make an estimator for the samples of these sensors; `progress` is called with the fraction done."""
         surface = self.surface
         return estimator_of(
@@ -67,6 +71,7 @@ class PlacedSensors:
             with_force=surface.scene.wants_force,
             seed=seed,
             progress=progress,
+            effort=effort,
         )
 
 
@@ -130,6 +135,7 @@ def place(
     spare: Literal[0, 1] = 0,
     seed: int = 0,
     influence: InfluenceFunction | None = None,
+    effort: float = 1.0,
 ) -> Floats:
     """Place sensors under a beam, as `design-sensors place` does.
 
@@ -142,6 +148,7 @@ def place(
     spare : 1 makes the error least when the worst single sensor has failed; only with "position-error"
     seed : seed of the search; the same seed gives the same layout
     influence : an influence function of your own; default: that of the scene's beam
+    effort : share of the usual work, from 0.01 to 100; less is quicker, and may miss the best layout
 
     Returns
     -------
@@ -153,7 +160,11 @@ def place(
         No surface can be built of the scene, or its rules allow no layout with this number of sensors.
     """
     require(scene, Scene, "scene", "what read_scene returns")
-    count, seed, aim = count_of(sensors), whole(seed, "seed", 0), Aim(criterion, spare)
+    count, seed, aim = (
+        count_of(sensors),
+        whole(seed, "seed", 0),
+        Aim(criterion, spare, effort=Effort(number(effort, "effort"))),
+    )
     surface = Surface.of(scene, own_influence=influence)
     return place_sensors(surface, count=count, seed=seed, aim=aim).positions_mm
 
@@ -163,15 +174,15 @@ def count_of(sensors: object) -> int | None:
     return None if sensors is None else whole(sensors, "sensors", 1)
 
 
-def limits_with_one_failed(prior: Prior, limit: MeanError, seed: int) -> list[MeanError]:
+def limits_with_one_failed(prior: Prior, limit: MeanError, seed: int, effort: Effort = USUAL) -> list[MeanError]:
     """Return the accuracy limits with each sensor failed, from that with all of them; none for a single sensor.
 
     Their ratios to it come from contacts that they share.
     """
     if prior.channels == 1:
         return []
-    found = []
-    for one in limits_without(prior, [(index,) for index in range(prior.channels)], FAILED_DRAWS, seed):
+    found, draws = [], effort.of(FAILED_DRAWS, LEAST_DRAWS)
+    for one in limits_without(prior, [(index,) for index in range(prior.channels)], draws, seed):
         scatter = math.hypot(one.ratio.standard_error * limit.percent, one.ratio.value * limit.standard_error)
         found.append(MeanError(one.ratio.value * limit.percent, scatter))
     return found

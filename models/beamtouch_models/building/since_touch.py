@@ -16,14 +16,17 @@ from beamtouch_models.accuracy.limit import Draws, draw_evenly
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.statistics import Measurement, mean_of, ratio_of
 from beamtouch_models.arrays import Floats
+from beamtouch_models.effort import USUAL, Effort
 from beamtouch_models.error_model import whitening
 from beamtouch_models.session import Run
 from beamtouch_models.surface import Surface
 from beamtouch_models.world import SensorErrors, World
 
 CONTACTS, KNOWN = 96, 4096
-"""Simulated contacts that run through the filter reading by reading, which bounds the time of a build, and those of
-which only the plain mean of the readings is taken."""
+"""Usual numbers of simulated contacts that run through the filter reading by reading, which bounds the time of a
+build, and of those of which only the plain mean of the readings is taken."""
+LEAST_CONTACTS, LEAST_KNOWN = 8, 256
+"""The smallest."""
 MOST = 256
 """Most readings of a touch, and of the rest before it."""
 STILL = 8
@@ -86,7 +89,13 @@ class Touches:
 
 
 def answers_of_means(
-    prior: Prior, run: Run, surface: Surface, world: World, error_mm: Measurement, seed: int
+    prior: Prior,
+    run: Run,
+    surface: Surface,
+    world: World,
+    error_mm: Measurement,
+    seed: int,
+    effort: Effort = USUAL,
 ) -> list[Answer]:
     """Return the mean errors of a graph for plain means of loaded readings, on a beam that follows a touch at once.
 
@@ -98,10 +107,11 @@ def answers_of_means(
     surface, world : the surface, and its world
     error_mm : mean error of the model for a mean of `filter.window` readings at rest
     seed : seed of contacts and noise
+    effort : how many contacts are drawn
     """
     window, rate_hz = surface.filter.window, surface.stated.sensors.rate_hz
     longest = min(surface.filter.max_readings, max(MOST, window))
-    many = Touches.draw(prior, world, KNOWN, seed + 1)
+    many = Touches.draw(prior, world, effort.of(KNOWN, LEAST_KNOWN), seed + 1)
     noise = np.random.default_rng([seed, prior.channels]).normal(size=many.shown_mm.shape)
     usual = many.plain_errors_mm(run, window, noise) * many.drawn.weight
     found = []
@@ -113,14 +123,20 @@ def answers_of_means(
 
 
 def answers_since_touch(
-    plain: Sequence[Answer], prior: Prior, run: Run, surface: Surface, world: World, seed: int
+    plain: Sequence[Answer],
+    prior: Prior,
+    run: Run,
+    surface: Surface,
+    world: World,
+    seed: int,
+    effort: Effort = USUAL,
 ) -> list[Answer]:
     """Return the mean errors of a model by the time since a touch, behind its filter.
 
     `plain` are those of `answers_of_means`; so are the other arguments.
     """
     counts, chain = [answer.readings for answer in plain], surface.chain(prior.channels)
-    touches = Touches.draw(prior, world, CONTACTS, seed)
+    touches = Touches.draw(prior, world, effort.of(CONTACTS, LEAST_CONTACTS), seed)
     # Readings at rest, and then touches, each at any time before the first loaded reading.
     before, rng = STILL + min(MOST, math.ceil(surface.slowest_period)), np.random.default_rng([seed, counts[-1]])
     since = np.arange(1 - before, counts[-1] + 1) - rng.uniform(size=(len(touches.shown_mm), 1))

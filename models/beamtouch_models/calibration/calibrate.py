@@ -20,6 +20,7 @@ from beamtouch_models.calibration.recordings import Loads, RecordingError
 from beamtouch_models.calibration.session import Session
 from beamtouch_models.calibration.swapped import swapped
 from beamtouch_models.calibration.theory import POSITION_MM, Theory
+from beamtouch_models.effort import USUAL, Effort
 from beamtouch_models.errors import ModelFileError, NotGoodEnoughError
 from beamtouch_models.estimators.estimator import Estimator, estimator_of
 from beamtouch_models.estimators.onnx_graph import to_bytes, with_force_error, with_linear_input
@@ -65,8 +66,16 @@ class Calibrated(CheckedFit):
     """Mean error of the best estimate for these loads at the noise of a sample."""
 
 
-def calibrate(model: ModelFile, loads: Loads, progress: Progress, mounting_mm: float = POSITION_MM) -> Calibrated:
+def calibrate(
+    model: ModelFile,
+    loads: Loads,
+    progress: Progress,
+    mounting_mm: float = POSITION_MM,
+    effort: Effort = USUAL,
+) -> Calibrated:
     """Fit a model to recorded loads and rebuild it; sensors stand where they should but for `mounting_mm`.
+
+    The fit takes all loads; `effort` is that of the measurements on the new model.
 
     Raises
     ------
@@ -99,7 +108,7 @@ def calibrate(model: ModelFile, loads: Loads, progress: Progress, mounting_mm: f
         error_before_mm=float(before_mm.mean()),
         error_after_mm=float(after_mm.mean()),
     )
-    content, fresh = rebuilt(metadata, prior, calibration, progress)
+    content, fresh = rebuilt(metadata, prior, calibration, progress, effort)
     best_mm = limit_mm(prior, loads, metadata.seed)
     return Calibrated(checked.fit, before_mm, after_mm, content, fresh, best_mm)
 
@@ -220,7 +229,9 @@ def _worse(loads: Loads, before: Floats, after: Floats) -> str:
     )
 
 
-def rebuilt(metadata: Metadata, prior: Prior, calibration: Calibration, progress: Progress) -> tuple[bytes, Metadata]:
+def rebuilt(
+    metadata: Metadata, prior: Prior, calibration: Calibration, progress: Progress, effort: Effort = USUAL
+) -> tuple[bytes, Metadata]:
     """Return the file of a model with another prior, and its metadata; the prior holds the departures.
 
     Raises
@@ -228,18 +239,24 @@ def rebuilt(metadata: Metadata, prior: Prior, calibration: Calibration, progress
     ModelFileError
         This version does not have the model's estimator.
     """
-    made = remade(metadata, prior, calibration, lambda done: progress("making the estimator", 0.7 + 0.1 * done))
+    made = remade(metadata, prior, calibration, lambda done: progress("making the estimator", 0.7 + 0.1 * done), effort)
     progress("measuring the accuracy against the limit", 0.85)
     surface = Surface.of_model(metadata)
     noise_mm, departures = surface.modelled_readings.sensor_mm, calibration.departures
     world = World.of(surface.stated, metadata.sensor, metadata.layout_mm, noise_mm, departures)
-    aim = Aim(metadata.placed.criterion, metadata.placed.spare)
+    aim = Aim(metadata.placed.criterion, metadata.placed.spare, effort=effort)
     fields = measure(made, prior, surface, world, metadata.seed, aim)
     fresh = metadata.model_copy(update={**vars(fields), "calibration": calibration})
     return to_bytes(made.graph, fresh), fresh
 
 
-def remade(metadata: Metadata, prior: Prior, calibration: Calibration, progress: Fraction = silent) -> Estimator:
+def remade(
+    metadata: Metadata,
+    prior: Prior,
+    calibration: Calibration,
+    progress: Fraction = silent,
+    effort: Effort = USUAL,
+) -> Estimator:
     """Return the estimator of a model for another prior; raises as `rebuilt`."""
     name = next((known for known in ESTIMATORS if known == metadata.estimator), None)
     if name is None:
@@ -247,7 +264,13 @@ def remade(metadata: Metadata, prior: Prior, calibration: Calibration, progress:
     with_force = "force_n" in metadata.golden.answers
     min_noise_mm = metadata.filter.min_noise_mm(metadata.noise)
     made = estimator_of(
-        name, prior, min_noise_mm=min_noise_mm, with_force=with_force, seed=metadata.seed, progress=progress
+        name,
+        prior,
+        min_noise_mm=min_noise_mm,
+        with_force=with_force,
+        seed=metadata.seed,
+        progress=progress,
+        effort=effort,
     )
     departures = calibration.departures
     graph = with_linear_input(made.graph, np.array(departures.offset_mm), departures.curve_per_mm)

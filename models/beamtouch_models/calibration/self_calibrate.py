@@ -18,6 +18,7 @@ from beamtouch_models.calibration.unlabelled import (
     measure_left_open,
     stated_mm,
 )
+from beamtouch_models.effort import USUAL, Effort
 from beamtouch_models.errors import NotGoodEnoughError
 from beamtouch_models.loading import ModelFile
 from beamtouch_models.metadata import Calibration, Metadata
@@ -56,8 +57,10 @@ class SelfCalibrated:
     found: SelfFit
 
 
-def self_calibrate(model: ModelFile, contacts: UnlabelledContacts, progress: Progress) -> SelfCalibrated:
-    """Fit a model to unlabelled contacts and rebuild it.
+def self_calibrate(
+    model: ModelFile, contacts: UnlabelledContacts, progress: Progress, effort: Effort = USUAL
+) -> SelfCalibrated:
+    """Fit a model to unlabelled contacts and rebuild it; `effort` is that of the measurements on the new model.
 
     Raises
     ------
@@ -67,7 +70,7 @@ def self_calibrate(model: ModelFile, contacts: UnlabelledContacts, progress: Pro
     """
     metadata, found = model.metadata, self_fit(model, contacts, progress)
     prior, calibration = calibrated_prior(metadata, found)
-    content, fresh = rebuilt(metadata, prior, calibration, progress)
+    content, fresh = rebuilt(metadata, prior, calibration, progress, effort)
     return SelfCalibrated(content, fresh, found)
 
 

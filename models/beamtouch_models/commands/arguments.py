@@ -63,6 +63,13 @@ _SHARED: dict[str, dict[str, Any]] = {
         "metavar": "S",
         "help": "seed of all random numbers (default: 0)",
     },
+    "--effort": {
+        "type": float,
+        "default": 1.0,
+        "metavar": "SHARE",
+        "help": "share of the usual layouts and simulated contacts, from 0.01 to 100: less is quicker, and figures "
+        "have larger standard errors (default: 1)",
+    },
     "--json": {"action": "store_true", "help": "print one JSON object on standard output"},
 }
 
@@ -112,7 +119,7 @@ def build(parser: argparse.ArgumentParser) -> None:
         "build did not write"
     )
     parser.add_argument("--force", action="store_true", help=words)
-    _share(parser, "--seed", "--json")
+    _share(parser, "--seed", "--effort", "--json")
 
 
 def calibrate(parser: argparse.ArgumentParser) -> None:
@@ -132,7 +139,7 @@ def calibrate(parser: argparse.ArgumentParser) -> None:
     words = "standard deviation of a load's true force from the stated one, in percent (default: 1)"
     parser.add_argument("--force-percent", type=float, default=1.0, metavar="P", help=words)
     _add_output(parser, "model file to write (.onnx)")
-    _share(parser, "--json")
+    _share(parser, "--effort", "--json")
 
 
 def challenge(parser: argparse.ArgumentParser) -> None:
@@ -157,7 +164,7 @@ def explain(parser: argparse.ArgumentParser) -> None:
     _share(parser, "scene")
     words = "also forecast the answers for zones: a TOML file with tables [zones.NAME], with the keys of the service"
     parser.add_argument("--zones", type=Path, metavar="FILE", help=words)
-    _share(parser, "--json")
+    _share(parser, "--effort", "--json")
 
 
 def inspect(parser: argparse.ArgumentParser) -> None:
@@ -204,7 +211,7 @@ def place(parser: argparse.ArgumentParser) -> None:
     words = "number of leading eigenvalues in the product (default: all)"
     parser.add_argument("--components", type=whole_number(1, 64), metavar="K", help=words)
     parser.add_argument("--search", choices=SEARCHES, default=SEARCHES[0], help="search method (default: exact)")
-    _share(parser, "--seed", "--json")
+    _share(parser, "--seed", "--effort", "--json")
 
 
 def reproduce(parser: argparse.ArgumentParser) -> None:
@@ -237,7 +244,7 @@ def trade(parser: argparse.ArgumentParser) -> None:
     words = "estimators to measure beside the default one (default: all)"
     parser.add_argument("--estimators", nargs="+", choices=ESTIMATORS, help=words)
     _add_draws(parser, "simulated contacts per model", 4096)
-    _share(parser, "--workers", "--seed")
+    _share(parser, "--workers", "--seed", "--effort")
     parser.add_argument(
         "--json",
         action="store_true",

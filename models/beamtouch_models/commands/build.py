@@ -107,7 +107,7 @@ def _scene_of(options: argparse.Namespace) -> tuple[Scene, str, str, Choices, Mo
         before = LayoutErrors.model_validate(stated) if stated else Aim("eigenvalue-product")
         if not asks_anew:
             kept_mm = tuple(float(channel["position_mm"]) for channel in layout)
-            aim = Aim(before.criterion, before.spare)
+            aim = Aim(before.criterion, before.spare, effort=aim.effort)
     except ModelFileError:
         raise
     except Exception:  # noqa: BLE001  # protobuf's errors have no common base but Exception

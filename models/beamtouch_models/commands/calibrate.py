@@ -20,6 +20,7 @@ from beamtouch_models.calibration.recordings import read_contacts, read_loads
 from beamtouch_models.calibration.self_calibrate import KINDS, SelfCalibrated, self_calibrate
 from beamtouch_models.calibration.session import DRIFTING
 from beamtouch_models.commands.shared import shown_progress
+from beamtouch_models.effort import Effort
 from beamtouch_models.health.changes import DRIFT
 from beamtouch_models.health.residuals import LoadErrors
 from beamtouch_models.loading import ModelFile
@@ -70,7 +71,7 @@ def _calibrate_with_loads(model: ModelFile, options: argparse.Namespace) -> Told
     stated = LoadErrors(options.placing_mm, options.force_percent / 100)
     loads = replace(read_loads(options.readings, model.metadata, options.leave_out), errors=stated)
     with shown_progress() as progress:
-        calibrated = calibrate(model, loads, progress, options.mounting_mm)
+        calibrated = calibrate(model, loads, progress, options.mounting_mm, Effort(options.effort))
     fit, before, after, limit_mm = calibrated.fit, calibrated.before_mm, calibrated.after_mm, calibrated.limit_mm
     errors = fit.theory.standard_errors(fit.vector, fit.spread)
     words = _departures_in_words(calibrated.metadata, fit.departures, errors)
@@ -123,7 +124,7 @@ def _calibrate_with_contacts(model: ModelFile, options: argparse.Namespace) -> T
             file=sys.stderr,
         )
     with shown_progress() as progress:
-        calibrated = self_calibrate(model, contacts, progress)
+        calibrated = self_calibrate(model, contacts, progress, Effort(options.effort))
     metadata, found = calibrated.metadata, calibrated.found
     fit, left_open = found.fit, found.left_open
     # Errors of gains without the common scale, which is the force's.

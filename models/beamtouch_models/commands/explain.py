@@ -19,8 +19,10 @@ from beamtouch_common.zones import MAX_ZONES, Zone, ZoneName, first_conflict
 from beamtouch_models.accuracy.zone_bands import band_at
 from beamtouch_models.building.remarks import remarks
 from beamtouch_models.building.sensors import place_sensors
+from beamtouch_models.effort import Effort
 from beamtouch_models.physics.beam import influence_matrix, load_positions_mm
 from beamtouch_models.physics.mesh import mesh_of
+from beamtouch_models.placement.placing import DEFAULT_AIM
 from beamtouch_models.pricing.prices import NEGLIGIBLE, Effect
 from beamtouch_models.pricing.ringing import told
 from beamtouch_models.printing import Block, Result, Table, note
@@ -34,7 +36,7 @@ SENSORS = 101
 
 def run(options: argparse.Namespace) -> Result:
     """Price the effects, and measure the time that each costs."""
-    scene, _ = load_scene(options.scene)
+    effort, (scene, _) = Effort(options.effort), load_scene(options.scene)
     note(*remarks(scene))
     zones = _load_zones(options.zones, scene) if options.zones else {}
     surface = Surface.of(scene)
@@ -57,7 +59,7 @@ def run(options: argparse.Namespace) -> Result:
         *(told(ringing) if ringing else []),
     ]
     if zones:
-        edges = _bands_of(surface, zones)
+        edges = _bands_of(surface, zones, effort)
         fields["zones"] = [edge._asdict() for edge in edges]
         rows += _zone_rows(edges) if edges else []
     return Result(fields, rows)
@@ -136,9 +138,9 @@ def _load_zones(path: Path, scene: Scene) -> dict[str, Zone]:
     return zones
 
 
-def _bands_of(surface: Surface, zones: dict[str, Zone]) -> list[Edge]:
+def _bands_of(surface: Surface, zones: dict[str, Zone], effort: Effort) -> list[Edge]:
     """Return the forecast for each edge within the beam, with the sensors where `place` puts them."""
-    placed = place_sensors(surface, seed=SEED).prior
+    placed = place_sensors(surface, seed=SEED, aim=replace(DEFAULT_AIM, effort=effort)).prior
     at_rest = replace(placed, noise_mm=surface.errors.min_noise_mm or placed.noise_mm)
     edges = []
     for name, zone in zones.items():

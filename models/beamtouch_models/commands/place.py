@@ -10,6 +10,7 @@ from beamtouch_models.accuracy.limit import accuracy_limit
 from beamtouch_models.building.remarks import missed_error, remarks
 from beamtouch_models.building.sensors import PlacedSensors, limits_with_one_failed, place_sensors
 from beamtouch_models.commands.shared import shown_progress
+from beamtouch_models.effort import Effort
 from beamtouch_models.numbers import three_digits
 from beamtouch_models.placement.eigenvalue_product import largest_gap
 from beamtouch_models.placement.placing import DEFAULT_AIM, Aim, recommended_count
@@ -17,7 +18,8 @@ from beamtouch_models.printing import Result, note
 from beamtouch_models.scene import load_scene
 from beamtouch_models.surface import Surface
 
-LIMIT_DRAWS = 10_000
+LIMIT_DRAWS, LEAST_DRAWS = 10_000, 256
+"""Usual and smallest number of simulated contacts."""
 
 
 def run(options: argparse.Namespace) -> Result:
@@ -43,7 +45,7 @@ def aim_of(options: argparse.Namespace) -> Aim:
     leading = getattr(options, "components", None)
     usual = DEFAULT_AIM.criterion if leading is None else "eigenvalue-product"
     search = getattr(options, "search", DEFAULT_AIM.search)
-    return Aim(options.criterion or usual, options.spare or 0, leading, search)
+    return Aim(options.criterion or usual, options.spare or 0, leading, search, Effort(options.effort))
 
 
 def _describe(sensors: PlacedSensors, aim: Aim, seed: int) -> dict[str, Any]:
@@ -52,8 +54,8 @@ def _describe(sensors: PlacedSensors, aim: Aim, seed: int) -> dict[str, Any]:
     if aim.criterion == "eigenvalue-product":
         gap = largest_gap(surface.influence, surface.rules, sensors.positions_mm, aim.leading)
     # Use fresh draws: a layout looks better on the draws that it was chosen by.
-    limit = accuracy_limit(sensors.prior, LIMIT_DRAWS, seed + 1)
-    failed = limits_with_one_failed(sensors.prior, limit, seed + 1)
+    limit = accuracy_limit(sensors.prior, aim.effort.of(LIMIT_DRAWS, LEAST_DRAWS), seed + 1)
+    failed = limits_with_one_failed(sensors.prior, limit, seed + 1, aim.effort)
     score = placement.log_eigenvalue_product
     return {
         "positions_mm": list(placement.positions_mm),

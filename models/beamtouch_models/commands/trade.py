@@ -3,6 +3,7 @@
 import argparse
 import json
 import math
+from dataclasses import replace
 
 from beamtouch_common.digits import digits
 from beamtouch_common.errors import InputError
@@ -11,7 +12,9 @@ from beamtouch_models.building.build import Choices, build_model
 from beamtouch_models.building.remarks import remarks
 from beamtouch_models.building.replaced import require_replaceable
 from beamtouch_models.commands.shared import folder_of, shown_progress, surface_name
+from beamtouch_models.effort import Effort
 from beamtouch_models.names import ESTIMATORS
+from beamtouch_models.placement.placing import DEFAULT_AIM
 from beamtouch_models.printing import Result, markdown, note
 from beamtouch_models.scene import load_scene
 from beamtouch_models.trade.results import blocks, json_of, picture
@@ -24,7 +27,7 @@ def run(options: argparse.Namespace) -> Result:
     for option, value in (("--latency-ms", options.latency_ms), ("--error-mm", options.error_mm)):
         if value is not None and not 0 < value < math.inf:
             raise InputError(f"{option} {value:g}: give a positive number")
-    scene, text = load_scene(options.scene)
+    effort, (scene, text) = Effort(options.effort), load_scene(options.scene)
     note(*remarks(scene))
     folder, name = folder_of(options.output), surface_name(options.scene)
     if (options.latency_ms, options.error_mm) != (None, None):
@@ -37,6 +40,7 @@ def run(options: argparse.Namespace) -> Result:
             seed=options.seed,
             spread=spread,
             progress=progress,
+            effort=effort,
         )
     note(*map(str, found.failures))
     rows, fields = blocks(found, str(options.scene), options.seed, f"{name}.onnx"), json_of(found)
@@ -51,7 +55,7 @@ def run(options: argparse.Namespace) -> Result:
     picked, built = _pick(found, options), None
     if picked is not None:
         path, model, estimator = folder / f"{name}.onnx", picked.model, picked.model.task.estimator
-        choices = Choices(estimator)
+        choices = Choices(estimator, replace(DEFAULT_AIM, effort=effort))
         with shown_progress() as progress:
             made = build_model(
                 scene, text, name, count=model.sensors, seed=options.seed, progress=progress, choices=choices

@@ -8,6 +8,7 @@ import onnx
 
 from beamtouch_models.accuracy.limit import limits_without
 from beamtouch_models.accuracy.prior import Prior
+from beamtouch_models.effort import USUAL, Effort
 from beamtouch_models.estimators.paper_network import paper_graph, trained_as_in_the_paper
 from beamtouch_models.estimators.posterior.window import posterior_graph, windowed_graph
 from beamtouch_models.estimators.small_network import first_stage, train
@@ -16,13 +17,14 @@ from beamtouch_models.sweeps import Fraction
 
 ENOUGH = 0.5
 """A set of channels determines a position if its error is at most this share of the error of a guess without any."""
-DRAWS = 512
+DRAWS, LEAST_DRAWS = 512, 64
+"""Usual and smallest number of simulated contacts."""
 MAX_SETS = 70
 """Up to this many sets of one size are all evaluated; of more, only sets of neighbours, which have the least
 information."""
 
 
-def fewest_channels(prior: Prior, seed: int) -> int:
+def fewest_channels(prior: Prior, seed: int, effort: Effort = USUAL) -> int:
     """Return the smallest number such that any set of as many channels determines a position.
 
     More channels never have less information, so the first sufficient number is the answer. All channels together
@@ -35,7 +37,7 @@ def fewest_channels(prior: Prior, seed: int) -> int:
         neighbours = (tuple(range(start, start + size)) for start in range(prior.channels - size + 1))
         sets = neighbours if comb(prior.channels, size) > MAX_SETS else combinations(every, size)
         missing = (sorted(set(every) - set(kept)) for kept in sets)
-        found = limits_without(prior, missing, DRAWS, seed)
+        found = limits_without(prior, missing, effort.of(DRAWS, LEAST_DRAWS), seed)
         if all(one.limit.percent <= ENOUGH * guess_percent for one in found):
             return size
     return prior.channels
@@ -53,7 +55,14 @@ class Estimator:
 
 
 def estimator_of(
-    name: EstimatorName, prior: Prior, *, min_noise_mm: float, with_force: bool, seed: int, progress: Fraction
+    name: EstimatorName,
+    prior: Prior,
+    *,
+    min_noise_mm: float,
+    with_force: bool,
+    seed: int,
+    progress: Fraction,
+    effort: Effort = USUAL,
 ) -> Estimator:
     """Make an estimator for a prior; the same seed gives the same graph.
 
@@ -62,13 +71,14 @@ def estimator_of(
     match name:
         case "posterior":
             finest = replace(prior, noise_mm=min_noise_mm)
-            graph, fewest = posterior_graph(prior, with_force=with_force, finest=finest), fewest_channels(prior, seed)
+            graph = posterior_graph(prior, with_force=with_force, finest=finest)
+            fewest = fewest_channels(prior, seed, effort)
         case "small-network":
             # A single channel leaves several places far apart, and the network looks around one.
-            fewest = min(max(2, fewest_channels(prior, seed)), prior.channels)
+            fewest = min(max(2, fewest_channels(prior, seed, effort)), prior.channels)
             network = train(prior, seed, progress, fewest=fewest)
             graph = windowed_graph(prior, network.table, first_stage(network), with_force=with_force)
         case "paper-network":
-            graph, fewest = paper_graph(trained_as_in_the_paper(prior, seed)), prior.channels
+            graph, fewest = paper_graph(trained_as_in_the_paper(prior, seed, effort)), prior.channels
     progress(1.0)
     return Estimator(name, graph, fewest)

@@ -19,6 +19,7 @@ from threadpoolctl import threadpool_limits
 
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.arrays import Bools, Floats, Indices
+from beamtouch_models.effort import USUAL, Effort
 from beamtouch_models.estimators.onnx_graph import Graph, model
 from beamtouch_models.metadata import INPUTS
 from beamtouch_models.sweeps import Fraction, silent
@@ -34,7 +35,8 @@ MAX_EPOCHS = 3000
 CHECK_EVERY = 10
 """Epochs between two evaluations of the composite error."""
 GAIN, PATIENCE = 0.01, 600
-"""Smallest relative gain of the composite error, and epochs without one after which training counts as stalled."""
+"""Smallest relative gain of the composite error, and the usual number of epochs without one after which training
+counts as stalled."""
 PATTERNS = 399
 """Number of load positions in training, as in the paper."""
 
@@ -98,6 +100,7 @@ def train(
     seed: int,
     max_epochs: int = MAX_EPOCHS,
     progress: Fraction = silent,
+    effort: Effort = USUAL,
 ) -> list[PaperNetwork]:
     """Train a network for each set of deflections.
 
@@ -109,6 +112,7 @@ def train(
     seed : seed of the initial weights and of the order of the patterns
     max_epochs : bound on the number of epochs
     progress : called with the fraction of `max_epochs` done
+    effort : how long training waits for a gain
 
     Returns
     -------
@@ -118,7 +122,7 @@ def train(
     scales = [deflection.max(axis=0) for deflection in deflections_mm]
     stack, training = _initial(deflections_mm, scales, seed), np.arange(len(scales))
     best: dict[int, PaperNetwork] = {}
-    order = np.random.default_rng(seed)
+    order, patience = np.random.default_rng(seed), effort.of(PATIENCE)
     # A second thread would cost more than it saves on matrices this small.
     with threadpool_limits(1, user_api="blas"):
         for epoch in range(1, max_epochs + 1):
@@ -132,7 +136,7 @@ def train(
                     inputs = [*range(len(scales[index])), -1]
                     weights = stack.hidden[row][inputs], stack.output[row].copy()
                     best[index] = PaperNetwork(scales[index], length_mm, *weights, error, epoch, outcome)
-                elif epoch - best[index].epochs >= PATIENCE:
+                elif epoch - best[index].epochs >= patience:
                     best[index] = replace(best[index], outcome="stood still")
             lasting = np.array([best[index].outcome == "out of epochs" for index in training.tolist()])
             stack, training = stack.keep(lasting), training[lasting]
@@ -192,9 +196,9 @@ def paper_graph(network: PaperNetwork) -> onnx.ModelProto:
     return model(graph, len(network.full_scale_mm), ["position_mm"])
 
 
-def trained_as_in_the_paper(prior: Prior, seed: int) -> PaperNetwork:
+def trained_as_in_the_paper(prior: Prior, seed: int, effort: Effort = USUAL) -> PaperNetwork:
     """Train on deflections without noise, at the middle of the force range, because the paper has a single force."""
     position = np.linspace(*prior.position_mm, PATTERNS)
     force = sum(prior.force_n) / 2
-    (network,) = train([force * prior.influence_at(position)], position, prior.length_mm, seed=seed)
+    (network,) = train([force * prior.influence_at(position)], position, prior.length_mm, seed=seed, effort=effort)
     return network

@@ -11,6 +11,7 @@ from beamtouch_common.digits import digits
 from beamtouch_models.accuracy.limit import accuracy_limit, limits_without
 from beamtouch_models.accuracy.prior import Prior, SampleErrors
 from beamtouch_models.arrays import Floats, Indices
+from beamtouch_models.effort import USUAL, Effort
 from beamtouch_models.errors import NotGoodEnoughError, SceneError
 from beamtouch_models.names import CRITERIA, Criterion, SearchName
 from beamtouch_models.physics.influence import InfluenceFunction
@@ -30,12 +31,13 @@ AT_REST = 1e-12
 CLEAR = 1.015
 """Ratio of two scores that decides without the accuracy limit. The ratio of score to limit scatters by 0.2 to 0.6 %
 between layouts, and by more where few sensors stand close together, or errors are smaller than a cell."""
-FINAL_DRAWS = 2_000
-"""Contacts of the limits that decide otherwise; with a spare, the limits of all failures share them."""
+FINAL_DRAWS, LEAST_DRAWS = 2_000, 64
+"""Usual and smallest number of contacts of the limits that decide otherwise; with a spare, the limits of all failures
+share them."""
 PROBES = 8
 """Equally pitched sensors whose components are counted, as in the paper."""
 COUNT_DRAWS = 1_000
-"""Simulated contacts for the error of each number of sensors that is tried."""
+"""Simulated contacts for the error of each number of sensors that is tried; a small effort buys no other number."""
 
 
 @dataclass(frozen=True)
@@ -54,6 +56,8 @@ class Aim:
     leading: int | None = None
     """Number of eigenvalues in the product; None: all."""
     search: SearchName = "exact"
+    effort: Effort = USUAL
+    """How long it searches."""
 
     def __post_init__(self) -> None:
         if self.criterion not in CRITERIA:
@@ -94,10 +98,8 @@ def place_as(
 ) -> Placement:
     """Place sensors as an aim says; arguments and errors as `place_by_position_error`."""
     if aim.criterion == "eigenvalue-product":
-        return place(influence, rules, count, seed, aim.leading, search=aim.search)
-    found = place_by_position_error(
-        influence, rules, count, seed, errors, spare=aim.spare, search=aim.search, progress=progress
-    )
+        return place(influence, rules, count, seed, aim.leading, search=aim.search, effort=aim.effort)
+    found = place_by_position_error(influence, rules, count, seed, errors, aim, progress)
     if aim.leading is None:
         return found
     return replace(found, log_eigenvalue_product=score_positions(influence, np.array(found.positions_mm), aim.leading))
@@ -111,6 +113,7 @@ def place(
     leading: int | None = None,
     *,
     search: SearchName = "exact",
+    effort: Effort = USUAL,
 ) -> Placement:
     """Place sensors so that the product of the leading eigenvalues (eq. 4) is largest.
 
@@ -121,6 +124,7 @@ def place(
     seed : seed of the search
     leading : number of eigenvalues in the product; `count` by default
     search : "exact" exchanges sensors by steps, "paper" clones and varies a layout
+    effort : how long it searches
 
     Raises
     ------
@@ -129,7 +133,7 @@ def place(
     """
     with one_thread():
         product = eigenvalue_product_of(influence, rules, count, leading)
-        runs = search_from(product.starts(seed), product, search, seed)
+        runs = search_from(product.starts(seed), product, search, seed, effort=effort)
         best = first_best(runs)
         score = product.exact_score(best.layout)
         if not np.isfinite(score):
@@ -144,9 +148,7 @@ def place_by_position_error(
     count: int,
     seed: int,
     errors: SampleErrors,
-    *,
-    spare: int = 0,
-    search: SearchName = "exact",
+    aim: Aim = DEFAULT_AIM,
     progress: Progress = silent,
 ) -> Placement:
     """Place sensors so that the mean position error is least of layouts that notice other loads; as `place`.
@@ -154,28 +156,39 @@ def place_by_position_error(
     The mean position error is the accuracy limit with all errors of a sample: the mean, over contacts drawn uniformly
     from the ranges of position and force, of the distance between the contact and the posterior median.
 
-    With `spare` = 0 the error with all sensors is minimised among the layouts that notice two contacts and spread loads
-    as well as the layout of the eigenvalue product, within `position_error.SLACK`. With `spare` = 1 it is the largest,
-    over each one sensor failed, of the error of the others, among all layouts; what a layout notices is worth up to
-    `position_error.SPARE_NOTICES` of it.
+    Without a spare in `aim`, the error with all sensors is minimised among the layouts that notice two contacts and
+    spread loads as well as the layout of the eigenvalue product, within `position_error.SLACK`. With one it is the
+    largest, over each one sensor failed, of the error of the others, among all layouts; what a layout notices is worth
+    up to `position_error.SPARE_NOTICES` of it.
 
-    `errors` are those of a sample; its noise must not be 0. `progress` is called with the current step and the fraction
-    done. SceneError also if a sensor stands where nothing moves.
+    `errors` are those of a sample; its noise must not be 0. `aim` has the search, too. `progress` is
+    called with the current step and the fraction done. SceneError also if a sensor stands where nothing moves.
     """
-    if count <= spare:
-        message = f"spare = {spare} needs at least {spare + 1} sensors, not {count}; use more, or set sensors.count"
+    if count <= aim.spare:
+        message = (
+            f"spare = {aim.spare} needs at least {aim.spare + 1} sensors, not {count}; use more, or set sensors.count"
+        )
         raise SceneError(message)
     with one_thread():
         equal = equal_layout(rules, influence.length_mm, count)
         product = equal
         with suppress(SceneError):  # there may be fewer components than sensors
             by_product = eigenvalue_product_of(influence, rules, count)
-            product = first_best(search_from(by_product.starts(seed), by_product, "exact", seed)).layout
-        objective = position_error_of(influence, rules, equal, errors, seed, spare=spare, reference=product)
-        runs = search_from(
-            [product, equal], objective, search, seed, lambda part: progress("placing by position error", part)
+            product = first_best(
+                search_from(by_product.starts(seed), by_product, "exact", seed, effort=aim.effort)
+            ).layout
+        objective = position_error_of(
+            influence, rules, equal, errors, seed, spare=aim.spare, reference=product, effort=aim.effort
         )
-        layout = _least(objective, [*(run.layout for run in runs), product, equal], influence, seed)
+        runs = search_from(
+            [product, equal],
+            objective,
+            aim.search,
+            seed,
+            lambda part: progress("placing by position error", part),
+            aim.effort,
+        )
+        layout = _least(objective, [*(run.layout for run in runs), product, equal], influence, seed, aim.effort)
     positions = rules.position_mm[layout]
     size = np.abs(influence.matrix(positions)).max(axis=0)
     if size.min() <= AT_REST * size.max():
@@ -201,7 +214,9 @@ def score_positions(influence: InfluenceFunction, positions_mm: Floats, leading:
     return score - 2 * (leading or len(positions_mm)) * float(np.log(influence.unit_mm_per_n))
 
 
-def _least(objective: PositionError, layouts: Sequence[Indices], influence: InfluenceFunction, seed: int) -> Indices:
+def _least(
+    objective: PositionError, layouts: Sequence[Indices], influence: InfluenceFunction, seed: int, effort: Effort
+) -> Indices:
     """Return the layout with the least accuracy limit of those that the objective does not clearly tell from the best.
 
     They are what the search found and where it began: the coarse grid of the objective cannot tell errors that are
@@ -215,7 +230,7 @@ def _least(objective: PositionError, layouts: Sequence[Indices], influence: Infl
 
     def limit(layout: Indices) -> float:
         prior = Prior.real(influence, objective.rules.position_mm[layout], objective.errors)
-        draws = FINAL_DRAWS // (len(layout) if objective.spare else 1)
+        draws = effort.of(FINAL_DRAWS, LEAST_DRAWS) // (len(layout) if objective.spare else 1)
         return _limit_percent(prior, objective.spare, draws, seed) * objective.worth(layout)
 
     return np.asarray(min(near, key=limit))

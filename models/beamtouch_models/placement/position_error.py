@@ -32,6 +32,7 @@ from beamtouch_models.accuracy.prior import Prior, SampleErrors, forces_of
 from beamtouch_models.accuracy.thresholds import left_by_contact, misfit_threshold
 from beamtouch_models.arrays import Floats, Indices
 from beamtouch_models.curve import Curve
+from beamtouch_models.effort import USUAL, Effort
 from beamtouch_models.physics.influence import InfluenceFunction
 from beamtouch_models.placement.layout import Candidates
 
@@ -52,7 +53,9 @@ CELLS = (256, 1024)
 """Smallest and largest number of cells; between them, one for each mean error of an equal pitch. Twice as many change
 no score by more than its scatter."""
 KNOWN_FORCE_CONTACTS, OPEN_FORCE_CONTACTS = 512, 128
-"""Number of contacts, a power of two."""
+"""Usual number of contacts; numbers are powers of two."""
+LEAST = 64
+"""Fewest contacts, and fewest cells."""
 AT_ONCE = 64
 """Contacts that are scored at once: their densities stay in the processor's cache."""
 NEGLIGIBLE = 15.0
@@ -200,6 +203,7 @@ def position_error_of(
     *,
     spare: int = 0,
     reference: Indices | None = None,
+    effort: Effort = USUAL,
 ) -> PositionError:
     """Draw the contacts of the objective.
 
@@ -207,10 +211,12 @@ def position_error_of(
     well as `reference` (sensors,); None: it need not notice any.
     """
     prior = Prior.real(influence, rules.position_mm[equal], errors)
-    contacts = KNOWN_FORCE_CONTACTS if prior.force_is_known else OPEN_FORCE_CONTACTS
+    usual = KNOWN_FORCE_CONTACTS if prior.force_is_known else OPEN_FORCE_CONTACTS
+    contacts = 1 << (effort.of(usual, LEAST) - 1).bit_length()
+    fewest, most = (effort.of(number, LEAST) for number in CELLS)
     drawn, force, noise = spread_contacts(prior, contacts, np.random.default_rng(seed))
     drawn, weight = where_it_errs(prior, drawn)
-    cells = int(np.clip(np.ptp(prior.position_mm) / mean_error_mm(prior), *CELLS))
+    cells = int(np.clip(np.ptp(prior.position_mm) / mean_error_mm(prior), fewest, most))
     edges = where_it_errs(prior, np.linspace(*prior.position_mm, cells + 1))[0]
     middles = (edges[1:] + edges[:-1]) / 2
     clean = influence.at(rules.position_mm, drawn) * force[:, None]

@@ -16,13 +16,14 @@ from typing import Protocol
 import numpy as np
 
 from beamtouch_models.arrays import Floats, Indices
+from beamtouch_models.effort import USUAL, Effort
 from beamtouch_models.names import SearchName
 from beamtouch_models.placement.layout import Candidates
 from beamtouch_models.sweeps import Fraction, silent
 
 MAX_EVALUATIONS = 2_000
-"""Layouts, over `Objective.at_once`, after which an exchange tries no smaller step: it bounds the time of many
-sensors."""
+"""Usual number of layouts, over `Objective.at_once`, after which an exchange tries no smaller step: it bounds the time
+of many sensors."""
 JUMPS = 24
 """Places along the beam at which each sensor is tried once no step gains."""
 MAX_PAIRS_OF = 8
@@ -77,10 +78,16 @@ class SearchRun:
 
 
 def search_from(
-    starts: Sequence[Indices], objective: Objective, search: SearchName, seed: int, progress: Fraction = silent
+    starts: Sequence[Indices],
+    objective: Objective,
+    search: SearchName,
+    seed: int,
+    progress: Fraction = silent,
+    effort: Effort = USUAL,
 ) -> list[SearchRun]:
     """Return a run from each allowed start (sensors,), of which there is one at least; a seed gives the same runs."""
     rng, runs = np.random.default_rng(seed), []
+    most = effort.of(MAX_EVALUATIONS) * objective.at_once
     layouts = np.sort(np.array(starts), axis=1)
     distinct = np.sort(np.unique(layouts, axis=0, return_index=True)[1])
     for number, layout in enumerate(layouts[distinct]):
@@ -88,7 +95,7 @@ def search_from(
         score = float(objective.scores(layout[None])[0])
         if score > -np.inf:
             first = SearchRun((layout,), (score,), 1)
-            runs.append(exchange(objective, first) if search == "exact" else paper_search(objective, first, rng))
+            runs.append(exchange(objective, first, most) if search == "exact" else paper_search(objective, first, rng))
     return runs
 
 
@@ -98,14 +105,15 @@ def first_best(runs: Sequence[SearchRun]) -> SearchRun:
     return next(run for run in runs if run.score >= best - 1e-9 * abs(best))
 
 
-def exchange(objective: Objective, run: SearchRun) -> SearchRun:
+def exchange(objective: Objective, run: SearchRun, most: int) -> SearchRun:
     """Move one sensor or two by a step, on and on while it gains, and halve the step when no move does.
 
-    At the end each sensor is tried along the whole beam; the steps begin anew from the largest gain.
+    At the end each sensor is tried along the whole beam; the steps begin anew from the largest gain. After `most`
+    layouts it tries no smaller step.
     """
-    run, count = _by_steps(objective, run), len(run.layout)
+    run, count = _by_steps(objective, run, most), len(run.layout)
     places = np.linspace(0, len(objective.rules.position_mm) - 1, JUMPS).round().astype(np.intp)
-    while run.evaluations < MAX_EVALUATIONS * objective.at_once:
+    while run.evaluations < most:
         trials = np.repeat(run.layout[None, :], JUMPS * count, axis=0)
         trials[np.arange(len(trials)), np.repeat(np.arange(count), JUMPS)] = np.tile(places, count)
         trials = np.sort(trials, axis=1)
@@ -119,15 +127,15 @@ def exchange(objective: Objective, run: SearchRun) -> SearchRun:
         evaluations = run.evaluations + len(trials)
         if best_score == run.score:
             return SearchRun(run.layouts, run.scores, evaluations)
-        run = _by_steps(objective, SearchRun((*run.layouts, best), (*run.scores, best_score), evaluations))
+        run = _by_steps(objective, SearchRun((*run.layouts, best), (*run.scores, best_score), evaluations), most)
     return run
 
 
-def _by_steps(objective: Objective, run: SearchRun) -> SearchRun:
+def _by_steps(objective: Objective, run: SearchRun, most: int) -> SearchRun:
     layouts, scores, evaluations = list(run.layouts), list(run.scores), run.evaluations
     candidates, group = len(objective.rules.position_mm), objective.at_once
     step, moves = max(1, candidates // (4 * len(run.layout))), _moves(len(run.layout))
-    while step and evaluations < MAX_EVALUATIONS * group:
+    while step and evaluations < most:
         before = len(scores)
         for first in range(0, len(moves), group):
             tried = moves[first : first + group]

@@ -13,10 +13,12 @@ from beamtouch_models.accuracy.statistics import Measurement
 from beamtouch_models.building.measure import reach
 from beamtouch_models.building.sensors import place_sensors
 from beamtouch_models.building.since_touch import Answer, answers_of_means, answers_since_touch
+from beamtouch_models.effort import USUAL, Effort
 from beamtouch_models.errors import NotGoodEnoughError, SceneError
 from beamtouch_models.estimators.onnx_graph import to_bytes
 from beamtouch_models.metadata import INPUTS, FilterChoice
 from beamtouch_models.names import ESTIMATORS, EstimatorName
+from beamtouch_models.placement.placing import DEFAULT_AIM, Aim
 from beamtouch_models.scene import Scene, change_scene
 from beamtouch_models.scene.tables import MIN_SENSORS
 from beamtouch_models.session import open_session, runner
@@ -27,6 +29,7 @@ AROUND = 2
 NOISES = (0.25, 0.5, 2.0, 4.0)
 """Noises of a reading that are measured, over that of the scene."""
 ROUNDS, CALLS = 40, 50
+"""Usual number of rounds in which inferences are timed, and inferences of each model in a round."""
 
 Varied = Literal["sensors", "estimator", "noise", "latency"]
 """The one thing that differs from the model that `build` makes of the scene; "sensors" also of that model itself."""
@@ -45,6 +48,12 @@ class Task:
     estimator: EstimatorName = ESTIMATORS[0]
     kept_mm: tuple[float, ...] = ()
     """A layout that is placed already; none: the sensors are placed as `build` places them."""
+    effort: Effort = USUAL
+
+    @property
+    def aim(self) -> Aim:
+        """The aim of its layout."""
+        return replace(DEFAULT_AIM, effort=self.effort)
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,8 +138,8 @@ def measure(task: Task) -> Model | Failure:
     seed = task.seed
     try:
         surface = Surface.of(task.scene)
-        sensors = place_sensors(surface, count=task.sensors, seed=seed, kept_mm=task.kept_mm)
-        prior, made = sensors.prior, sensors.make_estimator(task.estimator, seed)
+        sensors = place_sensors(surface, count=task.sensors, seed=seed, aim=task.aim, kept_mm=task.kept_mm)
+        prior, made = sensors.prior, sensors.make_estimator(task.estimator, seed, effort=task.effort)
         graph = to_bytes(made.graph)
         run = runner(graph)
         reached = reach(made, prior, run, task.draws, seed + 2)
@@ -143,7 +152,7 @@ def measure(task: Task) -> Model | Failure:
         surface.filter,
         prior.length_mm,
         reached,
-        tuple(answers_of_means(prior, run, surface, sensors.world, reached.error_mm, seed + 2)),
+        tuple(answers_of_means(prior, run, surface, sensors.world, reached.error_mm, seed + 2, task.effort)),
         graph,
     )
 
@@ -154,7 +163,7 @@ def follow(model: Model) -> list[Moment]:
     sensors = place_sensors(Surface.of(task.scene, model.filter), kept_mm=model.positions_mm)
     prior, run = sensors.prior, runner(model.graph)
     moments = []
-    for answer in answers_since_touch(model.answers, prior, run, sensors.surface, sensors.world, seed):
+    for answer in answers_since_touch(model.answers, prior, run, sensors.surface, sensors.world, seed, task.effort):
         noise_mm = model.reading_mm / math.sqrt(answer.readings)
         limit = accuracy_limit(replace(prior, noise_mm=noise_mm), task.draws, seed)
         limit_mm = Measurement(limit.percent, limit.standard_error).scaled(model.length_mm / 100)
@@ -171,13 +180,14 @@ def inference_times(models: Sequence[Model]) -> list[Measurement]:
     for model in models:
         at_rest = np.zeros((1, model.sensors), np.float32), np.eye(model.sensors, dtype=np.float32)[None]
         runs.append((open_session(model.graph), dict(zip(INPUTS, at_rest, strict=True))))
-    times = np.empty((len(runs), ROUNDS, CALLS))
-    for turn in range(ROUNDS):
+    rounds = models[0].task.effort.of(ROUNDS)
+    times = np.empty((len(runs), rounds, CALLS))
+    for turn in range(rounds):
         for (session, feed), taken in zip(runs, times[:, turn], strict=True):
             for call in range(CALLS):
                 start = time.perf_counter_ns()
                 session.run(None, feed)
                 taken[call] = (time.perf_counter_ns() - start) / 1e3
     return [
-        Measurement(float(np.median(one)), float(np.median(one, axis=1).std(ddof=1) / ROUNDS**0.5)) for one in times
+        Measurement(float(np.median(one)), float(np.median(one, axis=1).std(ddof=1) / rounds**0.5)) for one in times
     ]

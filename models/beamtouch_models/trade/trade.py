@@ -8,6 +8,7 @@ from beamtouch_common.digits import digits
 from beamtouch_common.errors import InputError
 from beamtouch_models.accuracy.statistics import Measurement
 from beamtouch_models.building.since_touch import Answer
+from beamtouch_models.effort import USUAL, Effort
 from beamtouch_models.errors import SceneError
 from beamtouch_models.names import ESTIMATORS, EstimatorName
 from beamtouch_models.scene import Scene
@@ -143,7 +144,14 @@ class Trade:
 
 
 def trade(
-    scene: Scene, estimators: Sequence[EstimatorName], *, draws: int, seed: int, spread: Spread, progress: Progress
+    scene: Scene,
+    estimators: Sequence[EstimatorName],
+    *,
+    draws: int,
+    seed: int,
+    spread: Spread,
+    progress: Progress,
+    effort: Effort = USUAL,
 ) -> Trade:
     """Measure the models of a scene: other numbers of sensors, estimators and noises, and twice the latency.
 
@@ -167,19 +175,19 @@ def trade(
             progress("measuring models", len(done) / planned)
             yield one
 
-    tried = list(measured(Task(scene, "sensors", count, draws, seed) for count in counts))
+    tried = list(measured(Task(scene, "sensors", count, draws, seed, effort=effort) for count in counts))
     placed = [one for one in tried if isinstance(one, Model)]
     if not placed:
         raise SceneError(next(one.reason for one in tried if isinstance(one, Failure)))
     own = _own_of(scene, placed)
     kept_mm, variations = own.positions_mm, list[Task]()
     variations += [
-        Task(scene, "estimator", own.sensors, draws, seed, name, kept_mm)
+        Task(scene, "estimator", own.sensors, draws, seed, name, kept_mm, effort)
         for name in estimators
         if name != ESTIMATORS[0]
     ]
-    variations += [Task(other, "noise", own.sensors, draws, seed) for other in with_noises(scene)]
-    variations += [Task(with_twice_the_latency(scene), "latency", own.sensors, draws, seed)]
+    variations += [Task(other, "noise", own.sensors, draws, seed, effort=effort) for other in with_noises(scene)]
+    variations += [Task(with_twice_the_latency(scene), "latency", own.sensors, draws, seed, effort=effort)]
     tried += measured(variations)
     progress("following touches", (planned - 1) / planned)
     (moments,) = spread(follow, [own])

@@ -4,7 +4,7 @@ Beyond what the build measured, it shows the error along the beam, components, a
 """
 
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.resources import files
 
 import numpy as np
@@ -26,16 +26,16 @@ from beamtouch_models.loading import ModelFile, load_bytes
 from beamtouch_models.numbers import three_digits
 from beamtouch_models.placement.eigenvalue_product import principal_components
 from beamtouch_models.placement.layout import equal_pitch_mm
-from beamtouch_models.placement.placing import place, place_by_position_error, score_positions
+from beamtouch_models.placement.placing import DEFAULT_AIM, place, place_by_position_error, score_positions
 from beamtouch_models.pricing.prices import NEGLIGIBLE
 from beamtouch_models.pricing.ringing import told
 from beamtouch_models.scene import Scene
 from beamtouch_models.surface import Surface
 from beamtouch_models.sweeps import Progress
 
-PROFILE_DRAWS = 8_192
+PROFILE_DRAWS, LAYOUT_DRAWS, LEAST_DRAWS = 8_192, 4_096, 256
+"""Usual numbers of simulated contacts, and the smallest."""
 PROFILE_BINS = 24
-LAYOUT_DRAWS = 4_096
 SEED_SHIFT = 5
 """The build uses its seed and the four after it; the report uses the next ones."""
 
@@ -85,11 +85,12 @@ def gather(scene: Scene, built: Built, progress: Progress) -> Facts:
     progress("measuring for the report", 0.97)
     model = load_bytes(built.content, "the model just built")
     prior = built.surface.prior(np.array(built.placement.positions_mm))
-    return Facts(scene, built, model, _profile(prior, model, built.metadata.seed), _layouts(built))
+    return Facts(scene, built, model, _profile(prior, model, built), _layouts(built))
 
 
-def _profile(prior: Prior, model: ModelFile, seed: int) -> Profile:
-    contacts = simulated(prior, PROFILE_DRAWS, seed + SEED_SHIFT)
+def _profile(prior: Prior, model: ModelFile, built: Built) -> Profile:
+    draws = built.aim.effort.of(PROFILE_DRAWS, LEAST_DRAWS)
+    contacts = simulated(prior, draws, built.metadata.seed + SEED_SHIFT)
     weight = np.broadcast_to(contacts.drawn.weight[:, None], contacts.likely_mm.shape)
     answers = estimates(model, prior, contacts.drawn.deflection_mm)
     edges = np.linspace(*prior.position_mm, PROFILE_BINS + 1)
@@ -115,6 +116,7 @@ def _layouts(built: Built) -> tuple[OtherLayout, ...]:
     """Compare the model's layout with others, all on the same contacts."""
     influence, rules, errors = built.surface.influence, built.surface.rules, built.surface.errors
     taken, seed, found_by = np.array(built.placement.positions_mm), built.metadata.seed, built.aim.criterion
+    effort, aim = built.aim.effort, replace(DEFAULT_AIM, effort=built.aim.effort)
     named = {"equal pitch": equal_pitch_mm(influence.length_mm, len(taken))}
     # A layout that was kept, not searched, may be another one than its criterion finds now.
     searched = built.placement.evaluations > 0 and not built.aim.spare
@@ -123,17 +125,19 @@ def _layouts(built: Built) -> tuple[OtherLayout, ...]:
         named["eigenvalue product"] = (
             taken
             if searched and found_by == "eigenvalue-product"
-            else np.array(place(influence, rules, len(taken), seed).positions_mm)
+            else np.array(place(influence, rules, len(taken), seed, effort=effort).positions_mm)
         )
     named["position error"] = (
         taken
         if searched and found_by == "position-error"
-        else np.array(place_by_position_error(influence, rules, len(taken), seed, errors).positions_mm)
+        else np.array(place_by_position_error(influence, rules, len(taken), seed, errors, aim).positions_mm)
     )
     if not any(np.allclose(taken, positions) for positions in named.values()):
         named["the model's"] = taken
     priors = [built.surface.prior(positions) for positions in named.values()]
-    limits = compare_limits(built.surface.prior(taken), priors, LAYOUT_DRAWS, seed + SEED_SHIFT + 1)
+    limits = compare_limits(
+        built.surface.prior(taken), priors, effort.of(LAYOUT_DRAWS, LEAST_DRAWS), seed + SEED_SHIFT + 1
+    )
     return tuple(
         OtherLayout(
             name, positions, score_positions(influence, positions), one.limit, bool(np.allclose(taken, positions))
