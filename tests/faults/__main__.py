@@ -10,46 +10,16 @@ import argparse
 import asyncio
 import contextlib
 import os
-import re
-import shutil
 import signal
-import subprocess
 import sys
 import tempfile
 from collections.abc import Sequence
-from dataclasses import dataclass
-from fnmatch import fnmatch
 from pathlib import Path
-from time import monotonic
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
-from faults.fault_list import LIST, ROOT, Fault, read_faults
-
-PACKAGES = ("common", "firmware_protocol", "models", "service", "daemon")
-TIMEOUT_S = 1800.0
-"""Bounds a run of tests. Each test has a bound of its own, which ends it with its processes."""
-FINISHING_S = 20.0
-"""Time for tests that are interrupted to put away what they made."""
-FAILED = 1
-"""Exit code of pytest if a test failed. Others mean that the tests could not be run."""
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """What the tests said."""
-
-    code: int
-    output: str
-    seconds: float
-
-    @property
-    def failure(self) -> str:
-        """The first test that failed, and the first line of its error."""
-        test = re.search(r"^FAILED (.+) \(\w+\)$", self.output, re.MULTILINE)
-        error = re.search(r"^E +(?!AssertionError: $)(.+)$", self.output, re.MULTILINE)
-        return "\n        ".join(found[1] for found in (test, error) if found)
-
+from faults.copies import FAILED, Outcome, copy_tree, run_tests
+from faults.fault_list import LIST, Fault, read_faults
 
 def main() -> int:
     """Try the faults and print what became of each."""
@@ -73,17 +43,6 @@ def main() -> int:
         copies = [copy_tree(Path(folder) / str(number)) for number in range(max(options.jobs, 1))]
         return asyncio.run(try_all(faults, copies))
     return 130
-
-
-def copy_tree(folder: Path) -> Path:
-    """Copy the tree without what git ignores."""
-    patterns = [".git/", ".git", *(ROOT / ".gitignore").read_text().split()]
-
-    def ignored(parent: str, names: list[str]) -> list[str]:
-        marked = {name: f"{name}/" if (Path(parent) / name).is_dir() else name for name in names}
-        return [name for name in names if any(fnmatch(marked[name], pattern) for pattern in patterns)]
-
-    return Path(shutil.copytree(ROOT, folder, ignore=ignored))
 
 
 async def try_all(faults: Sequence[Fault], copies: Sequence[Path]) -> int:
@@ -114,44 +73,6 @@ async def try_in(copy: Path, waiting: list[Fault]) -> int:
         path.write_text(text)
         caught += show(fault, outcome)
     return caught
-
-
-async def run_tests(copy: Path, tests: Sequence[str], *options: str) -> Outcome:
-    """Run tests in a copy, with the packages of the copy; nothing that they start is left."""
-    packages = os.pathsep.join(str(copy / package) for package in PACKAGES)
-    started_s = monotonic()
-    with tempfile.TemporaryFile("w+") as output:
-        process = await asyncio.create_subprocess_exec(
-            *(sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *options, *tests),
-            cwd=copy,
-            env=os.environ | {"PYTHONPATH": packages, "PYTHONDONTWRITEBYTECODE": "1"},
-            stdin=subprocess.DEVNULL,
-            stdout=output,
-            stderr=subprocess.STDOUT,
-            start_new_session=True,
-        )
-        try:
-            code = await asyncio.wait_for(process.wait(), TIMEOUT_S)
-        except TimeoutError:
-            code = -signal.SIGKILL
-        except asyncio.CancelledError:
-            process.send_signal(signal.SIGINT)
-            with contextlib.suppress(TimeoutError):
-                await asyncio.wait_for(process.wait(), FINISHING_S)
-            raise
-        finally:
-            end_session(process.pid)
-        output.seek(0)
-        return Outcome(code, output.read(), monotonic() - started_s)
-
-
-def end_session(session: int) -> None:
-    """Kill the processes that are left of a session, in whatever process groups they are."""
-    for folder in Path("/proc").glob("[0-9]*"):
-        with contextlib.suppress(OSError):  # it has ended meanwhile
-            _, _, _, of_session = (folder / "stat").read_text().rpartition(")")[2].split()[:4]
-            if int(of_session) == session:
-                os.kill(int(folder.name), signal.SIGKILL)
 
 
 def show(fault: Fault, outcome: Outcome) -> bool:

@@ -19,6 +19,8 @@ from subprocess import TimeoutExpired
 from threading import Lock, Thread
 from typing import TextIO
 
+import coverage
+
 MODULES = (
     *("aiohttp", "cobs.cobs", "pymodbus.client", "serial", "sqlite3"),
     *("fastapi", "httptools", "sqlalchemy.dialects.postgresql", "sqlalchemy.dialects.sqlite"),
@@ -129,6 +131,9 @@ def _run(
     os.chdir(folder)
     os.environ.clear()
     os.environ.update(environment)
+    if "COVERAGE_PROCESS_START" in environment:
+        # What the process runs counts for the test that started it, and not for the first one, which started the server.
+        coverage.process_startup(force=True)
     sys.argv[1:] = arguments
     exec(code, {})  # noqa: S102 - of the tests
     sys.exit(importlib.import_module(command).main())

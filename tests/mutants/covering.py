@@ -1,0 +1,100 @@
+"""Which tests run a line, in whatever process, and how long they take.
+
+All tests run once with coverage, whose contexts name the test: in its own process and in those that it starts or forks.
+What a test reaches through a process that an earlier test started counts for the earlier one.
+"""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+import xml.etree.ElementTree as ET
+from collections import defaultdict
+from itertools import chain, zip_longest
+from pathlib import Path
+
+from coverage import CoverageData
+
+from copies import environment_of
+
+PHASE = re.compile(r"(\|(setup|run|teardown)| \((setup|call|teardown)\))$")
+"""What pytest-cov and pytest write behind the name of a test."""
+
+
+def collect(copy: Path, kept: Path, workers: int, tests: tuple[str, ...] = ()) -> int:
+    """Run all tests in a copy, or some; write to a folder what each of them ran, and its time. Return pytest's code."""
+    command = [
+        *(sys.executable, "-m", "pytest", "-q", "-m", "not soak", "-p", "no:cacheprovider", "-n", str(workers)),
+        *("--cov", f"--cov-config={copy / 'tests/mutants/coverage.ini'}", "--cov-context=test", "--cov-report="),
+        *("--junitxml=times.xml", "-p", "measured", *tests),
+    ]
+    environment = environment_of(copy)
+    environment["PYTHONPATH"] += os.pathsep + str(copy / "tests" / "mutants")
+    environment["MUTANTS_DATA"] = str(copy / ".coverage")
+    kept.mkdir(parents=True, exist_ok=True)
+    with (kept / "tests.log").open("w") as log:
+        done = subprocess.run(command, cwd=copy, env=environment, check=False, stdout=log, stderr=log)
+    for name in (".coverage", "times.xml"):
+        shutil.copy(copy / name, kept / name)
+    return done.returncode
+
+
+class Covering:
+    """The tests that ran the lines of the packages."""
+
+    def __init__(self, kept: Path) -> None:
+        """Read what `collect` wrote to a folder."""
+        self._data = CoverageData(str(kept / ".coverage"))
+        self._data.read()
+        self._paths = {_from_top(Path(path)): path for path in self._data.measured_files()}
+        self._seconds = dict[str, float]()
+        for case in ET.parse(kept / "times.xml").iter("testcase"):  # noqa: S314 - our own
+            name = f"{case.get('classname', '').replace('.', '/')}.py::{case.get('name')}"
+            self._seconds[name] = self._seconds.get(name, 0.0) + float(case.get("time", 0.0))
+        self._by_line = dict[str, dict[int, frozenset[str]]]()
+
+    def lines_of(self, file: str) -> dict[int, frozenset[str]]:
+        """Return the tests that ran each line of a file, of those that passed through it after its import."""
+        if file not in self._by_line:
+            contexts = self._data.contexts_by_lineno(self._paths[file]) if file in self._paths else {}
+            self._by_line[file] = {
+                line: frozenset(test for name in names if (test := PHASE.sub("", name)) in self._seconds)
+                for line, names in contexts.items()
+            }
+        return self._by_line[file]
+
+    def tests_of(self, file: str, first: int, last: int, at_most_s: float) -> list[str]:
+        """Return the tests of lines of a file, what is quick and narrow first, as many as take `at_most_s` together.
+
+        Lines that run at import, such as constants, have all tests of the file.
+        """
+        lines = self.lines_of(file)
+        found = set(chain.from_iterable(lines.get(line, ()) for line in range(first, last + 1)))
+        if not found:
+            found = set(chain.from_iterable(lines.values()))
+        ran = defaultdict[str, int](int)
+        for tests in lines.values():
+            for test in tests:
+                ran[test] += 1
+        # A test that runs much of this file is one of its own.
+        ranked = sorted(found, key=lambda test: ((self._seconds[test] + 0.1) / (1 + ran[test]) ** 0.5, test))
+        chosen, seconds = [], 0.0
+        for test in _alternating(ranked):
+            if seconds + self._seconds[test] <= at_most_s or not chosen:
+                chosen.append(test)
+                seconds += self._seconds[test]
+        return chosen
+
+
+def _alternating(ranked: list[str]) -> list[str]:
+    """Return tests by rank, and between them the best one of each other file, so that no door is left out."""
+    of_files = list({test.partition("::")[0]: test for test in reversed(ranked)}.values())[::-1]
+    pairs = zip_longest(ranked, of_files)
+    return list(dict.fromkeys(test for pair in pairs for test in pair if test is not None))
+
+
+def _from_top(path: Path) -> str:
+    parts = path.parts
+    start = max((at for at, part in enumerate(parts[1:]) if part.startswith("beamtouch_")), default=0)
+    return str(Path(*parts[start:]))
