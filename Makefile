@@ -10,7 +10,7 @@ PACKAGES := common/beamtouch_common firmware_protocol/beamtouch_protocol models/
 PER_CORE = $(if $(filter-out daemon,$(or $(NAMES),all)),2,4)
 WORKERS ?= $(shell expr $(PER_CORE) \* $$(nproc))
 
-.PHONY: help install demo test soak versions faults coverage bench check docs reference release format deb clean
+.PHONY: help install demo test soak versions faults mutants coverage bench check docs reference release format deb clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 10
@@ -36,6 +36,9 @@ versions:  ## promises on the other Pythons of this machine (3.12 to 3.14), in s
 
 faults: $(INSTALLED)  ## see that tests catch each fault of tests/faults/faults.toml, in about 20 minutes on two cores; NAMES="delivery ..."
 	$(BIN)/python tests/faults $(NAMES)
+
+mutants: $(INSTALLED)  ## mutate the packages at 400 random places and see which mutants the tests catch, in about an hour; SEED=1, NAMES="events ..."
+	$(BIN)/python tests/mutants --seed $(or $(SEED),0) $(NAMES)
 
 coverage: $(INSTALLED)  ## the same tests, then the lines of the packages that no process of the tests ran
 	PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest --numprocesses $(WORKERS) -m "not soak" --cov

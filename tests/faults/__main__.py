@@ -21,6 +21,7 @@ sys.path.insert(0, str(Path(__file__).parent.parent))
 from faults.copies import FAILED, Outcome, copy_tree, run_tests
 from faults.fault_list import LIST, Fault, read_faults
 
+
 def main() -> int:
     """Try the faults and print what became of each."""
     parser = argparse.ArgumentParser(description=__doc__)

@@ -23,12 +23,11 @@ from dataclasses import dataclass
 from math import sqrt
 from pathlib import Path
 
-FOLDER = Path(__file__).parent
-sys.path[:0] = [str(FOLDER.parent), str(FOLDER.parent / "faults")]
+sys.path.insert(0, str(Path(__file__).parent.parent))
 
-from copies import PACKAGES, ROOT, Outcome, copy_tree, run_tests
-from covering import Covering, collect
-from positions import Mutant, sample
+from faults.copies import PACKAGES, ROOT, Outcome, copy_tree, run_tests
+from mutants.covering import Covering, collect
+from mutants.positions import Mutant, sample
 
 KEPT = ROOT / "build" / "mutants"
 TESTS_S = 60.0
@@ -60,28 +59,32 @@ def main() -> int:
     parser.add_argument("--count", type=int, default=400, help="size of the sample (default: %(default)s)")
     parser.add_argument("--seed", type=int, default=0, help="seed of the sample (default: %(default)s)")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="mutants that are tried at once")
-    parser.add_argument("--kept", action="store_true", help="use what was measured, even if something has changed")
+    parser.add_argument("--tests", nargs="+", default=(), metavar="TEST", help="measure and try only these tests")
+    parser.add_argument("--kept", type=Path, default=KEPT, metavar="FOLDER", help="folder of what was measured")
+    parser.add_argument("--as-it-was", action="store_true", help="use what was measured although something has changed")
     options = parser.parse_args()
     signal.signal(signal.SIGTERM, lambda *_: signal.raise_signal(signal.SIGINT))
     with tempfile.TemporaryDirectory() as folder, contextlib.suppress(KeyboardInterrupt):
         copies = [copy_tree(Path(folder) / str(number)) for number in range(max(options.jobs, 1))]
-        if not options.kept and _is_old():
+        kept, digest = options.kept, options.kept / "digest"
+        if not digest.is_file() or (digest.read_text() != _digest() and not options.as_it_was):
             print("measuring which tests run which lines", flush=True)
-            if code := collect(copies[0], KEPT, 2 * len(copies)):
-                print(f"without a mutant, tests fail: {KEPT / 'tests.log'}")
+            if code := collect(copies[0], kept, 2 * len(copies), options.tests):
+                print(f"without a mutant, tests fail: {kept / 'tests.log'}")
                 return code
-            (KEPT / "digest").write_text(_digest())
+            digest.write_text(_digest())
         files = [file for file in _files() if not options.words or any(word in file for word in options.words)]
         mutants, positions = sample(ROOT, files, options.count, options.seed)
         print(f"{len(mutants)} of {positions} positions in {len(files)} files, seed {options.seed}", flush=True)
-        judged = asyncio.run(try_all(mutants, copies))
+        judged = asyncio.run(try_all(mutants, copies, Covering(kept)))
         print(table(judged))
         return 0
     return 130
 
 
 def _files() -> list[str]:
-    return [str(path.relative_to(ROOT)) for package in PACKAGES for path in sorted((ROOT / package).rglob("beamtouch_*/**/*.py"))]
+    paths = (path for package in PACKAGES for path in sorted((ROOT / package).rglob("beamtouch_*/**/*.py")))
+    return [str(path.relative_to(ROOT)) for path in paths]
 
 
 def _digest() -> str:
@@ -93,14 +96,8 @@ def _digest() -> str:
     return digest.hexdigest()
 
 
-def _is_old() -> bool:
-    kept = KEPT / "digest"
-    return not kept.is_file() or kept.read_text() != _digest()
-
-
-async def try_all(mutants: Sequence[Mutant], copies: Sequence[Path]) -> list[Judged]:
+async def try_all(mutants: Sequence[Mutant], copies: Sequence[Path], covering: Covering) -> list[Judged]:
     """Try each mutant in whichever copy is free."""
-    covering = Covering(KEPT)
     waiting = list(reversed(mutants))
     async with asyncio.TaskGroup() as group:
         tasks = [group.create_task(_try_in(copy, waiting, covering)) for copy in copies]
@@ -149,7 +146,7 @@ async def _run(copy: Path, tests: Sequence[str]) -> Outcome:
 
 def _equivalents() -> dict[tuple[str, str, str], str]:
     """Return why a mutant changes nothing, by file and lines before and after."""
-    listed = tomllib.loads((FOLDER / "equivalent.toml").read_text())["equivalent"]
+    listed = tomllib.loads((Path(__file__).parent / "equivalent.toml").read_text())["equivalent"]
     return {(one["file"], one["before"].strip(), one["after"].strip()): one["why"] for one in listed}
 
 

@@ -11,18 +11,19 @@ import subprocess
 import sys
 import xml.etree.ElementTree as ET
 from collections import defaultdict
+from collections.abc import Sequence
 from itertools import chain, zip_longest
 from pathlib import Path
 
 from coverage import CoverageData
 
-from copies import environment_of
+from faults.copies import environment_of
 
 PHASE = re.compile(r"(\|(setup|run|teardown)| \((setup|call|teardown)\))$")
 """What pytest-cov and pytest write behind the name of a test."""
 
 
-def collect(copy: Path, kept: Path, workers: int, tests: tuple[str, ...] = ()) -> int:
+def collect(copy: Path, kept: Path, workers: int, tests: Sequence[str] = ()) -> int:
     """Run all tests in a copy, or some; write to a folder what each of them ran, and its time. Return pytest's code."""
     command = [
         *(sys.executable, "-m", "pytest", "-q", "-m", "not soak", "-p", "no:cacheprovider", "-n", str(workers)),
@@ -79,7 +80,7 @@ class Covering:
                 ran[test] += 1
         # A test that runs much of this file is one of its own.
         ranked = sorted(found, key=lambda test: ((self._seconds[test] + 0.1) / (1 + ran[test]) ** 0.5, test))
-        chosen, seconds = [], 0.0
+        chosen, seconds = list[str](), 0.0
         for test in _alternating(ranked):
             if seconds + self._seconds[test] <= at_most_s or not chosen:
                 chosen.append(test)

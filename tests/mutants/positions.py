@@ -10,13 +10,13 @@ from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import cosmic_ray.plugins
 from cosmic_ray.ast import ast_nodes, get_ast
 from cosmic_ray.mutating import mutate_code
 from cosmic_ray.operators.operator import Operator
 from parso.python.tree import Keyword
+from parso.tree import BaseNode, NodeOrLeaf
 
 Place = tuple[int, int]
 """Line, from 1, and column, from 0."""
@@ -41,15 +41,16 @@ class Mutant:
 class CallRemover(Operator):  # type: ignore[misc]
     """Replaces a statement that only calls something, or raises, by `pass`: what is done is what tests forget."""
 
-    def mutation_positions(self, node: Any) -> Iterator[tuple[Place, Place]]:
+    def mutation_positions(self, node: NodeOrLeaf) -> Iterator[tuple[Place, Place]]:
         """Yield the statement if `node` is one."""
-        statement = getattr(node, "parent", None)
-        if getattr(statement, "type", "") == "simple_stmt" and statement.children[0] is node and _acts(node):
+        statement = node.parent
+        if statement is not None and statement.type == "simple_stmt" and statement.children[0] is node and _acts(node):
             yield node.start_pos, node.end_pos
 
-    def mutate(self, node: Any, index: int) -> Any:  # noqa: ARG002 - of the base class
+    def mutate(self, node: NodeOrLeaf, index: int) -> NodeOrLeaf:  # noqa: ARG002 - of the base class
         """Return the statement that does nothing."""
-        return Keyword("pass", node.start_pos, prefix=node.get_first_leaf().prefix)
+        blank = len(node.get_code()) - len(node.get_code(include_prefix=False))
+        return Keyword("pass", node.start_pos, prefix=node.get_code()[:blank])
 
     @classmethod
     def examples(cls) -> tuple[()]:
@@ -57,13 +58,13 @@ class CallRemover(Operator):  # type: ignore[misc]
         return ()
 
 
-def _acts(node: Any) -> bool:
+def _acts(node: NodeOrLeaf) -> bool:
     if node.type == "raise_stmt":
         return True
-    called = node.children[-1] if node.type in {"atom_expr", "power", "await_expr"} else None
-    while called is not None and called.type in {"atom_expr", "power"}:
+    called = node
+    while isinstance(called, BaseNode) and called.type in {"await_expr", "atom_expr", "power"}:
         called = called.children[-1]
-    return called is not None and called.type == "trailer" and called.children[0] == "("
+    return isinstance(called, BaseNode) and called.type == "trailer" and called.children[0].get_code() == "("
 
 
 def operators() -> dict[str, Operator]:
@@ -117,7 +118,7 @@ def sample(root: Path, files: Sequence[str], count: int, seed: int) -> tuple[lis
     ]
     drawn = random.Random(seed)  # noqa: S311 - of a test
     drawn.shuffle(positions)
-    mutants = []
+    mutants = list[Mutant]()
     for file, (start, end), choices in positions:
         if len(mutants) == count:
             break
@@ -134,6 +135,11 @@ def sample(root: Path, files: Sequence[str], count: int, seed: int) -> tuple[lis
 def _changed(before: str, after: str) -> tuple[str, str]:
     """Return the lines that differ between two texts, of each."""
     old, new = before.splitlines(), after.splitlines()
-    first = next((at for at, pair in enumerate(zip(old, new, strict=False)) if pair[0] != pair[1]), min(len(old), len(new)))
-    last = next((at for at, pair in enumerate(zip(old[::-1], new[::-1], strict=False)) if pair[0] != pair[1]), 0)
+    first, last = _equal(old, new), _equal(old[::-1], new[::-1])
     return "\n".join(old[first : len(old) - last]), "\n".join(new[first : len(new) - last])
+
+
+def _equal(old: Sequence[str], new: Sequence[str]) -> int:
+    """Return how many lines at the beginning are the same."""
+    pairs = zip(old, new, strict=False)
+    return next((number for number, (one, other) in enumerate(pairs) if one != other), min(len(old), len(new)))

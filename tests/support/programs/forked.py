@@ -132,7 +132,7 @@ def _run(
     os.environ.clear()
     os.environ.update(environment)
     if "COVERAGE_PROCESS_START" in environment:
-        # What the process runs counts for the test that started it, and not for the first one, which started the server.
+        # What the process runs counts for the test that started it, and not for the first one of all.
         coverage.process_startup(force=True)
     sys.argv[1:] = arguments
     exec(code, {})  # noqa: S102 - of the tests

@@ -1,0 +1,86 @@
+"""`make mutants` changes what someone could have written, and tries the tests that run it."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from coverage import CoverageData
+
+from faults.copies import ROOT
+from mutants.covering import Covering
+from mutants.positions import CallRemover, operators, positions_in, sample
+
+CODE = '''"""Doubles."""
+HALF: int | None = 2
+
+def double(value: float | None) -> float:
+    """Return twice a value."""
+    if value is None:
+        raise ValueError
+    print(value)
+    return value * HALF
+'''
+FILE = "common/beamtouch_common/doubles.py"
+
+
+def test_positions_are_where_code_runs() -> None:
+    lines = {start[0] for start, _ in positions_in(CODE, operators())}
+    assert lines == {2, 6, 7, 8, 9}
+    starts = {start for start, _ in positions_in(CODE, operators())}
+    assert (2, 9) not in starts  # of the annotation `int | None`
+
+
+def test_statements_that_only_call_or_raise_are_removed() -> None:
+    assert set(positions_in(CODE, {"CallRemover": CallRemover()})) == {((7, 8), (7, 24)), ((8, 4), (8, 16))}
+
+
+def test_a_sample_is_the_same_for_a_seed_and_is_code(tmp_path: Path) -> None:
+    (tmp_path / FILE).parent.mkdir(parents=True)
+    (tmp_path / FILE).write_text(CODE)
+    mutants, positions = sample(tmp_path, [FILE], 100, 1)
+    again, _ = sample(tmp_path, [FILE], 100, 1)
+    assert mutants == again
+    assert len(mutants) <= positions
+    assert all(mutant.text != CODE and compile(mutant.text, FILE, "exec") for mutant in mutants)
+    removed = next(mutant for mutant in mutants if mutant.line == 8)
+    assert (removed.before.strip(), removed.after.strip()) == ("print(value)", "pass")
+
+
+def test_quick_tests_of_a_line_come_first_and_all_tests_of_the_file_for_a_constant(tmp_path: Path) -> None:
+    data = CoverageData(str(tmp_path / ".coverage"))
+    ran = {"quick|run": [6, 9], "slow (call)": [6, 9], "other|setup": [6, 7], "unknown|run": [6]}
+    for context, lines in ran.items():
+        data.set_context(f"tests/test_doubles.py::{context}")
+        data.add_lines({f"/copy/{FILE}": lines})
+    data.set_context("")
+    data.add_lines({f"/copy/{FILE}": [2, 4]})
+    data.write()
+    cases = "".join(
+        f'<testcase classname="tests.test_doubles" name="{name}" time="{seconds}"/>'
+        for name, seconds in (("quick", 0.1), ("slow", 5), ("other", 0.2))
+    )
+    (tmp_path / "times.xml").write_text(f"<testsuite>{cases}</testsuite>")
+    covering = Covering(tmp_path)
+
+    def names(first: int, last: int, at_most_s: float = 60.0) -> list[str]:
+        return [test.rpartition("::")[2] for test in covering.tests_of(FILE, first, last, at_most_s)]
+
+    assert names(9, 9) == ["quick", "slow"]
+    assert names(7, 7) == ["other"]
+    assert names(2, 2) == ["quick", "other", "slow"]
+    assert names(9, 9, at_most_s=1.0) == ["quick"]
+    assert covering.tests_of("common/beamtouch_common/unknown.py", 1, 1, 60.0) == []
+
+
+@pytest.mark.soak
+def test_mutants_are_caught_by_tests_that_run_them_and_counted_by_folder(tmp_path: Path) -> None:
+    words = ["common/beamtouch_common/digits.py", "--count", "4", "--jobs", "1", "--kept", str(tmp_path)]
+    tests = ["--tests", "tests/common/test_text.py"]
+    command = [sys.executable, "tests/mutants", *words, *tests]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "in 1 files, seed 0" in done.stdout
+    caught = done.stdout.count("\ncaught: common/beamtouch_common/digits.py:")
+    assert caught >= 1
+    assert f"| common | 4 | 0 | {caught} | {25 * caught} % " in done.stdout
