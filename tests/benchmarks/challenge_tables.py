@@ -17,6 +17,7 @@ Row = dict[str, Any]
 Cell = Callable[[Row], str]
 
 LIFTED = "after a lift", "after a tap"
+RINGING = "sudden force", "weight laid on", "force in "
 TEN = 10
 """Percentages from here on have no decimals."""
 
@@ -57,26 +58,41 @@ def _interval(row: Row) -> str:
 
 
 def _is_lifted(row: Row) -> bool:
-    return bool(row["name"].startswith(LIFTED))
+    return bool(row["name"].startswith(LIFTED) or row["name"].endswith(", lifted"))
 
 
-def _is_honest(row: Row) -> bool:
-    return row["honest"] and not _is_lifted(row)
+def _lost(row: Row) -> bool:
+    return row["honest"] and (row["name"].startswith("gap of") or row["name"].endswith(" lost"))
+
+
+def _rings(row: Row) -> bool:
+    return row["honest"] and row["name"].startswith(RINGING) and not _lost(row)
+
+
+def _drifts(row: Row) -> bool:
+    return row["honest"] and row["name"].startswith("zeros drift") and not _is_lifted(row)
+
+
+def _still_or_moving(row: Row) -> bool:
+    return row["honest"] and not (_is_lifted(row) or _lost(row) or _rings(row) or _drifts(row))
 
 
 def _is_fault(row: Row) -> bool:
     return not row["honest"]
 
 
+def _judged(row: Row) -> str:
+    return _shares(row, "held", "held_unsteady", "noted", "misleading")
+
+
 TABLES: tuple[tuple[str, Callable[[Row], bool], Cell], ...] = (
-    (
-        "One contact, honestly measured",
-        _is_honest,
-        lambda row: _shares(row, "held", "held_unsteady", "noted", "misleading"),
-    ),
+    ("One contact, honestly measured", _still_or_moving, _judged),
+    ("Lost readings", _lost, _judged),
+    ("A beam that rings", _rings, _judged),
+    ("Zeros that drift", _drifts, _judged),
     ("After a lift or a tap", _is_lifted, lambda row: _shares(row, "clear", "noted", "ghosts")),
     ("Faults and other worlds", _is_fault, lambda row: _shares(row, "noticed", "power")),
-    ("Width of the intervals", _is_honest, _interval),
+    ("Width of the intervals", _still_or_moving, _interval),
 )
 
 if __name__ == "__main__":
