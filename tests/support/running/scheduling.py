@@ -11,6 +11,7 @@ TOGETHER = (
     "models/test_self_calibration.py",
     "models/test_since_touch.py",
     "models/test_small_network.py",
+    "models/test_trade.py",
     # Pages share a browser; started for each test, it would take longer than most of them. One for all modules would
     # keep its event loop running beside other tests.
     "models/test_pictures.py",
