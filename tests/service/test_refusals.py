@@ -286,6 +286,34 @@ def test_check_warns_of_what_is_open_to_others(
 
 
 @pytest.mark.promise(
+    "docs/reference/service-configuration.md",
+    "Without a user and a `trusted_folder`, everyone who reaches it can read.",
+)
+@pytest.mark.parametrize(
+    ("keys", "is_open"),
+    [
+        ((), True),
+        (("certificate_file = 'certificate.pem'", "key_file = 'key.pem'"), True),
+        (("certificate_file = 'certificate.pem'", "key_file = 'key.pem'", "trusted_folder = 'clients'"), False),
+        (("username = 'scada'", "password_file = 'password'"), False),
+    ],
+    ids=["nothing", "certificate", "trusted clients", "user"],
+)
+def test_check_warns_of_an_opc_ua_server_that_everyone_reads(
+    service: Command, tmp_path: Path, read_token_file: Path, keys: tuple[str, ...], is_open: bool
+) -> None:
+    make_certificate(tmp_path, key_kind=("rsa:2048",))
+    (tmp_path / "clients").mkdir()
+    make_certificate(tmp_path / "clients", key_kind=("rsa:2048",))[1].unlink()
+    (tmp_path / "password").write_text("a long password\n")
+    lines = ("[server]", "port = 0", f"read_token_file = '{read_token_file}'", "[opcua]", *keys)
+    (tmp_path / "service.toml").write_text("\n".join(lines))
+    done = service("check", "--config", tmp_path / "service.toml")
+    assert done.returncode == 0, done.stderr
+    assert ("neither a user nor trusted certificates protect the OPC UA server" in done.stdout) is is_open
+
+
+@pytest.mark.promise(
     "docs/reference/registers.md",
     "Two names may have the same identity; `beamtouch-service check` then says which to rename.",
 )

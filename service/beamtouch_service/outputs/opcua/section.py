@@ -17,7 +17,7 @@ class OpcUaSection(OutputSection):
     not_shared: ClassVar[str] = "as each service would send the events of all"
 
     host: Host = "127.0.0.1"
-    """Address to listen on. Without a certificate and a user, everyone who reaches it can read the contacts."""
+    """Address to listen on. Without a user and a `trusted_folder`, everyone who reaches it can read."""
     port: Annotated[int, Field(ge=1, le=65535)] = 4840
     """Port to listen on."""
     interval_ms: Annotated[FiniteFloat, Field(ge=10, le=10_000)] = 100.0
