@@ -17,8 +17,8 @@ AGAIN_S = 0.3, 0.7, 1.5
 """Times from a lift to the next touch."""
 DAMPINGS = 0.001, 0.05
 """Damping ratios other than that of the scene, which the filter does not know."""
-JITTER_S = 2e-4
-"""Deviation of the times of readings, which the filter does not know."""
+JITTERS_S = 2e-4, 1e-3
+"""Deviations of the times of readings, which the filter does not know: of a board, and of a polled device."""
 TAP_S, TAPS = 0.004, 5.0
 """Duration of a tap, and its force over that of a touch."""
 
@@ -29,7 +29,7 @@ def ringing_plays() -> list[Make]:
         rings,
         partial(rings, weighs=True),
         *(partial(rings, lasting_s=lasting_s) for lasting_s in RAMPS_S),
-        partial(rings, jitter_s=JITTER_S),
+        *(partial(rings, jitter_s=jitter_s) for jitter_s in JITTERS_S),
         *(partial(rings, damping_ratio=ratio) for ratio in DAMPINGS),
         *(partial(touches_again, after_s=after_s) for after_s in AGAIN_S),
         taps,

@@ -14,6 +14,7 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from beamtouch_models.filters.filtered import Found
+from beamtouch_models.filters.jitter import refit, whitened
 from beamtouch_models.filters.readings import FloatArray
 from beamtouch_models.filters.significance import FALSE, chi_square_quantile
 from beamtouch_models.filters.sinusoids import LEAST_CYCLES, Fit, Poles, fit, predicted, refine, seek
@@ -53,6 +54,9 @@ UNSEEN_SWING = 0.03
 still, and what is no damped sinusoid."""
 FEW = 8.0
 """Rows below which much more is not seen."""
+JITTER, JITTER_ANGLE = 0.3, 0.6
+"""Largest deviation of stamps that is allowed for where exact ones do not explain the rows: in rows, and of the angle
+of the fastest swing."""
 LAGS = (1, 2)
 """The constant is compared with those of so many fits before."""
 
@@ -245,7 +249,8 @@ class Ringing:
         if len(last.constant) != rows.shape[1]:
             return [False] * len(rows)
         # A reading that is lost has no time.
-        apart = rows - predicted(last, np.maximum(times - before.fitted, 0.0) / self._block)
+        since = np.maximum(times - before.fitted, 0.0) / self._block
+        apart = whitened(last, since, rows - predicted(last, since))
         limit = LIKE * chi_square_quantile(rows.shape[1], FALSE)
         return [square < limit for square in (apart * apart).sum(axis=1).tolist()]  # False for NaN
 
@@ -310,12 +315,14 @@ class Ringing:
         best = fit(ages, values, last.following.within(lowest), lowest, slopes=last.slopes)
         if explains(best) and not checks:
             return best
+        if last.jitter and (jittery := with_jitter(best._replace(jitter=last.jitter), whole)):
+            return jittery
         other = fit(ages, values, best.following, lowest, slopes=not last.slopes)
         if explains(other) and (not explains(best) or worth(other) < worth(best)):
             best = other
         if not explains(best) and len(last.poles.decay) < MOST_POLES:
             best = refine(ages, values, seek(best, ages, values, lowest), lowest, slopes=last.slopes, steps=STEPS)
-        return best if explains(best) else None
+        return best if explains(best) else with_jitter(best, whole)
 
     def _sought(self, times: FloatArray, values: FloatArray) -> Fit | None:
         """Return the best fit of all kinds; None if none explains the rows."""
@@ -332,6 +339,8 @@ class Ringing:
             best = refine(ages, values, seek(best, ages, values, lowest), lowest, slopes=False, steps=STEPS)
             if not explains(best):
                 sloping = refine(ages, values, best.following, lowest, slopes=True, steps=1)
+            if not explains(best) and not explains(sloping) and (jittery := with_jitter(best, whole)):
+                return jittery
         return next(filter(explains, (best, sloping)), None)
 
     def _seen(self, of: Fit, now: Followed) -> float:
@@ -362,6 +371,19 @@ class Ringing:
         mean_mm = np.full(len(there), np.nan)
         mean_mm[there] = of.constant * self._unit_mm[there]
         return Found(mean_mm, readings, covariance, float(np.trace(covariance)) + white_mm2)
+
+
+def with_jitter(of: Fit, whole: Whole) -> Fit | None:
+    """Return the fit to rows whose stamps are not exact; None if that does not explain them either.
+
+    One channel alone does not tell what is late from what is elsewhere.
+    """
+    ages, values, lowest = whole
+    if not len(of.poles.decay) or values.shape[1] < 2:
+        return None
+    most = min(JITTER, JITTER_ANGLE / float(of.poles.frequency.max()))
+    best = refit(of, ages, values, lowest, most)
+    return best if explains(best) else None
 
 
 def explains(of: Fit) -> bool:

@@ -73,6 +73,8 @@ class Fit(NamedTuple):
     """The poles after a Gauss-Newton step."""
     promised: float
     """What the step leaves of the sum of squares, as far as it is linear."""
+    jitter: float = 0.0
+    """Deviation of the stamps that is allowed for, in readings."""
 
     @property
     def swing(self) -> float:
