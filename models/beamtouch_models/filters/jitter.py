@@ -69,7 +69,7 @@ def _step(of: Fit, times: FloatArray, values: FloatArray, lowest: float) -> Fit:
     stiffness.flat[:: len(force) + 1] *= 1 + ALIKE
     stiffness.flat[:: len(force) + 1] += prior
     force -= prior * here
-    spread: FloatArray = np.linalg.inv(stiffness)
+    spread = np.linalg.inv(stiffness).astype(np.float64, copy=False)
     step = spread @ force
     coefficients = of.coefficients + step[:linear].reshape(-1, channels)
     moved = step[linear:]
