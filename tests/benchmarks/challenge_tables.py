@@ -62,19 +62,19 @@ def _is_lifted(row: Row) -> bool:
 
 
 def _lost(row: Row) -> bool:
-    return row["honest"] and (row["name"].startswith("gap of") or row["name"].endswith(" lost"))
+    return bool(row["honest"] and (row["name"].startswith("gap of") or row["name"].endswith(" lost")))
 
 
 def _rings(row: Row) -> bool:
-    return row["honest"] and row["name"].startswith(RINGING) and not _lost(row)
+    return bool(row["honest"] and row["name"].startswith(RINGING)) and not _lost(row)
 
 
 def _drifts(row: Row) -> bool:
-    return row["honest"] and row["name"].startswith("zeros drift") and not _is_lifted(row)
+    return bool(row["honest"] and row["name"].startswith("zeros drift")) and not _is_lifted(row)
 
 
 def _still_or_moving(row: Row) -> bool:
-    return row["honest"] and not (_is_lifted(row) or _lost(row) or _rings(row) or _drifts(row))
+    return bool(row["honest"]) and not (_is_lifted(row) or _lost(row) or _rings(row) or _drifts(row))
 
 
 def _is_fault(row: Row) -> bool:
