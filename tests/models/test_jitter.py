@@ -85,3 +85,18 @@ def test_a_beam_that_rings_is_known_although_stamps_are_off(jitter: float) -> No
             errors.append(np.abs(filtered.mean_mm[-1] - LOAD) / deviation)
     assert found >= 16
     assert np.mean(np.array(errors) < 2) > 0.9
+
+
+@pytest.mark.parametrize("channels", [2, 4])
+def test_a_load_that_comes_softly_is_no_swing_whose_stamps_are_off(channels: int) -> None:
+    load, told = LOAD[:channels] * 0.75, 0
+    for seed in range(3):
+        chain = Chain(Mean("growing-mean", 4, 200, 6.0), channels, 1.0, 20.0)
+        since = np.arange(240.0) - 200
+        come = load * (1 - np.exp(-np.maximum(since, 0.0) / 6))[:, np.newaxis]
+        filtered = chain.apply(come + np.random.default_rng(seed).standard_normal(come.shape))
+        for at in range(208, 240):
+            covariance = filtered.covariance_mm2[at] + np.eye(channels) * filtered.relative_variance[at]
+            apart = min((filtered.mean_mm[at] - there for there in (come[at], load)), key=lambda a: float(a @ a))
+            told += float(apart @ np.linalg.solve(covariance, apart)) > 4 * channels
+    assert told == 0

@@ -47,13 +47,15 @@ def test_a_configuration_is_replaced_until_somebody_has_edited_it(
     scene.write_text(scene.read_text().replace("width_mm = ", "width_mm = 1"))
     refused = design_sensors_roughly(*asked)
     assert (refused.returncode, refused.stdout) == (2, "")
-    assert refused.stderr == f"design-sensors: {config}: it was edited after build wrote it; {FORCE}\n"
+    assert refused.stderr == f"design-sensors: {config}: it is not as build wrote it; {FORCE}\n"
     assert (config.read_text(), model.read_bytes()) == (edited, built)
     assert design_sensors_roughly(*asked, "--force").returncode == 0
     assert 'host = "127.0.0.1"' in config.read_text()
     assert model.read_bytes() != built
     config.write_text(edited)
-    with pytest.raises(InputError, match=r"daemon.toml: it was edited .*; name another one, or give force=True"):
+    with pytest.raises(
+        InputError, match=r"daemon.toml: it is not as build wrote it; name another one, or give force=True"
+    ):
         models.build(scene, daemon_config=config)
 
 

@@ -163,6 +163,17 @@ def test_a_drift_as_stated_and_a_load_that_comes_at_once_are_no_fast_drift(chann
         assert tracking.hurried is None
 
 
+def test_zeros_that_were_off_since_the_tare_and_stay_so_are_no_drift() -> None:
+    # Little drift is stated, and the noise is three times as large as what a zero may be off after a tare.
+    for seed in range(20):
+        random = np.random.default_rng(seed)
+        tracking = Zeros(Walk(rate_mm_per_min=0.001, max_mm=0.05, start_mm=0.001), 100.0, 0.003, 0.0, 5.0, 6)
+        off_mm = 6e-4 * random.standard_normal(6)
+        for _ in range(20):
+            tracking.track(off_mm + 0.003 * random.standard_normal((50, 6)))
+            assert tracking.hurried is None
+
+
 def test_a_drift_that_slows_down_is_told_no_longer() -> None:
     tracking = zeros()
     play(120, lambda at_s: 1e-3 * np.interp(at_s, [0, 30, 120], [0, 10, 10])[:, None] * ALL, None, tracking)

@@ -6,6 +6,7 @@ import math
 import time
 from contextlib import aclosing
 
+from beamtouch_common.digits import digits
 from beamtouch_common.log import Repeated
 from beamtouch_common.uptime import uptime_s
 from beamtouch_common.waits import Backoff
@@ -168,13 +169,13 @@ class Acquisition:
             return
         um_per_min = 1e3 * hurried.mm_per_min
         _log.warning(
-            "%s: the zero of %s drifts by %+.2g um/min, %.2g times what is stated, and answers soon become wrong: look "
+            "%s: the zero of %s drifts by %s um/min, %s times what is stated, and answers soon become wrong: look "
             "at this sensor and its bracket, or state the drift of the hall in zero_tracking.drift_um_per_min; a load "
             "that is laid on very slowly looks the same",
             self.name,
             self.surface.channel_names[hurried.channel],
-            um_per_min,
-            abs(um_per_min) / tracking.drift_um_per_min,
+            f"{'+' if um_per_min > 0 else ''}{digits(um_per_min, 2)}",
+            digits(abs(um_per_min) / tracking.drift_um_per_min, 2),
         )
 
     def _take(self, readings: list[Reading]) -> None:

@@ -38,7 +38,7 @@ def require_replaceable(
     """
     judges: tuple[tuple[Path | None, Callable[[Path], str]], ...] = (
         (model, _loss_of_model),
-        (config, lambda path: "" if _is_sealed(path) else "it was edited after build wrote it"),
+        (config, lambda path: "" if _is_sealed(path) else "it is not as build wrote it"),
         (report, lambda path: "" if path.read_bytes().lower().startswith(PAGE) else "it is not a report of build"),
     )
     for path, loss_of in judges:
@@ -79,7 +79,10 @@ def _loss_of_model(path: Path) -> str:
     entries = _entries(path)
     if entries is None:
         return "it is there, and cannot be read as a model file"
-    is_calibrated = json.loads(entries.get(METADATA_PREFIX + "calibration", "null")) is not None
+    try:
+        is_calibrated = json.loads(entries.get(METADATA_PREFIX + "calibration", "null")) is not None
+    except ValueError:
+        return "it is there, and cannot be read as a model file"
     return "it is calibrated, and a new build is not" if is_calibrated else ""
 
 

@@ -4,6 +4,7 @@ A zero that is followed stays near a point that moves at most twice as fast as t
 at the end of that leash; a faster drift, or a load that comes slowly, does.
 """
 
+import math
 from collections import deque
 from typing import NamedTuple
 
@@ -16,10 +17,12 @@ STRAINED_S = 3.0
 stated, it stays below a third of this."""
 MOST_S = 9.0
 """Largest such time that is counted: a drift that slows down is forgotten after as long a rest."""
-SMOOTHS_S = 1.0
-"""Time over which the means are smoothed that tell the rate."""
+SMOOTHS_S, SMOOTH_S = 1.0, 2.0
+"""Time at rest over which the means are smoothed that tell the rate, and after which they are smooth."""
 BASES_S, BASES = 5.0, 5
 """Means are remembered so often, and so many of them: the rate is the change since the oldest one."""
+FASTER, NOISES = 1.5, 4.0
+"""Least rate that is told, over the stated one, beside so many deviations of the means."""
 MINUTE_S = 60.0
 
 
@@ -33,26 +36,40 @@ class Hurried(NamedTuple):
 class Hurry:
     """How long zeros have strained at the leash. Add the blocks of a rest; a load changes nothing."""
 
-    def __init__(self) -> None:
+    def __init__(self, stated_mm_per_min: float) -> None:
+        self._stated_mm_per_min = stated_mm_per_min
         self.hurried: Hurried | None = None
         """None while no drift is too fast."""
         self._strained_s = 0.0
-        self._newest: tuple[float, FloatArray] | None = None
-        """Time of the last block, and the smoothed means."""
+        self._rested_s = 0.0
+        self._smooth_mm: FloatArray | None = None
         self._bases: deque[tuple[float, FloatArray]] = deque(maxlen=BASES)
 
-    def add(self, at_s: float, block_s: float, mean_mm: FloatArray, *, strains: bool) -> None:
-        """Add a block of readings at rest that ends at a time, and whether it moves a zero to the end of its leash."""
+    def add(self, at_s: float, block_s: float, mean_mm: FloatArray, deviation_mm: FloatArray, *, strains: bool) -> None:
+        """Add a block of readings at rest that ends at a time, and whether it moves a zero to the end of its leash.
+
+        A zero that is far from the tare, but still, strains as well. So what is told has also moved since the oldest
+        mean, by more than a drift as stated and noise explain.
+        """
         self._strained_s = min(max(self._strained_s + (block_s if strains else -block_s), 0.0), MOST_S)
-        last_s, before_mm = self._newest or (at_s, mean_mm)
-        smooth_mm = mean_mm + np.exp((last_s - at_s) / SMOOTHS_S) * (before_mm - mean_mm)
-        self._newest = at_s, np.where(np.isnan(smooth_mm), np.where(np.isnan(mean_mm), before_mm, mean_mm), smooth_mm)
+        self._rested_s += block_s
+        keeps = math.exp(-block_s / SMOOTHS_S)
+        before_mm = mean_mm if self._smooth_mm is None else self._smooth_mm
+        smooth_mm = mean_mm + keeps * (before_mm - mean_mm)
+        smooth_mm = np.where(np.isnan(smooth_mm), np.where(np.isnan(mean_mm), before_mm, mean_mm), smooth_mm)
+        self._smooth_mm = smooth_mm
+        if self._rested_s < SMOOTH_S:
+            return
         if not self._bases or at_s - self._bases[-1][0] >= BASES_S:
-            self._bases.append(self._newest)
+            self._bases.append((at_s, smooth_mm))
         begun_s, first_mm = self._bases[0]
         if not self._strained_s:
             self.hurried = None
         elif self._strained_s >= STRAINED_S and at_s > begun_s:
-            rates = np.nan_to_num(MINUTE_S * (self._newest[1] - first_mm) / (at_s - begun_s))
-            fastest = int(np.abs(rates).argmax())
-            self.hurried = Hurried(fastest, float(rates[fastest]))
+            minutes, moved_mm = (at_s - begun_s) / MINUTE_S, smooth_mm - first_mm
+            noise_mm = math.sqrt(2 * (1 - keeps) / (1 + keeps)) * deviation_mm
+            usual_mm = FASTER * self._stated_mm_per_min * minutes + NOISES * noise_mm
+            beyond = np.nan_to_num(np.abs(moved_mm) / usual_mm)
+            fastest = int(beyond.argmax())
+            if beyond[fastest] > 1:
+                self.hurried = Hurried(fastest, float(moved_mm[fastest] / minutes))

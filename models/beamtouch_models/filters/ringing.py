@@ -376,14 +376,17 @@ class Ringing:
 def with_jitter(of: Fit, whole: Whole) -> Fit | None:
     """Return the fit to rows whose stamps are not exact; None if that does not explain them either.
 
-    One channel alone does not tell what is late from what is elsewhere.
+    One channel alone does not tell what is late from what is elsewhere. What the last step promises is not enough: a
+    load that comes softly would be taken for a swing whose decay was clipped.
     """
     ages, values, lowest = whole
     if not len(of.poles.decay) or values.shape[1] < 2:
         return None
     most = min(JITTER, JITTER_ANGLE / float(of.poles.frequency.max()))
     best = refit(of, ages, values, lowest, most)
-    return best if explains(best) else None
+    left = whitened(best, ages, values - predicted(best, ages))
+    leaves_noise = float((left * left).sum()) < chi_square_quantile(max(best.freedom, 1), FALSE)
+    return best if leaves_noise and explains(best) else None
 
 
 def explains(of: Fit) -> bool:

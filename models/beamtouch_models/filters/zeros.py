@@ -208,7 +208,7 @@ class Zeros:
         """None while the beam rests."""
         self._last: _Block | None = None
         """The block before this one, if it was calm."""
-        self._hurry = Hurry()
+        self._hurry = Hurry(self._walk.rate_mm_per_min)
         self._begin()
 
     def _begin(self) -> None:
@@ -401,7 +401,8 @@ class Zeros:
         zero_mm = np.where(there, np.clip(moved, steady - leash, steady + leash), rest.mm)
         strains = bool((there & (zero_mm != moved)).any())
         seconds = 1 / self._rate_hz
-        self._hurry.add(self._read * seconds, self._size * seconds, block.mean_mm, strains=strains)
+        at_s, lasts_s = self._read * seconds, self._size * seconds
+        self._hurry.add(at_s, lasts_s, block.mean_mm, np.sqrt(block.variance_mm2), strains=strains)
         out_mm = self._walk.grown_mm((self._read - seen) / self._rate_hz)
         self._rest = _Zero(self._read, seen, zero_mm, seen_mm2, seen_mm2 + (1 + OWN**2) * out_mm**2, steady)
         self._load = None
