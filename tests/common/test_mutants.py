@@ -82,5 +82,5 @@ def test_mutants_are_caught_by_tests_that_run_them_and_counted_by_folder(tmp_pat
     assert done.returncode == 0, done.stdout + done.stderr
     assert "in 1 files, seed 0" in done.stdout
     caught = done.stdout.count("\ncaught: common/beamtouch_common/digits.py:")
-    assert caught >= 1
+    assert caught >= 1, done.stdout
     assert f"| common | 4 | 0 | {caught} | {25 * caught} % " in done.stdout

@@ -62,6 +62,7 @@ NEED_A_DEVICE = {
     "the line to the service is thin": "tests/daemon/test_thin_line.py",
     "its zeros have drifted by up to": "tests/daemon/test_warm_hall.py",
     "all zeros have moved together": "tests/service/test_alarms.py",
+    "times what is stated": "tests/daemon/test_warm_hall.py",
 }
 """Words of quoted sentences that the rig does not cause: of devices that fail, or of hours. Others hold them."""
 PROGRAMS = "curl|sudo|systemctl|journalctl|beamtouch-|design-"

@@ -55,7 +55,9 @@ def copy_tree(folder: Path) -> Path:
 def environment_of(copy: Path) -> dict[str, str]:
     """Return the environment in which Python takes the packages of a copy."""
     packages = os.pathsep.join(str(copy / package) for package in PACKAGES)
-    return os.environ | {"PYTHONPATH": packages, "PYTHONDONTWRITEBYTECODE": "1"}
+    # Tests of a copy may be started by a test.
+    outer = {name: value for name, value in os.environ.items() if not name.startswith(("PYTEST_", "COV"))}
+    return outer | {"PYTHONPATH": packages, "PYTHONDONTWRITEBYTECODE": "1"}
 
 
 async def run_tests(copy: Path, tests: Sequence[str], *options: str, timeout_s: float = TIMEOUT_S) -> Outcome:
