@@ -8,14 +8,15 @@ the fit holds.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from beamtouch_models.filters.readings import FloatArray
-from beamtouch_models.filters.sinusoids import AMPLITUDE, DAMPING, Fit, Poles, predicted
+from beamtouch_models.filters.sinusoids import AMPLITUDE, DAMPING, Fit, Poles
 
-STEPS = 3
-"""Gauss-Newton steps; each finds the deviation of the stamps, too."""
+STEPS, AGAIN = 3, 1
+"""Gauss-Newton steps, and those of a fit that is carried on; each finds the deviation of the stamps, too."""
 LEAST = 0.002
 """Smallest deviation of a stamp that is told from none, in readings."""
 ALIKE = 1e-6
@@ -24,42 +25,93 @@ STILL = 1e-12
 """Speed below which a beam does not move, in units of the noise per reading."""
 
 
-def refit(of: Fit, times: FloatArray, values: FloatArray, lowest: float, most: float) -> Fit:
-    """Return a fit that allows for stamps which are off, with the deviation that explains most of what is left.
+def refit(of: Fit, times: FloatArray, values: FloatArray, lowest: float, most: float) -> tuple[Fit, float]:
+    """Return a fit that allows for stamps which are off, and the sum of the squares that it leaves.
 
     Parameters
     ----------
     of
-        Where the steps begin.
+        Where the steps begin. Those from a fit that allows for stamps already are few.
     times, values, lowest
         As for `sinusoids.fit`.
     most
         Largest deviation of a stamp that is allowed, in readings.
     """
-    now = of._replace(jitter=of.jitter or most)
-    for _ in range(STEPS):
-        now = _step(now, times, values, lowest)
-        now = now._replace(jitter=_jitter_of(now, times, values, most))
-    return now
+    steps = AGAIN if of.jitter else STEPS
+    now, waves = of._replace(jitter=of.jitter or most), _Waves.of(of, times)
+    for _ in range(steps):
+        now = _step(now, waves, times, values, lowest)
+        waves = _Waves.of(now, times)
+        now = now._replace(jitter=_jitter_of(now, waves, values, most))
+    left = waves.whitened(values - waves.predicted(now), now.jitter)
+    return now, float((left * left).sum())
 
 
 def whitened(of: Fit, times: FloatArray, left: FloatArray) -> FloatArray:
     """Return what readings differ from a fit, (times, channels), so that stamps that are off do not count."""
-    if not of.jitter:
-        return left
-    along, less = _along(_speed(of, times), of.jitter)
-    white: FloatArray = left - (less * (along * left).sum(axis=1))[:, np.newaxis] * along
-    return white
+    return _Waves.of(of, times).whitened(left, of.jitter) if of.jitter else left
 
 
-def _step(of: Fit, times: FloatArray, values: FloatArray, lowest: float) -> Fit:
+class _Waves(NamedTuple):
+    """The swings of a fit at some times, and what follows from them."""
+
+    columns: FloatArray
+    """Of the coefficients, shape (times, columns): constant, slope, cosines, sines."""
+    swings: FloatArray
+    """Of each pole, shape (poles, times, channels)."""
+    turned: FloatArray
+    """The same a quarter of a period later."""
+    way: FloatArray
+    """Direction in which the beam moves, of length 1, shape (times, channels)."""
+    speed: FloatArray
+    """In units of the noise per reading, shape (times,)."""
+
+    @classmethod
+    def of(cls, fit: Fit, times: FloatArray) -> "_Waves":
+        """Return them at times before the newest reading, shape (times,)."""
+        count, first = len(fit.poles.decay), 1 + fit.slopes
+        wave = np.exp((1j * fit.poles.frequency - fit.poles.decay)[:, np.newaxis] * times)
+        columns = np.empty((len(times), len(fit.coefficients)))
+        columns[:, 0] = 1.0
+        if fit.slopes:
+            columns[:, 1] = times / fit.rows
+        columns[:, first : first + count], columns[:, first + count :] = wave.real.T, wave.imag.T
+        cosine, sine = fit.coefficients[first : first + count], fit.coefficients[first + count :]
+        turning = wave[:, :, np.newaxis] * (cosine - 1j * sine)[:, np.newaxis]
+        moved = ((1j * fit.poles.frequency - fit.poles.decay)[:, np.newaxis, np.newaxis] * turning).real.sum(axis=0)
+        if fit.slopes:
+            moved += fit.coefficients[1] / fit.rows
+        speed = np.sqrt((moved * moved).sum(axis=1))
+        return cls(columns, turning.real, -turning.imag, moved / np.maximum(speed, STILL)[:, np.newaxis], speed)
+
+    def predicted(self, of: Fit) -> FloatArray:
+        """Return what the fit says, shape (times, channels)."""
+        said: FloatArray = self.columns @ of.coefficients
+        return said
+
+    def late(self, left: FloatArray) -> FloatArray:
+        """Return the part of what readings differ by, (times, channels), that is along the way of the beam."""
+        late: FloatArray = (self.way * left).sum(axis=1)
+        return late
+
+    def less(self, jitter: float) -> FloatArray:
+        """Return which part of a difference along the way counts less for stamps that are off, shape (times,)."""
+        return 1 - 1 / np.sqrt(1 + (jitter * self.speed) ** 2)
+
+    def whitened(self, left: FloatArray, jitter: float) -> FloatArray:
+        """Return what readings differ by, (times, channels), in units of noise and stamps together."""
+        white: FloatArray = left - (self.less(jitter) * self.late(left))[:, np.newaxis] * self.way
+        return white
+
+
+def _step(of: Fit, waves: _Waves, times: FloatArray, values: FloatArray, lowest: float) -> Fit:
     """Return the fit after a Gauss-Newton step of all parameters."""
     (number, channels), count = values.shape, len(of.poles.decay)
     linear = len(of.coefficients) * channels
-    left, along, less = values - predicted(of, times), *_along(_speed(of, times), of.jitter)
-    changes = _changes(of, times, channels)
-    changes -= (less[:, np.newaxis] * along)[:, :, np.newaxis] * (along[:, np.newaxis] @ changes)
-    white = left - (less * (along * left).sum(axis=1))[:, np.newaxis] * along
+    changes = _changes(waves, times, channels)
+    along = waves.less(of.jitter)[:, np.newaxis] * waves.way
+    changes -= along[:, :, np.newaxis] * (waves.way[:, np.newaxis] @ changes)
+    white = waves.whitened(values - waves.predicted(of), of.jitter)
     flat = changes.reshape(number * channels, -1)
     stiffness, force = flat.T @ flat, flat.T @ white.ravel()
     prior = np.full(len(force), 1 / AMPLITUDE**2)
@@ -89,46 +141,19 @@ def _step(of: Fit, times: FloatArray, values: FloatArray, lowest: float) -> Fit:
     )
 
 
-def _jitter_of(of: Fit, times: FloatArray, values: FloatArray, most: float) -> float:
+def _jitter_of(of: Fit, waves: _Waves, values: FloatArray, most: float) -> float:
     """Return the deviation of the stamps: what is left along the way of the beam, beyond noise, over its speed."""
-    speed = _speed(of, times)
-    late = (_along(speed, of.jitter)[0] * (values - predicted(of, times))).sum(axis=1)
-    beyond = max(0.0, float((late * late - 1).sum())) / max(float((speed * speed).sum()), STILL)
+    late = waves.late(values - waves.predicted(of))
+    beyond = max(0.0, float((late * late - 1).sum())) / max(float((waves.speed * waves.speed).sum()), STILL)
     return min(max(math.sqrt(beyond), LEAST), most)
 
 
-def _along(speed: FloatArray, jitter: float) -> tuple[FloatArray, FloatArray]:
-    """Return the direction in which the beam moves at each time, and which part of it noise does not explain."""
-    size = np.sqrt((speed * speed).sum(axis=1))
-    return speed / np.maximum(size, STILL)[:, np.newaxis], 1 - 1 / np.sqrt(1 + (jitter * size) ** 2)
-
-
-def _waves(of: Fit, times: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the swing of each pole at each time, and a quarter of a period later, (poles, times, channels)."""
-    count, first = len(of.poles.decay), 1 + of.slopes
-    wave = np.exp((1j * of.poles.frequency - of.poles.decay)[:, np.newaxis] * times)[:, :, np.newaxis]
-    cosine = of.coefficients[first : first + count, np.newaxis]
-    sine = of.coefficients[first + count :, np.newaxis]
-    return wave.real * cosine + wave.imag * sine, wave.real * sine - wave.imag * cosine
-
-
-def _speed(of: Fit, times: FloatArray) -> FloatArray:
-    """Return how fast the beam moves, (times, channels), in units of the noise per reading."""
-    swings, turned = _waves(of, times)
-    speed: FloatArray = np.tensordot(of.poles.frequency, turned, 1) - np.tensordot(of.poles.decay, swings, 1)
-    return speed + of.coefficients[1] / of.rows if of.slopes else speed
-
-
-def _changes(of: Fit, times: FloatArray, channels: int) -> FloatArray:
+def _changes(waves: _Waves, times: FloatArray, channels: int) -> FloatArray:
     """Return what the parameters change, (times, channels, parameters): coefficients, decays, frequencies."""
-    swings, turned = _waves(of, times)
-    count, linear = len(swings), len(of.coefficients) * channels
-    wave = np.exp((1j * of.poles.frequency - of.poles.decay)[:, np.newaxis] * times)
-    slope = [times / of.rows] if of.slopes else []
-    columns = np.stack([np.ones(len(times)), *slope, *wave.real, *wave.imag], axis=1)
+    count, linear = len(waves.swings), waves.columns.shape[1] * channels
     changes = np.zeros((len(times), channels, linear + 2 * count))
     for channel in range(channels):
-        changes[:, channel, channel:linear:channels] = columns
-    changes[:, :, linear : linear + count] = np.moveaxis(-times[:, np.newaxis] * swings, 0, 2)
-    changes[:, :, linear + count :] = np.moveaxis(times[:, np.newaxis] * turned, 0, 2)
+        changes[:, channel, channel:linear:channels] = waves.columns
+    changes[:, :, linear : linear + count] = np.moveaxis(-times[:, np.newaxis] * waves.swings, 0, 2)
+    changes[:, :, linear + count :] = np.moveaxis(times[:, np.newaxis] * waves.turned, 0, 2)
     return changes

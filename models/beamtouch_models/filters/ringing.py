@@ -383,9 +383,8 @@ def with_jitter(of: Fit, whole: Whole) -> Fit | None:
     if not len(of.poles.decay) or values.shape[1] < 2:
         return None
     most = min(JITTER, JITTER_ANGLE / float(of.poles.frequency.max()))
-    best = refit(of, ages, values, lowest, most)
-    left = whitened(best, ages, values - predicted(best, ages))
-    leaves_noise = float((left * left).sum()) < chi_square_quantile(max(best.freedom, 1), FALSE)
+    best, left = refit(of, ages, values, lowest, most)
+    leaves_noise = left < chi_square_quantile(max(best.freedom, 1), FALSE)
     return best if leaves_noise and explains(best) else None
 
 
