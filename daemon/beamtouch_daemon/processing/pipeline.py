@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beamtouch_daemon.config.settings import Surface
-from beamtouch_daemon.config.sources import SerialLine
 from beamtouch_daemon.config.value_types import LARGEST
 from beamtouch_daemon.processing import stuck
 from beamtouch_daemon.processing.characteristic import QUALITIES, Characteristic
@@ -71,8 +70,7 @@ class Pipeline:
         self._judges_runs = bool(np.isfinite(self._longest_runs).any())
         self._runs = stuck.Runs.of(surface)
         self._zeros = ZeroTracker.of(surface, rested)
-        # The timer of a serial device is steadier than what is known of its clock.
-        self._rate_hz = None if isinstance(surface.source, SerialLine) else surface.rate_hz
+        self._rate_hz = surface.rate_hz
         self.last_s: float | None = None
         """Time of the newest reading that was processed, by the clock of `uptime_s`."""
         self._sequence = 1
@@ -164,7 +162,7 @@ class Pipeline:
         `newest_mm` and `counts` are those of the last reading.
         """
         lost = [reading.lost for reading in readings]
-        times = None if self._rate_hz is None else [reading.monotonic_s * self._rate_hz for reading in readings]
+        times = [reading.likely_s * self._rate_hz for reading in readings]
         if self._rest is None:
             return self._chain.apply(values_mm, lost, times)
         mm_per_count = self._characteristic.mm_per_count(counts)

@@ -118,6 +118,8 @@ class Session:
         self._sequence: int | None = None
         self._device_s = 0.0
         """Time of the last reading on the device's clock [s]."""
+        self._begun_s: float | None = None
+        """Time of the host when that clock began, as the first reading says."""
         self._device_clock = DeviceClock()
         self._host_clock = HostClock()
         self._pinged_s: dict[int, float] = {}
@@ -159,7 +161,11 @@ class Session:
                 raise SourceError(CLOCK_WENT_BACK)
             self._sequence, self._device_s = reading.sequence, device_s
             counts = tuple(reading.counts[index] / reading.oversampling for index in self._indices)
-            readings.append(Reading(self._host_clock.to_host(device_s, arrival_s), counts, lost))
+            monotonic_s = self._host_clock.to_host(device_s, arrival_s)
+            if self._begun_s is None:
+                self._begun_s = monotonic_s - device_s
+            # By the device's own clock, which is steadier than what the host knows of it.
+            readings.append(Reading(monotonic_s, counts, lost, taken_s=self._begun_s + device_s))
         return readings
 
     def take_answers(self, arrivals: Sequence[Arrival]) -> None:

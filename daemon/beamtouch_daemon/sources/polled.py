@@ -16,6 +16,7 @@ from beamtouch_common.uptime import uptime_s
 from beamtouch_daemon.sources.reading import NoAnswerError, Reading, Schedule, SourceError
 from beamtouch_daemon.sources.registers import Answer, Block, Value
 from beamtouch_daemon.sources.requests import Requests, reason_of, refusal_text
+from beamtouch_daemon.sources.stamps import Stamps
 from beamtouch_daemon.tasks import cancel
 
 GIVEN_UP_AFTER = 3
@@ -157,6 +158,7 @@ class PolledSource:
         self._parts = tuple(parts)
         self._channels = channels
         self._rate_hz = rate_hz
+        self._stamps = Stamps(1 / rate_hz)
         self._repeated = {part: Repeated(_log, name) for part in parts}
         self._attempts: dict[Part, asyncio.Task[None]] = {}
 
@@ -217,7 +219,7 @@ class PolledSource:
     async def _poll(self) -> Reading | None:
         """Read all units that are not given up; None if none answered, SourceError if all are, and none may boot.
 
-        The reading is as old as its oldest part.
+        The reading is as old as its oldest part. It is dated by all of them.
         """
         live = [part for part in self._parts if not part.is_given_up]
         stamps: list[float] = []
@@ -226,6 +228,7 @@ class PolledSource:
             answers_of_all = [await self._read(live[0])]
         else:
             answers_of_all = await asyncio.gather(*map(self._read, live))
+        answered_s = uptime_s()
         for part, answers in zip(live, answers_of_all, strict=True):
             if answers is not None:
                 contents, asked_s = answers
@@ -233,7 +236,7 @@ class PolledSource:
                 for index, value in part.values.items():
                     counts[index] = value.decode(contents)
         if stamps:
-            return Reading(min(stamps), tuple(counts))
+            return Reading(min(stamps), tuple(counts), taken_s=self._stamps.taken_s(min(stamps), answered_s))
         if all(part.is_given_up and not part.may_boot for part in self._parts):
             reason, seen = (
                 "; ".join(dict.fromkeys(filter(None, texts)))

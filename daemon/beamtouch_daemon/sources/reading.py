@@ -52,6 +52,14 @@ class Reading(NamedTuple):
     """Readings lost between this one and the one before it in the same session."""
     failed: int = 0
     """Those of them that were lost because requests failed, and not because the device is slower than configured."""
+    taken_s: float | None = None
+    """Best estimate of its time, which may be too late, in a session to a constant; NaN if that is not known well
+    enough to follow a beam that rings; None: as above."""
+
+    @property
+    def likely_s(self) -> float:
+        """Best estimate of its time, or NaN, as above."""
+        return self.monotonic_s if self.taken_s is None else self.taken_s
 
 
 class Source(Protocol):

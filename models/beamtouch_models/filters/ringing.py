@@ -16,7 +16,7 @@ import numpy as np
 from beamtouch_models.filters.filtered import Found
 from beamtouch_models.filters.jitter import refit, whitened
 from beamtouch_models.filters.readings import FloatArray
-from beamtouch_models.filters.significance import FALSE, chi_square_quantile
+from beamtouch_models.filters.significance import FALSE, SHARP, chi_square_quantile
 from beamtouch_models.filters.sinusoids import LEAST_CYCLES, Fit, Poles, fit, predicted, refine, seek
 
 MOST_ROWS = 94
@@ -57,6 +57,10 @@ FEW = 8.0
 JITTER, JITTER_ANGLE = 0.3, 0.6
 """Largest deviation of stamps that is allowed for where exact ones do not explain the rows: in rows, and of the angle
 of the fastest swing."""
+STILL_PART, LEAST_STILL = 1 / 4, 2
+"""Part of the slowest period in which a beam that is touched swings little yet, and its fewest rows."""
+SHAPE = 0.1
+"""What its deflection then differs from that at rest, over it: faster modes have come further."""
 LAGS = (1, 2)
 """The constant is compared with those of so many fits before."""
 
@@ -88,6 +92,8 @@ class Followed(NamedTuple):
     calm: int
     """Readings in a row that did not move."""
     found: Found | None
+    former: tuple[Fit, float] | None = None
+    """The fit before the last sharp change, and the time of the newest row in it; None after the first fit since."""
 
     @property
     def is_confirmed(self) -> bool:
@@ -133,6 +139,7 @@ class Ringing:
         # So that the mean of a block has the noise of 1.
         self._unit_mm = unit_mm / math.sqrt(self._block)
         self._areas_mm2 = np.outer(self._unit_mm, self._unit_mm)
+        self._still = max(LEAST_STILL, round(STILL_PART * slowest_period / self._block))
         self._lowest = 2 * math.pi * LEAST_CYCLES * self._block / slowest_period
         """Lowest angular frequency, per row."""
 
@@ -146,12 +153,13 @@ class Ringing:
         before
             What was known.
         times, readings_mm
-            When they were taken, in readings, and shape (readings, channels); NaN is missing, a whole row is lost.
+            When they were taken, in readings, and shape (readings, channels). NaN is missing: a whole row, or a time, is
+            lost.
         moves
             Whether the mean of the newest readings moves, after each of them.
         """
         found: list[tuple[int, Found]] = []
-        came, at = np.any(~np.isnan(readings_mm), axis=1).tolist(), 0
+        came, at = (~np.isnan(times) & np.any(~np.isnan(readings_mm), axis=1)).tolist(), 0
         while at < len(moves):
             if before is None and not moves[at]:
                 at += 1
@@ -242,13 +250,15 @@ class Ringing:
             return before._replace(doubtful=(time, row), found=None)
         # Two rows in a row: something has changed.
         since = np.stack([before.doubtful[1], row])
-        return self._searched(now._replace(times=np.array([before.doubtful[0], time]), values=since))
+        former = (before.fit, before.fitted) if before.is_confirmed else None
+        changed = now._replace(times=np.array([before.doubtful[0], time]), values=since, former=former)
+        return self._searched(changed)
 
     def _are_predicted(self, before: Followed, last: Fit, times: FloatArray, rows: FloatArray) -> list[bool]:
         """Return whether the last fit says what rows are, (rows, channels)."""
         if len(last.constant) != rows.shape[1]:
             return [False] * len(rows)
-        # A reading that is lost has no time.
+        # One that is lost may have no time.
         since = np.maximum(times - before.fitted, 0.0) / self._block
         apart = whitened(last, since, rows - predicted(last, since))
         limit = LIKE * chi_square_quantile(rows.shape[1], FALSE)
@@ -277,15 +287,43 @@ class Ringing:
     def _told(self, now: Followed, best: Fit | None) -> Followed:
         """Return what is known with a fit to all rows; None: none is found."""
         if best is None:
-            return now._replace(fit=None, found=None, opened=False, constants=())
+            now = now._replace(fit=None, found=None, opened=False, constants=())
+            return now if now.former is None else self._touched(now, *now.former)
         opened = self._seen(best, now) > (CLOSES if now.opened else OPENS)
         found = self._found(now, best) if opened and now.constants else None
         constant = np.full(now.values.shape[1], np.nan)
         constant[~np.isnan(now.values[-1])] = best.constant
         constants = (*now.constants, constant)[-max(LAGS) :]
         return now._replace(
-            fit=best, fitted=now.times[-1], opened=opened, found=found, constants=constants, age=now.age + 1
+            fit=best,
+            fitted=now.times[-1],
+            opened=opened,
+            found=found,
+            constants=constants,
+            age=now.age + 1,
+            former=None,
         )
+
+    def _touched(self, now: Followed, former: Fit, fitted: float) -> Followed:
+        """Return what is known of a beam that rang, and has changed sharply: without the swings, it is as if at rest.
+
+        Of so few rows, the newest one alone may be what the mean is off by, as after the touch of a beam that rests.
+        """
+        if len(now.times) > self._still or np.isnan(now.values).any() or now.values.shape[1] != len(former.constant):
+            return now._replace(former=None)
+        since = (now.times - fitted) / self._block
+        swings = predicted(former, since) - former.constant
+        apart = whitened(former, since, now.values - swings - former.constant)
+        if (apart * apart).sum(axis=1).min() < 2 * chi_square_quantile(apart.shape[1], SHARP):
+            return now._replace(former=None)
+        rows, mean = len(since), (now.values - swings).mean(axis=0)
+        swing, load = float((swings[-1] ** 2).sum()), float(((mean - former.constant) ** 2).sum())
+        unseen = (self._unseen * (1 + (FEW / former.rows) ** 2)) ** 2 * swing + SHAPE**2 * load
+        excess_mm2 = np.diag(self._unit_mm**2 * (self._block + unseen))
+        mean_mm = mean * self._unit_mm
+        readings = rows * self._block
+        variance_mm2 = float(np.trace(excess_mm2) + (self._noise_mm**2).sum() / readings)
+        return now._replace(found=Found(mean_mm, readings, excess_mm2, variance_mm2))
 
     def _whole(self, times: FloatArray, values: FloatArray) -> Whole | None:
         """Return the rows that have all channels of the newest one; None if they cannot show a swing.
