@@ -6,13 +6,13 @@ from scipy.optimize import least_squares
 
 from beamtouch_models.filters import Chain, FloatArray, Mean
 from beamtouch_models.filters.jitter import refit
-from beamtouch_models.filters.sinusoids import Fit, Poles, fit, refine, seek
+from beamtouch_models.filters.sinusoids import Band, Fit, Poles, fit, refine, seek
 
 LOAD = np.array([150.0, 400.0, 380.0, 200.0])
 """Deflection of a touch, in units of the noise."""
 FREQUENCY, DECAY = 2 * np.pi * 0.22, 0.02
 """Angular, and decay, per reading."""
-LOWEST, MOST = 0.25, 0.3
+BAND, MOST = Band(0.25), 0.3
 ROWS = 30
 
 
@@ -33,8 +33,8 @@ def read(jitter: float, seed: int) -> tuple[FloatArray, FloatArray, FloatArray]:
 
 def begun(times: FloatArray, values: FloatArray) -> Fit:
     """Return a fit with one pole that takes stamps for exact."""
-    without = fit(times, values, Poles.none(), LOWEST, slopes=False)
-    return refine(times, values, seek(without, times, values, LOWEST), LOWEST, slopes=False, steps=2)
+    without = fit(times, values, Poles.none(), BAND, slopes=False)
+    return refine(times, values, seek(without, times, values, BAND), BAND, slopes=False, steps=2)
 
 
 @pytest.mark.parametrize("jitter", [0.02, 0.1, 0.25])
@@ -42,7 +42,7 @@ def test_the_constant_is_as_far_off_as_its_covariance_says(jitter: float) -> Non
     squares, found = [], []
     for seed in range(60):
         times, values, _ = read(jitter, seed)
-        told = refit(begun(times, values), times, values, LOWEST, MOST)
+        told, _ = refit(begun(times, values), times, values, BAND, MOST)
         apart = told.constant - LOAD
         squares.append(apart @ np.linalg.solve(told.covariance, apart) / len(LOAD))
         found.append(told.jitter)
@@ -52,7 +52,7 @@ def test_the_constant_is_as_far_off_as_its_covariance_says(jitter: float) -> Non
 
 def test_the_fit_is_that_of_one_who_knows_no_stamp_and_fits_each() -> None:
     times, values, _ = read(0.1, 1)
-    told = refit(begun(times, values), times, values, LOWEST, MOST)
+    told, _ = refit(begun(times, values), times, values, BAND, MOST)
 
     def left(parameters: FloatArray) -> FloatArray:
         constant, cosine, sine = parameters[:12].reshape(3, 4)

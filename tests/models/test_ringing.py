@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import chi2
 
 from beamtouch_models.filters import Chain, Filtered, FloatArray, Mean
-from beamtouch_models.filters.sinusoids import Poles, fit, refine, seek
+from beamtouch_models.filters.sinusoids import Band, Poles, fit, refine, seek
 
 CHANNELS = 4
 PERIOD = 20.0
@@ -179,9 +179,9 @@ def test_a_fit_finds_poles_and_the_spread_of_its_constant_is_as_stated() -> None
     )
     for seed in range(60):
         values = clean + noise(40, seed)
-        best = fit(times, values, Poles.none(), 0.3, slopes=False)
+        best = fit(times, values, Poles.none(), Band(0.3), slopes=False)
         for _ in range(2):
-            best = refine(times, values, seek(best, times, values, 0.3), 0.3, slopes=False, steps=4)
+            best = refine(times, values, seek(best, times, values, Band(0.3)), Band(0.3), slopes=False, steps=4)
         assert sorted(best.poles.frequency / (2 * np.pi)) == pytest.approx(sorted(FREQUENCIES), abs=0.01)
         found.append(best.constant - LOAD)
         deviations.append(np.sqrt(np.diag(best.covariance)))

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from beamtouch_models.filters.readings import FloatArray
-from beamtouch_models.filters.sinusoids import AMPLITUDE, DAMPING, Fit, Poles
+from beamtouch_models.filters.sinusoids import AMPLITUDE, DAMPING, Band, Fit, Poles
 
 STEPS, AGAIN = 3, 1
 """Gauss-Newton steps, and those of a fit that is carried on; each finds the deviation of the stamps, too."""
@@ -25,14 +25,14 @@ STILL = 1e-12
 """Speed below which a beam does not move, in units of the noise per reading."""
 
 
-def refit(of: Fit, times: FloatArray, values: FloatArray, lowest: float, most: float) -> tuple[Fit, float]:
+def refit(of: Fit, times: FloatArray, values: FloatArray, band: Band, most: float) -> tuple[Fit, float]:
     """Return a fit that allows for stamps which are off, and the sum of the squares that it leaves.
 
     Parameters
     ----------
     of
         Where the steps begin. Those from a fit that allows for stamps already are few.
-    times, values, lowest
+    times, values, band
         As for `sinusoids.fit`.
     most
         Largest deviation of a stamp that is allowed, in readings.
@@ -40,7 +40,7 @@ def refit(of: Fit, times: FloatArray, values: FloatArray, lowest: float, most: f
     steps = AGAIN if of.jitter else STEPS
     now, waves = of._replace(jitter=of.jitter or most), _Waves.of(of, times)
     for _ in range(steps):
-        now = _step(now, waves, times, values, lowest)
+        now = _step(now, waves, times, values, band)
         waves = _Waves.of(now, times)
         now = now._replace(jitter=_jitter_of(now, waves, values, most))
     left = waves.whitened(values - waves.predicted(now), now.jitter)
@@ -104,7 +104,7 @@ class _Waves(NamedTuple):
         return white
 
 
-def _step(of: Fit, waves: _Waves, times: FloatArray, values: FloatArray, lowest: float) -> Fit:
+def _step(of: Fit, waves: _Waves, times: FloatArray, values: FloatArray, band: Band) -> Fit:
     """Return the fit after a Gauss-Newton step of all parameters."""
     (number, channels), count = values.shape, len(of.poles.decay)
     linear = len(of.coefficients) * channels
@@ -125,7 +125,7 @@ def _step(of: Fit, waves: _Waves, times: FloatArray, values: FloatArray, lowest:
     step = spread @ force
     coefficients = of.coefficients + step[:linear].reshape(-1, channels)
     moved = step[linear:]
-    poles = Poles(of.poles.decay + moved[:count], of.poles.frequency + moved[count:]).within(lowest)
+    poles = Poles(of.poles.decay + moved[:count], of.poles.frequency + moved[count:]).within(band)
     square = float((white * white).sum() + (prior * here * here).sum())
     return of._replace(
         poles=poles,

@@ -17,7 +17,7 @@ from beamtouch_models.filters.filtered import Found
 from beamtouch_models.filters.jitter import refit, whitened
 from beamtouch_models.filters.readings import FloatArray
 from beamtouch_models.filters.significance import FALSE, SHARP, chi_square_quantile
-from beamtouch_models.filters.sinusoids import LEAST_CYCLES, Fit, Poles, fit, predicted, refine, seek
+from beamtouch_models.filters.sinusoids import LEAST_CYCLES, Band, Fit, Poles, fit, predicted, refine, seek
 
 MOST_ROWS = 94
 """Most rows of a fit. Over more of them, the frequency of a real beam changes with its amplitude."""
@@ -56,7 +56,7 @@ FEW = 8.0
 """Rows below which much more is not seen."""
 JITTER, JITTER_ANGLE = 0.3, 0.6
 """Largest deviation of stamps that is allowed for where exact ones do not explain the rows: in rows, and of the angle
-of the fastest swing."""
+of the swings."""
 STILL_PART, LEAST_STILL = 1 / 4, 2
 """Part of the slowest period in which a beam that is touched swings little yet, and its fewest rows."""
 SHAPE = 0.1
@@ -115,8 +115,8 @@ class Whole(NamedTuple):
     """Their times, in rows before the newest one, shape (rows,)."""
     values: FloatArray
     """In units of the noise, shape (rows, channels)."""
-    lowest: float
-    """Lowest angular frequency that they show, per row."""
+    band: Band
+    """Frequencies that they show."""
 
 
 class Ringing:
@@ -339,7 +339,7 @@ class Ringing:
         if len(ages) < LEAST_ROWS:
             return None
         lowest = max(self._lowest, 2 * math.pi * LEAST_CYCLES / (1 - ages.min()))
-        return Whole(ages, values, lowest) if lowest <= HIGHEST_LOWEST else None
+        return Whole(ages, values, Band.of(ages, lowest)) if lowest <= HIGHEST_LOWEST else None
 
     def _carried(self, last: Fit, times: FloatArray, values: FloatArray, *, checks: bool) -> Fit | None:
         """Return the last fit some rows later; with or without slopes, or with one more pole, if that is better.
@@ -349,17 +349,17 @@ class Ringing:
         whole = self._whole(times, values)
         if whole is None:
             return None
-        ages, values, lowest = whole
-        best = fit(ages, values, last.following.within(lowest), lowest, slopes=last.slopes)
+        ages, values, band = whole
+        best = fit(ages, values, last.following.within(band), band, slopes=last.slopes)
         if explains(best) and not checks:
             return best
         if last.jitter and (jittery := with_jitter(best._replace(jitter=last.jitter), whole)):
             return jittery
-        other = fit(ages, values, best.following, lowest, slopes=not last.slopes)
+        other = fit(ages, values, best.following, band, slopes=not last.slopes)
         if explains(other) and (not explains(best) or worth(other) < worth(best)):
             best = other
         if not explains(best) and len(last.poles.decay) < MOST_POLES:
-            best = refine(ages, values, seek(best, ages, values, lowest), lowest, slopes=last.slopes, steps=STEPS)
+            best = refine(ages, values, seek(best, ages, values, band), band, slopes=last.slopes, steps=STEPS)
         return best if explains(best) else with_jitter(best, whole)
 
     def _sought(self, times: FloatArray, values: FloatArray) -> Fit | None:
@@ -367,16 +367,16 @@ class Ringing:
         whole = self._whole(times, values)
         if whole is None:
             return None
-        ages, values, lowest = whole
-        best = fit(ages, values, Poles.none(), lowest, slopes=False)
-        sloping = fit(ages, values, Poles.none(), lowest, slopes=True)
+        ages, values, band = whole
+        best = fit(ages, values, Poles.none(), band, slopes=False)
+        sloping = fit(ages, values, Poles.none(), band, slopes=True)
         for _ in range(MOST_POLES):
             few = values.size < best.parameters + 2 + 3 * values.shape[1]
             if few or explains(best) or explains(sloping):
                 break
-            best = refine(ages, values, seek(best, ages, values, lowest), lowest, slopes=False, steps=STEPS)
+            best = refine(ages, values, seek(best, ages, values, band), band, slopes=False, steps=STEPS)
             if not explains(best):
-                sloping = refine(ages, values, best.following, lowest, slopes=True, steps=1)
+                sloping = refine(ages, values, best.following, band, slopes=True, steps=1)
             if not explains(best) and not explains(sloping) and (jittery := with_jitter(best, whole)):
                 return jittery
         return next(filter(explains, (best, sloping)), None)
@@ -417,11 +417,11 @@ def with_jitter(of: Fit, whole: Whole) -> Fit | None:
     One channel alone does not tell what is late from what is elsewhere. What the last step promises is not enough: a
     load that comes softly would be taken for a swing whose decay was clipped.
     """
-    ages, values, lowest = whole
+    ages, values, band = whole
     if not len(of.poles.decay) or values.shape[1] < 2:
         return None
-    most = min(JITTER, JITTER_ANGLE / float(of.poles.frequency.max()))
-    best, left = refit(of, ages, values, lowest, most)
+    most = min(JITTER, JITTER_ANGLE / of.speed)
+    best, left = refit(of, ages, values, band, most)
     leaves_noise = left < chi_square_quantile(max(best.freedom, 1), FALSE)
     return best if leaves_noise and explains(best) else None
 

@@ -18,18 +18,43 @@ AMPLITUDE = 1e3
 """Deviation of an amplitude before anything is measured, in units of the noise."""
 ALIKE = 1e-8
 """Part of each square that two columns never share, so that two poles that meet are told apart, whatever their size."""
+STILL = 1e-12
+"""Square of an amplitude below which nothing swings."""
 DAMPING = 0.04
 """Deviation of a damping ratio before anything is measured."""
 MAX_DAMPING = 0.12
 """Largest damping ratio."""
 FIRST_DAMPING = 0.003
 """Decay per reading where the search of a pole begins."""
-HIGHEST = 0.995 * math.pi
-"""Highest angular frequency, per reading: two readings a period are not enough."""
+HIGHEST, HIGHEST_UNEVEN = 0.995 * math.pi, 4 * math.pi
+"""Highest angular frequency, per reading: two readings a period are not enough, if they are as far apart as each other.
+Others tell a faster swing from a slow one."""
+SOUGHT = 0.99 / 0.995
+"""Part of it up to which a new pole is sought."""
+ROUNDING = 1e-9
+"""Part of a frequency by which it may be off."""
+UNEVEN = 0.03
+"""Deviation of the times between readings, from a number of usual ones, from which on they are uneven."""
 LEAST_CYCLES = 0.8
 """Least part of a period that the readings span. Less of a slow swing is told from a slope by nothing."""
 FREQUENCIES = 20, 64
-"""Fewest and most frequencies among which that of a new pole is sought; as many as there are readings between them."""
+"""Fewest and most frequencies, up to the highest one of even readings, among which that of a new pole is sought; as many
+as there are readings between them."""
+
+
+class Band(NamedTuple):
+    """The angular frequencies that are allowed, per reading."""
+
+    lowest: float
+    highest: float = HIGHEST
+
+    @classmethod
+    def of(cls, times: FloatArray, lowest: float) -> "Band":
+        """Return that of readings at some times, shape (readings,)."""
+        between = np.diff(times)
+        between /= np.median(between)
+        off = between - np.rint(between)
+        return cls(lowest, HIGHEST_UNEVEN if float(off @ off) > len(off) * UNEVEN**2 else HIGHEST)
 
 
 class Poles(NamedTuple):
@@ -45,9 +70,9 @@ class Poles(NamedTuple):
         """Return no poles."""
         return cls(np.zeros(0), np.zeros(0))
 
-    def within(self, lowest: float) -> "Poles":
+    def within(self, band: Band) -> "Poles":
         """Return the poles within the ranges that are allowed."""
-        frequency = np.minimum(np.maximum(self.frequency, lowest), HIGHEST)
+        frequency = np.minimum(np.maximum(self.frequency, band.lowest), band.highest)
         return Poles(np.minimum(np.maximum(self.decay, 0.0), MAX_DAMPING * frequency), frequency)
 
 
@@ -81,8 +106,14 @@ class Fit(NamedTuple):
         """Sum of the squares of all amplitudes at the time 0."""
         return float((self.coefficients[1:] ** 2).sum())
 
+    @property
+    def speed(self) -> float:
+        """Angular frequency of the swings at the time 0 (r.m.s.), per reading; there is at least one."""
+        squares = (self.coefficients[1 + self.slopes :] ** 2).sum(axis=1).reshape(2, -1).sum(axis=0)
+        return math.sqrt(float(squares @ self.poles.frequency**2) / max(float(squares.sum()), STILL))
 
-def fit(times: FloatArray, values: FloatArray, poles: Poles, lowest: float, *, slopes: bool) -> Fit:
+
+def fit(times: FloatArray, values: FloatArray, poles: Poles, band: Band, *, slopes: bool) -> Fit:
     """Return the fit for given poles, with the Gauss-Newton step from them.
 
     Parameters
@@ -91,8 +122,8 @@ def fit(times: FloatArray, values: FloatArray, poles: Poles, lowest: float, *, s
         Of the readings, shapes (readings,) and (readings, channels).
     poles
         Where the step begins.
-    lowest
-        Lowest angular frequency that is allowed.
+    band
+        Frequencies that are allowed.
     slopes
         Whether each channel has a slope.
     """
@@ -143,7 +174,7 @@ def fit(times: FloatArray, values: FloatArray, poles: Poles, lowest: float, *, s
     covariance = moved.T @ spread @ moved
     covariance.reshape(-1)[:: channels + 1] += inverse[0, 0]
     step = spread @ force
-    following = Poles(poles.decay + step[:count], poles.frequency + step[count:]).within(lowest)
+    following = Poles(poles.decay + step[:count], poles.frequency + step[count:]).within(band)
     step = np.concatenate([following.decay - poles.decay, following.frequency - poles.frequency])
     promised = square + float(step @ (stiffness @ step - 2 * force))
     return Fit(
@@ -176,10 +207,15 @@ def predicted(of: Fit, times: FloatArray) -> FloatArray:
     return said
 
 
-def seek(of: Fit, times: FloatArray, values: FloatArray, lowest: float) -> Poles:
+def seek(of: Fit, times: FloatArray, values: FloatArray, band: Band) -> Poles:
     """Return the poles of a fit, and one more: of the frequency that explains most of what it leaves."""
     number = min(max(FREQUENCIES[0], len(times)), FREQUENCIES[1])
-    frequencies = np.linspace(lowest, 0.99 * math.pi, number)
+    number = round(number * band.highest / HIGHEST)
+    frequencies = np.linspace(band.lowest, SOUGHT * band.highest, number)
+    # What comes as fast as the readings looks slow, as a load that grows does.
+    turns = frequencies / (2 * math.pi)
+    frequencies = frequencies[np.abs(turns - np.rint(turns)) * 2 * math.pi >= band.lowest * (1 - ROUNDING)]
+    number = len(frequencies)
     left = values - predicted(of, times)
     waves = np.exp(1j * times[:, np.newaxis] * frequencies)
     both = np.concatenate([waves.real, waves.imag], axis=1)
@@ -192,15 +228,15 @@ def seek(of: Fit, times: FloatArray, values: FloatArray, lowest: float) -> Poles
     explained = (by_cosine**2).sum(axis=1) * ss - 2 * (by_cosine * by_sine).sum(axis=1) * cs
     explained += (by_sine**2).sum(axis=1) * cc
     best = frequencies[(explained / np.maximum(cc * ss - cs * cs, least * len(times))).argmax()]
-    return Poles(np.append(of.poles.decay, FIRST_DAMPING), np.append(of.poles.frequency, best)).within(lowest)
+    return Poles(np.append(of.poles.decay, FIRST_DAMPING), np.append(of.poles.frequency, best)).within(band)
 
 
-def refine(times: FloatArray, values: FloatArray, poles: Poles, lowest: float, *, slopes: bool, steps: int) -> Fit:
+def refine(times: FloatArray, values: FloatArray, poles: Poles, band: Band, *, slopes: bool, steps: int) -> Fit:
     """Return the best fit after some Gauss-Newton steps; arguments as for `fit`."""
-    best = fit(times, values, poles, lowest, slopes=slopes)
+    best = fit(times, values, poles, band, slopes=slopes)
     towards = best.following
     for _ in range(steps):
-        next_one = fit(times, values, towards, lowest, slopes=slopes)
+        next_one = fit(times, values, towards, band, slopes=slopes)
         if next_one.square < best.square:
             best, towards = next_one, next_one.following
         else:  # too far: halfway back
