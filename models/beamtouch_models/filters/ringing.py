@@ -57,6 +57,8 @@ FEW = 8.0
 JITTER, JITTER_ANGLE = 0.3, 0.6
 """Largest deviation of stamps that is allowed for where exact ones do not explain the rows: in rows, and of the angle
 of the swings."""
+FORMER_TURNS = 2.0
+"""Turns of each swing that a fit has seen, from which on it goes on as the fit says, whatever comes."""
 STILL_PART, LEAST_STILL = 1 / 4, 2
 """Part of the slowest period in which a beam that is touched swings little yet, and its fewest rows."""
 SHAPE = 0.1
@@ -250,7 +252,7 @@ class Ringing:
             return before._replace(doubtful=(time, row), found=None)
         # Two rows in a row: something has changed.
         since = np.stack([before.doubtful[1], row])
-        former = (before.fit, before.fitted) if before.is_confirmed else None
+        former = (before.fit, before.fitted) if before.opened and before.fit.turns >= FORMER_TURNS else None
         changed = now._replace(times=np.array([before.doubtful[0], time]), values=since, former=former)
         return self._searched(changed)
 

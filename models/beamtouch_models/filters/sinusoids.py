@@ -52,8 +52,8 @@ class Band(NamedTuple):
     def of(cls, times: FloatArray, lowest: float) -> "Band":
         """Return that of readings at some times, shape (readings,)."""
         between = np.diff(times)
-        between /= np.median(between)
-        off = between - np.rint(between)
+        usual = float(np.median(between))
+        off = between / usual - np.rint(between / usual) if usual > 0 else np.zeros(1)
         return cls(lowest, HIGHEST_UNEVEN if float(off @ off) > len(off) * UNEVEN**2 else HIGHEST)
 
 
@@ -105,6 +105,12 @@ class Fit(NamedTuple):
     def swing(self) -> float:
         """Sum of the squares of all amplitudes at the time 0."""
         return float((self.coefficients[1:] ** 2).sum())
+
+    @property
+    def turns(self) -> float:
+        """Least number of turns of a pole that the readings span, if they are one apart; 0 without poles."""
+        slowest = self.poles.frequency.min(initial=math.inf)
+        return 0.0 if math.isinf(slowest) else float(self.rows * slowest / (2 * math.pi))
 
     @property
     def speed(self) -> float:
