@@ -51,10 +51,12 @@ class Band(NamedTuple):
     @classmethod
     def of(cls, times: FloatArray, lowest: float) -> "Band":
         """Return that of readings at some times, shape (readings,)."""
+        even = cls(lowest)
+        if _is_whole(times):
+            return even
         between = np.diff(times)
         usual = float(np.median(between))
-        off = between / usual - np.rint(between / usual) if usual > 0 else np.zeros(1)
-        return cls(lowest, HIGHEST_UNEVEN if float(off @ off) > len(off) * UNEVEN**2 else HIGHEST)
+        return even if usual <= 0 or _is_whole(between / usual) else cls(lowest, HIGHEST_UNEVEN)
 
 
 class Poles(NamedTuple):
@@ -117,6 +119,12 @@ class Fit(NamedTuple):
         """Angular frequency of the swings at the time 0 (r.m.s.), per reading; there is at least one."""
         squares = (self.coefficients[1 + self.slopes :] ** 2).sum(axis=1).reshape(2, -1).sum(axis=0)
         return math.sqrt(float(squares @ self.poles.frequency**2) / max(float(squares.sum()), STILL))
+
+
+def _is_whole(numbers: FloatArray) -> bool:
+    """Return whether all are nearly whole numbers."""
+    off = numbers - np.rint(numbers)
+    return float(off @ off) <= len(off) * UNEVEN**2
 
 
 def fit(times: FloatArray, values: FloatArray, poles: Poles, band: Band, *, slopes: bool) -> Fit:
