@@ -186,3 +186,37 @@ def test_a_fit_finds_poles_and_the_spread_of_its_constant_is_as_stated() -> None
         found.append(best.constant - LOAD)
         deviations.append(np.sqrt(np.diag(best.covariance)))
     assert np.std(found, axis=0) == pytest.approx(np.mean(deviations, axis=0), rel=0.35)
+
+
+@pytest.mark.parametrize("apart", [0.05, 0.2])
+def test_readings_unevenly_apart_show_a_swing_faster_than_half_their_rate(apart: float) -> None:
+    far, unaware, held = [], [], []
+    for seed in range(12):
+        times = np.arange(160.0) + apart * np.random.default_rng([seed, 1]).standard_normal(160)
+        later = np.maximum(times - 100.3, 0.0)[:, np.newaxis]
+        swings = np.cos(2 * np.pi * FREQUENCIES[0] * later) * LOAD + np.cos(2 * np.pi * 0.88 * later) * 3 * BENT
+        bent = (times >= 100.3)[:, np.newaxis] * LOAD - (later > 0) * np.exp(-DECAY * later) * swings
+        values = bent + noise(160, seed)
+        filtered, guessed = chain().apply(values, None, times.tolist()), chain().apply(values)
+        far.append(errors(filtered, LOAD, [118, 130]))
+        unaware.append(errors(guessed, LOAD, [118, 130]))
+        held += [squares(filtered, LOAD, at) < chi2.ppf(0.99, CHANNELS) for at in (118, 130)]
+    assert np.median(far) < 4
+    assert np.median(unaware) > 3 * np.median(far)
+    assert np.mean(held) > 0.9
+
+
+def test_a_touch_of_a_beam_that_rings_is_known_before_its_own_swings_are() -> None:
+    held = []
+    for seed in range(12):
+        bent = lifted(200, 100.4) + touched(200, 150.2 + seed / 12)
+        filtered = chain().apply(bent + noise(200, seed))
+        for at in range(152, 156):
+            mean, covariance = filtered.mean_mm[at], filtered.covariance_mm2[at]
+            if np.sqrt(np.trace(covariance)) < 0.3 * np.linalg.norm(mean):
+                # How far it is bent then is not what it will be, but where is.
+                unlike = mean - LOAD * (LOAD @ mean) / (LOAD @ LOAD)
+                held.append(unlike @ np.linalg.solve(covariance, unlike) < chi2.ppf(0.99, CHANNELS - 1))
+                break
+    assert len(held) >= 11, "of 12 that are known within four readings"
+    assert np.mean(held) > 0.9
