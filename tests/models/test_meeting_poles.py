@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from beamtouch_models.filters import FloatArray
-from beamtouch_models.filters.sinusoids import Poles, fit
+from beamtouch_models.filters.sinusoids import Band, Poles, fit
 
-LOWEST = 0.01
-"""Of angular frequencies, per reading."""
+BAND = Band(0.01)
+"""Of angular frequencies that are allowed."""
 
 
 @pytest.mark.parametrize("apart", [0.0, 1e-9, 1e-5, 0.3])
@@ -17,10 +17,10 @@ def test_poles_that_meet_leave_a_finite_positive_covariance(apart: float) -> Non
         readings, channels = rng.integers(6, 60), rng.integers(1, 9)
         ages: FloatArray = np.arange(float(readings)) - readings + 1.0  # a swing may have been 1e9 times as large
         values: FloatArray = rng.normal(size=(readings, channels)) * 10 ** rng.uniform(-1, 5)
-        frequency, decay = rng.uniform(LOWEST, np.pi), rng.uniform(0.0, 0.5)
-        poles = Poles(np.array([decay, decay]), np.array([frequency, frequency + apart])).within(LOWEST)
+        frequency, decay = rng.uniform(BAND.lowest, np.pi), rng.uniform(0.0, 0.5)
+        poles = Poles(np.array([decay, decay]), np.array([frequency, frequency + apart])).within(BAND)
 
-        found = fit(ages, values, poles, LOWEST, slopes=bool(rng.integers(2)))
+        found = fit(ages, values, poles, BAND, slopes=bool(rng.integers(2)))
 
         assert np.isfinite(found.coefficients).all()
         assert np.linalg.eigvalsh(found.covariance).min() > 0

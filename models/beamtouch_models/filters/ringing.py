@@ -155,8 +155,8 @@ class Ringing:
         before
             What was known.
         times, readings_mm
-            When they were taken, in readings, and shape (readings, channels). NaN is missing: a whole row, or a time, is
-            lost.
+            When they were taken, in readings, and shape (readings, channels). NaN is missing: a reading without any
+            value, or without a time, is lost.
         moves
             Whether the mean of the newest readings moves, after each of them.
         """

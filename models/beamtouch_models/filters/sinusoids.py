@@ -38,8 +38,8 @@ UNEVEN = 0.03
 LEAST_CYCLES = 0.8
 """Least part of a period that the readings span. Less of a slow swing is told from a slope by nothing."""
 FREQUENCIES = 20, 64
-"""Fewest and most frequencies, up to the highest one of even readings, among which that of a new pole is sought; as many
-as there are readings between them."""
+"""Fewest and most frequencies, up to the highest one of even readings, among which that of a new pole is sought; as
+many as there are readings between them."""
 
 
 class Band(NamedTuple):
