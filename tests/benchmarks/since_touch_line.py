@@ -1,6 +1,6 @@
 """Position against time since touch on the real line: rig, daemon and service as processes, beside the rig's truth.
 
-`python tests/benchmarks/since_touch_line.py [--kinds modbus-tcp serial] [--touches 200] [--scene bench] [--rings]`.
+`python tests/benchmarks/since_touch_line.py [--kinds modbus-tcp serial] [--touches 200] [--scene bench] [--rate-hz 1000] [--rings]`.
 Loads at random places, with random forces, lie for a second each, and half a second passes between them. The answers of
 `GET /contact` are compared with the load. With `--rings`, the beam rings, from each touch and from the lift before.
 """
@@ -11,6 +11,7 @@ import json
 import sys
 import tempfile
 import time
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import datetime
@@ -89,9 +90,11 @@ def began_s(truth: Path, touches: list[Touch]) -> float:
     return float((np.max(times[starts] - offsets) + np.min(times[starts + 1] - offsets)) / 2)
 
 
-def run(kind: Kind, scene: str, number: int, folder: Path, *, rings: bool) -> list[dict[str, float]]:
+def run(
+    kind: Kind, scene: str, number: int, folder: Path, *, rings: bool, rate_hz: int | None = None
+) -> list[dict[str, float]]:
     """Run one line; returns a row per time since touch, and one of the times until the state follows."""
-    model = build(folder, scene)
+    model = build(folder, scene, rate_hz)
     touches = touches_of(model, number)
     (folder / "script.toml").write_text(script(touches))
     surface = Surface(scene, kind, folder / "script.toml", () if rings else ("--no-ringing",))
@@ -111,7 +114,7 @@ def table(
     rows = []
     for since_ms in SINCE_MS:
         error, held, steady = [], [], []
-        missed = 0
+        missed: Counter[str] = Counter()
         for touch in touches:
             # The first loaded reading comes half a reading after the load, on average.
             wanted_s = begin_s + touch.offset_s + reading_s / 2 + since_ms / 1e3
@@ -120,7 +123,7 @@ def table(
                 continue
             answer = found[index]
             if answer["state"] != "contact":
-                missed += 1
+                missed[answer["state"]] += 1
                 continue
             error.append(abs(answer["position_mm"] - touch.position_mm) / length_mm * 100)
             held.append(answer["position_low_mm"] <= touch.position_mm <= answer["position_high_mm"])
@@ -132,7 +135,7 @@ def table(
                 "error %": float(np.mean(error)) if error else np.nan,
                 "held %": 100 * float(np.mean(held)) if held else np.nan,
                 "without a note %": 100 * float(np.mean(steady)) if steady else np.nan,
-                "no contact": missed,
+                **{state: missed[state] for state in sorted(missed)},
             }
         )
     return rows
@@ -157,10 +160,11 @@ if __name__ == "__main__":
     parser.add_argument("--kinds", nargs="+", default=["modbus-tcp", "serial"])
     parser.add_argument("--touches", type=int, default=200)
     parser.add_argument("--scene", default="bench")
+    parser.add_argument("--rate-hz", type=int, help="readings per second, instead of the scene's")
     parser.add_argument("--rings", action="store_true")
     given = parser.parse_args()
     for each in given.kinds:
         with tempfile.TemporaryDirectory() as made:
             print(each)
-            for row in run(each, given.scene, given.touches, Path(made), rings=given.rings):
+            for row in run(each, given.scene, given.touches, Path(made), rings=given.rings, rate_hz=given.rate_hz):
                 print("  ".join(f"{name} {value:.4g}" for name, value in row.items()), flush=True)

@@ -22,7 +22,7 @@ READINGS = 30
 
 def write(folder: Path, port: int, url: str) -> Path:
     """Write the configuration of a surface whose fourth channel is in another module."""
-    source = configs.tcp(port).replace("30_000", "500")
+    source = configs.tcp(port).replace("30_000", "5_000")
     surface = configs.surface(source=source, registers=(0, 1, 2, 0), rate_hz=10.0)
     head, _, last = surface.rpartition("register = 0\n")
     surface = f'{head}register = 0\nhost = "{OTHER}"\n{last}'

@@ -235,7 +235,8 @@ async def test_a_device_that_resets_itself_is_read_again_through_the_same_port(k
 async def test_surfaces_that_share_a_bus_share_its_open_port(tmp_path: Path) -> None:
     with rebooting_terminal(DEAF_S) as line:
         async with rtu_units(line, {1: RestingUnit(), 2: RestingUnit()}), serving(Service()) as service:
-            sources = {"one": configs.rtu(line.path), "two": f"{configs.rtu(line.path)}\nunit = 2"}
+            bus = f"{configs.rtu(line.path)}\ntimeout_ms = 5_000"  # as long as a starved machine takes for an answer
+            sources = {"one": bus, "two": f"{bus}\nunit = 2"}
             surfaces = [configs.surface(name, source) for name, source in sources.items()]
             config = configs.write(tmp_path, *surfaces, url=service.url)
             await assert_done(line, "check", config)
