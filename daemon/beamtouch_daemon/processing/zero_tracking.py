@@ -34,9 +34,9 @@ class ZeroTracker:
             return None
         return cls(surface, walk, noise_mm, rested)
 
-    def track(self, deflection_mm: FloatArray, lost: Sequence[int]) -> Tracked:
+    def track(self, deflection_mm: FloatArray, lost: Sequence[int], filtered: Filtered) -> Tracked:
         """Return the zeros of each reading; arguments as of `Zeros.track`."""
-        return self._zeros.track(deflection_mm, lost)
+        return self._zeros.track(deflection_mm, lost, filtered)
 
     @property
     def rested(self) -> Rested:

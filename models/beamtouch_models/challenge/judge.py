@@ -95,13 +95,12 @@ def _filter(surface: SimulatedSurface, readings_mm: Floats, came: Bools) -> Weig
         chain.restart()
         skipped = (np.diff(np.flatnonzero(there), prepend=-1) - 1).tolist()
         values = readings[there]
-        if walk and zeros:
-            zeros.restart()
-            tracked = zeros.track(values, skipped)
         filtered = chain.apply(values, skipped)
         mean[draw, there], variance[draw, there] = filtered.mean_mm, filtered.relative_variance
         covariance[draw, there] = filtered.covariance_mm2
         if walk and zeros:
+            zeros.restart()
+            tracked = zeros.track(values, skipped, filtered)
             mean[draw, there] -= tracked.zero_mm
             noise_mm2 = filtered.relative_variance * noise_mm**2
             drift[draw, there] = beyond_start(tracked, walk, filtered.mean_mm, noise_mm2)

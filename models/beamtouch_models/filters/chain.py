@@ -204,7 +204,7 @@ class Chain:
         else:
             nothing = np.zeros(len(mean), dtype=np.bool_)
             exact = np.zeros((0, self._channels, self._channels))
-            filtered = Filtered(mean, variance, self._noise_mm, nothing, nothing, exact)
+            filtered = Filtered(mean, variance, self._noise_mm, nothing, nothing, exact, nothing)
         self.state = State(stream, readings[len(values) :], begun, past, followed)
         return filtered
 

@@ -39,6 +39,8 @@ class Filtered:
     """Whether the newest readings are apart from a long mean that does not move, shape (readings,)."""
     excess_mm2: FloatArray
     """Covariance beyond that of the noise, of the means that move or lag, shape (uncertain, channels, channels)."""
+    found: NDArray[np.bool_]
+    """Whether the mean is the rest about which the beam swings, shape (readings,)."""
 
     @classmethod
     def joined(cls, parts: Sequence[Self]) -> Self:
@@ -52,6 +54,7 @@ class Filtered:
             np.concatenate([part.moves for part in parts]),
             np.concatenate([part.lags for part in parts]),
             np.concatenate([part.excess_mm2 for part in parts]),
+            np.concatenate([part.found for part in parts]),
         )
 
     def replaced(self, found: Sequence[tuple[int, Found]]) -> Self:
@@ -71,7 +74,9 @@ class Filtered:
         mean_mm[rows] = np.where(there, means[better], mean_mm[rows])
         variance[rows] = np.where(there, shares[better], variance[rows])
         excess_mm2[place[better]] = np.array([one.excess_mm2 for _, one in found])[better]
-        return replace(self, mean_mm=mean_mm, relative_variance=variance, excess_mm2=excess_mm2)
+        is_found = self.found.copy()
+        is_found[rows] = True
+        return replace(self, mean_mm=mean_mm, relative_variance=variance, excess_mm2=excess_mm2, found=is_found)
 
     def at(self, rows: NDArray[np.intp]) -> Self:
         """Return some of the means, by their ascending rows."""
@@ -83,6 +88,7 @@ class Filtered:
             moves=self.moves[rows],
             lags=self.lags[rows],
             excess_mm2=self.excess_mm2[kept] if len(kept) else self.excess_mm2,
+            found=self.found[rows],
         )
 
     @property

@@ -149,7 +149,7 @@ class Motion:
             far_mm2 = (np.where(there, mean, 0.0) ** 2).sum(axis=1) * unproven
             excess[of] += far_mm2[at, np.newaxis, np.newaxis] * self._every
         excess *= there[uncertain, :, np.newaxis] & there[uncertain, np.newaxis]
-        filtered = Filtered(mean, taken.variance, self._noise_mm, moves, lags, excess)
+        filtered = Filtered(mean, taken.variance, self._noise_mm, moves, lags, excess, np.zeros_like(moves))
         return filtered, Past(means[len(means) - self._means :], moved)
 
     def _near(self, taken: Taken) -> Near:

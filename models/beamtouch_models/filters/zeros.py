@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from beamtouch_models.filters.filtered import Filtered
 from beamtouch_models.filters.hurry import Hurried, Hurry
 from beamtouch_models.filters.readings import FloatArray
 from beamtouch_models.filters.significance import chi_square_quantile
@@ -40,6 +41,8 @@ LEASH = 4.0
 PROBATION_S, CREEPS_S = 5.0, 60.0
 """A rest that ends so soon with a step back, or with readings that creep back, may have been part of a slow lift. Then
 its zero is taken back. What is hardly faster than a drift takes so long to show against the noise."""
+BACK = 3.0
+"""Deviations by which zeros have moved since the load before, if a step leads them back."""
 ANYWHERE = 3**-0.5
 """Standard deviation of a zero that may be anywhere within the limit, over that limit."""
 LITTLE = 0.02
@@ -207,7 +210,7 @@ class Zeros:
         self._load: _Load | None = None
         """None while the beam rests."""
         self._last: _Block | None = None
-        """The block before this one, if it was calm."""
+        """The block before this one, if it was calm, or the beam swung about a known rest."""
         self._hurry = Hurry(self._walk.rate_mm_per_min)
         self._begin()
 
@@ -237,7 +240,9 @@ class Zeros:
         """Zero of each channel after the last reading, shape (channels,)."""
         return self._rest.mm
 
-    def track(self, values_mm: FloatArray, lost: Sequence[int] | None = None) -> Tracked:
+    def track(
+        self, values_mm: FloatArray, lost: Sequence[int] | None = None, filtered: Filtered | None = None
+    ) -> Tracked:
         """Return the zeros of each reading.
 
         Parameters
@@ -246,6 +251,8 @@ class Zeros:
             Deflections from the last tare, shape (readings, channels), oldest first; NaN where a channel is not good.
         lost
             Number of readings lost before each, shape (readings,); None: none.
+        filtered
+            Means after the last of these readings. Where a beam swings, they say about what.
         """
         number = len(values_mm)
         zero, own = np.empty((2, number, self._channels))
@@ -265,7 +272,9 @@ class Zeros:
             self._filled += end - row
             self._read += end - row
             if self._filled >= self._size:
-                self._end_block()
+                self._end_block(
+                    None if filtered is None else self._found(filtered, len(filtered.found) - number + end - 1)
+                )
             row = end
         return Tracked(zero, common, own)
 
@@ -276,14 +285,29 @@ class Zeros:
             self._last = None
             self._begin()
 
-    def _end_block(self) -> None:
+    def _found(self, filtered: Filtered, at: int) -> _Block | None:
+        """Return the rest about which the beam swings at some reading as a block; None if that is not known.
+
+        It is of the readings of several blocks, which count once.
+        """
+        if at < 0 or not filtered.found[at]:
+            return None
+        repeats = max(1.0, float(filtered.readings[at]) / self._size)
+        variance_mm2 = repeats * np.diag(filtered.covariances_mm2(np.array([at]))[0])
+        mean_mm = filtered.mean_mm[at]
+        return _Block(mean_mm, np.maximum(variance_mm2, self._mean_mm2), ~np.isnan(mean_mm))
+
+    def _end_block(self, found: _Block | None) -> None:
+        """Take what a block says; if the beam swings, what it swings about."""
         rows = np.concatenate(self._rows)
         self._begin()
         there: NDArray[np.bool_] = ~np.any(np.isnan(rows), axis=0)
         mean, scatter = rows.mean(axis=0), rows.var(axis=0) * self._size / (self._size - 1)
         is_calm = there.any() and bool((scatter[there] <= CALM * self._single_mm2[there]).all())
         if not is_calm:
-            self._last = None
+            if found is not None:
+                self._take(found)
+            self._last = found
             return
         excess = np.maximum(scatter - self._single_mm2, 0.0) * (scatter > 2 * self._single_mm2)
         block = _Block(mean, self._mean_mm2 + excess, there)
@@ -345,7 +369,9 @@ class Zeros:
         there = block.there
         moved, step = (self._rest.mm - rest.mm)[there], (block.mean_mm - self._rest.mm)[there]
         is_soon = self._is_soon(returned, CREEPS_S if self._load is None else PROBATION_S)
-        is_back = is_soon and float(moved @ step) < 0
+        # Where the zeros have hardly moved, there is no way back: a weak load is within what an early zero may drift.
+        has_moved = float(moved @ (moved / (rest.variance_mm2 + self._rest.variance_mm2)[there])) > BACK**2 * len(moved)
+        is_back = is_soon and has_moved and float(moved @ step) < 0
         return rest if is_back and self._is_within(block, rest) and self._repeats(block) else None
 
     def _is_soon(self, after: int, seconds: float) -> bool:
