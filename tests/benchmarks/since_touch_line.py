@@ -1,6 +1,6 @@
 """Position against time since touch on the real line: rig, daemon and service as processes, beside the rig's truth.
 
-`python tests/benchmarks/since_touch_line.py [--kinds modbus-tcp serial] [--touches 200] [--scene bench] [--rate-hz 1000] [--rings]`.
+`python tests/benchmarks/since_touch_line.py [--kinds modbus-tcp serial] [--touches 200] [--scene bench] [--rings]`.
 Loads at random places, with random forces, lie for a second each, and half a second passes between them. The answers of
 `GET /contact` are compared with the load. With `--rings`, the beam rings, from each touch and from the lift before.
 """
