@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from beamtouch_models.filters.readings import FloatArray
-from beamtouch_models.filters.sinusoids import AMPLITUDE, DAMPING, Band, Fit, Poles
+from beamtouch_models.filters.sinusoids import AMPLITUDE, DAMPING, Band, Fit, Poles, middle, waves_of
 
 STEPS, AGAIN = 3, 1
 """Gauss-Newton steps, and those of a fit that is carried on; each finds the deviation of the stamps, too."""
@@ -68,13 +68,13 @@ class _Waves(NamedTuple):
 
     @classmethod
     def of(cls, fit: Fit, times: FloatArray) -> "_Waves":
-        """Return them at times before the newest reading, shape (times,)."""
+        """Return them at times before the newest reading, as for `sinusoids.fit`."""
         count, first = len(fit.poles.decay), 1 + fit.slopes
-        wave = np.exp((1j * fit.poles.frequency - fit.poles.decay)[:, np.newaxis] * times)
+        wave = waves_of(fit.poles, times)
         columns = np.empty((len(times), len(fit.coefficients)))
         columns[:, 0] = 1.0
         if fit.slopes:
-            columns[:, 1] = times / fit.rows
+            columns[:, 1] = middle(times) / fit.rows
         columns[:, first : first + count], columns[:, first + count :] = wave.real.T, wave.imag.T
         cosine, sine = fit.coefficients[first : first + count], fit.coefficients[first + count :]
         turning = wave[:, :, np.newaxis] * (cosine - 1j * sine)[:, np.newaxis]
@@ -154,6 +154,7 @@ def _changes(waves: _Waves, times: FloatArray, channels: int) -> FloatArray:
     changes = np.zeros((len(times), channels, linear + 2 * count))
     for channel in range(channels):
         changes[:, channel, channel:linear:channels] = waves.columns
-    changes[:, :, linear : linear + count] = np.moveaxis(-times[:, np.newaxis] * waves.swings, 0, 2)
-    changes[:, :, linear + count :] = np.moveaxis(times[:, np.newaxis] * waves.turned, 0, 2)
+    ages = middle(times)[:, np.newaxis]
+    changes[:, :, linear : linear + count] = np.moveaxis(-ages * waves.swings, 0, 2)
+    changes[:, :, linear + count :] = np.moveaxis(ages * waves.turned, 0, 2)
     return changes

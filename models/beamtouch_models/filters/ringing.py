@@ -17,7 +17,7 @@ from beamtouch_models.filters.filtered import Found
 from beamtouch_models.filters.jitter import refit, whitened
 from beamtouch_models.filters.readings import FloatArray
 from beamtouch_models.filters.significance import FALSE, SHARP, chi_square_quantile
-from beamtouch_models.filters.sinusoids import LEAST_CYCLES, Band, Fit, Poles, fit, predicted, refine, seek
+from beamtouch_models.filters.sinusoids import LEAST_CYCLES, Band, Fit, Poles, fit, middle, predicted, refine, seek
 
 MOST_ROWS = 94
 """Most rows of a fit. Over more of them, the frequency of a real beam changes with its amplitude."""
@@ -73,15 +73,15 @@ class Followed(NamedTuple):
     block: tuple[tuple[float, FloatArray], ...]
     """Times and values of the readings that are no row yet."""
     times: FloatArray
-    """Of the rows, in readings."""
+    """Of the rows, in readings, shape (rows,); of rows that are means, (rows, readings)."""
     values: FloatArray
     """In units of the noise, shape (rows, channels); NaN where one is missing."""
     fit: Fit | None
     """The last fit; None while none is found."""
     fitted: float
     """Time of the newest row in it."""
-    doubtful: tuple[float, FloatArray] | None
-    """The newest row, if it contradicts the fit. The next one says whether it is a spike."""
+    doubtful: tuple[FloatArray, FloatArray] | None
+    """The times and values of the newest row, if it contradicts the fit. The next one says whether it is a spike."""
     waits: int
     """Rows until the next search."""
     failures: int
@@ -114,7 +114,7 @@ class Whole(NamedTuple):
     """Rows that have the same channels."""
 
     ages: FloatArray
-    """Their times, in rows before the newest one, shape (rows,)."""
+    """Their times, in rows before the newest one, shape (rows,), or (rows, readings)."""
     values: FloatArray
     """In units of the noise, shape (rows, channels)."""
     band: Band
@@ -215,7 +215,7 @@ class Ringing:
             if not moves or reading_mm is None:
                 return None
             nothing = np.zeros((0, len(reading_mm)))
-            before = Followed((), np.zeros(0), nothing, None, time, None, 0, 0, 0, (), False, 0, None)
+            before = Followed((), np.zeros(self._shape_of(0)), nothing, None, time, None, 0, 0, 0, (), False, 0, None)
         calm = 0 if moves else before.calm + 1
         if calm >= (CALM_ROWS * self._block if before.fit is None else self._slowest_period):
             return None
@@ -226,16 +226,20 @@ class Ringing:
             return before._replace(block=block, calm=calm)
         times, readings = zip(*block, strict=True)
         row = sum(readings) / self._block / self._unit_mm
-        return self._follow(before._replace(block=(), calm=calm), sum(times) / self._block, row)
+        return self._follow(before._replace(block=(), calm=calm), np.reshape(times, self._shape_of(1)), row[np.newaxis])
 
-    def _follow(self, before: Followed, time: float, row: FloatArray) -> Followed:
-        """Take the next row."""
-        now = before.with_rows(np.array([time]), row[np.newaxis])
+    def _shape_of(self, rows: int) -> tuple[int, ...]:
+        """Return the shape of the times of some rows."""
+        return (rows,) if self._block == 1 else (rows, self._block)
+
+    def _follow(self, before: Followed, time: FloatArray, row: FloatArray) -> Followed:
+        """Take the next row: its times, and its values (1, channels)."""
+        now = before.with_rows(time, row)
         times, values = now.times, now.values
         if before.fit is None:
             return self._searched(now)
         is_predicted = before.doubtful is None and self._are_predicted(before, before.fit, times[-1:], values[-1:])[0]
-        if is_predicted and before.is_confirmed and self._waits(before, before.fit, time):
+        if is_predicted and before.is_confirmed and self._waits(before, before.fit, time.mean()):
             return now
         checks = before.age % SLOPES_TRIED == 0
         best = self._carried(before.fit, times, values, checks=checks)
@@ -251,10 +255,9 @@ class Ringing:
         if before.doubtful is None:
             return before._replace(doubtful=(time, row), found=None)
         # Two rows in a row: something has changed.
-        since = np.stack([before.doubtful[1], row])
+        times, values = (np.concatenate(pair) for pair in zip(before.doubtful, (time, row), strict=True))
         former = (before.fit, before.fitted) if before.opened and before.fit.turns >= FORMER_TURNS else None
-        changed = now._replace(times=np.array([before.doubtful[0], time]), values=since, former=former)
-        return self._searched(changed)
+        return self._searched(now._replace(times=times, values=values, former=former))
 
     def _are_predicted(self, before: Followed, last: Fit, times: FloatArray, rows: FloatArray) -> list[bool]:
         """Return whether the last fit says what rows are, (rows, channels)."""
@@ -298,7 +301,7 @@ class Ringing:
         constants = (*now.constants, constant)[-max(LAGS) :]
         return now._replace(
             fit=best,
-            fitted=now.times[-1],
+            fitted=now.times[-1].mean(),
             opened=opened,
             found=found,
             constants=constants,
@@ -333,14 +336,14 @@ class Ringing:
         Rows from before a long gap do not count: their swings may have been any number of times as large. Nor do those
         that stamps which went back say are newer.
         """
-        ages = (times - times[-1]) / self._block
-        there = ~np.isnan(values[-1])
-        rows = ~np.isnan(values[:, there]).any(axis=1) & (ages <= 0) & (ages > -MOST_ROWS)
+        ages = (times - times[-1].mean()) / self._block
+        since, there = middle(ages), ~np.isnan(values[-1])
+        rows = ~np.isnan(values[:, there]).any(axis=1) & (since <= 0) & (since > -MOST_ROWS)
         if not (there.all() and rows.all()):
-            ages, values = ages[rows], values[np.ix_(rows, there)]
+            ages, since, values = ages[rows], since[rows], values[np.ix_(rows, there)]
         if len(ages) < LEAST_ROWS:
             return None
-        lowest = max(self._lowest, 2 * math.pi * LEAST_CYCLES / (1 - ages.min()))
+        lowest = max(self._lowest, 2 * math.pi * LEAST_CYCLES / (1 - since.min()))
         return Whole(ages, values, Band.of(ages, lowest)) if lowest <= HIGHEST_LOWEST else None
 
     def _carried(self, last: Fit, times: FloatArray, values: FloatArray, *, checks: bool) -> Fit | None:
@@ -388,7 +391,8 @@ class Ringing:
         whole = self._whole(now.times, now.values)
         if whole is None or not len(of.poles.decay):
             return 0.0
-        ages, values = whole.ages - whole.ages.mean(), whole.values - whole.values.mean(axis=0)
+        ages, values = middle(whole.ages), whole.values - whole.values.mean(axis=0)
+        ages = ages - ages.mean()
         slope = ages @ values
         line = (values * values).sum() - slope @ slope / (ages @ ages)
         return math.sqrt(max(0.0, line - of.promised) / len(ages))

@@ -4,13 +4,15 @@ It is variable projection (Golub & Pereyra 1973, in Kaufman's form of 1975): for
 only the poles are sought, by Gauss-Newton steps. All that a step needs is in the products of the columns and of their
 derivatives with each other and with the readings. So a step costs little more than these products.
 
-Values are in units of their noise, and times in readings before the newest one, so they are at most 0.
+Values are in units of their noise, and times in readings before the newest one, so they are at most 0. A value may be
+the mean of several readings, whose times are then a row.
 """
 
 import math
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from beamtouch_models.filters.readings import FloatArray
 
@@ -31,6 +33,8 @@ HIGHEST, HIGHEST_UNEVEN = 0.995 * math.pi, 4 * math.pi
 Others tell a faster swing from a slow one."""
 SOUGHT = 0.99 / 0.995
 """Part of it up to which a new pole is sought."""
+BETTER = 1.02
+"""What a swing above explains, over what one below does, from which on it is told: often they are nearly the same."""
 ROUNDING = 1e-9
 """Part of a frequency by which it may be off."""
 UNEVEN = 0.03
@@ -50,8 +54,10 @@ class Band(NamedTuple):
 
     @classmethod
     def of(cls, times: FloatArray, lowest: float) -> "Band":
-        """Return that of readings at some times, shape (readings,)."""
+        """Return that of readings at some times, as for `fit`."""
         even = cls(lowest)
+        if times.ndim > 1:
+            times = times.ravel() * times.shape[1]
         if _is_whole(times):
             return even
         between = np.diff(times)
@@ -127,13 +133,28 @@ def _is_whole(numbers: FloatArray) -> bool:
     return float(off @ off) <= len(off) * UNEVEN**2
 
 
+def middle(times: FloatArray) -> FloatArray:
+    """Return the mean time of each value, shape (readings,)."""
+    means: FloatArray = times if times.ndim == 1 else times.mean(axis=1)
+    return means
+
+
+def waves_of(poles: Poles, times: FloatArray) -> NDArray[np.complex128]:
+    """Return exp((-decay + i frequency) t), or its mean over several times t, shape (poles, readings)."""
+    powers = 1j * poles.frequency - poles.decay
+    if times.ndim == 1:
+        return np.exp(powers[:, np.newaxis] * times)
+    means: NDArray[np.complex128] = np.exp(powers[:, np.newaxis, np.newaxis] * times).mean(axis=2)
+    return means
+
+
 def fit(times: FloatArray, values: FloatArray, poles: Poles, band: Band, *, slopes: bool) -> Fit:
     """Return the fit for given poles, with the Gauss-Newton step from them.
 
     Parameters
     ----------
     times, values
-        Of the readings, shapes (readings,) and (readings, channels).
+        Of the readings, shapes (readings,), or (readings, each) of means, and (readings, channels).
     poles
         Where the step begins.
     band
@@ -147,11 +168,11 @@ def fit(times: FloatArray, values: FloatArray, poles: Poles, band: Band, *, slop
     columns = np.empty((linear + 2 * count, number))
     columns[0] = 1.0
     if slopes:
-        columns[1] = times / number
+        columns[1] = middle(times) / number
     if count:
-        wave = np.exp((1j * poles.frequency - poles.decay)[:, np.newaxis] * times)
+        wave = waves_of(poles, times)
         columns[first : first + count], columns[first + count : linear] = wave.real, wave.imag
-        np.multiply(columns[first:linear], times, out=columns[linear:])
+        np.multiply(columns[first:linear], middle(times), out=columns[linear:])
     products, shown = columns @ columns.T, columns @ values
     normal = products[:linear, :linear].copy()
     normal.flat[:: linear + 1] += 1 / AMPLITUDE**2 + ALIKE * normal.flat[:: linear + 1]
@@ -212,9 +233,9 @@ def predicted(of: Fit, times: FloatArray) -> FloatArray:
     columns = np.empty((len(of.coefficients), len(times)))
     columns[0] = 1.0
     if of.slopes:
-        columns[1] = times / of.rows
+        columns[1] = middle(times) / of.rows
     if count:
-        wave = np.exp((1j * of.poles.frequency - of.poles.decay)[:, np.newaxis] * times)
+        wave = waves_of(of.poles, times)
         columns[first : first + count], columns[first + count :] = wave.real, wave.imag
     # Summed column by column, so that a row is the same however many there are.
     said: FloatArray = (columns[:, :, np.newaxis] * of.coefficients[:, np.newaxis]).sum(axis=0)
@@ -230,8 +251,8 @@ def seek(of: Fit, times: FloatArray, values: FloatArray, band: Band) -> Poles:
     turns = frequencies / (2 * math.pi)
     frequencies = frequencies[np.abs(turns - np.rint(turns)) * 2 * math.pi >= band.lowest * (1 - ROUNDING)]
     number = len(frequencies)
-    left = values - predicted(of, times)
-    waves = np.exp(1j * times[:, np.newaxis] * frequencies)
+    left, waves = values - predicted(of, times), waves_of(Poles(np.zeros(number), frequencies), times).T
+    times = middle(times)
     both = np.concatenate([waves.real, waves.imag], axis=1)
     base = np.stack([np.ones(len(times)), times / len(times)], axis=1)[:, : 1 + of.slopes]
     both -= base @ np.linalg.solve(base.T @ base, base.T @ both)
@@ -241,7 +262,9 @@ def seek(of: Fit, times: FloatArray, values: FloatArray, band: Band) -> Poles:
     cc, ss, cs = (cosines**2).sum(axis=0) + least, (sines**2).sum(axis=0) + least, (cosines * sines).sum(axis=0)
     explained = (by_cosine**2).sum(axis=1) * ss - 2 * (by_cosine * by_sine).sum(axis=1) * cs
     explained += (by_sine**2).sum(axis=1) * cc
-    best = frequencies[(explained / np.maximum(cc * ss - cs * cs, least * len(times))).argmax()]
+    explained /= np.maximum(cc * ss - cs * cs, least * len(times))
+    explained[frequencies > HIGHEST] /= BETTER
+    best = frequencies[explained.argmax()]
     return Poles(np.append(of.poles.decay, FIRST_DAMPING), np.append(of.poles.frequency, best)).within(band)
 
 
