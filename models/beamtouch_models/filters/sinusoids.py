@@ -142,10 +142,8 @@ def middle(times: FloatArray) -> FloatArray:
 def waves_of(poles: Poles, times: FloatArray) -> NDArray[np.complex128]:
     """Return exp((-decay + i frequency) t), or its mean over several times t, shape (poles, readings)."""
     powers = 1j * poles.frequency - poles.decay
-    if times.ndim == 1:
-        return np.exp(powers[:, np.newaxis] * times)
-    means: NDArray[np.complex128] = np.exp(powers[:, np.newaxis, np.newaxis] * times).mean(axis=2)
-    return means
+    waves: NDArray[np.complex128] = np.exp(np.multiply.outer(powers, times))
+    return waves if times.ndim == 1 else waves.mean(axis=2)
 
 
 def fit(times: FloatArray, values: FloatArray, poles: Poles, band: Band, *, slopes: bool) -> Fit:
