@@ -104,6 +104,26 @@ def test_times_that_jitter_are_no_gap_and_lost_readings_do_not_count() -> None:
     assert Pipeline(surface).process(pausing, 0.0)[-1].sample.readings == 88
 
 
+def test_a_beam_that_rings_is_followed_by_the_best_estimates_of_when_readings_were_taken() -> None:
+    """The safe stamps of a busy machine are as far apart as its processes run."""
+    keys = {"filter": {"kind": "growing-mean", "window": 4, "max_mean_ms": 1000.0}, "slowest_period_ms": 100.0}
+    surface, chance = surface_of(noise_mm=NOISE_MM, **keys), np.random.default_rng(3)
+    taken_s = 5.0 + np.arange(300) / RATE_HZ + chance.normal(scale=0.1 / RATE_HZ, size=300)
+    since = np.maximum(taken_s - taken_s[150] + 0.3 / RATE_HZ, 0.0) * (taken_s >= taken_s[150])
+    bent = 1 - np.exp(-2.0 * since) * np.cos(2 * np.pi * 0.22 * RATE_HZ * since)
+    counts = REST + np.rint(np.outer(bent, [9000.0, 4000.0]) + chance.normal(scale=30.0, size=(300, 2)))
+    late_s = taken_s - chance.exponential(0.5 / RATE_HZ, size=300)
+    rows = list(zip(late_s.tolist(), counts.tolist(), taken_s.tolist(), strict=True))
+    known = Pipeline(surface).process(
+        [Reading(at_s, tuple(row), taken_s=likely_s) for at_s, row, likely_s in rows], 0.0
+    )
+    exact = Pipeline(surface).process([Reading(likely_s, tuple(row)) for _, row, likely_s in rows], 0.0)
+    asked = Pipeline(surface).process([Reading(at_s, tuple(row)) for at_s, row, _ in rows], 0.0)
+    assert deflections(known) == deflections(exact)
+    assert deflections(known)[190] == pytest.approx(0.9, abs=0.01)
+    assert deflections(asked)[190] != pytest.approx(0.9, abs=0.03)
+
+
 def test_a_frozen_channel_is_stuck_until_its_first_other_count_and_never_enters_the_average() -> None:
     surface = surface_of(filter=mean_of(1), noise_mm=3 * STEP_MM)  # 14 equal counts in a row are noise, 15 are not
     moving = [REST + index % 2 for index in range(20)]

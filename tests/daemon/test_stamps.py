@@ -22,27 +22,28 @@ def test_a_reading_was_taken_in_the_middle_of_its_request() -> None:
     stamps = Stamps(SLOT_S)
     for number in range(20):
         asked_s = number * SLOT_S
-        assert stamps.taken_s(asked_s, asked_s + 0.001) == pytest.approx(asked_s + 0.0005)
+        assert stamps.date(asked_s, asked_s + 0.001) == pytest.approx(asked_s + 0.0005)
 
 
 def test_an_answer_that_is_late_says_nothing_of_when() -> None:
     stamps = Stamps(SLOT_S)
     took_s = [0.0007] * 10 + [0.0011, 0.0013, 0.003] + [0.0007]
-    assert [math.isnan(stamps.taken_s(0.0, took)) for took in took_s] == [False] * 11 + [True, True, False]
+    assert [math.isnan(stamps.date(0.0, took)) for took in took_s] == [False] * 11 + [True, True, False]
 
 
 def test_answers_that_are_always_slow_are_usual() -> None:
     stamps = Stamps(SLOT_S)
     took_s = np.full(300, 0.0007)
     took_s[100:] = 0.02
-    late = [math.isnan(stamps.taken_s(0.0, took)) for took in took_s]
+    late = [math.isnan(stamps.date(0.0, took)) for took in took_s]
     assert late[100:120] == [True] * 20
     assert late[200:] == [False] * 100
-    assert not math.isnan(stamps.taken_s(0.0, 0.028)), "half as long again is no exception then"
+    assert not math.isnan(stamps.date(0.0, 0.0295))
+    assert math.isnan(stamps.date(0.0, 0.031)), "more than half as long again is late even then"
 
 
 @pytest.mark.anyio
-async def test_the_readings_of_a_polled_device_are_dated_so() -> None:
+async def test_a_polled_device_is_dated_by_its_requests_and_not_at_all_where_they_are_slow() -> None:
     slow: list[int] = []
 
     def answer(number: int, frame: bytes) -> list[tuple[float, bytes]]:

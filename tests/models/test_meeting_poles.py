@@ -7,7 +7,7 @@ from beamtouch_models.filters import FloatArray
 from beamtouch_models.filters.sinusoids import Band, Poles, fit
 
 BAND = Band(0.01)
-"""Of angular frequencies that are allowed."""
+"""Angular frequencies that are allowed."""
 
 
 @pytest.mark.parametrize("apart", [0.0, 1e-9, 1e-5, 0.3])

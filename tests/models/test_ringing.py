@@ -190,7 +190,7 @@ def test_a_fit_finds_poles_and_the_spread_of_its_constant_is_as_stated() -> None
 
 @pytest.mark.parametrize(("apart", "each"), [(0.05, 1), (0.2, 1), (0.3, 5)])
 def test_readings_unevenly_apart_show_a_swing_faster_than_half_their_rate(apart: float, each: int) -> None:
-    """At a high rate, the filter takes the mean of `each` so many readings: these are what is too slow then."""
+    """At a high rate, the filter takes the mean of `each` so many readings, and the swing is too fast for these."""
     far, unaware, held = [], [], []
     for seed in range(12):
         times = np.arange(160.0 * each) + apart * np.random.default_rng([seed, 1]).standard_normal(160 * each)
@@ -198,8 +198,8 @@ def test_readings_unevenly_apart_show_a_swing_faster_than_half_their_rate(apart:
         swings = np.cos(2 * np.pi * FREQUENCIES[0] * later) * LOAD + np.cos(2 * np.pi * 0.88 * later) * 3 * BENT
         bent = (later > 0) * LOAD - (later > 0) * np.exp(-DECAY * later) * swings
         values = bent + noise(160 * each, seed)
-        chains = (Chain(MEAN, CHANNELS, 1.0, PERIOD * each, unseen_swing=0.01) for _ in range(2))
-        filtered, guessed = next(chains).apply(values, None, times.tolist()), next(chains).apply(values)
+        aware, unaware_of_times = (Chain(MEAN, CHANNELS, 1.0, PERIOD * each, unseen_swing=0.01) for _ in range(2))
+        filtered, guessed = aware.apply(values, None, times.tolist()), unaware_of_times.apply(values)
         at = [118 * each, 130 * each]
         far.append(errors(filtered, LOAD, at))
         unaware.append(errors(guessed, LOAD, at))
@@ -217,7 +217,7 @@ def test_a_touch_of_a_beam_that_rings_is_known_before_its_own_swings_are() -> No
         for at in range(152, 156):
             mean, covariance = filtered.mean_mm[at], filtered.covariance_mm2[at]
             if np.sqrt(np.trace(covariance)) < 0.3 * np.linalg.norm(mean):
-                # How far it is bent then is not what it will be, but where is.
+                # Its size is not yet what it will be, but its shape is.
                 unlike = mean - LOAD * (LOAD @ mean) / (LOAD @ LOAD)
                 held.append(unlike @ np.linalg.solve(covariance, unlike) < chi2.ppf(0.99, CHANNELS - 1))
                 break

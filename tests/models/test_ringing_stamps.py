@@ -20,6 +20,9 @@ STAMPS: dict[str, Callable[[FloatArray], FloatArray]] = {
     "back by one, each ten": lambda times: times - times // 10,
     "back by a hundred, once": lambda times: times - 100 * (times > READINGS / 2),
     "backwards": lambda times: -times,
+    "two hours earlier, once": lambda times: times - 1.44e6 * (times > READINGS / 2),
+    "not known, now and then": lambda times: np.where(np.sin(times) > 0.5, np.nan, times),
+    "not known for a while": lambda times: np.where(times // 50 % 2 == 1, np.nan, times),
     "two hours later, once": lambda times: times + 1.44e6 * (times > READINGS / 2),
     "too slow by a twentieth": lambda times: 0.95 * times,
     "hundred times too fast": lambda times: 100 * times,
@@ -53,3 +56,43 @@ def test_a_sample_has_a_finite_positive_covariance_whatever_the_stamps_say(stamp
             there = ~np.isnan(filtered.mean_mm).any(axis=1)
             assert np.isfinite(filtered.covariance_mm2).all()
             assert (np.linalg.eigvalsh(filtered.covariance_mm2[there]) > 0).all()
+
+
+LOAD, PERIOD = np.array([150.0, 400.0, 380.0, 200.0]), 20.0
+
+
+def rings(times: FloatArray, touch: float, lift: float) -> FloatArray:
+    """Return readings of a beam that rings from a touch and from a lift, at some times."""
+    bent = np.random.default_rng(3).standard_normal((len(times), CHANNELS))
+    for at, size in ((touch, 1.0), (lift, -1.0)):
+        later = np.maximum(times - at, 0.0)
+        swing = (later > 0) * (1 - np.exp(-0.02 * later) * np.cos(2 * np.pi * 0.22 * later))
+        bent += size * swing[:, np.newaxis] * LOAD
+    return bent
+
+
+def test_a_lift_is_seen_while_the_times_of_readings_are_not_known() -> None:
+    times = np.arange(240.0)
+    values = rings(times, 40.3, 150.4)
+    times[150:190] = np.nan
+    chain = Chain(Mean("growing-mean", 4, 200, 6.0), CHANNELS, 1.0, PERIOD)
+    filtered = chain.apply(values, None, times.tolist())
+    for at in range(155, 190):
+        apart = filtered.mean_mm[at]
+        assert apart @ np.linalg.solve(filtered.covariance_mm2[at], apart) < 40
+
+
+@pytest.mark.parametrize("jump", [-90_000.0, -50.0, -36.0, 36.0, 300.0])
+@pytest.mark.parametrize("lost", [0, 30, 60])
+def test_a_device_that_begins_anew_with_another_clock_changes_no_load(jump: float, lost: int) -> None:
+    times = np.arange(200.0)
+    values, came = rings(times, 40.4, 1e9), np.ones(200, dtype=np.bool_)
+    came[90 : 90 + lost] = False
+    at = np.flatnonzero(came)
+    gaps = (np.diff(at, prepend=-1) - 1).tolist()
+    stamps = times[came] + 1e6 + np.where(at >= 90 + lost, jump, 0.0)
+    chain = Chain(Mean("growing-mean", 4, 200, 6.0), CHANNELS, 1.0, PERIOD)
+    filtered = chain.apply(values[came], gaps, stamps.tolist())
+    for row in range(90, 110):
+        apart = filtered.mean_mm[row] - LOAD
+        assert apart @ np.linalg.solve(filtered.covariance_mm2[row], apart) < 40

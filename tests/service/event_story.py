@@ -3,6 +3,8 @@
 from itertools import takewhile
 from typing import Any
 
+import httpx2
+
 from service.bench import START_US, Bench, Row, batch_of
 from support.running.waiting import wait_until
 
@@ -71,11 +73,23 @@ class Story:
         """Send what the record lacks."""
         self.backlog(self.ask()["expected"] - 1, len(self.rows))
 
+    def _read(self, path: str) -> dict[str, Any]:
+        """Return an answer; a database that is busy for a while may be asked again."""
+        pages: list[dict[str, Any]] = []
+
+        def is_read() -> bool:
+            response = self.bench.get(path)
+            pages.append(response.json())
+            return response.status_code != httpx2.codes.SERVICE_UNAVAILABLE
+
+        wait_until(is_read, pause_s=0.05)
+        return pages[-1]
+
     @property
     def events(self) -> list[dict[str, Any]]:
         """All events, oldest first, without the members that differ between services."""
         events, following = list[dict[str, Any]](), ""
         while following is not None:
-            page = self.bench.get(f"/events?path=true{following and f'&after={following}'}").json()
+            page = self._read(f"/events?path=true{following and f'&after={following}'}")
             events, following = events + page["events"], page["next"]
         return [{name: event[name] for name in event if name not in ("id", "model")} for event in reversed(events)]

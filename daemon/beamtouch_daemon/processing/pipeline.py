@@ -119,9 +119,9 @@ class Pipeline:
         raw = self._characteristic.deflection(gap_mm)
         lost = [reading.lost for reading in readings]
         good = codes == _GOOD
-        passed = np.where(good, raw, np.nan)
-        filtered = self._filtered(passed, readings, good, raw[-1], counts[-1])
-        zeros = None if self._zeros is None else self._zeros.track(passed, lost, filtered)
+        good_mm = np.where(good, raw, np.nan)
+        filtered = self._filtered(good_mm, readings, good, raw[-1], counts[-1])
+        zeros = None if self._zeros is None else self._zeros.track(good_mm, lost, filtered)
         at_rest = len(readings) - len(filtered.moves)
         readings, codes, good, raw = readings[at_rest:], codes[at_rest:], good[at_rest:], raw[at_rest:]
         values, stated = np.where(good, filtered.mean_mm, raw), uncertainties(filtered)

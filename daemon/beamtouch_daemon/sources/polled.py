@@ -219,10 +219,10 @@ class PolledSource:
     async def _poll(self) -> Reading | None:
         """Read all units that are not given up; None if none answered, SourceError if all are, and none may boot.
 
-        The reading is as old as its oldest part. It is dated by all of them.
+        The reading is as old as the first request; it was taken between that and the last answer.
         """
         live = [part for part in self._parts if not part.is_given_up]
-        stamps: list[float] = []
+        asked: list[float] = []
         counts: list[float | None] = [None] * self._channels
         if len(live) == 1:  # without a task, which would take a tenth of the time
             answers_of_all = [await self._read(live[0])]
@@ -232,11 +232,11 @@ class PolledSource:
         for part, answers in zip(live, answers_of_all, strict=True):
             if answers is not None:
                 contents, asked_s = answers
-                stamps.append(asked_s)
+                asked.append(asked_s)
                 for index, value in part.values.items():
                     counts[index] = value.decode(contents)
-        if stamps:
-            return Reading(min(stamps), tuple(counts), taken_s=self._stamps.taken_s(min(stamps), answered_s))
+        if asked:
+            return Reading(min(asked), tuple(counts), taken_s=self._stamps.date(min(asked), answered_s))
         if all(part.is_given_up and not part.may_boot for part in self._parts):
             reason, seen = (
                 "; ".join(dict.fromkeys(filter(None, texts)))

@@ -53,12 +53,12 @@ class Reading(NamedTuple):
     failed: int = 0
     """Those of them that were lost because requests failed, and not because the device is slower than configured."""
     taken_s: float | None = None
-    """Best estimate of its time, which may be too late, in a session to a constant; NaN if that is not known well
-    enough to follow a beam that rings; None: as above."""
+    """When it was most likely taken, by the same clock; within a session it may be off by a constant. NaN if that is
+    not known well enough to follow a beam that rings; None if `monotonic_s` is the best estimate."""
 
     @property
     def likely_s(self) -> float:
-        """Best estimate of its time, or NaN, as above."""
+        """Most likely time: `taken_s`, or `monotonic_s` where that is None."""
         return self.monotonic_s if self.taken_s is None else self.taken_s
 
 

@@ -155,7 +155,7 @@ class Chain:
             Number of readings lost before each of them, shape (readings,); None: none.
         times
             When they were taken, in readings since any time that stays the same, shape (readings,); None: evenly. Only
-            the swings of a beam that rings need them; NaN is not known well enough for these.
+            the swings of a beam that rings need them; NaN where the time is not known well enough for that.
         """
         rows, places = values, None
         if lost is not None and any(lost):

@@ -11,7 +11,7 @@ from beamtouch_models.filters.readings import FloatArray
 
 
 class Found(NamedTuple):
-    """The rest about which a beam swings, as the mean of some readings."""
+    """Where a beam that swings will rest, or where it is just after a touch, as the mean of some readings."""
 
     mean_mm: FloatArray
     """Shape (channels,); NaN of a channel that is missing in the newest reading."""
@@ -21,6 +21,7 @@ class Found(NamedTuple):
     """Its covariance beyond the noise of that mean, shape (channels, channels); 0 of missing channels."""
     variance_mm2: float
     """Sum of its variances."""
+    is_rest: bool = True
 
 
 @dataclass(frozen=True)
@@ -75,7 +76,7 @@ class Filtered:
         variance[rows] = np.where(there, shares[better], variance[rows])
         excess_mm2[place[better]] = np.array([one.excess_mm2 for _, one in found])[better]
         is_found = self.found.copy()
-        is_found[rows] = True
+        is_found[rows] = np.array([one.is_rest for _, one in found])[better]
         return replace(self, mean_mm=mean_mm, relative_variance=variance, excess_mm2=excess_mm2, found=is_found)
 
     def at(self, rows: NDArray[np.intp]) -> Self:

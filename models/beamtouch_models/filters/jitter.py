@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from beamtouch_models.filters.readings import FloatArray
-from beamtouch_models.filters.sinusoids import AMPLITUDE, DAMPING, Band, Fit, Poles, middle, waves_of
+from beamtouch_models.filters.sinusoids import AMPLITUDE, DAMPING, Band, Fit, Poles, mean_times, waves_of
 
 STEPS, AGAIN = 3, 1
 """Gauss-Newton steps, and those of a fit that is carried on; each finds the deviation of the stamps, too."""
@@ -74,7 +74,7 @@ class _Waves(NamedTuple):
         columns = np.empty((len(times), len(fit.coefficients)))
         columns[:, 0] = 1.0
         if fit.slopes:
-            columns[:, 1] = middle(times) / fit.rows
+            columns[:, 1] = mean_times(times) / fit.rows
         columns[:, first : first + count], columns[:, first + count :] = wave.real.T, wave.imag.T
         cosine, sine = fit.coefficients[first : first + count], fit.coefficients[first + count :]
         turning = wave[:, :, np.newaxis] * (cosine - 1j * sine)[:, np.newaxis]
@@ -90,12 +90,12 @@ class _Waves(NamedTuple):
         return said
 
     def late(self, left: FloatArray) -> FloatArray:
-        """Return the part of what readings differ by, (times, channels), that is along the way of the beam."""
+        """Return the part along the way of the beam, (times,), of what readings differ by, (times, channels)."""
         late: FloatArray = (self.way * left).sum(axis=1)
         return late
 
     def less(self, jitter: float) -> FloatArray:
-        """Return which part of a difference along the way counts less for stamps that are off, shape (times,)."""
+        """Return the share of a difference along the way that is taken off, as stamps are off, shape (times,)."""
         return 1 - 1 / np.sqrt(1 + (jitter * self.speed) ** 2)
 
     def whitened(self, left: FloatArray, jitter: float) -> FloatArray:
@@ -154,7 +154,7 @@ def _changes(waves: _Waves, times: FloatArray, channels: int) -> FloatArray:
     changes = np.zeros((len(times), channels, linear + 2 * count))
     for channel in range(channels):
         changes[:, channel, channel:linear:channels] = waves.columns
-    ages = middle(times)[:, np.newaxis]
+    ages = mean_times(times)[:, np.newaxis]
     changes[:, :, linear : linear + count] = np.moveaxis(-ages * waves.swings, 0, 2)
     changes[:, :, linear + count :] = np.moveaxis(ages * waves.turned, 0, 2)
     return changes

@@ -5,6 +5,8 @@ The constant of a fit needs neither: it is known as soon as the readings show th
 reading that moves, takes every reading since, and begins anew when it fails. Its poles are carried on, so that a
 reading costs one step. Only where the swings are most of what is seen (`OPENS`, `CLOSES`) does it replace the mean.
 
+Until the swings after a touch are found, those from before it go on.
+
 docs/decisions/045-ringing.md explains the form.
 """
 
@@ -14,27 +16,18 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from beamtouch_models.filters.filtered import Found
-from beamtouch_models.filters.jitter import refit, whitened
+from beamtouch_models.filters.jitter import whitened
 from beamtouch_models.filters.readings import FloatArray
+from beamtouch_models.filters.search import LEAST_ROWS, MOST_ROWS, Whole, carried, sought, whole_of
 from beamtouch_models.filters.significance import FALSE, SHARP, chi_square_quantile
-from beamtouch_models.filters.sinusoids import LEAST_CYCLES, Band, Fit, Poles, fit, middle, predicted, refine, seek
+from beamtouch_models.filters.sinusoids import LEAST_CYCLES, Fit, mean_times, predicted
 
-MOST_ROWS = 94
-"""Most rows of a fit. Over more of them, the frequency of a real beam changes with its amplitude."""
 ROWS_A_PERIOD = 20
 """Rows in the slowest period; at a higher rate, a row is the mean of several readings."""
-LEAST_ROWS = 5
-"""Fewest rows of a fit."""
 YOUNG = 16
 """Rows below which a fit that fails lacks a pole, more likely than that something has changed."""
-MOST_POLES = 2
-"""Three pairs would take a load that grows for a swing."""
 SHORTER = 0.6
 """Length of the shorter window that is tried where one fails, over it."""
-STEPS = 2
-"""Gauss-Newton steps of a search, for each new pole."""
-HIGHEST_LOWEST = 3.0
-"""Lowest frequency, per row, above which there is no place for a pole: the rows are too close together."""
 SLOPES_TRIED = 4
 """Slopes are tried in one fit of so many."""
 MOST_AHEAD = 16
@@ -54,15 +47,16 @@ UNSEEN_SWING = 0.03
 still, and what is no damped sinusoid."""
 FEW = 8.0
 """Rows below which much more is not seen."""
-JITTER, JITTER_ANGLE = 0.3, 0.6
-"""Largest deviation of stamps that is allowed for where exact ones do not explain the rows: in rows, and of the angle
-of the swings."""
 FORMER_TURNS = 2.0
 """Turns of each swing that a fit has seen, from which on it goes on as the fit says, whatever comes."""
-STILL_PART, LEAST_STILL = 1 / 4, 2
+TOUCH_PART, LEAST_TOUCH_ROWS = 1 / 4, 2
 """Part of the slowest period in which a beam that is touched swings little yet, and its fewest rows."""
 SHAPE = 0.1
-"""What its deflection then differs from that at rest, over it: faster modes have come further."""
+"""Difference between its deflection then and that at rest, over the latter: faster modes have come further."""
+STAMP_OFF, STAMP_PART = 1.0, 0.1
+"""Largest difference between times by stamps and by counting readings: in readings, and more over the latter."""
+MOST_UNDATED = 2
+"""Readings in a row without a known time, from which on no rest is told."""
 LAGS = (1, 2)
 """The constant is compared with those of so many fits before."""
 
@@ -91,9 +85,14 @@ class Followed(NamedTuple):
     constants: tuple[FloatArray, ...]
     """Of the last fits in a row, shape (channels,) each."""
     opened: bool
+    """Whether the swings are most of what is seen."""
     calm: int
     """Readings in a row that did not move."""
     found: Found | None
+    passed: int = 0
+    """Readings since the newest row in the fit, with those that are lost."""
+    undated: int = 0
+    """Readings in a row that came, but whose times are not known."""
     former: tuple[Fit, float] | None = None
     """The fit before the last sharp change, and the time of the newest row in it; None after the first fit since."""
 
@@ -108,17 +107,6 @@ class Followed(NamedTuple):
             times=np.concatenate([self.times, times])[-MOST_ROWS:],
             values=np.concatenate([self.values, values])[-MOST_ROWS:],
         )
-
-
-class Whole(NamedTuple):
-    """Rows that have the same channels."""
-
-    ages: FloatArray
-    """Their times, in rows before the newest one, shape (rows,), or (rows, readings)."""
-    values: FloatArray
-    """In units of the noise, shape (rows, channels)."""
-    band: Band
-    """Frequencies that they show."""
 
 
 class Ringing:
@@ -141,7 +129,8 @@ class Ringing:
         # So that the mean of a block has the noise of 1.
         self._unit_mm = unit_mm / math.sqrt(self._block)
         self._areas_mm2 = np.outer(self._unit_mm, self._unit_mm)
-        self._still = max(LEAST_STILL, round(STILL_PART * slowest_period / self._block))
+        self._touch_rows = max(LEAST_TOUCH_ROWS, round(TOUCH_PART * slowest_period / self._block))
+        """Most rows after a touch in which the beam swings little yet."""
         self._lowest = 2 * math.pi * LEAST_CYCLES * self._block / slowest_period
         """Lowest angular frequency, per row."""
 
@@ -161,7 +150,9 @@ class Ringing:
             Whether the mean of the newest readings moves, after each of them.
         """
         found: list[tuple[int, Found]] = []
-        came, at = (~np.isnan(times) & np.any(~np.isnan(readings_mm), axis=1)).tolist(), 0
+        there = np.any(~np.isnan(readings_mm), axis=1)
+        came, undated = (there & ~np.isnan(times)).tolist(), (there & np.isnan(times)).tolist()
+        at = 0
         while at < len(moves):
             if before is None and not moves[at]:
                 at += 1
@@ -172,7 +163,10 @@ class Ringing:
             if until == at:
                 reading_mm = readings_mm[at] if came[at] else None
                 before, until = self._step(before, float(times[at]), reading_mm, moves=moves[at]), at + 1
-            if before is not None and before.found is not None:
+                if before is not None and (undated[at] or came[at]):
+                    before = before._replace(undated=before.undated + 1 if undated[at] else 0)
+            # Readings whose time is not known cannot contradict a rest. One of them may be chance.
+            if before is not None and before.found is not None and before.undated < MOST_UNDATED:
                 found += [(row, before.found) for row in range(at, until) if moves[row]]
             at = until
         return found, before
@@ -205,7 +199,9 @@ class Ringing:
             calm, number = calmer, number + 1
         if not number:
             return before, first
-        return before.with_rows(times[first : first + number], rows[:number])._replace(calm=calm), first + number
+        return before.with_rows(times[first : first + number], rows[:number])._replace(
+            calm=calm, passed=before.passed + number, undated=0
+        ), first + number
 
     def _step(
         self, before: Followed | None, time: float, reading_mm: FloatArray | None, *, moves: bool
@@ -216,6 +212,7 @@ class Ringing:
                 return None
             nothing = np.zeros((0, len(reading_mm)))
             before = Followed((), np.zeros(self._shape_of(0)), nothing, None, time, None, 0, 0, 0, (), False, 0, None)
+        before = before._replace(passed=before.passed + 1)
         calm = 0 if moves else before.calm + 1
         if calm >= (CALM_ROWS * self._block if before.fit is None else self._slowest_period):
             return None
@@ -236,18 +233,18 @@ class Ringing:
         """Take the next row: its times, and its values (1, channels)."""
         now = before.with_rows(time, row)
         times, values = now.times, now.values
-        if before.fit is None:
-            return self._searched(now)
+        if before.fit is None or not self._is_dated(now, before.fitted):
+            return self._searched(now if before.fit is None else now._replace(times=time, values=row, opened=False))
         is_predicted = before.doubtful is None and self._are_predicted(before, before.fit, times[-1:], values[-1:])[0]
         if is_predicted and before.is_confirmed and self._waits(before, before.fit, time.mean()):
             return now
         checks = before.age % SLOPES_TRIED == 0
-        best = self._carried(before.fit, times, values, checks=checks)
+        best = self._carried(before.fit, now, checks=checks)
         if best is None and is_predicted and len(times) >= YOUNG:
             # Nothing has changed, but the oldest swings were others.
             newer = -int(SHORTER * len(times))
             now = now._replace(times=times[newer:], values=values[newer:])
-            best = self._carried(before.fit, now.times, now.values, checks=checks)
+            best = self._carried(before.fit, now, checks=checks)
         if best is not None:
             return self._told(now._replace(doubtful=None, waits=0), best)
         if len(times) < YOUNG:
@@ -275,10 +272,10 @@ class Ringing:
         if now.waits > 0 or rows < LEAST_ROWS:
             return self._told(now._replace(doubtful=None, waits=now.waits - 1), None)
         now, kept = now._replace(constants=()), rows
-        best = self._sought(now.times, now.values)
+        best = self._sought(now, rows)
         if best is None and SHORTER * rows >= LEAST_ROWS:
             kept = int(SHORTER * rows)
-            best = self._sought(now.times[-kept:], now.values[-kept:])
+            best = self._sought(now, kept)
         failures = 0 if best else now.failures + 1
         now = now._replace(
             times=now.times[-kept:],
@@ -290,7 +287,7 @@ class Ringing:
         return self._told(now, best)
 
     def _told(self, now: Followed, best: Fit | None) -> Followed:
-        """Return what is known with a fit to all rows; None: none is found."""
+        """Return what is known with a fit to all rows; without one, what rang before a touch goes on."""
         if best is None:
             now = now._replace(fit=None, found=None, opened=False, constants=())
             return now if now.former is None else self._touched(now, *now.former)
@@ -306,92 +303,69 @@ class Ringing:
             found=found,
             constants=constants,
             age=now.age + 1,
+            passed=0,
             former=None,
         )
 
-    def _touched(self, now: Followed, former: Fit, fitted: float) -> Followed:
-        """Return what is known of a beam that rang, and has changed sharply: without the swings, it is as if at rest.
+    def _is_dated(self, now: Followed, fitted: float) -> bool:
+        """Return whether the stamp of the newest row agrees with the number of readings since the newest one fitted.
 
-        Of so few rows, the newest one alone may be what the mean is off by, as after the touch of a beam that rests.
+        A board that was started anew has another clock.
         """
-        if len(now.times) > self._still or np.isnan(now.values).any() or now.values.shape[1] != len(former.constant):
+        return bool(abs(now.times[-1].mean() - fitted - now.passed) <= STAMP_OFF + STAMP_PART * now.passed)
+
+    def _touched(self, now: Followed, former: Fit, fitted: float) -> Followed:
+        """Return what is known just after a beam that rang has changed sharply: the mean of the rows, less the swings.
+
+        So few rows prove no rest, so it is stated as uncertain as a single reading. Stamps that do not agree with the
+        number of readings say nothing of the swings.
+        """
+        middles = mean_times(now.times)
+        goes_on = now.values.shape[1] == len(former.constant) and not np.isnan(now.values).any()
+        is_new = middles[-1] - middles[0] < self._touch_rows * self._block
+        if (
+            not (goes_on and self._is_dated(now, fitted) and is_new)
+            or now.passed > (MOST_AHEAD + self._touch_rows) * self._block
+        ):
             return now._replace(former=None)
         since = (now.times - fitted) / self._block
         swings = predicted(former, since) - former.constant
         apart = whitened(former, since, now.values - swings - former.constant)
-        if (apart * apart).sum(axis=1).min() < 2 * chi_square_quantile(apart.shape[1], SHARP):
+        if (apart * apart).sum(axis=1).min() < LIKE * chi_square_quantile(apart.shape[1], SHARP):
             return now._replace(former=None)
         rows, mean = len(since), (now.values - swings).mean(axis=0)
         swing, load = float((swings[-1] ** 2).sum()), float(((mean - former.constant) ** 2).sum())
-        unseen = (self._unseen * (1 + (FEW / former.rows) ** 2)) ** 2 * swing + SHAPE**2 * load
+        unseen = self._unseen_part(former.rows) ** 2 * swing + SHAPE**2 * load
         excess_mm2 = np.diag(self._unit_mm**2 * (self._block + unseen))
         mean_mm = mean * self._unit_mm
         readings = rows * self._block
         variance_mm2 = float(np.trace(excess_mm2) + (self._noise_mm**2).sum() / readings)
-        return now._replace(found=Found(mean_mm, readings, excess_mm2, variance_mm2))
+        return now._replace(found=Found(mean_mm, readings, excess_mm2, variance_mm2, is_rest=False))
 
-    def _whole(self, times: FloatArray, values: FloatArray) -> Whole | None:
-        """Return the rows that have all channels of the newest one; None if they cannot show a swing.
+    def _unseen_part(self, rows: int) -> float:
+        """Return the swing that so many rows do not show, over that which they show."""
+        return self._unseen * (1 + (FEW / rows) ** 2)
 
-        Rows from before a long gap do not count: their swings may have been any number of times as large. Nor do those
-        that stamps which went back say are newer.
-        """
-        ages = (times - times[-1].mean()) / self._block
-        since, there = middle(ages), ~np.isnan(values[-1])
-        rows = ~np.isnan(values[:, there]).any(axis=1) & (since <= 0) & (since > -MOST_ROWS)
-        if not (there.all() and rows.all()):
-            ages, since, values = ages[rows], since[rows], values[np.ix_(rows, there)]
-        if len(ages) < LEAST_ROWS:
-            return None
-        lowest = max(self._lowest, 2 * math.pi * LEAST_CYCLES / (1 - since.min()))
-        return Whole(ages, values, Band.of(ages, lowest)) if lowest <= HIGHEST_LOWEST else None
+    def _whole(self, now: Followed, newest: int = MOST_ROWS) -> Whole | None:
+        """Return the newest rows that can be fitted."""
+        return whole_of(now.times[-newest:], now.values[-newest:], self._block, self._lowest)
 
-    def _carried(self, last: Fit, times: FloatArray, values: FloatArray, *, checks: bool) -> Fit | None:
-        """Return the last fit some rows later; with or without slopes, or with one more pole, if that is better.
+    def _carried(self, last: Fit, now: Followed, *, checks: bool) -> Fit | None:
+        """Return the last fit, carried on to all rows; None if none explains them."""
+        whole = self._whole(now)
+        return None if whole is None else carried(last, whole, checks=checks)
 
-        None if none explains the rows.
-        """
-        whole = self._whole(times, values)
-        if whole is None:
-            return None
-        ages, values, band = whole
-        best = fit(ages, values, last.following.within(band), band, slopes=last.slopes)
-        if explains(best) and not checks:
-            return best
-        if last.jitter and (jittery := with_jitter(best._replace(jitter=last.jitter), whole)):
-            return jittery
-        other = fit(ages, values, best.following, band, slopes=not last.slopes)
-        if explains(other) and (not explains(best) or worth(other) < worth(best)):
-            best = other
-        if not explains(best) and len(last.poles.decay) < MOST_POLES:
-            best = refine(ages, values, seek(best, ages, values, band), band, slopes=last.slopes, steps=STEPS)
-        return best if explains(best) else with_jitter(best, whole)
-
-    def _sought(self, times: FloatArray, values: FloatArray) -> Fit | None:
-        """Return the best fit of all kinds; None if none explains the rows."""
-        whole = self._whole(times, values)
-        if whole is None:
-            return None
-        ages, values, band = whole
-        best = fit(ages, values, Poles.none(), band, slopes=False)
-        sloping = fit(ages, values, Poles.none(), band, slopes=True)
-        for _ in range(MOST_POLES):
-            few = values.size < best.parameters + 2 + 3 * values.shape[1]
-            if few or explains(best) or explains(sloping):
-                break
-            best = refine(ages, values, seek(best, ages, values, band), band, slopes=False, steps=STEPS)
-            if not explains(best):
-                sloping = refine(ages, values, best.following, band, slopes=True, steps=1)
-            if not explains(best) and not explains(sloping) and (jittery := with_jitter(best, whole)):
-                return jittery
-        return next(filter(explains, (best, sloping)), None)
+    def _sought(self, now: Followed, newest: int) -> Fit | None:
+        """Return the best fit to so many newest rows; None if none explains them."""
+        whole = self._whole(now, newest)
+        return None if whole is None else sought(whole)
 
     def _seen(self, of: Fit, now: Followed) -> float:
         """Return the swings that are seen (r.m.s., in units of the noise)."""
-        whole = self._whole(now.times, now.values)
+        whole = self._whole(now)
         if whole is None or not len(of.poles.decay):
             return 0.0
-        ages, values = middle(whole.ages), whole.values - whole.values.mean(axis=0)
+        ages, values = mean_times(whole.ages), whole.values - whole.values.mean(axis=0)
         ages = ages - ages.mean()
         slope = ages @ values
         line = (values * values).sum() - slope @ slope / (ages @ ages)
@@ -403,7 +377,7 @@ class Ringing:
         before = np.array([now.constants[-lag] for lag in LAGS if lag <= len(now.constants)])[:, there]
         apart = np.nan_to_num(before - of.constant)
         covariance = of.covariance + apart.T @ apart / len(apart)
-        unseen = self._unseen * (1 + (FEW / of.rows) ** 2)
+        unseen = self._unseen_part(of.rows)
         if len(covariance) < len(there):
             covariance, part = np.zeros((len(there), len(there))), covariance
             covariance[np.ix_(there, there)] = part
@@ -415,29 +389,3 @@ class Ringing:
         mean_mm = np.full(len(there), np.nan)
         mean_mm[there] = of.constant * self._unit_mm[there]
         return Found(mean_mm, readings, covariance, float(np.trace(covariance)) + white_mm2)
-
-
-def with_jitter(of: Fit, whole: Whole) -> Fit | None:
-    """Return the fit to rows whose stamps are not exact; None if that does not explain them either.
-
-    One channel alone does not tell what is late from what is elsewhere. What the last step promises is not enough: a
-    load that comes softly would be taken for a swing whose decay was clipped.
-    """
-    ages, values, band = whole
-    if not len(of.poles.decay) or values.shape[1] < 2:
-        return None
-    most = min(JITTER, JITTER_ANGLE / of.speed)
-    best, left = refit(of, ages, values, band, most)
-    leaves_noise = left < chi_square_quantile(max(best.freedom, 1), FALSE)
-    return best if leaves_noise and explains(best) else None
-
-
-def explains(of: Fit) -> bool:
-    """Return whether a fit leaves no more than noise."""
-    enough = len(of.constant) if len(of.coefficients) > 1 else 1
-    return of.freedom >= enough and of.promised < chi_square_quantile(of.freedom, FALSE)
-
-
-def worth(of: Fit) -> float:
-    """Return Akaike's criterion."""
-    return of.promised + 2 * of.parameters

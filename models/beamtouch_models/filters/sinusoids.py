@@ -32,13 +32,11 @@ HIGHEST, HIGHEST_UNEVEN = 0.995 * math.pi, 4 * math.pi
 """Highest angular frequency, per reading: two readings a period are not enough, if they are as far apart as each other.
 Others tell a faster swing from a slow one."""
 SOUGHT = 0.99 / 0.995
-"""Part of it up to which a new pole is sought."""
+"""Part of the highest frequency up to which a new pole is sought."""
 BETTER = 1.02
-"""What a swing above explains, over what one below does, from which on it is told: often they are nearly the same."""
-ROUNDING = 1e-9
-"""Part of a frequency by which it may be off."""
-UNEVEN = 0.03
-"""Deviation of the times between readings, from a number of usual ones, from which on they are uneven."""
+"""What a swing above `HIGHEST` must explain, over what one below does: often they are nearly the same."""
+UNEVEN = 0.012
+"""R.m.s. distance of intervals from whole multiples of the usual one, over that, from which on readings are uneven."""
 LEAST_CYCLES = 0.8
 """Least part of a period that the readings span. Less of a slow swing is told from a slope by nothing."""
 FREQUENCIES = 20, 64
@@ -51,18 +49,32 @@ class Band(NamedTuple):
 
     lowest: float
     highest: float = HIGHEST
+    usual: float = 1.0
+    """The usual time between readings, over the nominal one."""
 
     @classmethod
     def of(cls, times: FloatArray, lowest: float) -> "Band":
         """Return that of readings at some times, as for `fit`."""
         even = cls(lowest)
-        if times.ndim > 1:
+        if times.ndim > 1:  # single readings, in their unit
             times = times.ravel() * times.shape[1]
-        if _is_whole(times):
+        if _are_whole(times):
             return even
         between = np.diff(times)
         usual = float(np.median(between))
-        return even if usual <= 0 or _is_whole(between / usual) else cls(lowest, HIGHEST_UNEVEN)
+        if usual <= 0 or _are_whole(between / usual):
+            return even
+        return cls(lowest, HIGHEST_UNEVEN, usual)
+
+    def seem_still(self, frequency: FloatArray) -> NDArray[np.bool_]:
+        """Return whether swings are so nearly as fast as the readings, or twice as fast, that they look like a load.
+
+        A load that grows would be taken for one of them.
+        """
+        turns = frequency * self.usual / (2 * math.pi)
+        whole = np.rint(turns)
+        still: NDArray[np.bool_] = (whole > 0) & (np.abs(turns - whole) * 2 * math.pi < self.lowest * self.usual)
+        return still
 
 
 class Poles(NamedTuple):
@@ -81,7 +93,8 @@ class Poles(NamedTuple):
     def within(self, band: Band) -> "Poles":
         """Return the poles within the ranges that are allowed."""
         frequency = np.minimum(np.maximum(self.frequency, band.lowest), band.highest)
-        return Poles(np.minimum(np.maximum(self.decay, 0.0), MAX_DAMPING * frequency), frequency)
+        most = MAX_DAMPING * np.minimum(frequency, HIGHEST)
+        return Poles(np.minimum(np.maximum(self.decay, 0.0), most), frequency)
 
 
 class Fit(NamedTuple):
@@ -121,19 +134,19 @@ class Fit(NamedTuple):
         return 0.0 if math.isinf(slowest) else float(self.rows * slowest / (2 * math.pi))
 
     @property
-    def speed(self) -> float:
-        """Angular frequency of the swings at the time 0 (r.m.s.), per reading; there is at least one."""
+    def frequency(self) -> float:
+        """R.m.s. angular frequency of the swings at the time 0, by their squares, per reading; needs a pole."""
         squares = (self.coefficients[1 + self.slopes :] ** 2).sum(axis=1).reshape(2, -1).sum(axis=0)
         return math.sqrt(float(squares @ self.poles.frequency**2) / max(float(squares.sum()), STILL))
 
 
-def _is_whole(numbers: FloatArray) -> bool:
-    """Return whether all are nearly whole numbers."""
+def _are_whole(numbers: FloatArray) -> bool:
+    """Return whether all are whole numbers within `UNEVEN` (r.m.s.)."""
     off = numbers - np.rint(numbers)
     return float(off @ off) <= len(off) * UNEVEN**2
 
 
-def middle(times: FloatArray) -> FloatArray:
+def mean_times(times: FloatArray) -> FloatArray:
     """Return the mean time of each value, shape (readings,)."""
     means: FloatArray = times if times.ndim == 1 else times.mean(axis=1)
     return means
@@ -166,11 +179,11 @@ def fit(times: FloatArray, values: FloatArray, poles: Poles, band: Band, *, slop
     columns = np.empty((linear + 2 * count, number))
     columns[0] = 1.0
     if slopes:
-        columns[1] = middle(times) / number
+        columns[1] = mean_times(times) / number
     if count:
         wave = waves_of(poles, times)
         columns[first : first + count], columns[first + count : linear] = wave.real, wave.imag
-        np.multiply(columns[first:linear], middle(times), out=columns[linear:])
+        np.multiply(columns[first:linear], mean_times(times), out=columns[linear:])
     products, shown = columns @ columns.T, columns @ values
     normal = products[:linear, :linear].copy()
     normal.flat[:: linear + 1] += 1 / AMPLITUDE**2 + ALIKE * normal.flat[:: linear + 1]
@@ -231,7 +244,7 @@ def predicted(of: Fit, times: FloatArray) -> FloatArray:
     columns = np.empty((len(of.coefficients), len(times)))
     columns[0] = 1.0
     if of.slopes:
-        columns[1] = middle(times) / of.rows
+        columns[1] = mean_times(times) / of.rows
     if count:
         wave = waves_of(of.poles, times)
         columns[first : first + count], columns[first + count :] = wave.real, wave.imag
@@ -245,12 +258,10 @@ def seek(of: Fit, times: FloatArray, values: FloatArray, band: Band) -> Poles:
     number = min(max(FREQUENCIES[0], len(times)), FREQUENCIES[1])
     number = round(number * band.highest / HIGHEST)
     frequencies = np.linspace(band.lowest, SOUGHT * band.highest, number)
-    # What comes as fast as the readings looks slow, as a load that grows does.
-    turns = frequencies / (2 * math.pi)
-    frequencies = frequencies[np.abs(turns - np.rint(turns)) * 2 * math.pi >= band.lowest * (1 - ROUNDING)]
+    frequencies = frequencies[~band.seem_still(frequencies)]
     number = len(frequencies)
     left, waves = values - predicted(of, times), waves_of(Poles(np.zeros(number), frequencies), times).T
-    times = middle(times)
+    times = mean_times(times)
     both = np.concatenate([waves.real, waves.imag], axis=1)
     base = np.stack([np.ones(len(times)), times / len(times)], axis=1)[:, : 1 + of.slopes]
     both -= base @ np.linalg.solve(base.T @ base, base.T @ both)

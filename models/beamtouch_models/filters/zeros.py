@@ -41,8 +41,6 @@ LEASH = 4.0
 PROBATION_S, CREEPS_S = 5.0, 60.0
 """A rest that ends so soon with a step back, or with readings that creep back, may have been part of a slow lift. Then
 its zero is taken back. What is hardly faster than a drift takes so long to show against the noise."""
-BACK = 3.0
-"""Deviations by which zeros have moved since the load before, if a step leads them back."""
 ANYWHERE = 3**-0.5
 """Standard deviation of a zero that may be anywhere within the limit, over that limit."""
 LITTLE = 0.02
@@ -252,7 +250,8 @@ class Zeros:
         lost
             Number of readings lost before each, shape (readings,); None: none.
         filtered
-            Means after the last of these readings. Where a beam swings, they say about what.
+            The means that the same readings gave, one each or the newest only; None: none. Where the beam swings, they
+            say about what.
         """
         number = len(values_mm)
         zero, own = np.empty((2, number, self._channels))
@@ -288,14 +287,17 @@ class Zeros:
     def _found(self, filtered: Filtered, at: int) -> _Block | None:
         """Return the rest about which the beam swings at some reading as a block; None if that is not known.
 
-        It is of the readings of several blocks, which count once.
+        Rests found in successive blocks share readings, so the variance is multiplied by the number of blocks in one.
         """
         if at < 0 or not filtered.found[at]:
             return None
         repeats = max(1.0, float(filtered.readings[at]) / self._size)
         variance_mm2 = repeats * np.diag(filtered.covariances_mm2(np.array([at]))[0])
-        mean_mm = filtered.mean_mm[at]
-        return _Block(mean_mm, np.maximum(variance_mm2, self._mean_mm2), ~np.isnan(mean_mm))
+        mean_mm, there = filtered.mean_mm[at], ~np.isnan(filtered.mean_mm[at])
+        # What is less certain than a reading may hide a load, which would move the zeros again and again.
+        if (variance_mm2 > self._single_mm2)[there].any():
+            return None
+        return _Block(mean_mm, np.maximum(variance_mm2, self._mean_mm2), there)
 
     def _end_block(self, found: _Block | None) -> None:
         """Take what a block says; if the beam swings, what it swings about."""
@@ -315,7 +317,7 @@ class Zeros:
         self._last = block
 
     def _take(self, block: _Block) -> None:
-        """Take a calm block."""
+        """Take a block: of calm readings, or what the beam swings about."""
         if self._is_within(block, self._rest):
             if self._load is None or self._load.first is None:
                 self._follow(block, self._rest)
@@ -369,9 +371,7 @@ class Zeros:
         there = block.there
         moved, step = (self._rest.mm - rest.mm)[there], (block.mean_mm - self._rest.mm)[there]
         is_soon = self._is_soon(returned, CREEPS_S if self._load is None else PROBATION_S)
-        # Where the zeros have hardly moved, there is no way back: a weak load is within what an early zero may drift.
-        has_moved = float(moved @ (moved / (rest.variance_mm2 + self._rest.variance_mm2)[there])) > BACK**2 * len(moved)
-        is_back = is_soon and has_moved and float(moved @ step) < 0
+        is_back = is_soon and float(moved @ step) < 0
         return rest if is_back and self._is_within(block, rest) and self._repeats(block) else None
 
     def _is_soon(self, after: int, seconds: float) -> bool:
