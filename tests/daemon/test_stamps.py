@@ -36,8 +36,8 @@ def test_answers_that_are_always_slow_are_usual() -> None:
     took_s = np.full(300, 0.0007)
     took_s[100:] = 0.02
     late = [math.isnan(stamps.date(0.0, took)) for took in took_s]
-    assert late[100:120] == [True] * 20
-    assert late[200:] == [False] * 100
+    assert late[100:110] == [True] * 10
+    assert late[120:] == [False] * 180
     assert not math.isnan(stamps.date(0.0, 0.0295))
     assert math.isnan(stamps.date(0.0, 0.031)), "more than half as long again is late even then"
 
