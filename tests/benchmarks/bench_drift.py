@@ -1,6 +1,7 @@
 """Contacts on a line whose zeros drift, with what `build` writes: lost, wrong without a note, held, and what was said.
 
-`make bench NAMES=drift` plays some courses; `python tests/benchmarks/bench_drift.py [SCENE]` all of them.
+`make bench NAMES=drift` plays some courses; `python tests/benchmarks/bench_drift.py [SCENE] [--rings]` all of them, on a
+beam that rings from each touch and lift, or on a still one.
 """
 
 import argparse
@@ -59,14 +60,14 @@ def _warmth(at_s: np.ndarray) -> np.ndarray:
     return warmth
 
 
-def run(name: str = "bench", *, every: bool = False) -> list[dict[str, object]]:
+def run(name: str = "bench", *, every: bool = False, rings: bool = False) -> list[dict[str, object]]:
     """Play the courses on a shipped scene."""
     rows: list[dict[str, object]] = []
     with tempfile.TemporaryDirectory() as folder:
         model = build(Path(folder), name)
         settings = load_config(Path(folder) / "generated.toml").surfaces[name]
         for title, course in courses(model, every=every):
-            said = Line(model, settings).play(course)
+            said = Line(model, settings, rings=rings).play(course)
             row: dict[str, object] = {
                 "name": f"{name}, {title}: contacts lost",
                 "value": float(said.lost),
@@ -91,4 +92,6 @@ def run(name: str = "bench", *, every: bool = False) -> list[dict[str, object]]:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("scene", nargs="?", default="bench")
-    run(parser.parse_args().scene, every=True)
+    parser.add_argument("--rings", action="store_true", help="the beam rings")
+    given = parser.parse_args()
+    run(given.scene, every=True, rings=given.rings)

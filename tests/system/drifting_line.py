@@ -19,7 +19,7 @@ from beamtouch_models.filters import TARED, Rested
 from beamtouch_models.modelfile import ModelFile, State
 from beamtouch_models.scene import parse_scene
 from beamtouch_models.surface import Surface as Physics
-from beamtouch_models.world import World, counts_of_output, output_of_gap
+from beamtouch_models.world import Motion, World, counts_of_output, output_of_gap
 from beamtouch_service.events.boot import Boot
 from beamtouch_service.events.event import Event, EventKind
 from beamtouch_service.events.health import HealthHistory, StoredHealth
@@ -126,11 +126,14 @@ class Said:
 class Line:
     """A surface with its daemon and its service, from a start of both on."""
 
-    def __init__(self, model: ModelFile, settings: Settings, seed: int = 0, rested: Rested = TARED) -> None:
+    def __init__(
+        self, model: ModelFile, settings: Settings, seed: int = 0, rested: Rested = TARED, *, rings: bool = False
+    ) -> None:
         self.model, self.settings, self.rng = model, settings, np.random.default_rng(seed)
         metadata, section = model.metadata, SurfaceSection(stale_ms=1000)
         scene, noise_mm = parse_scene(metadata.scene, metadata.name), Physics.of_model(metadata).readings.sensor_mm
         self._world = World.of(scene, metadata.sensor, metadata.layout_mm, noise_mm, None, (0.0, metadata.length_mm))
+        self._motion = Motion(self._world, rings=True) if rings else None
         self.pipeline = Pipeline(settings, None, rest_of(settings), rested)
         self.surface = Served(metadata.name, model, section)
         self._boot = Boot(metadata.name, section, BOOT, model, 0)
@@ -203,10 +206,22 @@ class Line:
             for press, shape in zip(course.presses, shapes, strict=True):
                 if press.begin_s <= at_s[-1] and at_s[0] <= press.end_s:
                     true_mm += press.force_at(at_s)[:, None] * shape
+            if self._motion is not None:
+                true_mm = self._rung_mm(self._motion, course, at_s)
             true_mm[at_s >= course.seconds / 2, 1] *= course.gain
             shown_mm = true_mm + course.zero_mm(at_s) + self._world.noise_mm * self.rng.normal(size=true_mm.shape)
             counts = counts_of_output(sensor, output_of_gap(sensor, sensor.standoff_mm - shown_mm)).tolist()
             yield [Reading(moment, tuple(row)) for moment, row in zip(at_s.tolist(), counts, strict=True)]
+
+    @staticmethod
+    def _rung_mm(motion: Motion, course: Course, at_s: Floats) -> Floats:
+        """Return the deflections (readings, channels) of a beam that rings; one contact after the other touches it."""
+        rows = []
+        for now_s in at_s.tolist():
+            last = [press for press in course.presses if press.begin_s <= now_s][-1:]
+            force_n = sum(float(press.force_at(np.array(now_s))) for press in last)
+            rows.append(motion.at(now_s, last[0].position_mm if last else 0.0, force_n))
+        return np.array(rows)
 
 
 def _is_true(event: Event, course: Course) -> bool:
