@@ -1,7 +1,7 @@
 """Contacts on a line whose zeros drift, with what `build` writes: lost, wrong without a note, held, and what was said.
 
-`make bench NAMES=drift` plays some courses; `python tests/benchmarks/bench_drift.py [SCENE] [--rings]` all of them, on a
-beam that rings from each touch and lift, or on a still one.
+`make bench NAMES=drift` plays some courses; `python tests/benchmarks/bench_drift.py [SCENE] [--rings]` all of them, on
+a beam that rings from each touch and lift, or on a still one.
 """
 
 import argparse

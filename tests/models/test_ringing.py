@@ -171,6 +171,16 @@ def test_a_load_that_grows_is_not_taken_for_a_swing(readings: int) -> None:
     assert np.mean(held) > 0.95
 
 
+def test_a_load_that_grows_is_not_taken_for_a_swing_as_fast_as_readings_unevenly_apart() -> None:
+    false = 0
+    for seed in range(30):
+        times = np.arange(180.0) + 0.05 * np.random.default_rng([seed, 1]).standard_normal(180)
+        grown = (1 - np.exp(-np.maximum(times - 100.4, 0.0) / 8))[:, np.newaxis] * LOAD
+        filtered = chain().apply(grown + noise(180, seed), None, times.tolist())
+        false += sum(bool(filtered.found[at]) and squares(filtered, grown[at], at) > 25 for at in range(103, 150))
+    assert false <= 6, "readings in 30 plays"
+
+
 def test_a_fit_finds_poles_and_the_spread_of_its_constant_is_as_stated() -> None:
     times, found, deviations = np.arange(-39.0, 1.0), [], []
     clean = LOAD + np.exp(-DECAY * times)[:, np.newaxis] * (
