@@ -18,7 +18,8 @@ from beamtouch_models.filters.hurry import Hurried
 from beamtouch_models.filters.readings import FloatArray
 from beamtouch_models.filters.rest import Rest
 from beamtouch_models.filters.ringing import UNSEEN_SWING
-from beamtouch_models.filters.zeros import PERSISTS_S, TARED, Rested, Tracked, Walk, Zeros, beyond_start
+from beamtouch_models.filters.walk import PERSISTS_S, TARED, Rested, Tracked, Walk, beyond_start
+from beamtouch_models.filters.zeros import Zeros
 
 __all__ = [
     "PERSISTS_S",

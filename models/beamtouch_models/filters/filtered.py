@@ -22,6 +22,7 @@ class Found(NamedTuple):
     variance_mm2: float
     """Sum of its variances."""
     is_rest: bool = True
+    """Whether it is where the beam will rest."""
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from beamtouch_models.filters.readings import FloatArray
-from beamtouch_models.filters.sinusoids import AMPLITUDE, DAMPING, Band, Fit, Poles, mean_times, waves_of
+from beamtouch_models.filters.sinusoids import AMPLITUDE, DAMPING, Band, Fit, Poles, columns_of, mean_times
 
 STEPS, AGAIN = 3, 1
 """Gauss-Newton steps, and those of a fit that is carried on; each finds the deviation of the stamps, too."""
@@ -42,8 +42,8 @@ def refit(of: Fit, times: FloatArray, values: FloatArray, band: Band, most: floa
     for _ in range(steps):
         now = _step(now, waves, times, values, band)
         waves = _Waves.of(now, times)
-        now = now._replace(jitter=_jitter_of(now, waves, values, most))
-    left = waves.whitened(values - waves.predicted(now), now.jitter)
+        now = now._replace(jitter=_jitter_of(waves, values, most))
+    left = waves.whitened(values - waves.said, now.jitter)
     return now, float((left * left).sum())
 
 
@@ -65,29 +65,23 @@ class _Waves(NamedTuple):
     """Direction in which the beam moves, of length 1, shape (times, channels)."""
     speed: FloatArray
     """In units of the noise per reading, shape (times,)."""
+    said: FloatArray
+    """What the fit says, shape (times, channels)."""
 
     @classmethod
     def of(cls, fit: Fit, times: FloatArray) -> "_Waves":
         """Return them at times before the newest reading, as for `sinusoids.fit`."""
         count, first = len(fit.poles.decay), 1 + fit.slopes
-        wave = waves_of(fit.poles, times)
-        columns = np.empty((len(times), len(fit.coefficients)))
-        columns[:, 0] = 1.0
-        if fit.slopes:
-            columns[:, 1] = mean_times(times) / fit.rows
-        columns[:, first : first + count], columns[:, first + count :] = wave.real.T, wave.imag.T
+        columns = columns_of(fit.poles, times, fit.rows, slopes=fit.slopes).T
+        wave = columns.T[first : first + count] + 1j * columns.T[first + count :]
         cosine, sine = fit.coefficients[first : first + count], fit.coefficients[first + count :]
         turning = wave[:, :, np.newaxis] * (cosine - 1j * sine)[:, np.newaxis]
         moved = ((1j * fit.poles.frequency - fit.poles.decay)[:, np.newaxis, np.newaxis] * turning).real.sum(axis=0)
         if fit.slopes:
             moved += fit.coefficients[1] / fit.rows
         speed = np.sqrt((moved * moved).sum(axis=1))
-        return cls(columns, turning.real, -turning.imag, moved / np.maximum(speed, STILL)[:, np.newaxis], speed)
-
-    def predicted(self, of: Fit) -> FloatArray:
-        """Return what the fit says, shape (times, channels)."""
-        said: FloatArray = self.columns @ of.coefficients
-        return said
+        way, said = moved / np.maximum(speed, STILL)[:, np.newaxis], columns @ fit.coefficients
+        return cls(columns, turning.real, -turning.imag, way, speed, said)
 
     def late(self, left: FloatArray) -> FloatArray:
         """Return the part along the way of the beam, (times,), of what readings differ by, (times, channels)."""
@@ -108,10 +102,10 @@ def _step(of: Fit, waves: _Waves, times: FloatArray, values: FloatArray, band: B
     """Return the fit after a Gauss-Newton step of all parameters."""
     (number, channels), count = values.shape, len(of.poles.decay)
     linear = len(of.coefficients) * channels
-    changes = _changes(waves, times, channels)
+    changes = _changes(waves, times)
     along = waves.less(of.jitter)[:, np.newaxis] * waves.way
     changes -= along[:, :, np.newaxis] * (waves.way[:, np.newaxis] @ changes)
-    white = waves.whitened(values - waves.predicted(of), of.jitter)
+    white = waves.whitened(values - waves.said, of.jitter)
     flat = changes.reshape(number * channels, -1)
     stiffness, force = flat.T @ flat, flat.T @ white.ravel()
     prior = np.full(len(force), 1 / AMPLITUDE**2)
@@ -141,16 +135,17 @@ def _step(of: Fit, waves: _Waves, times: FloatArray, values: FloatArray, band: B
     )
 
 
-def _jitter_of(of: Fit, waves: _Waves, values: FloatArray, most: float) -> float:
+def _jitter_of(waves: _Waves, values: FloatArray, most: float) -> float:
     """Return the deviation of the stamps: what is left along the way of the beam, beyond noise, over its speed."""
-    late = waves.late(values - waves.predicted(of))
+    late = waves.late(values - waves.said)
     beyond = max(0.0, float((late * late - 1).sum())) / max(float((waves.speed * waves.speed).sum()), STILL)
     return min(max(math.sqrt(beyond), LEAST), most)
 
 
-def _changes(waves: _Waves, times: FloatArray, channels: int) -> FloatArray:
+def _changes(waves: _Waves, times: FloatArray) -> FloatArray:
     """Return what the parameters change, (times, channels, parameters): coefficients, decays, frequencies."""
-    count, linear = len(waves.swings), waves.columns.shape[1] * channels
+    count, channels = len(waves.swings), waves.said.shape[1]
+    linear = waves.columns.shape[1] * channels
     changes = np.zeros((len(times), channels, linear + 2 * count))
     for channel in range(channels):
         changes[:, channel, channel:linear:channels] = waves.columns

@@ -159,6 +159,19 @@ def waves_of(poles: Poles, times: FloatArray) -> NDArray[np.complex128]:
     return waves if times.ndim == 1 else waves.mean(axis=2)
 
 
+def columns_of(poles: Poles, times: FloatArray, rows: int, *, slopes: bool) -> FloatArray:
+    """Return what coefficients multiply at some times, shape (columns, readings): as in `Fit`, of so many readings."""
+    count, first = len(poles.decay), 1 + slopes
+    columns = np.empty((first + 2 * count, len(times)))
+    columns[0] = 1.0
+    if slopes:
+        columns[1] = mean_times(times) / rows
+    if count:
+        wave = waves_of(poles, times)
+        columns[first : first + count], columns[first + count :] = wave.real, wave.imag
+    return columns
+
+
 def fit(times: FloatArray, values: FloatArray, poles: Poles, band: Band, *, slopes: bool) -> Fit:
     """Return the fit for given poles, with the Gauss-Newton step from them.
 
@@ -176,14 +189,9 @@ def fit(times: FloatArray, values: FloatArray, poles: Poles, band: Band, *, slop
     number, channels = values.shape
     count, first = len(poles.decay), 1 + slopes
     linear = first + 2 * count
-    columns = np.empty((linear + 2 * count, number))
-    columns[0] = 1.0
-    if slopes:
-        columns[1] = mean_times(times) / number
+    columns = columns_of(poles, times, number, slopes=slopes)
     if count:
-        wave = waves_of(poles, times)
-        columns[first : first + count], columns[first + count : linear] = wave.real, wave.imag
-        np.multiply(columns[first:linear], mean_times(times), out=columns[linear:])
+        columns = np.concatenate([columns, columns[first:] * mean_times(times)])
     products, shown = columns @ columns.T, columns @ values
     normal = products[:linear, :linear].copy()
     normal.flat[:: linear + 1] += 1 / AMPLITUDE**2 + ALIKE * normal.flat[:: linear + 1]
@@ -240,14 +248,7 @@ def fit(times: FloatArray, values: FloatArray, poles: Poles, band: Band, *, slop
 
 def predicted(of: Fit, times: FloatArray) -> FloatArray:
     """Return what a fit says of some times, shape (times, channels); times as for `fit`, later ones are above 0."""
-    count, first = len(of.poles.decay), 1 + of.slopes
-    columns = np.empty((len(of.coefficients), len(times)))
-    columns[0] = 1.0
-    if of.slopes:
-        columns[1] = mean_times(times) / of.rows
-    if count:
-        wave = waves_of(of.poles, times)
-        columns[first : first + count], columns[first + count :] = wave.real, wave.imag
+    columns = columns_of(of.poles, times, of.rows, slopes=of.slopes)
     # Summed column by column, so that a row is the same however many there are.
     said: FloatArray = (columns[:, :, np.newaxis] * of.coefficients[:, np.newaxis]).sum(axis=0)
     return said

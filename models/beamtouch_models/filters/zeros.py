@@ -12,7 +12,6 @@ zeros no faster than twice the stated rate, and nothing moves them beyond a limi
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -22,14 +21,10 @@ from beamtouch_models.filters.filtered import Filtered
 from beamtouch_models.filters.hurry import Hurried, Hurry
 from beamtouch_models.filters.readings import FloatArray
 from beamtouch_models.filters.significance import chi_square_quantile
+from beamtouch_models.filters.walk import MINUTE_S, OWN, TARED, Rested, Tracked, Walk
 
 BLOCK_S, BLOCK_READINGS = 0.1, 4
 """A block is at least this time, this number of readings and the slowest period, so that ringing averages out."""
-PERSISTS_S = 10.0
-"""A drift has the same direction for about this time. Then a zero is off by rate x time; before, by the square root of
-both times rate, so that a filter which knows no slope follows without a lag beyond its own uncertainty."""
-OWN = 0.5
-"""Drift of a channel by itself, over that of all channels together."""
 FALSE = 1e-6
 """Probability that noise ends a rest with a block."""
 CALM = 4.0
@@ -41,83 +36,8 @@ LEASH = 4.0
 PROBATION_S, CREEPS_S = 5.0, 60.0
 """A rest that ends so soon with a step back, or with readings that creep back, may have been part of a slow lift. Then
 its zero is taken back. What is hardly faster than a drift takes so long to show against the noise."""
-ANYWHERE = 3**-0.5
-"""Standard deviation of a zero that may be anywhere within the limit, over that limit."""
-LITTLE = 0.02
-"""Variance of a zero that is not stated, over that of the noise of a mean."""
 LONGEST_S = 1e9
 """A longer time since the last rest, or an unknown one, makes no difference."""
-MINUTE_S = 60.0
-
-
-@dataclass(frozen=True)
-class Walk:
-    """The drift of zeros, as it is stated."""
-
-    rate_mm_per_min: float
-    """Standard deviation of the rate of all channels together."""
-    max_mm: float
-    """Largest distance from the last tare that is taken for drift."""
-    start_mm: float
-    """Standard deviation of a zero since the last tare, when nothing else is known."""
-
-    def grown_mm(self, seconds: float | FloatArray) -> FloatArray:
-        """Return the standard deviation of the common drift in a time since the last rest."""
-        drift = self.rate_mm_per_min / MINUTE_S * np.sqrt(seconds * np.maximum(seconds, PERSISTS_S))
-        grown: FloatArray = np.minimum(drift, ANYWHERE * self.max_mm)
-        return grown
-
-
-@dataclass(frozen=True)
-class Rested:
-    """The last rest before the first reading; by default a tare just now."""
-
-    ago_s: float = 0.0
-    """Time from it to the first reading; infinite if it is not known."""
-    zero_mm: tuple[float, ...] | None = None
-    """The zeros, from the last tare; None: they are those of the tare."""
-    deviation_mm: tuple[float, ...] | None = None
-    """Their standard deviations at that rest; None: what is allowed for after a tare."""
-
-
-TARED = Rested()
-
-
-class Tracked(NamedTuple):
-    """Zeros at each reading, from earlier readings only."""
-
-    zero_mm: FloatArray
-    """Shape (readings, channels)."""
-    common_mm: FloatArray
-    """Standard deviation of what moved all zeros together since the last rest, shape (readings,)."""
-    own_mm: FloatArray
-    """Standard deviation of each zero by itself, shape (readings, channels)."""
-
-
-def beyond_start(tracked: Tracked, walk: Walk, mean_mm: FloatArray, variance_mm2: FloatArray) -> FloatArray:
-    """Return how far zeros may have drifted beyond what is allowed for after a tare; 0 where that is little.
-
-    Parameters
-    ----------
-    tracked
-        The zeros of some readings.
-    walk
-        Their drift.
-    mean_mm, variance_mm2
-        The means of these readings, and the variances of their noise, both of shape (readings, channels); NaN for a
-        channel without a mean.
-
-    Returns
-    -------
-    Standard deviations of all channels together, and of each by itself, shape (readings, 2).
-    """
-    there, start_mm2 = ~np.isnan(mean_mm), walk.start_mm**2
-    own_mm2 = np.where(there, tracked.own_mm, 0.0).max(axis=1) ** 2
-    noise_mm2 = np.where(there, variance_mm2, np.inf).min(axis=1)
-    matters = tracked.common_mm**2 + own_mm2 - start_mm2 > LITTLE * noise_mm2  # False without a channel
-    own_mm = np.sqrt(np.maximum(own_mm2 - start_mm2, 0.0))
-    beyond: FloatArray = np.where(matters[:, None], np.stack([tracked.common_mm, own_mm], axis=1), 0.0)
-    return beyond
 
 
 class _Block(NamedTuple):
@@ -271,9 +191,7 @@ class Zeros:
             self._filled += end - row
             self._read += end - row
             if self._filled >= self._size:
-                self._end_block(
-                    None if filtered is None else self._found(filtered, len(filtered.found) - number + end - 1)
-                )
+                self._end_block(filtered, end - number)
             row = end
         return Tracked(zero, common, own)
 
@@ -284,12 +202,13 @@ class Zeros:
             self._last = None
             self._begin()
 
-    def _found(self, filtered: Filtered, at: int) -> _Block | None:
-        """Return the rest about which the beam swings at some reading as a block; None if that is not known.
+    def _found(self, filtered: Filtered | None, behind: int) -> _Block | None:
+        """Return the rest about which the beam swings as a block; None if that is not known. Arguments as below.
 
         Rests found in successive blocks share readings, so the variance is multiplied by the number of blocks in one.
         """
-        if at < 0 or not filtered.found[at]:
+        at = -1 if filtered is None else len(filtered.found) + behind - 1
+        if filtered is None or at < 0 or not filtered.found[at]:
             return None
         repeats = max(1.0, float(filtered.readings[at]) / self._size)
         variance_mm2 = repeats * np.diag(filtered.covariances_mm2(np.array([at]))[0])
@@ -299,14 +218,18 @@ class Zeros:
             return None
         return _Block(mean_mm, np.maximum(variance_mm2, self._mean_mm2), there)
 
-    def _end_block(self, found: _Block | None) -> None:
-        """Take what a block says; if the beam swings, what it swings about."""
+    def _end_block(self, filtered: Filtered | None, behind: int) -> None:
+        """Take what a block says; if the beam swings, what it swings about.
+
+        The block ends so many readings, at most 0, behind the newest mean.
+        """
         rows = np.concatenate(self._rows)
         self._begin()
         there: NDArray[np.bool_] = ~np.any(np.isnan(rows), axis=0)
         mean, scatter = rows.mean(axis=0), rows.var(axis=0) * self._size / (self._size - 1)
         is_calm = there.any() and bool((scatter[there] <= CALM * self._single_mm2[there]).all())
         if not is_calm:
+            found = self._found(filtered, behind)
             if found is not None:
                 self._take(found)
             self._last = found

@@ -17,7 +17,7 @@ from beamtouch_common.digits import digits
 from beamtouch_common.errors import InputError
 from beamtouch_models.arrays import Floats
 from beamtouch_models.errors import SceneError
-from beamtouch_models.filters.zeros import OWN
+from beamtouch_models.filters.walk import OWN
 from beamtouch_models.metadata import FilterChoice
 from beamtouch_models.physics import motion
 from beamtouch_models.physics.axial import held, holding_mm
