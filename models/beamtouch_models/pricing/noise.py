@@ -21,7 +21,10 @@ GAIN_ERROR = 0.003
 ZERO_SHARE = 0.2
 """Drift of the zero since the last tare over the noise of a reading, if the scene does not state it."""
 MINUTE_SHARE = 1.0
-"""Drift of all zeros in a minute over the noise of a reading, if the scene does not state it."""
+"""Least drift of all zeros in a minute over the noise of a reading, if the scene does not state it."""
+HALL_MM_PER_MIN = 0.005
+"""Least drift of all zeros, however little noise a sensor has, if the scene does not state it. Brackets and modules in
+a hall that warms in the morning drift so fast: 10 to 20 um per kelvin, and a kelvin in two to four minutes."""
 
 HARMONICS = 1000
 """Harmonics of the rounding error; those beyond it hold 0.03 % of its standard deviation."""
@@ -53,7 +56,8 @@ class ReadingErrors:
     warmth_mm: float
     """Drift of a zero with the temperature; 0 if the scene does not state it."""
     drift_mm_per_min: float
-    """Drift of all zeros together in a minute; MINUTE_SHARE of a reading's noise if the scene does not state it."""
+    """Drift of all zeros together in a minute. If the scene does not state it, MINUTE_SHARE of a reading's noise, and at
+    least HALL_MM_PER_MIN."""
 
     @classmethod
     def of(cls, scene: Scene, max_deflection_mm: float) -> Self:
@@ -71,13 +75,14 @@ class ReadingErrors:
             warmth_mm = 1e-3 * sensors.drift_um_per_k * (range_k[1] - range_k[0]) / math.sqrt(6)
         reading_mm = math.hypot(sensor_mm, step / math.sqrt(12))
         um_per_min = scene.environment.drift_um_per_min
+        usual_mm_per_min = max(MINUTE_SHARE * reading_mm, HALL_MM_PER_MIN)
         return cls(
             sensor_mm,
             step,
             gain,
             zero_mm=ZERO_SHARE * reading_mm if sensors.zero_drift_mm is None else sensors.zero_drift_mm,
             warmth_mm=warmth_mm,
-            drift_mm_per_min=MINUTE_SHARE * reading_mm if um_per_min is None else 1e-3 * um_per_min,
+            drift_mm_per_min=usual_mm_per_min if um_per_min is None else 1e-3 * um_per_min,
         )
 
     @property
