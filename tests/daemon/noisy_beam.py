@@ -1,6 +1,8 @@
-"""A beam behind a device on Modbus: two channels with noise, deflected alike."""
+"""A beam behind a device on Modbus: two channels with noise."""
 
 import numpy as np
+
+from beamtouch_models.arrays import Floats
 
 from .waits import until
 
@@ -11,8 +13,10 @@ class NoisyBeam:
     """Answers for `pymodbus_server`, and counts how often it is asked."""
 
     def __init__(self, um: float = 0.0) -> None:
-        """Begin with this deflection."""
-        self.um, self.polls = um, 0
+        """Begin with this deflection of both channels."""
+        self.um: float | Floats = um
+        """Deflection of each channel, or of both."""
+        self.polls = 0
         self._noise = np.random.default_rng(5)
 
     async def answer(

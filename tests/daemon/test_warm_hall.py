@@ -6,6 +6,7 @@ from pathlib import Path
 from time import monotonic
 from typing import Any
 
+import numpy as np
 import pytest
 
 from beamtouch_models.building.daemon_config import daemon_config
@@ -25,12 +26,17 @@ RATE, MAX_MM = 40, 0.05
 """Drift of the rig [um/min], and the distance from the last tare up to which the daemon follows it."""
 
 
-async def test_a_zero_that_drifts_faster_than_is_stated_is_told_with_its_rate(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("channels", "who"), [((1.0, 1.0), "its zeros drift"), ((0.0, 1.0), "the zero of s2 drifts")], ids=["all", "one"]
+)
+async def test_zeros_that_drift_faster_than_is_stated_are_told_with_their_rate(
+    channels: tuple[float, float], who: str, tmp_path: Path
+) -> None:
     beam, begun_s = NoisyBeam(), list[float]()
 
     async def warming(*given: Any) -> None:  # noqa: ANN401
         begun_s.append(monotonic())  # of the first reading: a machine may take long to start the daemon
-        beam.um = 20 / 60 * (begun_s[-1] - begun_s[0])
+        beam.um = 20 / 60 * (begun_s[-1] - begun_s[0]) * np.array(channels)
         await beam.answer(*given)
 
     tracking = "[surfaces.bench.zero_tracking]\ndrift_um_per_min = 5\nmax_mm = 0.05\n"
@@ -41,9 +47,7 @@ async def test_a_zero_that_drifts_faster_than_is_stated_is_told_with_its_rate(tm
         async with started("run", config) as daemon:
             said = await daemon.said("looks the same\n")
             await daemon.stop()
-    told = re.search(
-        r"bench: the zero of s[12] drifts by \+(\S+) um/min, (\S+) times what is stated, and answers", said
-    )
+    told = re.search(rf"bench: {who} by \+(\S+) um/min, (\S+) times what is stated, and answers", said)
     assert told is not None, said
     assert float(told[1]) == pytest.approx(20, rel=0.5)
     assert float(told[2]) == pytest.approx(4, rel=0.5)

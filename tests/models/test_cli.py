@@ -45,7 +45,7 @@ def test_build_writes_a_model_and_a_daemon_config_and_prints_one_json_object(
     assert described["max_deflection_mm"] == pytest.approx(1.1287477954, rel=1e-9)
     assert described["noise_mm"] == pytest.approx(0.02 * 1.1287477954, rel=1e-9)
     assert described["outputs"] == ["position_mm", "position_low_mm", "position_high_mm", "contact_log_odds", "misfit"]
-    drift_mm_per_min = pytest.approx(described["noise_mm"])  # where the scene does not state one
+    drift_mm_per_min = pytest.approx(described["noise_mm"])  # more than 5 um, and the scene states none
     assert described["floor"] == {"gain": [0.0] * 3, "zero_mm": [0.0] * 3, "drift_mm_per_min": drift_mm_per_min}
     assert len(described["thresholds"]["touch"]) == 3
     assert described["accuracy"]["ratio"] < 1.3

@@ -150,8 +150,9 @@ def test_a_drift_four_times_as_fast_as_stated_is_told_before_a_zero_is_off_by_th
         if tracking.hurried is not None:
             break
     assert tracking.hurried is not None
-    channel, mm_per_min = tracking.hurried
+    channel, mm_per_min, is_common = tracking.hurried
     assert mm_per_min == pytest.approx(0.02 * channels[channel], rel=0.5)
+    assert is_common is bool((channels == channels[0]).all())
     assert np.abs(tracked.zero_mm[-1] - true_mm[begin + 19]).max() < NOISE_MM
 
 

@@ -168,14 +168,18 @@ class Acquisition:
             _log.info("%s: its zeros drift no faster than is stated again", self.name)
             return
         um_per_min = 1e3 * hurried.mm_per_min
+        who, look = "its zeros drift", ""
+        if not hurried.is_common:
+            who = f"the zero of {self.surface.channel_names[hurried.channel]} drifts"
+            look = "look at this sensor and its bracket, or "
         _log.warning(
-            "%s: the zero of %s drifts by %s um/min, %s times what is stated, and answers soon become wrong: look "
-            "at this sensor and its bracket, or state the drift of the hall in zero_tracking.drift_um_per_min; a load "
-            "that is laid on very slowly looks the same",
+            "%s: %s by %s um/min, %s times what is stated, and answers soon become wrong: %sstate the drift of the "
+            "hall in zero_tracking.drift_um_per_min; a load that is laid on very slowly looks the same",
             self.name,
-            self.surface.channel_names[hurried.channel],
+            who,
             f"{'+' if um_per_min > 0 else ''}{digits(um_per_min, 2)}",
             digits(abs(um_per_min) / tracking.drift_um_per_min, 2),
+            look,
         )
 
     def _take(self, readings: list[Reading]) -> None:

@@ -63,9 +63,12 @@ def run(options: argparse.Namespace) -> Result:
 def _assumed_errors(surface: Surface) -> str:
     """Return which errors the model takes the sensors to have where the scene does not state them."""
     sensors, readings = surface.stated.sensors, surface.readings
-    taken = [] if sensors.gain_error_percent is not None else [f"gain_error_percent = {100 * readings.gain:g}"]
-    taken += [] if sensors.zero_drift_mm is not None else [f"zero_drift_mm = {digits(readings.zero_mm, 2)}"]
-    words = " and ".join(f"sensors.{one}" for one in taken)
+    um_per_min = digits(1e3 * readings.drift_mm_per_min, 2)
+    taken = [] if sensors.gain_error_percent is not None else [f"sensors.gain_error_percent = {100 * readings.gain:g}"]
+    taken += [] if sensors.zero_drift_mm is not None else [f"sensors.zero_drift_mm = {digits(readings.zero_mm, 2)}"]
+    is_stated = surface.stated.environment.drift_um_per_min is not None
+    taken += [] if is_stated else [f"environment.drift_um_per_min = {um_per_min}"]
+    words = " and ".join([", ".join(taken[:-1]), *taken[-1:]]) if len(taken) > 1 else "".join(taken)
     return f"the scene does not state {words}, which the model assumes" if taken else ""
 
 

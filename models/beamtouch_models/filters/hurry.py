@@ -23,14 +23,18 @@ BASES_S, BASES = 5.0, 5
 """Means are remembered so often, and so many of them: the rate is the change since the oldest one."""
 FASTER, NOISES = 1.5, 4.0
 """Least rate that is told, over the stated one, beside so many deviations of the means."""
+ALIKE = 0.5
+"""Where each zero has moved by more than this part of the way of the fastest, the hall warms; otherwise, one moves."""
 MINUTE_S = 60.0
 
 
 class Hurried(NamedTuple):
-    """The zero that drifts faster than is stated."""
+    """The zero that drifts fastest, and faster than is stated."""
 
     channel: int
     mm_per_min: float
+    is_common: bool
+    """Whether all zeros drift about alike."""
 
 
 class Hurry:
@@ -72,4 +76,6 @@ class Hurry:
             beyond = np.nan_to_num(np.abs(moved_mm) / usual_mm)
             fastest = int(beyond.argmax())
             if beyond[fastest] > 1:
-                self.hurried = Hurried(fastest, float(moved_mm[fastest] / minutes))
+                parts = moved_mm[~np.isnan(moved_mm)] / moved_mm[fastest]
+                is_common = len(parts) > 1 and bool((parts > ALIKE).all())
+                self.hurried = Hurried(fastest, float(moved_mm[fastest] / minutes), is_common)

@@ -56,8 +56,8 @@ class ReadingErrors:
     warmth_mm: float
     """Drift of a zero with the temperature; 0 if the scene does not state it."""
     drift_mm_per_min: float
-    """Drift of all zeros together in a minute. If the scene does not state it, MINUTE_SHARE of a reading's noise, and at
-    least HALL_MM_PER_MIN."""
+    """Drift of all zeros together in a minute. If the scene does not state it, MINUTE_SHARE of a reading's noise, and
+    at least HALL_MM_PER_MIN."""
 
     @classmethod
     def of(cls, scene: Scene, max_deflection_mm: float) -> Self:
