@@ -9,6 +9,7 @@ from anyio.from_thread import start_blocking_portal
 
 from beamtouch_service.api import counts
 from service.bench import READ_TOKEN, START_US, TOKEN, Bench, BuildModel, surface_of
+from service.recording import Services
 from support.network.certificates import make_certificate
 from support.surfaces.small_model import write_model
 
@@ -17,6 +18,11 @@ from support.surfaces.small_model import write_model
 def build_model(tmp_path: Path) -> BuildModel:
     """`write_model` to the folder of the test."""
     return partial(write_model, tmp_path)
+
+
+@pytest.fixture
+def services() -> Services:
+    return Services()
 
 
 @pytest.fixture(scope="session", autouse=True)
