@@ -17,7 +17,7 @@ from playwright.sync_api import Browser
 from xdist.remote import Producer
 
 import beamtouch_models
-from beamtouch_models import modelfile
+from beamtouch_models import runtime
 from service.postgres import Postgres, running
 from service.process.pgbouncer import pooled
 from support.pages.browser import OpenPage, chromium, pages
@@ -123,9 +123,9 @@ def bench_model(built_model: Callable[[str], Path]) -> Path:
 
 
 @pytest.fixture(scope="session")
-def bench(bench_model: Path) -> modelfile.ModelFile:
+def bench(bench_model: Path) -> runtime.ModelFile:
     """The same model, loaded."""
-    return modelfile.load(bench_model)
+    return runtime.load(bench_model)
 
 
 @pytest.fixture(scope="session")

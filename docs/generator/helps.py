@@ -7,7 +7,7 @@ from contextlib import redirect_stdout, suppress
 
 from beamtouch_daemon import cli as daemon
 from beamtouch_models import cli as design
-from beamtouch_models.rig import cli as rig
+from beamtouch_models.lab.rig import cli as rig
 from beamtouch_service import cli as service
 
 Main = Callable[[Sequence[str]], int]

@@ -16,10 +16,10 @@ from pydantic import BaseModel
 import facts
 import promises
 from beamtouch_daemon.config.settings import Config
-from beamtouch_models.rig.loads import Script
-from beamtouch_models.rig.surface import Imperfections
-from beamtouch_models.scene import Scene
-from beamtouch_models.scene.schema import editor_schema
+from beamtouch_models.design.scene import Scene
+from beamtouch_models.design.scene.schema import editor_schema
+from beamtouch_models.lab.rig.loads import Script
+from beamtouch_models.lab.rig.surface import Imperfections
 from beamtouch_service.config import ConfigFile
 from beamtouch_service.problems import ProblemBody
 from beamtouch_service.samples import Batch

@@ -3,7 +3,7 @@
 import json
 from collections.abc import Iterator, Mapping, Sequence
 
-from beamtouch_models.scene.schema import Schema
+from beamtouch_models.design.scene.schema import Schema
 
 
 def keys_of(schema: Schema) -> Iterator[tuple[str, str, Schema]]:

@@ -1,7 +1,7 @@
 """The interface for scripts: from a scene to influence lines, layouts, limits and models, and the virtual rig.
 
 The names in `__all__` stay as they are between minor versions. All other names of the package may change at any time.
-Each is imported when it is first used, because the service needs only `modelfile`, and the daemon only the filters.
+Each is imported when it is first used, because the service needs only `runtime`, and the daemon only the filters.
 """
 
 import os
@@ -9,17 +9,17 @@ from importlib import import_module
 
 TYPE_CHECKING = False  # as in `typing`, whose import takes a fifth of the time of `--help`
 if TYPE_CHECKING:
-    from beamtouch_models.accuracy.evaluation import Errors, Evaluation
-    from beamtouch_models.accuracy.statistics import Measurement
-    from beamtouch_models.building.accuracy import Limit, accuracy_limit, error_along_mm, evaluate
-    from beamtouch_models.building.products import build
-    from beamtouch_models.building.sensors import place
-    from beamtouch_models.loading import ModelFile, estimate, load_model
-    from beamtouch_models.physics.beam import influence_matrix, interpolate_influence
-    from beamtouch_models.physics.influence import InfluenceFunction
-    from beamtouch_models.physics.motion import frequency_hz
-    from beamtouch_models.pricing.ringing import ringing_mm
-    from beamtouch_models.scene import Scene, change_scene, format_scene, make_scene, read_scene
+    from beamtouch_models.design.accuracy.evaluation import Errors, Evaluation
+    from beamtouch_models.design.accuracy.statistics import Measurement
+    from beamtouch_models.design.building.accuracy import Limit, accuracy_limit, error_along_mm, evaluate
+    from beamtouch_models.design.building.products import build
+    from beamtouch_models.design.building.sensors import place
+    from beamtouch_models.design.physics.beam import influence_matrix, interpolate_influence
+    from beamtouch_models.design.physics.influence import InfluenceFunction
+    from beamtouch_models.design.physics.motion import frequency_hz
+    from beamtouch_models.design.pricing.ringing import ringing_mm
+    from beamtouch_models.design.scene import Scene, change_scene, format_scene, make_scene, read_scene
+    from beamtouch_models.runtime.loading import ModelFile, estimate, load_model
 
 __all__ = [
     "Errors", "Evaluation", "InfluenceFunction", "Limit", "Measurement", "ModelFile", "Scene", "accuracy_limit",
@@ -28,17 +28,17 @@ __all__ = [
 ]  # fmt: skip
 
 _HOMES = {
-    "accuracy.evaluation": ("Errors", "Evaluation"),
-    "accuracy.statistics": ("Measurement",),
-    "building.accuracy": ("Limit", "accuracy_limit", "error_along_mm", "evaluate"),
-    "building.products": ("build",),
-    "building.sensors": ("place",),
-    "loading": ("ModelFile", "estimate", "load_model"),
-    "physics.beam": ("influence_matrix", "interpolate_influence"),
-    "physics.motion": ("frequency_hz",),
-    "physics.influence": ("InfluenceFunction",),
-    "pricing.ringing": ("ringing_mm",),
-    "scene": ("Scene", "change_scene", "format_scene", "make_scene", "read_scene"),
+    "design.accuracy.evaluation": ("Errors", "Evaluation"),
+    "design.accuracy.statistics": ("Measurement",),
+    "design.building.accuracy": ("Limit", "accuracy_limit", "error_along_mm", "evaluate"),
+    "design.building.products": ("build",),
+    "design.building.sensors": ("place",),
+    "runtime.loading": ("ModelFile", "estimate", "load_model"),
+    "design.physics.beam": ("influence_matrix", "interpolate_influence"),
+    "design.physics.motion": ("frequency_hz",),
+    "design.physics.influence": ("InfluenceFunction",),
+    "design.pricing.ringing": ("ringing_mm",),
+    "design.scene": ("Scene", "change_scene", "format_scene", "make_scene", "read_scene"),
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 

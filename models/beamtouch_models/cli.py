@@ -32,7 +32,7 @@ def main(given: Sequence[str] | None = None) -> int:
         words = sys.argv[1:] if given is None else given
         options = _parser(words).parse_args(words)
         # Imported here, so that --help is quick and a missing extra is reported in one line.
-        printing = import_module("beamtouch_models.printing")
+        printing = import_module("beamtouch_models.design.printing")
         command = import_module(f"beamtouch_models.commands.{options.command}")
         printing.show(command.run(options), as_json=getattr(options, "json", False))
         return DONE

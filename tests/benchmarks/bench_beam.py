@@ -8,8 +8,8 @@ sys.path.insert(0, str(Path(__file__).parent.parent))  # for what tests and benc
 
 import numpy as np
 
-from beamtouch_models.physics.beam import influence_matrix
-from beamtouch_models.scene import load_scene
+from beamtouch_models.design.physics.beam import influence_matrix
+from beamtouch_models.design.scene import load_scene
 from models.exact_beam import ExactBeam
 from support.surfaces.example_scenes import SCENES
 

@@ -19,13 +19,13 @@ sys.path.insert(0, str(Path(__file__).parent.parent))  # for what tests and benc
 
 from shipped import build
 
-from beamtouch_models.calibration.calibrate import checked_fit
-from beamtouch_models.calibration.fit import Fit
-from beamtouch_models.calibration.recordings import Loads, RecordingError
-from beamtouch_models.calibration.theory import GAIN, RIGIDITY
+from beamtouch_models.design.calibration.calibrate import checked_fit
+from beamtouch_models.design.calibration.fit import Fit
+from beamtouch_models.design.calibration.recordings import Loads, RecordingError
+from beamtouch_models.design.calibration.theory import GAIN, RIGIDITY
 from beamtouch_models.errors import NotGoodEnoughError
-from beamtouch_models.modelfile import ModelFile
-from beamtouch_models.rig.surface import Imperfections
+from beamtouch_models.lab.rig.surface import Imperfections
+from beamtouch_models.runtime import ModelFile
 from models.doubtful_recordings import WRONG, doubtful
 from support.surfaces.real_surfaces import MISTAKES, random_imperfections, recorded, true_prior, with_mistake
 

@@ -16,7 +16,7 @@ import numpy as np
 from shipped import build
 
 from beamtouch_daemon.config.file import load_config
-from beamtouch_models.modelfile import ModelFile, State
+from beamtouch_models.runtime import ModelFile, State
 from system.drifting_line import Course, Line, Press, drift, knock, presses
 
 RATES_UM_PER_MIN = (0.5, 2.0, 5.0, 20.0)

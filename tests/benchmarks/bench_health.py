@@ -9,7 +9,7 @@ sys.path.insert(0, str(Path(__file__).parent.parent))
 
 from bench_calibration import model_of
 
-from beamtouch_models.modelfile import Health
+from beamtouch_models.runtime import Health
 from models.drawn_contacts import Drawn
 
 RUNS, BASELINE = 100, 200

@@ -11,7 +11,7 @@ from bench_service import MOVING, SECONDS, TURNS, asked, ratio, stream
 from serving import loaded, service, surfaces
 from shipped import build
 
-from beamtouch_models import modelfile
+from beamtouch_models import runtime
 from support.network.free_ports import free_port
 
 PERIOD_MS, STREAMED_S = 20, 20
@@ -31,7 +31,7 @@ def run() -> list[dict[str, object]]:
         return [*rows, {"name": name, "value": streamed["p50_ms"], "unit": "ms", "p99_ms": streamed["p99_ms"]}]
 
 
-def beside(pid: int, modbus: int, port: int, model: modelfile.ModelFile, clients: int) -> dict[str, object]:
+def beside(pid: int, modbus: int, port: int, model: runtime.ModelFile, clients: int) -> dict[str, object]:
     """Compare polls with GET /contact of the same service, in turns, with this number of clients."""
     mine, theirs = [], []
     for _ in range(TURNS):

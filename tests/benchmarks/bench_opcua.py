@@ -15,7 +15,7 @@ from bench_service import Flow, stream
 from serving import HERE, service, surfaces
 from shipped import build
 
-from beamtouch_models.modelfile import ModelFile
+from beamtouch_models.runtime import ModelFile
 from service.process.opcua_hello import is_open
 from support.network.free_ports import free_port
 from support.programs.processes import processor_s, resident_mb

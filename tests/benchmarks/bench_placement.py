@@ -20,11 +20,11 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from beamtouch_models.arrays import Floats
+from beamtouch_models.design.physics.beam import influence_of
+from beamtouch_models.design.placement.eigenvalue_product import eigenvalue_product_of, largest_gap
+from beamtouch_models.design.placement.placing import place, score_positions
+from beamtouch_models.design.placement.search import first_best, search_from
 from beamtouch_models.names import SearchName
-from beamtouch_models.physics.beam import influence_of
-from beamtouch_models.placement.eigenvalue_product import eigenvalue_product_of, largest_gap
-from beamtouch_models.placement.placing import place, score_positions
-from beamtouch_models.placement.search import first_best, search_from
 from support.surfaces.example_scenes import paper_scene
 from support.surfaces.stated_problems import problem_in
 

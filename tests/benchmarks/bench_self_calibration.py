@@ -12,22 +12,22 @@ from pathlib import Path
 
 import numpy as np
 
-from beamtouch_models.surface import prior_of_model
+from beamtouch_models.design.surface import prior_of_model
 
 sys.path.insert(0, str(Path(__file__).parent.parent))  # for what tests and benchmarks share
 
 from bench_calibration import model_of
 
-from beamtouch_models.accuracy import limit
-from beamtouch_models.accuracy.prior import Prior
-from beamtouch_models.calibration.calibrate import remade
-from beamtouch_models.calibration.self_calibrate import calibrated_prior, self_fit
+from beamtouch_models.design.accuracy import limit
+from beamtouch_models.design.accuracy.prior import Prior
+from beamtouch_models.design.calibration.calibrate import remade
+from beamtouch_models.design.calibration.self_calibrate import calibrated_prior, self_fit
+from beamtouch_models.design.estimators.onnx_graph import to_bytes
+from beamtouch_models.design.sweeps import silent
 from beamtouch_models.errors import NotGoodEnoughError
-from beamtouch_models.estimators.onnx_graph import to_bytes
-from beamtouch_models.modelfile import ModelFile
-from beamtouch_models.rig.surface import Imperfections
-from beamtouch_models.session import Answers, Run, runner
-from beamtouch_models.sweeps import silent
+from beamtouch_models.lab.rig.surface import Imperfections
+from beamtouch_models.runtime import ModelFile
+from beamtouch_models.runtime.session import Answers, Run, runner
 from support.surfaces.real_surfaces import true_prior
 from support.surfaces.unlabelled_contacts import Kind, drawn, surface
 

@@ -20,7 +20,7 @@ import numpy as np
 from serving import TOKEN, loaded, server, service, surfaces
 from shipped import build
 
-from beamtouch_models.modelfile import ModelFile
+from beamtouch_models.runtime import ModelFile
 from support.programs.processes import resident_mb
 
 TURNS, SECONDS = 5, 2.0

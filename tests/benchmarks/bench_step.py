@@ -23,11 +23,11 @@ from shipped import build
 from beamtouch_daemon.config.settings import Surface
 from beamtouch_daemon.processing.pipeline import Pipeline
 from beamtouch_daemon.sources.reading import Reading
-from beamtouch_models import modelfile
-from beamtouch_models.modelfile import State
-from beamtouch_models.rig.loads import Load
-from beamtouch_models.rig.surface import VirtualSurface
-from beamtouch_models.scene import load_scene
+from beamtouch_models import runtime
+from beamtouch_models.design.scene import load_scene
+from beamtouch_models.lab.rig.loads import Load
+from beamtouch_models.lab.rig.surface import VirtualSurface
+from beamtouch_models.runtime import State
 from beamtouch_service.samples import Batch
 from beamtouch_service.surfaces.surface import Surface as Served
 from daemon.devices import pymodbus_server
@@ -66,7 +66,7 @@ def run(steps: int = STEPS, batch_ms: float | None = None) -> list[dict[str, obj
 
 
 async def stepped(
-    folder: Path, model: modelfile.ModelFile, port: int, steps: int, batch_ms: float | None
+    folder: Path, model: runtime.ModelFile, port: int, steps: int, batch_ms: float | None
 ) -> tuple[list[float], int]:
     """Run the daemon, and be the device; return the delays [s], and how many readings a contact needs."""
     scene, _ = load_scene(SCENES / "bench.toml")
@@ -109,7 +109,7 @@ def wait_for(port: int, state: str) -> float:
         connection.close()
 
 
-def readings_needed(settings: Surface, beam: VirtualSurface, model: modelfile.ModelFile) -> int:
+def readings_needed(settings: Surface, beam: VirtualSurface, model: runtime.ModelFile) -> int:
     """Return after how many readings of a load its filtered samples are a contact to the model."""
     pipeline, period_s, surface = Pipeline(settings), 1 / settings.rate_hz, Served("bench", model)
     pipeline.process([Reading(n * period_s, tuple(beam.counts(REST, 0.0))) for n in range(20)], 0.0)

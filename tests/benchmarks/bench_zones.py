@@ -22,16 +22,16 @@ import numpy as np
 from beamtouch_common.zones import Zone, ZoneState
 from beamtouch_daemon.processing.filters import uncertainties
 from beamtouch_models.arrays import Floats
-from beamtouch_models.building.build import build_model
-from beamtouch_models.challenge.contacts import STEPS, rested
-from beamtouch_models.challenge.play import Drawn, SimulatedSurface
-from beamtouch_models.challenge.ringing import rings
-from beamtouch_models.loading import ModelFile, load_bytes
-from beamtouch_models.modelfile import State
-from beamtouch_models.pricing.noise import chain_of
-from beamtouch_models.scene import load_scene
-from beamtouch_models.sweeps import silent
-from beamtouch_models.world import SensorErrors
+from beamtouch_models.design.building.build import build_model
+from beamtouch_models.design.pricing.noise import chain_of
+from beamtouch_models.design.scene import load_scene
+from beamtouch_models.design.sweeps import silent
+from beamtouch_models.design.world import SensorErrors
+from beamtouch_models.lab.challenge.contacts import STEPS, rested
+from beamtouch_models.lab.challenge.play import Drawn, SimulatedSurface
+from beamtouch_models.lab.challenge.ringing import rings
+from beamtouch_models.runtime import State
+from beamtouch_models.runtime.loading import ModelFile, load_bytes
 from beamtouch_service.samples import Batch
 from beamtouch_service.sections import SurfaceSection
 from beamtouch_service.surfaces.follower import Follower

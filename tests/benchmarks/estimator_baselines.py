@@ -18,14 +18,14 @@ from sklearn.neural_network import MLPRegressor
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import FunctionTransformer, StandardScaler
 
-from beamtouch_models.accuracy import limit
-from beamtouch_models.accuracy.prior import Prior
-from beamtouch_models.accuracy.statistics import ratio_of
 from beamtouch_models.arrays import Floats
-from beamtouch_models.estimators.estimator import estimator_of
-from beamtouch_models.estimators.onnx_graph import to_bytes
-from beamtouch_models.session import runner
-from beamtouch_models.sweeps import silent
+from beamtouch_models.design.accuracy import limit
+from beamtouch_models.design.accuracy.prior import Prior
+from beamtouch_models.design.accuracy.statistics import ratio_of
+from beamtouch_models.design.estimators.estimator import estimator_of
+from beamtouch_models.design.estimators.onnx_graph import to_bytes
+from beamtouch_models.design.sweeps import silent
+from beamtouch_models.runtime.session import runner
 
 TRAINING, TRAINING_OF_PROCESS, TEST = 20_000, 1500, 4000
 

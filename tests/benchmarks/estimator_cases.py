@@ -15,21 +15,21 @@ sys.path.insert(0, str(Path(__file__).parent.parent))  # for what tests and benc
 
 import numpy as np
 
-from beamtouch_models.accuracy import limit
-from beamtouch_models.accuracy.prior import Prior
-from beamtouch_models.accuracy.statistics import ratio_of
 from beamtouch_models.arrays import Floats
-from beamtouch_models.estimators.estimator import estimator_of
-from beamtouch_models.estimators.onnx_graph import to_bytes
-from beamtouch_models.estimators.posterior.cells import resolving_cells
-from beamtouch_models.estimators.posterior.window import posterior_graph
+from beamtouch_models.design.accuracy import limit
+from beamtouch_models.design.accuracy.prior import Prior
+from beamtouch_models.design.accuracy.statistics import ratio_of
+from beamtouch_models.design.estimators.estimator import estimator_of
+from beamtouch_models.design.estimators.onnx_graph import to_bytes
+from beamtouch_models.design.estimators.posterior.cells import resolving_cells
+from beamtouch_models.design.estimators.posterior.window import posterior_graph
+from beamtouch_models.design.physics.beam import influence_of, travel_of
+from beamtouch_models.design.placement.placing import place
+from beamtouch_models.design.scene import Scene, load_scene
+from beamtouch_models.design.surface import Surface
+from beamtouch_models.design.sweeps import silent
 from beamtouch_models.names import ESTIMATORS
-from beamtouch_models.physics.beam import influence_of, travel_of
-from beamtouch_models.placement.placing import place
-from beamtouch_models.scene import Scene, load_scene
-from beamtouch_models.session import open_session, runner
-from beamtouch_models.surface import Surface
-from beamtouch_models.sweeps import silent
+from beamtouch_models.runtime.session import open_session, runner
 from support.surfaces.example_scenes import SCENES
 from support.surfaces.stated_problems import problem_in, real_prior
 

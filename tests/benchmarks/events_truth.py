@@ -36,10 +36,10 @@ from beamtouch_daemon.config.file import load_config
 from beamtouch_daemon.processing.filters import rest_of
 from beamtouch_daemon.processing.pipeline import Pipeline
 from beamtouch_daemon.sources.reading import Reading
-from beamtouch_models.modelfile import ModelFile
-from beamtouch_models.rig.loads import Load
-from beamtouch_models.rig.surface import Imperfections, VirtualSurface
-from beamtouch_models.scene import load_scene
+from beamtouch_models.design.scene import load_scene
+from beamtouch_models.lab.rig.loads import Load
+from beamtouch_models.lab.rig.surface import Imperfections, VirtualSurface
+from beamtouch_models.runtime import ModelFile
 from line import Line, Surface
 
 README = Path(__file__).parent.parent.parent / "README.md"

@@ -24,8 +24,8 @@ from serving import TOKEN, service
 
 from beamtouch_daemon.processing.filters import rest_of
 from beamtouch_daemon.processing.pipeline import Pipeline, Taken
-from beamtouch_models.rig.loads import Load
-from beamtouch_models.rig.surface import VirtualSurface
+from beamtouch_models.lab.rig.loads import Load
+from beamtouch_models.lab.rig.surface import VirtualSurface
 
 RATE_HZ, BEGIN_UNIX_S = 200, 1.7e9
 LASTS_S, FORCE_N = (0.2, 2.0), (1.0, 20.0)

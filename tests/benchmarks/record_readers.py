@@ -28,7 +28,7 @@ import httpx2
 from serving import HERE, TOKEN, build_with, service, surfaces
 from shipped import build
 
-from beamtouch_models.modelfile import ModelFile
+from beamtouch_models.runtime import ModelFile
 from support.programs.processes import resident_mb
 
 SURFACE, PATH = "s0", "/events?path=true&limit=50"

@@ -22,7 +22,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 from serving import TOKEN, build_with, service, surfaces
 from shipped import build
 
-from beamtouch_models.modelfile import ModelFile
+from beamtouch_models.runtime import ModelFile
 
 SURFACE, WARM_S, CONTACTS = "s0", 10.0, 200
 RATE_HZ, RESTING_HZ = 200, 10

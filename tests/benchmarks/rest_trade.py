@@ -23,10 +23,10 @@ from beamtouch_daemon.config.file import load_config
 from beamtouch_daemon.processing.filters import rest_of
 from beamtouch_daemon.processing.pipeline import Pipeline, Taken
 from beamtouch_daemon.sources.reading import Reading
-from beamtouch_models.modelfile import State
-from beamtouch_models.rig.loads import Load
-from beamtouch_models.rig.surface import VirtualSurface
-from beamtouch_models.scene import load_scene
+from beamtouch_models.design.scene import load_scene
+from beamtouch_models.lab.rig.loads import Load
+from beamtouch_models.lab.rig.surface import VirtualSurface
+from beamtouch_models.runtime import State
 from beamtouch_service.samples import Batch
 from beamtouch_service.sections import SurfaceSection
 from beamtouch_service.surfaces.surface import Surface

@@ -19,14 +19,14 @@ from unittest.mock import patch
 import numpy as np
 
 from beamtouch_models.arrays import Bools, Floats
-from beamtouch_models.challenge.contacts import moves
-from beamtouch_models.challenge.judge import Judged, Said, judge
-from beamtouch_models.challenge.play import Drawn, Make, Play, SimulatedSurface
-from beamtouch_models.challenge.ringing import lifts, rings, touches_again
-from beamtouch_models.decision.evidence import Weighed, evidence
+from beamtouch_models.design.pricing.noise import chain_of
 from beamtouch_models.filters.ringing import Ringing
-from beamtouch_models.loading import ModelFile, load
-from beamtouch_models.pricing.noise import chain_of
+from beamtouch_models.lab.challenge.contacts import moves
+from beamtouch_models.lab.challenge.judge import Judged, Said, judge
+from beamtouch_models.lab.challenge.play import Drawn, Make, Play, SimulatedSurface
+from beamtouch_models.lab.challenge.ringing import lifts, rings, touches_again
+from beamtouch_models.runtime.decision.evidence import Weighed, evidence
+from beamtouch_models.runtime.loading import ModelFile, load
 
 SINCE_MS = (10, 20, 30, 50, 80, 100, 200, 500, 1000)
 LIFT_S = 0.7

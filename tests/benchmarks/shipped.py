@@ -4,7 +4,7 @@ import re
 from pathlib import Path
 
 import beamtouch_models
-from beamtouch_models.modelfile import ModelFile
+from beamtouch_models.runtime import ModelFile
 from support.surfaces.example_scenes import SCENES
 
 

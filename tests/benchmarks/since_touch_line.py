@@ -25,7 +25,7 @@ sys.path.insert(0, str(Path(__file__).parent.parent.parent / "demo"))
 import numpy as np
 from shipped import build
 
-from beamtouch_models import modelfile
+from beamtouch_models import runtime
 from line import Kind, Line, Surface
 
 LIFTED_S, REST_S = 0.5, 1.0
@@ -48,7 +48,7 @@ class Touch:
     force_n: float
 
 
-def touches_of(model: modelfile.ModelFile, number: int) -> list[Touch]:
+def touches_of(model: runtime.ModelFile, number: int) -> list[Touch]:
     """Draw touches within the ranges of a model."""
     rng, ranges = np.random.default_rng(13), model.metadata.ranges
     places, forces = rng.uniform(*ranges.position_mm, number), rng.uniform(*ranges.force_n, number)
@@ -106,7 +106,7 @@ def run(
 
 
 def table(
-    found: list[dict[str, Any]], touches: list[Touch], begin_s: float, model: modelfile.ModelFile
+    found: list[dict[str, Any]], touches: list[Touch], begin_s: float, model: runtime.ModelFile
 ) -> list[dict[str, float]]:
     """Compare answers with the loads, by the time since the first loaded reading."""
     length_mm, reading_s = model.metadata.length_mm, 1 / model.metadata.sensor.rate_hz

@@ -17,7 +17,7 @@ from beamtouch_common.commands import exit_code, version
 from beamtouch_common.errors import FailedError
 from beamtouch_daemon import cli as daemon
 from beamtouch_models import cli as design
-from beamtouch_models.rig import cli as rig
+from beamtouch_models.lab.rig import cli as rig
 from beamtouch_service import cli as service
 from support.surfaces.example_scenes import SCENES
 
@@ -26,7 +26,7 @@ PROGRAMS: dict[str, tuple[Main, str]] = {
     "beamtouch-daemon": (daemon.main, "beamtouch_daemon"),
     "beamtouch-service": (service.main, "beamtouch_service.cli"),
     "design-sensors": (design.main, "beamtouch_models.cli"),
-    "beamtouch-rig": (rig.main, "beamtouch_models.rig.cli"),
+    "beamtouch-rig": (rig.main, "beamtouch_models.lab.rig.cli"),
 }
 
 

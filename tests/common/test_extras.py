@@ -68,8 +68,8 @@ def missing(extra: str, package: str, without: tuple[str, ...]) -> set[str]:
         ("service,modbus-server", "beamtouch_service.outputs", (*MQTT, *OPCUA)),
         ("service,mqtt", "beamtouch_service.outputs", (*MODBUS_SERVER, *OPCUA)),
         ("service,opcua", "beamtouch_service.outputs", (*MODBUS_SERVER, *MQTT)),
-        ("design", "beamtouch_models", ("beamtouch_models.rig",)),
-        ("rig", "beamtouch_models.rig", ()),
+        ("design", "beamtouch_models", ("beamtouch_models.lab.rig",)),
+        ("rig", "beamtouch_models.lab.rig", ()),
     ],
 )
 def test_a_command_needs_its_own_extra_only(extra: str, package: str, without: tuple[str, ...]) -> None:

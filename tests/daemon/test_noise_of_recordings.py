@@ -10,7 +10,7 @@ from beamtouch_daemon.config.settings import Surface
 from beamtouch_daemon.processing import noise as daemon_noise
 from beamtouch_daemon.processing.at_rest import select_rest
 from beamtouch_daemon.processing.noise import ChannelNoise, keys_of, measure_noise, readings_needed
-from beamtouch_models.pricing import noise as priced_noise
+from beamtouch_models.design.pricing import noise as priced_noise
 
 from .surfaces import (
     CHANNEL,

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from beamtouch_models.building.daemon_config import daemon_config
-from beamtouch_models.modelfile import ModelFile
+from beamtouch_models.design.building.daemon_config import daemon_config
+from beamtouch_models.runtime import ModelFile
 from support.programs.forked_line import rig
 from support.surfaces import configs
 from support.surfaces.example_scenes import SCENES

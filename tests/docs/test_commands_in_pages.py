@@ -8,7 +8,7 @@ from functools import cache
 import jsonschema
 import pytest
 
-from beamtouch_models.scene.schema import editor_schema
+from beamtouch_models.design.scene.schema import editor_schema
 from helps import PROGRAMS, all_helps
 from reference import FILES
 from support.pages.pasted import COMMANDS, ROOT, blocks_of

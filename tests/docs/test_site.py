@@ -13,7 +13,7 @@ import pytest
 from pydantic import BaseModel
 
 from beamtouch_models import cli
-from beamtouch_models.scene.schema import editor_schema
+from beamtouch_models.design.scene.schema import editor_schema
 from reference import ANSWERS, FILES
 from schemas import keys_of
 from support.pages.pasted import ROOT

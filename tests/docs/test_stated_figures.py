@@ -16,22 +16,22 @@ from beamtouch_daemon.processing import rate, tares
 from beamtouch_daemon.running.acquisition import PATIENCE_S
 from beamtouch_daemon.sources import board, rtu_bus, rtu_unit, traffic
 from beamtouch_models import read_scene
-from beamtouch_models.accuracy import thresholds
-from beamtouch_models.calibration import recordings
-from beamtouch_models.challenge import challenge
-from beamtouch_models.decision import decider, evidence, wrong_channels
+from beamtouch_models.design.accuracy import thresholds
+from beamtouch_models.design.calibration import recordings
+from beamtouch_models.design.physics.beam import MAX_SLOPE
+from beamtouch_models.design.physics.motion import DAMPING_RATIO
+from beamtouch_models.design.pricing import prices
 from beamtouch_models.filters import rest, zeros
 from beamtouch_models.filters.look import DRIFT_PART, STILL_PART
 from beamtouch_models.filters.motion import SCATTER_PART
-from beamtouch_models.health import changes
-from beamtouch_models.modelfile import State
-from beamtouch_models.physics.beam import MAX_SLOPE
-from beamtouch_models.physics.motion import DAMPING_RATIO
-from beamtouch_models.pricing import prices
-from beamtouch_models.reproduction.figure_8 import MEASURED_PERCENT as PAPER
-from beamtouch_models.reproduction.figures import EXPECTED_ITERATIONS, EXPECTED_MM, figure_4
-from beamtouch_models.reproduction.paper import NOISE_PERCENT, SOURCE, TITLE
-from beamtouch_models.rig.loads import default_script
+from beamtouch_models.lab.challenge import challenge
+from beamtouch_models.lab.reproduction.figure_8 import MEASURED_PERCENT as PAPER
+from beamtouch_models.lab.reproduction.figures import EXPECTED_ITERATIONS, EXPECTED_MM, figure_4
+from beamtouch_models.lab.reproduction.paper import NOISE_PERCENT, SOURCE, TITLE
+from beamtouch_models.lab.rig.loads import default_script
+from beamtouch_models.runtime import State
+from beamtouch_models.runtime.decision import decider, evidence, wrong_channels
+from beamtouch_models.runtime.health import changes
 from beamtouch_protocol.framing import MAX_FRAME_BYTES
 from beamtouch_protocol.messages import MESSAGE_TYPES
 from beamtouch_service.api.errors import MAX_ERRORS

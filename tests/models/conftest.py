@@ -8,10 +8,10 @@ from typing import Any
 import pytest
 
 from beamtouch_models import cli, format_scene
-from beamtouch_models.challenge.play import SimulatedSurface
-from beamtouch_models.modelfile import ModelFile
-from beamtouch_models.rig import cli as rig_cli
-from beamtouch_models.scene import Scene
+from beamtouch_models.design.scene import Scene
+from beamtouch_models.lab.challenge.play import SimulatedSurface
+from beamtouch_models.lab.rig import cli as rig_cli
+from beamtouch_models.runtime import ModelFile
 from models.quick_model import write_quick_model
 from support.programs.in_process import Command, Refusal, command_of
 from support.programs.toolchain import made_once

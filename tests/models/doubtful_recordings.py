@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 
 from beamtouch_models.arrays import Floats
-from beamtouch_models.calibration.recordings import Loads
-from beamtouch_models.metadata import Metadata
-from beamtouch_models.rig.surface import Imperfections
+from beamtouch_models.design.calibration.recordings import Loads
+from beamtouch_models.lab.rig.surface import Imperfections
+from beamtouch_models.runtime.metadata import Metadata
 from support.surfaces.real_surfaces import SESSION_MIN, recorded, true_prior, with_mistake
 
 HANGER, BEND, MISTYPED = 0.1, 0.15, "40 mm"

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beamtouch_models.arrays import Floats
-from beamtouch_models.modelfile import Answers, BestSample, ModelFile, Weighed, evidence
+from beamtouch_models.runtime import Answers, BestSample, ModelFile, Weighed, evidence
 from support.surfaces.deflections import deflections_of
 
 REST_READINGS = 32

@@ -13,7 +13,7 @@ import numpy as np
 from mpmath import mp
 from numpy.typing import NDArray
 
-from beamtouch_models.scene.beam import Beam, Support
+from beamtouch_models.design.scene.beam import Beam, Support
 
 Number = Any  # mpmath ships no types
 Matrix = NDArray[np.object_]

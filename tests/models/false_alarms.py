@@ -11,9 +11,10 @@ from functools import cache
 import numpy as np
 from scipy.special import gammaln
 
-from beamtouch_models.accuracy.limit import draw
-from beamtouch_models.accuracy.prior import Prior
-from beamtouch_models.accuracy.thresholds import (
+from beamtouch_models.arrays import Bools, Floats
+from beamtouch_models.design.accuracy.limit import draw
+from beamtouch_models.design.accuracy.prior import Prior
+from beamtouch_models.design.accuracy.thresholds import (
     DRIFTS,
     directions,
     noise_at_rest,
@@ -21,15 +22,14 @@ from beamtouch_models.accuracy.thresholds import (
     readings_alike,
     shapes_at_rest,
 )
-from beamtouch_models.arrays import Bools, Floats
-from beamtouch_models.building.measure import thresholds_of
-from beamtouch_models.decision.decider import PERSISTENCE
-from beamtouch_models.estimators.onnx_graph import to_bytes
-from beamtouch_models.metadata import FilterChoice, Thresholds
-from beamtouch_models.rates import SECONDS_PER_DAY
-from beamtouch_models.scene import Scene, load_scene
-from beamtouch_models.session import Run, runner
-from beamtouch_models.surface import Surface
+from beamtouch_models.design.building.measure import thresholds_of
+from beamtouch_models.design.estimators.onnx_graph import to_bytes
+from beamtouch_models.design.rates import SECONDS_PER_DAY
+from beamtouch_models.design.scene import Scene, load_scene
+from beamtouch_models.design.surface import Surface
+from beamtouch_models.runtime.decision.decider import PERSISTENCE
+from beamtouch_models.runtime.metadata import FilterChoice, Thresholds
+from beamtouch_models.runtime.session import Run, runner
 from models.rare_rest import FARTHEST, Sequences, at_rest, log_tilt, overlapping_means, rest_like_contact, tilted
 from support.surfaces.example_scenes import SCENES
 from support.surfaces.posterior_cases import graph_of

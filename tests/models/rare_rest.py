@@ -10,12 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import gammaln
 
-from beamtouch_models.accuracy.prior import Prior
-from beamtouch_models.accuracy.thresholds import DRIFTS, MIN_EXPONENT, directions, exceeded_with
 from beamtouch_models.arrays import Floats
-from beamtouch_models.decision.decider import PERSISTENCE
-from beamtouch_models.error_model import whitening
-from beamtouch_models.session import Run
+from beamtouch_models.design.accuracy.prior import Prior
+from beamtouch_models.design.accuracy.thresholds import DRIFTS, MIN_EXPONENT, directions, exceeded_with
+from beamtouch_models.runtime.decision.decider import PERSISTENCE
+from beamtouch_models.runtime.error_model import whitening
+from beamtouch_models.runtime.session import Run
 
 FARTHEST = 14.0
 """Largest r, in deviations."""

@@ -16,7 +16,7 @@ COMMAND = str(Path(sys.executable).parent / "design-sensors")
 QUICKLY_TIMED = (
     sys.executable,
     "-c",
-    "import sys; from beamtouch_models.trade import measure; measure.CALLS, measure.ROUNDS = 5, 2; "
+    "import sys; from beamtouch_models.lab.trade import measure; measure.CALLS, measure.ROUNDS = 5, 2; "
     "from beamtouch_models.cli import main; sys.exit(main())",
 )
 """The same command, which times inferences a few times only."""

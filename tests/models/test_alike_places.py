@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from beamtouch_models import make_scene
-from beamtouch_models.accuracy import limit
-from beamtouch_models.accuracy.posterior import posterior_quantiles
-from beamtouch_models.accuracy.prior import Prior
-from beamtouch_models.estimators.posterior.cells import resolving_cells
-from beamtouch_models.surface import Surface
+from beamtouch_models.design.accuracy import limit
+from beamtouch_models.design.accuracy.posterior import posterior_quantiles
+from beamtouch_models.design.accuracy.prior import Prior
+from beamtouch_models.design.estimators.posterior.cells import resolving_cells
+from beamtouch_models.design.surface import Surface
 from support.surfaces.posterior_cases import answers_of, graph_of
 
 Case = tuple[object, object, tuple[float, float], float, list[float], dict[str, float]]

@@ -8,12 +8,12 @@ import onnx
 import pytest
 from onnx import numpy_helper
 
-from beamtouch_models.building import measure
-from beamtouch_models.building.remarks import weak_spot
-from beamtouch_models.building.report import page
-from beamtouch_models.estimators import estimator
-from beamtouch_models.estimators.posterior.window import posterior_graph
-from beamtouch_models.modelfile import ModelFile
+from beamtouch_models.design.building import measure
+from beamtouch_models.design.building.remarks import weak_spot
+from beamtouch_models.design.building.report import page
+from beamtouch_models.design.estimators import estimator
+from beamtouch_models.design.estimators.posterior.window import posterior_graph
+from beamtouch_models.runtime import ModelFile
 from support.programs.in_process import Command
 from support.surfaces.example_scenes import PAPER
 

@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from beamtouch_models.building.build import Built
-from beamtouch_models.building.report import page as page_module
-from beamtouch_models.building.report.page import Facts, gather, page
-from beamtouch_models.modelfile import ModelFile
-from beamtouch_models.placement.placing import Aim, place
-from beamtouch_models.scene import change_scene, load_scene
-from beamtouch_models.surface import Surface
+from beamtouch_models.design.building.build import Built
+from beamtouch_models.design.building.report import page as page_module
+from beamtouch_models.design.building.report.page import Facts, gather, page
+from beamtouch_models.design.placement.placing import Aim, place
+from beamtouch_models.design.scene import change_scene, load_scene
+from beamtouch_models.design.surface import Surface
+from beamtouch_models.runtime import ModelFile
 from support.pages.tags import Tags
 from support.surfaces.example_scenes import SCENES
 from support.surfaces.stated_problems import problem_in

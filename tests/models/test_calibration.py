@@ -9,19 +9,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from beamtouch_models import modelfile
-from beamtouch_models.accuracy.limit import draw, posterior_median_mm
-from beamtouch_models.calibration.calibrate import Calibrated, calibrate
-from beamtouch_models.calibration.fit import fit
-from beamtouch_models.calibration.recordings import read_contacts, read_loads
-from beamtouch_models.calibration.self_calibrate import self_calibrate
-from beamtouch_models.calibration.session import Session
-from beamtouch_models.calibration.theory import Theory
-from beamtouch_models.effort import Effort
-from beamtouch_models.modelfile import ModelFile, Weighed, evidence
-from beamtouch_models.rig.surface import Imperfections
-from beamtouch_models.surface import prior_of_model
-from beamtouch_models.sweeps import silent
+from beamtouch_models import runtime
+from beamtouch_models.design.accuracy.limit import draw, posterior_median_mm
+from beamtouch_models.design.calibration.calibrate import Calibrated, calibrate
+from beamtouch_models.design.calibration.fit import fit
+from beamtouch_models.design.calibration.recordings import read_contacts, read_loads
+from beamtouch_models.design.calibration.self_calibrate import self_calibrate
+from beamtouch_models.design.calibration.session import Session
+from beamtouch_models.design.calibration.theory import Theory
+from beamtouch_models.design.effort import Effort
+from beamtouch_models.design.surface import prior_of_model
+from beamtouch_models.design.sweeps import silent
+from beamtouch_models.lab.rig.surface import Imperfections
+from beamtouch_models.runtime import ModelFile, Weighed, evidence
 from support.programs.in_process import Command
 from support.surfaces.calibration_files import write_contacts, write_readings
 from support.surfaces.example_scenes import ROUGH
@@ -63,7 +63,7 @@ def error_over_limit(model: ModelFile, real: Imperfections) -> tuple[float, floa
 
 def test_ten_loads_bring_the_error_to_the_limit(bench: ModelFile, real: Imperfections, calibrated: Calibrated) -> None:
     before, _ = error_over_limit(bench, real)
-    fresh = modelfile.load_bytes(calibrated.content, "calibrated")
+    fresh = runtime.load_bytes(calibrated.content, "calibrated")
     assert fresh.metadata.beam == bench.metadata.beam
     after, held = error_over_limit(fresh, real)
     assert before > 2
@@ -76,7 +76,7 @@ def test_ten_loads_bring_the_error_to_the_limit(bench: ModelFile, real: Imperfec
 def test_the_departures_are_found_and_the_file_says_so(
     bench: ModelFile, real: Imperfections, calibrated: Calibrated
 ) -> None:
-    fresh = modelfile.load_bytes(calibrated.content, "calibrated")  # its golden answers come out
+    fresh = runtime.load_bytes(calibrated.content, "calibrated")  # its golden answers come out
     calibration = fresh.metadata.calibration
     assert calibration is not None
     assert calibration.loads == 10
@@ -95,14 +95,14 @@ def test_the_departures_are_found_and_the_file_says_so(
 
 
 def test_a_beam_rests_before_and_after_its_next_tare(built_model: Callable[[str], Path]) -> None:
-    model, rng = modelfile.load(built_model("cantilever")), np.random.default_rng(1)
+    model, rng = runtime.load(built_model("cantilever")), np.random.default_rng(1)
     noise_mm, channels = model.metadata.noise.sample_mm, len(model.channels)
     # The zeros moved between the tare and the recording.
     drifted_mm = 4 * noise_mm * (-1.0) ** np.arange(channels)
     loads = recorded(model.metadata, random_imperfections(model.metadata, rng), rng, count=12)
     drifted = dataclasses.replace(loads, measured_mm=loads.measured_mm + drifted_mm)
     found = calibrate(model, drifted, silent, effort=Effort(ROUGH))
-    fresh = modelfile.load_bytes(found.content, "calibrated")
+    fresh = runtime.load_bytes(found.content, "calibrated")
     assert fresh.metadata.departures.offset_mm == pytest.approx(drifted_mm.tolist(), abs=0.5 * noise_mm)
     rest_mm, noise_mm2 = np.array([drifted_mm, 0 * drifted_mm]), np.full((2, channels), noise_mm**2)
     samples = Weighed(rest_mm, noise_mm2[:, :, None] * np.eye(channels), noise_mm2, np.ones((2, channels), np.bool_))
@@ -115,7 +115,7 @@ def test_a_beam_rests_before_and_after_its_next_tare(built_model: Callable[[str]
 def test_unlabelled_contacts_go_on_from_a_calibrated_model(
     bench: ModelFile, real: Imperfections, calibrated: Calibrated
 ) -> None:
-    model = modelfile.load_bytes(calibrated.content, "calibrated with loads")
+    model = runtime.load_bytes(calibrated.content, "calibrated with loads")
     theory, departures = Theory.of(model.metadata), model.metadata.departures
     start = theory.vector_of(departures)
     # Since the loads, one gain has fallen by 3 %.
@@ -158,7 +158,7 @@ def test_the_command_prints_the_departures(
     done = design_sensors_here("calibrate", bench_model, recording, "-o", output, "--json")
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)
-    assert found["model"] == modelfile.load(output).identity
+    assert found["model"] == runtime.load(output).identity
     assert found["error_after_mm"]["mean"] < found["error_before_mm"]["mean"]
     assert found["standard_errors"]["gain"]
     assert "calibrated with 10 loads" in design_sensors_here("inspect", output).stdout

@@ -9,7 +9,7 @@ import pytest
 
 from beamtouch_models import load_model
 from beamtouch_models.arrays import Floats
-from beamtouch_models.modelfile import ModelFile
+from beamtouch_models.runtime import ModelFile
 from support.programs.in_process import Command, Outcome, Refusal
 from support.surfaces.calibration_files import FORCES, POSITIONS, write_contacts, write_readings
 from support.surfaces.deflections import deflections_of

@@ -10,13 +10,13 @@ import numpy as np
 import onnx
 import pytest
 
-from beamtouch_models import modelfile
-from beamtouch_models.challenge import contacts, drift, ringing
-from beamtouch_models.challenge.challenge import Row, challenge, misses, rows_of
-from beamtouch_models.challenge.judge import Said, judge
-from beamtouch_models.challenge.play import Case, Drawn, Make, SimulatedSurface
-from beamtouch_models.modelfile import ModelFile
-from beamtouch_models.sweeps import Progress, Spread
+from beamtouch_models import runtime
+from beamtouch_models.design.sweeps import Progress, Spread
+from beamtouch_models.lab.challenge import contacts, drift, ringing
+from beamtouch_models.lab.challenge.challenge import Row, challenge, misses, rows_of
+from beamtouch_models.lab.challenge.judge import Said, judge
+from beamtouch_models.lab.challenge.play import Case, Drawn, Make, SimulatedSurface
+from beamtouch_models.runtime import ModelFile
 from support.programs.in_process import Command, Refusal
 
 
@@ -107,7 +107,7 @@ def test_the_same_seed_gives_the_same_rows(bench: ModelFile) -> None:
 @pytest.mark.parametrize("name", ["bench", "cantilever", pytest.param("paper", marks=pytest.mark.soak)])
 def test_a_beam_that_rings_after_a_lift_is_not_touched(name: str, built_model: Callable[[str], Path]) -> None:
     """Readings beyond the range on the bench, replaced ones on the cantilever, single ones on the paper's beam."""
-    *_, last = only(modelfile.load(built_model(name)), Case(True, ringing.lifts), 30)
+    *_, last = only(runtime.load(built_model(name)), Case(True, ringing.lifts), 30)
     assert last.ghosts is not None
     assert last.ghosts <= 1 / 30
 

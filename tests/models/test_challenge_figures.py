@@ -7,11 +7,11 @@ import pytest
 from scipy.optimize import minimize
 from scipy.stats import chi2, norm
 
-from beamtouch_models.challenge import faults
-from beamtouch_models.challenge.challenge import Row, distances, ghosts, misses, power_of_shift, scored
-from beamtouch_models.challenge.judge import Judged, Said
-from beamtouch_models.challenge.play import Case, Drawn, SimulatedSurface
-from beamtouch_models.error_model import whitening
+from beamtouch_models.lab.challenge import faults
+from beamtouch_models.lab.challenge.challenge import Row, distances, ghosts, misses, power_of_shift, scored
+from beamtouch_models.lab.challenge.judge import Judged, Said
+from beamtouch_models.lab.challenge.play import Case, Drawn, SimulatedSurface
+from beamtouch_models.runtime.error_model import whitening
 
 
 def test_scores_of_samples_by_hand() -> None:

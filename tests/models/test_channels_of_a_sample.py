@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from beamtouch_models.modelfile import (
+from beamtouch_models.runtime import (
     Evidence,
     Hypotheses,
     Memory,

@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 
-from beamtouch_models.charts import (
+from beamtouch_models.design.charts import (
     HEIGHT,
     LEFT,
     RIGHT,

@@ -10,7 +10,7 @@ from pathlib import Path
 import onnx
 import pytest
 
-from beamtouch_models import cli, modelfile
+from beamtouch_models import cli, runtime
 from support.pages.tags import Tags
 from support.programs.in_process import Command
 from support.surfaces.example_scenes import SCENES
@@ -49,7 +49,7 @@ def test_build_writes_a_model_and_a_daemon_config_and_prints_one_json_object(
     assert described["floor"] == {"gain": [0.0] * 3, "zero_mm": [0.0] * 3, "drift_mm_per_min": drift_mm_per_min}
     assert len(described["thresholds"]["touch"]) == 3
     assert described["accuracy"]["ratio"] < 1.3
-    assert modelfile.load(model).identity == described["model"]
+    assert runtime.load(model).identity == described["model"]
     surface = tomllib.loads(config.read_text())["surfaces"]["paper"]
     assert [channel["name"] for channel in surface["channels"]] == described["channels"]
     assert surface["beam"] == described["beam"]
@@ -89,7 +89,7 @@ def test_an_old_model_is_refused_with_the_command_that_rebuilds_it_for_its_mount
     rebuilt = json.loads(design_sensors_roughly("build", path, "-o", path, "--report", report, "--json").stdout)
     assert rebuilt["positions_mm"] == kept_mm
     assert rebuilt["placed"]["criterion"] == "eigenvalue-product"
-    assert modelfile.load(path).identity == rebuilt["model"]
+    assert runtime.load(path).identity == rebuilt["model"]
     assert "the model's" in " ".join(Tags(report.read_text()).text)  # no search finds its layout
 
 

@@ -9,9 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from beamtouch_models.arrays import Floats
-from beamtouch_models.physics.beam import influence
-from beamtouch_models.placement.eigenvalue_product import log_eigenvalue_product, principal_components
-from beamtouch_models.scene.beam import Beam
+from beamtouch_models.design.physics.beam import influence
+from beamtouch_models.design.placement.eigenvalue_product import log_eigenvalue_product, principal_components
+from beamtouch_models.design.scene.beam import Beam
 from support.surfaces.example_scenes import UNIT_BEAM
 
 beam = Beam.model_validate(UNIT_BEAM)

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from beamtouch_models.accuracy import posterior
-from beamtouch_models.accuracy.limit import draw, simulated
-from beamtouch_models.accuracy.statistics import Measurement, mean_of, quantile_of, share_of
+from beamtouch_models.design.accuracy import posterior
+from beamtouch_models.design.accuracy.limit import draw, simulated
+from beamtouch_models.design.accuracy.statistics import Measurement, mean_of, quantile_of, share_of
 from support.surfaces.posterior_cases import prior_of
 
 SEEDS = 50

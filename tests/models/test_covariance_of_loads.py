@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from beamtouch_models.challenge.contacts import touched
-from beamtouch_models.challenge.play import Drawn, Play, SimulatedSurface
-from beamtouch_models.challenge.ringing import rings
 from beamtouch_models.filters import Chain, FloatArray
+from beamtouch_models.lab.challenge.contacts import touched
+from beamtouch_models.lab.challenge.play import Drawn, Play, SimulatedSurface
+from beamtouch_models.lab.challenge.ringing import rings
 from models.covariance_cases import FILTER, NOISE_MM, PERIOD
 
 BEFORE, LOADS = 60, 80

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.optimize import nnls
 
-from beamtouch_models.curve import Curve
-from beamtouch_models.physics.beam import influence_of
-from beamtouch_models.scene import load_scene
+from beamtouch_models.design.physics.beam import influence_of
+from beamtouch_models.design.scene import load_scene
+from beamtouch_models.runtime.curve import Curve
 from support.surfaces.example_scenes import SCENES
 
 

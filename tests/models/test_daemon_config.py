@@ -10,13 +10,13 @@ from beamtouch_daemon.config.file import load_config
 from beamtouch_daemon.config.settings import Surface
 from beamtouch_daemon.processing.pipeline import Pipeline
 from beamtouch_daemon.sources.reading import Reading
-from beamtouch_models.building.daemon_config import daemon_config
-from beamtouch_models.metadata import Metadata
-from beamtouch_models.modelfile import ModelFile
-from beamtouch_models.pricing.noise import step_mm
-from beamtouch_models.rig.loads import Load
-from beamtouch_models.rig.surface import VirtualSurface
-from beamtouch_models.scene import load_scene
+from beamtouch_models.design.building.daemon_config import daemon_config
+from beamtouch_models.design.pricing.noise import step_mm
+from beamtouch_models.design.scene import load_scene
+from beamtouch_models.lab.rig.loads import Load
+from beamtouch_models.lab.rig.surface import VirtualSurface
+from beamtouch_models.runtime import ModelFile
+from beamtouch_models.runtime.metadata import Metadata
 from beamtouch_service.samples import Quality
 from support.surfaces.example_scenes import SCENES
 

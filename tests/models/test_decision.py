@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from beamtouch_models.arrays import Floats
-from beamtouch_models.modelfile import (
+from beamtouch_models.runtime import (
     Answers,
     Evidence,
     Hypotheses,

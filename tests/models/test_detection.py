@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from beamtouch_models.accuracy.evaluation import estimates
-from beamtouch_models.accuracy.thresholds import SURELY, size_per_n
-from beamtouch_models.modelfile import ModelFile
-from beamtouch_models.surface import prior_of_model
+from beamtouch_models.design.accuracy.evaluation import estimates
+from beamtouch_models.design.accuracy.thresholds import SURELY, size_per_n
+from beamtouch_models.design.surface import prior_of_model
+from beamtouch_models.runtime import ModelFile
 from support.programs.in_process import Command
 
 DRAWS = 2048

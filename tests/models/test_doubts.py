@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from beamtouch_models import modelfile
-from beamtouch_models.calibration.calibrate import CheckedFit, checked_fit
-from beamtouch_models.calibration.recordings import Loads, RecordingError, read_loads
-from beamtouch_models.modelfile import ModelFile
-from beamtouch_models.rig.surface import Imperfections
-from beamtouch_models.sweeps import silent
+from beamtouch_models import runtime
+from beamtouch_models.design.calibration.calibrate import CheckedFit, checked_fit
+from beamtouch_models.design.calibration.recordings import Loads, RecordingError, read_loads
+from beamtouch_models.design.sweeps import silent
+from beamtouch_models.lab.rig.surface import Imperfections
+from beamtouch_models.runtime import ModelFile
 from models.doubtful_recordings import bent_mm, doubtful
 from support.programs.in_process import Command
 from support.surfaces.calibration_files import write_readings
@@ -28,7 +28,7 @@ PLACES_MM, FORCES_N = np.linspace(29.0, 191.0, 10), np.tile([2.25, 1.1], 5)
 
 @pytest.fixture
 def cantilever(built_model: Callable[[str], Path]) -> ModelFile:
-    return modelfile.load(built_model("cantilever"))
+    return runtime.load(built_model("cantilever"))
 
 
 def refusal(design_sensors_here: Command, folder: Path, model: Path, loads: Path) -> str:

@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 
 from beamtouch_models import frequency_hz
-from beamtouch_models.scene import Scene, load_scene
+from beamtouch_models.design.scene import Scene, load_scene
 from support.surfaces.example_scenes import SCENES, paper_scene
 
 from .conftest import Explain

@@ -9,11 +9,11 @@ import numpy as np
 import onnx
 import pytest
 
-from beamtouch_models.accuracy.evaluation import at_noise, evaluate
-from beamtouch_models.accuracy.limit import draw
-from beamtouch_models.description import unseen
-from beamtouch_models.modelfile import ModelFile
-from beamtouch_models.surface import prior_of_model
+from beamtouch_models.design.accuracy.evaluation import at_noise, evaluate
+from beamtouch_models.design.accuracy.limit import draw
+from beamtouch_models.design.surface import prior_of_model
+from beamtouch_models.runtime import ModelFile
+from beamtouch_models.runtime.description import unseen
 from support.programs.in_process import Command
 from support.surfaces.example_scenes import PAPER
 

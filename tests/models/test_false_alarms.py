@@ -8,18 +8,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from beamtouch_models.accuracy.prior import Prior
-from beamtouch_models.accuracy.thresholds import (
+from beamtouch_models.design.accuracy.prior import Prior
+from beamtouch_models.design.accuracy.thresholds import (
     misfit_threshold,
     rate_per_sample,
     touch_thresholds,
     unexplained_thresholds,
 )
-from beamtouch_models.estimators.onnx_graph import to_bytes
-from beamtouch_models.physics.beam import influence_of
-from beamtouch_models.scene import load_scene
-from beamtouch_models.session import runner
-from beamtouch_models.surface import Surface
+from beamtouch_models.design.estimators.onnx_graph import to_bytes
+from beamtouch_models.design.physics.beam import influence_of
+from beamtouch_models.design.scene import load_scene
+from beamtouch_models.design.surface import Surface
+from beamtouch_models.runtime.session import runner
 from models.false_alarms import (
     false_contacts_per_day,
     false_stretches_of_contacts_per_day,

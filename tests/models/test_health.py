@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from beamtouch_models.modelfile import BestSample, Health, ModelFile
+from beamtouch_models.runtime import BestSample, Health, ModelFile
 from models.drawn_contacts import Drawn
 
 BASELINE = 100

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from beamtouch_models.health.changes import RESOLUTION, Block, History
+from beamtouch_models.runtime.health.changes import RESOLUTION, Block, History
 
 
 def _block(number: int, channels: int) -> Block:

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from beamtouch_models.modelfile import BestSample, Health, ModelFile
+from beamtouch_models.runtime import BestSample, Health, ModelFile
 from models.drawn_contacts import Drawn
 
 CONTACTS = 40

@@ -7,8 +7,7 @@ import random
 import numpy as np
 import pytest
 
-from beamtouch_models.metadata import Thresholds
-from beamtouch_models.modelfile import (
+from beamtouch_models.runtime import (
     LOG_ODDS,
     MISFIT,
     Evidence,
@@ -17,6 +16,7 @@ from beamtouch_models.modelfile import (
     State,
     memories_after,
 )
+from beamtouch_models.runtime.metadata import Thresholds
 
 TOUCH = 16.0
 THRESHOLDS = Thresholds(touch=[TOUCH] * 4, rest=[50.0] * 4, misfit=[30.0] * 4, false_contacts_per_day=1 / 30)

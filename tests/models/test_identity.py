@@ -2,7 +2,7 @@
 
 import pytest
 
-from beamtouch_models.scene import identity_of, parse_scene
+from beamtouch_models.design.scene import identity_of, parse_scene
 from support.surfaces.example_scenes import PAPER
 
 LAYOUT = {"s1": 100.0, "s2": 200.0, "s3": 300.0}

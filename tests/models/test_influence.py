@@ -14,10 +14,10 @@ from numpy.typing import ArrayLike
 
 from beamtouch_models import influence_matrix
 from beamtouch_models.arrays import Floats
+from beamtouch_models.design.physics.beam import travel_of
+from beamtouch_models.design.scene import parse_scene
+from beamtouch_models.design.scene.beam import Beam, changed_beam
 from beamtouch_models.errors import SceneError
-from beamtouch_models.physics.beam import travel_of
-from beamtouch_models.scene import parse_scene
-from beamtouch_models.scene.beam import Beam, changed_beam
 from models.exact_beam import ExactBeam, fixed, simple
 from support.surfaces.example_scenes import PAPER, UNIT_BEAM
 

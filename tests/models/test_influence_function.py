@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from scipy.interpolate import RegularGridInterpolator
 
-from beamtouch_models.accuracy.limit import draw, posterior_median_mm
-from beamtouch_models.accuracy.prior import Prior, SampleErrors
 from beamtouch_models.arrays import Floats
-from beamtouch_models.estimators.posterior.window import posterior_graph
-from beamtouch_models.physics.influence import InfluenceFunction
-from beamtouch_models.placement.layout import Candidates
-from beamtouch_models.placement.placing import place, place_by_position_error, recommended_count
+from beamtouch_models.design.accuracy.limit import draw, posterior_median_mm
+from beamtouch_models.design.accuracy.prior import Prior, SampleErrors
+from beamtouch_models.design.estimators.posterior.window import posterior_graph
+from beamtouch_models.design.physics.influence import InfluenceFunction
+from beamtouch_models.design.placement.layout import Candidates
+from beamtouch_models.design.placement.placing import place, place_by_position_error, recommended_count
 from support.surfaces.posterior_cases import answers_of
 
 LENGTH_MM = 500.0

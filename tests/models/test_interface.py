@@ -12,7 +12,7 @@ import beamtouch_models as models
 from beamtouch_common.errors import InputError
 from beamtouch_models import cli
 from beamtouch_models.errors import SceneError
-from beamtouch_models.modelfile import ModelFile
+from beamtouch_models.runtime import ModelFile
 from support.surfaces.example_scenes import ROUGH, SCENES
 
 SCENE = (SCENES / "bench.toml").read_text()

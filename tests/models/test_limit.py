@@ -5,22 +5,22 @@ import dataclasses
 import numpy as np
 import pytest
 
-from beamtouch_models.accuracy import limit
-from beamtouch_models.accuracy.limit import (
+from beamtouch_models.arrays import Floats
+from beamtouch_models.design.accuracy import limit
+from beamtouch_models.design.accuracy.limit import (
     accuracy_limit,
     compare_limits,
     limits_without,
     mean_error_mm,
     position_deviation_mm,
 )
-from beamtouch_models.accuracy.posterior import posterior_quantiles
-from beamtouch_models.accuracy.prior import TAIL, Prior, forces_of
-from beamtouch_models.arrays import Floats
-from beamtouch_models.error_model import whitening
-from beamtouch_models.physics.beam import influence_of
-from beamtouch_models.pricing.prices import Effect
-from beamtouch_models.scene import Scene, change_scene, load_scene
-from beamtouch_models.surface import Surface
+from beamtouch_models.design.accuracy.posterior import posterior_quantiles
+from beamtouch_models.design.accuracy.prior import TAIL, Prior, forces_of
+from beamtouch_models.design.physics.beam import influence_of
+from beamtouch_models.design.pricing.prices import Effect
+from beamtouch_models.design.scene import Scene, change_scene, load_scene
+from beamtouch_models.design.surface import Surface
+from beamtouch_models.runtime.error_model import whitening
 from support.surfaces.example_scenes import SCENES, paper_scene
 from support.surfaces.posterior_cases import plain_posterior, prior_of, quantiles_of
 

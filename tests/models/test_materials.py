@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 
 from beamtouch_models import frequency_hz
-from beamtouch_models.scene import Scene, parse_scene
-from beamtouch_models.scene.beam import changed_beam
-from beamtouch_models.scene.materials import MATERIALS, MaterialName
+from beamtouch_models.design.scene import Scene, parse_scene
+from beamtouch_models.design.scene.beam import changed_beam
+from beamtouch_models.design.scene.materials import MATERIALS, MaterialName
 from support.programs.in_process import Command
 from support.surfaces.example_scenes import PAPER, SCENES
 

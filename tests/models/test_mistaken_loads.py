@@ -11,16 +11,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from beamtouch_models import modelfile
+from beamtouch_models import runtime
 from beamtouch_models.arrays import Floats
-from beamtouch_models.calibration.calibrate import checked_fit
-from beamtouch_models.calibration.fit import fit
-from beamtouch_models.calibration.mistaken import mistaken
-from beamtouch_models.calibration.recordings import Loads, RecordingError
-from beamtouch_models.calibration.theory import Theory
+from beamtouch_models.design.calibration.calibrate import checked_fit
+from beamtouch_models.design.calibration.fit import fit
+from beamtouch_models.design.calibration.mistaken import mistaken
+from beamtouch_models.design.calibration.recordings import Loads, RecordingError
+from beamtouch_models.design.calibration.theory import Theory
+from beamtouch_models.design.sweeps import silent
 from beamtouch_models.errors import NotGoodEnoughError
-from beamtouch_models.rig.surface import Imperfections
-from beamtouch_models.sweeps import silent
+from beamtouch_models.lab.rig.surface import Imperfections
 from support.programs.in_process import Command
 from support.surfaces.calibration_files import write_readings
 from support.surfaces.real_surfaces import MISTAKES, deflections_on, random_imperfections, recorded, with_mistake
@@ -47,7 +47,7 @@ def test_a_mistyped_load_is_named_and_can_be_left_out(
     design_sensors_roughly: Command, built_model: Callable[[str], Path], tmp_path: Path
 ) -> None:
     path, output, model = tmp_path / "loads.csv", tmp_path / "out.onnx", built_model("cantilever")
-    loaded, loads = modelfile.load(model), (np.linspace(29.0, 191.0, 10), np.full(10, 2.25))
+    loaded, loads = runtime.load(model), (np.linspace(29.0, 191.0, 10), np.full(10, 2.25))
     real = random_imperfections(loaded.metadata, np.random.default_rng(1))
     write_readings(path, loaded, deflections_on(loaded.metadata, real, *loads), *loads)
     change_load(path, "6", "position_mm", "179")  # by 60 mm: it pressed at 119
@@ -76,7 +76,7 @@ def test_a_mistyped_load_is_named_and_can_be_left_out(
 def test_a_mistyped_load_is_named_and_honest_ones_are_accepted(
     name: str, mistake: str, built_model: Callable[[str], Path]
 ) -> None:
-    metadata, rng = modelfile.load(built_model(name)).metadata, np.random.default_rng([5, 5])
+    metadata, rng = runtime.load(built_model(name)).metadata, np.random.default_rng([5, 5])
     theory = Theory.of(metadata)
     honest = recorded(metadata, random_imperfections(metadata, rng), rng, hand_mm=0.3)
     position, force, wrong = with_mistake(mistake, honest, metadata.ranges.position_mm, rng)
@@ -86,7 +86,7 @@ def test_a_mistyped_load_is_named_and_honest_ones_are_accepted(
 
 
 def test_a_fit_finds_how_well_loads_are_placed(built_model: Callable[[str], Path]) -> None:
-    metadata = modelfile.load(built_model("cantilever")).metadata
+    metadata = runtime.load(built_model("cantilever")).metadata
     theory, rng = Theory.of(metadata), np.random.default_rng(8)
     real = random_imperfections(metadata, rng)
     well, badly = (
@@ -148,7 +148,7 @@ REFUSED_SOAKED: dict[str, Refused] = {
 @pytest.mark.parametrize("name", [*REFUSED, *(pytest.param(one, marks=pytest.mark.soak) for one in REFUSED_SOAKED)])
 def test_loads_that_make_no_model_are_refused_with_the_reason(name: str, built_model: Callable[[str], Path]) -> None:
     scene, change, error, said = (REFUSED | REFUSED_SOAKED)[name]
-    model, rng = modelfile.load(built_model(scene)), np.random.default_rng([0, 1])
+    model, rng = runtime.load(built_model(scene)), np.random.default_rng([0, 1])
     loads = recorded(model.metadata, random_imperfections(model.metadata, rng), rng)
     with pytest.raises(error, match=said):
         checked_fit(model, change(loads), silent)
@@ -156,7 +156,7 @@ def test_loads_that_make_no_model_are_refused_with_the_reason(name: str, built_m
 
 def test_a_model_that_is_worse_is_not_written(built_model: Callable[[str], Path]) -> None:
     # Four loads that stand 3 mm off on a surface that does not depart from its scene.
-    model = modelfile.load(built_model("cantilever"))
+    model = runtime.load(built_model("cantilever"))
     loads = recorded(model.metadata, Imperfections(), np.random.default_rng(6), count=4, hand_mm=3.0)
     with pytest.raises(NotGoodEnoughError) as refused:
         checked_fit(model, loads, silent)

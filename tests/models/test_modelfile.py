@@ -11,8 +11,8 @@ import onnx
 import pytest
 from onnx import helper
 
-from beamtouch_models.metadata import FORCE_OUTPUTS, POSITION_OUTPUTS
-from beamtouch_models.modelfile import ModelFile
+from beamtouch_models.runtime import ModelFile
+from beamtouch_models.runtime.metadata import FORCE_OUTPUTS, POSITION_OUTPUTS
 from support.programs.in_process import Refusal
 
 CALIBRATION = {
@@ -205,7 +205,7 @@ def test_a_graph_with_other_inputs_or_outputs_is_refused(
 
 
 def test_a_model_in_use_reports_to_nobody(bench_model: Path, tmp_path: Path) -> None:
-    code = "import sys, pathlib; from beamtouch_models import modelfile; modelfile.load(pathlib.Path(sys.argv[1]))"
+    code = "import sys, pathlib; from beamtouch_models import runtime; runtime.load(pathlib.Path(sys.argv[1]))"
     # In an environment of its own, as the runtime is silent by itself where it finds signs of a test run.
     environment = {name: os.environ[name] for name in ("PATH", "PYTHONPATH") if name in os.environ}
     subprocess.run(

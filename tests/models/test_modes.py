@@ -7,10 +7,17 @@ import pytest
 from scipy.integrate import quad
 from scipy.optimize import brentq
 
-from beamtouch_models.physics.beam import influence
-from beamtouch_models.physics.motion import MODES, Modes, beyond_rest, first_frequency_hz, slowest_period_ms, swings
-from beamtouch_models.scene import load_scene
-from beamtouch_models.scene.beam import Beam
+from beamtouch_models.design.physics.beam import influence
+from beamtouch_models.design.physics.motion import (
+    MODES,
+    Modes,
+    beyond_rest,
+    first_frequency_hz,
+    slowest_period_ms,
+    swings,
+)
+from beamtouch_models.design.scene import load_scene
+from beamtouch_models.design.scene.beam import Beam
 from support.surfaces.example_scenes import SCENES
 
 BENCH = load_scene(SCENES / "bench.toml")[0].beam

@@ -3,16 +3,16 @@
 import numpy as np
 import pytest
 
-from beamtouch_models.accuracy.evaluation import at_noise
-from beamtouch_models.accuracy.limit import accuracy_limit
-from beamtouch_models.accuracy.prior import Prior, SampleErrors
-from beamtouch_models.building.sensors import place_sensors
+from beamtouch_models.design.accuracy.evaluation import at_noise
+from beamtouch_models.design.accuracy.limit import accuracy_limit
+from beamtouch_models.design.accuracy.prior import Prior, SampleErrors
+from beamtouch_models.design.building.sensors import place_sensors
+from beamtouch_models.design.physics.beam import influence_of
+from beamtouch_models.design.placement.placing import Aim
+from beamtouch_models.design.scene import change_scene, load_scene, parse_scene
+from beamtouch_models.design.surface import Surface, prior_of_model
 from beamtouch_models.errors import SceneError
-from beamtouch_models.modelfile import ModelFile
-from beamtouch_models.physics.beam import influence_of
-from beamtouch_models.placement.placing import Aim
-from beamtouch_models.scene import change_scene, load_scene, parse_scene
-from beamtouch_models.surface import Surface, prior_of_model
+from beamtouch_models.runtime import ModelFile
 from models.handbook import deflection_per_newton
 from support.surfaces.example_scenes import SCENES, paper_scene
 from support.surfaces.posterior_cases import answers_of, graph_of

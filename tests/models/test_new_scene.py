@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from beamtouch_models.scene import load_scene
+from beamtouch_models.design.scene import load_scene
 from support.programs.in_process import Command
 from support.surfaces.example_scenes import SCENES
 

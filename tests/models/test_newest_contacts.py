@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from beamtouch_models.calibration.recordings import MAX_CONTACTS, UnlabelledContacts, read_contacts
-from beamtouch_models.modelfile import ModelFile
+from beamtouch_models.design.calibration.recordings import MAX_CONTACTS, UnlabelledContacts, read_contacts
+from beamtouch_models.runtime import ModelFile
 
 BEGIN = datetime(2026, 11, 22, tzinfo=UTC)
 MORE = 25

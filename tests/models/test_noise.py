@@ -5,12 +5,12 @@ import math
 import numpy as np
 import pytest
 
+from beamtouch_models.design.pricing.noise import step_mm
+from beamtouch_models.design.pricing.prices import Effect
+from beamtouch_models.design.scene import Requirements, Scene
+from beamtouch_models.design.surface import Surface
 from beamtouch_models.errors import SceneError
-from beamtouch_models.metadata import FilterChoice
-from beamtouch_models.pricing.noise import step_mm
-from beamtouch_models.pricing.prices import Effect
-from beamtouch_models.scene import Requirements, Scene
-from beamtouch_models.surface import Surface
+from beamtouch_models.runtime.metadata import FilterChoice
 from support.surfaces.example_scenes import paper_scene
 
 

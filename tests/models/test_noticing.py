@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from beamtouch_models.accuracy.limit import accuracy_limit
-from beamtouch_models.accuracy.prior import Prior, SampleErrors
 from beamtouch_models.arrays import Floats
-from beamtouch_models.placement.placing import place, place_by_position_error
-from beamtouch_models.placement.position_error import FORCES, PLACES, SLACK, OtherLoads, other_loads
-from beamtouch_models.scene import Scene, change_scene
+from beamtouch_models.design.accuracy.limit import accuracy_limit
+from beamtouch_models.design.accuracy.prior import Prior, SampleErrors
+from beamtouch_models.design.placement.placing import place, place_by_position_error
+from beamtouch_models.design.placement.position_error import FORCES, PLACES, SLACK, OtherLoads, other_loads
+from beamtouch_models.design.scene import Scene, change_scene
 from models.handbook import deflection_per_newton
 from support.surfaces.example_scenes import paper_scene
 from support.surfaces.stated_problems import problem_in

@@ -6,10 +6,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from beamtouch_models import modelfile
+from beamtouch_models import runtime
 from beamtouch_models.arrays import Floats
-from beamtouch_models.estimators.paper_network import _initial, _present, paper_graph, train, trained_as_in_the_paper
-from beamtouch_models.reproduction.paper import deflection_mm
+from beamtouch_models.design.estimators.paper_network import (
+    _initial,
+    _present,
+    paper_graph,
+    train,
+    trained_as_in_the_paper,
+)
+from beamtouch_models.lab.reproduction.paper import deflection_mm
 from support.programs.in_process import Command
 from support.surfaces.example_scenes import SCENES
 from support.surfaces.posterior_cases import answers_of, prior_of
@@ -67,7 +73,7 @@ def test_a_network_does_not_depend_on_its_neighbours() -> None:
 
 def test_the_papers_network_as_a_graph(monkeypatch: pytest.MonkeyPatch) -> None:
     # A twentieth of the load positions; the command below trains on all of them.
-    monkeypatch.setattr("beamtouch_models.estimators.paper_network.PATTERNS", 21)
+    monkeypatch.setattr("beamtouch_models.design.estimators.paper_network.PATTERNS", 21)
     prior = prior_of("paper", 2, 2.0, known=True)
     network = trained_as_in_the_paper(prior, 0)
     position = np.linspace(40, 360, 50)
@@ -85,7 +91,7 @@ def test_the_papers_network_builds_and_is_evaluated(design_sensors_here: Command
     options = ("--estimator", "paper-network", "--criterion", "eigenvalue-product", "--json")
     built = design_sensors_here("build", SCENES / "paper.toml", *options, "-o", path)
     assert json.loads(built.stdout)["outputs"] == ["position_mm"]
-    model = modelfile.load(path)
+    model = runtime.load(path)
     assert model.metadata.estimator == "paper-network"
     assert model.metadata.min_channels == len(model.metadata.layout)
     assert model.metadata.accuracy.ratio > 1

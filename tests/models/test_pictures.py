@@ -5,10 +5,10 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Browser
 
-from beamtouch_models.building.report.beam_drawing import beam_drawing
-from beamtouch_models.charts import DARK, LIGHT, SERIES_COLOURS, Chart, Series, draw, standalone
-from beamtouch_models.modelfile import ModelFile
-from beamtouch_models.scene import load_scene
+from beamtouch_models.design.building.report.beam_drawing import beam_drawing
+from beamtouch_models.design.charts import DARK, LIGHT, SERIES_COLOURS, Chart, Series, draw, standalone
+from beamtouch_models.design.scene import load_scene
+from beamtouch_models.runtime import ModelFile
 from models.pictures import decoded, drawn, share_of, share_of_black
 from support.surfaces.example_scenes import SCENES
 

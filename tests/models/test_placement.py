@@ -9,14 +9,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from beamtouch_models.accuracy.prior import SampleErrors
+from beamtouch_models.design.accuracy.prior import SampleErrors
+from beamtouch_models.design.physics.beam import influence_of
+from beamtouch_models.design.placement.eigenvalue_product import eigenvalue_product_of, gap_of, largest_gap
+from beamtouch_models.design.placement.layout import Candidates
+from beamtouch_models.design.placement.placing import place, place_by_position_error, recommended_count
+from beamtouch_models.design.scene import Scene, change_scene
 from beamtouch_models.errors import SceneError
 from beamtouch_models.names import SearchName
-from beamtouch_models.physics.beam import influence_of
-from beamtouch_models.placement.eigenvalue_product import eigenvalue_product_of, gap_of, largest_gap
-from beamtouch_models.placement.layout import Candidates
-from beamtouch_models.placement.placing import place, place_by_position_error, recommended_count
-from beamtouch_models.scene import Scene, change_scene
 from support.surfaces.example_scenes import paper_scene
 from support.surfaces.stated_problems import problem_in
 

@@ -7,17 +7,17 @@ import numpy as np
 import pytest
 from scipy.special import chdtri
 
-from beamtouch_models.accuracy.limit import draw, posterior_median_mm
-from beamtouch_models.accuracy.posterior import posterior_quantiles
-from beamtouch_models.accuracy.prior import Prior, cautious_forces, forces_of
-from beamtouch_models.error_model import whitening
-from beamtouch_models.estimators.estimator import ENOUGH, MAX_SETS, estimator_of, fewest_channels
-from beamtouch_models.estimators.onnx_graph import to_bytes
-from beamtouch_models.estimators.posterior.window import posterior_graph, windowed_graph
-from beamtouch_models.estimators.small_network import first_stage, train
-from beamtouch_models.physics.beam import influence_of
-from beamtouch_models.session import runner
-from beamtouch_models.sweeps import silent
+from beamtouch_models.design.accuracy.limit import draw, posterior_median_mm
+from beamtouch_models.design.accuracy.posterior import posterior_quantiles
+from beamtouch_models.design.accuracy.prior import Prior, cautious_forces, forces_of
+from beamtouch_models.design.estimators.estimator import ENOUGH, MAX_SETS, estimator_of, fewest_channels
+from beamtouch_models.design.estimators.onnx_graph import to_bytes
+from beamtouch_models.design.estimators.posterior.window import posterior_graph, windowed_graph
+from beamtouch_models.design.estimators.small_network import first_stage, train
+from beamtouch_models.design.physics.beam import influence_of
+from beamtouch_models.design.sweeps import silent
+from beamtouch_models.runtime.error_model import whitening
+from beamtouch_models.runtime.session import runner
 from models.false_alarms import surface
 from support.surfaces.example_scenes import paper_scene
 from support.surfaces.posterior_cases import (

@@ -8,7 +8,7 @@ import pytest
 
 import beamtouch_models as models
 from beamtouch_common.errors import InputError
-from beamtouch_models.modelfile import ModelFile
+from beamtouch_models.runtime import ModelFile
 from support.programs.in_process import Command
 from support.surfaces.calibration_files import write_readings
 from support.surfaces.deflections import deflections_of

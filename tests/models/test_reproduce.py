@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from beamtouch_models.arrays import Floats
-from beamtouch_models.reproduction import figure_8 as eighth
-from beamtouch_models.reproduction import figures
-from beamtouch_models.reproduction.figure_8 import NOISES_PERCENT, figure_8, measure
-from beamtouch_models.reproduction.figures import (
+from beamtouch_models.lab.reproduction import figure_8 as eighth
+from beamtouch_models.lab.reproduction import figures
+from beamtouch_models.lab.reproduction.figure_8 import NOISES_PERCENT, figure_8, measure
+from beamtouch_models.lab.reproduction.figures import (
     EXPECTED_MM,
     equation_1,
     figure_2,
@@ -22,8 +22,8 @@ from beamtouch_models.reproduction.figures import (
     misprints,
     noise_errors,
 )
-from beamtouch_models.reproduction.paper import LOADS_MM, SOURCE, TITLE, Figure, Row, dimensionless, equal_pitch_mm
-from beamtouch_models.reproduction.reproduce import Reproduction, reproduce
+from beamtouch_models.lab.reproduction.paper import LOADS_MM, SOURCE, TITLE, Figure, Row, dimensionless, equal_pitch_mm
+from beamtouch_models.lab.reproduction.reproduce import Reproduction, reproduce
 from support.pages.tags import Tags
 from support.programs.in_process import Command
 

@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from beamtouch_models.rig.faults import Faults
-from beamtouch_models.rig.loads import Load, default_script, load_script
-from beamtouch_models.scene import load_scene
+from beamtouch_models.design.scene import load_scene
+from beamtouch_models.lab.rig.faults import Faults
+from beamtouch_models.lab.rig.loads import Load, default_script, load_script
 from support.surfaces.example_scenes import SCENES
 
 TOUCH_MOVE_LIFT = """

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from beamtouch_models.pricing.ringing import decay_s
+from beamtouch_models.design.pricing.ringing import decay_s
 from support.programs.in_process import Command
 from support.surfaces.example_scenes import PAPER, SCENES
 

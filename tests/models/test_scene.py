@@ -3,7 +3,7 @@
 import pytest
 
 from beamtouch_common.errors import InputError
-from beamtouch_models.scene import parse_scene
+from beamtouch_models.design.scene import parse_scene
 from support.surfaces.example_scenes import PAPER
 
 COUNT, NOISE, MODULUS, WIDTH = "count = 2", "noise_percent_of_max = 2", "youngs_modulus_gpa = 210", "width_mm = 25"

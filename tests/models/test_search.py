@@ -8,15 +8,15 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from beamtouch_models.accuracy import limit
-from beamtouch_models.accuracy.prior import Prior, SampleErrors
 from beamtouch_models.arrays import Indices
+from beamtouch_models.design.accuracy import limit
+from beamtouch_models.design.accuracy.prior import Prior, SampleErrors
+from beamtouch_models.design.placement.layout import Candidates, equal_layout
+from beamtouch_models.design.placement.placing import place
+from beamtouch_models.design.placement.position_error import SPARE_NOTICES, PositionError, position_error_of
+from beamtouch_models.design.placement.search import first_best, search_from
+from beamtouch_models.design.scene import Scene, change_scene
 from beamtouch_models.names import SEARCHES
-from beamtouch_models.placement.layout import Candidates, equal_layout
-from beamtouch_models.placement.placing import place
-from beamtouch_models.placement.position_error import SPARE_NOTICES, PositionError, position_error_of
-from beamtouch_models.placement.search import first_best, search_from
-from beamtouch_models.scene import Scene, change_scene
 from support.surfaces.example_scenes import paper_scene
 from support.surfaces.stated_problems import problem_in
 

@@ -9,17 +9,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from beamtouch_models import modelfile
-from beamtouch_models.accuracy.limit import draw, posterior_median_mm
-from beamtouch_models.calibration.recordings import UnlabelledContacts
-from beamtouch_models.calibration.self_calibrate import SelfCalibrated, self_calibrate, self_fit
-from beamtouch_models.calibration.theory import FIXITY, GAIN
-from beamtouch_models.effort import Effort
+from beamtouch_models import runtime
+from beamtouch_models.design.accuracy.limit import draw, posterior_median_mm
+from beamtouch_models.design.calibration.recordings import UnlabelledContacts
+from beamtouch_models.design.calibration.self_calibrate import SelfCalibrated, self_calibrate, self_fit
+from beamtouch_models.design.calibration.theory import FIXITY, GAIN
+from beamtouch_models.design.effort import Effort
+from beamtouch_models.design.surface import prior_of_model
+from beamtouch_models.design.sweeps import silent
 from beamtouch_models.errors import NotGoodEnoughError
-from beamtouch_models.modelfile import ModelFile
-from beamtouch_models.rig.surface import Imperfections
-from beamtouch_models.surface import prior_of_model
-from beamtouch_models.sweeps import silent
+from beamtouch_models.lab.rig.surface import Imperfections
+from beamtouch_models.runtime import ModelFile
 from support.programs.in_process import Command
 from support.surfaces.calibration_files import write_contacts
 from support.surfaces.example_scenes import ROUGH
@@ -42,7 +42,7 @@ def test_200_contacts_bring_the_error_to_the_limit(
     bench: ModelFile, found: tuple[SelfCalibrated, Imperfections]
 ) -> None:
     calibrated, real = found
-    model = modelfile.load_bytes(calibrated.content, "calibrated")  # its golden answers come out
+    model = runtime.load_bytes(calibrated.content, "calibrated")  # its golden answers come out
     prior = true_prior(bench.metadata, real)
     fresh = draw(prior, 1500, 9)
     reading = prior.measured(fresh.deflection_mm)
@@ -87,7 +87,7 @@ def test_gains_are_found_within_their_errors(
     name: str, two_at_once: float, count: int, built_model: Callable[[str], Path]
 ) -> None:
     """With a known force, the scale too; and where two contacts seem to be one of 1e8 N on a middle support."""
-    one, real = fitted(modelfile.load(built_model(name)), Kind(gain=0.02, two_at_once=two_at_once), 2, count)
+    one, real = fitted(runtime.load(built_model(name)), Kind(gain=0.02, two_at_once=two_at_once), 2, count)
     theory = one.fit.theory
     gain, true = np.array(theory.departures(one.fit.vector).gain), np.array(real.gain)
     errors = GAIN * one.fit.spread[theory.kinds["gain"]]
@@ -113,7 +113,7 @@ def test_the_command_writes_a_model_and_says_what_it_changed(
     done = design_sensors_here("calibrate", bench_model, "--events", path, "-o", output, "--json")
     assert done.returncode == 0
     told = json.loads(done.stdout)
-    assert told["model"] == modelfile.load(output).identity
+    assert told["model"] == runtime.load(output).identity
     assert told["misfit"]["after"] < told["misfit"]["before"]
     assert set(told["standard_errors"]) == {"gain", "position", "curve", "offset"}
     assert told["open_mm"] < told["changed_mm"]

@@ -3,10 +3,10 @@
 import pytest
 
 from beamtouch_models import change_scene
+from beamtouch_models.design.physics.beam import travel_of
+from beamtouch_models.design.scene import Scene, parse_scene
+from beamtouch_models.design.surface import Surface
 from beamtouch_models.errors import SceneError
-from beamtouch_models.physics.beam import travel_of
-from beamtouch_models.scene import Scene, parse_scene
-from beamtouch_models.surface import Surface
 from support.surfaces.example_scenes import SCENES, paper_scene
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from beamtouch_models.accuracy.statistics import share_of
+from beamtouch_models.design.accuracy.statistics import share_of
 
 
 @pytest.mark.parametrize("happened", [False, True])

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from beamtouch_models import cli
-from beamtouch_models.accuracy.limit import accuracy_limit
-from beamtouch_models.challenge.judge import judge
-from beamtouch_models.challenge.play import Drawn, SimulatedSurface
-from beamtouch_models.challenge.ringing import rings
-from beamtouch_models.loading import ModelFile, load
-from beamtouch_models.surface import prior_of_model
+from beamtouch_models.design.accuracy.limit import accuracy_limit
+from beamtouch_models.design.surface import prior_of_model
+from beamtouch_models.lab.challenge.judge import judge
+from beamtouch_models.lab.challenge.play import Drawn, SimulatedSurface
+from beamtouch_models.lab.challenge.ringing import rings
+from beamtouch_models.runtime.loading import ModelFile, load
 
 SLOW = """
 [beam]

@@ -8,16 +8,16 @@ import pytest
 from numpy.typing import NDArray
 from scipy.special import chdtri
 
-from beamtouch_models.accuracy.limit import draw, posterior_median_mm
-from beamtouch_models.accuracy.prior import Prior
-from beamtouch_models.accuracy.thresholds import rate_per_sample, touch_thresholds
 from beamtouch_models.arrays import Floats
-from beamtouch_models.error_model import whitening
-from beamtouch_models.estimators.onnx_graph import to_bytes
-from beamtouch_models.estimators.posterior.window import windowed_graph
-from beamtouch_models.estimators.small_network import Network, first_stage, train
-from beamtouch_models.metadata import FORCE_OUTPUTS, POSITION_OUTPUTS
-from beamtouch_models.session import runner
+from beamtouch_models.design.accuracy.limit import draw, posterior_median_mm
+from beamtouch_models.design.accuracy.prior import Prior
+from beamtouch_models.design.accuracy.thresholds import rate_per_sample, touch_thresholds
+from beamtouch_models.design.estimators.onnx_graph import to_bytes
+from beamtouch_models.design.estimators.posterior.window import windowed_graph
+from beamtouch_models.design.estimators.small_network import Network, first_stage, train
+from beamtouch_models.runtime.error_model import whitening
+from beamtouch_models.runtime.metadata import FORCE_OUTPUTS, POSITION_OUTPUTS
+from beamtouch_models.runtime.session import runner
 from models.rare_rest import exceeding
 from support.surfaces.posterior_cases import answers_of, graph_of, prior_of, with_floor
 

@@ -5,13 +5,13 @@ import math
 import numpy as np
 import pytest
 
+from beamtouch_models.design.physics.axial import held
+from beamtouch_models.design.physics.beam import influence
+from beamtouch_models.design.pricing.prices import Effect
+from beamtouch_models.design.scene import Scene
+from beamtouch_models.design.scene.beam import Beam
+from beamtouch_models.design.surface import Surface
 from beamtouch_models.errors import SceneError
-from beamtouch_models.physics.axial import held
-from beamtouch_models.physics.beam import influence
-from beamtouch_models.pricing.prices import Effect
-from beamtouch_models.scene import Scene
-from beamtouch_models.scene.beam import Beam
-from beamtouch_models.surface import Surface
 from support.surfaces.example_scenes import paper_scene
 
 L_MM, EI = 400.0, 1.18125e7

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from beamtouch_models import cli, modelfile
+from beamtouch_models import cli, runtime
 from support.programs.in_process import Refusal
 from support.surfaces.example_scenes import PAPER, ROUGH
 
@@ -170,5 +170,5 @@ def test_the_choice_is_the_most_accurate_that_answers_in_time(traded: Traded) ->
     last = traded.said.strip().splitlines()[-1]
     assert last.startswith(f"built {path}: {best['estimator']}, {best['sensors']} sensors, ")
     assert last.endswith(f" mm, {best['latency_ms']:.3g} ms")
-    built = modelfile.load(path).metadata
+    built = runtime.load(path).metadata
     assert (built.estimator, len(built.layout)) == (best["estimator"], best["sensors"])

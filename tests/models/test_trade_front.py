@@ -6,15 +6,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from beamtouch_models.accuracy.limit import Reached
-from beamtouch_models.accuracy.statistics import Measurement
-from beamtouch_models.effort import Effort
-from beamtouch_models.metadata import FilterChoice
-from beamtouch_models.modelfile import ModelFile
-from beamtouch_models.scene import change_scene, load_scene, parse_scene
-from beamtouch_models.surface import Surface
-from beamtouch_models.trade.measure import Model, Task, follow, measure, numbers_of_sensors
-from beamtouch_models.trade.trade import NotToBeHadError, Point, most_accurate, pareto_front, quickest
+from beamtouch_models.design.accuracy.limit import Reached
+from beamtouch_models.design.accuracy.statistics import Measurement
+from beamtouch_models.design.effort import Effort
+from beamtouch_models.design.scene import change_scene, load_scene, parse_scene
+from beamtouch_models.design.surface import Surface
+from beamtouch_models.lab.trade.measure import Model, Task, follow, measure, numbers_of_sensors
+from beamtouch_models.lab.trade.trade import NotToBeHadError, Point, most_accurate, pareto_front, quickest
+from beamtouch_models.runtime import ModelFile
+from beamtouch_models.runtime.metadata import FilterChoice
 from support.surfaces.example_scenes import PAPER, ROUGH, SCENES
 
 NONE, PLAIN = Measurement(0.0, 0.0), parse_scene(PAPER, "plain")

@@ -6,7 +6,7 @@ import pytest
 from scipy.stats import special_ortho_group
 
 from beamtouch_models.arrays import Floats
-from beamtouch_models.error_model import whitening
+from beamtouch_models.runtime.error_model import whitening
 
 GAIN, ZERO_MM = np.array([0.003, 0.01, 0.0]), np.array([1e-3, 0.0, 5e-3])
 

@@ -7,20 +7,20 @@ import numpy as np
 import pytest
 
 from beamtouch_models.arrays import Floats
-from beamtouch_models.challenge import contacts
-from beamtouch_models.challenge.challenge import distances
-from beamtouch_models.challenge.play import Drawn, SimulatedSurface
+from beamtouch_models.design.physics.beam import influence
+from beamtouch_models.design.physics.motion import first_frequency_hz
+from beamtouch_models.design.scene import change_scene, load_scene
+from beamtouch_models.design.scene.beam import Beam
+from beamtouch_models.design.surface import prior_of_model
+from beamtouch_models.design.world import Motion, World, counts_of_output, output_of_gap
 from beamtouch_models.errors import SceneError
-from beamtouch_models.metadata import Calibration, Departures, Sensor
-from beamtouch_models.modelfile import ModelFile
-from beamtouch_models.physics.beam import influence
-from beamtouch_models.physics.motion import first_frequency_hz
-from beamtouch_models.rig.loads import NOTHING, Load
-from beamtouch_models.rig.surface import PERFECT, Imperfections, VirtualSurface
-from beamtouch_models.scene import change_scene, load_scene
-from beamtouch_models.scene.beam import Beam
-from beamtouch_models.surface import prior_of_model
-from beamtouch_models.world import Motion, World, counts_of_output, output_of_gap
+from beamtouch_models.lab.challenge import contacts
+from beamtouch_models.lab.challenge.challenge import distances
+from beamtouch_models.lab.challenge.play import Drawn, SimulatedSurface
+from beamtouch_models.lab.rig.loads import NOTHING, Load
+from beamtouch_models.lab.rig.surface import PERFECT, Imperfections, VirtualSurface
+from beamtouch_models.runtime import ModelFile
+from beamtouch_models.runtime.metadata import Calibration, Departures, Sensor
 from support.surfaces.example_scenes import SCENES, paper_scene
 
 SCENE, _ = load_scene(SCENES / "bench.toml")

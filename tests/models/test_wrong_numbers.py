@@ -6,9 +6,9 @@ from typing import Any
 import pytest
 from pydantic import BaseModel, ValidationError
 
-from beamtouch_models.rig.loads import Script
-from beamtouch_models.rig.surface import Imperfections
-from beamtouch_models.scene import Scene
+from beamtouch_models.design.scene import Scene
+from beamtouch_models.lab.rig.loads import Script
+from beamtouch_models.lab.rig.surface import Imperfections
 from support.surfaces.example_scenes import INSTEAD, OPTIONS, PLAIN
 from support.surfaces.wrong_numbers import with_wrong_numbers
 

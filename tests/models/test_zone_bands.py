@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from beamtouch_common.zones import BEGIN, Span, Zone, ZoneState
-from beamtouch_models.accuracy.posterior import posterior_quantiles
-from beamtouch_models.accuracy.prior import Prior
-from beamtouch_models.accuracy.zone_bands import band_at
 from beamtouch_models.arrays import Floats
+from beamtouch_models.design.accuracy.posterior import posterior_quantiles
+from beamtouch_models.design.accuracy.prior import Prior
+from beamtouch_models.design.accuracy.zone_bands import band_at
 from support.programs.in_process import Command, Refusal
 from support.surfaces.example_scenes import SCENES
 

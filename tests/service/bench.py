@@ -14,7 +14,7 @@ import httpx2
 from anyio.from_thread import BlockingPortal
 from fastapi.testclient import TestClient
 
-from beamtouch_models.modelfile import ModelFile
+from beamtouch_models.runtime import ModelFile
 from beamtouch_service.access import Access
 from beamtouch_service.api.app import create_app
 from beamtouch_service.events import recorder

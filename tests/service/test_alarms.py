@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
-from beamtouch_models import modelfile
+from beamtouch_models import runtime
 from beamtouch_service.sections import SurfaceSection
 from service.bench import Bench, Row, batch_of, surface_of, surface_with
 from service.event_story import Story
@@ -118,7 +118,7 @@ def test_zeros_that_moved_together_are_warmth_at_every_door(
     bench_model: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     caplog.set_level("WARNING", "beamtouch.service")
-    soon = Bench(surface_with(modelfile.load(bench_model), section=SurfaceSection(unexplained_after_s=0.5)))
+    soon = Bench(surface_with(runtime.load(bench_model), section=SurfaceSection(unexplained_after_s=0.5)))
     story = Story(soon, [*[[0.0] * 4] * 5, *[MOVED] * 300, *[[0.0] * 4] * 5])
     for first in range(0, 300, 30):
         deliver(story, first, first + 30)

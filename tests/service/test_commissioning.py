@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from anyio.to_thread import run_sync as run_in_thread
 
-from beamtouch_models.modelfile import InfluenceCurve
+from beamtouch_models.runtime import InfluenceCurve
 from beamtouch_service.sections import EventsSection
 from service.bench import TOKEN, Bench, Row, kind, surface_of, surface_with
 from service.event_story import RESTING

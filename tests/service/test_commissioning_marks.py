@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from beamtouch_models import modelfile
-from beamtouch_models.modelfile import InfluenceCurve
+from beamtouch_models import runtime
+from beamtouch_models.runtime import InfluenceCurve
 from service.bench import START_US, TOKEN, Bench, surface_with
 
 PATH = "/surfaces/press-7/commissioning"
@@ -22,7 +22,7 @@ class Course:
     """A commissioning of the bench, all of whose sensors work."""
 
     def __init__(self, model: Path) -> None:
-        loaded = modelfile.load(model)
+        loaded = runtime.load(model)
         self.bench = Bench(surface_with(loaded))
         self._curve, self._sent = InfluenceCurve.of(loaded.metadata), 0
         self.sensors = len(loaded.channels)

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from beamtouch_models.modelfile import State
+from beamtouch_models.runtime import State
 from beamtouch_service.commissioning.pressing import HOLD_US, PressFinder, Stage
 from service.bench import Row
 from service.event_story import RESTING

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from beamtouch_models.modelfile import State
+from beamtouch_models.runtime import State
 from beamtouch_service.commissioning import results
 from beamtouch_service.commissioning.report import PlaceResult, Report, SensorResult
 from beamtouch_service.commissioning.verdict import advise_places, judge_place

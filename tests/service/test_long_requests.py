@@ -10,7 +10,7 @@ import httpx2
 import numpy as np
 import pytest
 
-from beamtouch_models.metadata import POSITION_OUTPUTS
+from beamtouch_models.runtime.metadata import POSITION_OUTPUTS
 from beamtouch_service import steps
 from beamtouch_service.api.app import Application, create_app
 from beamtouch_service.samples import MAX_SAMPLES

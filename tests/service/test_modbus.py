@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from beamtouch_common.zones import Zone
-from beamtouch_models.modelfile import State
+from beamtouch_models.runtime import State
 from beamtouch_service import cli
 from beamtouch_service.outputs.modbus.blocks import Blocks
 from beamtouch_service.outputs.modbus.registers import BLOCK, REGISTERS, STATES

@@ -9,7 +9,7 @@ import onnx
 import pytest
 
 from beamtouch_common.zones import Zone
-from beamtouch_models.metadata import POSITION_OUTPUTS
+from beamtouch_models.runtime.metadata import POSITION_OUTPUTS
 from beamtouch_service.host import models
 from beamtouch_service.host.models import ModelKeeper
 from beamtouch_service.problems import ProblemError

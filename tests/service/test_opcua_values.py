@@ -5,7 +5,7 @@ from datetime import UTC, datetime
 import pytest
 
 from beamtouch_common.zones import Zone
-from beamtouch_models.metadata import POSITION_OUTPUTS
+from beamtouch_models.runtime.metadata import POSITION_OUTPUTS
 from beamtouch_service.outputs.opcua.values import values
 from beamtouch_service.problems import ProblemError
 from beamtouch_service.sections import SurfaceSection

@@ -11,7 +11,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from beamtouch_models import modelfile
+from beamtouch_models import runtime
 from service.bench import Bench, batch_of, surface_with
 from service.event_story import BETWEEN, RESTING, TOUCHING
 from support.surfaces.deflections import deflections_of
@@ -22,7 +22,7 @@ READINGS = 4
 class Line:
     """A surface of the model of the bench, and a load in the middle of its beam."""
 
-    def __init__(self, model: modelfile.ModelFile) -> None:
+    def __init__(self, model: runtime.ModelFile) -> None:
         self.model = model
         self.channels = model.channels
         self.noise_mm = model.metadata.noise.reading_mm
@@ -68,7 +68,7 @@ def width_mm(figures: dict[str, Any]) -> float:
 
 @pytest.fixture(scope="module")
 def line(bench_model: Path) -> Line:
-    return Line(modelfile.load(bench_model))
+    return Line(runtime.load(bench_model))
 
 
 @pytest.mark.promise(

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from beamtouch_common.zones import Zone
-from beamtouch_models.metadata import POSITION_OUTPUTS
+from beamtouch_models.runtime.metadata import POSITION_OUTPUTS
 from beamtouch_service import cli
 from beamtouch_service.sections import EventsSection, SurfaceSection
 from service.bench import Bench, BuildModel, Row, batch_of, surface_of

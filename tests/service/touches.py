@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from beamtouch_models import modelfile
+from beamtouch_models import runtime
 from beamtouch_models.arrays import Floats
-from beamtouch_models.modelfile import ModelFile
+from beamtouch_models.runtime import ModelFile
 from beamtouch_service.sections import EventsSection
 from service.bench import Bench, surface_with
 from support.surfaces.deflections import deflections_of
@@ -75,7 +75,7 @@ class TouchedLine:
     """A surface that is touched again and again, with a record in a file or in memory."""
 
     def __init__(self, path: Path, record: Path | None = None) -> None:
-        self.touches, self._record = Touches(modelfile.load(path)), record
+        self.touches, self._record = Touches(runtime.load(path)), record
         self.start()
 
     def start(self) -> None:

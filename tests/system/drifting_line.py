@@ -15,11 +15,11 @@ from beamtouch_daemon.processing.filters import rest_of
 from beamtouch_daemon.processing.pipeline import Pipeline, Taken
 from beamtouch_daemon.sources.reading import Reading
 from beamtouch_models.arrays import Floats
+from beamtouch_models.design.scene import parse_scene
+from beamtouch_models.design.surface import Surface as Physics
+from beamtouch_models.design.world import Motion, World, counts_of_output, output_of_gap
 from beamtouch_models.filters import TARED, Rested
-from beamtouch_models.modelfile import ModelFile, State
-from beamtouch_models.scene import parse_scene
-from beamtouch_models.surface import Surface as Physics
-from beamtouch_models.world import Motion, World, counts_of_output, output_of_gap
+from beamtouch_models.runtime import ModelFile, State
 from beamtouch_service.events.boot import Boot
 from beamtouch_service.events.event import Event, EventKind
 from beamtouch_service.events.health import HealthHistory, StoredHealth

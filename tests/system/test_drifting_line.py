@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from beamtouch_daemon.config.settings import Surface
-from beamtouch_models.building.daemon_config import daemon_config
+from beamtouch_models.design.building.daemon_config import daemon_config
 from beamtouch_models.filters import TARED, Rested
-from beamtouch_models.modelfile import ModelFile, State
+from beamtouch_models.runtime import ModelFile, State
 from system.drifting_line import Course, Line, Press, drift, knock, presses
 
 HOURS_AGO = Rested(4 * 3600)

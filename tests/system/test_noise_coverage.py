@@ -15,15 +15,15 @@ from beamtouch_daemon.processing.noise import Keys, keys_of, measure_noise
 from beamtouch_daemon.processing.pipeline import Pipeline
 from beamtouch_daemon.sources.reading import Reading
 from beamtouch_models.arrays import Floats
-from beamtouch_models.error_model import whitening
-from beamtouch_models.estimators.onnx_graph import to_bytes
-from beamtouch_models.metadata import Sensor
-from beamtouch_models.physics.beam import influence_matrix
-from beamtouch_models.placement.placing import place
-from beamtouch_models.scene import Scene, parse_scene
-from beamtouch_models.session import Run, runner
-from beamtouch_models.surface import Surface
-from beamtouch_models.world import counts_of_output, output_of_gap
+from beamtouch_models.design.estimators.onnx_graph import to_bytes
+from beamtouch_models.design.physics.beam import influence_matrix
+from beamtouch_models.design.placement.placing import place
+from beamtouch_models.design.scene import Scene, parse_scene
+from beamtouch_models.design.surface import Surface
+from beamtouch_models.design.world import counts_of_output, output_of_gap
+from beamtouch_models.runtime.error_model import whitening
+from beamtouch_models.runtime.metadata import Sensor
+from beamtouch_models.runtime.session import Run, runner
 from support.surfaces.example_scenes import SCENES
 from support.surfaces.posterior_cases import graph_of
 from support.surfaces.stated_problems import problem_in, real_prior

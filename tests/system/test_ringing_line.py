@@ -10,11 +10,11 @@ import numpy as np
 from beamtouch_daemon.config.settings import Surface as Config
 from beamtouch_daemon.processing.pipeline import Pipeline
 from beamtouch_daemon.sources.reading import Reading
-from beamtouch_models.building.daemon_config import daemon_config
-from beamtouch_models.modelfile import ModelFile
-from beamtouch_models.rig.loads import Load
-from beamtouch_models.rig.surface import Imperfections, VirtualSurface
-from beamtouch_models.scene import load_scene
+from beamtouch_models.design.building.daemon_config import daemon_config
+from beamtouch_models.design.scene import load_scene
+from beamtouch_models.lab.rig.loads import Load
+from beamtouch_models.lab.rig.surface import Imperfections, VirtualSurface
+from beamtouch_models.runtime import ModelFile
 from beamtouch_service.samples import Batch, Sample
 from beamtouch_service.surfaces.contact import Contact
 from beamtouch_service.surfaces.surface import Surface

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from beamtouch_models import modelfile
-from beamtouch_models.calibration.theory import Theory
-from beamtouch_models.rig.surface import load_imperfections
+from beamtouch_models import runtime
+from beamtouch_models.design.calibration.theory import Theory
+from beamtouch_models.lab.rig.surface import load_imperfections
 from support.pages.pasted import ROOT, blocks_of, paste
 from support.programs.toolchain import need
 from support.surfaces.unlabelled_contacts import missed_mm
@@ -29,7 +29,7 @@ def test_the_steps_of_the_guide_calibrate_a_surface(tmp_path: Path) -> None:
 
     folder = tmp_path / "build" / "off"
     assert (folder / "bench.onnx").read_bytes() == (folder / "bench-real.onnx").read_bytes()
-    model = modelfile.load(folder / "bench-real.onnx")
+    model = runtime.load(folder / "bench-real.onnx")
     metadata = model.metadata
     start = printed.index('{"', printed.index("misfit"))
     in_use, _ = json.JSONDecoder().raw_decode(printed, start)

@@ -174,7 +174,7 @@ def inspect(parser: argparse.ArgumentParser) -> None:
 
 def new(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `new`."""
-    from beamtouch_models.scene.materials import MATERIALS  # noqa: PLC0415  # no other command waits for it
+    from beamtouch_models.design.scene.materials import MATERIALS  # noqa: PLC0415  # no other command waits for it
 
     def add(name: str, words: str, metavar: str | tuple[str, ...] = "MM") -> None:
         nargs = len(metavar) if isinstance(metavar, tuple) else None

@@ -11,23 +11,23 @@ import onnx
 
 from beamtouch_common.digits import digits
 from beamtouch_common.files import require_writable
-from beamtouch_models import loading
-from beamtouch_models.building.build import Choices, build_model
-from beamtouch_models.building.daemon_config import write_token_if_absent
-from beamtouch_models.building.mounted import Mounted, find_mounted
-from beamtouch_models.building.products import write_products
-from beamtouch_models.building.remarks import missed_requirement, remarks, weak_spot
-from beamtouch_models.building.replaced import require_replaceable
 from beamtouch_models.commands.inspect import describe
 from beamtouch_models.commands.place import aim_of
 from beamtouch_models.commands.shared import shown_progress, surface_name
-from beamtouch_models.description import unseen
+from beamtouch_models.design.building.build import Choices, build_model
+from beamtouch_models.design.building.daemon_config import write_token_if_absent
+from beamtouch_models.design.building.mounted import Mounted, find_mounted
+from beamtouch_models.design.building.products import write_products
+from beamtouch_models.design.building.remarks import missed_requirement, remarks, weak_spot
+from beamtouch_models.design.building.replaced import require_replaceable
+from beamtouch_models.design.placement.placing import Aim
+from beamtouch_models.design.printing import Result, note
+from beamtouch_models.design.scene import Scene, load_scene, parse_scene
+from beamtouch_models.design.surface import Surface
 from beamtouch_models.errors import ModelFileError, SceneError
-from beamtouch_models.metadata import METADATA_PREFIX, LayoutErrors
-from beamtouch_models.placement.placing import Aim
-from beamtouch_models.printing import Result, note
-from beamtouch_models.scene import Scene, load_scene, parse_scene
-from beamtouch_models.surface import Surface
+from beamtouch_models.runtime import loading
+from beamtouch_models.runtime.description import unseen
+from beamtouch_models.runtime.metadata import METADATA_PREFIX, LayoutErrors
 
 
 def run(options: argparse.Namespace) -> Result:

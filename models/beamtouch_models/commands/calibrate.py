@@ -12,20 +12,20 @@ from scipy.stats import chi2
 from beamtouch_common.digits import digits
 from beamtouch_common.errors import InputError
 from beamtouch_common.files import require_writable, write_atomically
-from beamtouch_models import loading
 from beamtouch_models.arrays import Floats
-from beamtouch_models.building.replaced import require_model
-from beamtouch_models.calibration.calibrate import Calibrated, calibrate
-from beamtouch_models.calibration.recordings import read_contacts, read_loads
-from beamtouch_models.calibration.self_calibrate import KINDS, SelfCalibrated, self_calibrate
-from beamtouch_models.calibration.session import DRIFTING
 from beamtouch_models.commands.shared import shown_progress
-from beamtouch_models.effort import Effort
-from beamtouch_models.health.changes import DRIFT
-from beamtouch_models.health.residuals import LoadErrors
-from beamtouch_models.loading import ModelFile
-from beamtouch_models.metadata import Departures, Metadata
-from beamtouch_models.printing import Result
+from beamtouch_models.design.building.replaced import require_model
+from beamtouch_models.design.calibration.calibrate import Calibrated, calibrate
+from beamtouch_models.design.calibration.recordings import read_contacts, read_loads
+from beamtouch_models.design.calibration.self_calibrate import KINDS, SelfCalibrated, self_calibrate
+from beamtouch_models.design.calibration.session import DRIFTING
+from beamtouch_models.design.effort import Effort
+from beamtouch_models.design.printing import Result
+from beamtouch_models.runtime import loading
+from beamtouch_models.runtime.health.changes import DRIFT
+from beamtouch_models.runtime.health.residuals import LoadErrors
+from beamtouch_models.runtime.loading import ModelFile
+from beamtouch_models.runtime.metadata import Departures, Metadata
 
 MIN_ERROR, MAX_ERROR = 1e-3, 50.0
 """Bounds of the stated errors of the loads, in mm and in percent."""

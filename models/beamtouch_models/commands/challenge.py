@@ -7,11 +7,11 @@ from typing import Any
 
 from beamtouch_common.digits import digits
 from beamtouch_common.errors import InputError
-from beamtouch_models import loading
-from beamtouch_models.challenge.challenge import challenge, misses
 from beamtouch_models.commands.shared import shown_progress
-from beamtouch_models.printing import Result, Table
-from beamtouch_models.workers import spread_over
+from beamtouch_models.design.printing import Result, Table
+from beamtouch_models.design.workers import spread_over
+from beamtouch_models.lab.challenge.challenge import challenge, misses
+from beamtouch_models.runtime import loading
 
 NEEDED = ("position_low_mm", "position_high_mm", "contact_log_odds")
 """Outputs without which a model cannot say what it does not know."""

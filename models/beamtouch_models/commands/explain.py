@@ -16,18 +16,18 @@ from beamtouch_common.digits import digits
 from beamtouch_common.errors import InputError
 from beamtouch_common.files import load_toml
 from beamtouch_common.zones import MAX_ZONES, Zone, ZoneName, first_conflict
-from beamtouch_models.accuracy.zone_bands import band_at
-from beamtouch_models.building.remarks import remarks
-from beamtouch_models.building.sensors import place_sensors
-from beamtouch_models.effort import Effort
-from beamtouch_models.physics.beam import influence_matrix, load_positions_mm
-from beamtouch_models.physics.mesh import mesh_of
-from beamtouch_models.placement.placing import DEFAULT_AIM
-from beamtouch_models.pricing.prices import NEGLIGIBLE, Effect
-from beamtouch_models.pricing.ringing import told
-from beamtouch_models.printing import Block, Result, Table, note
-from beamtouch_models.scene import Scene, load_scene
-from beamtouch_models.surface import Surface
+from beamtouch_models.design.accuracy.zone_bands import band_at
+from beamtouch_models.design.building.remarks import remarks
+from beamtouch_models.design.building.sensors import place_sensors
+from beamtouch_models.design.effort import Effort
+from beamtouch_models.design.physics.beam import influence_matrix, load_positions_mm
+from beamtouch_models.design.physics.mesh import mesh_of
+from beamtouch_models.design.placement.placing import DEFAULT_AIM
+from beamtouch_models.design.pricing.prices import NEGLIGIBLE, Effect
+from beamtouch_models.design.pricing.ringing import told
+from beamtouch_models.design.printing import Block, Result, Table, note
+from beamtouch_models.design.scene import Scene, load_scene
+from beamtouch_models.design.surface import Surface
 
 REPEATS = 5
 SENSORS = 101

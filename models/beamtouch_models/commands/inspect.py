@@ -2,8 +2,8 @@
 
 import argparse
 
-from beamtouch_models.loading import ModelFile, load
-from beamtouch_models.printing import Result
+from beamtouch_models.design.printing import Result
+from beamtouch_models.runtime.loading import ModelFile, load
 
 
 def run(options: argparse.Namespace) -> Result:

@@ -9,13 +9,13 @@ from pydantic import ValidationError
 
 from beamtouch_common.complaints import reason_of
 from beamtouch_common.files import write_atomically
-from beamtouch_models.building.new_scene import Answers, scene_text
 from beamtouch_models.commands.scenes import refuse_existing
 from beamtouch_models.commands.shared import surface_name
+from beamtouch_models.design.building.new_scene import Answers, scene_text
+from beamtouch_models.design.printing import Result
+from beamtouch_models.design.scene import parse_scene
+from beamtouch_models.design.surface import Surface
 from beamtouch_models.errors import SceneError
-from beamtouch_models.printing import Result
-from beamtouch_models.scene import parse_scene
-from beamtouch_models.surface import Surface
 
 
 def run(options: argparse.Namespace) -> Result:

@@ -6,17 +6,17 @@ import time
 from typing import Any
 
 from beamtouch_common.digits import digits
-from beamtouch_models.accuracy.limit import accuracy_limit
-from beamtouch_models.building.remarks import missed_error, remarks
-from beamtouch_models.building.sensors import PlacedSensors, limits_with_one_failed, place_sensors
 from beamtouch_models.commands.shared import shown_progress
-from beamtouch_models.effort import Effort
+from beamtouch_models.design.accuracy.limit import accuracy_limit
+from beamtouch_models.design.building.remarks import missed_error, remarks
+from beamtouch_models.design.building.sensors import PlacedSensors, limits_with_one_failed, place_sensors
+from beamtouch_models.design.effort import Effort
+from beamtouch_models.design.placement.eigenvalue_product import largest_gap
+from beamtouch_models.design.placement.placing import DEFAULT_AIM, Aim, recommended_count
+from beamtouch_models.design.printing import Result, note
+from beamtouch_models.design.scene import load_scene
+from beamtouch_models.design.surface import Surface
 from beamtouch_models.numbers import three_digits
-from beamtouch_models.placement.eigenvalue_product import largest_gap
-from beamtouch_models.placement.placing import DEFAULT_AIM, Aim, recommended_count
-from beamtouch_models.printing import Result, note
-from beamtouch_models.scene import load_scene
-from beamtouch_models.surface import Surface
 
 LIMIT_DRAWS, LEAST_DRAWS = 10_000, 256
 """Usual and smallest number of simulated contacts."""

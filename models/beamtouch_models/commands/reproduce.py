@@ -4,9 +4,9 @@ import argparse
 
 from beamtouch_common.files import write_atomically
 from beamtouch_models.commands.shared import folder_of, shown_progress
-from beamtouch_models.printing import Result, Table
-from beamtouch_models.reproduction.paper import HEAD, SOURCE, TITLE
-from beamtouch_models.reproduction.reproduce import reproduce
+from beamtouch_models.design.printing import Result, Table
+from beamtouch_models.lab.reproduction.paper import HEAD, SOURCE, TITLE
+from beamtouch_models.lab.reproduction.reproduce import reproduce
 
 
 def run(options: argparse.Namespace) -> Result:

@@ -4,8 +4,8 @@ import argparse
 from pathlib import Path
 
 from beamtouch_common.files import require_writable, write_atomically
+from beamtouch_models.design.printing import Result
 from beamtouch_models.errors import SceneError
-from beamtouch_models.printing import Result
 
 
 def run(options: argparse.Namespace) -> Result:

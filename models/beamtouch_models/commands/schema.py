@@ -3,8 +3,8 @@
 import argparse
 import json
 
-from beamtouch_models.printing import Result
-from beamtouch_models.scene.schema import scene_schema
+from beamtouch_models.design.printing import Result
+from beamtouch_models.design.scene.schema import scene_schema
 
 
 def run(_options: argparse.Namespace) -> Result:

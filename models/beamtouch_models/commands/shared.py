@@ -10,7 +10,7 @@ from rich.progress import Progress as Display
 
 from beamtouch_common.errors import InputError
 from beamtouch_common.names import name_like
-from beamtouch_models.sweeps import Progress
+from beamtouch_models.design.sweeps import Progress
 
 
 def folder_of(path: Path) -> Path:

@@ -8,18 +8,18 @@ from dataclasses import replace
 from beamtouch_common.digits import digits
 from beamtouch_common.errors import InputError
 from beamtouch_common.files import write_atomically
-from beamtouch_models.building.build import Choices, build_model
-from beamtouch_models.building.remarks import remarks
-from beamtouch_models.building.replaced import require_replaceable
 from beamtouch_models.commands.shared import folder_of, shown_progress, surface_name
-from beamtouch_models.effort import Effort
+from beamtouch_models.design.building.build import Choices, build_model
+from beamtouch_models.design.building.remarks import remarks
+from beamtouch_models.design.building.replaced import require_replaceable
+from beamtouch_models.design.effort import Effort
+from beamtouch_models.design.placement.placing import DEFAULT_AIM
+from beamtouch_models.design.printing import Result, markdown, note
+from beamtouch_models.design.scene import load_scene
+from beamtouch_models.design.workers import spread_over
+from beamtouch_models.lab.trade.results import blocks, json_of, picture
+from beamtouch_models.lab.trade.trade import Point, Trade, most_accurate, quickest, trade
 from beamtouch_models.names import ESTIMATORS
-from beamtouch_models.placement.placing import DEFAULT_AIM
-from beamtouch_models.printing import Result, markdown, note
-from beamtouch_models.scene import load_scene
-from beamtouch_models.trade.results import blocks, json_of, picture
-from beamtouch_models.trade.trade import Point, Trade, most_accurate, quickest, trade
-from beamtouch_models.workers import spread_over
 
 
 def run(options: argparse.Namespace) -> Result:

@@ -8,7 +8,7 @@ from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, disa
 
 from beamtouch_common.log import Repeated
 from beamtouch_common.spans import apart, are_apart
-from beamtouch_models.modelfile import State
+from beamtouch_models.runtime import State
 from beamtouch_service.problems import Kind
 from beamtouch_service.samples import Quality
 from beamtouch_service.surfaces.contact import rfc3339

@@ -13,7 +13,7 @@ from prometheus_client.registry import Collector
 from pydantic import BaseModel
 
 from beamtouch_common.zones import ZoneState
-from beamtouch_models.modelfile import State
+from beamtouch_models.runtime import State
 from beamtouch_service.access import Role
 from beamtouch_service.api import gate
 from beamtouch_service.api.context import Context, ContextParameter

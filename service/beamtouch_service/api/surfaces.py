@@ -5,7 +5,7 @@ from pydantic import BaseModel
 from starlette.requests import Request
 
 from beamtouch_common.zones import Zone
-from beamtouch_models.modelfile import Accuracy, Calibration, Drawn, ModelFile, Noise, Ranges
+from beamtouch_models.runtime import Accuracy, Calibration, Drawn, ModelFile, Noise, Ranges
 from beamtouch_service.access import Role
 from beamtouch_service.api import gate
 from beamtouch_service.api.context import Context, ContextParameter, SurfaceInPath, SurfaceInQuery, context_of

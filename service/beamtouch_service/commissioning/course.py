@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from beamtouch_models.modelfile import InfluenceCurve, Metadata, ModelFile, State
+from beamtouch_models.runtime import InfluenceCurve, Metadata, ModelFile, State
 from beamtouch_service.commissioning.pressing import HOLD_US, Floats, Movement, PressFinder, Stage
 from beamtouch_service.commissioning.report import Finding, PlaceResult, Report, SensorResult
 from beamtouch_service.commissioning.verdict import (

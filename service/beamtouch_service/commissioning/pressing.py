@@ -14,7 +14,7 @@ from typing import NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from beamtouch_models.modelfile import State
+from beamtouch_models.runtime import State
 
 Floats = NDArray[np.float64]
 

@@ -5,7 +5,7 @@ from enum import StrEnum
 from pydantic import BaseModel, ConfigDict
 
 from beamtouch_common.table import aligned
-from beamtouch_models.modelfile import State
+from beamtouch_models.runtime import State
 from beamtouch_service.samples import Quality
 
 

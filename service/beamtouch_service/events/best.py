@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from beamtouch_models.modelfile import ModelFile, State
+from beamtouch_models.runtime import ModelFile, State
 from beamtouch_service.surfaces.follower import Decision
 
 MAX_AT_REST = 16

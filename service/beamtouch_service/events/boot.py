@@ -8,7 +8,7 @@ import logging
 from math import isfinite
 from typing import Any
 
-from beamtouch_models.modelfile import ModelFile, State, Suspects
+from beamtouch_models.runtime import ModelFile, State, Suspects
 from beamtouch_service.events.best import Best, BestSamples, DisjointMean
 from beamtouch_service.events.event import Begin, ChannelDoubt, Contradiction, End, Event, EventKind, OpenEvent
 from beamtouch_service.events.load import begin_us, sighting_of

@@ -11,7 +11,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from beamtouch_models.modelfile import State
+from beamtouch_models.runtime import State
 from beamtouch_service.events.best import Best
 from beamtouch_service.events.load import DECIMALS, Load, Sighting
 from beamtouch_service.surfaces.follower import Decision

@@ -3,7 +3,7 @@
 from dataclasses import replace
 from math import inf
 
-from beamtouch_models.modelfile import ModelFile
+from beamtouch_models.runtime import ModelFile
 from beamtouch_service.events.boot import Boot
 from beamtouch_service.events.event import OpenEvent
 from beamtouch_service.events.health import HealthHistory

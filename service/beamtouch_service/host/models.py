@@ -7,8 +7,8 @@ from pathlib import Path
 
 from beamtouch_common.errors import InputError
 from beamtouch_common.zones import first_conflict
-from beamtouch_models import modelfile
-from beamtouch_models.modelfile import ModelFile, ModelFileError
+from beamtouch_models import runtime
+from beamtouch_models.runtime import ModelFile, ModelFileError
 from beamtouch_service.api.surfaces import describe
 from beamtouch_service.surfaces.surface import Surface
 
@@ -22,7 +22,7 @@ _log = logging.getLogger("beamtouch.service")
 
 def load(path: Path) -> ModelFile:
     """Load a model and check that a service can use it; raises ModelFileError."""
-    return _parse(modelfile.read(path), str(path))
+    return _parse(runtime.read(path), str(path))
 
 
 def report(path: Path, *, as_json: bool) -> str:
@@ -35,7 +35,7 @@ def report(path: Path, *, as_json: bool) -> str:
 
 
 def _parse(content: bytes, origin: str) -> ModelFile:
-    model = modelfile.load_bytes(content, origin)
+    model = runtime.load_bytes(content, origin)
     if model.lacks:
         # The service states intervals, and says when nothing or no single contact explains a sample.
         message = (

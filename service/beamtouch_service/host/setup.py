@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from beamtouch_common import log
 from beamtouch_common.errors import InputError
-from beamtouch_models.modelfile import ModelFileError
+from beamtouch_models.runtime import ModelFileError
 from beamtouch_service.address import Address
 from beamtouch_service.api.app import create_app
 from beamtouch_service.api.context import Streams

@@ -10,7 +10,7 @@ from typing import NamedTuple
 from pydantic import BaseModel, ConfigDict, Field
 
 from beamtouch_common.zones import Span, ZoneState
-from beamtouch_models.modelfile import LOG_ODDS, MISFIT, Evidence, State
+from beamtouch_models.runtime import LOG_ODDS, MISFIT, Evidence, State
 from beamtouch_service.samples import Note
 
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from beamtouch_models.modelfile import Answers, Evidence, ModelFile, Weighed, evidence
+from beamtouch_models.runtime import Answers, Evidence, ModelFile, Weighed, evidence
 from beamtouch_service.problems import Problem
 from beamtouch_service.samples import Batch, Quality, Sample
 from beamtouch_service.surfaces.problems import too_few_channels, unusable_estimate

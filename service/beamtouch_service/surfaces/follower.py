@@ -3,7 +3,7 @@
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from typing import Any, NamedTuple
 
-from beamtouch_models.modelfile import (
+from beamtouch_models.runtime import (
     Evidence,
     Hypotheses,
     Memory,

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from beamtouch_models.modelfile import Metadata
+from beamtouch_models.runtime import Metadata
 from beamtouch_service.problems import Kind, Problem
 from beamtouch_service.samples import Quality
 from beamtouch_service.surfaces.channels import ChannelOut

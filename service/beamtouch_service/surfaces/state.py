@@ -4,7 +4,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from beamtouch_models.modelfile import State
+from beamtouch_models.runtime import State
 from beamtouch_service.problems import Kind, Problem, ProblemBody
 from beamtouch_service.samples import Quality
 from beamtouch_service.surfaces.channels import ChannelHealth, ChannelOut

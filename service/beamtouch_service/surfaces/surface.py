@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from beamtouch_models.modelfile import ModelFile, State
+from beamtouch_models.runtime import ModelFile, State
 from beamtouch_service.problems import Kind, Problem, ProblemError
 from beamtouch_service.samples import Batch, Note, Quality, Sample
 from beamtouch_service.sections import SurfaceSection

@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from beamtouch_models.modelfile import State
+from beamtouch_models.runtime import State
 from beamtouch_service.surfaces.follower import Decision
 
 

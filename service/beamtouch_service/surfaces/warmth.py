@@ -8,7 +8,7 @@ from collections import deque
 
 import numpy as np
 
-from beamtouch_models.modelfile import Evidence, Thresholds
+from beamtouch_models.runtime import Evidence, Thresholds
 
 FEWEST = 3
 """Fewest channels: two are moved alike by a load between them."""

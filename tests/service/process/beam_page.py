@@ -6,13 +6,13 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from beamtouch_models import influence_matrix
-from beamtouch_models.scene import load_scene
+from beamtouch_models.design.scene import load_scene
 from service.bench import START_US, batch_of
 from support.surfaces.example_scenes import SCENES
 
 if TYPE_CHECKING:
     from beamtouch_models.arrays import Floats
-    from beamtouch_models.modelfile import ModelFile
+    from beamtouch_models.runtime import ModelFile
     from service.process.conftest import Service
     from support.pages.browser import Watched
 

@@ -10,7 +10,7 @@ from typing import Any
 import httpx2
 import pytest
 
-from beamtouch_models import modelfile
+from beamtouch_models import runtime
 from service.bench import PATIENT, BuildModel
 from service.process.beam_page import Bench
 from service.process.broker import broker_in
@@ -131,7 +131,7 @@ def start_bench(start_press: StartService, bench_model: Path) -> Callable[..., B
     """A function that starts a service of press-7 with the bench model; its samples stay fresh for a minute."""
 
     def start(*options: str | Path, model: Path = bench_model, sections: str = "") -> Bench:
-        return Bench(start_press(*options, model=model, sections=sections), modelfile.load(model))
+        return Bench(start_press(*options, model=model, sections=sections), runtime.load(model))
 
     return start
 

@@ -9,7 +9,7 @@ import onnx
 import pytest
 from onnx import helper
 
-from beamtouch_models import modelfile
+from beamtouch_models import runtime
 from service.process.beam_page import StartBench, bench_shape, circles, drawn
 from support.pages.browser import OpenPage, Watched
 from support.running.waiting import wait_until
@@ -106,8 +106,8 @@ def test_it_is_asked_for_once_and_again_for_another_model(
 
 def add_support(path: Path, at_mm: float) -> None:
     """Write a model file again that differs in a support that is drawn."""
-    metadata = modelfile.load(path).metadata
-    more = modelfile.Drawn.model_validate(
+    metadata = runtime.load(path).metadata
+    more = runtime.Drawn.model_validate(
         metadata.drawn.model_dump()
         | {"supports": [*metadata.drawn.model_dump()["supports"], {"at_mm": at_mm, "kind": "fixed", "slides": False}]}
     )

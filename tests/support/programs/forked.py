@@ -29,7 +29,7 @@ MODULES = (
     *("beamtouch_service.cli", "beamtouch_service.host.setup", "beamtouch_service.api.app"),
     *("beamtouch_daemon.cli", "beamtouch_daemon.running.daemon"),
     *(f"beamtouch_daemon.commands.{name}" for name in ("check", "noise", "record", "run", "scan", "tare")),
-    *("beamtouch_models.loading", "beamtouch_models.rig.cli", "beamtouch_models.rig.run"),
+    *("beamtouch_models.runtime.loading", "beamtouch_models.lab.rig.cli", "beamtouch_models.lab.rig.run"),
 )
 """Those that take long to import. With a thread for numbers, as tests have it, none of them starts another one."""
 

@@ -15,7 +15,7 @@ from support.programs.forked import Forked
 
 MODULES = {
     "beamtouch-daemon": "beamtouch_daemon.cli",
-    "beamtouch-rig": "beamtouch_models.rig.cli",
+    "beamtouch-rig": "beamtouch_models.lab.rig.cli",
     "beamtouch-service": "beamtouch_service.cli",
 }
 

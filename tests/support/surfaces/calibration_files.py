@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from beamtouch_models.arrays import Floats
-from beamtouch_models.modelfile import ModelFile
+from beamtouch_models.runtime import ModelFile
 
 POSITIONS, FORCES = np.linspace(20.0, 380.0, 10), np.full(10, 12.0)
 """Of ten loads on a beam of 400 mm."""

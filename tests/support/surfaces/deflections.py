@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 
 from beamtouch_models import influence_matrix, read_scene
 from beamtouch_models.arrays import Floats
-from beamtouch_models.modelfile import ModelFile
+from beamtouch_models.runtime import ModelFile
 
 _read_scene = cache(read_scene)
 

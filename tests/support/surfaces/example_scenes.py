@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Any
 
-from beamtouch_models.scene import Scene, parse_scene
+from beamtouch_models.design.scene import Scene, parse_scene
 
 ROUGH = 0.06
 """Effort of builds whose figures no test asks for."""

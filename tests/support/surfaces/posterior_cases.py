@@ -7,13 +7,13 @@ import numpy as np
 import onnx
 
 from beamtouch_models import place
-from beamtouch_models.accuracy.prior import MAX_FORCE_RATIO, Forces, Prior
 from beamtouch_models.arrays import Bools, Floats
-from beamtouch_models.estimators.onnx_graph import to_bytes
-from beamtouch_models.estimators.posterior.window import posterior_graph
-from beamtouch_models.physics.beam import influence_of, travel_of
-from beamtouch_models.scene import load_scene
-from beamtouch_models.session import runner
+from beamtouch_models.design.accuracy.prior import MAX_FORCE_RATIO, Forces, Prior
+from beamtouch_models.design.estimators.onnx_graph import to_bytes
+from beamtouch_models.design.estimators.posterior.window import posterior_graph
+from beamtouch_models.design.physics.beam import influence_of, travel_of
+from beamtouch_models.design.scene import load_scene
+from beamtouch_models.runtime.session import runner
 from support.surfaces.example_scenes import SCENES
 
 TINY = np.nextafter(np.float32(0), np.float32(1))

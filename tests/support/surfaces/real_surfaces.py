@@ -2,14 +2,14 @@
 
 import numpy as np
 
-from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.arrays import Floats
-from beamtouch_models.calibration.recordings import Loads
-from beamtouch_models.metadata import Metadata
-from beamtouch_models.physics.beam import influence_of
-from beamtouch_models.rig.surface import Imperfections
-from beamtouch_models.scene import parse_scene
-from beamtouch_models.surface import depart
+from beamtouch_models.design.accuracy.prior import Prior
+from beamtouch_models.design.calibration.recordings import Loads
+from beamtouch_models.design.physics.beam import influence_of
+from beamtouch_models.design.scene import parse_scene
+from beamtouch_models.design.surface import depart
+from beamtouch_models.lab.rig.surface import Imperfections
+from beamtouch_models.runtime.metadata import Metadata
 from support.surfaces.calibration_files import FORCES, POSITIONS, SAMPLES
 
 MISTAKES = ("20 mm", "40 mm", "60 mm", "2 x force", "10 x force")

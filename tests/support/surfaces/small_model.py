@@ -9,8 +9,9 @@ import onnx
 import onnxruntime
 from onnx import TensorProto, helper
 
-from beamtouch_models import modelfile
-from beamtouch_models.metadata import (
+from beamtouch_models import runtime
+from beamtouch_models.runtime import ModelFile
+from beamtouch_models.runtime.metadata import (
     FORCE_OUTPUTS,
     POSITION_OUTPUTS,
     Accuracy,
@@ -28,7 +29,6 @@ from beamtouch_models.metadata import (
     SmallestForce,
     Thresholds,
 )
-from beamtouch_models.modelfile import ModelFile
 
 Rows = list[list[float]]
 BEAM = "beam-1"
@@ -191,7 +191,7 @@ def model_of(name: str = "press-7", **options: Unpack[ModelOptions]) -> ModelFil
 
 @cache
 def _loaded(content: bytes) -> ModelFile:
-    return modelfile.load_bytes(content, "small model")
+    return runtime.load_bytes(content, "small model")
 
 
 def write_model(folder: Path, name: str = "press-7", **options: Unpack[ModelOptions]) -> Path:

@@ -3,13 +3,13 @@
 import numpy as np
 
 from beamtouch_models import InfluenceFunction
-from beamtouch_models.accuracy.prior import Prior, SampleErrors
 from beamtouch_models.arrays import Floats
-from beamtouch_models.physics.beam import influence_of
-from beamtouch_models.placement.layout import Candidates
-from beamtouch_models.placement.placing import fewest_sensors
-from beamtouch_models.scene import Scene
-from beamtouch_models.surface import Surface
+from beamtouch_models.design.accuracy.prior import Prior, SampleErrors
+from beamtouch_models.design.physics.beam import influence_of
+from beamtouch_models.design.placement.layout import Candidates
+from beamtouch_models.design.placement.placing import fewest_sensors
+from beamtouch_models.design.scene import Scene
+from beamtouch_models.design.surface import Surface
 
 
 def problem_in(scene: Scene) -> tuple[InfluenceFunction, Candidates]:

@@ -4,16 +4,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.arrays import Floats
-from beamtouch_models.calibration.recordings import UnlabelledContacts
-from beamtouch_models.calibration.self_calibrate import SelfFit, self_fit
-from beamtouch_models.calibration.theory import Theory
-from beamtouch_models.calibration.unlabelled import locate
-from beamtouch_models.metadata import Metadata
-from beamtouch_models.modelfile import ModelFile
-from beamtouch_models.rig.surface import Imperfections
-from beamtouch_models.sweeps import silent
+from beamtouch_models.design.accuracy.prior import Prior
+from beamtouch_models.design.calibration.recordings import UnlabelledContacts
+from beamtouch_models.design.calibration.self_calibrate import SelfFit, self_fit
+from beamtouch_models.design.calibration.theory import Theory
+from beamtouch_models.design.calibration.unlabelled import locate
+from beamtouch_models.design.sweeps import silent
+from beamtouch_models.lab.rig.surface import Imperfections
+from beamtouch_models.runtime import ModelFile
+from beamtouch_models.runtime.metadata import Metadata
 from support.surfaces.real_surfaces import true_prior
 
 

@@ -11,7 +11,7 @@ from enum import Enum
 from math import ceil, nan
 
 from beamtouch_common.zones import MAX_ZONES, ZoneState
-from beamtouch_models.modelfile import State
+from beamtouch_models.runtime import State
 from beamtouch_service.outputs.modbus.snapshot import Snapshot
 from beamtouch_service.problems import Kind
 from beamtouch_service.samples import Note, Quality

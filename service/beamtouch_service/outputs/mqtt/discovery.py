@@ -4,7 +4,7 @@ import json
 
 from beamtouch_common.commands import version
 from beamtouch_common.zones import ZoneState
-from beamtouch_models.modelfile import State
+from beamtouch_models.runtime import State
 from beamtouch_service.outputs.mqtt.messages import OFFLINE, ONLINE, READY, Topics
 from beamtouch_service.surfaces.surface import Surface
 

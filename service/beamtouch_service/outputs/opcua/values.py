@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from asyncua import ua
 
-from beamtouch_models.modelfile import State
+from beamtouch_models.runtime import State
 from beamtouch_service.problems import Kind, ProblemError
 from beamtouch_service.surfaces.contact import Contact, Figures
 from beamtouch_service.surfaces.surface import Surface

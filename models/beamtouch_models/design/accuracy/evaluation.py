@@ -1,0 +1,144 @@
+"""Evaluation of a model: errors beside the accuracy limit, intervals, detection, with standard errors. Pure."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from beamtouch_models.arrays import Floats
+from beamtouch_models.design.accuracy.limit import mean_error_mm, simulated
+from beamtouch_models.design.accuracy.prior import Prior
+from beamtouch_models.design.accuracy.statistics import (
+    SCRAMBLINGS,
+    Measurement,
+    mean_of,
+    quantile_of,
+    ratio_of,
+    share_of,
+)
+from beamtouch_models.design.accuracy.thresholds import smallest_forces
+from beamtouch_models.design.sweeps import Fraction, Spread, in_turn, silent
+from beamtouch_models.runtime.description import extremes
+from beamtouch_models.runtime.loading import ModelFile
+
+MIDDLE = (0.2, 0.8)
+"""Bounds of the middle of the beam, over its length."""
+MIN_SHARE = 1e-3
+"""Smallest share of contacts for which a stretch gets its own errors; each part of the draws needs one there, too."""
+
+
+@dataclass(frozen=True)
+class Errors:
+    """|position error| over contacts of a stretch of the beam, in mm."""
+
+    mean_mm: Measurement
+    p95_mm: Measurement
+    worst_mm: float
+    """Largest error of the drawn contacts; it grows with the number of draws."""
+    limit_mean_mm: Measurement | None
+    """None if the noise is 0, so that there is no limit."""
+    limit_p95_mm: Measurement | None
+    ratio: Measurement | None
+    """Mean error over the mean of the limit, on the same contacts."""
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """The evaluation of a model at one noise."""
+
+    noise_mm: float
+    draws: int
+    length_mm: float
+    span: Errors
+    """Over the whole range of contacts."""
+    middle: Errors | None
+    """Over the middle of the beam; None if too few contacts lie there."""
+    cramer_rao_mean_mm: float | None
+    position_coverage: Measurement | None
+    """Share of contacts inside their interval; None if the model gives no interval."""
+    position_width_mm: Measurement | None
+    force_coverage: Measurement | None
+    force_error_n: Measurement | None
+    missed: Measurement | None
+    """Share of contacts that are not detected."""
+    smallest_force_n: tuple[float | None, float | None] | None
+    """Smallest force of which 95 % of settled samples are a contact: where it is least, and where it is largest; None:
+    nothing is seen there."""
+    unexplained: Measurement | None
+    """Share of contacts whose misfit exceeds its threshold; None for a model that states none."""
+
+
+def evaluate(
+    model: ModelFile,
+    prior: Prior,
+    *,
+    draws: int,
+    seed: int,
+    progress: Fraction = silent,
+    spread: Spread = in_turn,
+) -> Evaluation:
+    """Measure a model on at least `draws` simulated contacts of a prior, at the noise of the prior."""
+    contacts = simulated(prior, draws, seed, lambda done: progress(0.8 * done), spread)
+    drawn, likely, counts = contacts.drawn, contacts.likely_mm, contacts.drawn.weight
+    weight = np.broadcast_to(counts[:, None], likely.shape)
+    answers, thresholds = estimates(model, prior, drawn.deflection_mm), model.metadata.thresholds
+    progress(0.9)
+    worst = np.abs(answers["position_mm"] - drawn.position_mm)
+    error, best = contacts.error_mm(answers["position_mm"]), contacts.least_error_mm() if prior.noise_mm else None
+    low, high = (end * prior.length_mm for end in MIDDLE)
+    inside, drawn_inside = ((low <= position) & (position <= high) for position in (likely, drawn.position_mm))
+    span = _errors(error, best, weight, worst)
+    if prior.noise_mm:  # means over each posterior scatter less
+        reached = contacts.reached(answers["position_mm"])
+        span = replace(span, mean_mm=reached.error_mm, limit_mean_mm=reached.limit_mm, ratio=reached.ratio)
+    has_middle = drawn_inside.mean() > MIN_SHARE and all(part.any() for part in np.array_split(inside, SCRAMBLINGS))
+    tells_contact, has_interval = "contact_log_odds" in answers, "position_low_mm" in answers
+    tells_force, smallest_n = "force_n" in answers, None
+    if tells_contact and prior.noise_mm > 0:
+        supports_mm = [support.at_mm for support in model.metadata.drawn.supports]
+        smallest_n = extremes(smallest_forces(prior, thresholds.touch[-1], supports_mm).force_n)
+    return Evaluation(
+        noise_mm=prior.noise_mm,
+        draws=len(worst),
+        length_mm=prior.length_mm,
+        span=span,
+        middle=_errors(error, best, weight * inside, worst[drawn_inside]) if has_middle else None,
+        cramer_rao_mean_mm=mean_error_mm(prior) if prior.noise_mm > 0 else None,
+        position_coverage=share_of(contacts.held(answers["position_low_mm"], answers["position_high_mm"]), weight)
+        if has_interval
+        else None,
+        position_width_mm=mean_of(answers["position_high_mm"] - answers["position_low_mm"], counts)
+        if has_interval
+        else None,
+        force_coverage=share_of(
+            (answers["force_low_n"] <= drawn.force_n) & (drawn.force_n <= answers["force_high_n"]), counts
+        )
+        if tells_force and not prior.force_is_known
+        else None,
+        force_error_n=mean_of(np.abs(answers["force_n"] - drawn.force_n), counts) if tells_force else None,
+        missed=share_of(answers["contact_log_odds"] <= thresholds.touch[-1], counts) if tells_contact else None,
+        smallest_force_n=smallest_n,
+        unexplained=share_of(answers["misfit"] > thresholds.misfit[-1], counts) if "misfit" in answers else None,
+    )
+
+
+def at_noise(prior: Prior, noise_mm: float) -> Prior:
+    """Return the prior of the same surface with another noise per sample; at 0, without any error."""
+    if noise_mm:
+        return replace(prior, noise_mm=noise_mm)
+    return replace(prior, noise_mm=0.0, gain=0.0, zero_mm=0.0, uncertain_at=None)
+
+
+def estimates(model: ModelFile, prior: Prior, deflection_mm: Floats) -> dict[str, Floats]:
+    """Return the answers to deflections (samples, channels) that are linear in the force; all channels are valid."""
+    return model.answer(prior.measured(deflection_mm), prior.noise_mm)
+
+
+def _errors(error: Floats, best: Floats | None, weight: Floats, worst: Floats) -> Errors:
+    return Errors(
+        mean_mm=mean_of(error, weight),
+        p95_mm=quantile_of(error, 0.95, weight),
+        worst_mm=float(worst.max()),
+        limit_mean_mm=None if best is None else mean_of(best, weight),
+        limit_p95_mm=None if best is None else quantile_of(best, 0.95, weight),
+        ratio=None if best is None else ratio_of(error * weight, best * weight),
+    )

@@ -1,0 +1,324 @@
+"""The posterior of the position under any covariance, with the force integrated out exactly.
+
+For a given position the likelihood is Gaussian in the force, so its integral over an even piece of the prior of the
+force is a difference of normal distribution functions. That takes the errors of the gains from the sample. Where they
+are large, they are those of each contact: then the variance depends on the force, and the integral is a sum.
+
+Between the nodes of a grid a distribution function is integrated with the derivatives at both ends (the corrected
+trapezoidal rule), which is exact for cubics: with four nodes in a standard deviation the mean distance is off by 2e-4
+of itself.
+"""
+
+from dataclasses import dataclass
+from functools import reduce
+
+import numpy as np
+from scipy.special import log_ndtr
+
+from beamtouch_models.arrays import Bools, Floats, Indices
+from beamtouch_models.design.accuracy.prior import Forces, Piece, Prior, forces_of
+from beamtouch_models.runtime.error_model import variance_mm2
+
+GRID = 801
+"""Positions over the whole range."""
+FINE_GRID = 129
+ROUNDS = 12
+NEGLIGIBLE = 40.0
+"""Difference to the largest log density beyond which a position is not part of a posterior."""
+CHUNK = 100
+"""Readings per step, few enough for their grids to fit the cache of a core."""
+LARGE_GAIN = 0.05
+"""Relative gain error up to which the variance of a sample may be taken from its own deflections instead of those of
+each contact."""
+FORCES, REACH = 24, 6.0
+"""Forces over which the posterior is integrated otherwise, and half their range in deviations of the force."""
+MIN_LOG = -700.0
+"""Smallest log density, relative to the maximum. Its exponential is a normal number: subnormal ones take long."""
+SHARP = 1.0
+"""Change of a log density's slope between cells, times the cell length, beyond which the grid does not resolve it."""
+
+
+def posterior_quantiles(
+    prior: Prior,
+    deflection_mm: Floats,
+    levels: Floats | None = None,
+    *,
+    whitening_per_mm: Floats | None = None,
+    tail: float = 0.0,
+) -> tuple[Floats, Floats]:
+    """Return quantiles of the position, and the mean distance from the median, for samples (draws, channels).
+
+    `levels` are (draws, levels) between 0 and 1, by default the median alone. `whitening_per_mm` (draws, channels,
+    channels) states the covariance of each sample, by default that of the prior. `tail` is the share of forces outside
+    the range (`forces_of`). Returns quantiles (draws, levels) and distances (draws,), in mm.
+
+    All draws share one grid over the range; narrow posteriors are computed again on grids of their own until the grid
+    resolves them.
+    """
+    levels = np.full((len(deflection_mm), 1), 0.5) if levels is None else levels
+    grid = np.linspace(*prior.position_mm, GRID)
+    influence = prior.influence_within_noise(grid)
+    whitening = prior.whitening(deflection_mm) if whitening_per_mm is None else whitening_per_mm
+    gains_matter = whitening_per_mm is None and not tail and bool(np.max(prior.gain) > LARGE_GAIN)
+    forces = forces_of(prior.force_n, tail)
+    found = []
+    for start in range(0, len(deflection_mm), CHUNK):
+        part = slice(start, start + CHUNK)
+        own = deflection_mm[part] if gains_matter else None
+        seen = _Seen(whitening[part], np.einsum("dij,dj->di", whitening[part], deflection_mm[part]), own)
+        density = _log_density(prior, seen, forces, grid[None], influence[None])
+        found.append(_resolved(prior, forces, seen, np.broadcast_to(grid, density.shape), density, levels[part]))
+    whole = np.concatenate(found)
+    return whole[:, :-1], whole[:, -1]
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """Samples in units of their uncertainty."""
+
+    whitening: Floats
+    """(draws, channels, channels)"""
+    sample: Floats
+    """(draws, channels)"""
+    deflection_mm: Floats | None = None
+    """(draws, channels) where the errors of the gains follow from each contact; None: they are those of the sample."""
+
+    def take(self, rows: Indices) -> "_Seen":
+        deflection_mm = None if self.deflection_mm is None else self.deflection_mm[rows]
+        return _Seen(self.whitening[rows], self.sample[rows], deflection_mm)
+
+
+def _log_density(prior: Prior, seen: _Seen, forces: Forces, grids: Floats, influence: Floats) -> Floats:
+    """Return log densities (draws, grid) at the nodes of grids (draws or 1, grid) with their influence."""
+    moved_mm = None if prior.uncertainty is None else prior.uncertainty(grids)
+    if seen.deflection_mm is None:
+        return log_density(forces, seen.whitening, seen.sample, influence, moved_mm)
+    likeliest = _likeliest(forces, np.matmul(seen.whitening, influence.transpose(0, 2, 1)), seen.sample[:, :, None])
+    return _over_forces(prior, seen.deflection_mm, influence, 0.0 if moved_mm is None else moved_mm, *likeliest)
+
+
+def log_density(
+    forces: Forces,
+    whitening: Floats,
+    sample: Floats,
+    influence: Floats,
+    moved_mm: Floats | None = None,
+    negligible: float = NEGLIGIBLE,
+) -> Floats:
+    """Return log densities (draws, grid) of the position, up to a constant per draw, with the force integrated out.
+
+    Parameters
+    ----------
+    forces : the prior of the force
+    whitening, sample : (draws, channels, channels) in 1/mm, and whitened samples (draws, channels)
+    influence : (draws or 1, grid, channels) in mm/N at the positions
+    moved_mm : its deviation by the mounting of the sensors, in the same shape; None: their positions are exact
+    negligible : difference to the largest log density beyond which it need not be exact
+    """
+    shapes, each = np.matmul(whitening, influence.transpose(0, 2, 1)), sample[:, :, None]
+    if moved_mm is None:
+        return _fitted(forces, shapes, each, 0.0, negligible)
+    # The likeliest force at a position says how much the mounting adds to each channel's variance there.
+    force, _ = _likeliest(forces, shapes, each)
+    moved = np.matmul(whitening**2, moved_mm.transpose(0, 2, 1) ** 2)
+    wider = np.sqrt(1 + force[:, None, :] ** 2 * moved)
+    return _fitted(forces, shapes / wider, each / wider, np.log(wider).sum(axis=1), negligible)
+
+
+def _likeliest(forces: Forces, shapes: Floats, sample: Floats) -> tuple[Floats, Floats]:
+    """Return the likeliest force at each position and one over the square of its deviation, (draws, grid) both."""
+    square = np.einsum("dsg,dsg->dg", shapes, shapes)
+    force = (shapes * sample).sum(axis=1) / np.where(square > 0, square, 1.0)
+    return np.clip(force, forces[0].low_n, forces[-1].high_n), square
+
+
+def _over_forces(
+    prior: Prior, deflection_mm: Floats, influence: Floats, moved_mm: Floats | float, force: Floats, square: Floats
+) -> Floats:
+    """Return log densities (draws, grid) with the errors that each contact has, integrated over the force.
+
+    The midpoint rule takes FORCES forces about the likeliest one of each position, within the range of the prior.
+
+    Parameters
+    ----------
+    deflection_mm : (draws, channels)
+    influence, moved_mm : (draws or 1, grid, channels) in mm/N, with its deviation by the mounting of the sensors
+    force, square : (draws, grid) likeliest force, and one over the square of its deviation
+    """
+    low, high = prior.force_n
+    # The sample's own errors may be far from those of the contact, so the gains widen the range.
+    reach = REACH * (1 / np.sqrt(np.maximum(square, np.finfo(np.float64).tiny)) + np.max(prior.gain) * force)
+    start, end = np.maximum(force - reach, low), np.minimum(force + reach, high)
+    still = variance_mm2(0.0, prior.noise_mm, 0.0, prior.zero_mm)
+    scaled = (np.asarray(prior.gain) * influence) ** 2 + moved_mm**2
+    parts, total = 1 if prior.force_is_known else FORCES, np.full(force.shape, -np.inf)
+    for part in range(parts):
+        newtons = (start + (end - start) * (part + 0.5) / parts)[:, :, None]
+        variance = still + newtons**2 * scaled
+        square_left = (deflection_mm[:, None] - newtons * influence) ** 2 / variance
+        total = np.logaddexp(total, -(square_left + np.log(variance)).sum(axis=2) / 2)
+    density: Floats = total if prior.force_is_known else total + np.log(end - start)
+    return density
+
+
+def _fitted(forces: Forces, shapes: Floats, sample: Floats, log_volume: Floats | float, negligible: float) -> Floats:
+    """Return log densities (draws, grid) of shapes per newton and samples in their deviations.
+
+    Shapes are (draws, channels, grid), samples (draws, channels, grid or 1). `log_volume` (draws, grid) is that of the
+    product of their deviations.
+    """
+    size = np.sqrt(np.einsum("dsg,dsg->dg", shapes, shapes))
+    unit = shapes / np.where(size > 0, size, 1.0)[:, None]
+    projection = np.einsum("dsg,dsg->dg", unit, np.broadcast_to(sample, unit.shape))
+    # Compute the residual directly: with little noise a difference of squares would cancel.
+    residual = np.multiply(projection[:, None], unit, out=unit)
+    np.subtract(sample, residual, out=residual)
+    fit = np.einsum("dsg,dsg->dg", residual, residual) / -2 - log_volume
+    # Integrate over the force where the posterior is not negligible. The largest integrand bounds the integral.
+    nearest = np.clip(projection, forces[0].low_n * size, forces[-1].high_n * size)
+    density: Floats = fit - (projection - nearest) ** 2 / 2
+    rows, best = np.arange(len(density)), density.argmax(axis=1)
+    least = log_likelihood(forces, size[rows, best], projection[rows, best], fit[rows, best]) - negligible
+    likely = density >= least[:, None]
+    density[likely] = log_likelihood(forces, size[likely], projection[likely], fit[likely])
+    return density
+
+
+def _resolved(prior: Prior, forces: Forces, seen: _Seen, grids: Floats, density: Floats, levels: Floats) -> Floats:
+    """Return quantiles and mean distance (draws, levels + 1) of log densities, on finer grids where needed."""
+    found = np.empty((len(grids), levels.shape[1] + 1))
+    todo = np.arange(len(grids))
+    for _ in range(ROUNDS):
+        finer, narrow = _finer(grids, density)
+        done = todo[~narrow]
+        found[done] = summaries(grids[~narrow], density[~narrow], levels[done])
+        grids, todo = finer, todo[narrow]
+        if not len(todo):
+            return found
+        influence = prior.influence_within_noise(grids.ravel()).reshape(*grids.shape, -1)
+        density = _log_density(prior, seen.take(todo), forces, grids, influence)
+    found[todo] = summaries(grids, density, levels[todo])
+    return found
+
+
+def _finer(grids: Floats, density: Floats) -> tuple[Floats, Bools]:
+    """Return finer grids over the cells of each posterior, with a margin of two cells, and which posteriors are narrow.
+
+    A posterior in two pieces, such as that of a known force near either support, keeps both. Where a grid is much wider
+    than a piece, its nodes miss the peak. A parabola through three nodes rises above the middle one by at most an
+    eighth of its drop to the lower neighbour; half of the drop is allowed for.
+    """
+    beside = np.pad(density, ((0, 0), (1, 1)), mode="edge")
+    lower, higher = np.minimum(beside[:, :-2], beside[:, 2:]), np.maximum(beside[:, :-2], beside[:, 2:])
+    rise = np.where(density >= higher, (density - lower) / 2, 0.0)
+    likely = np.asarray(density + rise >= density.max(axis=1, keepdims=True) - NEGLIGIBLE)
+    around = np.pad(likely, ((0, 0), (2, 2)))
+    cells: Bools = np.any([around[:, shift : shift + likely.shape[1] - 1] for shift in range(6)], axis=0)
+    narrow: Bools = np.asarray(cells.sum(axis=1) < density.shape[1] / 4)
+    length = np.zeros((int(narrow.sum()), grids.shape[1]))
+    np.cumsum(np.diff(grids[narrow], axis=1) * cells[narrow], axis=1, out=length[:, 1:])
+    part = np.linspace(0, 1, FINE_GRID)
+    finer = [np.interp(part * along[-1], along, grid) for along, grid in zip(length, grids[narrow], strict=True)]
+    return np.array(finer), narrow
+
+
+def summaries(grids: Floats, log_density: Floats, levels: Floats) -> Floats:
+    """Return quantiles and mean distance from the median (draws, levels + 1) of densities on increasing grids.
+
+    Grids and log densities, up to a constant, are (draws, grid), levels (draws, levels) between 0 and 1.
+    """
+    density, below = _distributions(grids, log_density)
+    levels = np.column_stack([levels, np.full(len(levels), 0.5)])
+    rows, nodes = below.shape
+    # A single search serves all rows: stacked, the functions rise from 0 to the number of rows.
+    stacked = below + np.arange(rows)[:, None]
+    above = np.searchsorted(stacked.ravel(), (levels + np.arange(rows)[:, None]).ravel()).reshape(levels.shape)
+    cell = np.clip(above - 1 - nodes * np.arange(rows)[:, None], 0, nodes - 2)
+
+    def at_ends(values: Floats) -> tuple[Floats, Floats]:
+        """Return values at both ends of the cell of each level."""
+        return np.take_along_axis(values, cell, axis=1), np.take_along_axis(values, cell + 1, axis=1)
+
+    (low, high), (before, after), (start, end) = at_ends(below), at_ends(density), at_ends(grids)
+    share = np.clip((levels - low) / np.maximum(high - low, np.finfo(np.float64).tiny), 0.0, 1.0)
+    # The root of b t + (a - b) t^2 / 2 = share (b + a) / 2, before and after, in the form that does not cancel.
+    root = before + np.sqrt(before**2 + (after**2 - before**2) * share)
+    part = np.divide(share * (before + after), root, out=share.copy(), where=root > 0)
+    quantiles = start + part * (end - start)
+    length = grids[:, -1:] - grids[:, :1]
+    step = np.diff(grids, axis=1) / length
+    whole = np.zeros_like(below)
+    areas = step * (below[:, 1:] + below[:, :-1]) / 2 - step**2 / 12 * np.diff(density, axis=1)
+    np.cumsum(areas, axis=1, out=whole[:, 1:])
+    # Within the cell of the median, which is the last level, the density is a straight line.
+    along = np.take_along_axis(step, cell, axis=1)[:, -1] * part[:, -1]
+    rise = before[:, -1] / 2 + (after - before)[:, -1] * part[:, -1] / 6
+    to_median = at_ends(whole)[0][:, -1] + along * (low[:, -1] + along * rise)
+    beyond = 1 - (start[:, -1] - grids[:, 0]) / length[:, 0] - along
+    distance = length[:, 0] * (2 * to_median - whole[:, -1] + beyond)
+    return np.column_stack([quantiles[:, :-1], distance])
+
+
+def _distributions(grids: Floats, log_density: Floats) -> tuple[Floats, Floats]:
+    """Return densities, in units of one over the length of a grid, and distribution functions at the nodes."""
+    logs = log_density - log_density.max(axis=1, keepdims=True)
+    np.maximum(logs, MIN_LOG, out=logs)
+    density = np.exp(logs)
+    step = np.diff(grids, axis=1) / (grids[:, -1:] - grids[:, :1])
+    slope = np.diff(logs, axis=1) / np.where(step > 0, step, np.inf)
+    # The log of a posterior is nearly a parabola: its derivative at a node is the mean of the adjacent slopes.
+    gradient = np.empty_like(density)
+    gradient[:, 1:-1] = (slope[:, :-1] + slope[:, 1:]) / 2
+    gradient[:, 0], gradient[:, -1] = slope[:, 0], slope[:, -1]
+    bend = np.diff(gradient * density, axis=1)
+    # At a cliff, where the end of the force range cuts a posterior off, it is not: use the plain trapezoidal rule.
+    sharp = np.empty(density.shape, np.bool_)
+    sharp[:, 1:-1] = np.abs(np.diff(slope, axis=1)) * np.maximum(step[:, 1:], step[:, :-1]) > SHARP
+    sharp[:, 0], sharp[:, -1] = sharp[:, 1], sharp[:, -2]
+    bend[sharp[:, 1:] | sharp[:, :-1]] = 0.0
+    mass = step * (density[:, 1:] + density[:, :-1]) / 2 - step**2 / 12 * bend
+    below = np.zeros_like(density)
+    np.cumsum(np.maximum(mass, 0.0, out=mass), axis=1, out=below[:, 1:])
+    total = below[:, -1:].copy()
+    return density / total, below / total
+
+
+def log_likelihood(forces: Forces, size: Floats, projection: Floats, fit: Floats) -> Floats:
+    """Return the log likelihood of readings at grid positions, in units of the noise; (..., grid).
+
+    Parameters
+    ----------
+    forces : the prior of the force
+    size : (grid,) or in the shape of the others, length of the vector of deflections per newton
+    projection : (..., grid), of the reading on the direction of that vector
+    fit : (..., grid), minus half the squared residual, or half the squared projection if that is accurate enough
+
+    Terms that depend on neither the position nor the force are left out.
+    """
+    first, *others = (np.log(piece.share) + _log_mean(piece, size, projection) for piece in forces)
+    whole = reduce(np.logaddexp, others, first)
+    likelihood: Floats = fit + whole
+    return likelihood
+
+
+def _log_mean(piece: Piece, size: Floats, projection: Floats) -> Floats:
+    """Return the log of the mean over a piece of forces of exp(-(projection - force size)^2 / 2)."""
+    low, high = piece.low_n, piece.high_n
+    middle: Floats = -((projection - (low + high) / 2 * size) ** 2) / 2
+    if low == high:
+        return middle
+    # Where the force hardly matters, as next to a support, use the midpoint rule.
+    flat = size * (high - low) < 1e-4
+    length = np.where(flat, 1.0, size)
+    span = _log_normal_interval(low * length - projection, high * length - projection) - np.log(length)
+    mean: Floats = np.where(flat, middle, span + np.log(np.sqrt(2 * np.pi) / (high - low)))
+    return mean
+
+
+def _log_normal_interval(low: Floats, high: Floats) -> Floats:
+    """Return log(Phi(high) - Phi(low)) for low < high, without cancellation in either tail."""
+    flip = low + high > 0
+    upper, lower = np.where(flip, -low, high), np.where(flip, -high, low)
+    log_upper = log_ndtr(upper)
+    difference: Floats = log_upper + np.log(-np.expm1(np.minimum(log_ndtr(lower) - log_upper, -1e-300)))
+    return difference

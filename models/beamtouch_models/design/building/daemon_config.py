@@ -1,0 +1,51 @@
+"""The daemon's configuration for a model, ready to run against the rig. The daemon owns and checks the format."""
+
+import secrets
+from importlib.resources import files
+from pathlib import Path
+
+from jinja2 import Environment, StrictUndefined
+
+from beamtouch_common.files import write_atomically
+from beamtouch_models.design.building.replaced import sealed
+from beamtouch_models.design.pricing.walk import smallest_mm, walk_of
+from beamtouch_models.design.surface import Surface
+from beamtouch_models.runtime.metadata import Metadata
+
+TOKEN_FILE = "beamtouch.token"  # noqa: S105  # the name of a file, not a secret
+RIG_PORT = 5020
+SERVICE_URL = "http://127.0.0.1:8420"
+
+
+def daemon_config(metadata: Metadata) -> str:
+    """Return the TOML text of a configuration with one surface, with the model's name and characteristic.
+
+    What the scene does not state has no line: the noise of a reading (the daemon then estimates it), the drift of a
+    rest gap, the slowest period of a beam of unknown mass, and the bits of the ADC (the type of the counts has ends).
+    """
+    surface = Surface.of_model(metadata)
+    # Names have letters, digits and "_.-" only: nothing is to be escaped.
+    form = Environment(undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True).from_string(  # noqa: S701  # TOML
+        files(__package__).joinpath("daemon_config.toml.j2").read_text(encoding="utf-8")
+    )
+    text = form.render(
+        dict(metadata),
+        service_url=SERVICE_URL,
+        token_file=TOKEN_FILE,
+        rig_port=RIG_PORT,
+        drift_mm=surface.readings.drift_mm,
+        period_ms=surface.slowest_period_ms,
+        adc_bits=surface.stated.sensors.adc_bits,
+        unseen_swing=surface.unseen_swing,
+        smallest_mm=smallest_mm(metadata),
+        walk=walk_of(metadata, surface.readings),
+    )
+    return sealed(text)
+
+
+def write_token_if_absent(folder: Path) -> Path:
+    """Write a random token that only its owner may read, unless the file exists; returns its path."""
+    path = folder / TOKEN_FILE
+    if not path.exists():
+        write_atomically(path, f"{secrets.token_urlsafe(32)}\n".encode(), mode=0o600)
+    return path

@@ -1,0 +1,75 @@
+"""Sensors that an earlier build has placed, and that may be mounted: a new build of the scene keeps their places."""
+
+import json
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+
+import onnx
+
+from beamtouch_common.encodings import decode
+from beamtouch_common.errors import InputError
+from beamtouch_models.design.scene import Scene, change_scene
+from beamtouch_models.runtime.metadata import METADATA_PREFIX
+
+
+@dataclass(frozen=True)
+class Mounted:
+    """The sensors of an earlier build."""
+
+    file: Path
+    """The model file, or the daemon's configuration, that has their places."""
+    positions_mm: tuple[float, ...]
+    """Their places from the left end, in the order of the channels."""
+
+    def conflict_with(self, scene: Scene) -> str:
+        """Return why these places cannot be those of a scene; empty if they can."""
+        few, many = scene.sensors.count_range
+        if not few <= len(self.positions_mm) <= many:
+            asked = f"{few}" if few == many else f"{few} to {many}"
+            return f"the scene asks for {asked} sensors, not for {len(self.positions_mm)}"
+        if away := [place for place in scene.sensors.fixed_mm if place not in self.positions_mm]:
+            return f"sensors.fixed_mm of the scene has {away[0]:g} mm"
+        try:
+            change_scene(scene, sensors={"fixed_mm": list(self.positions_mm)})
+        except InputError as error:
+            return str(error)
+        return ""
+
+    def moves_to(self, positions_mm: tuple[float, ...]) -> str:
+        """Say where the sensors of this file go if these are the new places; empty if they stay."""
+        if sorted(positions_mm) == sorted(self.positions_mm):
+            return ""
+        pairs = zip(self.positions_mm, positions_mm, strict=False)
+        if len(positions_mm) == len(self.positions_mm):
+            moved = ", ".join(f"{old:g} -> {new:g}" for old, new in pairs if old != new)
+            return f"sensors are not where {self.file} had them: {moved} mm"
+        old, new = (", ".join(f"{place:g}" for place in places) for places in (self.positions_mm, positions_mm))
+        return f"sensors are not where {self.file} had them: {old} mm; now {new} mm"
+
+
+def find_mounted(name: str, model: Path, config: Path | None) -> Mounted | None:
+    """Return the sensors of the files that a build of the surface `name` is about to replace; None if there are none.
+
+    The configuration counts before the model, because somebody may have corrected a place in it. A file that is neither
+    a model nor a configuration with places has none; nor has one that cannot be read.
+    """
+    if config is not None and (places := _places_in_config(config, name)):
+        return Mounted(config, places)
+    return Mounted(model, places) if (places := _places_in_model(model)) else None
+
+
+def _places_in_model(path: Path) -> tuple[float, ...]:
+    try:
+        entries = {entry.key: entry.value for entry in onnx.load(path).metadata_props}
+        return tuple(float(channel["position_mm"]) for channel in json.loads(entries[METADATA_PREFIX + "layout"]))
+    except Exception:  # noqa: BLE001  # protobuf's errors have no common base but Exception
+        return ()
+
+
+def _places_in_config(path: Path, name: str) -> tuple[float, ...]:
+    try:
+        surface = tomllib.loads(decode(path.read_bytes()))["surfaces"][name]
+        return tuple(float(channel["position_mm"]) for channel in surface["channels"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return ()

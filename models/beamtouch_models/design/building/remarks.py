@@ -1,0 +1,78 @@
+"""Remarks, one line each: on a scene that can be built, and on what a model misses or what one failed sensor costs."""
+
+from collections.abc import Iterator
+
+from beamtouch_common.digits import digits
+from beamtouch_models.design.scene import Scene
+from beamtouch_models.design.scene.beam import Beam
+from beamtouch_models.design.scene.materials import MATERIALS
+from beamtouch_models.runtime.metadata import Metadata
+
+TOO_MUCH = 2.0
+"""Ratio of the error with one sensor failed to that with all from which a build warns."""
+
+
+def remarks(scene: Scene) -> list[str]:
+    """Return what an engineer should look at again in a scene."""
+    return [*_implausible(scene.beam), *_assumed(scene.beam)]
+
+
+def _implausible(beam: Beam) -> Iterator[str]:
+    """Yield a remark on a modulus or a rigidity that no piece of the stated material has."""
+    if beam.material is None:
+        return
+    low, high = MATERIALS[beam.material].modulus_range_gpa
+    stated = f"beam.youngs_modulus_gpa = {beam.youngs_modulus_gpa or 0:g}"
+    modulus_gpa = beam.youngs_modulus_gpa
+    if modulus_gpa is None and beam.flexural_rigidity_n_mm2 is not None and beam.width_mm and beam.thickness_mm:
+        modulus_gpa = 12e-3 * beam.flexural_rigidity_n_mm2 / beam.width_mm / beam.thickness_mm**3
+        rigidity = f"beam.flexural_rigidity_n_mm2 = {beam.flexural_rigidity_n_mm2:g}"
+        stated = f"{rigidity} means {digits(modulus_gpa, 3)} GPa, which"
+    if modulus_gpa is not None and not low <= modulus_gpa <= high:
+        yield f"{stated} is implausible for {beam.material}, which has {low:g} to {high:g} GPa; check it"
+
+
+def _assumed(beam: Beam) -> Iterator[str]:
+    """Yield a remark on a modulus that comes from the table, and scatters by more than a tenth."""
+    if beam.material is None or beam.youngs_modulus_gpa is not None or beam.modulus_gpa is None:
+        return
+    low, high = MATERIALS[beam.material].modulus_range_gpa
+    if low < 0.9 * beam.modulus_gpa or high > 1.1 * beam.modulus_gpa:
+        yield (
+            f"{beam.material} is taken with {beam.modulus_gpa:g} GPa; real pieces have {low:g} to {high:g}, and forces "
+            "are wrong by as much: calibrate, or state youngs_modulus_gpa"
+        )
+
+
+def missed_requirement(metadata: Metadata, scene: Scene) -> str:
+    """Say by how much a model misses the position error that its scene requires; empty if it does not."""
+    return missed_error("mean error", metadata.accuracy.error_percent, scene)
+
+
+def missed_error(name: str, percent: float, scene: Scene) -> str:
+    """Say by how much an error in percent of the length exceeds what a scene requires; empty if it does not."""
+    wanted_mm, error_mm = scene.requirements.position_error_mm, percent / 100 * scene.beam.length_mm
+    if wanted_mm is None or error_mm <= wanted_mm:
+        return ""
+    return (
+        f"the {name} is {digits(error_mm, 3)} mm, more than requirements.position_error_mm = {wanted_mm:g}; use more "
+        "sensors or less noise, or allow more latency_ms"
+    )
+
+
+def weak_spot(metadata: Metadata) -> str:
+    """Say whether one failed sensor ends a surface or doubles its error; empty if neither."""
+    layout, found, limit_percent = metadata.layout, metadata.placed, metadata.accuracy.limit_percent
+    remedy = "add a sensor" if found.spare else "add a sensor, or place them with --spare 1"
+    if metadata.min_channels == len(layout):
+        if len(layout) == 1:
+            return "one failed sensor ends this surface: it has no other; add one"
+        return f"one failed sensor ends this surface: all {len(layout)} channels must work; {remedy}"
+    worst = max(found.limit_without_percent)
+    if worst < TOO_MUCH * limit_percent:
+        return ""
+    name = layout[found.limit_without_percent.index(worst)].name
+    return (
+        f"if {name} fails, the mean position error grows from {digits(limit_percent, 3)} to {digits(worst, 3)} "
+        f"% of the length; {remedy}"
+    )

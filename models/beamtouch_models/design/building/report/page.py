@@ -1,0 +1,218 @@
+"""The report of a build as one HTML page: no script, no request, readable on light and dark screens and on paper.
+
+Beyond what the build measured, it shows the error along the beam, components, and other layouts.
+"""
+
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from importlib.resources import files
+
+import numpy as np
+from jinja2 import Environment, StrictUndefined
+
+from beamtouch_common.digits import digits
+from beamtouch_models.arrays import Floats
+from beamtouch_models.design.accuracy.evaluation import estimates
+from beamtouch_models.design.accuracy.limit import MeanError, compare_limits, simulated
+from beamtouch_models.design.accuracy.prior import Prior
+from beamtouch_models.design.accuracy.statistics import Measurement, mean_of
+from beamtouch_models.design.building.build import Built
+from beamtouch_models.design.building.remarks import weak_spot
+from beamtouch_models.design.building.report.beam_drawing import beam_drawing
+from beamtouch_models.design.charts import STYLE, Chart, Series, draw
+from beamtouch_models.design.placement.eigenvalue_product import principal_components
+from beamtouch_models.design.placement.layout import equal_pitch_mm
+from beamtouch_models.design.placement.placing import DEFAULT_AIM, place, place_by_position_error, score_positions
+from beamtouch_models.design.pricing.prices import NEGLIGIBLE
+from beamtouch_models.design.pricing.ringing import told
+from beamtouch_models.design.scene import Scene
+from beamtouch_models.design.surface import Surface
+from beamtouch_models.design.sweeps import Progress
+from beamtouch_models.errors import SceneError
+from beamtouch_models.numbers import three_digits
+from beamtouch_models.runtime.description import answers, nothing_seen, per_day, unseen
+from beamtouch_models.runtime.loading import ModelFile, load_bytes
+
+PROFILE_DRAWS, LAYOUT_DRAWS, LEAST_DRAWS = 8_192, 4_096, 256
+"""Usual numbers of simulated contacts, and the smallest."""
+PROFILE_BINS = 24
+SEED_SHIFT = 5
+"""The build uses its seed and the four after it; the report uses the next ones."""
+
+
+@dataclass(frozen=True)
+class Profile:
+    """Error and interval of position along the beam, one value per stretch of equal length."""
+
+    position_mm: Floats
+    """(stretches,) middles."""
+    model_mm: Floats
+    """Mean |error| of the model."""
+    limit_mm: Floats
+    """Mean |error| of the posterior median."""
+    held_in: tuple[Measurement, ...] | None
+    """Share of contacts inside their interval over the whole range, in the first stretch and in the last; None if the
+    model gives no interval."""
+    width_mm: Floats | None
+    """Mean width of the interval."""
+
+
+@dataclass(frozen=True)
+class OtherLayout:
+    """A layout with its score and accuracy limit, for comparison."""
+
+    name: str
+    positions_mm: Floats
+    log_eigenvalue_product: float
+    """In the unit of `Placement.log_eigenvalue_product`."""
+    limit: MeanError
+    taken: bool
+
+
+@dataclass(frozen=True)
+class Facts:
+    """Everything that the page shows."""
+
+    scene: Scene
+    built: Built
+    model: ModelFile
+    profile: Profile
+    layouts: tuple[OtherLayout, ...]
+
+
+def gather(scene: Scene, built: Built, progress: Progress) -> Facts:
+    """Measure the data of the report, which takes seconds; the same build gives the same data."""
+    progress("measuring for the report", 0.97)
+    model = load_bytes(built.content, "the model just built")
+    prior = built.surface.prior(np.array(built.placement.positions_mm))
+    return Facts(scene, built, model, _profile(prior, model, built), _layouts(built))
+
+
+def _profile(prior: Prior, model: ModelFile, built: Built) -> Profile:
+    draws = built.aim.effort.of(PROFILE_DRAWS, LEAST_DRAWS)
+    contacts = simulated(prior, draws, built.metadata.seed + SEED_SHIFT)
+    weight = np.broadcast_to(contacts.drawn.weight[:, None], contacts.likely_mm.shape)
+    answers = estimates(model, prior, contacts.drawn.deflection_mm)
+    edges = np.linspace(*prior.position_mm, PROFILE_BINS + 1)
+    stretch = np.clip(np.searchsorted(edges, contacts.likely_mm, side="right") - 1, 0, PROFILE_BINS - 1)
+
+    def means(values: Floats) -> Floats:
+        whole = np.bincount(stretch.ravel(), (weight * values).ravel(), PROFILE_BINS)
+        return whole / np.bincount(stretch.ravel(), weight.ravel(), PROFILE_BINS)
+
+    held_in = width_mm = None
+    if "position_low_mm" in answers:
+        low, high = answers["position_low_mm"], answers["position_high_mm"]
+        inside = contacts.held(low, high)
+        width_mm = means(np.broadcast_to((high - low)[:, None], inside.shape))
+        ends = (np.True_, stretch == 0, stretch == PROFILE_BINS - 1)
+        held_in = tuple(mean_of(inside.astype(np.float64), weight * end) for end in ends)
+    model_mm = means(contacts.error_mm(answers["position_mm"]))
+    limit_mm = means(contacts.least_error_mm())
+    return Profile((edges[1:] + edges[:-1]) / 2, model_mm, limit_mm, held_in, width_mm)
+
+
+def _layouts(built: Built) -> tuple[OtherLayout, ...]:
+    """Compare the model's layout with others, all on the same contacts."""
+    influence, rules, errors = built.surface.influence, built.surface.rules, built.surface.errors
+    taken, seed, found_by = np.array(built.placement.positions_mm), built.metadata.seed, built.aim.criterion
+    effort, aim = built.aim.effort, replace(DEFAULT_AIM, effort=built.aim.effort)
+    named = {"equal pitch": equal_pitch_mm(influence.length_mm, len(taken))}
+    # A layout that was kept, not searched, may be another one than its criterion finds now.
+    searched = built.placement.evaluations > 0 and not built.aim.spare
+    # The rules may leave too few independent readings; only the product needs as many as there are sensors.
+    with suppress(SceneError):
+        named["eigenvalue product"] = (
+            taken
+            if searched and found_by == "eigenvalue-product"
+            else np.array(place(influence, rules, len(taken), seed, effort=effort).positions_mm)
+        )
+    named["position error"] = (
+        taken
+        if searched and found_by == "position-error"
+        else np.array(place_by_position_error(influence, rules, len(taken), seed, errors, aim).positions_mm)
+    )
+    if not any(np.allclose(taken, positions) for positions in named.values()):
+        named["the model's"] = taken
+    priors = [built.surface.prior(positions) for positions in named.values()]
+    limits = compare_limits(
+        built.surface.prior(taken), priors, effort.of(LAYOUT_DRAWS, LEAST_DRAWS), seed + SEED_SHIFT + 1
+    )
+    return tuple(
+        OtherLayout(
+            name, positions, score_positions(influence, positions), one.limit, bool(np.allclose(taken, positions))
+        )
+        for (name, positions), one in zip(named.items(), limits, strict=True)
+    )
+
+
+MAX_CHARTED = 8
+"""Number of components that are drawn: a chart has as many colours."""
+
+
+def page(facts: Facts) -> str:
+    """Return the page as text; the template escapes all text but the style sheet and the drawings."""
+    here = files(__package__)
+    environment = Environment(autoescape=True, undefined=StrictUndefined)
+    environment.filters |= {"digits": digits, "three_digits": three_digits}
+    template = environment.from_string(here.joinpath("page.html").read_text(encoding="utf-8"))
+    ringing = Surface.of(facts.scene, facts.model.metadata.filter).ringing
+    width_mm = facts.profile.width_mm
+    third = slice(PROFILE_BINS // 3, 2 * PROFILE_BINS // 3)
+    drawing, caption = beam_drawing(facts.scene, facts.model.metadata)
+    surface, placement = facts.built.surface, facts.built.placement
+    components = principal_components(surface.influence.matrix(np.array(placement.positions_mm)))
+    middle_force_n = sum(facts.scene.contact.force_range_n) / 2
+    charts: dict[str, str] = {}
+    for name, chart, remark in _charts(facts, components.transformed * middle_force_n):
+        charts |= {name: draw(chart), f"{name}_caption": f"{chart.says}{remark}."}
+    return template.render(
+        facts=facts,
+        aim=facts.built.aim,
+        placement=placement,
+        effects=surface.effects,
+        components=components,
+        middle_force_n=middle_force_n,
+        css=here.joinpath("style.css").read_text(encoding="utf-8") + STYLE,
+        drawing=drawing,
+        drawn=caption,
+        charts=charts,
+        marked=next(index for index, layout in enumerate(facts.layouts) if layout.taken),
+        widths=None if width_mm is None else {"ends_mm": width_mm[[0, -1]].mean(), "middle_mm": width_mm[third].mean()},
+        negligible=NEGLIGIBLE,
+        answers=answers(facts.model.metadata),
+        rings=[] if ringing is None else told(ringing),
+        missed=unseen(facts.model.metadata),
+        weak=weak_spot(facts.model.metadata),
+        touch=per_day(facts.model.metadata.thresholds.false_contacts_per_day),
+    )
+
+
+def _charts(facts: Facts, components_mm: Floats) -> list[tuple[str, Chart, str]]:
+    """Return each chart with its name and a remark for its caption; the components are (loads, sensors)."""
+    profile, x = facts.profile, facts.profile.position_mm.tolist()
+    at, stretches = "position of the contact, mm", f"; {PROFILE_BINS} stretches"
+    says = "Mean error of position over the position of the contact, of the model and at the accuracy limit"
+    curves = [
+        Series("model", x, profile.model_mm.tolist(), 1),
+        Series("accuracy limit", x, profile.limit_mm.tolist(), 0, "dashed"),
+    ]
+    charts = [("error", Chart(says, at, "mean |error|, mm", curves, y_from_zero=True), stretches)]
+    seen = facts.model.metadata.smallest_force
+    says = "Smallest force that is seen over the position of the contact"
+    strongest = facts.model.metadata.ranges.force_n[1]
+    forces = [strongest if force is None else min(force, strongest) for force in seen.force_n]
+    remarks = [f"even {strongest:g} N, the largest force of the scene, is not seen where the curve reaches it"]
+    remarks += [nothing_seen(facts.model.metadata)]
+    remark = "".join(f"; {one}" for one in remarks if one) if strongest in forces else ""
+    curve = Series("", seen.position_mm, forces)
+    chart = Chart(says, at, "force, N", [curve], y_from_zero=True)
+    charts.append(("seen", chart, remark))
+    load_mm, scaled = facts.built.surface.influence.load_mm, components_mm / facts.model.metadata.noise.sample_mm
+    says = "Components over the position of the contact, in units of the noise of a sample"
+    curves = [
+        Series(f"component {k + 1}", load_mm.tolist(), column.tolist(), k)
+        for k, column in enumerate(scaled.T[:MAX_CHARTED])
+    ]
+    charts.append(("components", Chart(says, at, "over the noise", curves), ""))
+    return charts

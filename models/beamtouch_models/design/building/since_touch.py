@@ -1,0 +1,179 @@
+"""The error of a model by the time since a touch, behind the filter that it is made for.
+
+Readings of the simulated world of `challenge` run through the daemon's own filter: of a touch that the beam follows at
+once, and of a sudden force, after which it rings in all modes with the damping of the scene. Few contacts are enough,
+because they only give the difference to the plain mean of their loaded readings, whose error comes from many contacts.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+
+from beamtouch_models.arrays import Floats
+from beamtouch_models.design.accuracy.limit import Draws, draw_evenly
+from beamtouch_models.design.accuracy.prior import Prior
+from beamtouch_models.design.accuracy.statistics import Measurement, mean_of, ratio_of
+from beamtouch_models.design.effort import USUAL, Effort
+from beamtouch_models.design.surface import Surface
+from beamtouch_models.design.world import SensorErrors, World
+from beamtouch_models.runtime.error_model import whitening
+from beamtouch_models.runtime.session import Run
+
+CONTACTS, KNOWN = 96, 4096
+"""Usual numbers of simulated contacts that run through the filter reading by reading, which bounds the time of a
+build, and of those of which only the plain mean of the readings is taken."""
+LEAST_CONTACTS, LEAST_KNOWN = 8, 256
+"""The smallest."""
+MOST = 256
+"""Most readings of a touch, and of the rest before it."""
+STILL = 8
+"""Readings at rest before a touch, beyond a period of the beam: the filter then knows that it lay still."""
+FIRST = 2
+"""Readings in the first answer: a single one may be a spike."""
+
+
+@dataclass(frozen=True)
+class Answer:
+    """The answer once so many readings of a touch have come."""
+
+    readings: int
+    since_ms: float
+    error_mm: Measurement
+    """Mean error, on a beam that follows the touch at once."""
+    ringing_mm: Measurement | None = None
+    """The same after a sudden force, after which the beam rings; None without it, or if its mass is not stated."""
+
+
+@dataclass(frozen=True, eq=False)
+class Touches:
+    """Simulated contacts on a world, and what is wrong with the sensors as long as a contact lasts."""
+
+    prior: Prior
+    world: World
+    drawn: Draws
+    shown_mm: Floats
+    """(contacts, channels) deflections at rest, at the sensors where they really stand."""
+    errors: SensorErrors
+
+    @classmethod
+    def draw(cls, prior: Prior, world: World, count: int, seed: int) -> Self:
+        """Draw at least `count` contacts of a prior, evenly."""
+        drawn, rng = draw_evenly(prior, count, seed), np.random.default_rng([seed, prior.channels])
+        shown = world.under(drawn.position_mm, drawn.force_n)
+        gain, zero_mm, mounting = rng.normal(size=(3, *shown.shape))
+        if prior.uncertain_at is not None:
+            shown = shown + mounting * drawn.force_n[:, None] * prior.uncertain_at(drawn.position_mm)
+        perfect = SensorErrors.none(*shown.shape)
+        errors = replace(perfect, gain=1 + gain * prior.gain, zero_mm=zero_mm * prior.zero_mm)
+        return cls(prior, world, drawn, shown, errors)
+
+    def errors_mm(self, run: Run, sample_mm: Floats, covariance_mm2: Floats) -> Floats:
+        """Return the errors (contacts,) of the answers to a sample of each contact, (contacts, channels).
+
+        A channel is NaN, and missing, if its only reading was taken for a spike or is beyond the sensor's range.
+        """
+        valid = np.isfinite(sample_mm)
+        weights = whitening(sample_mm, covariance_mm2, self.prior.gain, self.prior.zero_mm, valid)
+        answer = run(np.where(valid, sample_mm, 0.0), weights)["position_mm"].astype(np.float64)
+        error: Floats = np.abs(answer - self.drawn.position_mm)
+        return error
+
+    def plain_errors_mm(self, run: Run, count: int, noise: Floats) -> Floats:
+        """Return the errors (contacts,) for means of as many readings, whose noise is `noise` times its deviation."""
+        deviation_mm = self.world.reading_mm / math.sqrt(count)
+        sample_mm = self.world.measured(self.shown_mm[:, None], self.errors)[:, 0] + deviation_mm * noise
+        return self.errors_mm(run, sample_mm, np.eye(self.prior.channels) * deviation_mm**2)
+
+
+def answers_of_means(
+    prior: Prior,
+    run: Run,
+    surface: Surface,
+    world: World,
+    error_mm: Measurement,
+    seed: int,
+    effort: Effort = USUAL,
+) -> list[Answer]:
+    """Return the mean errors of a graph for plain means of loaded readings, on a beam that follows a touch at once.
+
+    They are those of the first answer, of the mean that the model is made for, and of longer ones.
+
+    Parameters
+    ----------
+    prior, run : of the model, and its graph
+    surface, world : the surface, and its world
+    error_mm : mean error of the model for a mean of `filter.window` readings at rest
+    seed : seed of contacts and noise
+    effort : how many contacts are drawn
+    """
+    window, rate_hz = surface.filter.window, surface.stated.sensors.rate_hz
+    longest = min(surface.filter.max_readings, max(MOST, window))
+    many = Touches.draw(prior, world, effort.of(KNOWN, LEAST_KNOWN), seed + 1)
+    noise = np.random.default_rng([seed, prior.channels]).normal(size=many.shown_mm.shape)
+    usual = many.plain_errors_mm(run, window, noise) * many.drawn.weight
+    found = []
+    for count in sorted({min(FIRST, longest), window, min(4 * window, longest), longest}):
+        ratio = ratio_of(many.plain_errors_mm(run, count, noise) * many.drawn.weight, usual)
+        scatter = math.hypot(ratio.standard_error * error_mm.value, ratio.value * error_mm.standard_error)
+        found.append(Answer(count, count * 1e3 / rate_hz, Measurement(ratio.value * error_mm.value, scatter)))
+    return found
+
+
+def answers_since_touch(
+    plain: Sequence[Answer],
+    prior: Prior,
+    run: Run,
+    surface: Surface,
+    world: World,
+    seed: int,
+    effort: Effort = USUAL,
+) -> list[Answer]:
+    """Return the mean errors of a model by the time since a touch, behind its filter.
+
+    `plain` are those of `answers_of_means`; so are the other arguments.
+    """
+    counts, chain = [answer.readings for answer in plain], surface.chain(prior.channels)
+    touches = Touches.draw(prior, world, effort.of(CONTACTS, LEAST_CONTACTS), seed)
+    # Readings at rest, and then touches, each at any time before the first loaded reading.
+    before, rng = STILL + min(MOST, math.ceil(surface.slowest_period)), np.random.default_rng([seed, counts[-1]])
+    since = np.arange(1 - before, counts[-1] + 1) - rng.uniform(size=(len(touches.shown_mm), 1))
+    since_s = since / surface.stated.sensors.rate_hz
+
+    def readings_of(ringing_mm: Floats | float = 0.0) -> Floats:
+        """Return readings (contacts, readings, channels), with the same noise each time, of a beam that rings."""
+        true_mm = (since_s > 0)[:, :, None] * (touches.shown_mm[:, None] + ringing_mm)
+        return world.readings(true_mm, touches.errors, np.random.default_rng([seed, 1]))
+
+    still, variance_mm2 = readings_of(), world.reading_mm**2 * np.eye(world.channels)
+    plain_mm = []
+    for count in counts:
+        loaded = still[:, before : before + count]
+        with np.errstate(invalid="ignore"):  # a channel that is always beyond its range is missing
+            mean = np.nansum(loaded, axis=1) / np.isfinite(loaded).sum(axis=1)
+        plain_mm.append(touches.errors_mm(run, mean, variance_mm2 / count))
+
+    def measure(readings_mm: Floats) -> list[Measurement]:
+        """Return the error behind the filter after each number of loaded readings."""
+        at, means, covariances = before - 1 + np.array(counts), [], []
+        for readings in readings_mm:
+            chain.restart()
+            filtered = chain.apply(readings)
+            # A channel whose newest reading is not good takes no part.
+            means.append(np.where(np.isnan(readings[at]), np.nan, filtered.mean_mm[at]))
+            covariances.append(filtered.covariances_mm2(at))
+        samples = zip(np.array(means).swapaxes(0, 1), np.array(covariances).swapaxes(0, 1), strict=True)
+        found = []
+        for one, sample, of_mean in zip(plain, samples, plain_mm, strict=True):
+            more = mean_of(touches.errors_mm(run, *sample) - of_mean, touches.drawn.weight)
+            scatter = math.hypot(one.error_mm.standard_error, more.standard_error)
+            found.append(Measurement(one.error_mm.value + more.value, scatter))
+        return found
+
+    answers = [replace(one, error_mm=error_mm) for one, error_mm in zip(plain, measure(still), strict=True)]
+    if world.modes is None:
+        return answers
+    rings = measure(readings_of(world.ringing_mm(touches.drawn.position_mm, touches.drawn.force_n, since_s)))
+    return [replace(one, ringing_mm=error_mm) for one, error_mm in zip(answers, rings, strict=True)]

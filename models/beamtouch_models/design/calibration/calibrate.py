@@ -1,0 +1,277 @@
+"""Calibration: recorded loads turn a model into one of the real surface.
+
+Self-calibration makes a model again for its surface by the same `rebuilt`.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from beamtouch_common.digits import digits
+from beamtouch_models.arrays import Floats
+from beamtouch_models.design.accuracy import limit
+from beamtouch_models.design.accuracy.prior import Prior
+from beamtouch_models.design.building.measure import measure
+from beamtouch_models.design.calibration.choice import averaged_fit
+from beamtouch_models.design.calibration.doubts import doubts
+from beamtouch_models.design.calibration.fit import Fit, fit
+from beamtouch_models.design.calibration.mistaken import MistakenLoad, mistaken
+from beamtouch_models.design.calibration.recordings import Loads, RecordingError
+from beamtouch_models.design.calibration.session import Session
+from beamtouch_models.design.calibration.swapped import swapped
+from beamtouch_models.design.calibration.theory import POSITION_MM, Theory
+from beamtouch_models.design.effort import USUAL, Effort
+from beamtouch_models.design.estimators.estimator import Estimator, estimator_of
+from beamtouch_models.design.estimators.onnx_graph import to_bytes, with_force_error, with_linear_input
+from beamtouch_models.design.placement.placing import Aim
+from beamtouch_models.design.surface import Surface, prior_of_model
+from beamtouch_models.design.sweeps import Fraction, Progress, silent
+from beamtouch_models.design.world import World
+from beamtouch_models.errors import ModelFileError, NotGoodEnoughError
+from beamtouch_models.names import ESTIMATORS
+from beamtouch_models.runtime.loading import ModelFile
+from beamtouch_models.runtime.metadata import Calibration, Departures, Metadata
+
+MAX_LEFT = 0.1
+"""Largest error of a fit, over the deflections that the scene predicts, and over the length.
+
+Above it, the recording is of another surface.
+"""
+MOVED = 0.01
+"""Deflection, in noises of a sample, below which a load moves no sensor."""
+UNRELATED = "Check that model, sensors, positions and forces belong together"
+WORSE = 1.05
+"""Factor by which the error of single samples may grow. Where a model is already right, the errors of the recording
+decide whether a fit locates its loads a little better or a little worse."""
+
+
+@dataclass(frozen=True)
+class CheckedFit:
+    """A fit to consistent loads that is better than the given model."""
+
+    fit: Fit
+    before_mm: Floats
+    """(loads,) position error of the given model."""
+    after_mm: Floats
+    """(loads,) position error of a fit without the load."""
+
+
+@dataclass(frozen=True)
+class Calibrated(CheckedFit):
+    """A model of the real surface, with the fit and its errors."""
+
+    content: bytes
+    metadata: Metadata
+    limit_mm: float
+    """Mean error of the best estimate for these loads at the noise of a sample."""
+
+
+def calibrate(
+    model: ModelFile,
+    loads: Loads,
+    progress: Progress,
+    mounting_mm: float = POSITION_MM,
+    effort: Effort = USUAL,
+) -> Calibrated:
+    """Fit a model to recorded loads and rebuild it; sensors stand where they should but for `mounting_mm`.
+
+    The fit takes all loads; `effort` is that of the measurements on the new model.
+
+    Raises
+    ------
+    RecordingError
+        A load contradicts the others, or channels or ends of the beam are swapped; the message names them.
+    NotGoodEnoughError
+        The fit locates left-out loads worse than the given model does, or explains too little of the recording.
+    """
+    metadata, checked = model.metadata, checked_fit(model, loads, progress, mounting_mm)
+    departures, before_mm, after_mm = checked.fit.departures, checked.before_mm, checked.after_mm
+    # The error of a prediction beyond the noise of the recording widens the intervals.
+    bends_mm = checked.fit.session.bends_mm(checked.fit.vector)
+    left_mm = (checked.fit.errors.residual_mm, checked.fit.prediction_mm, np.sqrt(np.nanmean(bends_mm**2)))
+    residual_mm = float(np.linalg.norm(left_mm))
+    # The floor of the scene comes with the model; what the fit leaves unexplained does not average away either.
+    zero_mm = np.hypot(Surface.of_model(metadata).readings.floor_mm, residual_mm)
+    # The offsets are what the zeros drifted between the tare and the recording. They went on to drift during it. The
+    # next tare takes both away.
+    drifted_mm = np.abs(checked.fit.session.drift_mm(checked.fit.vector)).max(axis=0)
+    prior = replace(
+        checked.fit.theory.prior_with(departures),
+        gain=np.array(metadata.floor.gain),
+        zero_mm=np.hypot(np.hypot(zero_mm, departures.offset_mm), drifted_mm),
+    )
+    calibration = Calibration(
+        departures=departures,
+        fitted=[kind for kind in checked.fit.kinds if kind in checked.fit.theory.kinds],
+        loads=len(loads.number),
+        residual_mm=residual_mm,
+        error_before_mm=float(before_mm.mean()),
+        error_after_mm=float(after_mm.mean()),
+    )
+    content, fresh = rebuilt(metadata, prior, calibration, progress, effort)
+    best_mm = limit_mm(prior, loads, metadata.seed)
+    return Calibrated(checked.fit, before_mm, after_mm, content, fresh, best_mm)
+
+
+def checked_fit(model: ModelFile, loads: Loads, progress: Progress, mounting_mm: float = POSITION_MM) -> CheckedFit:
+    """Fit the departures of a model's surface to recorded loads; raises as `calibrate`."""
+    theory = replace(Theory.of(model.metadata), mounting_mm=mounting_mm)
+    names = [channel.name for channel in model.metadata.layout]
+    swap = swapped(theory, loads, names)
+    if swap:
+        raise RecordingError(swap)
+    doubt, possible = doubts(theory, loads, names)
+    if doubt:
+        raise RecordingError(doubt)
+    mistaken_loads = mistaken(theory, loads, lambda done: progress("looking for loads that do not fit", 0.3 * done))
+    if mistaken_loads:
+        raise RecordingError(_contradiction(loads, mistaken_loads))
+    progress("fitting", 0.4)
+    found = averaged_fit(fit(theory, loads, (*Session(theory, loads).usual_kinds, *possible)))
+    expected_mm = theory.curve(np.zeros(theory.size)).measured_mm(loads.position_mm, loads.force_n)
+    expected_mm = expected_mm[np.isfinite(loads.measured_mm)]
+    if not np.abs(expected_mm).max() > MOVED * theory.prior.noise_mm:
+        raise NotGoodEnoughError(
+            "nothing was written: by this model, none of the loads moves a sensor; record loads elsewhere"
+        )
+    left = found.error_mm / float(np.sqrt((expected_mm**2).mean()))
+    if not left <= MAX_LEFT:
+        hint = _scale_hint(loads.measured_mm[np.isfinite(loads.measured_mm)], expected_mm)
+        raise NotGoodEnoughError(_another_surface(f"leaves {left:.0%} of the expected deflections unexplained", hint))
+    before = _errors_mm(
+        prior_of_model(model.metadata), model.metadata.departures, found.session.as_of_surface(found.vector)
+    )
+    after = np.empty(len(loads.number))
+    for index in range(len(after)):
+        progress("leaving out one load at a time", 0.5 + 0.2 * index / len(after))
+        others = fit(theory, loads.without(index), found.kinds, found.vector, sizes=found.sizes)
+        load = Session(theory, loads[[index]]).as_of_surface(others.vector)
+        after[index] = _errors_mm(theory.prior_with(others.departures), others.departures, load)[0]
+    # A single sample has this error in addition, and the loads themselves stand a little off.
+    best = float(np.hypot(limit_mm(theory.prior, loads, model.metadata.seed, draws=100), loads.errors.placing_mm))
+    if not after.mean() <= max(MAX_LEFT * model.metadata.length_mm, best):
+        raise NotGoodEnoughError(_another_surface(f"locates left-out loads to {digits(after.mean(), 3)} mm"))
+    if np.hypot(after.mean(), best) > WORSE * np.hypot(before.mean(), best):
+        raise NotGoodEnoughError(_worse(loads, before, after))
+    return CheckedFit(found, before, after)
+
+
+def _errors_mm(prior: Prior, departures: Departures, loads: Loads) -> Floats:
+    """Return the position errors (loads,) of loads that are located from the means of their samples.
+
+    The noise is that of the mean, without the floor. With that of a single sample, a weak load would be drawn towards
+    the middle of the range, which can hide an error of the surface.
+    """
+    errors = np.empty(len(loads.number))
+    for index, (measured, deviation) in enumerate(zip(loads.measured_mm, loads.deviation_mm, strict=True)):
+        valid = np.isfinite(measured)
+        noise_mm = float(deviation[valid].mean())
+        exact = replace(prior, noise_mm=noise_mm, gain=0.0, zero_mm=0.0, uncertain_at=None)
+        linear_mm = departures.linear_mm(measured)[valid][None]
+        found_mm = limit.posterior_median_mm(exact.without(*np.flatnonzero(~valid).tolist()), linear_mm)[0]
+        errors[index] = abs(found_mm - loads.position_mm[index])
+    return errors
+
+
+def limit_mm(prior: Prior, loads: Loads, seed: int, draws: int = 400) -> float:
+    """Return the mean error of the best estimate for samples of these loads."""
+    rng = np.random.default_rng(seed)
+    clean = loads.force_n[:, None] * prior.influence_at(loads.position_mm)
+    noise = rng.normal(size=(draws, *clean.shape)) * prior.deviation_mm(clean)
+    readings = (clean + noise).reshape(-1, prior.channels)
+    off = limit.posterior_median_mm(prior, readings).reshape(draws, -1) - loads.position_mm
+    return float(np.abs(off).mean())
+
+
+def _contradiction(loads: Loads, mistaken_loads: tuple[MistakenLoad, ...]) -> str:
+    """Return the message that names the loads that contradict the others, and where the others place them."""
+    told = [
+        f"{loads.in_words(one.index)} says {loads.position_mm[one.index]:g} mm "
+        f"and {loads.force_n[one.index]:g} N, but the other loads place it at {digits(one.position_mm, 4)} mm with "
+        f"{digits(one.force_n, 3)} N"
+        for one in mistaken_loads
+    ]
+    alternatives = not all(one.certain for one in mistaken_loads)
+    what = "either load may be wrong: " if alternatives and len(mistaken_loads) > 1 else ""
+    numbers = " ".join(f"--leave-out {loads.number[one.index]}" for one in mistaken_loads)
+    end = "record more loads to find out which" if what else f"correct it, or use {numbers}"
+    return f"{what}{'; '.join(told)}; {end}; nothing was written"
+
+
+def _another_surface(shown: str, hint: str = UNRELATED) -> str:
+    """Return the message that a recording is not of this surface; `shown` says what the best fit does."""
+    return (
+        f"nothing was written: the recording does not fit this model's surface. The best fit {shown}. "
+        f"{hint}, and record again"
+    )
+
+
+def _scale_hint(measured_mm: Floats, expected_mm: Floats) -> str:
+    """Return the advice on deflections (samples,) that a fit does not explain; they may all be wrong by a factor."""
+    factor = float(measured_mm @ expected_mm) / float(expected_mm @ expected_mm)
+    rest = np.linalg.norm(measured_mm - factor * expected_mm)
+    if not rest <= MAX_LEFT * np.linalg.norm(measured_mm):
+        return UNRELATED
+    if factor < 0:
+        cause = "a deflection is positive in the direction of the load, so check the signs"
+    else:
+        cause = "check the units of deflections and forces (1 kg weighs 9.81 N), and the beam's dimensions"
+    return f"All deflections are {digits(factor, 2)} times what the model expects: {cause}"
+
+
+def _worse(loads: Loads, before: Floats, after: Floats) -> str:
+    worst = int(after.argmax())
+    return (
+        "nothing was written: a model fitted to these loads would be worse. A fit locates left-out loads to "
+        f"{digits(after.mean(), 4)} mm, the given model to {digits(before.mean(), 4)} mm. The largest error is that "
+        f"of {loads.in_words(worst)}, {digits(after[worst], 3)} mm. Keep the model, or check the loads and record more "
+        "over the whole beam"
+    )
+
+
+def rebuilt(
+    metadata: Metadata, prior: Prior, calibration: Calibration, progress: Progress, effort: Effort = USUAL
+) -> tuple[bytes, Metadata]:
+    """Return the file of a model with another prior, and its metadata; the prior holds the departures.
+
+    Raises
+    ------
+    ModelFileError
+        This version does not have the model's estimator.
+    """
+    made = remade(metadata, prior, calibration, lambda done: progress("making the estimator", 0.7 + 0.1 * done), effort)
+    progress("measuring the accuracy against the limit", 0.85)
+    surface = Surface.of_model(metadata)
+    noise_mm, departures = surface.modelled_readings.sensor_mm, calibration.departures
+    world = World.of(surface.stated, metadata.sensor, metadata.layout_mm, noise_mm, departures)
+    aim = Aim(metadata.placed.criterion, metadata.placed.spare, effort=effort)
+    fields = measure(made, prior, surface, world, metadata.seed, aim)
+    fresh = metadata.model_copy(update={**vars(fields), "calibration": calibration})
+    return to_bytes(made.graph, fresh), fresh
+
+
+def remade(
+    metadata: Metadata,
+    prior: Prior,
+    calibration: Calibration,
+    progress: Fraction = silent,
+    effort: Effort = USUAL,
+) -> Estimator:
+    """Return the estimator of a model for another prior; raises as `rebuilt`."""
+    name = next((known for known in ESTIMATORS if known == metadata.estimator), None)
+    if name is None:
+        raise ModelFileError(f"this version has no estimator {metadata.estimator!r}; build the model again")
+    with_force = "force_n" in metadata.golden.answers
+    min_noise_mm = metadata.filter.min_noise_mm(metadata.noise)
+    made = estimator_of(
+        name,
+        prior,
+        min_noise_mm=min_noise_mm,
+        with_force=with_force,
+        seed=metadata.seed,
+        progress=progress,
+        effort=effort,
+    )
+    departures = calibration.departures
+    graph = with_linear_input(made.graph, np.array(departures.offset_mm), departures.curve_per_mm)
+    return replace(made, graph=with_force_error(graph, calibration.force_error))

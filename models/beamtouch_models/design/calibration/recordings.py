@@ -1,0 +1,355 @@
+"""The files of a calibration: loads that `beamtouch-daemon record` wrote, averaged per load, and unlabelled contacts.
+
+Unlabelled contacts are mean deflections per event, from a file that the service offers; place and force are unknown.
+"""
+
+import csv
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from datetime import datetime
+from itertools import zip_longest
+from pathlib import Path
+
+import numpy as np
+
+from beamtouch_common.digits import digits
+from beamtouch_common.encodings import decode
+from beamtouch_common.errors import InputError
+from beamtouch_models.arrays import Bools, Floats, Indices
+from beamtouch_models.runtime.health.changes import DRIFT
+from beamtouch_models.runtime.health.residuals import LoadErrors
+from beamtouch_models.runtime.metadata import Metadata
+
+MIN_POSITIONS = 4
+MIN_SPREAD = 0.4
+"""Smallest spread of the positions, over the range of positions: of known loads, or of the middle 80 % of contacts."""
+MIN_SAMPLES = 5
+MAX_DEFLECTIONS = 100.0
+"""Largest deflection, over the largest of the model; a larger one cannot be in mm."""
+FORCE_FACTOR = 1000.0
+"""Factor by which a force may lie below or above the range of forces; beyond, it cannot be in N."""
+GOOD, TIME = "good", "unix_time_s"
+MAX_MINUTES = 24 * 60.0
+"""Longest recording; if it takes longer, the times of its loads say nothing of their zeros."""
+STATED = LoadErrors(placing_mm=1.0, force=0.01)
+"""Errors of loads that a person places by a ruler and weighs on a scale."""
+
+
+class RecordingError(InputError):
+    """A recording cannot be read, belongs to another surface, or cannot determine a fit."""
+
+
+@dataclass(frozen=True)
+class Loads:
+    """Known loads and the deflections that the sensors measured."""
+
+    number: Indices
+    """(loads,) numbers in the file."""
+    position_mm: Floats
+    force_n: Floats
+    measured_mm: Floats
+    """(loads, channels) mean deflection; NaN if a channel was not good."""
+    deviation_mm: Floats
+    """(loads, channels) standard deviation of that mean."""
+    lines: Indices
+    """(loads, 2) first and last line of each load in the file, counted from 1."""
+    minutes: Floats
+    """(loads,) time of each load since the first; 0 if the file has no times."""
+    errors: LoadErrors = STATED
+    """Stated errors of the positions and forces of the loads."""
+
+    def without(self, *indices: int) -> "Loads":
+        """Return all loads but some."""
+        return self[~np.isin(np.arange(len(self.number)), indices)]
+
+    def __getitem__(self, kept: Bools | list[int]) -> "Loads":
+        arrays = ("number", "position_mm", "force_n", "measured_mm", "deviation_mm", "lines", "minutes")
+        return replace(self, **{name: getattr(self, name)[kept] for name in arrays})
+
+    def in_words(self, index: int) -> str:
+        """Return the number of a load, and where it is in its file."""
+        first, last = self.lines[index]
+        where = f"line {first}" if first == last else f"lines {first} to {last}"
+        return f"load {self.number[index]} ({where})"
+
+
+def read_loads(path: Path, metadata: Metadata, leave_out: Sequence[int] = ()) -> Loads:
+    """Read and average a recording, leaving out some loads by number; raises RecordingError with the reason."""
+    channels = [channel.name for channel in metadata.layout]
+    rows, columns = _read_rows(path)
+    if not rows:
+        raise RecordingError(f"{path}: no samples; record loads with beamtouch-daemon record")
+    wanted = ["load", "position_mm", "force_n", *(f"{name}_deflection_mm" for name in channels)]
+    missing = [column for column in wanted if column not in columns]
+    if missing:
+        raise RecordingError(
+            f"{path}: column {missing[0]} is missing; this model needs the columns {', '.join(wanted)}"
+        )
+    try:
+        loads = _averaged(rows, channels, metadata)
+        for number in leave_out:
+            if number not in loads.number:
+                raise RecordingError(
+                    f"no load {number} to leave out; the loads are {', '.join(map(str, loads.number))}"
+                )
+        loads = loads[~np.isin(loads.number, leave_out)]
+        _check(loads, metadata)
+    except RecordingError as error:
+        raise RecordingError(f"{path}: {error}") from None
+    return loads
+
+
+@dataclass(frozen=True)
+class _Line:
+    """A row of a CSV file, and its last line there, counted from 1."""
+
+    number: int
+    cells: dict[str, str]
+    """By the names of their columns; empty if the row is too short."""
+
+    def number_in(self, column: str) -> float:
+        """Return the number in a column; raises RecordingError if there is none."""
+        cell = self.cells[column]
+        try:
+            return float(cell)
+        except ValueError:
+            stated = f"states {cell!r}, which is not a number" if cell else "is empty"
+            raise RecordingError(f"line {self.number}: {column} {stated}; write 12.5, without a unit") from None
+
+    def load(self) -> int:
+        """Return the number of the load; raises RecordingError if it is no whole number."""
+        number = self.number_in("load")
+        if not number.is_integer():
+            raise RecordingError(f"line {self.number}: load is {number:g}; number the loads 1, 2, 3")
+        return int(number)
+
+
+def _read_rows(path: Path) -> tuple[list[_Line], Sequence[str]]:
+    """Return the rows of a CSV file, without empty ones, and the columns; raises RecordingError if it is none."""
+    try:
+        reader = csv.reader(io.StringIO(decode(path.read_bytes()), newline=""), skipinitialspace=True)
+        columns = next(reader, [])
+        given = [(reader.line_num, cells) for cells in reader if any(cells)]
+    except (OSError, ValueError, csv.Error) as error:
+        reason = error.strerror if isinstance(error, OSError) else f"not a CSV file: {error}"
+        raise RecordingError(f"{path}: {reason}") from None
+    for mark, name in ((";", "semicolons"), ("\t", "tabs")):
+        if len(columns) == 1 and mark in columns[0]:
+            remedy = "separate them by commas, and write decimals with a point"
+            raise RecordingError(f"{path}: {name} separate the columns; {remedy}")
+    twice = [name for name in columns if name and columns.count(name) > 1]
+    if twice:
+        raise RecordingError(f"{path}: two columns are named {twice[0]}; take one out")
+    for number, cells in given:
+        if len(columns) > 1 and any(cells[len(columns) :]):
+            raise RecordingError(
+                f"{path}: line {number} has {len(cells)} values in {len(columns)} columns; write decimals with a point"
+            )
+    rows = [_Line(number, dict(zip_longest(columns, cells[: len(columns)], fillvalue=""))) for number, cells in given]
+    return rows, columns
+
+
+def _averaged(rows: list[_Line], channels: list[str], metadata: Metadata) -> Loads:
+    """Return the means of all loads; raises RecordingError if a value is not a number."""
+    number, line = np.array([row.load() for row in rows]), np.array([row.number for row in rows])
+    position, force = (np.array([row.number_in(column) for row in rows]) for column in ("position_mm", "force_n"))
+    measured = np.array([[_deflection_mm(row, name) for name in channels] for row in rows])
+    beyond = np.argwhere(np.abs(measured) > MAX_DEFLECTIONS * metadata.max_deflection_mm)
+    if len(beyond):
+        row, channel = beyond[0]
+        raise RecordingError(
+            f"{channels[channel]} states {measured[row, channel]:g} mm in line {line[row]}, but this surface deflects "
+            f"by {digits(metadata.max_deflection_mm, 3)} mm at most; check the unit and the daemon's config"
+        )
+    loads = np.unique(number)
+    each = [np.flatnonzero(number == load) for load in loads]
+    for name, values in (("position_mm", position), ("force_n", force)):
+        for load, own in zip(loads, each, strict=True):
+            said = values[own[0]]
+            differs = own[(values[own] != said) & ~np.isnan(said)]
+            if len(differs):
+                raise RecordingError(
+                    f"load {load} has a {name} of {said:g} in line {line[own[0]]} and of {values[differs[0]]:g} in "
+                    f"line {line[differs[0]]}; give each load a number of its own"
+                )
+    good = np.array([np.isfinite(measured[own]).sum(axis=0) for own in each])
+    sums = np.array([np.nansum(measured[own], axis=0) for own in each])
+    mean = np.where(good >= MIN_SAMPLES, sums / np.maximum(good, 1), np.nan)
+    # Samples of a moving average share readings, so their mean is only as good as that of as many readings.
+    deviation = metadata.noise.reading_mm / np.sqrt(np.maximum(good, 1))
+    ends = np.array([(own[0], own[-1]) for own in each])
+    return Loads(loads, position[ends[:, 0]], force[ends[:, 0]], mean, deviation, line[ends], _minutes(rows, each))
+
+
+def _minutes(rows: list[_Line], each: list[Indices]) -> Floats:
+    """Return the time of each load since the first [min]; 0 if some load has none."""
+    try:
+        seconds = np.array([float(row.cells.get(TIME, "")) for row in rows])
+    except ValueError:
+        return np.zeros(len(each))
+    minutes = np.array([seconds[own].mean() for own in each]) / 60
+    since: Floats = minutes - minutes.min()
+    return since if np.isfinite(since).all() and since.max() < MAX_MINUTES else np.zeros(len(each))
+
+
+def _deflection_mm(row: _Line, channel: str) -> float:
+    """Return a channel's deflection; NaN if it has none, or is not good."""
+    column, quality = f"{channel}_deflection_mm", row.cells.get(f"{channel}_quality", GOOD)
+    return row.number_in(column) if row.cells[column] and quality == GOOD else np.nan
+
+
+def _check(loads: Loads, metadata: Metadata) -> None:
+    """Raise RecordingError if no fit could use the loads."""
+    (low, high), (weakest, strongest) = metadata.ranges.position_mm, metadata.ranges.force_n
+    short: Bools = np.all(np.isnan(loads.measured_mm), axis=1)
+    if short.size and short.all():
+        raise RecordingError(
+            f"no load has {MIN_SAMPLES} good samples of a channel; each load needs {MIN_SAMPLES} rows or more"
+        )
+    for index, (position, force) in enumerate(zip(loads.position_mm, loads.force_n, strict=True)):
+        number, load = loads.number[index], loads.in_words(index)
+        if not low <= position <= high:
+            raise RecordingError(f"load {number} at {position:g} mm is not within {low:g}..{high:g} mm")
+        if force <= 0 or not weakest / FORCE_FACTOR <= force <= strongest * FORCE_FACTOR:
+            raise RecordingError(
+                f"{load} has a force of {force:g} N, but the model is for {weakest:g}..{strongest:g} N; correct it, "
+                f"or use --leave-out {number}"
+            )
+        if short[index]:
+            raise RecordingError(
+                f"{load} has fewer than {MIN_SAMPLES} good samples of each channel; record it again, or use "
+                f"--leave-out {number}"
+            )
+    positions = np.unique(loads.position_mm)
+    spread = float(np.ptp(positions)) / (high - low) if len(positions) else 0.0
+    if len(positions) < MIN_POSITIONS or spread < MIN_SPREAD:
+        raise RecordingError(
+            f"{len(positions)} different positions over {spread:.0%} of the range cannot determine a fit; record at "
+            f"least {MIN_POSITIONS}, preferably 10, spread over the whole beam"
+        )
+    silent = np.isnan(loads.measured_mm).all(axis=0)
+    if silent.any():
+        name = metadata.layout[int(silent.argmax())].name
+        raise RecordingError(f"{name} has no good samples; check it and record again")
+
+
+MAX_CONTACTS = 2000
+"""Largest number of contacts that are used, the newest; it bounds the time of a fit."""
+SURELY = 4.0
+"""Deviations of each rest that may be noise."""
+MIN_DEVIATION = 1e-6
+"""Smallest deviation of a mean, over the largest deflection of the model: no sensor is so steady, and rounding would
+hide it beside the errors of a contact."""
+MAX_BYTES = 64 << 20
+"""Largest file; a row takes about 200 bytes."""
+
+
+@dataclass(frozen=True)
+class UnlabelledContacts:
+    """Contacts of unknown place and force."""
+
+    measured_mm: Floats
+    """(contacts, channels) mean deflection."""
+    deviation_mm: Floats
+    """(contacts, channels) standard deviation of that mean."""
+    other_characteristic: int = 0
+    """Number of rows that were left out because they have an older characteristic."""
+    older: int = 0
+    """Number of rows that were left out because there are more than `MAX_CONTACTS` newer ones."""
+    rest_mm: Floats | None = None
+    """(contacts, 2, channels) mean deflection of the rest before each contact and its deviation, NaN where it was not
+    seen; None without any."""
+
+    def __len__(self) -> int:
+        return len(self.measured_mm)
+
+    def noise_mm(self, zero_mm: Floats, left_error: float) -> Floats:
+        """Return the standard deviation (contacts, channels) with zeros and a relative error of the deflections."""
+        deviation: Floats = np.sqrt(self.deviation_mm**2 + zero_mm**2 + (left_error * self.measured_mm) ** 2)
+        return deviation
+
+    def moved_zeros(self, zero_mm: Floats) -> Indices:
+        """Return the channels whose rests surely differ by more than `DRIFT` times the drift `zero_mm` (channels,).
+
+        The fit takes a zero to be the same in all contacts.
+        """
+        if self.rest_mm is None:
+            return np.empty(0, np.intp)
+        rest, deviation = self.rest_mm[~np.isnan(self.rest_mm).any(axis=(1, 2))].transpose(1, 0, 2)
+        highest = (rest - SURELY * deviation).max(axis=0, initial=-np.inf)
+        lowest = (rest + SURELY * deviation).min(axis=0, initial=np.inf)
+        return np.flatnonzero(highest - lowest > DRIFT * zero_mm)
+
+
+@dataclass(frozen=True)
+class _Row:
+    """A row of a file of contacts, checked."""
+
+    event: tuple[str, str]
+    time: datetime
+    characteristic: str
+    values_mm: list[list[float]]
+    """(4, channels) mean and deviation of the contact, and of the rest before it; NaN where that was not seen."""
+
+
+def read_contacts(path: Path, metadata: Metadata) -> UnlabelledContacts:
+    """Read the contacts of a model's surface; raises RecordingError with the reason.
+
+    Rows of the newest characteristic count, and an event counts once.
+    """
+    channels = [channel.name for channel in metadata.layout]
+    if path.is_file() and path.stat().st_size > MAX_BYTES:
+        raise RecordingError(f"{path}: it is larger than {MAX_BYTES >> 20} MiB; fetch fewer contacts, with ?limit=")
+    given, columns = _read_rows(path)
+    wanted = ["event", "time", "model", "characteristic"]
+    wanted += [f"{name}_{end}" for end in ("mm", "sd_mm") for name in channels]
+    missing = [column for column in wanted if column not in columns]
+    if missing:
+        raise RecordingError(f"{path}: column {missing[0]} is missing; fetch the contacts of this model's surface")
+    others = [column.removesuffix("_sd_mm") for column in columns if column.endswith("_sd_mm")]
+    # A column such as s1_rest_sd_mm says more of a known channel.
+    foreign = [name for name in others if not f"{name}_".startswith(tuple(f"{channel}_" for channel in channels))]
+    if foreign:
+        remedy = "fetch the contacts of its surface"
+        raise RecordingError(f"{path}: it has a channel {foreign[0]}, which this model has not; {remedy}")
+    if not given:
+        raise RecordingError(f"{path}: no contacts; fetch them with GET /surfaces/NAME/calibration-data")
+    by_event = {}
+    for line in given:
+        try:
+            checked = _checked(line.cells, channels, metadata)
+        except RecordingError as error:
+            raise RecordingError(f"{path}: line {line.number}: {error}") from None
+        by_event[checked.event] = checked
+    rows = sorted(by_event.values(), key=lambda row: row.time)
+    same = [row for row in rows if row.characteristic == rows[-1].characteristic]
+    values = np.array([row.values_mm for row in same[-MAX_CONTACTS:]])
+    left_out = len(rows) - len(same), len(same) - len(values)
+    return UnlabelledContacts(values[:, 0], values[:, 1], *left_out, rest_mm=values[:, 2:])
+
+
+def _checked(row: dict[str, str], channels: list[str], metadata: Metadata) -> _Row:
+    """Return a row as numbers; raises RecordingError with the reason."""
+    if (row["model"] or "").rpartition("@")[0] != metadata.name:
+        raise RecordingError(f"it is of the model {row['model']}, but this model's name is {metadata.name}")
+    try:
+        time = datetime.fromisoformat(row["time"] or "")
+        measured, deviation = ([float(row[f"{name}_{end}"]) for name in channels] for end in ("mm", "sd_mm"))
+        rest = [[float(row.get(f"{name}_{end}") or "nan") for name in channels] for end in ("rest_mm", "rest_sd_mm")]
+    except (ValueError, TypeError):
+        raise RecordingError("a value is missing, or not a number or a time") from None
+    if time.tzinfo is None:
+        raise RecordingError(f"the time {row['time']} has no zone; it must end in Z")
+    for name, value, error in zip(channels, measured, deviation, strict=True):
+        if not (np.isfinite(value) and 0 < error < np.inf):
+            raise RecordingError(f"{name} must have a finite deflection and a positive finite deviation")
+        if max(abs(value), error) > MAX_DEFLECTIONS * metadata.max_deflection_mm:
+            raise RecordingError(
+                f"{name} states {value:g} +- {error:g} mm, but this surface deflects by "
+                f"{digits(metadata.max_deflection_mm, 3)} mm at most; check the unit and the daemon's config"
+            )
+    if np.nanmax(np.abs(rest), initial=0.0) > MAX_DEFLECTIONS * metadata.max_deflection_mm:
+        raise RecordingError("the rest before it is larger than any deflection; check the unit and the daemon's config")
+    deviation = [max(error, MIN_DEVIATION * metadata.max_deflection_mm) for error in deviation]
+    return _Row((row["event"] or "", row["time"]), time, row["characteristic"] or "", [measured, deviation, *rest])

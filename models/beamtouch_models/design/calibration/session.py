@@ -1,0 +1,157 @@
+"""A recording of known loads, with all that may explain it: the surface, and what the recording itself adds.
+
+Zeros drift while loads are recorded, so each load counts from another zero; the times of the loads show it. A weight
+that nobody stated, such as a hanger, makes each load heavier by the same force. A channel whose characteristic is
+wrong, as when a curved sensor is described as straight, bends its deflections as no other channel does. All three are
+fitted beside the departures of the surface. Drift is usual; the other two are mistakes, which are named.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from beamtouch_models.arrays import Floats, Indices
+from beamtouch_models.design.calibration.recordings import Loads
+from beamtouch_models.design.calibration.theory import GRID, MAX_DEPARTURE, OFFSET_NOISES, Theory
+from beamtouch_models.runtime.health.residuals import Residuals
+
+DRIFTING, WEIGHT = "drift", "weight"
+WEIGHT_SHARE = 0.1
+"""Standard deviation of a plausible weight that nobody stated, over the mean force of the loads."""
+OWN_BEND = 0.2
+"""Standard deviation of the relative bend of one channel at full travel, and of its change along the travel."""
+SESSION_MIN = 10.0
+"""Usual time in which loads are recorded."""
+BENDS = 2
+"""Terms of the bend of a channel: the square and the cube of its deflection."""
+
+
+def bend_of(channel: int) -> str:
+    """Return the kind that is the own bend of a channel."""
+    return f"bend {channel}"
+
+
+@dataclass(frozen=True)
+class Session:
+    """A recording, and the vector of what may explain it: the departures of the surface, then its own kinds."""
+
+    theory: Theory
+    loads: Loads
+
+    @cached_property
+    def kinds(self) -> dict[str, slice]:
+        """All kinds with their places in the vector, which has units of their plausible sizes."""
+        kinds, begin, channels = self.theory.kinds.copy(), self.theory.size, self.theory.prior.channels
+        for kind, size in (DRIFTING, channels), (WEIGHT, 1), *((bend_of(one), BENDS) for one in range(channels)):
+            kinds[kind] = slice(begin, begin + size)
+            begin += size
+        return kinds
+
+    @property
+    def usual_kinds(self) -> tuple[str, ...]:
+        """The kinds that are no mistakes: all departures, and drift if the loads have times."""
+        return (*self.theory.kinds, *((DRIFTING,) if self.loads.minutes.any() else ()))
+
+    @property
+    def size(self) -> int:
+        """Length of the vector."""
+        return self.theory.size + 1 + (1 + BENDS) * self.theory.prior.channels
+
+    def places_of(self, kinds: tuple[str, ...]) -> Indices:
+        """Return the places of some kinds in the vector."""
+        places = np.arange(self.size)
+        return np.concatenate([places[:0], *(places[self.kinds[kind]] for kind in kinds)])
+
+    def about(self, sizes: Mapping[str, float]) -> Floats:
+        """Return the standard deviation of the prior of each entry, from sizes by kind."""
+        about = np.ones(self.size)
+        for kind, size in sizes.items():
+            about[self.kinds[kind]] = size
+        return about
+
+    def bounds_of(self, free: Indices) -> tuple[Floats, Floats]:
+        """Return the smallest and the largest values of fitted entries."""
+        low, high = self.theory.bounds_of(np.arange(self.theory.size))
+        own = np.full(self.size - self.theory.size, MAX_DEPARTURE)
+        return np.concatenate([low, -own])[free], np.concatenate([high, own])[free]
+
+    def drift_mm(self, vector: Floats) -> Floats:
+        """Return how far the zero of each channel has drifted at each load, (loads, channels)."""
+        drift: Floats = self._drift_unit_mm[:, None] * vector[self.kinds[DRIFTING]]
+        return drift
+
+    def as_of_surface(self, vector: Floats) -> Loads:
+        """Return the loads without what the recording itself adds."""
+        measured_mm = self.loads.measured_mm - self.drift_mm(vector) - self.bends_mm(vector)
+        return replace(self.loads, measured_mm=measured_mm, force_n=self.loads.force_n + self.weight_n(vector))
+
+    def rates_um_per_min(self, vector: Floats) -> Floats:
+        """Return the drift of each channel (channels,)."""
+        rates: Floats = 1e3 * self._rate_mm_per_min * vector[self.kinds[DRIFTING]]
+        return rates
+
+    def weight_n(self, vector: Floats) -> float:
+        """Return the force that each load has beyond what is stated."""
+        return self.weight_unit_n * float(vector[self.kinds[WEIGHT]][0])
+
+    def bends_mm(self, vector: Floats) -> Floats:
+        """Return what the own bends of the channels take off their deflections (loads, channels)."""
+        return np.stack(
+            [self._bend_units_mm[:, :, one] @ vector[self.kinds[bend_of(one)]] for one in range(self._channels)], axis=1
+        )
+
+    def residuals(self, vector: Floats) -> Residuals:
+        """Return the residuals of the loads."""
+        loads, curve = self.as_of_surface(vector), self.theory.curve(vector)
+        return Residuals.of(curve, loads.position_mm, loads.force_n, loads.measured_mm, loads.deviation_mm)
+
+    def slopes(self, vector: Floats, kinds: tuple[str, ...]) -> Floats:
+        """Return the change of what is expected of each deflection with each entry, (loads, channels, entries).
+
+        It is 0 for the entries of other kinds than `kinds`, and without a measurement.
+        """
+        loads, of_theory = self.loads, [kind for kind in kinds if kind in self.theory.kinds]
+        force_n, channels = loads.force_n + self.weight_n(vector), np.arange(self._channels)
+        slopes = np.zeros((*loads.measured_mm.shape, self.size))
+        departing = self.theory.slopes(vector[: self.theory.size], loads.position_mm, force_n, of_theory)
+        slopes[..., : self.theory.size] = departing
+        if DRIFTING in kinds:
+            slopes[:, channels, self.kinds[DRIFTING].start + channels] = self._drift_unit_mm[:, None]
+        if WEIGHT in kinds:
+            _, by_force = self.theory.curve(vector).moved_mm(loads.position_mm, force_n)
+            slopes[..., self.kinds[WEIGHT].start] = self.weight_unit_n * by_force / force_n[:, None]
+        for channel in channels.tolist():
+            if bend_of(channel) in kinds:
+                slopes[:, channel, self.kinds[bend_of(channel)]] = self._bend_units_mm[:, :, channel]
+        return slopes * np.isfinite(loads.measured_mm)[..., None]
+
+    @property
+    def _channels(self) -> int:
+        return self.theory.prior.channels
+
+    @property
+    def _rate_mm_per_min(self) -> float:
+        """A plausible drift: as stated, and at least one that shows in a usual session."""
+        return max(self.theory.drift_mm_per_min, OFFSET_NOISES * self.theory.prior.noise_mm / SESSION_MIN)
+
+    @property
+    def _drift_unit_mm(self) -> Floats:
+        """(loads,) plausible drift from the first load to each."""
+        return self._rate_mm_per_min * self.loads.minutes
+
+    @property
+    def weight_unit_n(self) -> float:
+        """A plausible weight that nobody stated."""
+        return WEIGHT_SHARE * float(self.loads.force_n.mean())
+
+    @cached_property
+    def _bend_units_mm(self) -> Floats:
+        """(loads, terms, channels) deflection that the terms of a plausible bend add; they vanish at rest."""
+        prior = self.theory.prior
+        shapes = prior.influence_at(np.linspace(*prior.position_mm, GRID))
+        full_mm = prior.force_n[1] * np.abs(shapes).max(axis=0)
+        share = self.loads.measured_mm[:, None] / full_mm
+        units_mm: Floats = OWN_BEND * full_mm * share ** (2 + np.arange(BENDS))[:, None]
+        return units_mm

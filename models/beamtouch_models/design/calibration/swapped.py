@@ -1,0 +1,84 @@
+"""The search for swapped cables, inverted sensors and swapped ends of the beam in a recording.
+
+Cables that were swapped after the tare also move the zeros, by the difference of the two rest gaps. So each wiring is
+tried with the zeros as tared, and with zeros of its own.
+"""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from beamtouch_common.digits import digits
+from beamtouch_models.arrays import Floats
+from beamtouch_models.design.calibration.fit import fit
+from beamtouch_models.design.calibration.mistaken import AGREED
+from beamtouch_models.design.calibration.recordings import Loads
+from beamtouch_models.design.calibration.session import Session
+from beamtouch_models.design.calibration.theory import Theory
+from beamtouch_models.runtime.decision.wrong_channels import wirings
+
+POOR_NOISES = 8.0
+"""Residual, in noises of a sample, below which loads agree with the channels as they are."""
+BETTER = 3.0
+"""Factor by which the scatter must shrink when something is swapped."""
+OTHER_END = (
+    "the channels seem to be in reverse order, or positions to be measured from the other end of the beam; "
+    "check the order in the daemon's config, and where positions are measured from"
+)
+"""One message for both: on a symmetric surface they look the same."""
+SINCE_THE_TARE = "tare with nothing on the beam, and record again"
+
+
+def swapped(theory: Theory, loads: Loads, names: list[str]) -> str | None:
+    """Say what seems swapped or inverted: channels, the order of all, or the ends of the beam; None if nothing does.
+
+    Zeros that moved since the tare are told, too: alone, or as the mark of cables that were swapped since then.
+    """
+    kinds = Session(theory, loads).usual_kinds
+    asis = fit(theory, loads, kinds)
+    if asis.errors.residual_mm <= POOR_NOISES * theory.prior.noise_mm:
+        return None
+    trials = [(fit(theory, other, kinds).scatter, message) for message, other in _swaps(theory, loads, names)]
+    scatter, message = min(trials, default=(np.inf, ""))
+    if BETTER * scatter < asis.scatter:
+        return message
+    moved_mm, from_zeros = _from_own_zeros(theory, loads)
+    rezeroed = fit(theory, from_zeros, kinds).scatter
+    trials = [
+        (fit(theory, _from_own_zeros(theory, other)[1], kinds).scatter, message)
+        for message, other in _swaps(theory, loads, names)
+    ]
+    scatter, message = min(trials, default=(np.inf, ""))
+    if BETTER * scatter < min(asis.scatter, rezeroed):
+        return f"{message}; the zeros have moved, too, so {SINCE_THE_TARE}"
+    if BETTER * rezeroed < asis.scatter and rezeroed <= AGREED:
+        far = np.flatnonzero(np.abs(moved_mm) > POOR_NOISES * theory.prior.noise_mm).tolist()
+        told = ", ".join(f"{names[one]} by {digits(float(moved_mm[one]), 2)} mm" for one in far)
+        return f"zeros have moved since the tare: {told}; {SINCE_THE_TARE}; nothing was written" if told else None
+    return None
+
+
+def _from_own_zeros(theory: Theory, loads: Loads) -> tuple[Floats, Loads]:
+    """Return the zeros (channels,) that loads show by the scene, and the loads from these."""
+    expected_mm = theory.curve(np.zeros(theory.size)).measured_mm(loads.position_mm, loads.force_n)
+    zero_mm = np.zeros(len(expected_mm[0]))
+    for channel, (measured, expected) in enumerate(zip(loads.measured_mm.T, expected_mm.T, strict=True)):
+        there = np.isfinite(measured)
+        if np.ptp(expected[there]) > 0:
+            _, zero_mm[channel] = np.polyfit(expected[there], measured[there], 1)
+    return zero_mm, replace(loads, measured_mm=loads.measured_mm - zero_mm)
+
+
+def _swaps(theory: Theory, loads: Loads, names: list[str]) -> Iterator[tuple[str, Loads]]:
+    """Yield each possible swap: its message, and the loads without the swap."""
+    for wiring in wirings(names):
+        message = f"{wiring.text}; check the wiring and the order in the daemon's config"
+        measured_mm = loads.measured_mm[:, wiring.order] * np.array(wiring.signs)
+        deviation_mm = loads.deviation_mm[:, wiring.order]
+        corrected = replace(loads, measured_mm=measured_mm, deviation_mm=deviation_mm)
+        yield OTHER_END if wiring.is_reversed else message, corrected
+    mirrored_mm = theory.prior.length_mm - loads.position_mm
+    low, high = theory.prior.position_mm
+    if ((low <= mirrored_mm) & (mirrored_mm <= high)).all():
+        yield OTHER_END, replace(loads, position_mm=mirrored_mm)

@@ -1,0 +1,248 @@
+"""The surface as its scene and its model describe it, and how its deflections change with departures and loads."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from scipy.optimize import lsq_linear
+
+from beamtouch_models.arrays import Floats, Indices
+from beamtouch_models.design.accuracy.prior import Prior
+from beamtouch_models.design.scene.beam import Beam
+from beamtouch_models.design.surface import Surface, depart
+from beamtouch_models.runtime.curve import InfluenceCurve
+from beamtouch_models.runtime.health.residuals import LoadErrors
+from beamtouch_models.runtime.metadata import Departures, Metadata
+
+GAIN, POSITION_MM, FIXITY, RIGIDITY, BEND, OFFSET_NOISES = 0.04, 1.5, 0.1, 0.1, 0.03, 3.0
+"""Standard deviations of plausible departures: relative gain, sensor position, fixity, relative rigidity, relative bend
+of the characteristic at full travel, and offset in units of the noise of a sample."""
+MAX_FIXITY = 0.9
+ANY_FORCE = 3.0
+"""Error of the force of a contact, relative to the force of the fit: as good as unknown."""
+MAX_DEPARTURE = 8.0
+"""Largest other departure, in units of plausible ones."""
+GRID = 129
+"""Places of the influence over the range of contacts, as in a model file; it is interpolated between them."""
+MAX_INFLUENCES = 64
+"""Number of influence matrices that are kept; it bounds their memory."""
+PER_CHANNEL = ("gain", "position", "offset")
+"""Kinds of departures of which each changes only the deflections of its own channel."""
+FIELDS = {
+    "rigidity": "rigidity",
+    "gain": "gain",
+    "position": "position_offset_mm",
+    "curve": "curve_per_mm",
+    "fixity": "fixity",
+    "offset": "offset_mm",
+}
+"""Kinds of departures, in the order of the vector, with their fields."""
+FACTORS = ("rigidity", "gain")
+"""Kinds that enter the vector by their logarithm."""
+MAX_STEP = 2.0
+"""Bound of a step of a fit, in units of plausible departures: far off, the slopes are those of another surface."""
+STEP = 1e-4
+"""Step of numerical derivatives, in units of the vector."""
+
+
+@dataclass(frozen=True)
+class Theory:
+    """The surface that a calibration departs from."""
+
+    beam: Beam
+    """The beam, which is solved again for another rigidity and fixity."""
+    width_mm: float
+    """Width of a contact."""
+    sensor_mm: Floats
+    prior: Prior
+    max_deflection_mm: float
+    drift_mm_per_min: float
+    """Standard deviation of the drift of a zero."""
+    mounting_mm: float = POSITION_MM
+    """Standard deviation of a plausible position of a sensor from that of the layout."""
+    _influences: dict[tuple[float, ...], Floats] = field(default_factory=dict, repr=False, compare=False)
+    """Influence matrices that were computed recently."""
+
+    @classmethod
+    def of(cls, metadata: Metadata) -> "Theory":
+        """Return the theory of a model; raises SceneError if its scene cannot be computed."""
+        surface, sensor_mm = Surface.of_model(metadata), metadata.layout_mm
+        scene, prior = surface.scene, Prior.of(surface.influence, sensor_mm, metadata.noise.sample_mm)
+        return cls(
+            scene.beam,
+            scene.contact.width_mm,
+            sensor_mm,
+            prior,
+            metadata.max_deflection_mm,
+            metadata.floor.drift_mm_per_min,
+        )
+
+    @cached_property
+    def kinds(self) -> dict[str, slice]:
+        """Kinds of departures with their places in the vector of all, which has units of their plausible sizes."""
+        places = self._places.copy()
+        if not any(self.hinged):
+            del places["fixity"]
+        return places
+
+    @cached_property
+    def hinged(self) -> tuple[bool, bool]:
+        """Whether the first and the last support can have a fixity."""
+        supports = self.beam.support_list
+        if not supports:
+            return False, False
+        return supports[0].kind == "simple", len(supports) > 1 and supports[-1].kind == "simple"
+
+    @property
+    def size(self) -> int:
+        """Length of the vector of all departures."""
+        return 4 + 3 * len(self.sensor_mm)
+
+    def departures(self, vector: Floats) -> Departures:
+        """Return the departures that a vector encodes."""
+        fields: dict[str, Any] = {}
+        for kind, part in self._places.items():
+            values = self._units[kind] * vector[part]
+            values = np.exp(values) if kind in FACTORS else values
+            if kind == "fixity":
+                values = np.where(self.hinged, np.clip(values, 0.0, MAX_FIXITY), 0.0)
+            fields[FIELDS[kind]] = values.tolist() if kind in (*PER_CHANNEL, "fixity") else float(values[0])
+        return Departures(**fields)
+
+    def vector_of(self, departures: Departures) -> Floats:
+        """Return the vector that encodes departures."""
+        values = {kind: _values(departures, kind) for kind in self._places}
+        return np.concatenate(
+            [(np.log(one) if kind in FACTORS else one) / self._units[kind] for kind, one in values.items()]
+        )
+
+    def standard_errors(self, vector: Floats, spread: Floats) -> dict[str, Floats]:
+        """Return standard errors by kind, in the units of the departures, from those of the vector."""
+        near, at = self.departures(vector + STEP), self.departures(vector)
+        return {
+            kind: np.abs(_values(near, kind) - _values(at, kind)) / STEP * spread[part]
+            for kind, part in self.kinds.items()
+        }
+
+    @cached_property
+    def _places(self) -> dict[str, slice]:
+        """Places of every kind in the vector, whether the beam can have it or not."""
+        channels = len(self.sensor_mm)
+        sizes = [channels if kind in PER_CHANNEL else 2 if kind == "fixity" else 1 for kind in FIELDS]
+        ends = np.cumsum(sizes).tolist()
+        return {kind: slice(end - size, end) for kind, size, end in zip(FIELDS, sizes, ends, strict=True)}
+
+    @cached_property
+    def _units(self) -> dict[str, float]:
+        """The plausible size of each kind: one in the vector."""
+        bend_per_mm, offset_mm = BEND / self.max_deflection_mm, OFFSET_NOISES * self.prior.noise_mm
+        return dict(zip(FIELDS, (RIGIDITY, GAIN, self.mounting_mm, bend_per_mm, FIXITY, offset_mm), strict=True))
+
+    def prior_with(self, departures: Departures) -> Prior:
+        """Return the prior of the surface with departures."""
+        return depart(self.prior, self.beam, self.width_mm, self.sensor_mm, departures)
+
+    def curve(self, vector: Floats) -> InfluenceCurve:
+        """Return the influence of the surface with the departures that a vector encodes, over the range of contacts."""
+        departures = self.departures(vector)
+        # Gains, offsets and the curve do not change the beam, so its influence can often be used again.
+        beam = departures.model_copy(update={"gain": [1.0] * len(departures.gain)})
+        parts = (beam.rigidity, *beam.fixity, *beam.position_offset_mm)
+        places = np.linspace(*self.prior.position_mm, GRID)
+        if parts not in self._influences:
+            if len(self._influences) >= MAX_INFLUENCES:
+                self._influences.clear()
+            self._influences[parts] = self.prior_with(beam).influence_at(places)
+        return InfluenceCurve(places, np.array(departures.gain) * self._influences[parts], departures)
+
+    def slopes(self, vector: Floats, position_mm: Floats, force_n: Floats, kinds: Sequence[str]) -> Floats:
+        """Return the change of measured deflections with each entry of the vector, (loads, channels, departures).
+
+        It is 0 for the entries of other kinds than `kinds`.
+        """
+        at = self.curve(vector).measured_mm(position_mm, force_n)
+        slopes = np.zeros((*at.shape, self.size))
+        for kind in kinds:
+            part = np.arange(self.size)[self.kinds[kind]]
+            # One step of all channels together shows the slope of each, which spares solving the beam for each.
+            for moved in [part] if kind in PER_CHANNEL else part[:, None]:
+                step = np.zeros(self.size)
+                step[moved] = np.where(vector[moved] > 1, -STEP, STEP)  # away from the bound of a fixity
+                slope = (self.curve(vector + step).measured_mm(position_mm, force_n) - at) / step[moved]
+                slopes[:, np.arange(at.shape[1]), moved] = slope
+        return slopes
+
+    @property
+    def degrees(self) -> int:
+        """Degrees of freedom of the residual of a contact: channels beyond its place and, if open, its force."""
+        return self.prior.channels - (1 if self.prior.force_is_known else 2)
+
+    @property
+    def contact_errors(self) -> LoadErrors:
+        """Errors of a contact of which nothing is known but what the scene states: as wide as the ranges."""
+        low, high = self.prior.position_mm
+        return LoadErrors(placing_mm=high - low, force=0.0 if self.prior.force_is_known else ANY_FORCE)
+
+    def covariance_of(self, kinds: Sequence[str], fitted: Floats) -> Floats:
+        """Return the covariance of the whole vector from that of the fitted departures; 0 for the others."""
+        free, covariance = self.free_of(kinds), np.zeros((self.size, self.size))
+        covariance[np.ix_(free, free)] = fitted
+        return covariance
+
+    def free_of(self, kinds: Sequence[str]) -> Indices:
+        """Return the places of some kinds in the vector of all departures."""
+        places = np.arange(self.size)
+        return np.concatenate([places[:0], *(places[self.kinds[kind]] for kind in kinds)])
+
+    def bounds_of(self, free: Indices) -> tuple[Floats, Floats]:
+        """Return the smallest and the largest values of fitted departures, in the units of the vector."""
+        low, high = np.full(self.size, -MAX_DEPARTURE), np.full(self.size, MAX_DEPARTURE)
+        if "fixity" in self.kinds:
+            low[self.kinds["fixity"]], high[self.kinds["fixity"]] = 0.0, MAX_FIXITY / FIXITY
+        return low[free], high[free]
+
+
+def best_step(
+    weighed: Floats, left: Floats, off: Floats, about: Floats | float, bounds: tuple[Floats, Floats]
+) -> tuple[Floats, Floats]:
+    """Return the best step (departures,) of a fit from where it is, and the covariance of the departures.
+
+    Parameters
+    ----------
+    weighed, left : whitened slopes (loads, channels, departures), and whitened residuals (loads, channels)
+    off, about : how far the departures are from their prior means, and the standard deviations of their priors
+    bounds : smallest and largest step; it is at most MAX_STEP
+    """
+    precision = np.einsum("lcv,lcw->vw", weighed, weighed) + np.diag(np.ones(len(off)) / about**2)
+    pull, root = np.einsum("lcv,lc->v", weighed, left) - off / about**2, np.linalg.cholesky(precision)
+    low, high = np.clip(bounds[0], -MAX_STEP, -1e-9), np.clip(bounds[1], 1e-9, MAX_STEP)
+    step: Floats = lsq_linear(root.T, np.linalg.solve(root, pull), (low, high), method="bvls").x
+    return step, np.linalg.inv(precision)
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """Departures of some kinds that were fitted to a surface."""
+
+    theory: Theory
+    kinds: tuple[str, ...]
+    vector: Floats
+    covariance: Floats
+    """(departures, departures) of the vector, in its units; 0 if not fitted."""
+
+    @property
+    def departures(self) -> Departures:
+        """The fitted departures."""
+        return self.theory.departures(self.vector)
+
+    @property
+    def spread(self) -> Floats:
+        """(departures,) standard errors, in the units of the vector; 0 if not fitted."""
+        return np.sqrt(np.diag(self.covariance))
+
+
+def _values(departures: Departures, kind: str) -> Floats:
+    """Return the values of a kind of departures, one or more."""
+    return np.atleast_1d(np.asarray(getattr(departures, FIELDS[kind]), dtype=np.float64))

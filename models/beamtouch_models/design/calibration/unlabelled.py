@@ -1,0 +1,232 @@
+"""The fit of a surface's departures to unlabelled contacts: mean deflections under loads of unknown place and force.
+
+The residual of a contact's deflections at its best place and force shows the departures (`health.residuals`). Three
+things are estimated together with the departures, by expectation and maximisation:
+
+- the size of the departures, in units of plausible ones, so that few contacts change little;
+- the relative error that no departure explains;
+- for each contact, the probability that it is a single contact. Two contacts at once leave residuals of any size.
+
+What the fit leaves open is stated as errors of the position. The errors of a fit are correlated across channels, and
+the largest of them lie along the influence curve, where residuals do not see them. The floor of a model is independent
+per channel. So it is scaled until it states the position error.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import brentq
+
+from beamtouch_models.arrays import Floats
+from beamtouch_models.design.calibration.recordings import UnlabelledContacts
+from beamtouch_models.design.calibration.theory import GAIN, OFFSET_NOISES, Fitted, Theory, best_step
+from beamtouch_models.runtime.health.residuals import Residuals
+
+MISFITS = (4.0, 16.0, 64.0, 256.0)
+"""Residuals of several contacts at once, in units of the errors; each is as probable as the others."""
+SHARES = (0.01, 0.5)
+"""Bounds of the share of samples that are not a single contact."""
+MAX_FORCE_RATIO = 100.0
+"""Largest force of a contact, over the largest of its scene. At a support, the best force may be any."""
+ROUNDS = 12
+"""Number of rounds of a fit; after eight, nothing changes by a tenth of its error."""
+MIN_SIZE, MAX_SIZE = 0.02, 1.5
+"""Bounds of the size of the departures, in units of plausible ones."""
+
+
+def single_contact(misfit: Floats, degrees: int, share: float) -> Floats:
+    """Return the probability that each contact is a single one, by its misfit; `share` are not."""
+    log_other = np.logaddexp.reduce([-misfit / 2 / scale**2 - degrees * np.log(scale) for scale in MISFITS], axis=0)
+    odds = np.log(share / (1 - share) / len(MISFITS)) + log_other + misfit / 2
+    single: Floats = 1 / (1 + np.exp(np.minimum(odds, 700.0)))
+    return single
+
+
+@dataclass(frozen=True)
+class Located:
+    """Contacts at the places and forces that explain them best on a surface with departures."""
+
+    position_mm: Floats
+    force_n: Floats
+    """0 if it would have to pull, or to be beyond MAX_FORCE_RATIO: this is no contact."""
+    residuals: Residuals
+
+
+def locate(
+    theory: Theory, vector: Floats, contacts: UnlabelledContacts, zero_mm: Floats, left_error: float = 0.0
+) -> Located:
+    """Locate contacts on a surface with departures.
+
+    Parameters
+    ----------
+    theory, vector : the surface and its departures
+    contacts : the deflections
+    zero_mm : (channels,) standard deviation of the zeros
+    left_error : relative error of the deflections beyond noise and zeros
+    """
+    curve, prior, noise_mm = theory.curve(vector), theory.prior, contacts.noise_mm(zero_mm, left_error)
+    known_n = prior.force_n[0] if prior.force_is_known else None
+    linear_mm = curve.departures.linear_mm(contacts.measured_mm)
+    position, force = curve.best_contacts(linear_mm, noise_mm**-2, known_n)
+    force = np.where((force > 0) & (force <= MAX_FORCE_RATIO * prior.force_n[1]), force, 0.0)
+    return Located(position, force, Residuals.of(curve, position, force, contacts.measured_mm, noise_mm))
+
+
+@dataclass(frozen=True)
+class ContactFit(Fitted):
+    """A fit to unlabelled contacts."""
+
+    start: Floats
+    """The vector of the given model's departures."""
+    size: float
+    """Standard deviation of the departures about the start, in units of plausible ones."""
+    left_error: float
+    """Relative error of the deflections beyond noise, zeros and the departures."""
+    position_mm: Floats
+    """(contacts,) where the fit places them."""
+    single: Floats
+    """(contacts,) probability that it is a single contact."""
+    misfit: Floats
+    """(contacts,) sum of squares of the residual, in units of the errors."""
+    penalty: float
+    """Sum of squares of the departures about the start, in units of their size."""
+
+    @property
+    def cost(self) -> float:
+        """The quantity that the fit minimises: misfit of the single contacts, and size of the departures."""
+        return float(self.single @ self.misfit) + self.penalty
+
+
+def fit_contacts(
+    theory: Theory,
+    start: Floats,
+    contacts: UnlabelledContacts,
+    kinds: tuple[str, ...],
+    zero_mm: Floats,
+    *,
+    like: ContactFit | None = None,
+) -> ContactFit:
+    """Fit some kinds of departures to contacts, about those of the given model.
+
+    Parameters
+    ----------
+    start : the vector of the given model
+    zero_mm : (channels,) standard deviation of the zeros
+    like : a fit to begin with
+    """
+    free, degrees, errors = theory.free_of(kinds), theory.degrees, theory.contact_errors
+    bounds = theory.bounds_of(free)
+    # The offsets have the size of the zeros; all others share one.
+    offsets = np.arange(theory.size)[theory.kinds["offset"]]
+    sized = ~np.isin(free, offsets)
+    zeros = np.zeros(theory.size)
+    zeros[offsets] = zero_mm / (OFFSET_NOISES * theory.prior.noise_mm)
+    vector, size, left_error, share = start, 1.0, GAIN, SHARES[0]
+    if like is not None:
+        vector, size, left_error, share = like.vector, like.size, like.left_error, 0.1
+    for _ in range(ROUNDS):
+        at = locate(theory, vector, contacts, zero_mm, left_error)
+        single = single_contact(at.residuals.misfit(errors), degrees, share) * (at.force_n > 0)
+        slopes = theory.slopes(vector, at.position_mm, at.force_n, kinds)[..., free]
+        about = np.maximum(np.where(sized, size, zeros[free]), MIN_SIZE**2)
+        whitening = np.sqrt(single)[:, None, None] * at.residuals.whitening(errors)
+        weighed, left = whitening @ slopes, (whitening @ at.residuals.left_mm[..., None])[..., 0]
+        room = bounds[0] - vector[free], bounds[1] - vector[free]
+        step, covariance = best_step(weighed, left, (vector - start)[free], about, room)
+        vector = vector.copy()
+        vector[free] += step
+        used = len(free) - float((np.diag(covariance) / about**2).sum())
+        moved = replace(at.residuals, left_mm=at.residuals.left_mm - slopes @ step)
+        per_contact = degrees - used / max(single.sum(), 1.0)
+        left_error = _left_error(theory, contacts, zero_mm, moved, single, per_contact)
+        squares = ((vector - start)[free] ** 2 + np.diag(covariance))[sized]
+        size = float(np.clip(np.sqrt(squares.mean()), MIN_SIZE, MAX_SIZE))
+        share = float(np.clip(1 - single.mean(), *SHARES))
+    at = locate(theory, vector, contacts, zero_mm, left_error)
+    whole = theory.covariance_of(kinds, covariance)
+    penalty = float((((vector - start)[free] / about) ** 2).sum())
+    misfit = at.residuals.misfit(errors)
+    return ContactFit(theory, kinds, vector, whole, start, size, left_error, at.position_mm, single, misfit, penalty)
+
+
+def _left_error(
+    theory: Theory, contacts: UnlabelledContacts, zero_mm: Floats, at: Residuals, single: Floats, degrees: float
+) -> float:
+    """Return the relative error that makes the misfit of the single contacts equal to their degrees of freedom."""
+    if single.sum() <= 0 or degrees <= 0:
+        return 0.0
+
+    def beyond(left_error: float) -> float:
+        misfit = replace(at, noise_mm=contacts.noise_mm(zero_mm, left_error)).misfit(theory.contact_errors)
+        return float(single @ misfit / single.sum()) - degrees
+
+    if beyond(0.0) <= 0:
+        return 0.0
+    return float(brentq(beyond, 0.0, 1.0, xtol=1e-5)) if beyond(1.0) < 0 else 1.0
+
+
+PLACES = 61
+"""Number of contacts over the range at which errors are computed."""
+INNER = 0.05
+"""Share of the range at each end that is left out: next to a support, a contact has no position error worth stating."""
+ENOUGH = 0.75
+"""Share of these contacts at which the floor states at least the position error that the fit leaves."""
+MIN_GAIN = 5e-4
+"""Smallest floor of a gain: sensors and amplifiers are not steadier than that."""
+
+
+@dataclass(frozen=True)
+class LeftOpen:
+    """Errors of the estimates of a fitted model, at contacts over the range with a force from its middle."""
+
+    position_mm: Floats
+    """Standard deviation (places,) of the position, from the departures."""
+    shift_mm: float
+    """Root mean square of the change of positions from the given model to the fitted one."""
+    per_gain_mm: Floats
+    """(places, channels) change of the position with the gain of each channel."""
+    relative: Floats
+    """(departures, departures) covariance without the common scale of the gains, which is force if that is open."""
+    floor: Floats
+    """Gain errors (channels,) that state what the fit leaves open."""
+
+
+def stated_mm(per_gain_mm: Floats, gain: Floats) -> Floats:
+    """Return the standard deviation (places,) of the position that a floor of the gains (channels,) states."""
+    stated: Floats = np.linalg.norm(per_gain_mm * gain, axis=1)
+    return stated
+
+
+def measure_left_open(fit: ContactFit, covariance: Floats, noise_mm: Floats) -> LeftOpen:
+    """Return what a fit leaves open.
+
+    Parameters
+    ----------
+    covariance : (departures, departures), of the departures, in the units of the vector
+    noise_mm : (channels,) noise of a sample with the deviation of its zero
+    """
+    theory, curve = fit.theory, fit.theory.curve(fit.vector)
+    (low, high), is_known = theory.prior.position_mm, theory.prior.force_is_known
+    margin = INNER * (high - low)
+    position = np.linspace(low + margin, high - margin, PLACES)
+    force = np.full(PLACES, np.mean(theory.prior.force_n))
+    clean = curve.measured_mm(position, force)
+    slopes = theory.slopes(fit.vector, position, force, tuple(theory.kinds))
+    relative = covariance
+    if not is_known:
+        project, gain = np.eye(theory.size), theory.kinds["gain"]
+        project[gain, gain] -= 1 / theory.prior.channels
+        relative = project @ covariance @ project.T
+    spread = np.einsum("lcv,vw,lcw->lc", slopes, relative, slopes)
+    # The best estimate of the position, with a typical floor.
+    deviation = np.sqrt(noise_mm**2 + spread)
+    along = curve.moved_mm(position, force)[: 1 if is_known else 2]
+    weights = np.linalg.pinv(np.moveaxis(along, 0, 2) / deviation[..., None])[:, 0] / deviation
+    moves = np.einsum("lc,lcv->lv", weights, slopes)
+    open_mm = np.sqrt(np.einsum("lv,vw,lw->l", moves, covariance, moves))
+    each = np.sqrt((spread / np.maximum(clean**2, np.finfo(np.float64).tiny)).mean(axis=0))
+    each = np.maximum(each, MIN_GAIN)
+    factor = float(np.quantile(open_mm / stated_mm(weights * clean, each), ENOUGH))
+    floor = np.maximum(np.hypot(factor * each, fit.left_error), MIN_GAIN)
+    shift_mm = float(np.sqrt(((moves @ (fit.vector - fit.start)) ** 2).mean()))
+    return LeftOpen(open_mm, shift_mm, weights * clean, relative, floor)

@@ -1,0 +1,84 @@
+"""The estimators by name. Each is a function from a prior to a graph."""
+
+from dataclasses import dataclass, replace
+from itertools import combinations
+from math import comb
+
+import onnx
+
+from beamtouch_models.design.accuracy.limit import limits_without
+from beamtouch_models.design.accuracy.prior import Prior
+from beamtouch_models.design.effort import USUAL, Effort
+from beamtouch_models.design.estimators.paper_network import paper_graph, trained_as_in_the_paper
+from beamtouch_models.design.estimators.posterior.window import posterior_graph, windowed_graph
+from beamtouch_models.design.estimators.small_network import first_stage, train
+from beamtouch_models.design.sweeps import Fraction
+from beamtouch_models.names import EstimatorName
+
+ENOUGH = 0.5
+"""A set of channels determines a position if its error is at most this share of the error of a guess without any."""
+DRAWS, LEAST_DRAWS = 512, 64
+"""Usual and smallest number of simulated contacts."""
+MAX_SETS = 70
+"""Up to this many sets of one size are all evaluated; of more, only sets of neighbours, which have the least
+information."""
+
+
+def fewest_channels(prior: Prior, seed: int, effort: Effort = USUAL) -> int:
+    """Return the smallest number such that any set of as many channels determines a position.
+
+    More channels never have less information, so the first sufficient number is the answer. All channels together
+    always count as sufficient, because their answer comes with its interval.
+    """
+    # The mean distance from the median of a uniform distribution is a quarter of its range.
+    guess_percent = (prior.position_mm[1] - prior.position_mm[0]) / 4 / prior.length_mm * 100
+    every = range(prior.channels)
+    for size in range(1, prior.channels):
+        neighbours = (tuple(range(start, start + size)) for start in range(prior.channels - size + 1))
+        sets = neighbours if comb(prior.channels, size) > MAX_SETS else combinations(every, size)
+        missing = (sorted(set(every) - set(kept)) for kept in sets)
+        found = limits_without(prior, missing, effort.of(DRAWS, LEAST_DRAWS), seed)
+        if all(one.limit.percent <= ENOUGH * guess_percent for one in found):
+            return size
+    return prior.channels
+
+
+@dataclass(frozen=True)
+class Estimator:
+    """A finished estimator."""
+
+    name: EstimatorName
+    graph: onnx.ModelProto
+    """Without metadata."""
+    min_channels: int
+    """Smallest number of working channels with which it gives a position."""
+
+
+def estimator_of(
+    name: EstimatorName,
+    prior: Prior,
+    *,
+    min_noise_mm: float,
+    with_force: bool,
+    seed: int,
+    progress: Fraction,
+    effort: Effort = USUAL,
+) -> Estimator:
+    """Make an estimator for a prior; the same seed gives the same graph.
+
+    `min_noise_mm` is the noise of samples of the most readings, which a posterior must still resolve.
+    """
+    match name:
+        case "posterior":
+            finest = replace(prior, noise_mm=min_noise_mm)
+            graph = posterior_graph(prior, with_force=with_force, finest=finest)
+            fewest = fewest_channels(prior, seed, effort)
+        case "small-network":
+            # A single channel leaves several places far apart, and the network looks around one.
+            fewest = min(max(2, fewest_channels(prior, seed, effort)), prior.channels)
+            network = train(prior, seed, progress, fewest=fewest)
+            graph = windowed_graph(prior, network.table, first_stage(network), with_force=with_force)
+        case "paper-network":
+            graph, fewest = paper_graph(trained_as_in_the_paper(prior, seed, effort)), prior.channels
+    progress(1.0)
+    return Estimator(name, graph, fewest)

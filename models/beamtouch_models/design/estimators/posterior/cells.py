@@ -1,0 +1,117 @@
+"""The cells of the position range, and the posterior on cells that are the same for every sample."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import onnx
+
+from beamtouch_models.arrays import Floats
+from beamtouch_models.design.accuracy.prior import Prior
+from beamtouch_models.design.estimators.onnx_graph import Graph, model
+from beamtouch_models.design.estimators.posterior.answers import Grid, lowest_of, scored, state_answers, whitened
+
+FINE = 20_001
+"""Positions from which the spacing of the cells is computed."""
+LOUDNESS = (60.0, 600.0)
+"""Ratios of the largest deflection to the noise; above each, the ends of the beam need the next number in MIN_CELLS."""
+MIN_CELLS = (128, 192, 256)
+STEP, MAX_CELLS = 64, 512
+"""The number of cells is a multiple of STEP. Above MAX_CELLS, a window around the contact takes less time, and sums of
+widths in float32 would lose a digit of the interval."""
+POSITION_SHARE = {True: 0.5, False: 1.0}
+"""For known and open force: weight of an even spacing relative to the change of the reading."""
+SIZE_SHARE = 0.05
+"""Weight of a change in the logarithm of the deflection's size, for an open force."""
+FLOOR = 1e-4
+"""Smallest deflection, relative to the largest, whose direction counts."""
+KNOWN_STEP, OPEN_STEP = 1.2, 2.5
+"""Largest cell in deviations of the posterior, for a known and an open force, for sums over cells to be right."""
+
+
+@dataclass(frozen=True)
+class Cells:
+    """Cells of the position range, side by side."""
+
+    edges_mm: Floats
+    """(cells + 1,)"""
+    influence: Floats
+    """(cells, channels) mm/N, at the middles of the cells: half way in the change of the reading."""
+    uncertain: Floats | None
+    """(cells, channels) mm/N, deviation of the influence at the middles; None if the sensors' positions are exact."""
+
+
+@dataclass(frozen=True)
+class Path:
+    """The influence along the position range, and how far a contact of the largest force moves the reading there."""
+
+    position_mm: Floats
+    """(positions,)"""
+    influence: Floats
+    """(positions, channels) mm/N"""
+    moved: Floats
+    """(positions - 1,) change that the force does not explain, in deviations, floor included."""
+    size: Floats
+    """(positions,) size of the reading, in deviations."""
+
+
+def resolving_cells(prior: Prior) -> int | None:
+    """Return how many cells keep the error at the limit; None if MAX_CELLS do not.
+
+    The reading follows a curve as the contact moves; no cell may be a longer piece of it than its step.
+    """
+    path, largest = path_of(prior), KNOWN_STEP if prior.force_is_known else OPEN_STEP
+    along = np.concatenate([[0.0], np.cumsum(path.moved)])
+    least = MIN_CELLS[int(np.searchsorted(LOUDNESS, float(path.size.max())))]
+    for count in range(least, MAX_CELLS + 1, STEP):
+        edges = np.searchsorted(path.position_mm, cells_of(prior, count, path).edges_mm).clip(0, FINE - 1)
+        if float(np.diff(along[edges]).max()) <= largest:
+            return count
+    return None
+
+
+def path_of(prior: Prior) -> Path:
+    """Return the path of a prior's reading."""
+    fine = np.linspace(*prior.position_mm, FINE)
+    influence = prior.table(fine)
+    force = prior.force_n[1]
+    deviation = prior.deviation_in_table_mm(fine, force)
+    within = (deviation[1:] + deviation[:-1]) / 2
+    shape = force * (influence[1:] + influence[:-1]) / 2 / within
+    change = force * np.diff(influence, axis=0) / within
+    size = np.linalg.norm(force * influence / deviation, axis=1)
+    if not prior.force_is_known:
+        square = (shape**2).sum(axis=1) + (FLOOR * size.max()) ** 2
+        change -= shape * ((change * shape).sum(axis=1) / square)[:, None]
+    return Path(fine, influence, np.linalg.norm(change, axis=1), size)
+
+
+def cells_of(prior: Prior, count: int, path: Path | None = None) -> Cells:
+    """Return `count` cells, spaced evenly in a metric of the change of reading, position and log of the size."""
+    path = path or path_of(prior)
+    known = prior.force_is_known
+    metric = path.moved**2 + (path.moved.sum() * POSITION_SHARE[known] / (FINE - 1)) ** 2
+    if not known:
+        size = np.hypot(path.size, FLOOR * path.size.max())
+        metric += (SIZE_SHARE * path.size.max() * np.diff(np.log(size))) ** 2
+    along = np.concatenate([[0.0], np.cumsum(np.sqrt(metric))])
+    marks = np.linspace(0, along[-1], 2 * count + 1)
+    table = np.stack([np.interp(marks, along, column) for column in path.influence.T], axis=1)
+    places = np.interp(marks, along, path.position_mm)
+    uncertain = None if prior.uncertainty is None else prior.uncertainty(places[1::2])
+    return Cells(places[::2], table[1::2], uncertain)
+
+
+def fixed_cells_graph(prior: Prior, count: int, *, with_force: bool) -> onnx.ModelProto:
+    """Return the graph on `count` cells that are the same for every sample."""
+    graph, cells, largest_n = Graph(), cells_of(prior, count), prior.force_n[1]
+    uncertain = None if cells.uncertain is None else graph.constant(cells.uncertain.T**2)
+    seen = whitened(graph, prior.largest_mm)
+    found = scored(graph, seen, largest_n, graph.constant(cells.influence.T), uncertain)
+    least, misfit = lowest_of(graph, found.misfit)
+    # Rounding may put the bottom below 0.
+    graph.apply("ReduceL1", misfit, axes=[1, 2], keepdims=0, output="misfit")
+    width = np.diff(cells.edges_mm)
+    share = np.maximum(width / width.sum(), np.finfo(np.float32).tiny)
+    grid = Grid(graph.constant(width), graph.constant(share), float(cells.edges_mm[0]))
+    outputs = state_answers(graph, prior, found, least, grid, with_force=with_force)
+    return model(graph, prior.channels, outputs)

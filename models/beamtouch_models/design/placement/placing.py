@@ -1,0 +1,316 @@
+"""Placement of sensors: an objective and a search, and the number of sensors that a structure needs."""
+
+import math
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from beamtouch_common.digits import digits
+from beamtouch_models.arrays import Floats, Indices
+from beamtouch_models.design.accuracy.limit import accuracy_limit, limits_without
+from beamtouch_models.design.accuracy.prior import Prior, SampleErrors
+from beamtouch_models.design.effort import USUAL, Effort
+from beamtouch_models.design.physics.influence import InfluenceFunction
+from beamtouch_models.design.placement.eigenvalue_product import (
+    discernible,
+    eigenvalue_product_of,
+    log_eigenvalue_product,
+    principal_components,
+)
+from beamtouch_models.design.placement.layout import Candidates, equal_layout, equal_pitch_mm
+from beamtouch_models.design.placement.position_error import PositionError, position_error_of
+from beamtouch_models.design.placement.search import SearchRun, first_best, search_from
+from beamtouch_models.design.sweeps import Progress, one_thread, silent
+from beamtouch_models.errors import NotGoodEnoughError, SceneError
+from beamtouch_models.names import CRITERIA, Criterion, SearchName
+
+AT_REST = 1e-12
+"""Largest deflection at a support, over that elsewhere: rounding."""
+CLEAR = 1.015
+"""Ratio of two scores that decides without the accuracy limit. The ratio of score to limit scatters by 0.2 to 0.6 %
+between layouts, and by more where few sensors stand close together, or errors are smaller than a cell."""
+FINAL_DRAWS, LEAST_DRAWS = 2_000, 64
+"""Usual and smallest number of contacts of the limits that decide otherwise; with a spare, the limits of all failures
+share them."""
+PROBES = 8
+"""Equally pitched sensors whose components are counted, as in the paper."""
+COUNT_DRAWS = 1_000
+"""Simulated contacts for the error of each number of sensors that is tried; a small effort buys no other number."""
+
+
+@dataclass(frozen=True)
+class Aim:
+    """What a placement makes best, and how it searches.
+
+    Raises
+    ------
+    SceneError
+        There is no such criterion, or the eigenvalue product is to be placed with a spare.
+    """
+
+    criterion: Criterion
+    spare: int = 0
+    """Sensors that may fail, 0 or 1; see `place_by_position_error`."""
+    leading: int | None = None
+    """Number of eigenvalues in the product; None: all."""
+    search: SearchName = "exact"
+    effort: Effort = USUAL
+    """How long it searches."""
+
+    def __post_init__(self) -> None:
+        if self.criterion not in CRITERIA:
+            raise SceneError(f"criterion = {self.criterion!r} must be one of {', '.join(CRITERIA)}")
+        if self.spare not in (0, 1) or (self.spare and self.criterion != "position-error"):
+            raise SceneError(
+                f"spare = {self.spare}: give 0, or 1, which places by position error, without another criterion or "
+                "leading components"
+            )
+
+
+DEFAULT_AIM = Aim(CRITERIA[0])
+"""Its error is smaller, and it notices loads that are not one contact as often (decision 024)."""
+
+
+@dataclass(frozen=True)
+class Placement:
+    """A layout, and the search that found it."""
+
+    positions_mm: tuple[float, ...]
+    """Ascending, from the left end."""
+    log_eigenvalue_product: float
+    """Natural logarithm of the product of the leading eigenvalues, with deflections per newton in the structure's
+    `unit_mm_per_n`: for a beam, lengths in units of l and W/(EI) = 1. Minus infinity if rounding hides one of them,
+    which can happen with the position-error criterion only."""
+    evaluations: int
+    """Number of layouts scored."""
+
+
+def place_as(
+    aim: Aim,
+    influence: InfluenceFunction,
+    rules: Candidates,
+    count: int,
+    seed: int,
+    errors: SampleErrors,
+    progress: Progress = silent,
+) -> Placement:
+    """Place sensors as an aim says; arguments and errors as `place_by_position_error`."""
+    if aim.criterion == "eigenvalue-product":
+        return place(influence, rules, count, seed, aim.leading, search=aim.search, effort=aim.effort)
+    found = place_by_position_error(influence, rules, count, seed, errors, aim, progress)
+    if aim.leading is None:
+        return found
+    return replace(found, log_eigenvalue_product=score_positions(influence, np.array(found.positions_mm), aim.leading))
+
+
+def place(
+    influence: InfluenceFunction,
+    rules: Candidates,
+    count: int,
+    seed: int,
+    leading: int | None = None,
+    *,
+    search: SearchName = "exact",
+    effort: Effort = USUAL,
+) -> Placement:
+    """Place sensors so that the product of the leading eigenvalues (eq. 4) is largest.
+
+    Parameters
+    ----------
+    influence, rules : influence function of the structure, and rules for its sensors
+    count : number of sensors
+    seed : seed of the search
+    leading : number of eigenvalues in the product; `count` by default
+    search : "exact" exchanges sensors by steps, "paper" clones and varies a layout
+    effort : how long it searches
+
+    Raises
+    ------
+    SceneError
+        The rules allow no layout of `count` sensors, or no layout has `leading` components.
+    """
+    with one_thread():
+        product = eigenvalue_product_of(influence, rules, count, leading)
+        runs = search_from(product.starts(seed), product, search, seed, effort=effort)
+        best = first_best(runs)
+        score = product.exact_score(best.layout)
+        if not np.isfinite(score):
+            message = f"the rules of sensors leave no {count} positions with independent readings; use fewer sensors"
+            raise SceneError(message)
+    return _checked(rules, best.layout, score, runs)
+
+
+def place_by_position_error(
+    influence: InfluenceFunction,
+    rules: Candidates,
+    count: int,
+    seed: int,
+    errors: SampleErrors,
+    aim: Aim = DEFAULT_AIM,
+    progress: Progress = silent,
+) -> Placement:
+    """Place sensors so that the mean position error is least of layouts that notice other loads; as `place`.
+
+    The mean position error is the accuracy limit with all errors of a sample: the mean, over contacts drawn uniformly
+    from the ranges of position and force, of the distance between the contact and the posterior median.
+
+    Without a spare in `aim`, the error with all sensors is minimised among the layouts that notice two contacts and
+    spread loads as well as the layout of the eigenvalue product, within `position_error.SLACK`. With one it is the
+    largest, over each one sensor failed, of the error of the others, among all layouts; what a layout notices is worth
+    up to `position_error.SPARE_NOTICES` of it.
+
+    `errors` are those of a sample; its noise must not be 0. `aim` has the search, too. `progress` is
+    called with the current step and the fraction done. SceneError also if a sensor stands where nothing moves.
+    """
+    if count <= aim.spare:
+        message = (
+            f"spare = {aim.spare} needs at least {aim.spare + 1} sensors, not {count}; use more, or set sensors.count"
+        )
+        raise SceneError(message)
+    with one_thread():
+        equal = equal_layout(rules, influence.length_mm, count)
+        product = equal
+        with suppress(SceneError):  # there may be fewer components than sensors
+            by_product = eigenvalue_product_of(influence, rules, count)
+            product = first_best(
+                search_from(by_product.starts(seed), by_product, "exact", seed, effort=aim.effort)
+            ).layout
+        objective = position_error_of(
+            influence, rules, equal, errors, seed, spare=aim.spare, reference=product, effort=aim.effort
+        )
+        runs = search_from(
+            [product, equal],
+            objective,
+            aim.search,
+            seed,
+            lambda part: progress("placing by position error", part),
+            aim.effort,
+        )
+        layout = _least(objective, [*(run.layout for run in runs), product, equal], influence, seed, aim.effort)
+    positions = rules.position_mm[layout]
+    size = np.abs(influence.matrix(positions)).max(axis=0)
+    if size.min() <= AT_REST * size.max():
+        message = f"sensors: nothing moves at {positions[size.argmin()]:g} mm; move that sensor, or use fewer sensors"
+        raise SceneError(message)
+    return _checked(rules, layout, score_positions(influence, positions), runs)
+
+
+def _checked(rules: Candidates, layout: Indices, score: float, runs: Sequence[SearchRun]) -> Placement:
+    """Return the result of a search, whatever made it; NotGoodEnoughError if it breaks a rule."""
+    positions_mm = tuple(rules.position_mm[layout].tolist())
+    if not rules.allowed(layout[None, :])[0]:
+        raise NotGoodEnoughError(
+            f"the search ended at {', '.join(f'{position:g}' for position in positions_mm)} mm, against the rules of "
+            "sensors; please report this scene as a defect"
+        )
+    return Placement(positions_mm, score, sum(run.evaluations for run in runs))
+
+
+def score_positions(influence: InfluenceFunction, positions_mm: Floats, leading: int | None = None) -> float:
+    """Return the logarithm of the eigenvalue product of a layout, in the unit of `Placement.log_eigenvalue_product`."""
+    score = log_eigenvalue_product(influence.matrix(positions_mm), leading)
+    return score - 2 * (leading or len(positions_mm)) * float(np.log(influence.unit_mm_per_n))
+
+
+def _least(
+    objective: PositionError, layouts: Sequence[Indices], influence: InfluenceFunction, seed: int, effort: Effort
+) -> Indices:
+    """Return the layout with the least accuracy limit of those that the objective does not clearly tell from the best.
+
+    They are what the search found and where it began: the coarse grid of the objective cannot tell errors that are
+    smaller than its cells.
+    """
+    distinct = np.unique(layouts, axis=0)
+    scores = objective.scores(distinct)
+    near = distinct[scores >= CLEAR * scores.max()]
+    if len(near) == 1:  # no limit need be computed
+        return np.asarray(near[0])
+
+    def limit(layout: Indices) -> float:
+        prior = Prior.real(influence, objective.rules.position_mm[layout], objective.errors)
+        draws = effort.of(FINAL_DRAWS, LEAST_DRAWS) // (len(layout) if objective.spare else 1)
+        return _limit_percent(prior, objective.spare, draws, seed) * objective.worth(layout)
+
+    return np.asarray(min(near, key=limit))
+
+
+def _limit_percent(prior: Prior, spare: int, draws: int, seed: int) -> float:
+    """Return the accuracy limit of a layout; with a spare, the largest with one sensor failed."""
+    if not spare:
+        return accuracy_limit(prior, draws, seed).percent
+    failed = limits_without(prior, [(index,) for index in range(prior.channels)], draws, seed)
+    return max(one.limit.percent for one in failed)
+
+
+def recommended_count(influence: InfluenceFunction, noise_mm: float) -> int:
+    """Return the number of sensors by the paper's section 3: one per component that exceeds the noise.
+
+    The components are those of eight sensors at equal pitch, under forces drawn from their range. The number is
+    at least two, because one sensor cannot distinguish a contact from its mirror image.
+    """
+    low, high = influence.force_n
+    force = math.sqrt((low * low + low * high + high * high) / 3)
+    matrix = influence.matrix(equal_pitch_mm(influence.length_mm, PROBES))
+    size = float(np.abs(matrix).max())
+    if size == 0 or force == 0:
+        return 2
+    return max(2, discernible(principal_components(matrix / size).eigenvalues, noise_mm / size / force))
+
+
+def fewest_sensors(
+    influence: InfluenceFunction,
+    rules: Candidates,
+    counts: tuple[int, int],
+    *,
+    wanted_mm: float | None,
+    errors: SampleErrors,
+    seed: int,
+    aim: Aim = DEFAULT_AIM,
+    progress: Progress = silent,
+) -> Placement:
+    """Place the fewest sensors whose accuracy limit meets a requirement; with a spare, whichever one has failed.
+
+    Parameters
+    ----------
+    influence, rules : influence function of the structure, and rules for its sensors
+    counts : smallest and largest number of sensors; equal ends need no requirement. Numbers below that of the fixed
+        sensors are passed over.
+    wanted_mm : largest mean position error
+    errors : errors of a sample
+    seed : seed of the search and of the simulated contacts
+    aim : criterion and search of the layouts
+    progress : called with the current step and the fraction done
+
+    Raises
+    ------
+    SceneError
+        The number is open without a requirement, not even the largest number meets the requirement, or there are more
+        fixed sensors than that.
+    """
+    fewest, most = counts
+    if fewest == most:
+        return place_as(aim, influence, rules, most, seed, errors, progress)
+    if wanted_mm is None:
+        raise SceneError("sensors.count leaves the number open; give requirements.position_error_mm, or --sensors N")
+    reached_mm = math.inf
+
+    def out_of_reach(count: int, more: str) -> SceneError:
+        """Return the error for the largest number of sensors; `more` ends its line."""
+        limit = "the accuracy limit with one failed" if aim.spare else "the accuracy limit"
+        wanted = f"requirements.position_error_mm = {wanted_mm:g}"
+        return SceneError(f"not even {count} sensors reach {wanted}: {limit} is {digits(reached_mm, 3)} mm; {more}")
+
+    for number in range(min(max(fewest, len(rules.fixed), aim.spare + 1, aim.leading or 1), most), most + 1):
+        try:
+            placement = place_as(aim, influence, rules, number, seed, errors, progress)
+        except SceneError as refusal:
+            if reached_mm == math.inf:
+                raise
+            raise out_of_reach(number - 1, f"and {refusal}") from None
+        prior = Prior.real(influence, np.array(placement.positions_mm), errors)
+        reached_mm = _limit_percent(prior, aim.spare, COUNT_DRAWS, seed) / 100 * influence.length_mm
+        if reached_mm <= wanted_mm:
+            return placement
+    raise out_of_reach(most, "use sensors with less noise or allow more latency_ms")

@@ -1,0 +1,269 @@
+"""The mean position error of layouts, quickly, and the shares of other loads that they notice.
+
+*Error.* It is the accuracy limit of a few contacts on a coarse grid: the mean width of posteriors, which holds all
+errors of a sample: noise, gains, zeros and the mounting of the sensors. If the force is open, the samples themselves
+are drawn without errors: of layouts on the bench scene, the ratio of this width to the limit scatters by 0.4 %; with
+drawn errors it scatters by 1.2 %, because a layout then fits the errors that were drawn. If the force is known, two
+places may explain a sample alike, and only drawn errors show how often; then there are more contacts. The contacts are
+the same for every layout, and more of them lie where errors are large. The cells of the grid are narrower where an
+equal pitch tells more positions apart. Nothing here bounds how much better another layout could be.
+
+*Other loads.* Of loads that are not one contact there are two kinds: two equal contacts half of the range apart, and a
+load spread evenly over half of the range, each at several places and with several forces. A load moves the whitened
+sample by m. The best single contact leaves the distance
+
+    d^2 = min over x and F >= 0 of |m - F W G(x)|^2,
+
+by which the chi-square of the misfit becomes a noncentral one. The load is noticed if the misfit exceeds the threshold
+that a model has at this rate and window. W holds the errors of a settled sample of the load: noise, gains, zeros and
+mounting.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from scipy.special import chndtr
+
+from beamtouch_models.arrays import Floats, Indices
+from beamtouch_models.design.accuracy.limit import mean_error_mm, spread_contacts, where_it_errs
+from beamtouch_models.design.accuracy.posterior import MIN_LOG, log_density
+from beamtouch_models.design.accuracy.prior import Prior, SampleErrors, forces_of
+from beamtouch_models.design.accuracy.thresholds import left_by_contact, misfit_threshold
+from beamtouch_models.design.effort import USUAL, Effort
+from beamtouch_models.design.physics.influence import InfluenceFunction
+from beamtouch_models.design.placement.layout import Candidates
+from beamtouch_models.runtime.curve import Curve
+
+KINDS, PLACES, FORCES = 2, 8, 4
+"""Kinds of loads; for each, places along the range and forces."""
+PARTS = 64
+"""Point loads that stand for a load spread over half of the range."""
+CONTACTS = 257
+"""Places of the contacts that may explain a load."""
+CERTAIN = 1e3
+"""Largest d^2: such a load is always noticed. The noncentral chi-square takes longer for larger ones."""
+SLACK = 0.01
+"""Share of other loads that a layout may notice less than a reference: too little to be told from chance in a hundred
+loads, and more than a layout that notices none of them could lose."""
+SPARE_NOTICES = 0.1
+"""Share of the error that noticing all other loads is worth to a layout with a spare."""
+CELLS = (256, 1024)
+"""Smallest and largest number of cells; between them, one for each mean error of an equal pitch. Twice as many change
+no score by more than its scatter."""
+KNOWN_FORCE_CONTACTS, OPEN_FORCE_CONTACTS = 512, 128
+"""Usual number of contacts; numbers are powers of two."""
+LEAST = 64
+"""Fewest contacts, and fewest cells."""
+AT_ONCE = 64
+"""Contacts that are scored at once: their densities stay in the processor's cache."""
+NEGLIGIBLE = 15.0
+"""Difference to the largest log density beyond which a cell is not part of a posterior."""
+TINY = float(np.finfo(np.float64).tiny)
+
+
+@dataclass(frozen=True)
+class OtherLoads:
+    """Loads that are not one contact, and the contacts that may explain them, at all candidates."""
+
+    sample: Floats
+    """(loads, candidates), deflection in mm; for each force, the places of each kind."""
+    precision: Floats
+    """(loads, candidates), 1 over the variance of a sample of it, in 1/mm^2."""
+    places_mm: Floats
+    """(contacts,), places of contacts."""
+    shapes: Floats
+    """(contacts, candidates), deflection per newton under them, in mm/N."""
+    errors: SampleErrors
+
+    def noticed(self, layout: Indices) -> Floats:
+        """Return the share of each kind (kinds,) that a layout (sensors,) notices."""
+        channels = left_by_contact(len(layout))
+        square = np.minimum(self.unexplained(layout), CERTAIN)
+        missed = chndtr(self.threshold(len(layout)), channels, square)
+        share: Floats = 1 - missed.reshape(-1, KINDS, PLACES).mean(axis=(0, 2))
+        return share
+
+    def threshold(self, sensors: int) -> float:
+        """Return the misfit that a model of this many sensors takes for that of one contact at most."""
+        noise = self.errors.noise_mm / float(np.hypot(self.errors.noise_mm, self.errors.zero_mm))
+        return misfit_threshold(noise, sensors, self.errors.rate_hz, self.errors.readings)
+
+    def unexplained(self, layout: Indices) -> Floats:
+        """Return d^2 of each load (loads,) for a layout (sensors,)."""
+        curve = Curve(self.places_mm, self.shapes[:, layout])
+        return curve.unexplained(self.sample[:, layout], self.precision[:, layout])
+
+
+def other_loads(influence: InfluenceFunction, rules: Candidates, errors: SampleErrors) -> OtherLoads:
+    """Return the loads on a structure, for sensors at the candidates of these rules with these errors of a sample."""
+    low, high = influence.position_mm
+    half = (high - low) / 2
+    first = low + half * ((np.arange(PLACES) + 0.5) / PLACES)[:, None]
+    kinds = (first + np.array([0.0, half]), first + half * (np.arange(PARTS) + 0.5) / PARTS)
+    weak, strong = influence.force_n
+    forces = np.unique(weak + (strong - weak) * (np.arange(FORCES) + 0.5) / FORCES)
+
+    def under(at: Callable[[Floats], Floats]) -> Floats:
+        """Return what all loads do, from what 1 N at places (places,) does to the candidates."""
+        each = [at(kind.ravel()).reshape(*kind.shape, -1).mean(axis=1) for kind in kinds]
+        return np.concatenate([force * per_newton for force in forces for per_newton in each])
+
+    sample = under(partial(influence.at, rules.position_mm))
+    settled = errors if errors.min_noise_mm is None else replace(errors, noise_mm=errors.min_noise_mm)
+    moved: Floats | float = 0.0
+    if errors.mounting_mm:
+        moved = under(partial(influence.deviation, rules.position_mm, tolerance_mm=errors.mounting_mm))
+    places = np.linspace(low, high, CONTACTS)
+    shapes = influence.at(rules.position_mm, places)
+    return OtherLoads(sample, 1 / settled.variance_mm2(sample, moved), places, shapes, errors)
+
+
+@dataclass(frozen=True)
+class PositionError:
+    """Minus the mean position error of layouts of the same beam in mm, on a few contacts, as a search makes it largest.
+
+    Without a spare only layouts are allowed that notice other loads as well as `least`. With one, the error is the
+    largest over each one sensor failed, less `SPARE_NOTICES` of it times the share of other loads that is noticed.
+    """
+
+    rules: Candidates
+    force_n: tuple[float, float]
+    """Range of forces, with equal ends if the force is known."""
+    errors: SampleErrors
+    spare: int
+    """Sensors that may fail, 0 or 1."""
+    others: OtherLoads
+    least: Floats
+    """(kinds,), shares of other loads that a layout without a spare notices at least."""
+    edges_mm: Floats
+    """(cells + 1,) over the range of contacts."""
+    shapes: Floats
+    """(cells, candidates), deflection per newton at the middles of the cells, in mm/N."""
+    uncertain: Floats | None
+    """(cells, candidates), its deviation by the mounting of a sensor, in mm/N; None if positions are exact."""
+    clean_mm: Floats
+    """(contacts, candidates), deflection."""
+    deviation_mm: Floats
+    """(contacts, candidates), standard deviation of a sample of it."""
+    noise: Floats
+    """(contacts, sensors), with variance 1, from left to right; 0 if the force is open."""
+    weight: Floats
+    """(contacts,), 1 on average."""
+    at_once: int = 1
+
+    def scores(self, layouts: Indices, above: float = -np.inf) -> Floats:
+        """Return minus the error in mm of layouts (population, sensors), ascending; -inf if not allowed.
+
+        With a spare, the score of a layout below `above` is that of the first failed sensor that puts it there.
+        """
+        scores = np.full(len(layouts), -np.inf)
+        for row in np.flatnonzero(self.rules.allowed(layouts)):
+            scores[row] = self._score(layouts[row], above)
+        return scores
+
+    def _score(self, layout: Indices, above: float) -> float:
+        """Return the score of a layout (sensors,) that the rules allow."""
+        if not self.spare:
+            return -self.error_mm(layout) if np.all(self.others.noticed(layout) >= self.least) else -np.inf
+        score, worth = 0.0, self.worth(layout)
+        for index in range(len(layout)):
+            score = min(score, -worth * self.error_mm(np.delete(layout, index)))
+            if score < above:
+                break
+        return score
+
+    def worth(self, layout: Indices) -> float:
+        """Return the factor on the error of a layout (sensors,) for what else it notices; 1 without a spare."""
+        return 1 - SPARE_NOTICES * float(self.others.noticed(layout).mean()) if self.spare else 1.0
+
+    def error_mm(self, sensors: Indices) -> float:
+        """Return the mean error of sensors (sensors,), ascending, whatever else they notice."""
+        parts = range(0, len(self.weight), AT_ONCE)
+        each = [self._distances_mm(sensors, slice(first, first + AT_ONCE)) for first in parts]
+        return float(np.concatenate(each) @ self.weight) / len(self.weight)
+
+    def _distances_mm(self, sensors: Indices, part: slice) -> Floats:
+        """Return the mean distances from the posterior medians of a part of the contacts."""
+        sample = self.clean_mm[part, sensors] + self.deviation_mm[part, sensors] * self.noise[part, : len(sensors)]
+        root = 1 / np.sqrt(self.errors.variance_mm2(sample))
+        whitening, shapes = root[:, :, None] * np.eye(len(sensors)), self.shapes[None, :, sensors]
+        moved = None if self.uncertain is None else self.uncertain[None, :, sensors]
+        density = log_density(forces_of(self.force_n, 0.0), whitening, root * sample, shapes, moved, NEGLIGIBLE)
+        return mean_distances(self.edges_mm, density)
+
+
+def position_error_of(
+    influence: InfluenceFunction,
+    rules: Candidates,
+    equal: Indices,
+    errors: SampleErrors,
+    seed: int,
+    *,
+    spare: int = 0,
+    reference: Indices | None = None,
+    effort: Effort = USUAL,
+) -> PositionError:
+    """Draw the contacts of the objective.
+
+    `equal` (sensors,) is the allowed layout nearest to equal pitch. A layout without a spare notices other loads as
+    well as `reference` (sensors,); None: it need not notice any.
+    """
+    prior = Prior.real(influence, rules.position_mm[equal], errors)
+    usual = KNOWN_FORCE_CONTACTS if prior.force_is_known else OPEN_FORCE_CONTACTS
+    contacts = 1 << (effort.of(usual, LEAST) - 1).bit_length()
+    fewest, most = (effort.of(number, LEAST) for number in CELLS)
+    drawn, force, noise = spread_contacts(prior, contacts, np.random.default_rng(seed))
+    drawn, weight = where_it_errs(prior, drawn)
+    cells = int(np.clip(np.ptp(prior.position_mm) / mean_error_mm(prior), fewest, most))
+    edges = where_it_errs(prior, np.linspace(*prior.position_mm, cells + 1))[0]
+    middles = (edges[1:] + edges[:-1]) / 2
+    clean = influence.at(rules.position_mm, drawn) * force[:, None]
+    uncertain: Floats | None = None
+    moved: Floats | float = 0.0
+    if errors.mounting_mm:
+        uncertain = influence.deviation(rules.position_mm, middles, errors.mounting_mm)
+        moved = influence.deviation(rules.position_mm, drawn, errors.mounting_mm) * force[:, None]
+    others = other_loads(influence, rules, errors)
+    return PositionError(
+        rules,
+        influence.force_n,
+        errors,
+        spare,
+        others,
+        np.array(-np.inf) if reference is None else others.noticed(reference) - SLACK,
+        edges,
+        influence.at(rules.position_mm, middles),
+        uncertain,
+        clean,
+        np.sqrt(errors.variance_mm2(clean, moved)),
+        noise if prior.force_is_known else np.zeros_like(noise),
+        weight / weight.mean(),
+    )
+
+
+def mean_distances(edges_mm: Floats, log_density: Floats) -> Floats:
+    """Return the mean distance from the median in mm (contacts,) of densities that are constant within each cell.
+
+    Parameters
+    ----------
+    edges_mm : (cells + 1,)
+    log_density : (contacts, cells), each row up to a constant
+    """
+    width = np.diff(edges_mm)
+    # In place: fresh memory for each step takes longer than the step.
+    work = log_density - log_density.max(axis=1, keepdims=True)
+    np.exp(np.maximum(work, MIN_LOG, out=work), out=work)
+    work *= width
+    below = np.cumsum(work, axis=1, out=work)
+    below /= below[:, -1:]
+    median = (below >= 0.5).argmax(axis=1)
+    rows = np.arange(len(below))
+    before, after = np.where(median > 0, below[rows, median - 1], 0.0), below[rows, median]
+    # The mean distance is the integral of the smaller of the distribution function and its complement.
+    ends = np.minimum(below, 1 - below, out=below)
+    trapezoids: Floats = ends @ (width + np.append(width[1:], 0.0)) / 2
+    missing = (0.5 - before) * (after - 0.5) / np.maximum(after - before, TINY)
+    found: Floats = trapezoids + width[median] * missing
+    return found

@@ -1,0 +1,206 @@
+"""The searches for a layout: exchange by steps, and the paper's. Each takes any objective.
+
+The exchange moves one sensor or two by a step, takes a gain where it finds one, and halves the step when no move gains.
+Steps do not lead over a support, beside which no sensor sees much; so at the end it tries each sensor at places all
+along the beam, and goes on from a gain.
+The paper's search clones the best layout, varies the clones, keeps the best, and varies less when nothing gains. Its
+scores are logarithms here. Two additions make it reach the optimum from every seed: it begins from several layouts, and
+some clones move one or two sensors instead of all.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations, pairwise
+from typing import Protocol
+
+import numpy as np
+
+from beamtouch_models.arrays import Floats, Indices
+from beamtouch_models.design.effort import USUAL, Effort
+from beamtouch_models.design.placement.layout import Candidates
+from beamtouch_models.design.sweeps import Fraction, silent
+from beamtouch_models.names import SearchName
+
+MAX_EVALUATIONS = 2_000
+"""Usual number of layouts, over `Objective.at_once`, after which an exchange tries no smaller step: it bounds the time
+of many sensors."""
+JUMPS = 24
+"""Places along the beam at which each sensor is tried once no step gains."""
+MAX_PAIRS_OF = 8
+"""Number of sensors up to which any two move at once; of more, only neighbours."""
+POPULATION = 36
+"""Smallest number of clones; more sensors get eight clones each."""
+MAX_GENERATIONS = 400
+SHRINK = 0.6
+PATIENCE = 5
+"""Generations without a gain at the smallest increment after which the paper's search ends."""
+GAIN = 1e-10
+"""Smallest gain, relative to the score, that exceeds rounding."""
+
+
+class Objective(Protocol):
+    """What a search makes largest."""
+
+    @property
+    def rules(self) -> Candidates:
+        """The rules that layouts keep."""
+
+    @property
+    def at_once(self) -> int:
+        """Number of layouts that are best scored together: one if a score is costly."""
+
+    def scores(self, layouts: Indices, above: float = -np.inf, /) -> Floats:
+        """Score layouts (population, sensors), each ascending; -inf where one is not allowed.
+
+        A layout that does not score more than `above` may have any score up to it.
+        """
+
+
+@dataclass(frozen=True)
+class SearchRun:
+    """The result of a search from one start."""
+
+    layouts: tuple[Indices, ...]
+    """Best layout (sensors,), ascending, after each step, the start first."""
+    scores: tuple[float, ...]
+    """Their scores."""
+    evaluations: int
+
+    @property
+    def layout(self) -> Indices:
+        """The found layout."""
+        return self.layouts[-1]
+
+    @property
+    def score(self) -> float:
+        """Score of the found layout."""
+        return self.scores[-1]
+
+
+def search_from(
+    starts: Sequence[Indices],
+    objective: Objective,
+    search: SearchName,
+    seed: int,
+    progress: Fraction = silent,
+    effort: Effort = USUAL,
+) -> list[SearchRun]:
+    """Return a run from each allowed start (sensors,), of which there is one at least; a seed gives the same runs."""
+    rng, runs = np.random.default_rng(seed), []
+    most = effort.of(MAX_EVALUATIONS) * objective.at_once
+    layouts = np.sort(np.array(starts), axis=1)
+    distinct = np.sort(np.unique(layouts, axis=0, return_index=True)[1])
+    for number, layout in enumerate(layouts[distinct]):
+        progress(number / len(distinct))
+        score = float(objective.scores(layout[None])[0])
+        if score > -np.inf:
+            first = SearchRun((layout,), (score,), 1)
+            runs.append(exchange(objective, first, most) if search == "exact" else paper_search(objective, first, rng))
+    return runs
+
+
+def first_best(runs: Sequence[SearchRun]) -> SearchRun:
+    """Return the best run; of runs that are equal within rounding, the first."""
+    best = max(run.score for run in runs)
+    return next(run for run in runs if run.score >= best - 1e-9 * abs(best))
+
+
+def exchange(objective: Objective, run: SearchRun, most: int) -> SearchRun:
+    """Move one sensor or two by a step, on and on while it gains, and halve the step when no move does.
+
+    At the end each sensor is tried along the whole beam; the steps begin anew from the largest gain. After `most`
+    layouts it tries no smaller step.
+    """
+    run, count = _by_steps(objective, run, most), len(run.layout)
+    places = np.linspace(0, len(objective.rules.position_mm) - 1, JUMPS).round().astype(np.intp)
+    while run.evaluations < most:
+        trials = np.repeat(run.layout[None, :], JUMPS * count, axis=0)
+        trials[np.arange(len(trials)), np.repeat(np.arange(count), JUMPS)] = np.tile(places, count)
+        trials = np.sort(trials, axis=1)
+        best, best_score = run.layout, run.score
+        for first in range(0, len(trials), objective.at_once):
+            tried = trials[first : first + objective.at_once]
+            values = objective.scores(tried, best_score)
+            winner = int(values.argmax())
+            if _gains(values[winner], best_score):
+                best, best_score = tried[winner], float(values[winner])
+        evaluations = run.evaluations + len(trials)
+        if best_score == run.score:
+            return SearchRun(run.layouts, run.scores, evaluations)
+        run = _by_steps(objective, SearchRun((*run.layouts, best), (*run.scores, best_score), evaluations), most)
+    return run
+
+
+def _by_steps(objective: Objective, run: SearchRun, most: int) -> SearchRun:
+    layouts, scores, evaluations = list(run.layouts), list(run.scores), run.evaluations
+    candidates, group = len(objective.rules.position_mm), objective.at_once
+    step, moves = max(1, candidates // (4 * len(run.layout))), _moves(len(run.layout))
+    while step and evaluations < most:
+        before = len(scores)
+        for first in range(0, len(moves), group):
+            tried = moves[first : first + group]
+            while len(tried):
+                trials = np.sort(layouts[-1] + step * tried, axis=1)
+                inside = (trials[:, 0] >= 0) & (trials[:, -1] < candidates)
+                trials, tried = trials[inside], tried[inside]
+                values = objective.scores(trials, scores[-1])
+                evaluations += len(trials)
+                best = int(values.argmax()) if len(values) else -1
+                if best < 0 or not _gains(values[best], scores[-1]):
+                    break
+                tried = tried[best : best + 1]
+                layouts.append(trials[best])
+                scores.append(float(values[best]))
+        if len(scores) == before:
+            step //= 2
+    return SearchRun(tuple(layouts), tuple(scores), evaluations)
+
+
+def paper_search(objective: Objective, run: SearchRun, rng: np.random.Generator) -> SearchRun:
+    """Run the paper's search; `rng` draws the variations."""
+    layouts, scores, evaluations = list(run.layouts), list(run.scores), run.evaluations
+    increment, idle = len(objective.rules.position_mm) / (2 * len(run.layout)), 0
+    while len(scores) < MAX_GENERATIONS and idle < PATIENCE:
+        clones = _varied(layouts[-1], objective.rules, increment, rng)
+        values = objective.scores(clones, scores[-1])
+        evaluations += len(clones)
+        winner = int(values.argmax())
+        if _gains(values[winner], scores[-1]):
+            idle = 0
+            layouts.append(clones[winner])
+            scores.append(float(values[winner]))
+        else:
+            idle += increment <= 0.5
+            increment = max(increment * SHRINK, 0.5)
+            layouts.append(layouts[-1])
+            scores.append(scores[-1])
+    return SearchRun(tuple(layouts), tuple(scores), evaluations)
+
+
+def _gains(score: float, before: float) -> bool:
+    return score > before + GAIN * abs(before)
+
+
+def _moves(count: int) -> Indices:
+    """Return the moves (moves, sensors) of one sensor and of two, by one step to either side."""
+    unit = np.eye(count, dtype=np.intp)
+    pairs = combinations(unit, 2) if count <= MAX_PAIRS_OF else pairwise(unit)
+    both = [a * one + b * other for one, other in pairs for a in (-1, 1) for b in (-1, 1)]
+    return np.array([*(sign * one for one in unit for sign in (-1, 1)), *both])
+
+
+def _varied(best: Indices, rules: Candidates, increment: float, rng: np.random.Generator) -> Indices:
+    """Return clones of a layout with random moves: a third move all sensors, a third one, a third two."""
+    free = np.flatnonzero(~np.isin(best, rules.fixed))
+    population = max(POPULATION, 8 * len(best))
+    clones = np.repeat(best[None, :], population, axis=0)
+    if not len(free):
+        return clones
+    change = np.rint(rng.normal(scale=increment, size=(population, len(free)))).astype(np.intp)
+    # A sensor that is to move takes at least one step: a clone equal to its parent is wasted.
+    change[change == 0] = rng.choice([-1, 1], size=int((change == 0).sum()))
+    order = rng.permuted(np.tile(np.arange(len(free)), (population, 1)), axis=1)
+    moving = np.resize([len(free), 1, min(2, len(free))], population)
+    change[order >= moving[:, None]] = 0
+    clones[:, free] = np.clip(clones[:, free] + change, 0, len(rules.position_mm) - 1)
+    return np.sort(clones, axis=1)

@@ -1,0 +1,394 @@
+"""The price of each physical effect in a scene, and the scene without its negligible effects.
+
+The price of an effect is the largest change in deflection that it causes at any allowed sensor position, over the
+scene's loads at the largest force, in units of the noise of a sample. Effects are left out, cheapest first, while the
+sum of their prices stays under a tenth. The sum bounds their joint effect.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from typing import Literal
+
+import numpy as np
+
+from beamtouch_common.digits import digits
+from beamtouch_common.errors import InputError
+from beamtouch_models.arrays import Floats
+from beamtouch_models.design.physics import motion
+from beamtouch_models.design.physics.axial import held, holding_mm
+from beamtouch_models.design.physics.beam import influence_matrix, influence_of, load_positions_mm
+from beamtouch_models.design.pricing.noise import ReadingErrors
+from beamtouch_models.design.scene import Scene, change_scene
+from beamtouch_models.errors import SceneError
+from beamtouch_models.filters.walk import OWN
+from beamtouch_models.runtime.metadata import FilterChoice
+
+Verdict = Literal["in", "out", "floor", "not stated", "not modelled"]
+
+NEGLIGIBLE = 0.1
+"""Sum of the prices of the effects that are left out, in units of the noise, is less than this."""
+MAX_POSITIONS = 401
+"""Largest number of sensor positions at which an effect is priced, evenly chosen from the allowed ones."""
+NEAR = 0.5
+"""Share of the critical force from which buckling is near: an imperfect beam bows there (Southwell)."""
+POISSON_RATIO = 0.3
+"""Value of most metals; it gives the shear modulus if the scene does not state one."""
+
+
+@dataclass(frozen=True)
+class Effect:
+    """An effect, priced for a scene."""
+
+    name: str
+    price: float | None
+    """In units of the noise of a sample; None if the scene does not state the data for it."""
+    verdict: Verdict
+    """"in" or "out" of the influence matrix; "floor": part of the covariance of every sample; "not modelled": it
+    matters, but no part of the model can include it."""
+    reason: str
+    having: Scene | None = None
+    lacking: Scene | None = None
+    """The scene with and without the effect, if the two differ."""
+    leave_out: Callable[[Scene], Scene] | None = None
+    """Removes the effect from a scene; None if that changes nothing."""
+
+
+@dataclass(frozen=True, eq=False)
+class Pricing:
+    """The data for pricing the effects of a scene."""
+
+    scene: Scene
+    filter: FilterChoice
+    readings: ReadingErrors
+    sensor_mm: Floats
+    """(sensors,) positions at which effects are priced."""
+
+    @property
+    def noise_mm(self) -> float:
+        """Noise of a sample behind the filter."""
+        return self.readings.behind(self.filter).sample_mm
+
+    @cached_property
+    def load_mm(self) -> Floats:
+        """(loads,) positions of the contacts."""
+        return load_positions_mm(self.scene)
+
+    @cached_property
+    def stated_mm(self) -> Floats:
+        """Deflection (loads, sensors) of the scene as stated, at the largest force."""
+        return self._under_force_mm(self.scene)
+
+    @cached_property
+    def price_of_all(self) -> float:
+        """The largest deflection of the scene as stated, in units of the noise."""
+        return self.in_noise(self.stated_mm)
+
+    def price(self, having: Scene, lacking: Scene) -> float:
+        """Return the largest difference in deflection between two scenes, in units of the noise."""
+        deflection = [self.stated_mm if one is self.scene else self._under_force_mm(one) for one in (having, lacking)]
+        return self.in_noise(deflection[0] - deflection[1])
+
+    def in_noise(self, deflection_mm: Floats) -> float:
+        """Return the largest deflection in units of the noise; raises SceneError beyond the range of float64."""
+        with np.errstate(over="ignore"):
+            price = float(np.abs(deflection_mm).max(initial=0.0) / self.noise_mm)
+        if not math.isfinite(price):
+            message = "sensors: the noise is too small next to the deflection to price effects in; state a larger one"
+            raise SceneError(message)
+        return price
+
+    def _under_force_mm(self, scene: Scene) -> Floats:
+        return scene.contact.force_range_n[1] * influence_matrix(scene, self.sensor_mm, self.load_mm)
+
+
+def verdict_of(price: float) -> Verdict:
+    """Return whether an effect with this price is in the influence matrix."""
+    return "out" if price < NEGLIGIBLE else "in"
+
+
+def _stated(pricing: Pricing, name: str, reason: str, leave_out: Callable[[Scene], Scene]) -> Effect:
+    """Return an effect that the scene states, priced against the scene without it."""
+    lacking = leave_out(pricing.scene)
+    price = pricing.price(pricing.scene, lacking)
+    return Effect(name, price, verdict_of(price), reason, pricing.scene, lacking, leave_out)
+
+
+without_shear = partial(change_scene, beam={"shear_modulus_gpa": None})
+without_width = partial(change_scene, contact={"width_mm": 0.0})
+"""The scene with point contacts."""
+without_foundation = partial(change_scene, beam={"foundation_n_mm2": None})
+"""Raises InputError if nothing else supports the beam."""
+without_tolerance = partial(change_scene, sensors={"mounting_tolerance_mm": 0.0})
+"""The scene with sensors at exactly known positions."""
+without_adc = partial(change_scene, sensors={"adc_bits": None})
+"""The scene without the steps of its ADC."""
+
+
+def without_steps(scene: Scene) -> Scene:
+    """Return the scene with a prismatic beam that has the mean compliance of the beam."""
+    sections = scene.beam.sections
+    starts = [0.0, *(section.to_mm for section in sections[:-1])]
+    shares = [(section.to_mm - start) / scene.beam.length_mm for section, start in zip(sections, starts, strict=True)]
+    compliance = sum(share / section.rigidity_n_mm2 for share, section in zip(shares, sections, strict=True))
+    dropped = dict.fromkeys(("youngs_modulus_gpa", "shear_modulus_gpa", "width_mm", "thickness_mm"))
+    return change_scene(scene, beam={**dropped, "segments": (), "flexural_rigidity_n_mm2": 1 / compliance})
+
+
+def _shear(pricing: Pricing) -> Effect:
+    scene, beam = pricing.scene, pricing.scene.beam
+    if beam.shear_modulus_gpa is not None:
+        return _stated(pricing, "shear", f"shear modulus {beam.shear_modulus_gpa:g} GPa", without_shear)
+    if beam.modulus_gpa is None or any(section.area_mm2 is None for section in beam.sections):
+        return Effect("shear", None, "not stated", "give shear_modulus_gpa with width_mm and thickness_mm")
+    modulus = beam.modulus_gpa / (2 * (1 + POISSON_RATIO))
+    having = change_scene(scene, beam={"shear_modulus_gpa": modulus})
+    price = pricing.price(having, scene)
+    if price < NEGLIGIBLE:
+        reason = f"estimated with a Poisson ratio of {POISSON_RATIO:g}"
+        return Effect("shear", price, "out", reason, having, scene)
+    reason = f"state beam.shear_modulus_gpa to include it, {digits(modulus, 3)} at a Poisson ratio of {POISSON_RATIO:g}"
+    return Effect("shear", price, "not modelled", reason, having, scene)
+
+
+def _contact_width(pricing: Pricing) -> Effect:
+    width = pricing.scene.contact.width_mm
+    if width == 0:
+        return Effect("contact width", 0.0, "out", "the scene states a point contact")
+    return _stated(pricing, "contact width", f"{width:g} mm", without_width)
+
+
+def _self_weight(pricing: Pricing) -> Effect:
+    # Deflections are linear in the load: after a tare, a contact adds the same deflection with or without the weight.
+    sag = motion.sag_mm(pricing.scene.beam)
+    told = "" if sag is None else f"; the beam sags by {digits(sag, 3)} mm, which the stand-off must allow for"
+    return Effect("self-weight", 0.0, "out", f"constant, removed by the tare{told}")
+
+
+def _overhang(pricing: Pricing) -> Effect:
+    scene, supports = pricing.scene, pricing.scene.beam.support_list
+    places = [support.at_mm for support in supports]
+    if len(places) < 2 or (places[0] == 0 and places[-1] == scene.beam.length_mm):
+        return Effect("overhang", 0.0, "out", "no overhang")
+    off_loads, off_sensors = ((at < places[0]) | (at > places[-1]) for at in (pricing.load_mm, pricing.sensor_mm))
+    price = pricing.in_noise(pricing.stated_mm[off_loads[:, None] | off_sensors])
+    if price == 0:
+        return Effect("overhang", 0.0, "out", "no load or sensor on an overhang")
+    return Effect("overhang", price, "in", f"beyond the supports at {places[0]:g} and {places[-1]:g} mm")
+
+
+def _steps(pricing: Pricing) -> Effect:
+    scene = pricing.scene
+    if len({section.rigidity_n_mm2 for section in scene.beam.sections}) == 1:
+        return Effect("steps", 0.0, "out", "a single section")
+    # The prismatic beam has no section for shear to depend on, so compare the two without shear.
+    having, lacking = without_shear(scene), without_steps(scene)
+    price = pricing.price(having, lacking)
+    mean = digits(lacking.beam.rigidity_n_mm2, 4)
+    reason = f"compared to a prismatic beam of the same mean compliance, {mean} N mm^2"
+    if price < NEGLIGIBLE and scene.beam.shear_modulus_gpa is not None:
+        return Effect(
+            "steps", price, "in", f"{reason}; included, because shear depends on the sections", having, lacking
+        )
+    return Effect("steps", price, verdict_of(price), reason, having, lacking, without_steps)
+
+
+def _foundation(pricing: Pricing) -> Effect:
+    scene = pricing.scene
+    if scene.beam.foundation_n_mm2 is None:
+        return Effect("foundation", 0.0, "out", "no foundation")
+    reason = f"{digits(scene.beam.foundation_n_mm2, 6)} N/mm per mm"
+    try:
+        without_foundation(scene)
+    except InputError:
+        return Effect("foundation", pricing.price_of_all, "in", f"{reason}; nothing else supports the beam", scene)
+    return _stated(pricing, "foundation", reason, without_foundation)
+
+
+def _dynamics(pricing: Pricing) -> Effect:
+    scene = pricing.scene
+    frequency = motion.first_frequency_hz(scene.beam)
+    if frequency is None:
+        return Effect("dynamics", None, "not stated", "give density_kg_m3 or material, with width_mm and thickness_mm")
+    damping_ratio = motion.damping_of(scene.beam)
+    still = motion.ringing_after_filter(frequency, damping_ratio, pricing.filter, scene.sensors.rate_hz)
+    price = pricing.price_of_all * still
+    assumed = " (assumed)" if scene.beam.damping_ratio is None else ""
+    told = f"rings at {digits(frequency, 3)} Hz, damped by {digits(100 * damping_ratio, 2)} %{assumed}"
+    if price < NEGLIGIBLE:
+        return Effect("dynamics", price, "out", f"{told}; decayed once the filter has settled")
+    return Effect("dynamics", price, "not modelled", f"{told}; intervals are wide while the readings scatter")
+
+
+def _gain_error(pricing: Pricing) -> Effect:
+    gain = pricing.readings.gain
+    stated = "" if pricing.scene.sensors.gain_error_percent is not None else ", as the scene states none"
+    left = f"calibration leaves an error of {digits(100 * gain, 3)} % of the deflection"
+    reason = f"{left}{stated}; it never averages away"
+    return Effect("gain error", gain * pricing.price_of_all, "floor", reason)
+
+
+def _zero_drift(pricing: Pricing) -> Effect:
+    zero_mm = pricing.readings.zero_mm
+    stated = "" if pricing.scene.sensors.zero_drift_mm is not None else ", as the scene states none"
+    reason = f"{digits(1000 * zero_mm, 3)} um since the last tare{stated}; it never averages away"
+    return Effect("zero drift", pricing.in_noise(np.array([zero_mm])), "floor", reason)
+
+
+def _drift_under_a_load(pricing: Pricing) -> Effect:
+    """Price what zeros drift by themselves in a contact of a minute; what they drift together is mostly force."""
+    name, rate_mm = "drift in a minute", pricing.readings.drift_mm_per_min
+    if rate_mm == 0:
+        return Effect(name, 0.0, "out", "the scene states that zeros do not drift")
+    stated = "" if pricing.scene.environment.drift_um_per_min is not None else ", as the scene states none"
+    reason = (
+        f"zeros drift by {digits(1000 * rate_mm, 3)} um a minute together{stated}, each by itself by {OWN:g} times "
+        "that; the daemon follows at each rest, and the intervals of a contact widen with its length"
+    )
+    return Effect(name, pricing.in_noise(np.array([OWN * rate_mm])), "floor", reason)
+
+
+def _mounting_tolerance(pricing: Pricing) -> Effect:
+    scene, tolerance_mm = pricing.scene, pricing.scene.sensors.mounting_tolerance_mm
+    if tolerance_mm == 0:
+        return Effect("mounting tolerance", 0.0, "out", "the scene states none")
+    moved = influence_of(scene).deviation(pricing.sensor_mm, pricing.load_mm, tolerance_mm)
+    price = pricing.in_noise(scene.contact.force_range_n[1] * moved)
+    reason = f"+- {tolerance_mm:g} mm along the beam; `calibrate` finds the true positions"
+    verdict: Verdict = "out" if price < NEGLIGIBLE else "floor"
+    return Effect("mounting tolerance", price, verdict, reason, leave_out=without_tolerance)
+
+
+def _sensor_curve(pricing: Pricing) -> Effect:
+    low, high = pricing.scene.sensors.range_mm
+    return Effect(
+        "sensor curve", None, "not stated", f"assumed linear over {low:g}..{high:g} mm; calibrate corrects it"
+    )
+
+
+def _adc_steps(pricing: Pricing) -> Effect:
+    scene = pricing.scene
+    if scene.sensors.adc_bits is None:
+        return Effect("ADC steps", None, "not stated", "give sensors.adc_bits")
+    # Standard deviations, like the noise that they are compared to. The rounding errors of readings are independent
+    # only as far as noise moves the readings over the steps.
+    step, stays_mm = pricing.readings.step_mm, pricing.readings.rounding_mm
+    price = math.hypot(step / math.sqrt(12 * pricing.filter.window), stays_mm) / pricing.noise_mm
+    reason = f"{digits(1000 * step, 3)} um per count"
+    if stays_mm >= NEGLIGIBLE * pricing.noise_mm:
+        reason += f"; the noise is too small to average it out, so {digits(1000 * stays_mm, 3)} um stay in every mean"
+    return Effect("ADC steps", price, verdict_of(price), reason, leave_out=without_adc)
+
+
+def _expansion(pricing: Pricing) -> Effect:
+    """Price the axial force in a held beam, at both ends of the temperature range; SceneError if the beam buckles."""
+    name, scene = "expansion", pricing.scene
+    holding, range_k = holding_mm(scene.beam), scene.environment.temperature_range_k
+    if len(holding) < 2:
+        return Effect(name, 0.0, "out", "the beam can lengthen: at most one support holds it lengthwise")
+    found = held(scene.beam)
+    if found is None:
+        return Effect(name, None, "not stated", "give beam.material or expansion_um_per_m_k, and thickness_mm")
+    buckles = f"it buckles {digits(found.buckles_k, 3)} K above its mounting"
+    where = f"held at {holding[0]:g} and {holding[-1]:g} mm, {buckles}"
+    if range_k is None:
+        return Effect(name, None, "not stated", f"give environment.temperature_range_k; {where}")
+    if range_k[1] >= found.buckles_k:
+        raise SceneError(
+            f"environment.temperature_range_k: {range_k[1]:g} K above its mounting the beam buckles, as it is held at "
+            f"{holding[0]:g} and {holding[-1]:g} mm and bears {digits(found.buckles_k, 3)} K; let one support "
+            "slide (slides = true), or mount it warmer"
+        )
+    change = [found.change(one_k) for one_k in range_k]
+    price = pricing.price_of_all * max(map(abs, change))
+    forces = "..".join(digits(found.force_n_per_k * one_k, 3) for one_k in range_k)
+    percent = "..".join(f"{100 * one:+.2g}" for one in change)
+    reason = f"{where}; {forces} N of compression change the largest deflection by {percent} %"
+    if price < NEGLIGIBLE:
+        return Effect(name, price, "out", reason)
+    if range_k[1] > NEAR * found.buckles_k:
+        reason += "; buckling is near, so let one support slide"
+    return Effect(name, price, "not modelled", reason, scene)
+
+
+def _sensor_drift(pricing: Pricing) -> Effect:
+    """Price the drift of the sensors with the temperature beside the other drift of their zeros."""
+    name, sensors, range_k = "sensor drift", pricing.scene.sensors, pricing.scene.environment.temperature_range_k
+    if range_k is None:
+        return Effect(name, None, "not stated", "give environment.temperature_range_k and sensors.drift_um_per_k")
+    if sensors.drift_um_per_k is None:
+        return Effect(name, None, "not stated", "give sensors.drift_um_per_k")
+    drift_mm, zero_mm = pricing.readings.warmth_mm, pricing.readings.zero_mm
+    span_k = range_k[1] - range_k[0]
+    beside = f"{digits(drift_mm / zero_mm, 2)} times" if zero_mm else "beside no"
+    reason = (
+        f"up to {digits(sensors.drift_um_per_k * span_k, 3)} um after a tare at the other end of {span_k:g} K, "
+        f"{digits(1000 * drift_mm, 3)} um as a standard deviation, {beside} zero drift; it never averages away"
+    )
+    return Effect(name, pricing.in_noise(np.array([drift_mm])), "floor", reason)
+
+
+EFFECTS: tuple[Callable[[Pricing], Effect], ...] = (
+    _shear,
+    _contact_width,
+    _self_weight,
+    _overhang,
+    _steps,
+    _foundation,
+    _dynamics,
+    _sensor_curve,
+    _adc_steps,
+    _gain_error,
+    _zero_drift,
+    _drift_under_a_load,
+    _mounting_tolerance,
+    _expansion,
+    _sensor_drift,
+)
+
+
+def effects_of(scene: Scene, chosen: FilterChoice, readings: ReadingErrors, allowed_mm: Floats) -> tuple[Effect, ...]:
+    """Price every effect of a scene, in the noise of a sample.
+
+    Parameters
+    ----------
+    scene, chosen, readings : the scene, the filter of its model, and the errors of its readings
+    allowed_mm : (positions,) where sensors may stand, ascending
+
+    Raises
+    ------
+    SceneError
+        The scene cannot be computed, or its noise, which must not be 0, is too small to price effects in.
+    """
+    at = np.linspace(0, len(allowed_mm) - 1, min(len(allowed_mm), MAX_POSITIONS)).round().astype(np.intp)
+    pricing = Pricing(scene, chosen, readings, allowed_mm[at])
+    return _include_too_many([price(pricing) for price in EFFECTS])
+
+
+def leave_out(scene: Scene, effects: Sequence[Effect], readings: ReadingErrors) -> Scene:
+    """Return a scene without its negligible effects; `readings` are the errors of its readings.
+
+    If effects are left out, the result states the noise of the scene in mm; it contains the steps of an ADC that is
+    left out.
+    """
+    removals = [effect.leave_out for effect in effects if effect.verdict == "out" and effect.leave_out]
+    smaller = scene
+    for remove in removals:
+        smaller = remove(smaller)
+    if removals:
+        noise_mm = readings.reading_mm if smaller.sensors.adc_bits is None else readings.sensor_mm
+        smaller = change_scene(smaller, sensors={"noise_mm": noise_mm, "noise_percent_of_max": None})
+    return smaller
+
+
+def _include_too_many(effects: list[Effect]) -> tuple[Effect, ...]:
+    """Include the most expensive negligible effects again, until the prices of the rest sum to less than the limit."""
+    judged, total = {effect.name: effect for effect in effects}, 0.0
+    left_out = [effect for effect in effects if effect.verdict == "out" and effect.leave_out]
+    for effect in sorted(left_out, key=lambda effect: effect.price or 0.0):
+        total += effect.price or 0.0
+        if total >= NEGLIGIBLE:
+            reason = f"{effect.reason}; included, as the effects left out would together exceed {NEGLIGIBLE:g}"
+            judged[effect.name] = replace(effect, verdict="in", reason=reason)
+    return tuple(judged.values())

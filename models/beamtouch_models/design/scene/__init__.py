@@ -1,0 +1,163 @@
+"""The scene of a surface: what the user states before it is built, validated strictly.
+
+`beam` (with `materials`) and `tables` have its parts; `plausible` finds obvious mistakes.
+"""
+
+import json
+from collections.abc import Mapping
+from itertools import chain
+from pathlib import Path
+from typing import Any, Self
+
+from pydantic import Field, model_validator
+
+from beamtouch_common.digits import digits
+from beamtouch_common.errors import InputError
+from beamtouch_common.files import parse_toml, read_text, validate
+from beamtouch_models.design.rates import MAX_FALSE, max_false_per_day
+from beamtouch_models.design.scene.beam import Beam, identity_of
+from beamtouch_models.design.scene.plausible import in_other_units, misplaced
+from beamtouch_models.design.scene.tables import Contact, Environment, Requirements, Sensors, Strict
+from beamtouch_models.errors import require
+
+__all__ = [
+    "Requirements", "Scene", "change_scene", "format_scene", "identity_of", "load_scene", "make_scene", "parse_scene",
+    "read_scene",
+]  # fmt: skip
+
+
+class Scene(Strict):
+    """Statements of the user about a surface before it is built."""
+
+    beam: Beam
+    """The beam, with its supports and its foundation."""
+    contact: Contact
+    """The contacts that the surface is designed for."""
+    sensors: Sensors
+    """The proximity sensors under the beam."""
+    requirements: Requirements = Field(default_factory=Requirements)
+    """Requirements of the surface; all have defaults."""
+    environment: Environment = Field(default_factory=Environment)
+    """Temperatures around the surface, and what they do to the zeros."""
+
+    @model_validator(mode="after")
+    def _on_the_beam(self) -> Self:
+        # Units come first: the other checks stumble over a number in another one.
+        if message := next(chain(in_other_units(self.beam), misplaced(self.beam, self.contact, self.sensors)), ""):
+            raise ValueError(message)
+        if self.sensors.count != "auto" and self.sensors.count_range[0] > self.sensors.count_range[1]:
+            raise ValueError(f"sensors.count = {list(self.sensors.count_range)}: the first must not exceed the second")
+        return self
+
+    @model_validator(mode="after")
+    def _within_reason(self) -> Self:
+        if self.sensors.drift_um_per_k is not None and self.environment.temperature_range_k is None:
+            raise ValueError("sensors.drift_um_per_k needs environment.temperature_range_k, as [-10, 15]")
+        tolerance, fewest = self.sensors.mounting_tolerance_mm, self.sensors.count_range[0]
+        if tolerance >= (spacing := self.beam.length_mm / fewest):
+            raise ValueError(
+                f"sensors.mounting_tolerance_mm = {tolerance:g}: {fewest} sensors on {self.beam.length_mm:g} mm are "
+                f"{digits(spacing, 3)} mm apart; measure their positions to less than that"
+            )
+        often, rate_hz = self.requirements.false_contacts_per_day, self.sensors.rate_hz
+        if often > (most := max_false_per_day(rate_hz)):
+            raise ValueError(
+                f"requirements.false_contacts_per_day = {often:g}: at sensors.rate_hz = {rate_hz:g} at most "
+                f"{digits(most, 6)} a day, one sample in {1 / MAX_FALSE:g}; state less"
+            )
+        return self
+
+    @property
+    def wants_force(self) -> bool:
+        """Whether the model states the force."""
+        return "force" in self.requirements.descriptors
+
+
+def read_scene(scene: Path | str) -> Scene:
+    """Read a scene.
+
+    Parameters
+    ----------
+    scene : path of a TOML file, or TOML text; a text of one line that ends with ".toml" is a path
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, or it is not a scene; the message names the key.
+    """
+    if not isinstance(scene, Path | str):
+        raise InputError(f"the scene: give a path or TOML text, not {type(scene).__name__}")
+    path = path_of(scene)
+    return parse_scene(str(scene), "the scene") if path is None else load_scene(path)[0]
+
+
+def path_of(scene: object) -> Path | None:
+    """Return the path of a scene that is stated by its path, None if it is something else, as TOML text."""
+    if isinstance(scene, str) and "\n" not in scene and scene.endswith(".toml"):
+        return Path(scene)
+    return scene if isinstance(scene, Path) else None
+
+
+def make_scene(**tables: Mapping[str, Any]) -> Scene:
+    """Make a scene of its tables, with the keys of a scene file.
+
+    For example `make_scene(beam={"length_mm": 400, ...}, contact={...}, sensors={...})`.
+
+    Raises
+    ------
+    InputError
+        It is not a scene; the message names the key.
+    """
+    return validate(Scene, tables, "the scene")
+
+
+def change_scene(scene: Scene, **tables: Mapping[str, Any]) -> Scene:
+    """Return a scene with other values of some keys; None takes a key away.
+
+    For example `change_scene(scene, beam={"thickness_mm": 4}, sensors={"count": 5})`.
+
+    Raises
+    ------
+    InputError
+        It is no scene any more; the message names the key.
+    """
+    require(scene, Scene, "scene", "what read_scene returns")
+    stated = scene.model_dump(exclude_unset=True)
+    for name, values in tables.items():
+        require(values, Mapping, name, "a table, as a dict of its keys")
+        stated[name] = {**stated.get(name, {}), **values}
+    return make_scene(**_without_none(stated))
+
+
+def format_scene(scene: Scene) -> str:
+    """Return a scene as TOML text, with the keys that it states."""
+    require(scene, Scene, "scene", "what read_scene returns")
+    tables = _without_none(scene.model_dump(mode="json", exclude_unset=True))
+    return "\n".join(
+        f"[{name}]\n" + "".join(f"{key} = {_toml(value)}\n" for key, value in table.items())
+        for name, table in tables.items()
+    )
+
+
+def _without_none(tables: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
+    return {name: {key: value for key, value in table.items() if value is not None} for name, table in tables.items()}
+
+
+def _toml(value: object) -> str:
+    """Return a value as TOML; its numbers, texts, truth values and lists are those of JSON."""
+    if isinstance(value, dict):
+        return f"{{ {', '.join(f'{key} = {_toml(one)}' for key, one in value.items() if one is not None)} }}"
+    if isinstance(value, list):
+        return f"[{', '.join(map(_toml, value))}]"
+    return json.dumps(value)
+
+
+def load_scene(path: Path) -> tuple[Scene, str]:
+    """Read a scene file; returns the scene and its text. Raises InputError as `parse_scene` does."""
+    text = read_text(path)
+    return parse_scene(text, str(path)), text
+
+
+def parse_scene(text: str, origin: str) -> Scene:
+    """Read a scene from TOML text; raises InputError as `beamtouch_common.files.parse_toml` does."""
+    return parse_toml(Scene, text, origin)

@@ -1,0 +1,141 @@
+"""Obvious mistakes in a scene: places off the beam, in contradiction or in metres, and numbers in other units."""
+
+import math
+from collections.abc import Iterator
+from itertools import pairwise
+
+from beamtouch_common.digits import digits
+from beamtouch_models.design.scene.beam import Beam
+from beamtouch_models.design.scene.tables import Contact, Sensors
+
+MM_PER_M = 1000
+ROUNDING = 1e-9
+"""Share of the beam's length by which sensors may be too close to something: 3 * 0.1 and 0.3 are the same position."""
+SHORTEST_MM, NARROWEST_MM, THINNEST_MM = 1.0, 0.1, 0.01
+"""Smallest length, width and thickness; a smaller beam is no place for a proximity sensor."""
+WIDEST, DEEPEST = 4.0, 1.0
+"""Largest width and thickness over the length; a beam beyond them is none, or its length is in another unit."""
+STIFFEST_GPA = 1500.0
+"""Diamond has 1200 GPa."""
+PSI_PER_GPA = 145038
+UNITS = (("MPa", 1e3, 1.0), ("psi", PSI_PER_GPA, 5.0), ("Pa", 1e9, 0.1))
+"""Other units of a modulus: how many of them are a GPa, and the smallest modulus in GPa for which one is meant."""
+LIGHTEST_KG_M3, HEAVIEST_KG_M3 = 20.0, 25_000.0
+"""Foams and osmium; a smaller number is a density in g/cm3."""
+MIN_EXPANSION, MAX_EXPANSION = 1e-3, 1e3
+"""Smallest and largest expansion in um/(m K); glass ceramics of telescopes have 0.01, rubbers 300. Less is in 1/K."""
+
+
+def misplaced(beam: Beam, contact: Contact, sensors: Sensors) -> Iterator[str]:
+    """Yield what to change in each place that is clearly a mistake."""
+    length, on_the_beam = beam.length_mm, f"the beam, 0..{beam.length_mm:g} mm"
+    yield from _in_metres(beam, contact, sensors)
+    if contact.position_mm[0] < 0 or contact.position_mm[1] > length:
+        yield f"contact.position_mm = {list(contact.position_mm)} reaches beyond {on_the_beam}"
+    if contact.width_mm >= length:
+        yield f"contact.width_mm = {contact.width_mm:g} must be less than beam.length_mm = {length:g}"
+    if any(not 0 <= place <= length for place in sensors.fixed_mm):
+        yield f"sensors.fixed_mm reaches beyond {on_the_beam}"
+    for start, end in sensors.keep_out_mm:
+        if end <= 0 or start >= length:
+            yield f"sensors.keep_out_mm has [{start:g}, {end:g}], off {on_the_beam}; correct it, or remove it"
+    if sensors.size_mm >= length:
+        yield f"sensors.size_mm = {sensors.size_mm:g} must be less than beam.length_mm = {length:g}"
+    yield from _fixed_too_close(beam, sensors)
+
+
+def _fixed_too_close(beam: Beam, sensors: Sensors) -> Iterator[str]:
+    """Yield what to change where a fixed sensor is too close to something that `taken_mm` names, or to another one."""
+    for place in sensors.fixed_mm:
+        for words, start, end in taken_mm(beam, sensors):
+            if start < place < end:
+                yield (
+                    f"sensors: fixed_mm has {place:g} mm, where a housing of size_mm = {sensors.size_mm:g} {words}; "
+                    "move that sensor, or correct size_mm"
+                )
+    key = "size_mm" if sensors.size_mm >= sensors.min_distance_mm else "min_distance_mm"
+    least_mm = max(sensors.size_mm, sensors.min_distance_mm)
+    for left, right in pairwise(sorted(sensors.fixed_mm)):
+        if right - left < least_mm - ROUNDING * beam.length_mm:
+            yield (
+                f"sensors: fixed_mm has {left:g} and {right:g} mm, {digits(right - left, 3)} mm apart, less than {key} "
+                f"= {least_mm:g}; move one, or correct {key}"
+            )
+
+
+def taken_mm(beam: Beam, sensors: Sensors) -> Iterator[tuple[str, float, float]]:
+    """Yield where no sensor may stand: what a housing would do there, and the stretch of its centre, without its ends.
+
+    The stretches are shorter by what is rounding.
+    """
+    length, half = beam.length_mm, sensors.size_mm / 2
+    near = ROUNDING * length
+    yield "reaches beyond the end of the beam at 0 mm", -math.inf, half - near
+    yield f"reaches beyond the end of the beam at {length:g} mm", length - half + near, math.inf
+    for at in beam.held_mm:
+        beside = max(half - near, near)  # nothing moves at a support: no point stands there either
+        yield f"stands on the support at {at:g} mm", at - beside, at + beside
+    for start, end in sensors.keep_out_mm:
+        yield f"reaches into [{start:g}, {end:g}] of keep_out_mm", start - half + near, end + half - near
+
+
+def _in_metres(beam: Beam, contact: Contact, sensors: Sensors) -> Iterator[str]:
+    """Yield what to write for each list whose places, all next to the left end, are on the beam if they are metres."""
+    stated: dict[str, list[float]] = {
+        "beam.supports: at_mm": [] if isinstance(beam.supports, str) else [one.at_mm for one in beam.supports],
+        "contact.position_mm": list(contact.position_mm),
+        "sensors.fixed_mm": sensors.fixed_mm,
+        **{f"sensors.keep_out_mm[{i}]": list(stretch) for i, stretch in enumerate(sensors.keep_out_mm)},
+    }
+    for key, places in stated.items():
+        if 0 < max(places, default=0) <= beam.length_mm / MM_PER_M:
+            given, right = (", ".join(f"{times * place:g}" for place in places) for times in (1, MM_PER_M))
+            yield f"{key} = [{given}] is next to the left end of the beam; if it is in metres, write [{right}]"
+
+
+def in_other_units(beam: Beam) -> Iterator[str]:
+    """Yield what to change in each such number."""
+    yield from _sizes(beam)
+    yield from _properties(beam)
+
+
+def _sizes(beam: Beam) -> Iterator[str]:
+    sections = [("beam", beam.width_mm, beam.thickness_mm)]
+    sections += [(f"beam.segments[{i}]", one.width_mm, one.thickness_mm) for i, one in enumerate(beam.segments)]
+    sizes: list[tuple[str, float | None, float, float]] = [("beam.length_mm", beam.length_mm, SHORTEST_MM, 1.0)]
+    for name, width_mm, thickness_mm in sections:
+        sizes.append((f"{name}.width_mm", width_mm, NARROWEST_MM, WIDEST))
+        sizes.append((f"{name}.thickness_mm", thickness_mm, THINNEST_MM, DEEPEST))
+    for key, value, least, most in sizes:
+        if value is not None and value < least:
+            yield f"{key} = {value:g} is too small for a beam; if it is in metres, write {1000 * value:g}"
+        if value is not None and value > most * beam.length_mm:
+            yield (
+                f"{key} = {value:g} is too much for beam.length_mm = {beam.length_mm:g}; state all of them in mm, and "
+                "the length along the beam"
+            )
+
+
+def _properties(beam: Beam) -> Iterator[str]:
+    moduli = ("youngs_modulus_gpa", beam.youngs_modulus_gpa), ("shear_modulus_gpa", beam.shear_modulus_gpa)
+    for key, modulus in moduli:
+        if modulus is not None and modulus > STIFFEST_GPA:
+            fits = [(unit, modulus / times) for unit, times, least in UNITS if least <= modulus / times <= STIFFEST_GPA]
+            advice = f"if it is in {fits[0][0]}, write {digits(fits[0][1], 4)}" if fits else "state it in GPa"
+            yield f"beam.{key} = {modulus:g} is more than any material has; {advice}"
+    density, expansion = beam.density_kg_m3, beam.expansion_um_per_m_k
+    if density is not None and density < LIGHTEST_KG_M3:
+        right = 1000 * density
+        yield f"beam.density_kg_m3 = {density:g} is less than any material has; if it is in g/cm3, write {right:g}"
+    if expansion is not None and expansion < MIN_EXPANSION:
+        key, right = "beam.expansion_um_per_m_k", 1e6 * expansion
+        yield f"{key} = {expansion:g} is less than any material has; if it is in 1/K, write {right:g}"
+    for key, value, most, unit in (
+        ("density_kg_m3", density, HEAVIEST_KG_M3, "kg/m3"),
+        ("expansion_um_per_m_k", expansion, MAX_EXPANSION, "um/(m K)"),
+    ):
+        if value is not None and value > most:
+            yield f"beam.{key} = {value:g} is more than any material has; state it in {unit}"
+    young, shear = beam.modulus_gpa, beam.shear_modulus_gpa
+    if young is not None and shear is not None and shear >= young:
+        yield f"beam.shear_modulus_gpa = {shear:g} must be less than Young's modulus, {young:g}; metals have 0.38 of it"

@@ -1,0 +1,225 @@
+"""A model file, loaded: its graph with its metadata, checked before use. `onnx_graph.to_bytes` writes model files."""
+
+import hashlib
+import os
+import stat
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from beamtouch_common.digits import digits
+from beamtouch_models.arrays import Floats
+from beamtouch_models.errors import ModelFileError, SceneError, require
+from beamtouch_models.numbers import array_of
+from beamtouch_models.runtime import description
+from beamtouch_models.runtime.error_model import whitening
+from beamtouch_models.runtime.metadata import INPUTS, THIS_FILE, Metadata
+from beamtouch_models.runtime.session import Answers, Graph, GraphError, graph_errors
+
+GOLDEN_TOLERANCE = 1e-3
+"""Largest difference between a golden answer and the file's, in mm, N and nats; float32 needs a tenth of it."""
+
+MAX_RATIO = 100.0
+"""A deflection is out of range beyond this many times the largest one that the scene allows."""
+
+MAX_BYTES = 4 * 1024 * 1024
+"""Largest model file; `design-sensors build` writes at most a hundredth of it."""
+
+
+@dataclass(frozen=True)
+class ModelFile:
+    """A loaded model, ready to answer."""
+
+    metadata: Metadata
+    identity: str
+    """`name@` and the first six hex digits of the file's SHA-256."""
+    graph: Graph
+    """What runs in onnxruntime."""
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """Names of the outputs."""
+        return self.graph.outputs
+
+    @cached_property
+    def channels(self) -> list[str]:
+        """Channel names in input order."""
+        return [channel.name for channel in self.metadata.layout]
+
+    @property
+    def largest_mm(self) -> float:
+        """Deflection beyond which a channel takes no part: no load goes that far."""
+        return MAX_RATIO * self.metadata.max_deflection_mm
+
+    @property
+    def lacks(self) -> list[str]:
+        """Outputs that are missing: interval, log odds of contact, misfit."""
+        return description.lacking(self.outputs)
+
+    def summary(self) -> str:
+        """Return the metadata as text, each number with its unit and reference."""
+        return description.summary(self.metadata, self.identity, self.outputs)
+
+    def run(self, deflection_mm: NDArray[np.floating], whitening_per_mm: NDArray[np.floating]) -> Answers:
+        """Answer any number of samples, of any precision.
+
+        Parameters
+        ----------
+        deflection_mm : (samples, channels), in the order of the layout, 0 for a channel that is missing
+        whitening_per_mm : (samples, channels, channels), as `whitening` returns it
+
+        Returns
+        -------
+        One float32 array (samples,) per output name.
+        """
+        return self.graph.run(deflection_mm, whitening_per_mm)
+
+    def answer(self, deflection_mm: Floats, noise_mm: float | None = None) -> dict[str, Floats]:
+        """Answer samples of all channels as the service does, with the floor of the file.
+
+        Parameters
+        ----------
+        deflection_mm : (samples, channels), as the sensors measure them, in the order of the layout
+        noise_mm : standard deviation of their noise; None or 0: that of a settled sample
+
+        Returns
+        -------
+        One array (samples,) per output name.
+        """
+        floor, noise_mm = self.metadata.floor, noise_mm or self.metadata.noise.sample_mm
+        covariance_mm2 = np.eye(len(self.channels)) * noise_mm**2
+        answers = self.run(deflection_mm, whitening(deflection_mm, covariance_mm2, floor.gain, floor.zero_mm))
+        return {name: values.astype(np.float64) for name, values in answers.items()}
+
+
+def load_model(model: Path | str | bytes) -> ModelFile:
+    """Load a model from the path of a file, or the content of one, and reproduce its golden answers.
+
+    `metadata` of the result has the layout, ranges, accuracy and calibration.
+
+    Raises
+    ------
+    ModelFileError
+        The file cannot be read, or it is not a model that can be used.
+    """
+    if isinstance(model, bytes):
+        return load_bytes(model, "the model")
+    if not isinstance(model, Path | str):
+        raise ModelFileError(f"the model: give a path or the content of a file, not {type(model).__name__}")
+    return load(model)
+
+
+def estimate(model: ModelFile, deflection_mm: ArrayLike) -> dict[str, Floats]:
+    """Return the answers of a model to settled samples of all its channels, as the service gives them.
+
+    Parameters
+    ----------
+    model : a loaded model
+    deflection_mm : (samples, channels) in mm, as the sensors measure them, in the order of the model's layout
+
+    Returns
+    -------
+    An array (samples,) per output: `position_mm`, `position_low_mm`, `position_high_mm`, `contact_log_odds`, `misfit`,
+    and with a force `force_n`, `force_low_n`, `force_high_n`.
+
+    Raises
+    ------
+    SceneError
+        They are not numbers that the sensors can measure, or not one per channel.
+    """
+    require(model, ModelFile, "model", "what load_model returns")
+    samples = np.atleast_2d(array_of(deflection_mm, "deflection_mm"))
+    names = model.channels
+    if samples.ndim != 2 or samples.shape[1] != len(names) or not np.all(np.isfinite(samples)):
+        raise SceneError(f"deflection_mm: give finite numbers, {len(names)} for each sample: {', '.join(names)}")
+    if np.abs(samples).max(initial=0.0) > model.largest_mm:
+        raise SceneError(f"deflection_mm: no load deflects this beam by more than {digits(model.largest_mm, 3)} mm")
+    return model.answer(samples)
+
+
+def load(path: Path | str) -> ModelFile:
+    """Load a model file and reproduce its golden answers.
+
+    Raises
+    ------
+    ModelFileError
+        The file cannot be read, is too large or damaged, is not a Beamtouch model, or does not give its own golden
+        answers.
+    """
+    return load_bytes(read(path), str(path))
+
+
+def read(path: Path | str) -> bytes:
+    """Read a model file; one that is larger than `MAX_BYTES`, or is not a regular file, is refused unread.
+
+    Raises
+    ------
+    ModelFileError
+        The file cannot be read, is not a regular file, or is too large.
+    """
+    path = Path(path)
+    try:
+        # Opening a pipe for reading waits for a writer, unless told otherwise.
+        with open(path, "rb", opener=lambda name, flags: os.open(name, flags | os.O_NONBLOCK)) as file:
+            if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+                raise ModelFileError(f"{path}: it is not a regular file; give a model file")
+            content = file.read(MAX_BYTES + 1)
+    except OSError as error:
+        raise ModelFileError(f"{path}: {error.strerror}") from None
+    except ModelFileError:
+        raise
+    except ValueError:  # a null character
+        raise ModelFileError(f"{str(path)!r} cannot be the path of a file") from None
+    if len(content) > MAX_BYTES:
+        raise ModelFileError(
+            f"{path}: it is larger than {MAX_BYTES >> 20} MiB, so `design-sensors build` did not write it"
+        )
+    if path.suffix == ".toml":
+        raise ModelFileError(f"{path}: this is no model; give the .onnx file that `design-sensors build` wrote")
+    return content
+
+
+def load_bytes(content: bytes, origin: str) -> ModelFile:
+    """Load a model from memory; `origin` is named in errors. Raises ModelFileError as `load` does."""
+    if not content:
+        raise ModelFileError(f"{origin}: the file is empty; build it again with `design-sensors build`")
+    try:
+        with graph_errors():
+            graph = Graph(content)
+        metadata = Metadata.from_entries(graph.entries)
+        model = ModelFile(metadata, f"{metadata.name}@{hashlib.sha256(content).hexdigest()[:6]}", graph)
+        if graph.inputs != INPUTS:
+            raise ModelFileError(f"inputs {', '.join(graph.inputs)}; expected {', '.join(INPUTS)}")
+        if "position_mm" not in graph.outputs:
+            raise ModelFileError("output position_mm is missing")
+        _check_golden(model)
+    except GraphError as error:
+        reason, why = "damaged or not an ONNX file", "" if "INVALID_PROTOBUF" in str(error) else f" ({error})"
+        if "xternal" in str(error) and " data" in str(error):
+            reason, why = "its weights are in another file, but a model is one file", ""
+        raise ModelFileError(f"{origin}: {reason}; rebuild it with `design-sensors build`{why}") from None
+    except ModelFileError as error:
+        raise ModelFileError(f"{origin}: {error}".replace(THIS_FILE, origin)) from None
+    return model
+
+
+def _check_golden(model: ModelFile) -> None:
+    """Raise ModelFileError unless the graph gives its golden answers, sample by sample as in the service."""
+    golden = model.metadata.golden
+    try:
+        with graph_errors():
+            given = [np.array(values, np.float32) for values in (golden.deflection_mm, golden.whitening_per_mm)]
+            samples = ([values[index : index + 1] for values in given] for index in range(len(golden.deflection_mm)))
+            rows = [model.graph.estimate(*sample) for sample in samples]
+            answers = {name: [float(row[name].reshape(())) for row in rows] for name in model.outputs}
+    except GraphError as error:
+        raise ModelFileError(f"its graph fails on a single sample ({error})") from None
+    for name, found in answers.items():
+        expected = golden.answers.get(name, [])
+        if len(expected) != len(found) or not np.allclose(
+            found, expected, rtol=GOLDEN_TOLERANCE, atol=GOLDEN_TOLERANCE
+        ):
+            raise ModelFileError(f"its golden answers for {name} are not reproduced on this machine")
