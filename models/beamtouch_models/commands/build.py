@@ -7,8 +7,6 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-import onnx
-
 from beamtouch_common.digits import digits
 from beamtouch_common.files import require_writable
 from beamtouch_models.commands.inspect import describe
@@ -20,6 +18,7 @@ from beamtouch_models.design.building.mounted import Mounted, find_mounted
 from beamtouch_models.design.building.products import write_products
 from beamtouch_models.design.building.remarks import missed_requirement, remarks, weak_spot
 from beamtouch_models.design.building.replaced import require_replaceable
+from beamtouch_models.design.building.stored import entries_in
 from beamtouch_models.design.placement.placing import Aim
 from beamtouch_models.design.printing import Result, note
 from beamtouch_models.design.scene import Scene, load_scene, parse_scene
@@ -27,7 +26,7 @@ from beamtouch_models.design.surface import Surface
 from beamtouch_models.errors import ModelFileError, SceneError
 from beamtouch_models.runtime import loading
 from beamtouch_models.runtime.description import unseen
-from beamtouch_models.runtime.metadata import METADATA_PREFIX, LayoutErrors
+from beamtouch_models.runtime.metadata import LayoutErrors
 
 
 def run(options: argparse.Namespace) -> Result:
@@ -102,18 +101,17 @@ def _scene_of(options: argparse.Namespace) -> tuple[Scene, str, str, Choices, Mo
             kept_mm = mounted.positions_mm
         choices = Choices(estimator=options.estimator, aim=aim, kept_mm=kept_mm)
         return scene, text, surface_name(path), choices, mounted
+    content = loading.read(path)
     try:
-        entries = {entry.key: entry.value for entry in onnx.load_from_string(loading.read(path)).metadata_props}
-        text, name, layout = (json.loads(entries[METADATA_PREFIX + key]) for key in ("scene", "name", "layout"))
+        entries = entries_in(content)
+        text, name, layout = (json.loads(entries[key]) for key in ("scene", "name", "layout"))
         # Models from before it was stated have the layout of the product.
-        stated = json.loads(entries.get(METADATA_PREFIX + "placed", "null"))
+        stated = json.loads(entries.get("placed", "null"))
         before = LayoutErrors.model_validate(stated) if stated else Aim("eigenvalue-product")
         if not asks_anew:
             kept_mm = tuple(float(channel["position_mm"]) for channel in layout)
             aim = Aim(before.criterion, before.spare, effort=aim.effort)
-    except ModelFileError:
-        raise
-    except Exception:  # noqa: BLE001  # protobuf's errors have no common base but Exception
+    except (ModelFileError, ValueError, KeyError, TypeError):
         raise SceneError(f"{path}: it is not a model file that holds its scene; give a scene (TOML)") from None
     choices = Choices(estimator=options.estimator, aim=aim, kept_mm=kept_mm)
     return parse_scene(text, f"the scene in {path}"), text, str(name), choices, None

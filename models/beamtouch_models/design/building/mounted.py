@@ -5,12 +5,11 @@ import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 
-import onnx
-
 from beamtouch_common.encodings import decode
 from beamtouch_common.errors import InputError
+from beamtouch_models.design.building.stored import entries_of
 from beamtouch_models.design.scene import Scene, change_scene
-from beamtouch_models.runtime.metadata import METADATA_PREFIX
+from beamtouch_models.errors import ModelFileError
 
 
 @dataclass(frozen=True)
@@ -61,9 +60,8 @@ def find_mounted(name: str, model: Path, config: Path | None) -> Mounted | None:
 
 def _places_in_model(path: Path) -> tuple[float, ...]:
     try:
-        entries = {entry.key: entry.value for entry in onnx.load(path).metadata_props}
-        return tuple(float(channel["position_mm"]) for channel in json.loads(entries[METADATA_PREFIX + "layout"]))
-    except Exception:  # noqa: BLE001  # protobuf's errors have no common base but Exception
+        return tuple(float(channel["position_mm"]) for channel in json.loads(entries_of(path)["layout"]))
+    except (ModelFileError, ValueError, KeyError, TypeError):
         return ()
 
 

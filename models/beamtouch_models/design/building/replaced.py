@@ -5,18 +5,17 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 
-import onnx
-
 from beamtouch_common.encodings import decode
 from beamtouch_common.errors import InputError
-from beamtouch_models.runtime import loading
-from beamtouch_models.runtime.metadata import METADATA_PREFIX
+from beamtouch_models.design.building.stored import entries_of
+from beamtouch_models.errors import ModelFileError
 
 AS_BUILT = "# design-sensors build replaces this file without --force only as long as nobody has edited it: "
 """Begins the last line of a configuration, before a digest of all others."""
 DIGEST_LENGTH = 12
 PAGE = b"<!doctype html"
 FORCE = "name another file, or add --force to replace it"
+UNREADABLE = "it is there, and cannot be read as a model file"
 
 
 def sealed(text: str) -> str:
@@ -54,8 +53,12 @@ def require_replaceable(
 
 def require_model(path: Path) -> None:
     """Raise InputError if there is a file that is no model, where one is to be written."""
-    if _holds_something(path) and _entries(path) is None:
-        raise InputError(f"{path}: it is there, and cannot be read as a model file; name another file")
+    if not _holds_something(path):
+        return
+    try:
+        entries_of(path)
+    except ModelFileError:
+        raise InputError(f"{path}: {UNREADABLE}; name another file") from None
 
 
 def _holds_something(path: Path) -> bool:
@@ -76,20 +79,8 @@ def _digest(text: str) -> str:
 
 
 def _loss_of_model(path: Path) -> str:
-    entries = _entries(path)
-    if entries is None:
-        return "it is there, and cannot be read as a model file"
     try:
-        is_calibrated = json.loads(entries.get(METADATA_PREFIX + "calibration", "null")) is not None
-    except ValueError:
-        return "it is there, and cannot be read as a model file"
+        is_calibrated = json.loads(entries_of(path).get("calibration", "null")) is not None
+    except (ModelFileError, ValueError):
+        return UNREADABLE
     return "it is calibrated, and a new build is not" if is_calibrated else ""
-
-
-def _entries(path: Path) -> dict[str, str] | None:
-    """Return the metadata entries of a model file of any version; None if it is something else."""
-    try:
-        entries = {entry.key: entry.value for entry in onnx.load_from_string(loading.read(path)).metadata_props}
-    except Exception:  # noqa: BLE001  # protobuf's errors have no common base but Exception
-        return None
-    return entries if METADATA_PREFIX + "layout" in entries else None
