@@ -11,5 +11,5 @@ ESTIMATORS: tuple[EstimatorName, ...] = get_args(EstimatorName)
 Criterion = Literal["position-error", "eigenvalue-product"]
 CRITERIA: tuple[Criterion, ...] = get_args(Criterion)
 
-SearchName = Literal["exact", "paper"]
+SearchName = Literal["exchange", "paper"]
 SEARCHES: tuple[SearchName, ...] = get_args(SearchName)

@@ -21,8 +21,8 @@ from shipped import build
 
 from beamtouch_models.design.calibration.calibrate import checked_fit
 from beamtouch_models.design.calibration.fit import Fit
+from beamtouch_models.design.calibration.nominal_surface import GAIN, RIGIDITY
 from beamtouch_models.design.calibration.recordings import Loads, RecordingError
-from beamtouch_models.design.calibration.theory import GAIN, RIGIDITY
 from beamtouch_models.errors import NotGoodEnoughError
 from beamtouch_models.lab.rig.surface import Imperfections
 from beamtouch_models.runtime import ModelFile

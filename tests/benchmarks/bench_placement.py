@@ -128,7 +128,7 @@ def _pygad(peer: Peer, count: int, seed: int) -> Any:  # noqa: ANN401  # the pac
 
 
 SEARCHES: dict[str, Search] = {
-    "beamtouch exact": lambda _, count, seed: _ours(count, "exact", seed),
+    "beamtouch exchange": lambda _, count, seed: _ours(count, "exchange", seed),
     "beamtouch paper": lambda _, count, seed: _ours(count, "paper", seed),
     "PySensors SSPOR": _pysensors,
     "scipy differential_evolution": _scipy,

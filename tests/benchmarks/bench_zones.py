@@ -28,7 +28,7 @@ from beamtouch_models.design.scene import load_scene
 from beamtouch_models.design.sweeps import silent
 from beamtouch_models.design.world import SensorErrors
 from beamtouch_models.lab.challenge.contacts import STEPS, rested
-from beamtouch_models.lab.challenge.play import Drawn, SimulatedSurface
+from beamtouch_models.lab.challenge.play import DrawnContacts, SimulatedSurface
 from beamtouch_models.lab.challenge.ringing import rings
 from beamtouch_models.runtime import State
 from beamtouch_models.runtime.loading import ModelFile, load_bytes
@@ -75,7 +75,7 @@ def of_scene(name: str, edges_mm: tuple[float, float], contacts: int) -> Iterato
     surface, zone = SimulatedSurface.of(model.metadata), Zone(from_mm=edges_mm[0], to_mm=edges_mm[1])
     forecast_mm = forecast(name, zone)
     near_mm = NEAR * forecast_mm
-    kinds: dict[str, list[Callable[[Drawn], Loads]]] = {
+    kinds: dict[str, list[Callable[[DrawnContacts], Loads]]] = {
         "at rest": [resting],
         "ringing": [ringing],
         "moving": [partial(moving, speed_mm_per_s=float(speed)) for speed in SPEEDS_MM_PER_S],
@@ -104,9 +104,9 @@ def forecast(name: str, zone: Zone) -> float:
     return float(np.mean([edge["unsure_mm"] for edge in json.loads(answer)["zones"]]))
 
 
-def drawn(surface: SimulatedSurface, position_mm: Floats, rng: np.random.Generator) -> Drawn:
+def drawn(surface: SimulatedSurface, position_mm: Floats, rng: np.random.Generator) -> DrawnContacts:
     """Return contacts at these places, of all forces, on sensors with the errors that the scene states."""
-    return replace(Drawn.of(surface, len(position_mm), rng), position_mm=position_mm)
+    return replace(DrawnContacts.of(surface, len(position_mm), rng), position_mm=position_mm)
 
 
 def readings_in(surface: SimulatedSurface, seconds: float) -> int:
@@ -114,20 +114,20 @@ def readings_in(surface: SimulatedSurface, seconds: float) -> int:
     return round(seconds * surface.metadata.sensor.rate_hz)
 
 
-def resting(at: Drawn) -> Loads:
+def resting(at: DrawnContacts) -> Loads:
     """Return contacts that have settled."""
     count = readings_in(at.surface, JUDGED_S)
     play = rested(at, least=count)
     return Loads(play.deflection_mm, play.truth_mm, play.errors, play.deflection_mm.shape[1] - count)
 
 
-def ringing(at: Drawn) -> Loads:
+def ringing(at: DrawnContacts) -> Loads:
     """Return sudden forces, judged from their beginning on."""
     play = rings(at, least=readings_in(at.surface, JUDGED_S))
     return Loads(play.deflection_mm, play.truth_mm, play.errors, at.surface.look_back)
 
 
-def moving(at: Drawn, speed_mm_per_s: float) -> Loads:
+def moving(at: DrawnContacts, speed_mm_per_s: float) -> Loads:
     """Return loads that lie still and then move, either way; they are at their places in the middle of the way."""
     surface, (low, high) = at.surface, at.surface.metadata.ranges.position_mm
     rate_hz, before = surface.metadata.sensor.rate_hz, surface.look_back

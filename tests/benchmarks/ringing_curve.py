@@ -22,8 +22,8 @@ from beamtouch_models.arrays import Bools, Floats
 from beamtouch_models.design.pricing.noise import chain_of
 from beamtouch_models.filters.ringing import Ringing
 from beamtouch_models.lab.challenge.contacts import moves
-from beamtouch_models.lab.challenge.judge import Judged, Said, judge
-from beamtouch_models.lab.challenge.play import Drawn, Make, Play, SimulatedSurface
+from beamtouch_models.lab.challenge.judge import Outcome, Verdicts, judge
+from beamtouch_models.lab.challenge.play import DrawnContacts, Make, Play, SimulatedSurface
 from beamtouch_models.lab.challenge.ringing import lifts, rings, touches_again
 from beamtouch_models.runtime.decision.evidence import Weighed, evidence
 from beamtouch_models.runtime.loading import ModelFile, load
@@ -63,7 +63,7 @@ def following(*, is_on: bool) -> Iterator[None]:
 def played(surface: SimulatedSurface, make: Make, draws: int) -> Played:
     """Return a play and its readings."""
     rng = np.random.default_rng(7)
-    at = Drawn.of(surface, draws, rng)
+    at = DrawnContacts.of(surface, draws, rng)
     offset = deepcopy(rng).uniform(size=(draws, 1))
     play = make(at)
     honest, perfect = (surface.world.readings(play.deflection_mm, errors, rng) for errors in (play.errors, at.perfect))
@@ -83,10 +83,10 @@ def line(name: str, position_mm: Floats, truth_mm: Floats, there: Bools, length_
     return f"| {' | '.join([name, *cells])} |"
 
 
-def said_lines(surface: SimulatedSurface, name: str, said: Judged, play: Play, began: int) -> list[str]:
+def said_lines(surface: SimulatedSurface, name: str, said: Verdicts, play: Play, began: int) -> list[str]:
     """Return the errors of a play, and the share of intervals that hold."""
     at = places(surface, began, play.truth_mm.shape[1])
-    truth, contact = play.truth_mm[:, at], said.said[:, at] == Said.CONTACT
+    truth, contact = play.truth_mm[:, at], said.said[:, at] == Outcome.CONTACT
     held = ((said.low_mm[:, at] <= truth) & (truth <= said.high_mm[:, at]) & contact).sum(axis=0)
     shares = [f"{100 * one / of:.0f}" if of else "" for one, of in zip(held, contact.sum(axis=0), strict=True)]
     errors = line(name, said.position_mm[:, at], truth, contact, surface.metadata.length_mm)
@@ -133,7 +133,7 @@ def knowing_all(surface: SimulatedSurface, of: Played, began: int) -> str:
     return line("posterior, modes, gains and zeros known", found, truth, ~np.isnan(found), metadata.length_mm)
 
 
-def first_ms(surface: SimulatedSurface, said: Judged, state: Said, began: int) -> str:
+def first_ms(surface: SimulatedSurface, said: Verdicts, state: Outcome, began: int) -> str:
     """Return after what time a state begins, in half of the plays and in 95 %."""
     there = said.said[:, began:] == state
     first = np.where(there.any(axis=1), there.argmax(axis=1) / surface.metadata.sensor.rate_hz * 1e3, NEVER_MS)
@@ -157,15 +157,15 @@ def curve(path: Path, draws: int) -> None:
             said = judge(surface, model.run, of.readings, began - surface.decided)
             print("\n".join(said_lines(surface, name, said, of.play, began)))
             again = played(surface, partial(touches_again, after_s=LIFT_S), draws)
-            first = first_ms(surface, said, Said.CONTACT, began)
+            first = first_ms(surface, said, Outcome.CONTACT, began)
             said = judge(surface, model.run, again.readings, began - surface.decided)
             print(
                 "\n".join(said_lines(surface, f"{name}, {LIFT_S:g} s after a lift", said, again.play, began + before))
             )
-            second = first_ms(surface, said, Said.CONTACT, began + before)
+            second = first_ms(surface, said, Outcome.CONTACT, began + before)
             lifted = played(surface, lifts, draws)
             said = judge(surface, model.run, lifted.readings, began - surface.decided)
-            clear = first_ms(surface, said, Said.CLEAR, began)
+            clear = first_ms(surface, said, Outcome.CLEAR, began)
             times.append(f"{name}: contact {first} ms, {LIFT_S:g} s after a lift {second} ms, clear {clear} ms")
     print(mean_since(surface, model, of, began))
     print(knowing_all(surface, of, began))

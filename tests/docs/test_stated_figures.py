@@ -22,7 +22,7 @@ from beamtouch_models.design.physics.beam import MAX_SLOPE
 from beamtouch_models.design.physics.motion import DAMPING_RATIO
 from beamtouch_models.design.pricing import prices
 from beamtouch_models.filters import rest, zeros
-from beamtouch_models.filters.look import DRIFT_PART, STILL_PART
+from beamtouch_models.filters.change_detector import DRIFT_PART, STILL_PART
 from beamtouch_models.filters.motion import SCATTER_PART
 from beamtouch_models.lab.challenge import challenge
 from beamtouch_models.lab.reproduction.figure_8 import MEASURED_PERCENT as PAPER

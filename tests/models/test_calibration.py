@@ -13,10 +13,10 @@ from beamtouch_models import runtime
 from beamtouch_models.design.accuracy.limit import draw, posterior_median_mm
 from beamtouch_models.design.calibration.calibrate import Calibrated, calibrate
 from beamtouch_models.design.calibration.fit import fit
+from beamtouch_models.design.calibration.nominal_surface import NominalSurface
 from beamtouch_models.design.calibration.recordings import read_contacts, read_loads
 from beamtouch_models.design.calibration.self_calibrate import self_calibrate
 from beamtouch_models.design.calibration.session import Session
-from beamtouch_models.design.calibration.theory import Theory
 from beamtouch_models.design.effort import Effort
 from beamtouch_models.design.surface import prior_of_model
 from beamtouch_models.design.sweeps import silent
@@ -116,7 +116,7 @@ def test_unlabelled_contacts_go_on_from_a_calibrated_model(
     bench: ModelFile, real: Imperfections, calibrated: Calibrated
 ) -> None:
     model = runtime.load_bytes(calibrated.content, "calibrated with loads")
-    theory, departures = Theory.of(model.metadata), model.metadata.departures
+    theory, departures = NominalSurface.of(model.metadata), model.metadata.departures
     start = theory.vector_of(departures)
     # Since the loads, one gain has fallen by 3 %.
     aged = real.model_copy(update={"gain": (real.gain[0], real.gain[1] * 0.97, *real.gain[2:])})
@@ -133,7 +133,7 @@ def test_leverages_leave_out_as_fitting_again_does(bench: ModelFile) -> None:
     rng = np.random.default_rng(2)
     # Few loads, so that each of them bends the fit.
     loads = recorded(bench.metadata, random_imperfections(bench.metadata, rng), rng, count=6)
-    theory = Theory.of(bench.metadata)
+    theory = NominalSurface.of(bench.metadata)
     kinds = ("gain", "curve")
     # With the same errors, as each fit would find its own.
     loads = dataclasses.replace(loads, errors=fit(theory, loads, kinds).errors)

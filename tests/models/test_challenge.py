@@ -11,11 +11,11 @@ import onnx
 import pytest
 
 from beamtouch_models import runtime
-from beamtouch_models.design.sweeps import Progress, Spread
+from beamtouch_models.design.sweeps import Progress, TaskMap
 from beamtouch_models.lab.challenge import contacts, drift, ringing
 from beamtouch_models.lab.challenge.challenge import Row, challenge, misses, rows_of
-from beamtouch_models.lab.challenge.judge import Said, judge
-from beamtouch_models.lab.challenge.play import Case, Drawn, Make, SimulatedSurface
+from beamtouch_models.lab.challenge.judge import Outcome, judge
+from beamtouch_models.lab.challenge.play import Case, DrawnContacts, Make, SimulatedSurface
 from beamtouch_models.runtime import ModelFile
 from support.programs.in_process import Command, Refusal
 
@@ -66,13 +66,13 @@ def test_zeros_that_drift_mislead_no_contact_and_leave_none_behind(bench: ModelF
 
 
 def test_a_touch_is_unsteady_first_and_an_untouched_beam_is_clear(bench: ModelFile, surface: SimulatedSurface) -> None:
-    play = contacts.touched(Drawn.of(surface, 40, np.random.default_rng(3)))
+    play = contacts.touched(DrawnContacts.of(surface, 40, np.random.default_rng(3)))
     heard = judge(surface, bench.run, surface.world.readings(play.deflection_mm, play.errors, np.random.default_rng(4)))
     before = play.rows[0][1]
-    assert (heard.said[:, :before] == Said.CLEAR).all()
-    assert (heard.said[:, -1] == Said.CONTACT).mean() > 0.95
+    assert (heard.said[:, :before] == Outcome.CLEAR).all()
+    assert (heard.said[:, -1] == Outcome.CONTACT).mean() > 0.95
     touched = heard.at([before + 1])
-    assert (touched.unsteady | (touched.said == Said.CLEAR)).all()
+    assert (touched.unsteady | (touched.said == Outcome.CLEAR)).all()
     assert np.isnan(play.truth_mm[:, before - 1]).all()
     assert not np.isnan(play.truth_mm[:, before]).any()
 
@@ -80,12 +80,12 @@ def test_a_touch_is_unsteady_first_and_an_untouched_beam_is_clear(bench: ModelFi
 def test_a_lost_reading_has_no_statement_and_its_place_in_time_counts(
     bench: ModelFile, surface: SimulatedSurface
 ) -> None:
-    drawn = Drawn.of(surface, 4, np.random.default_rng(3))
+    drawn = DrawnContacts.of(surface, 4, np.random.default_rng(3))
     play = contacts.interrupted(drawn, make=contacts.touched, when="at a touch", gap=5, since_s=0.0)
     assert play.lost is not None
     readings = surface.world.readings(play.deflection_mm, play.errors, np.random.default_rng(4))
     heard = judge(surface, bench.run, readings, lost=play.lost)
-    assert (heard.said[play.lost] == Said.NOTHING).all()
+    assert (heard.said[play.lost] == Outcome.NOTHING).all()
     # What a lost reading would have held is of no account.
     other = judge(surface, bench.run, np.where(play.lost[:, :, None], 0.5, readings), lost=play.lost)
     np.testing.assert_array_equal(heard.position_mm, other.position_mm)
@@ -128,7 +128,7 @@ def test_the_command_prints_both_groups_and_one_json_object(
 ) -> None:
     kept: list[list[Row]] = []
 
-    def once(content: bytes, *, draws: int, seed: int, progress: Progress, spread: Spread) -> list[Row]:
+    def once(content: bytes, *, draws: int, seed: int, progress: Progress, spread: TaskMap) -> list[Row]:
         kept.extend([] if kept else [challenge(content, draws=draws, seed=seed, progress=progress, spread=spread)])
         return kept[0]
 

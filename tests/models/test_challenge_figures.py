@@ -9,14 +9,14 @@ from scipy.stats import chi2, norm
 
 from beamtouch_models.lab.challenge import faults
 from beamtouch_models.lab.challenge.challenge import Row, distances, ghosts, misses, power_of_shift, scored
-from beamtouch_models.lab.challenge.judge import Judged, Said
-from beamtouch_models.lab.challenge.play import Case, Drawn, SimulatedSurface
+from beamtouch_models.lab.challenge.judge import Outcome, Verdicts
+from beamtouch_models.lab.challenge.play import Case, DrawnContacts, SimulatedSurface
 from beamtouch_models.runtime.error_model import whitening
 
 
 def test_scores_of_samples_by_hand() -> None:
-    judged = Judged.silent(np.ones((1, 10, 4), np.bool_)).at(list(range(10)))
-    judged.said[:9] = [Said.CONTACT] * 7 + [Said.CLEAR, Said.UNEXPLAINED]  # and no statement on the last
+    judged = Verdicts.silent(np.ones((1, 10, 4), np.bool_)).at(list(range(10)))
+    judged.said[:9] = [Outcome.CONTACT] * 7 + [Outcome.CLEAR, Outcome.UNEXPLAINED]  # and no statement on the last
     judged.unsteady[[4, 5, 6, 8]], judged.other_note[6] = True, True
     judged.position_mm[:7], judged.low_mm[:7], judged.high_mm[:7] = 100.0, 90.0, 120.0
     # 100 + 20 holds 115; 135 is within twice the half of 20, 141 is not; 79 is more than twice 10 below.
@@ -34,7 +34,7 @@ def test_scores_of_samples_by_hand() -> None:
 
 
 def test_a_contact_that_begins_twice_is_a_ghost() -> None:
-    nothing, clear, contact, unexplained = Said.NOTHING, Said.CLEAR, Said.CONTACT, Said.UNEXPLAINED
+    nothing, clear, contact, unexplained = Outcome.NOTHING, Outcome.CLEAR, Outcome.CONTACT, Outcome.UNEXPLAINED
     once = [
         [nothing, clear, contact, contact, contact, clear, clear],
         [nothing, clear, contact, unexplained, contact, nothing, contact],
@@ -92,7 +92,7 @@ CASES = (
 def test_the_distance_of_a_fault_is_that_of_the_nearest_contact_or_of_rest(
     surface: SimulatedSurface, case: Case
 ) -> None:
-    fault = case.make(Drawn.of(surface, 6, np.random.default_rng(7))).fault_mm
+    fault = case.make(DrawnContacts.of(surface, 6, np.random.default_rng(7))).fault_mm
     assert fault is not None
     found = distances(surface, fault, np.ones(fault.shape, np.bool_))
     for row, weights, distance in zip(fault, whitened(surface, fault), found, strict=True):
@@ -108,7 +108,7 @@ def test_the_distance_of_a_fault_is_that_of_the_nearest_contact_or_of_rest(
 
 def test_the_power_is_that_of_the_likelihood_ratio_and_no_misfit_does_better(surface: SimulatedSurface) -> None:
     alpha, random = 1e-3, np.random.default_rng(8)
-    fault = faults.two_contacts(Drawn.of(surface, 100, random), apart=0.5, ratio=1.0).fault_mm
+    fault = faults.two_contacts(DrawnContacts.of(surface, 100, random), apart=0.5, ratio=1.0).fault_mm
     assert fault is not None
     every = np.ones(fault.shape, np.bool_)
     distance = distances(surface, fault, every)

@@ -6,7 +6,7 @@ from scipy.stats import chi2
 
 from beamtouch_models.filters import Chain, FloatArray
 from beamtouch_models.lab.challenge.contacts import touched
-from beamtouch_models.lab.challenge.play import Drawn, Play, SimulatedSurface
+from beamtouch_models.lab.challenge.play import DrawnContacts, Play, SimulatedSurface
 from beamtouch_models.lab.challenge.ringing import rings
 from models.covariance_cases import FILTER, NOISE_MM, PERIOD
 
@@ -35,7 +35,7 @@ def held(play: Play, still_mm: FloatArray, samples: list[int], noise: np.random.
 def test_at_the_touch_of_a_beam_that_follows_at_once_the_error_is_covered_at_every_reading(
     surface: SimulatedSurface,
 ) -> None:
-    drawn = Drawn.of(surface, LOADS, np.random.default_rng(3))
+    drawn = DrawnContacts.of(surface, LOADS, np.random.default_rng(3))
     play = touched(drawn)
     samples = [play.rows[0][1] + reading for reading in (0, 1, 2, 3, 4, 8, 20, 100)]
     assert held(play, drawn.deflection_mm, samples, drawn.rng).min() >= 0.93
@@ -43,7 +43,7 @@ def test_at_the_touch_of_a_beam_that_follows_at_once_the_error_is_covered_at_eve
 
 @pytest.mark.parametrize("lasting_s", [0.0, 0.03])
 def test_while_the_beam_rings_the_error_is_covered(surface: SimulatedSurface, lasting_s: float) -> None:
-    drawn = Drawn.of(surface, LOADS, np.random.default_rng(4))
+    drawn = DrawnContacts.of(surface, LOADS, np.random.default_rng(4))
     play = rings(drawn, lasting_s=lasting_s)
     samples = [reading for name, reading in play.rows if not name.endswith(" 20 ms")]
     assert held(play, drawn.deflection_mm, samples, drawn.rng).min() >= 0.93

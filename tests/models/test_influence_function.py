@@ -13,14 +13,14 @@ from beamtouch_models.design.accuracy.limit import draw, posterior_median_mm
 from beamtouch_models.design.accuracy.prior import Prior, SampleErrors
 from beamtouch_models.design.estimators.posterior.window import posterior_graph
 from beamtouch_models.design.physics.influence import InfluenceFunction
-from beamtouch_models.design.placement.layout import Candidates
+from beamtouch_models.design.placement.layout import LayoutRules
 from beamtouch_models.design.placement.placing import place, place_by_position_error, recommended_count
 from support.surfaces.posterior_cases import answers_of
 
 LENGTH_MM = 500.0
 TENSION_N = 50.0
 NOISE_MM = 0.02
-RULES = Candidates(np.arange(20.0, 500.0, 20.0), np.array([], dtype=np.intp), 40.0)
+RULES = LayoutRules(np.arange(20.0, 500.0, 20.0), np.array([], dtype=np.intp), 40.0)
 
 
 def sag_mm(sensor_mm: Floats, load_mm: Floats) -> Floats:

@@ -16,8 +16,8 @@ from beamtouch_models.arrays import Floats
 from beamtouch_models.design.calibration.calibrate import checked_fit
 from beamtouch_models.design.calibration.fit import fit
 from beamtouch_models.design.calibration.mistaken import mistaken
+from beamtouch_models.design.calibration.nominal_surface import NominalSurface
 from beamtouch_models.design.calibration.recordings import Loads, RecordingError
-from beamtouch_models.design.calibration.theory import Theory
 from beamtouch_models.design.sweeps import silent
 from beamtouch_models.errors import NotGoodEnoughError
 from beamtouch_models.lab.rig.surface import Imperfections
@@ -77,7 +77,7 @@ def test_a_mistyped_load_is_named_and_honest_ones_are_accepted(
     name: str, mistake: str, built_model: Callable[[str], Path]
 ) -> None:
     metadata, rng = runtime.load(built_model(name)).metadata, np.random.default_rng([5, 5])
-    theory = Theory.of(metadata)
+    theory = NominalSurface.of(metadata)
     honest = recorded(metadata, random_imperfections(metadata, rng), rng, hand_mm=0.3)
     position, force, wrong = with_mistake(mistake, honest, metadata.ranges.position_mm, rng)
     loads = dataclasses.replace(honest, position_mm=position, force_n=force)
@@ -87,7 +87,7 @@ def test_a_mistyped_load_is_named_and_honest_ones_are_accepted(
 
 def test_a_fit_finds_how_well_loads_are_placed(built_model: Callable[[str], Path]) -> None:
     metadata = runtime.load(built_model("cantilever")).metadata
-    theory, rng = Theory.of(metadata), np.random.default_rng(8)
+    theory, rng = NominalSurface.of(metadata), np.random.default_rng(8)
     real = random_imperfections(metadata, rng)
     well, badly = (
         fit(theory, recorded(metadata, real, rng, count=30, hand_mm=hand_mm), tuple(theory.kinds)).errors

@@ -10,7 +10,7 @@ from beamtouch_models import cli
 from beamtouch_models.design.accuracy.limit import accuracy_limit
 from beamtouch_models.design.surface import prior_of_model
 from beamtouch_models.lab.challenge.judge import judge
-from beamtouch_models.lab.challenge.play import Drawn, SimulatedSurface
+from beamtouch_models.lab.challenge.play import DrawnContacts, SimulatedSurface
 from beamtouch_models.lab.challenge.ringing import rings
 from beamtouch_models.runtime.loading import ModelFile, load
 
@@ -63,7 +63,7 @@ def test_a_mean_of_perfect_sensors_errs_by_what_the_noise_of_its_readings_leaves
 
 def test_a_sudden_touch_errs_as_in_the_challenge(slow: ModelFile) -> None:
     surface, rng = SimulatedSurface.of(slow.metadata), np.random.default_rng(1)
-    play = rings(Drawn.of(surface, 64, rng))
+    play = rings(DrawnContacts.of(surface, 64, rng))
     (reading,) = [at for name, at in play.rows if name == "sudden force, 200 ms"]
     said = judge(surface, slow.run, surface.world.readings(play.deflection_mm, play.errors, rng), reading).at([reading])
     off = np.abs(said.position_mm - play.truth_mm[:, reading]) / surface.world.beam.length_mm * 100

@@ -12,7 +12,7 @@ from beamtouch_models.design.effort import Effort
 from beamtouch_models.design.scene import change_scene, load_scene, parse_scene
 from beamtouch_models.design.surface import Surface
 from beamtouch_models.lab.trade.measure import Model, Task, follow, measure, numbers_of_sensors
-from beamtouch_models.lab.trade.trade import NotToBeHadError, Point, most_accurate, pareto_front, quickest
+from beamtouch_models.lab.trade.trade import Point, UnreachableTargetError, most_accurate, pareto_front, quickest
 from beamtouch_models.runtime import ModelFile
 from beamtouch_models.runtime.metadata import FilterChoice
 from support.surfaces.example_scenes import PAPER, ROUGH, SCENES
@@ -59,14 +59,14 @@ def test_a_requirement_picks_the_best_point_that_meets_it(points: list[Point], w
         assert most_accurate(points, wish).error_mm.value == min(one.error_mm.value for one in kept)
         assert most_accurate(points, wish).latency_ms <= wish
     else:
-        with pytest.raises(NotToBeHadError, match="the fastest takes"):
+        with pytest.raises(UnreachableTargetError, match="the fastest takes"):
             most_accurate(points, wish)
     kept = [one for one in points if one.error_mm.value <= wish]
     if kept:
         assert quickest(points, wish).latency_ms == min(one.latency_ms for one in kept)
         assert quickest(points, wish).error_mm.value <= wish
     else:
-        with pytest.raises(NotToBeHadError, match="the best has"):
+        with pytest.raises(UnreachableTargetError, match="the best has"):
             quickest(points, wish)
 
 

@@ -16,7 +16,7 @@ from beamtouch_models.design.world import Motion, World, counts_of_output, outpu
 from beamtouch_models.errors import SceneError
 from beamtouch_models.lab.challenge import contacts
 from beamtouch_models.lab.challenge.challenge import distances
-from beamtouch_models.lab.challenge.play import Drawn, SimulatedSurface
+from beamtouch_models.lab.challenge.play import DrawnContacts, SimulatedSurface
 from beamtouch_models.lab.rig.loads import NOTHING, Load
 from beamtouch_models.lab.rig.surface import PERFECT, Imperfections, VirtualSurface
 from beamtouch_models.runtime import ModelFile
@@ -54,7 +54,7 @@ def test_the_characteristic_is_linear_from_1_to_4_mm_and_levels_off_beyond(bits:
 
 def test_readings_have_the_errors_that_are_asked_for(surface: SimulatedSurface) -> None:
     draws, random, world = 200, np.random.default_rng(5), surface.world
-    drawn = Drawn.of(surface, draws, random)
+    drawn = DrawnContacts.of(surface, draws, random)
     clean = np.repeat(drawn.deflection_mm[:, None], 60, axis=1)
     exact, stated_mm = drawn.perfect, surface.metadata.noise.reading_mm
     readings, sensor = world.readings(clean, exact, random), world.sensor
@@ -127,7 +127,7 @@ def test_a_calibrated_surface_measures_what_its_model_expects(bench: ModelFile) 
     metadata = bench.metadata.model_copy(update={"calibration": calibration})
     calibrated, prior = SimulatedSurface.of(metadata), prior_of_model(metadata)
     np.testing.assert_allclose(calibrated.world.sensor_mm - metadata.layout_mm, [1.0, -2.0, 0.5, 0.0])
-    drawn = Drawn.of(calibrated, 20, np.random.default_rng(10))
+    drawn = DrawnContacts.of(calibrated, 20, np.random.default_rng(10))
     clean = drawn.deflection_mm
     measured = calibrated.world.measured(clean[:, None], drawn.perfect)[:, 0]
     linear = drawn.force_n[:, None] * prior.influence_at(drawn.position_mm)
@@ -187,7 +187,7 @@ def test_a_rig_that_cannot_be_as_stated_is_refused(bench: ModelFile) -> None:
 
 def test_a_slow_load_is_where_it_is_at_rest_and_a_fast_one_swings_around_it(surface: SimulatedSurface) -> None:
     def away_mm(speed_mm_per_s: float) -> float:
-        play = contacts.moves(Drawn.of(surface, 20, np.random.default_rng(6)), speed_mm_per_s=speed_mm_per_s)
+        play = contacts.moves(DrawnContacts.of(surface, 20, np.random.default_rng(6)), speed_mm_per_s=speed_mm_per_s)
         # The force is the same at all times, so the deflection of the first reading tells it.
         shape = surface.world.influence(play.truth_mm)
         force = np.linalg.norm(play.deflection_mm[:, :1], axis=2) / np.linalg.norm(shape[:, :1], axis=2)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from beamtouch_models import runtime
-from beamtouch_models.design.calibration.theory import Theory
+from beamtouch_models.design.calibration.nominal_surface import NominalSurface
 from beamtouch_models.lab.rig.surface import load_imperfections
 from support.pages.pasted import ROOT, blocks_of, paste
 from support.programs.toolchain import need
@@ -42,7 +42,7 @@ def test_the_steps_of_the_guide_calibrate_a_surface(tmp_path: Path) -> None:
     assert calibration.misfit_before is not None
     assert calibration.misfit_after is not None
     assert calibration.misfit_after < 0.5 * calibration.misfit_before
-    theory, real = Theory.of(metadata), load_imperfections(folder / "off.toml")
+    theory, real = NominalSurface.of(metadata), load_imperfections(folder / "off.toml")
     missed_before, missed_after = (
         missed_mm(theory, vector, metadata, real)
         for vector in (np.zeros(theory.size), theory.vector_of(calibration.departures))

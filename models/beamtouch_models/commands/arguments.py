@@ -37,8 +37,8 @@ _SHARED: dict[str, dict[str, Any]] = {
     "--sensors": {"type": whole_number(1, 64), "metavar": "N", "help": "number of sensors, instead of the scene's"},
     "--criterion": {
         "choices": CRITERIA,
-        "help": "what the layout makes best: the mean position error (least, of the layouts that notice two contacts "
-        "and spread loads as often as the other one), or the paper's product of eigenvalues (largest) (default: "
+        "help": "`position-error` minimises the mean position error among the layouts that detect two contacts and "
+        "distributed loads as well as the paper's; `eigenvalue-product` is the paper's criterion (default: "
         "position-error)",
     },
     "--spare": {
@@ -210,7 +210,7 @@ def place(parser: argparse.ArgumentParser) -> None:
     _share(parser, "scene", "--sensors", "--criterion", "--spare")
     words = "number of leading eigenvalues in the product (default: all)"
     parser.add_argument("--components", type=whole_number(1, 64), metavar="K", help=words)
-    parser.add_argument("--search", choices=SEARCHES, default=SEARCHES[0], help="search method (default: exact)")
+    parser.add_argument("--search", choices=SEARCHES, default=SEARCHES[0], help="search method (default: exchange)")
     _share(parser, "--seed", "--effort", "--json")
 
 

@@ -24,7 +24,7 @@ from beamtouch_models.design.physics.beam import influence_matrix, load_position
 from beamtouch_models.design.physics.mesh import mesh_of
 from beamtouch_models.design.placement.placing import DEFAULT_AIM
 from beamtouch_models.design.pricing.prices import NEGLIGIBLE, Effect
-from beamtouch_models.design.pricing.ringing import told
+from beamtouch_models.design.pricing.ringing import describe_ringing
 from beamtouch_models.design.printing import Block, Result, Table, note
 from beamtouch_models.design.scene import Scene, load_scene
 from beamtouch_models.design.surface import Surface
@@ -56,7 +56,7 @@ def run(options: argparse.Namespace) -> Result:
         f"price: in units of a sample's noise, {digits(noise.sample_mm, 3)} mm; the cheapest effects are left out as "
         f"long as their prices sum to less than {NEGLIGIBLE:g}\n"
         f"with/without: measured time to compute an influence matrix of {SENSORS} sensors",
-        *(told(ringing) if ringing else []),
+        *(describe_ringing(ringing) if ringing else []),
     ]
     if zones:
         edges = _bands_of(surface, zones, effort)

@@ -19,7 +19,7 @@ from beamtouch_models.design.accuracy.thresholds import rate_per_sample, reading
 from beamtouch_models.design.physics.beam import Travel, influence, influence_of, sensor_positions_mm, travel_of
 from beamtouch_models.design.physics.influence import InfluenceFunction, check_own
 from beamtouch_models.design.physics.motion import slowest_period_ms
-from beamtouch_models.design.placement.layout import Candidates, equal_layout
+from beamtouch_models.design.placement.layout import LayoutRules, equal_layout
 from beamtouch_models.design.pricing.aliases import unseen_swing
 from beamtouch_models.design.pricing.noise import ReadingErrors, chain_of, check_errors, choose_filter, step_mm
 from beamtouch_models.design.pricing.prices import Effect, effects_of, leave_out
@@ -134,7 +134,7 @@ class Surface:
         )
 
     @cached_property
-    def rules(self) -> Candidates:
+    def rules(self) -> LayoutRules:
         """Where sensors may stand.
 
         Housings do not overlap, and neighbours are farther apart than their mounting tolerance: they do not change
@@ -216,10 +216,10 @@ class Surface:
         """(positions,) where a sensor may stand; no effect changes them."""
         return sensor_positions_mm(self.stated)
 
-    def _rules_of(self, scene: Scene) -> Candidates:
+    def _rules_of(self, scene: Scene) -> LayoutRules:
         sensors, allowed_mm = scene.sensors, self._allowed_mm
         distance_mm = max(sensors.size_mm, sensors.min_distance_mm, BEYOND * sensors.mounting_tolerance_mm)
-        return Candidates(allowed_mm, np.searchsorted(allowed_mm, np.unique(sensors.fixed_mm)), distance_mm)
+        return LayoutRules(allowed_mm, np.searchsorted(allowed_mm, np.unique(sensors.fixed_mm)), distance_mm)
 
 
 def _sensor_of(scene: Scene, travel: Travel) -> Sensor:

@@ -27,7 +27,7 @@ Task = TypeVar("Task")
 Found = TypeVar("Found")
 
 
-class Spread(Protocol):
+class TaskMap(Protocol):
     """Runs a function on all tasks, somewhere; yields what it returns in the order of the tasks."""
 
     def __call__(self, function: Callable[[Task], Found], tasks: Iterable[Task], /) -> Iterator[Found]:

@@ -17,7 +17,7 @@ from time import monotonic
 from typing import TYPE_CHECKING, TypeVar
 
 from beamtouch_common.errors import FailedError, InputError
-from beamtouch_models.design.sweeps import Spread, in_turn, on_one_thread
+from beamtouch_models.design.sweeps import TaskMap, in_turn, on_one_thread
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -36,7 +36,7 @@ _SAME = ("beamtouch", "numpy", "scipy", "onnxruntime", "distributed")
 """Packages whose version decides the bytes of a result, or whether a task arrives at all."""
 
 
-def spread_over(workers: int | None, cluster: str | None) -> AbstractContextManager[Spread]:
+def spread_over(workers: int | None, cluster: str | None) -> AbstractContextManager[TaskMap]:
     """Return where the tasks of a sweep run; the workers end with the context.
 
     Parameters
@@ -76,7 +76,7 @@ def _submit(
 
 
 @contextmanager
-def processes(workers: int) -> Iterator[Spread]:
+def processes(workers: int) -> Iterator[TaskMap]:
     """Spread tasks over processes, which start with the first task; FailedError if one ends before its work is done."""
     before = set(active_children())
     # Workers inherit this. There is one on each core; each would start threads for linear algebra on all of them.
@@ -110,7 +110,7 @@ def _end_with_parent() -> None:
 
 
 @contextmanager
-def cluster_at(address: str, without_workers_s: float = WITHOUT_WORKERS_S) -> Iterator[Spread]:
+def cluster_at(address: str, without_workers_s: float = WITHOUT_WORKERS_S) -> Iterator[TaskMap]:
     """Spread tasks over the workers of a Dask scheduler, as long as there are some.
 
     Raises

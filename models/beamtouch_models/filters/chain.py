@@ -8,8 +8,8 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from beamtouch_models.filters.change_detector import ChangeDetector
 from beamtouch_models.filters.filtered import Filtered
-from beamtouch_models.filters.look import Look
 from beamtouch_models.filters.motion import Motion, Past, Taken
 from beamtouch_models.filters.readings import BEFORE, FloatArray, Stream, Sums, lone_spikes
 from beamtouch_models.filters.ringing import UNSEEN_SWING, Followed, Ringing
@@ -109,7 +109,7 @@ class Chain:
         if mean.grows or self._noise_mm is not None:
             longest = mean.most if mean.grows else max(2 * mean.most, math.ceil(slowest_period))
             fewest = mean.window if mean.grows else 1
-            self._look = Look(channels, longest, fewest, slowest_period, FINE)
+            self._look = ChangeDetector(channels, longest, fewest, slowest_period, FINE)
         if self._look and self._noise_mm is not None:
             span = min(mean.most, MAX_COMPARED) if mean.grows else mean.most
             self._motion = Motion(

@@ -1,4 +1,4 @@
-"""Means that move: which they are, and the covariance of what each may be off by, beyond that of white noise.
+"""Detects means taken while the beam moves, and states their covariance beyond that of white noise.
 
 docs/decisions/012-covariance.md explains the form.
 """
@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from beamtouch_models.filters.change_detector import ChangeDetector, Seen
 from beamtouch_models.filters.filtered import Filtered
-from beamtouch_models.filters.look import Look, Seen
 from beamtouch_models.filters.readings import FloatArray, windows
 from beamtouch_models.filters.significance import FALSE, chi_square_quantile
 
@@ -99,7 +99,14 @@ class Motion:
     """
 
     def __init__(
-        self, look: Look, span: int, *, grows: bool, noise_mm: FloatArray, unit_mm: FloatArray, slowest_period: float
+        self,
+        look: ChangeDetector,
+        span: int,
+        *,
+        grows: bool,
+        noise_mm: FloatArray,
+        unit_mm: FloatArray,
+        slowest_period: float,
     ) -> None:
         self._look, self._span, self._grows = look, span, grows
         self._noise_mm, self._unit_mm, self._every = noise_mm, unit_mm, np.eye(len(noise_mm))

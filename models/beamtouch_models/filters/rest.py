@@ -1,4 +1,4 @@
-"""Whether nothing happens: then one growing mean of all readings so far says what a mean after each of them would.
+"""Detects rest, while one growing mean stands for all readings so far.
 
 Readings at rest are tested one by one, on plain numbers, against what the mean explains. The first one that leaves it
 ends the rest. So does the next mean that has begun anew, moves, or has lost a channel: a touch too weak for a single

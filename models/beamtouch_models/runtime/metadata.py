@@ -128,7 +128,7 @@ class DrawnSupport(MetadataPart):
     """Whether the beam can move lengthwise on it."""
 
 
-class Drawn(MetadataPart):
+class BeamDrawing(MetadataPart):
     """The beam as a page draws it."""
 
     supports: list[DrawnSupport]
@@ -325,7 +325,7 @@ class Metadata(MetadataPart):
     thresholds: Thresholds
     """Unused if the graph gives neither log odds nor a misfit."""
     smallest_force: SmallestForce
-    drawn: Drawn
+    drawn: BeamDrawing
     influence: Influence
     placed: LayoutErrors
     seed: int

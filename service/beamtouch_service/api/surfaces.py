@@ -5,7 +5,7 @@ from pydantic import BaseModel
 from starlette.requests import Request
 
 from beamtouch_common.zones import Zone
-from beamtouch_models.runtime import Accuracy, Calibration, Drawn, ModelFile, Noise, Ranges
+from beamtouch_models.runtime import Accuracy, BeamDrawing, Calibration, ModelFile, Noise, Ranges
 from beamtouch_service.access import Role
 from beamtouch_service.api import gate
 from beamtouch_service.api.context import Context, ContextParameter, SurfaceInPath, SurfaceInQuery, context_of
@@ -53,7 +53,7 @@ class Beam(BaseModel):
     model: str
     """Name and fingerprint of the model; a contact that states the same one belongs to this beam."""
     length_mm: float
-    drawn: Drawn
+    drawn: BeamDrawing
     zones: dict[str, Zone]
     """The zones of the configuration by name."""
 

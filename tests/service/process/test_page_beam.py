@@ -107,7 +107,7 @@ def test_it_is_asked_for_once_and_again_for_another_model(
 def add_support(path: Path, at_mm: float) -> None:
     """Write a model file again that differs in a support that is drawn."""
     metadata = runtime.load(path).metadata
-    more = runtime.Drawn.model_validate(
+    more = runtime.BeamDrawing.model_validate(
         metadata.drawn.model_dump()
         | {"supports": [*metadata.drawn.model_dump()["supports"], {"at_mm": at_mm, "kind": "fixed", "slides": False}]}
     )

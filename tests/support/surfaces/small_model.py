@@ -15,8 +15,8 @@ from beamtouch_models.runtime.metadata import (
     FORCE_OUTPUTS,
     POSITION_OUTPUTS,
     Accuracy,
+    BeamDrawing,
     Channel,
-    Drawn,
     FilterChoice,
     Floor,
     Golden,
@@ -136,7 +136,9 @@ def _content(
             false_contacts_per_day=1 / 30,
         ),
         smallest_force=SmallestForce(position_mm=[200.0], force_n=[0.5]),
-        drawn=Drawn(supports=[], at_mm=[0.0, 400.0], load_mm=[200.0], deflection_mm_per_n=[[0.0, 0.0]], sensor_mm=8.0),
+        drawn=BeamDrawing(
+            supports=[], at_mm=[0.0, 400.0], load_mm=[200.0], deflection_mm_per_n=[[0.0, 0.0]], sensor_mm=8.0
+        ),
         influence=Influence(
             mm_per_n=[[0.01 * (1 + (place + 3 * i) % 7) for i in range(channels)] for place in range(9)]
         ),

@@ -6,13 +6,13 @@ from beamtouch_models import InfluenceFunction
 from beamtouch_models.arrays import Floats
 from beamtouch_models.design.accuracy.prior import Prior, SampleErrors
 from beamtouch_models.design.physics.beam import influence_of
-from beamtouch_models.design.placement.layout import Candidates
+from beamtouch_models.design.placement.layout import LayoutRules
 from beamtouch_models.design.placement.placing import fewest_sensors
 from beamtouch_models.design.scene import Scene
 from beamtouch_models.design.surface import Surface
 
 
-def problem_in(scene: Scene) -> tuple[InfluenceFunction, Candidates]:
+def problem_in(scene: Scene) -> tuple[InfluenceFunction, LayoutRules]:
     """Influence function of a scene, and its rules for sensors."""
     return influence_of(scene), Surface.of(scene).rules
 

@@ -6,9 +6,9 @@ import numpy as np
 
 from beamtouch_models.arrays import Floats
 from beamtouch_models.design.accuracy.prior import Prior
+from beamtouch_models.design.calibration.nominal_surface import NominalSurface
 from beamtouch_models.design.calibration.recordings import UnlabelledContacts
 from beamtouch_models.design.calibration.self_calibrate import SelfFit, self_fit
-from beamtouch_models.design.calibration.theory import Theory
 from beamtouch_models.design.calibration.unlabelled import locate
 from beamtouch_models.design.sweeps import silent
 from beamtouch_models.lab.rig.surface import Imperfections
@@ -87,7 +87,7 @@ def _anywhere(prior: Prior, rng: np.random.Generator, count: int) -> Floats:
     return deflection
 
 
-def missed_mm(theory: Theory, vector: Floats, metadata: Metadata, real: Imperfections) -> float:
+def missed_mm(theory: NominalSurface, vector: Floats, metadata: Metadata, real: Imperfections) -> float:
     """Mean distance of contacts without noise from where a surface with fitted departures places them."""
     prior = true_prior(metadata, real)
     low, high = prior.position_mm

@@ -16,7 +16,7 @@ from beamtouch_models.design.accuracy.statistics import (
     share_of,
 )
 from beamtouch_models.design.accuracy.thresholds import smallest_forces
-from beamtouch_models.design.sweeps import Fraction, Spread, in_turn, silent
+from beamtouch_models.design.sweeps import Fraction, TaskMap, in_turn, silent
 from beamtouch_models.runtime.description import extremes
 from beamtouch_models.runtime.loading import ModelFile
 
@@ -74,7 +74,7 @@ def evaluate(
     draws: int,
     seed: int,
     progress: Fraction = silent,
-    spread: Spread = in_turn,
+    spread: TaskMap = in_turn,
 ) -> Evaluation:
     """Measure a model on at least `draws` simulated contacts of a prior, at the noise of the prior."""
     contacts = simulated(prior, draws, seed, lambda done: progress(0.8 * done), spread)

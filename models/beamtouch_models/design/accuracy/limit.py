@@ -25,7 +25,7 @@ from beamtouch_models.arrays import Bools, Floats
 from beamtouch_models.design.accuracy.posterior import CHUNK, posterior_quantiles
 from beamtouch_models.design.accuracy.prior import Prior
 from beamtouch_models.design.accuracy.statistics import SCRAMBLINGS, Measurement, mean_of, ratio_of
-from beamtouch_models.design.sweeps import Fraction, Spread, in_turn, silent
+from beamtouch_models.design.sweeps import Fraction, TaskMap, in_turn, silent
 
 POSITIONS, FORCES = 1001, 32
 """Points of the midpoint rule over the ranges."""
@@ -117,7 +117,7 @@ def _even_contacts(prior: Prior, count: int, seed: int) -> tuple[Floats, Floats,
     each = 2 ** max(0, int(np.ceil(np.log2(count / SCRAMBLINGS))))
     contacts = [spread_contacts(prior, each, rng) for rng in rngs]
     position, force, noise = (np.concatenate(parts) for parts in zip(*contacts, strict=True))
-    position, weight = where_it_errs(prior, position)
+    position, weight = concentrate_on_errors(prior, position)
     return position, force, noise, weight / weight.mean()
 
 
@@ -137,7 +137,7 @@ def spread_contacts(prior: Prior, draws: int, rng: np.random.Generator) -> tuple
     return low + (high - low) * points[:, 0], weak + (strong - weak) * points[:, 1], ndtri(points[:, 2:])
 
 
-def where_it_errs(prior: Prior, position_mm: Floats) -> tuple[Floats, Floats]:
+def concentrate_on_errors(prior: Prior, position_mm: Floats) -> tuple[Floats, Floats]:
     """Concentrate evenly spread positions where errors are large.
 
     Returns positions in mm and weights, both (draws,).
@@ -271,7 +271,7 @@ class Contacts:
         return (low_mm[:, None] <= self.likely_mm) & (self.likely_mm <= high_mm[:, None])
 
 
-def simulated(prior: Prior, count: int, seed: int, progress: Fraction = silent, spread: Spread = in_turn) -> Contacts:
+def simulated(prior: Prior, count: int, seed: int, progress: Fraction = silent, spread: TaskMap = in_turn) -> Contacts:
     """Draw at least `count` contacts of a prior, evenly, with the likely positions of their readings.
 
     The readings are tasks for `spread`, a part each.
@@ -298,7 +298,7 @@ def _quantiles(task: tuple[Prior, Floats, Floats]) -> Floats:
     return np.column_stack(posterior_quantiles(prior, deflection_mm, levels))
 
 
-def simulated_enough(prior: Prior, count: int, seed: int) -> Contacts:
+def simulate_until_certain(prior: Prior, count: int, seed: int) -> Contacts:
     """Like `simulated`, with MORE times the contacts if the accuracy limit would be uncertain otherwise."""
     contacts = simulated(prior, count, seed)
     limit = mean_of(contacts.deviation_mm, contacts.drawn.weight)

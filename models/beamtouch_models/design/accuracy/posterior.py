@@ -65,7 +65,7 @@ def posterior_quantiles(
     for start in range(0, len(deflection_mm), CHUNK):
         part = slice(start, start + CHUNK)
         own = deflection_mm[part] if gains_matter else None
-        seen = _Seen(whitening[part], np.einsum("dij,dj->di", whitening[part], deflection_mm[part]), own)
+        seen = _WhitenedSamples(whitening[part], np.einsum("dij,dj->di", whitening[part], deflection_mm[part]), own)
         density = _log_density(prior, seen, forces, grid[None], influence[None])
         found.append(_resolved(prior, forces, seen, np.broadcast_to(grid, density.shape), density, levels[part]))
     whole = np.concatenate(found)
@@ -73,7 +73,7 @@ def posterior_quantiles(
 
 
 @dataclass(frozen=True)
-class _Seen:
+class _WhitenedSamples:
     """Samples in units of their uncertainty."""
 
     whitening: Floats
@@ -83,12 +83,12 @@ class _Seen:
     deflection_mm: Floats | None = None
     """(draws, channels) where the errors of the gains follow from each contact; None: they are those of the sample."""
 
-    def take(self, rows: Indices) -> "_Seen":
+    def take(self, rows: Indices) -> "_WhitenedSamples":
         deflection_mm = None if self.deflection_mm is None else self.deflection_mm[rows]
-        return _Seen(self.whitening[rows], self.sample[rows], deflection_mm)
+        return _WhitenedSamples(self.whitening[rows], self.sample[rows], deflection_mm)
 
 
-def _log_density(prior: Prior, seen: _Seen, forces: Forces, grids: Floats, influence: Floats) -> Floats:
+def _log_density(prior: Prior, seen: _WhitenedSamples, forces: Forces, grids: Floats, influence: Floats) -> Floats:
     """Return log densities (draws, grid) at the nodes of grids (draws or 1, grid) with their influence."""
     moved_mm = None if prior.uncertainty is None else prior.uncertainty(grids)
     if seen.deflection_mm is None:
@@ -184,7 +184,9 @@ def _fitted(forces: Forces, shapes: Floats, sample: Floats, log_volume: Floats |
     return density
 
 
-def _resolved(prior: Prior, forces: Forces, seen: _Seen, grids: Floats, density: Floats, levels: Floats) -> Floats:
+def _resolved(
+    prior: Prior, forces: Forces, seen: _WhitenedSamples, grids: Floats, density: Floats, levels: Floats
+) -> Floats:
     """Return quantiles and mean distance (draws, levels + 1) of log densities, on finer grids where needed."""
     found = np.empty((len(grids), levels.shape[1] + 1))
     todo = np.arange(len(grids))

@@ -15,7 +15,7 @@ from beamtouch_models.design.physics.influence import InfluenceFunction, check_o
 from beamtouch_models.design.pricing.noise import check_scale
 from beamtouch_models.design.scene import Scene
 from beamtouch_models.design.surface import Surface, prior_of_model
-from beamtouch_models.design.sweeps import Fraction, Spread, in_turn, silent
+from beamtouch_models.design.sweeps import Fraction, TaskMap, in_turn, silent
 from beamtouch_models.errors import SceneError, require
 from beamtouch_models.numbers import number, numbers, places_in, whole
 from beamtouch_models.runtime.loading import ModelFile
@@ -104,7 +104,7 @@ def evaluate(
     seed: int = 0,
     influence: InfluenceFunction | None = None,
     progress: Fraction = silent,
-    spread: Spread = in_turn,
+    spread: TaskMap = in_turn,
 ) -> Evaluation:
     """Measure a model beside its accuracy limit, as `design-sensors evaluate` does.
 

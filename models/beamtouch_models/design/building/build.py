@@ -13,7 +13,7 @@ from beamtouch_models.design.scene import Scene, identity_of
 from beamtouch_models.design.surface import Surface
 from beamtouch_models.design.sweeps import Progress
 from beamtouch_models.names import ESTIMATORS, EstimatorName
-from beamtouch_models.runtime.metadata import Channel, Drawn, DrawnSupport, Metadata, Ranges
+from beamtouch_models.runtime.metadata import BeamDrawing, Channel, DrawnSupport, Metadata, Ranges
 
 POINTS, LOADS = 41, 33
 """Positions along the drawn beam and of its contact; a page interpolates between them."""
@@ -112,12 +112,12 @@ def build_model(
     return Built(to_bytes(made.graph, metadata), metadata, placement, surface, choices.aim)
 
 
-def draw_beam(scene: Scene) -> Drawn:
+def draw_beam(scene: Scene) -> BeamDrawing:
     """Return the beam of a scene as the service's page draws it: supports, and its shape under a contact."""
     at = np.linspace(0.0, scene.beam.length_mm, POINTS)
     load = np.linspace(*scene.contact.position_mm, LOADS)
     shape = influence(scene.beam, at, load, scene.contact.width_mm)
-    return Drawn(
+    return BeamDrawing(
         supports=[
             DrawnSupport(at_mm=one.at_mm, kind=one.kind, slides=not one.holds_lengthwise)
             for one in scene.beam.support_list

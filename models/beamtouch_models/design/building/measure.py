@@ -10,7 +10,7 @@ import numpy as np
 
 from beamtouch_common.digits import digits
 from beamtouch_models.design.accuracy import limit
-from beamtouch_models.design.accuracy.limit import MeanError, Reached, simulated_enough
+from beamtouch_models.design.accuracy.limit import MeanError, Reached, simulate_until_certain
 from beamtouch_models.design.accuracy.posterior import LARGE_GAIN
 from beamtouch_models.design.accuracy.prior import Prior
 from beamtouch_models.design.accuracy.statistics import share_of
@@ -123,7 +123,7 @@ def reach(made: Estimator, prior: Prior, run: Run, draws: int, seed: int) -> Rea
     NotGoodEnoughError
         An answer is not finite, or the error or the coverage of a posterior misses its bound beyond chance.
     """
-    contacts = simulated_enough(prior, draws, seed)
+    contacts = simulate_until_certain(prior, draws, seed)
     deflection = prior.measured(contacts.drawn.deflection_mm)
     answers = run(deflection, prior.whitening(deflection))
     if not all(np.isfinite(values).all() for values in answers.values()):

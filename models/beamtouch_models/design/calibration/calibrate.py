@@ -16,10 +16,10 @@ from beamtouch_models.design.calibration.choice import averaged_fit
 from beamtouch_models.design.calibration.doubts import doubts
 from beamtouch_models.design.calibration.fit import Fit, fit
 from beamtouch_models.design.calibration.mistaken import MistakenLoad, mistaken
+from beamtouch_models.design.calibration.nominal_surface import POSITION_MM, NominalSurface
 from beamtouch_models.design.calibration.recordings import Loads, RecordingError
 from beamtouch_models.design.calibration.session import Session
 from beamtouch_models.design.calibration.swapped import swapped
-from beamtouch_models.design.calibration.theory import POSITION_MM, Theory
 from beamtouch_models.design.effort import USUAL, Effort
 from beamtouch_models.design.estimators.estimator import Estimator, estimator_of
 from beamtouch_models.design.estimators.onnx_graph import to_bytes, with_force_error, with_linear_input
@@ -115,7 +115,7 @@ def calibrate(
 
 def checked_fit(model: ModelFile, loads: Loads, progress: Progress, mounting_mm: float = POSITION_MM) -> CheckedFit:
     """Fit the departures of a model's surface to recorded loads; raises as `calibrate`."""
-    theory = replace(Theory.of(model.metadata), mounting_mm=mounting_mm)
+    theory = replace(NominalSurface.of(model.metadata), mounting_mm=mounting_mm)
     names = [channel.name for channel in model.metadata.layout]
     swap = swapped(theory, loads, names)
     if swap:

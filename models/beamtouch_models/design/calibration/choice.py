@@ -14,7 +14,7 @@ import numpy as np
 
 from beamtouch_models.arrays import Floats
 from beamtouch_models.design.calibration.fit import Fit, fit
-from beamtouch_models.design.calibration.theory import GAIN, RIGIDITY
+from beamtouch_models.design.calibration.nominal_surface import GAIN, RIGIDITY
 
 SIZES = (0.3, 1.0)
 """Small and plausible departures, over the plausible ones. A smaller one, or none, would promise more of unknown

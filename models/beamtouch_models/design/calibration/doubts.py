@@ -9,9 +9,9 @@ import numpy as np
 from beamtouch_common.digits import digits
 from beamtouch_models.design.calibration.fit import Fit, fit
 from beamtouch_models.design.calibration.mistaken import AGREED
+from beamtouch_models.design.calibration.nominal_surface import NominalSurface
 from beamtouch_models.design.calibration.recordings import Loads
 from beamtouch_models.design.calibration.session import WEIGHT, Session, bend_of
-from beamtouch_models.design.calibration.theory import Theory
 
 SURELY, PERHAPS = 5.0, 1.0
 """Gain of the logarithm of the probability from which something is named, and from which it is fitted beside all else,
@@ -22,7 +22,7 @@ HARMLESS_WEIGHT = 0.02
 """Largest forgotten weight, over the mean force, that does no harm; forces are stated to about half as much."""
 
 
-def doubts(theory: Theory, loads: Loads, names: list[str]) -> tuple[str, tuple[str, ...]]:
+def doubts(theory: NominalSurface, loads: Loads, names: list[str]) -> tuple[str, tuple[str, ...]]:
     """Say what the loads hide: a channel that does not fit, or a forgotten weight; empty if neither shows.
 
     Returns its words, and the kinds of what shows and does no harm: these are to be fitted, too.
@@ -45,7 +45,7 @@ def doubts(theory: Theory, loads: Loads, names: list[str]) -> tuple[str, tuple[s
     return ("; ".join(told) + "; nothing was written", ()) if told else ("", tuple(hidden))
 
 
-def _with_a_mistyped_load(theory: Theory, loads: Loads, kinds: tuple[str, ...]) -> float:
+def _with_a_mistyped_load(theory: NominalSurface, loads: Loads, kinds: tuple[str, ...]) -> float:
     """Return the logarithm of the probability of the recording if its worst load may have any deflections."""
     anything = float(np.log(np.sqrt(np.nanmean(loads.measured_mm**2)))) + 0.5
     measured = np.isfinite(loads.measured_mm).sum(axis=1)

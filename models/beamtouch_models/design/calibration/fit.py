@@ -13,9 +13,9 @@ from types import MappingProxyType
 import numpy as np
 
 from beamtouch_models.arrays import Floats
+from beamtouch_models.design.calibration.nominal_surface import Fitted, NominalSurface, best_step
 from beamtouch_models.design.calibration.recordings import Loads
 from beamtouch_models.design.calibration.session import Session
-from beamtouch_models.design.calibration.theory import Fitted, Theory, best_step
 from beamtouch_models.runtime.health.residuals import LoadErrors, Residuals, leave_out
 
 ROUNDS = 3
@@ -68,7 +68,7 @@ class Fit(Fitted):
 
 
 def fit(
-    theory: Theory,
+    theory: NominalSurface,
     loads: Loads,
     kinds: tuple[str, ...],
     start: Floats | None = None,

@@ -14,9 +14,9 @@ import numpy as np
 from scipy.stats import f as f_distribution
 
 from beamtouch_models.design.calibration.fit import ROUNDS, Fit, fit
+from beamtouch_models.design.calibration.nominal_surface import NominalSurface
 from beamtouch_models.design.calibration.recordings import Loads
 from beamtouch_models.design.calibration.session import Session
-from beamtouch_models.design.calibration.theory import Theory
 from beamtouch_models.design.sweeps import Fraction, silent
 
 CHANCE = 1e-4
@@ -46,7 +46,7 @@ class MistakenLoad:
     """Whether no other load can be the mistaken one instead."""
 
 
-def mistaken(theory: Theory, loads: Loads, progress: Fraction = silent) -> tuple[MistakenLoad, ...]:
+def mistaken(theory: NominalSurface, loads: Loads, progress: Fraction = silent) -> tuple[MistakenLoad, ...]:
     """Find loads that contradict the others.
 
     Returns
@@ -77,7 +77,7 @@ def mistaken(theory: Theory, loads: Loads, progress: Fraction = silent) -> tuple
 
 
 def _rank(
-    theory: Theory, loads: Loads, groups: Sequence[tuple[int, ...]], progress: Fraction
+    theory: NominalSurface, loads: Loads, groups: Sequence[tuple[int, ...]], progress: Fraction
 ) -> list[tuple[float, tuple[int, ...]]]:
     """Return the scatter of a quick fit without each group of loads, and the group; the smallest scatter first."""
     scatters = []
@@ -87,7 +87,7 @@ def _rank(
     return sorted(zip(scatters, groups, strict=True), key=lambda one: one[0])
 
 
-def _fit_without(theory: Theory, loads: Loads, left_out: tuple[int, ...], rounds: int = ROUNDS) -> Fit:
+def _fit_without(theory: NominalSurface, loads: Loads, left_out: tuple[int, ...], rounds: int = ROUNDS) -> Fit:
     # Start from the scene, not from a fit that included the load.
     return fit(theory, loads.without(*left_out), Session(theory, loads).usual_kinds, rounds=rounds)
 

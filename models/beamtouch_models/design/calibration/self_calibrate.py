@@ -8,14 +8,14 @@ from beamtouch_common.digits import digits
 from beamtouch_models.arrays import Floats
 from beamtouch_models.design.accuracy.prior import Prior
 from beamtouch_models.design.calibration.calibrate import rebuilt
+from beamtouch_models.design.calibration.nominal_surface import FIXITY, GAIN, NominalSurface
 from beamtouch_models.design.calibration.recordings import MIN_SPREAD, UnlabelledContacts
-from beamtouch_models.design.calibration.theory import FIXITY, GAIN, Theory
 from beamtouch_models.design.calibration.unlabelled import (
     ContactFit,
-    LeftOpen,
+    RemainingUncertainty,
     fit_contacts,
     locate,
-    measure_left_open,
+    measure_remaining,
     stated_mm,
 )
 from beamtouch_models.design.effort import USUAL, Effort
@@ -41,7 +41,7 @@ class SelfFit:
     """A fit that unlabelled contacts determine and confirm."""
 
     fit: ContactFit
-    left_open: LeftOpen
+    left_open: RemainingUncertainty
     misfit_before: float
     """Median sum of squares of the contacts' residuals by the given model, in units of noise and zero."""
     misfit_after: float
@@ -77,7 +77,7 @@ def self_calibrate(
 def self_fit(model: ModelFile, contacts: UnlabelledContacts, progress: Progress) -> SelfFit:
     """Fit the departures of a model's surface to unlabelled contacts; raises as `self_calibrate`."""
     metadata = model.metadata
-    theory = Theory.of(metadata)
+    theory = NominalSurface.of(metadata)
     _check_contacts(theory, len(contacts))
     zero_mm, gain = np.array(metadata.floor.zero_mm), np.array(metadata.floor.gain)
     # A wide floor of gains that were never calibrated is no excuse for another beam.
@@ -97,10 +97,10 @@ def self_fit(model: ModelFile, contacts: UnlabelledContacts, progress: Progress)
         # A fixity that is too small to be seen leaves its share of the error.
         covariance = other.covariance
     noise_mm = np.hypot(metadata.noise.sample_mm, zero_mm)
-    _check_determined(fit, measure_left_open(fit, fit.covariance, noise_mm), gain)
+    _check_determined(fit, measure_remaining(fit, fit.covariance, noise_mm), gain)
     before, after = (locate(theory, vector, contacts, zero_mm).residuals for vector in (start, fit.vector))
     misfits = (float(np.median(one.misfit(theory.contact_errors))) for one in (before, after))
-    return SelfFit(fit, measure_left_open(fit, covariance, noise_mm), *misfits)
+    return SelfFit(fit, measure_remaining(fit, covariance, noise_mm), *misfits)
 
 
 def calibrated_prior(metadata: Metadata, found: SelfFit) -> tuple[Prior, Calibration]:
@@ -136,7 +136,7 @@ def _refuse(reason: str) -> NotGoodEnoughError:
     return NotGoodEnoughError(f"nothing was written: {reason}")
 
 
-def _check_contacts(theory: Theory, count: int) -> None:
+def _check_contacts(theory: NominalSurface, count: int) -> None:
     """Raise NotGoodEnoughError if there are too few channels or contacts."""
     channels, degrees = theory.prior.channels, theory.degrees
     if degrees < 1:
@@ -184,7 +184,7 @@ def _check_beam(fit: ContactFit, other: ContactFit) -> None:
     )
 
 
-def _check_determined(fit: ContactFit, left_open: LeftOpen, gain: Floats) -> None:
+def _check_determined(fit: ContactFit, left_open: RemainingUncertainty, gain: Floats) -> None:
     """Raise NotGoodEnoughError if the contacts determine too little to improve the given model."""
     open_mm, claimed_mm = (
         float(np.sqrt((values**2).mean())) for values in (left_open.position_mm, stated_mm(left_open.per_gain_mm, gain))

@@ -13,8 +13,8 @@ from functools import cached_property
 import numpy as np
 
 from beamtouch_models.arrays import Floats, Indices
+from beamtouch_models.design.calibration.nominal_surface import GRID, MAX_DEPARTURE, OFFSET_NOISES, NominalSurface
 from beamtouch_models.design.calibration.recordings import Loads
-from beamtouch_models.design.calibration.theory import GRID, MAX_DEPARTURE, OFFSET_NOISES, Theory
 from beamtouch_models.runtime.health.residuals import Residuals
 
 DRIFTING, WEIGHT = "drift", "weight"
@@ -37,7 +37,7 @@ def bend_of(channel: int) -> str:
 class Session:
     """A recording, and the vector of what may explain it: the departures of the surface, then its own kinds."""
 
-    theory: Theory
+    theory: NominalSurface
     loads: Loads
 
     @cached_property

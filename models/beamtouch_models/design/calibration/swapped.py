@@ -13,9 +13,9 @@ from beamtouch_common.digits import digits
 from beamtouch_models.arrays import Floats
 from beamtouch_models.design.calibration.fit import fit
 from beamtouch_models.design.calibration.mistaken import AGREED
+from beamtouch_models.design.calibration.nominal_surface import NominalSurface
 from beamtouch_models.design.calibration.recordings import Loads
 from beamtouch_models.design.calibration.session import Session
-from beamtouch_models.design.calibration.theory import Theory
 from beamtouch_models.runtime.decision.wrong_channels import wirings
 
 POOR_NOISES = 8.0
@@ -30,7 +30,7 @@ OTHER_END = (
 SINCE_THE_TARE = "tare with nothing on the beam, and record again"
 
 
-def swapped(theory: Theory, loads: Loads, names: list[str]) -> str | None:
+def swapped(theory: NominalSurface, loads: Loads, names: list[str]) -> str | None:
     """Say what seems swapped or inverted: channels, the order of all, or the ends of the beam; None if nothing does.
 
     Zeros that moved since the tare are told, too: alone, or as the mark of cables that were swapped since then.
@@ -59,7 +59,7 @@ def swapped(theory: Theory, loads: Loads, names: list[str]) -> str | None:
     return None
 
 
-def _from_own_zeros(theory: Theory, loads: Loads) -> tuple[Floats, Loads]:
+def _from_own_zeros(theory: NominalSurface, loads: Loads) -> tuple[Floats, Loads]:
     """Return the zeros (channels,) that loads show by the scene, and the loads from these."""
     expected_mm = theory.curve(np.zeros(theory.size)).measured_mm(loads.position_mm, loads.force_n)
     zero_mm = np.zeros(len(expected_mm[0]))
@@ -70,7 +70,7 @@ def _from_own_zeros(theory: Theory, loads: Loads) -> tuple[Floats, Loads]:
     return zero_mm, replace(loads, measured_mm=loads.measured_mm - zero_mm)
 
 
-def _swaps(theory: Theory, loads: Loads, names: list[str]) -> Iterator[tuple[str, Loads]]:
+def _swaps(theory: NominalSurface, loads: Loads, names: list[str]) -> Iterator[tuple[str, Loads]]:
     """Yield each possible swap: its message, and the loads without the swap."""
     for wiring in wirings(names):
         message = f"{wiring.text}; check the wiring and the order in the daemon's config"

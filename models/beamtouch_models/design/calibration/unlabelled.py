@@ -18,8 +18,8 @@ import numpy as np
 from scipy.optimize import brentq
 
 from beamtouch_models.arrays import Floats
+from beamtouch_models.design.calibration.nominal_surface import GAIN, OFFSET_NOISES, Fitted, NominalSurface, best_step
 from beamtouch_models.design.calibration.recordings import UnlabelledContacts
-from beamtouch_models.design.calibration.theory import GAIN, OFFSET_NOISES, Fitted, Theory, best_step
 from beamtouch_models.runtime.health.residuals import Residuals
 
 MISFITS = (4.0, 16.0, 64.0, 256.0)
@@ -53,7 +53,7 @@ class Located:
 
 
 def locate(
-    theory: Theory, vector: Floats, contacts: UnlabelledContacts, zero_mm: Floats, left_error: float = 0.0
+    theory: NominalSurface, vector: Floats, contacts: UnlabelledContacts, zero_mm: Floats, left_error: float = 0.0
 ) -> Located:
     """Locate contacts on a surface with departures.
 
@@ -98,7 +98,7 @@ class ContactFit(Fitted):
 
 
 def fit_contacts(
-    theory: Theory,
+    theory: NominalSurface,
     start: Floats,
     contacts: UnlabelledContacts,
     kinds: tuple[str, ...],
@@ -150,7 +150,7 @@ def fit_contacts(
 
 
 def _left_error(
-    theory: Theory, contacts: UnlabelledContacts, zero_mm: Floats, at: Residuals, single: Floats, degrees: float
+    theory: NominalSurface, contacts: UnlabelledContacts, zero_mm: Floats, at: Residuals, single: Floats, degrees: float
 ) -> float:
     """Return the relative error that makes the misfit of the single contacts equal to their degrees of freedom."""
     if single.sum() <= 0 or degrees <= 0:
@@ -176,7 +176,7 @@ MIN_GAIN = 5e-4
 
 
 @dataclass(frozen=True)
-class LeftOpen:
+class RemainingUncertainty:
     """Errors of the estimates of a fitted model, at contacts over the range with a force from its middle."""
 
     position_mm: Floats
@@ -197,7 +197,7 @@ def stated_mm(per_gain_mm: Floats, gain: Floats) -> Floats:
     return stated
 
 
-def measure_left_open(fit: ContactFit, covariance: Floats, noise_mm: Floats) -> LeftOpen:
+def measure_remaining(fit: ContactFit, covariance: Floats, noise_mm: Floats) -> RemainingUncertainty:
     """Return what a fit leaves open.
 
     Parameters
@@ -229,4 +229,4 @@ def measure_left_open(fit: ContactFit, covariance: Floats, noise_mm: Floats) -> 
     factor = float(np.quantile(open_mm / stated_mm(weights * clean, each), ENOUGH))
     floor = np.maximum(np.hypot(factor * each, fit.left_error), MIN_GAIN)
     shift_mm = float(np.sqrt(((moves @ (fit.vector - fit.start)) ** 2).mean()))
-    return LeftOpen(open_mm, shift_mm, weights * clean, relative, floor)
+    return RemainingUncertainty(open_mm, shift_mm, weights * clean, relative, floor)

@@ -25,7 +25,7 @@ class InfluenceFunction:
     Raises
     ------
     ValueError
-        A field is not as its line says; the message names it.
+        A field breaks the rule documented on it; the message names it.
     """
 
     length_mm: float

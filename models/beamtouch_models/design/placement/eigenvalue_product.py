@@ -26,7 +26,7 @@ from scipy.linalg import qr
 
 from beamtouch_models.arrays import Bools, Floats, Indices
 from beamtouch_models.design.physics.influence import InfluenceFunction
-from beamtouch_models.design.placement.layout import Candidates, equal_layout
+from beamtouch_models.design.placement.layout import LayoutRules, equal_layout
 from beamtouch_models.design.sweeps import one_thread
 from beamtouch_models.errors import SceneError
 
@@ -144,7 +144,7 @@ def _scaled(matrix: Floats) -> tuple[Floats, float]:
 class EigenvalueProduct:
     """Selection of columns of an influence matrix that maximises the product of their leading eigenvalues."""
 
-    rules: Candidates
+    rules: LayoutRules
     leading: int
     matrix: Floats
     """(loads, candidates), with entries up to 1."""
@@ -186,7 +186,7 @@ class EigenvalueProduct:
 
 
 def eigenvalue_product_of(
-    influence: InfluenceFunction, rules: Candidates, count: int, leading: int | None = None
+    influence: InfluenceFunction, rules: LayoutRules, count: int, leading: int | None = None
 ) -> EigenvalueProduct:
     """Return the objective for a structure.
 
@@ -245,7 +245,7 @@ def _reduced(matrix: Floats, leading: int) -> tuple[Floats, Floats, Indices]:
 
 
 def largest_gap(
-    influence: InfluenceFunction, rules: Candidates, positions_mm: Floats, leading: int | None = None
+    influence: InfluenceFunction, rules: LayoutRules, positions_mm: Floats, leading: int | None = None
 ) -> float:
     """Return by how much the log eigenvalue product of another layout exceeds that of a layout (sensors,) at most.
 

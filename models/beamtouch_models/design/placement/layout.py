@@ -11,7 +11,7 @@ from beamtouch_models.errors import SceneError
 
 
 @dataclass(frozen=True, eq=False)
-class Candidates:
+class LayoutRules:
     """The positions that a sensor may take, and the rules for a layout.
 
     A layout is an ascending list of distinct candidates, at least `min_distance_mm` apart, that includes every fixed
@@ -36,9 +36,9 @@ class Candidates:
         return np.searchsorted(self.position_mm, self.position_mm - self.gap_mm, side="right") - 1
 
     @cached_property
-    def mirrored(self) -> "Candidates":
+    def mirrored(self) -> "LayoutRules":
         """The same rules seen from the right end."""
-        return Candidates(-self.position_mm[::-1], len(self.position_mm) - 1 - self.fixed[::-1], self.min_distance_mm)
+        return LayoutRules(-self.position_mm[::-1], len(self.position_mm) - 1 - self.fixed[::-1], self.min_distance_mm)
 
     def allowed(self, layouts: Indices) -> Bools:
         """Return whether each layout (population, sensors) keeps the distance and has all fixed sensors."""
@@ -104,7 +104,7 @@ def equal_pitch_mm(length_mm: float, count: int) -> Floats:
     return length_mm * np.arange(1, count + 1) / (count + 1)
 
 
-def equal_layout(rules: Candidates, length_mm: float, count: int) -> Indices:
+def equal_layout(rules: LayoutRules, length_mm: float, count: int) -> Indices:
     """Return the allowed layout nearest to equal pitch on a beam of this length; SceneError if no layout exists."""
     if count < len(rules.fixed):
         raise SceneError(f"sensors.fixed_mm has {len(rules.fixed)} sensors, more than the {count} to be placed")

@@ -19,7 +19,7 @@ from beamtouch_models.design.placement.eigenvalue_product import (
     log_eigenvalue_product,
     principal_components,
 )
-from beamtouch_models.design.placement.layout import Candidates, equal_layout, equal_pitch_mm
+from beamtouch_models.design.placement.layout import LayoutRules, equal_layout, equal_pitch_mm
 from beamtouch_models.design.placement.position_error import PositionError, position_error_of
 from beamtouch_models.design.placement.search import SearchRun, first_best, search_from
 from beamtouch_models.design.sweeps import Progress, one_thread, silent
@@ -55,7 +55,7 @@ class Aim:
     """Sensors that may fail, 0 or 1; see `place_by_position_error`."""
     leading: int | None = None
     """Number of eigenvalues in the product; None: all."""
-    search: SearchName = "exact"
+    search: SearchName = "exchange"
     effort: Effort = USUAL
     """How long it searches."""
 
@@ -90,7 +90,7 @@ class Placement:
 def place_as(
     aim: Aim,
     influence: InfluenceFunction,
-    rules: Candidates,
+    rules: LayoutRules,
     count: int,
     seed: int,
     errors: SampleErrors,
@@ -107,12 +107,12 @@ def place_as(
 
 def place(
     influence: InfluenceFunction,
-    rules: Candidates,
+    rules: LayoutRules,
     count: int,
     seed: int,
     leading: int | None = None,
     *,
-    search: SearchName = "exact",
+    search: SearchName = "exchange",
     effort: Effort = USUAL,
 ) -> Placement:
     """Place sensors so that the product of the leading eigenvalues (eq. 4) is largest.
@@ -123,7 +123,7 @@ def place(
     count : number of sensors
     seed : seed of the search
     leading : number of eigenvalues in the product; `count` by default
-    search : "exact" exchanges sensors by steps, "paper" clones and varies a layout
+    search : "exchange" exchanges sensors by steps, "paper" clones and varies a layout
     effort : how long it searches
 
     Raises
@@ -144,7 +144,7 @@ def place(
 
 def place_by_position_error(
     influence: InfluenceFunction,
-    rules: Candidates,
+    rules: LayoutRules,
     count: int,
     seed: int,
     errors: SampleErrors,
@@ -175,7 +175,7 @@ def place_by_position_error(
         with suppress(SceneError):  # there may be fewer components than sensors
             by_product = eigenvalue_product_of(influence, rules, count)
             product = first_best(
-                search_from(by_product.starts(seed), by_product, "exact", seed, effort=aim.effort)
+                search_from(by_product.starts(seed), by_product, "exchange", seed, effort=aim.effort)
             ).layout
         objective = position_error_of(
             influence, rules, equal, errors, seed, spare=aim.spare, reference=product, effort=aim.effort
@@ -197,7 +197,7 @@ def place_by_position_error(
     return _checked(rules, layout, score_positions(influence, positions), runs)
 
 
-def _checked(rules: Candidates, layout: Indices, score: float, runs: Sequence[SearchRun]) -> Placement:
+def _checked(rules: LayoutRules, layout: Indices, score: float, runs: Sequence[SearchRun]) -> Placement:
     """Return the result of a search, whatever made it; NotGoodEnoughError if it breaks a rule."""
     positions_mm = tuple(rules.position_mm[layout].tolist())
     if not rules.allowed(layout[None, :])[0]:
@@ -261,7 +261,7 @@ def recommended_count(influence: InfluenceFunction, noise_mm: float) -> int:
 
 def fewest_sensors(
     influence: InfluenceFunction,
-    rules: Candidates,
+    rules: LayoutRules,
     counts: tuple[int, int],
     *,
     wanted_mm: float | None,

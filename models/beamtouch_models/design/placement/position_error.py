@@ -8,8 +8,8 @@ places may explain a sample alike, and only drawn errors show how often; then th
 the same for every layout, and more of them lie where errors are large. The cells of the grid are narrower where an
 equal pitch tells more positions apart. Nothing here bounds how much better another layout could be.
 
-*Other loads.* Of loads that are not one contact there are two kinds: two equal contacts half of the range apart, and a
-load spread evenly over half of the range, each at several places and with several forces. A load moves the whitened
+*Other loads.* Two kinds of load are not a single contact: two equal contacts half of the range apart, and a load
+distributed evenly over half of the range, each at several places and with several forces. A load moves the whitened
 sample by m. The best single contact leaves the distance
 
     d^2 = min over x and F >= 0 of |m - F W G(x)|^2,
@@ -27,13 +27,13 @@ import numpy as np
 from scipy.special import chndtr
 
 from beamtouch_models.arrays import Floats, Indices
-from beamtouch_models.design.accuracy.limit import mean_error_mm, spread_contacts, where_it_errs
+from beamtouch_models.design.accuracy.limit import concentrate_on_errors, mean_error_mm, spread_contacts
 from beamtouch_models.design.accuracy.posterior import MIN_LOG, log_density
 from beamtouch_models.design.accuracy.prior import Prior, SampleErrors, forces_of
 from beamtouch_models.design.accuracy.thresholds import left_by_contact, misfit_threshold
 from beamtouch_models.design.effort import USUAL, Effort
 from beamtouch_models.design.physics.influence import InfluenceFunction
-from beamtouch_models.design.placement.layout import Candidates
+from beamtouch_models.design.placement.layout import LayoutRules
 from beamtouch_models.runtime.curve import Curve
 
 KINDS, PLACES, FORCES = 2, 8, 4
@@ -96,7 +96,7 @@ class OtherLoads:
         return curve.unexplained(self.sample[:, layout], self.precision[:, layout])
 
 
-def other_loads(influence: InfluenceFunction, rules: Candidates, errors: SampleErrors) -> OtherLoads:
+def other_loads(influence: InfluenceFunction, rules: LayoutRules, errors: SampleErrors) -> OtherLoads:
     """Return the loads on a structure, for sensors at the candidates of these rules with these errors of a sample."""
     low, high = influence.position_mm
     half = (high - low) / 2
@@ -128,7 +128,7 @@ class PositionError:
     largest over each one sensor failed, less `SPARE_NOTICES` of it times the share of other loads that is noticed.
     """
 
-    rules: Candidates
+    rules: LayoutRules
     force_n: tuple[float, float]
     """Range of forces, with equal ends if the force is known."""
     errors: SampleErrors
@@ -196,7 +196,7 @@ class PositionError:
 
 def position_error_of(
     influence: InfluenceFunction,
-    rules: Candidates,
+    rules: LayoutRules,
     equal: Indices,
     errors: SampleErrors,
     seed: int,
@@ -215,9 +215,9 @@ def position_error_of(
     contacts = 1 << (effort.of(usual, LEAST) - 1).bit_length()
     fewest, most = (effort.of(number, LEAST) for number in CELLS)
     drawn, force, noise = spread_contacts(prior, contacts, np.random.default_rng(seed))
-    drawn, weight = where_it_errs(prior, drawn)
+    drawn, weight = concentrate_on_errors(prior, drawn)
     cells = int(np.clip(np.ptp(prior.position_mm) / mean_error_mm(prior), fewest, most))
-    edges = where_it_errs(prior, np.linspace(*prior.position_mm, cells + 1))[0]
+    edges = concentrate_on_errors(prior, np.linspace(*prior.position_mm, cells + 1))[0]
     middles = (edges[1:] + edges[:-1]) / 2
     clean = influence.at(rules.position_mm, drawn) * force[:, None]
     uncertain: Floats | None = None

@@ -17,7 +17,7 @@ import numpy as np
 
 from beamtouch_models.arrays import Floats, Indices
 from beamtouch_models.design.effort import USUAL, Effort
-from beamtouch_models.design.placement.layout import Candidates
+from beamtouch_models.design.placement.layout import LayoutRules
 from beamtouch_models.design.sweeps import Fraction, silent
 from beamtouch_models.names import SearchName
 
@@ -42,7 +42,7 @@ class Objective(Protocol):
     """What a search makes largest."""
 
     @property
-    def rules(self) -> Candidates:
+    def rules(self) -> LayoutRules:
         """The rules that layouts keep."""
 
     @property
@@ -95,7 +95,9 @@ def search_from(
         score = float(objective.scores(layout[None])[0])
         if score > -np.inf:
             first = SearchRun((layout,), (score,), 1)
-            runs.append(exchange(objective, first, most) if search == "exact" else paper_search(objective, first, rng))
+            runs.append(
+                exchange(objective, first, most) if search == "exchange" else paper_search(objective, first, rng)
+            )
     return runs
 
 
@@ -189,7 +191,7 @@ def _moves(count: int) -> Indices:
     return np.array([*(sign * one for one in unit for sign in (-1, 1)), *both])
 
 
-def _varied(best: Indices, rules: Candidates, increment: float, rng: np.random.Generator) -> Indices:
+def _varied(best: Indices, rules: LayoutRules, increment: float, rng: np.random.Generator) -> Indices:
     """Return clones of a layout with random moves: a third move all sensors, a third one, a third two."""
     free = np.flatnonzero(~np.isin(best, rules.fixed))
     population = max(POPULATION, 8 * len(best))

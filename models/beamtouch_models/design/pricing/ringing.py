@@ -88,7 +88,7 @@ def decay_s(ratio: float, frequency_hz: float, damping_ratio: float) -> float:
     return math.log(amplitude) / (damping_ratio * 2 * math.pi * frequency_hz)
 
 
-def told(found: Ringing) -> list[str]:
+def describe_ringing(found: Ringing) -> list[str]:
     """Return the ringing in words, one line each."""
     assumed = ASSUMED if found.damping_is_assumed else ""
     return [

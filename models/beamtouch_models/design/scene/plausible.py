@@ -14,7 +14,7 @@ ROUNDING = 1e-9
 SHORTEST_MM, NARROWEST_MM, THINNEST_MM = 1.0, 0.1, 0.01
 """Smallest length, width and thickness; a smaller beam is no place for a proximity sensor."""
 WIDEST, DEEPEST = 4.0, 1.0
-"""Largest width and thickness over the length; a beam beyond them is none, or its length is in another unit."""
+"""Largest width and thickness over the length; anything larger is not a beam, or its length is in another unit."""
 STIFFEST_GPA = 1500.0
 """Diamond has 1200 GPa."""
 PSI_PER_GPA = 145038

@@ -24,12 +24,12 @@ from scipy.special import bdtrc, chdtrc, ndtr, ndtri
 
 from beamtouch_models.arrays import Bools, Floats, Indices
 from beamtouch_models.design.accuracy.thresholds import left_by_contact
-from beamtouch_models.design.sweeps import Progress, Spread, in_turn, silent
+from beamtouch_models.design.sweeps import Progress, TaskMap, in_turn, silent
 from beamtouch_models.lab.challenge.contacts import honest_cases, lossy_cases
 from beamtouch_models.lab.challenge.drift import drift_cases
 from beamtouch_models.lab.challenge.faults import error_cases, fault_cases
-from beamtouch_models.lab.challenge.judge import Judged, Said, judge
-from beamtouch_models.lab.challenge.play import Case, Drawn, SimulatedSurface
+from beamtouch_models.lab.challenge.judge import Outcome, Verdicts, judge
+from beamtouch_models.lab.challenge.play import Case, DrawnContacts, SimulatedSurface
 from beamtouch_models.runtime.curve import Curve
 from beamtouch_models.runtime.error_model import variance_mm2
 from beamtouch_models.runtime.loading import ModelFile, load_bytes
@@ -92,7 +92,7 @@ class Row:
 
 
 def challenge(
-    content: bytes, *, draws: int, seed: int, progress: Progress = silent, spread: Spread = in_turn
+    content: bytes, *, draws: int, seed: int, progress: Progress = silent, spread: TaskMap = in_turn
 ) -> list[Row]:
     """Put a model file through all cases, which are tasks for `spread`; the same seed gives the same rows.
 
@@ -132,7 +132,7 @@ def rows_of(model: ModelFile, surface: SimulatedSurface, case: Case, draws: int,
 
     Readings with the same name are one row.
     """
-    play = case.make(Drawn.of(surface, draws, rng))
+    play = case.make(DrawnContacts.of(surface, draws, rng))
     readings = surface.world.readings(play.deflection_mm, play.errors, rng)
     first = max(0, min(reading for _, reading in play.rows) - surface.decided)
     said = judge(surface, model.run, readings, first, lost=play.lost)
@@ -152,7 +152,7 @@ def rows_of(model: ModelFile, surface: SimulatedSurface, case: Case, draws: int,
     return [*found[:-1], replace(found[-1], ghosts=ghosts(felt) if len(felt) else None, plays=len(felt))]
 
 
-def scored(name: str, said: Judged, truth_mm: Floats, *, honest: bool, quiet: bool = False) -> Row:
+def scored(name: str, said: Verdicts, truth_mm: Floats, *, honest: bool, quiet: bool = False) -> Row:
     """Return the row of some samples.
 
     Parameters
@@ -162,11 +162,11 @@ def scored(name: str, said: Judged, truth_mm: Floats, *, honest: bool, quiet: bo
     truth_mm : (samples,) positions of the contacts; NaN where there is no single contact
     """
     single = ~np.isnan(truth_mm)
-    contact = said.said == Said.CONTACT
+    contact = said.said == Outcome.CONTACT
     noted = contact & (said.unsteady | said.other_note)
     plain, unsteady = contact & ~noted, contact & said.unsteady & ~said.other_note
     inside = (said.low_mm <= truth_mm) & (truth_mm <= said.high_mm)  # False for NaN
-    unexplained = float((said.said == Said.UNEXPLAINED).mean())
+    unexplained = float((said.said == Outcome.UNEXPLAINED).mean())
     error = np.abs(said.position_mm - truth_mm)[contact & single]
     length = said.high_mm - said.low_mm
     noticed = None if honest else unexplained + float(noted.mean())
@@ -183,8 +183,8 @@ def scored(name: str, said: Judged, truth_mm: Floats, *, honest: bool, quiet: bo
         held_noted=_share(inside, said.other_note & contact & single),
         unexplained=unexplained,
         noted=float(noted.mean()),
-        clear=float((said.said == Said.CLEAR).mean()),
-        silent=float((said.said == Said.NOTHING).mean()),
+        clear=float((said.said == Outcome.CLEAR).mean()),
+        silent=float((said.said == Outcome.NOTHING).mean()),
         misleading=float((plain & _misleads(said, truth_mm)).mean()),
         interval_mm=float(np.median(length[contact])) if contact.any() else None,
         noticed=noticed,
@@ -192,18 +192,18 @@ def scored(name: str, said: Judged, truth_mm: Floats, *, honest: bool, quiet: bo
 
 
 def ghosts(said: Indices) -> float:
-    """Return the share of draws, (draws, readings) of `Said`, in which a contact begins more than once.
+    """Return the share of draws, (draws, readings) of `Outcome`, in which a contact begins more than once.
 
     A stretch that is unexplained, or without an answer, does not end a contact.
     """
-    decided = (said == Said.CLEAR) | (said == Said.CONTACT)
+    decided = (said == Outcome.CLEAR) | (said == Outcome.CONTACT)
     last = np.maximum.accumulate(np.where(decided, np.arange(said.shape[1]), 0), axis=1)
-    contact = np.take_along_axis(said, last, axis=1) == Said.CONTACT
+    contact = np.take_along_axis(said, last, axis=1) == Outcome.CONTACT
     begins = contact[:, 1:] & ~contact[:, :-1]
     return float((contact[:, 0] + begins.sum(axis=1) > 1).mean())
 
 
-def _misleads(said: Judged, truth_mm: Floats) -> Bools:
+def _misleads(said: Verdicts, truth_mm: Floats) -> Bools:
     """Return whether the truth is further from the position than twice the half-interval on its side, or nowhere."""
     above = truth_mm > said.position_mm
     half = np.where(above, said.high_mm - said.position_mm, said.position_mm - said.low_mm)

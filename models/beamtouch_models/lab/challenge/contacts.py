@@ -10,7 +10,7 @@ from functools import partial
 import numpy as np
 
 from beamtouch_models.arrays import Bools, Floats
-from beamtouch_models.lab.challenge.play import Case, Drawn, Make, Play, SimulatedSurface
+from beamtouch_models.lab.challenge.play import Case, DrawnContacts, Make, Play, SimulatedSurface
 from beamtouch_models.lab.challenge.ringing import ringing_plays, rings
 
 SPEEDS_MM_PER_S = (10, 30, 100, 300, 1000)
@@ -79,7 +79,7 @@ def honest_cases(surface: SimulatedSurface) -> list[Case]:
     return [Case(True, make) for make in makes]
 
 
-def touched(at: Drawn, *, least: int = 0) -> Play:
+def touched(at: DrawnContacts, *, least: int = 0) -> Play:
     """Return a touch that the beam follows at once, between two readings; at least so many readings follow it."""
     before = at.surface.look_back
     there = np.arange(before + max(before, least)) >= before
@@ -91,7 +91,7 @@ def touched(at: Drawn, *, least: int = 0) -> Play:
     )
 
 
-def rested(at: Drawn, *, least: int = 0) -> Play:
+def rested(at: DrawnContacts, *, least: int = 0) -> Play:
     """Return contacts that have settled; so many readings follow those that the filter looks back at."""
     play = at.settle("touch, settled")
     return replace(
@@ -103,7 +103,7 @@ def rested(at: Drawn, *, least: int = 0) -> Play:
     )
 
 
-def moves(at: Drawn, *, speed_mm_per_s: float, motion: Motion = BEGINS, least: int = 0) -> Play:
+def moves(at: DrawnContacts, *, speed_mm_per_s: float, motion: Motion = BEGINS, least: int = 0) -> Play:
     """Return loads that lie still and then move, for at least so many readings; the beam follows with its inertia."""
     surface, (low, high) = at.surface, at.surface.metadata.ranges.position_mm
     moving, before = motion.readings(surface, speed_mm_per_s, least), surface.look_back
@@ -132,13 +132,13 @@ def _crosses(surface: SimulatedSurface, path_mm: Floats) -> Bools:
     return crossed
 
 
-def pressed(at: Drawn, *, times: float, force_n: float) -> Play:
+def pressed(at: DrawnContacts, *, times: float, force_n: float) -> Play:
     """Return contacts of some times an end of the stated range of forces."""
     name = f"force {times:g} times the {'smallest' if times < 1 else 'largest'}"
     return at.settle(name, at.surface.world.under(at.position_mm, np.full(at.draws, times * force_n)))
 
 
-def without(at: Drawn, *, missing: int) -> Play:
+def without(at: DrawnContacts, *, missing: int) -> Play:
     """Return contacts while some channels, any of them, are missing."""
     order = at.rng.permuted(np.tile(np.arange(at.surface.channels), (at.draws, 1)), axis=1)
     name = "one channel missing" if missing == 1 else "two channels missing"
@@ -165,7 +165,9 @@ def lossy_cases(surface: SimulatedSurface) -> list[Case]:
     return [Case(True, make) for make in makes]
 
 
-def interrupted(at: Drawn, *, make: Callable[..., Play], when: str, gap: int, since_s: float | None = None) -> Play:
+def interrupted(
+    at: DrawnContacts, *, make: Callable[..., Play], when: str, gap: int, since_s: float | None = None
+) -> Play:
     """Return a play with a gap.
 
     Parameters
@@ -185,7 +187,7 @@ def interrupted(at: Drawn, *, make: Callable[..., Play], when: str, gap: int, si
     return replace(play, quiet=False, lost=lost, rows=rows)  # until it is known again, whether the beam rests
 
 
-def lossy(at: Drawn, *, make: Make, share: float) -> Play:
+def lossy(at: DrawnContacts, *, make: Make, share: float) -> Play:
     """Return a play of which a share of the readings is lost at random, and none that is judged.
 
     It has one row for all that is judged.

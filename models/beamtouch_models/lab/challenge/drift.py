@@ -4,7 +4,7 @@ from functools import partial
 
 import numpy as np
 
-from beamtouch_models.lab.challenge.play import Case, Drawn, Play, SimulatedSurface
+from beamtouch_models.lab.challenge.play import Case, DrawnContacts, Play, SimulatedSurface
 
 HELD_S, MOST_READINGS = 10.0, 1000
 """Time of a contact, and the most readings that are played of it, for time and memory."""
@@ -19,7 +19,7 @@ def drift_cases(surface: SimulatedSurface) -> list[Case]:
     return [Case(True, partial(drifts, together=together)) for together in (True, False)]
 
 
-def drifts(at: Drawn, *, together: bool) -> Play:
+def drifts(at: DrawnContacts, *, together: bool) -> Play:
     """Return contacts of some seconds on sensors whose zeros drift evenly since before the touch."""
     surface = at.surface
     assert surface.walk is not None  # noqa: S101  # there is no such case without one

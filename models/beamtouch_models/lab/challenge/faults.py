@@ -11,7 +11,7 @@ import numpy as np
 from beamtouch_models.arrays import Floats
 from beamtouch_models.design.physics.beam import influence
 from beamtouch_models.design.world import SensorErrors
-from beamtouch_models.lab.challenge.play import Case, Drawn, Make, Play, SimulatedSurface
+from beamtouch_models.lab.challenge.play import Case, DrawnContacts, Make, Play, SimulatedSurface
 
 WEDGE = 0.22
 """Deflection that a wedge shows, over the largest; 0.5 mm on the bench."""
@@ -46,7 +46,7 @@ def fault_cases() -> list[Case]:
     return [Case(False, make) for make in makes]
 
 
-def _fault(at: Drawn, name: str, deflection_mm: Floats, fault: SensorErrors | None = None) -> Play:
+def _fault(at: DrawnContacts, name: str, deflection_mm: Floats, fault: SensorErrors | None = None) -> Play:
     """Return a play of a fault, on sensors that have their honest errors as well."""
     fault = fault or at.perfect
     errors = replace(fault, gain=fault.gain * at.honest.gain, zero_mm=fault.zero_mm + at.honest.zero_mm)
@@ -57,37 +57,37 @@ def _words(*, touched: bool) -> str:
     return "contact" if touched else "no contact"
 
 
-def stuck(at: Drawn) -> Play:
+def stuck(at: DrawnContacts) -> Play:
     """Return contacts while one sensor shows rest, with its noise."""
     return _fault(at, "one channel stuck at rest", np.where(at.one, 0.0, at.deflection_mm))
 
 
-def wedged(at: Drawn, *, touched: bool) -> Play:
+def wedged(at: DrawnContacts, *, touched: bool) -> Play:
     """Return a sensor that shows a deflection of its own, with or without a contact."""
     wedge_mm = WEDGE * at.surface.metadata.max_deflection_mm * at.one
     return _fault(at, f"one channel wedged, {_words(touched=touched)}", at.deflection_mm * touched + wedge_mm)
 
 
-def drifted(at: Drawn, *, touched: bool) -> Play:
+def drifted(at: DrawnContacts, *, touched: bool) -> Play:
     """Return a sensor whose zero has drifted, in either direction, with or without a contact."""
     either = at.rng.choice([-1.0, 1.0], size=(at.draws, 1))
     off = replace(at.perfect, zero_mm=at.one * either * DRIFT * at.surface.metadata.noise.reading_mm)
     return _fault(at, f"one channel drifted, {_words(touched=touched)}", at.deflection_mm * touched, off)
 
 
-def noisy(at: Drawn) -> Play:
+def noisy(at: DrawnContacts) -> Play:
     """Return contacts while one channel is many times as noisy as stated."""
     louder = replace(at.perfect, noise=1 + (NOISY - 1) * at.one)
     return _fault(at, f"one channel {NOISY:g} times as noisy", at.deflection_mm, louder)
 
 
-def pulled(at: Drawn, *, times: float) -> Play:
+def pulled(at: DrawnContacts, *, times: float) -> Play:
     """Return forces away from the sensors."""
     force = np.full(at.draws, -times * at.surface.metadata.ranges.force_n[0])
     return _fault(at, f"pull of {times:g} times the smallest force", at.surface.world.under(at.position_mm, force))
 
 
-def two_contacts(at: Drawn, *, apart: float, ratio: float) -> Play:
+def two_contacts(at: DrawnContacts, *, apart: float, ratio: float) -> Play:
     """Return two contacts at once, some part of the range apart, the second with `ratio` times the force."""
     low, high = at.surface.metadata.ranges.position_mm
     first = at.rng.uniform(low, high - apart * (high - low), size=at.draws)
@@ -100,7 +100,7 @@ def two_contacts(at: Drawn, *, apart: float, ratio: float) -> Play:
     return _fault(at, name, clean)
 
 
-def two_at_the_quarters(at: Drawn) -> Play:
+def two_at_the_quarters(at: DrawnContacts) -> Play:
     """Return two equal contacts, each a quarter of the range from an end."""
     low, high = at.surface.metadata.ranges.position_mm
     force_n = AT_THE_QUARTERS * at.surface.metadata.ranges.force_n[1]
@@ -109,7 +109,7 @@ def two_at_the_quarters(at: Drawn) -> Play:
     return _fault(at, "two contacts at the quarters", np.tile(both, (at.draws, 1)))
 
 
-def distributed(at: Drawn, *, part: float) -> Play:
+def distributed(at: DrawnContacts, *, part: float) -> Play:
     """Return loads that press evenly on a part of the beam."""
     world, (low, high) = at.surface.world, at.surface.metadata.ranges.position_mm
     width_mm = part * world.beam.length_mm
@@ -135,26 +135,26 @@ def error_cases(surface: SimulatedSurface) -> list[Case]:
     return [*cases, Case(surface.scene.sensors.mounting_tolerance_mm >= OFF_MM, places_off)]
 
 
-def gains_off(at: Drawn, *, percent: float) -> Play:
+def gains_off(at: DrawnContacts, *, percent: float) -> Play:
     """Return contacts measured with gains that are off by some percent, as a standard deviation."""
     off = 1 + percent / 100 * _normal(at)
     errors, fault = replace(at.honest, gain=off), replace(at.perfect, gain=off)
     return at.settle(f"gains {percent:g} % off", errors=errors, fault=fault)
 
 
-def zeros_off(at: Drawn, *, noises: float) -> Play:
+def zeros_off(at: DrawnContacts, *, noises: float) -> Play:
     """Return contacts measured with zeros that are off by some noises of a reading, as a standard deviation."""
     off_mm = noises * at.surface.metadata.noise.reading_mm * _normal(at)
     errors, fault = replace(at.honest, zero_mm=off_mm), replace(at.perfect, zero_mm=off_mm)
     return at.settle(f"zeros {noises:g} noises off", errors=errors, fault=fault)
 
 
-def _normal(at: Drawn) -> Floats:
+def _normal(at: DrawnContacts) -> Floats:
     """Return a standard normal number for each channel of each draw."""
     return at.rng.normal(size=at.honest.gain.shape)
 
 
-def places_off(at: Drawn) -> Play:
+def places_off(at: DrawnContacts) -> Play:
     """Return contacts on sensors that are mounted beside their positions."""
     world, width_mm = at.surface.world, at.surface.scene.contact.width_mm
     sensors_mm = np.clip(world.sensor_mm + OFF_MM * _normal(at), 0.0, world.beam.length_mm)

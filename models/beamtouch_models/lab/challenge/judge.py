@@ -14,7 +14,7 @@ from beamtouch_models.runtime.decision.evidence import Weighed, evidence, is_ove
 from beamtouch_models.runtime.session import Run
 
 
-class Said(IntEnum):
+class Outcome(IntEnum):
     """A statement on a sample: nothing, or a `State` by its name."""
 
     NOTHING = 0
@@ -25,11 +25,11 @@ class Said(IntEnum):
 
 
 @dataclass(frozen=True)
-class Judged:
+class Verdicts:
     """Statements on samples, (draws, samples)."""
 
     said: Indices
-    """Values of `Said`."""
+    """Values of `Outcome`."""
     unsteady: Bools
     other_note: Bools
     """Whether there is a note other than `unsteady`."""
@@ -41,22 +41,22 @@ class Judged:
     """(draws, samples, channels), which channels take part."""
 
     @classmethod
-    def silent(cls, valid: Bools) -> "Judged":
+    def silent(cls, valid: Bools) -> "Verdicts":
         """Return statements of which there are none yet."""
         shape = valid.shape[:2]
         position, low, high = np.full((3, *shape), np.nan)
         unsteady, other = np.zeros((2, *shape), np.bool_)
-        return cls(np.full(shape, Said.NOTHING), unsteady, other, position, low, high, valid)
+        return cls(np.full(shape, Outcome.NOTHING), unsteady, other, position, low, high, valid)
 
-    def at(self, readings: list[int]) -> "Judged":
+    def at(self, readings: list[int]) -> "Verdicts":
         """Return the statements at some readings of each draw, as one axis of samples."""
         parts = (getattr(self, field.name)[:, readings] for field in fields(self))
-        return Judged(*(part.reshape(-1, *part.shape[2:]) for part in parts))
+        return Verdicts(*(part.reshape(-1, *part.shape[2:]) for part in parts))
 
 
 def judge(
     surface: SimulatedSurface, run: Run, readings_mm: Floats, first: int = 0, *, lost: Bools | None = None
-) -> Judged:
+) -> Verdicts:
     """Return the statements of a surface's model on each reading (draws, readings, channels); draws begin anew.
 
     There is none on the readings before number `first`, and on those that are `lost` (draws, readings).
@@ -64,7 +64,7 @@ def judge(
     metadata, length = surface.metadata, readings_mm.shape[1]
     came = np.ones(readings_mm.shape[:2], np.bool_) if lost is None else ~lost
     samples = _filter(surface, readings_mm, came)
-    judged = Judged.silent(samples.valid.reshape(readings_mm.shape))
+    judged = Verdicts.silent(samples.valid.reshape(readings_mm.shape))
     asked = np.arange(len(samples.valid)) % length >= first
     enough = np.flatnonzero(asked & came.ravel() & (samples.valid.sum(axis=1) >= metadata.min_channels))
     found = evidence(metadata, run, samples.part(enough)) if len(enough) else []
@@ -73,7 +73,7 @@ def judge(
         if index // length != draw:
             draw, decider = index // length, Hypotheses(metadata.thresholds, [AT_REST])
         verdict, at = decider.step(one), divmod(index, length)
-        judged.said[at], judged.unsteady[at] = Said[verdict.state.name], verdict.unsteady
+        judged.said[at], judged.unsteady[at] = Outcome[verdict.state.name], verdict.unsteady
         if verdict.state is State.CONTACT:
             judged.other_note[at] = is_overload(metadata, one) or is_unchecked(one)
             judged.position_mm[at] = one.answer["position_mm"]

@@ -16,7 +16,7 @@ from beamtouch_models.filters import Walk
 from beamtouch_models.runtime.metadata import Metadata
 
 SPARE = 8
-"""Readings after everything that a filter looks back on, so that the state has followed them."""
+"""Extra readings that let the decision settle after the filter."""
 
 
 @dataclass(frozen=True)
@@ -109,7 +109,7 @@ class Play:
 
 
 @dataclass(frozen=True)
-class Drawn:
+class DrawnContacts:
     """Contacts on a surface, drawn from the ranges of its model, and its sensors with the errors that it states."""
 
     surface: SimulatedSurface
@@ -174,7 +174,7 @@ class Drawn:
         )
 
 
-Make = Callable[[Drawn], Play]
+Make = Callable[[DrawnContacts], Play]
 
 
 class Case(NamedTuple):

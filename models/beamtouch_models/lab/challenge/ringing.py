@@ -7,7 +7,7 @@ import numpy as np
 
 from beamtouch_models.arrays import Floats
 from beamtouch_models.design.world import World
-from beamtouch_models.lab.challenge.play import Drawn, Make, Play
+from beamtouch_models.lab.challenge.play import DrawnContacts, Make, Play
 
 SINCE_MS = (20, 50, 100, 200, 500)
 """Times after the beginning of a load at which a beam that rings is judged."""
@@ -38,7 +38,7 @@ def ringing_plays() -> list[Make]:
 
 
 def rings(
-    at: Drawn,
+    at: DrawnContacts,
     *,
     weighs: bool = False,
     lasting_s: float = 0.0,
@@ -69,12 +69,12 @@ def rings(
     )
 
 
-def touches_again(at: Drawn, *, after_s: float) -> Play:
+def touches_again(at: DrawnContacts, *, after_s: float) -> Play:
     """Return sudden forces on a beam that still rings from the lift of others."""
     world, surface = at.surface.world, at.surface
     before = round(after_s * surface.metadata.sensor.rate_hz)
     readings, seconds = _since(at, before=before)
-    former = Drawn.of(surface, at.draws, at.rng)
+    former = DrawnContacts.of(surface, at.draws, at.rng)
     lying = former.deflection_mm[:, None] * (seconds < -after_s)[:, :, None]
     lying = lying - _rung(world, former, seconds + after_s)
     there = (seconds >= 0)[:, :, None]
@@ -90,7 +90,7 @@ def touches_again(at: Drawn, *, after_s: float) -> Play:
     )
 
 
-def taps(at: Drawn) -> Play:
+def taps(at: DrawnContacts) -> Play:
     """Return taps: forces that are over before the filter has had its time; then the beam rings untouched."""
     readings, seconds = _since(at)
     tapped = replace(at, force_n=TAPS * at.force_n)
@@ -106,7 +106,7 @@ def taps(at: Drawn) -> Play:
     )
 
 
-def lifts(at: Drawn) -> Play:
+def lifts(at: DrawnContacts) -> Play:
     """Return forces that end at once: the beam rings, and nothing touches it once the filter has had its time."""
     readings, seconds = _since(at)
     still = at.deflection_mm[:, None] * (seconds < 0)[:, :, None]
@@ -120,7 +120,7 @@ def lifts(at: Drawn) -> Play:
     )
 
 
-def _rung(world: World, at: Drawn, seconds: Floats) -> Floats:
+def _rung(world: World, at: DrawnContacts, seconds: Floats) -> Floats:
     """Return what ringing adds after sudden forces."""
     return world.ringing_mm(at.position_mm, at.force_n, seconds)
 
@@ -129,7 +129,7 @@ def _rows(kind: str, readings: list[int]) -> tuple[tuple[str, int], ...]:
     return tuple((f"{kind}, {ms} ms", reading) for ms, reading in zip(SINCE_MS, readings, strict=True))
 
 
-def _since(at: Drawn, least: int = 0, before: int = 0) -> tuple[list[int], Floats]:
+def _since(at: DrawnContacts, least: int = 0, before: int = 0) -> tuple[list[int], Floats]:
     """Return the readings after a change of load that are judged, and all times since it in s, (draws, readings).
 
     At least so many readings follow the change, and so many more than usual come before it.

@@ -98,7 +98,7 @@ class Failure:
 
 
 @dataclass(frozen=True)
-class Moment:
+class AnswerAtTime:
     """The answer of the scene's own model at a time since a touch, behind the filter that `build` writes."""
 
     answer: Answer
@@ -157,7 +157,7 @@ def measure(task: Task) -> Model | Failure:
     )
 
 
-def follow(model: Model) -> list[Moment]:
+def follow(model: Model) -> list[AnswerAtTime]:
     """Return the answers of a model by the time since a touch."""
     task, seed = model.task, model.task.seed + 2
     sensors = place_sensors(Surface.of(task.scene, model.filter), kept_mm=model.positions_mm)
@@ -167,7 +167,7 @@ def follow(model: Model) -> list[Moment]:
         noise_mm = model.reading_mm / math.sqrt(answer.readings)
         limit = accuracy_limit(replace(prior, noise_mm=noise_mm), task.draws, seed)
         limit_mm = Measurement(limit.percent, limit.standard_error).scaled(model.length_mm / 100)
-        moments.append(Moment(answer, limit_mm))
+        moments.append(AnswerAtTime(answer, limit_mm))
     return moments
 
 

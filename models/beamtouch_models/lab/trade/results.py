@@ -10,7 +10,7 @@ from beamtouch_common.digits import digits
 from beamtouch_models.design.accuracy.statistics import Measurement
 from beamtouch_models.design.charts import Chart, Series, Style, draw_row, standalone
 from beamtouch_models.design.printing import Block, Table
-from beamtouch_models.lab.trade.measure import Model, Moment, Varied
+from beamtouch_models.lab.trade.measure import AnswerAtTime, Model, Varied
 from beamtouch_models.lab.trade.trade import Point, Trade, transfer_ms
 from beamtouch_models.names import ESTIMATORS
 
@@ -138,7 +138,7 @@ def _model_row(trade: Trade, model: Model) -> tuple[str, ...]:
     )
 
 
-def _moment_row(moment: Moment) -> tuple[str, ...]:
+def _moment_row(moment: AnswerAtTime) -> tuple[str, ...]:
     answer = moment.answer
     ringing = "-" if answer.ringing_mm is None else _mm(answer.ringing_mm)
     return digits(answer.since_ms, 4), str(answer.readings), ringing, _mm(answer.error_mm), _mm(moment.limit_mm)

@@ -11,12 +11,12 @@ from beamtouch_models.design.building.since_touch import Answer
 from beamtouch_models.design.effort import USUAL, Effort
 from beamtouch_models.design.scene import Scene
 from beamtouch_models.design.surface import Surface
-from beamtouch_models.design.sweeps import Progress, Spread
+from beamtouch_models.design.sweeps import Progress, TaskMap
 from beamtouch_models.errors import SceneError
 from beamtouch_models.lab.trade.measure import (
+    AnswerAtTime,
     Failure,
     Model,
-    Moment,
     Task,
     Varied,
     follow,
@@ -32,7 +32,7 @@ SERIAL_BAUD, FRAME_BYTES, BYTE_BITS = 1_000_000, 13, 10
 """Transfer of a reading by PROTOCOL.md: FRAME_BYTES and two bytes per channel, of ten bits each."""
 
 
-class NotToBeHadError(InputError):
+class UnreachableTargetError(InputError):
     """No point of the trade meets the requirement."""
 
 
@@ -90,7 +90,7 @@ def most_accurate(points: Sequence[Point], latency_ms: float) -> Point:
     kept = [point for point in points if point.latency_ms <= latency_ms]
     if not kept:
         nearest_ms = min(point.latency_ms for point in points)
-        raise NotToBeHadError(
+        raise UnreachableTargetError(
             f"no point answers within {latency_ms:g} ms; the fastest takes {digits(nearest_ms, 3)} ms; raise "
             "sensors.rate_hz"
         )
@@ -102,7 +102,7 @@ def quickest(points: Sequence[Point], error_mm: float) -> Point:
     kept = [point for point in points if point.error_mm.value <= error_mm]
     if not kept:
         nearest_mm = min(point.error_mm.value for point in points)
-        raise NotToBeHadError(
+        raise UnreachableTargetError(
             f"no point has a mean error of {error_mm:g} mm; the best has {digits(nearest_mm, 3)} mm; allow more "
             "sensors or a larger requirements.max_mean_ms, or use sensors with less noise"
         )
@@ -120,14 +120,14 @@ class Trade:
     inference_us: tuple[Measurement, ...]
     """Median time of an inference of a single sample, per model."""
     failures: tuple[Failure, ...]
-    since_touch: tuple[Moment, ...]
+    since_touch: tuple[AnswerAtTime, ...]
     """The answers of the own model by the time since a touch."""
     points: tuple[Point, ...]
     """The answers of the models that `build` makes of the scene without a change in it."""
     front: tuple[Point, ...]
 
     @property
-    def usual(self) -> Moment:
+    def usual(self) -> AnswerAtTime:
         """The answer for the mean that layout and thresholds are chosen for."""
         return next(one for one in self.since_touch if one.answer.readings == self.own.filter.window)
 
@@ -149,7 +149,7 @@ def trade(
     *,
     draws: int,
     seed: int,
-    spread: Spread,
+    spread: TaskMap,
     progress: Progress,
     effort: Effort = USUAL,
 ) -> Trade:

@@ -1,7 +1,7 @@
 """The state of a surface from the evidence of consecutive samples. Pure.
 
-A large covariance explains everything, rest and contact alike. So a state ends only on a sample that could show what
-the state stands on: with its covariance, the last clear deflection of that state would contradict rest about as well as
+A large covariance explains everything, rest and contact alike. So a state ends only on a sample precise enough to have
+shown it: with its covariance, the last clear deflection of that state would contradict rest about as well as
 these channels can show it. A sample that does not move is as precise as it can be.
 
 Where samples are not known, all that they may have left is decided side by side, and a state is shown once all
@@ -74,7 +74,7 @@ def decide(thresholds: Thresholds, before: Memory, evidence: Evidence) -> tuple[
     """
     touch, odd = thresholds.touch[evidence.channels - 1], is_odd(thresholds, evidence)
     after = _decide(before, evidence, touch, odd=odd)
-    # A stretch is no doubt about itself.
+    # An ongoing unexplained stretch is not itself marked unsteady.
     contradicts = odd or (evidence.log_odds > touch) != (after.state is State.CONTACT)
     return after, evidence.moves or (contradicts and after.state is not State.UNEXPLAINED)
 

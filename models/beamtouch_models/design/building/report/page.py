@@ -24,7 +24,7 @@ from beamtouch_models.design.placement.eigenvalue_product import principal_compo
 from beamtouch_models.design.placement.layout import equal_pitch_mm
 from beamtouch_models.design.placement.placing import DEFAULT_AIM, place, place_by_position_error, score_positions
 from beamtouch_models.design.pricing.prices import NEGLIGIBLE
-from beamtouch_models.design.pricing.ringing import told
+from beamtouch_models.design.pricing.ringing import describe_ringing
 from beamtouch_models.design.scene import Scene
 from beamtouch_models.design.surface import Surface
 from beamtouch_models.design.sweeps import Progress
@@ -181,7 +181,7 @@ def page(facts: Facts) -> str:
         widths=None if width_mm is None else {"ends_mm": width_mm[[0, -1]].mean(), "middle_mm": width_mm[third].mean()},
         negligible=NEGLIGIBLE,
         answers=answers(facts.model.metadata),
-        rings=[] if ringing is None else told(ringing),
+        rings=[] if ringing is None else describe_ringing(ringing),
         missed=unseen(facts.model.metadata),
         weak=weak_spot(facts.model.metadata),
         touch=per_day(facts.model.metadata.thresholds.false_contacts_per_day),

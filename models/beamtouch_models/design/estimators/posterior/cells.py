@@ -41,7 +41,7 @@ class Cells:
 
 
 @dataclass(frozen=True)
-class Path:
+class InfluencePath:
     """The influence along the position range, and how far a contact of the largest force moves the reading there."""
 
     position_mm: Floats
@@ -59,7 +59,7 @@ def resolving_cells(prior: Prior) -> int | None:
 
     The reading follows a curve as the contact moves; no cell may be a longer piece of it than its step.
     """
-    path, largest = path_of(prior), KNOWN_STEP if prior.force_is_known else OPEN_STEP
+    path, largest = influence_path_of(prior), KNOWN_STEP if prior.force_is_known else OPEN_STEP
     along = np.concatenate([[0.0], np.cumsum(path.moved)])
     least = MIN_CELLS[int(np.searchsorted(LOUDNESS, float(path.size.max())))]
     for count in range(least, MAX_CELLS + 1, STEP):
@@ -69,7 +69,7 @@ def resolving_cells(prior: Prior) -> int | None:
     return None
 
 
-def path_of(prior: Prior) -> Path:
+def influence_path_of(prior: Prior) -> InfluencePath:
     """Return the path of a prior's reading."""
     fine = np.linspace(*prior.position_mm, FINE)
     influence = prior.table(fine)
@@ -82,12 +82,12 @@ def path_of(prior: Prior) -> Path:
     if not prior.force_is_known:
         square = (shape**2).sum(axis=1) + (FLOOR * size.max()) ** 2
         change -= shape * ((change * shape).sum(axis=1) / square)[:, None]
-    return Path(fine, influence, np.linalg.norm(change, axis=1), size)
+    return InfluencePath(fine, influence, np.linalg.norm(change, axis=1), size)
 
 
-def cells_of(prior: Prior, count: int, path: Path | None = None) -> Cells:
+def cells_of(prior: Prior, count: int, path: InfluencePath | None = None) -> Cells:
     """Return `count` cells, spaced evenly in a metric of the change of reading, position and log of the size."""
-    path = path or path_of(prior)
+    path = path or influence_path_of(prior)
     known = prior.force_is_known
     metric = path.moved**2 + (path.moved.sum() * POSITION_SHARE[known] / (FINE - 1)) ** 2
     if not known:

@@ -42,7 +42,12 @@ from beamtouch_models.design.estimators.posterior.answers import (
     whitened,
     widening,
 )
-from beamtouch_models.design.estimators.posterior.cells import cells_of, fixed_cells_graph, path_of, resolving_cells
+from beamtouch_models.design.estimators.posterior.cells import (
+    cells_of,
+    fixed_cells_graph,
+    influence_path_of,
+    resolving_cells,
+)
 
 SAGITTA = 0.01
 """Error of a straight line between two nodes that is aimed at, in deviations of the loudest contact.
@@ -92,7 +97,7 @@ class Table:
 
 def table_of(prior: Prior) -> Table:
     """Return a table so fine that straight lines between its nodes err by a small part of a deviation (`SAGITTA`)."""
-    path = path_of(prior)
+    path = influence_path_of(prior)
     steps = FULL_TURN * np.sqrt(float(path.size.max()) / (8 * SAGITTA))
     position = cells_of(prior, int(np.clip(np.ceil(steps), *NODES)), path).edges_mm
     uncertain = None if prior.uncertainty is None else prior.uncertainty(position)

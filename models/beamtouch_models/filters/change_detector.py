@@ -58,7 +58,7 @@ def windows_of(longest: int) -> list[int]:
     return windows
 
 
-class Look:
+class ChangeDetector:
     """Looks at the newest readings, in units in which their noise has the deviation `unit`.
 
     Parameters

@@ -48,7 +48,7 @@ STEP = 1e-4
 
 
 @dataclass(frozen=True)
-class Theory:
+class NominalSurface:
     """The surface that a calibration departs from."""
 
     beam: Beam
@@ -66,7 +66,7 @@ class Theory:
     """Influence matrices that were computed recently."""
 
     @classmethod
-    def of(cls, metadata: Metadata) -> "Theory":
+    def of(cls, metadata: Metadata) -> "NominalSurface":
         """Return the theory of a model; raises SceneError if its scene cannot be computed."""
         surface, sensor_mm = Surface.of_model(metadata), metadata.layout_mm
         scene, prior = surface.scene, Prior.of(surface.influence, sensor_mm, metadata.noise.sample_mm)
@@ -226,7 +226,7 @@ def best_step(
 class Fitted:
     """Departures of some kinds that were fitted to a surface."""
 
-    theory: Theory
+    theory: NominalSurface
     kinds: tuple[str, ...]
     vector: Floats
     covariance: Floats
