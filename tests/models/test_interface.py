@@ -214,6 +214,18 @@ def test_build_takes_a_scene_and_every_option_of_the_command(scene: models.Scene
     assert told.identity in (tmp_path / "report.html").read_text()
 
 
+def test_build_takes_the_layout_that_was_placed(scene: models.Scene) -> None:
+    layout = models.place(scene, 3, effort=ROUGH) + 1
+
+    model = models.load_model(models.build(scene, sensor_mm=layout, effort=ROUGH))
+
+    assert model.metadata.layout_mm == pytest.approx(layout)
+    with pytest.raises(InputError, match="but sensor_mm has 3 positions"):
+        models.build(scene, sensors=4, sensor_mm=layout)
+    with pytest.raises(InputError, match="sensor_mm"):
+        models.build(scene, sensor_mm=[20.0, 900.0])
+
+
 def test_a_table_of_influence_stands_in_for_the_beam(scene: models.Scene, bench_model: Path) -> None:
     """A table of the same beam gives the same figures; one of a beam of twice the stiffness gives larger errors."""
     sensors, layout = np.linspace(0, 400, 81), [68.0, 156.0, 244.0, 332.0]

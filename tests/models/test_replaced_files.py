@@ -87,8 +87,9 @@ def test_a_file_that_was_named_by_mistake_is_not_replaced(
     design_sensors_here: Command, bench: ModelFile, bench_model: Path, scene: Path, tmp_path: Path
 ) -> None:
     loads = write_readings(tmp_path / "loads.csv", bench, np.zeros((10, 4)))
-    other, recorded = tmp_path / "other.toml", loads.read_bytes()
+    other, page, recorded = tmp_path / "other.toml", tmp_path / "page.html", loads.read_bytes()
     other.write_text(PAPER)
+    page.write_text("<!doctype html>\n<title>Not ours</title>\n")
     unread, no_report = "it is there, and cannot be read as a model file", "it is not a report of build"
     for asked, said in (
         (("build", scene, "-o", other), f"{other}: {unread}; {FORCE}"),
@@ -97,6 +98,7 @@ def test_a_file_that_was_named_by_mistake_is_not_replaced(
             ("build", scene, "-o", tmp_path / "m.onnx", "--report", loads),
             f"{loads}: {no_report}; {FORCE}",
         ),
+        (("build", scene, "-o", tmp_path / "m.onnx", "--report", page), f"{page}: {no_report}; {FORCE}"),
         (("calibrate", bench_model, tmp_path / "more.csv", "-o", loads), f"{loads}: {unread}; name another file"),
     ):
         refused = design_sensors_here(*asked)

@@ -314,6 +314,26 @@ def test_check_warns_of_an_opc_ua_server_that_everyone_reads(
 
 
 @pytest.mark.promise(
+    "docs/how-to/opcua.md", "without one, the password travels in the clear, and `beamtouch-service check` says so."
+)
+@pytest.mark.parametrize(
+    ("host", "has_certificate", "is_told"),
+    [("host = '127.0.0.1'", False, False), ("host = '0.0.0.0'", False, True), ("host = '0.0.0.0'", True, False)],
+)
+def test_check_warns_of_a_password_that_crosses_the_network_in_the_clear(
+    service: Command, tmp_path: Path, host: str, *, has_certificate: bool, is_told: bool
+) -> None:
+    make_certificate(tmp_path, key_kind=("rsa:2048",))
+    (tmp_path / "password").write_text("a long password\n")
+    keys = ["certificate_file = 'certificate.pem'", "key_file = 'key.pem'"] if has_certificate else []
+    lines = ["[opcua]", host, "username = 'scada'", "password_file = 'password'", *keys]
+    (tmp_path / "service.toml").write_text("\n".join(lines))
+    done = service("check", "--config", tmp_path / "service.toml")
+    assert done.returncode == 0, done.stderr
+    assert ("its password crosses the network in the clear" in done.stdout) is is_told
+
+
+@pytest.mark.promise(
     "docs/reference/registers.md",
     "Two names may have the same identity; `beamtouch-service check` then says which to rename.",
 )

@@ -4,6 +4,8 @@ import re
 from pathlib import Path
 from typing import Literal
 
+from numpy.typing import ArrayLike
+
 from beamtouch_common.files import require_writable, write_atomically
 from beamtouch_common.names import NAME, RULE
 from beamtouch_models.design.building.build import Built, Choices, build_model
@@ -16,7 +18,7 @@ from beamtouch_models.design.scene import Scene, format_scene, load_scene, path_
 from beamtouch_models.design.sweeps import Progress, silent
 from beamtouch_models.errors import SceneError, require
 from beamtouch_models.names import ESTIMATORS, Criterion, EstimatorName
-from beamtouch_models.numbers import number, whole
+from beamtouch_models.numbers import number, places_in, whole
 
 
 def build(  # noqa: PLR0913  # one for each option of the command
@@ -24,6 +26,7 @@ def build(  # noqa: PLR0913  # one for each option of the command
     name: str = "surface",
     *,
     sensors: int | None = None,
+    sensor_mm: ArrayLike | None = None,
     criterion: Criterion = DEFAULT_AIM.criterion,
     spare: Literal[0, 1] = 0,
     estimator: EstimatorName = ESTIMATORS[0],
@@ -40,6 +43,7 @@ def build(  # noqa: PLR0913  # one for each option of the command
     scene : path of a TOML file, TOML text, or a scene; as that of `read_scene`
     name : name of the surface
     sensors : number of sensors; default: as the scene states
+    sensor_mm : (sensors,) positions in mm from the left end, as those of `place`; default: the sensors are placed
     criterion, spare : as those of `place`
     estimator : "posterior", "small-network" or "paper-network"
     daemon_config, report : files to write beside: a configuration for the daemon (TOML), and a report (HTML)
@@ -71,6 +75,9 @@ def build(  # noqa: PLR0913  # one for each option of the command
         raise SceneError(f"name = {name!r} must {RULE}")
     if estimator not in ESTIMATORS:
         raise SceneError(f"estimator = {estimator!r} must be one of {', '.join(ESTIMATORS)}")
+    kept_mm = () if sensor_mm is None else tuple(places_in(sensor_mm, "sensor_mm", stated.beam.length_mm).tolist())
+    if kept_mm and sensors not in (None, len(kept_mm)):
+        raise SceneError(f"sensors = {sensors!r}, but sensor_mm has {len(kept_mm)} positions: give one of the two")
     config_file, report_file = (None if one is None else Path(one) for one in (daemon_config, report))
     require_writable((config_file, report_file), () if path is None else (path,))
     if not force:
@@ -82,7 +89,7 @@ def build(  # noqa: PLR0913  # one for each option of the command
         count=count_of(sensors),
         seed=whole(seed, "seed", 0),
         progress=silent,
-        choices=Choices(estimator=estimator, aim=Aim(criterion, spare, effort=Effort(number(effort, "effort")))),
+        choices=Choices(estimator, Aim(criterion, spare, effort=Effort(number(effort, "effort"))), kept_mm),
     )
     write_products(stated, built, config=config_file, report=report_file)
     return built.content

@@ -13,7 +13,10 @@ from beamtouch_models.errors import ModelFileError
 AS_BUILT = "# design-sensors build replaces this file without --force only as long as nobody has edited it: "
 """Begins the last line of a configuration, before a digest of all others."""
 DIGEST_LENGTH = 12
-PAGE = b"<!doctype html"
+GENERATOR = b'<meta name="generator" content="design-sensors build">'
+"""What a report has in its head, and no page of another program."""
+HEAD = 1000
+"""Bytes in which it stands."""
 FORCE = "name another file, or add --force to replace it"
 UNREADABLE = "it is there, and cannot be read as a model file"
 
@@ -38,7 +41,7 @@ def require_replaceable(
     judges: tuple[tuple[Path | None, Callable[[Path], str]], ...] = (
         (model, _loss_of_model),
         (config, lambda path: "" if _is_sealed(path) else "it is not as build wrote it"),
-        (report, lambda path: "" if path.read_bytes().lower().startswith(PAGE) else "it is not a report of build"),
+        (report, lambda path: "" if GENERATOR in path.read_bytes()[:HEAD] else "it is not a report of build"),
     )
     for path, loss_of in judges:
         if path is None or not _holds_something(path):

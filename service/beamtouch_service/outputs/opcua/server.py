@@ -48,7 +48,13 @@ def make(section: OpcUaSection, _surfaces: Sequence[str], access: Access) -> Out
     address = Address(section.name, section.host, section.port, option="opcua.port")
     is_protected = security.has_password or security.has_trusted or (access.read is None and address.is_loopback)
     words = "neither a user nor trusted certificates protect the OPC UA server: everyone who reaches it can read"
-    return Output(partial(_run, section, security, address), [] if is_protected else [words])
+    warnings = [] if is_protected else [words]
+    if security.has_password and not security.own and not address.is_loopback:
+        remedy = "state opcua.certificate_file and opcua.key_file"
+        warnings += [
+            f"the OPC UA server has no certificate, so its password crosses the network in the clear: {remedy}"
+        ]
+    return Output(partial(_run, section, security, address), warnings)
 
 
 async def _run(section: OpcUaSection, security: Security, address: Address, context: Context) -> None:
