@@ -1,4 +1,4 @@
-"""The interface for scripts: from a scene to influence lines, layouts, limits and models, and the virtual rig.
+"""The interface for scripts: from a scene to influence lines, layouts, limits and models.
 
 The names in `__all__` stay as they are between minor versions. All other names of the package may change at any time.
 Each is imported when it is first used, because the service needs only `runtime`, and the daemon only the filters.

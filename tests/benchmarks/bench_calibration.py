@@ -103,25 +103,25 @@ def holding(model: ModelFile, found: Fit, real: Imperfections) -> dict[str, list
     Forces are those of contacts at known places over the range, by all channels alike. Gains are over the rigidity, if
     the fit says that loads show the product only.
     """
-    theory, metadata = found.theory, model.metadata
-    truth = theory.vector_of(real.departures(len(metadata.layout)))
-    if not found.spread[theory.kinds["rigidity"]].any():
-        truth[theory.kinds["gain"]] -= RIGIDITY / GAIN * truth[theory.kinds["rigidity"]]
-    inside = np.abs(found.vector[: theory.size] - truth) <= SIDES * found.spread[: theory.size]
+    nominal, metadata = found.nominal, model.metadata
+    truth = nominal.vector_of(real.departures(len(metadata.layout)))
+    if not found.spread[nominal.kinds["rigidity"]].any():
+        truth[nominal.kinds["gain"]] -= RIGIDITY / GAIN * truth[nominal.kinds["rigidity"]]
+    inside = np.abs(found.vector[: nominal.size] - truth) <= SIDES * found.spread[: nominal.size]
     places_mm, force_n = np.linspace(*metadata.ranges.position_mm, PLACES), np.full(PLACES, metadata.ranges.force_n[1])
-    shown_mm = theory.curve(found.vector).measured_mm(places_mm, force_n)
+    shown_mm = nominal.curve(found.vector).measured_mm(places_mm, force_n)
     prior = true_prior(metadata, real)
     true_mm = prior.measured(force_n[:, None] * prior.influence_at(places_mm))
-    slopes = theory.slopes(found.vector[: theory.size], places_mm, force_n, tuple(theory.kinds))
+    slopes = nominal.slopes(found.vector[: nominal.size], places_mm, force_n, tuple(nominal.kinds))
     along = shown_mm / (shown_mm**2).sum(axis=1, keepdims=True)
     # The zeros of the recording are taken away by the next tare.
     share = ((true_mm - shown_mm + np.array(found.departures.offset_mm)) * along).sum(axis=1)
-    slopes[..., theory.kinds["offset"]] = 0.0
+    slopes[..., nominal.kinds["offset"]] = 0.0
     of_force = np.einsum("lc,lcv->lv", along, slopes)
-    covariance = found.covariance[: theory.size, : theory.size]
+    covariance = found.covariance[: nominal.size, : nominal.size]
     error = np.sqrt(np.einsum("lv,vw,lw->l", of_force, covariance, of_force))
     forces = (np.abs(share) <= SIDES * error).tolist()
-    gains, positions = (inside[theory.kinds[kind]].tolist() for kind in ("gain", "position"))
+    gains, positions = (inside[nominal.kinds[kind]].tolist() for kind in ("gain", "position"))
     return {"gains": gains, "positions": positions, "forces": forces}
 
 

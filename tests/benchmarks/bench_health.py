@@ -10,7 +10,7 @@ sys.path.insert(0, str(Path(__file__).parent.parent))
 from bench_calibration import model_of
 
 from beamtouch_models.runtime import Health
-from models.drawn_contacts import BeamDrawing
+from models.drawn_contacts import SuccessiveContacts
 
 RUNS, BASELINE = 100, 200
 HONEST = 20_000
@@ -26,7 +26,7 @@ def run() -> list[dict[str, object]]:
     """Contacts until a gain that falls is named, for each channel of two scenes."""
     rows: list[dict[str, object]] = []
     for name in ("bench", "conveyor"):
-        drawn = BeamDrawing(model_of(name))
+        drawn = SuccessiveContacts(model_of(name))
         rested = round(RESTED_MS * drawn.metadata.sensor.rate_hz / 1e3)
         for readings in (None, rested):
             label = f"{name}, {readings or drawn.metadata.filter.window} readings"
@@ -36,7 +36,7 @@ def run() -> list[dict[str, object]]:
     return rows
 
 
-def _power(drawn: BeamDrawing, label: str, readings: int | None, fall: float, channel: int) -> dict[str, object]:
+def _power(drawn: SuccessiveContacts, label: str, readings: int | None, fall: float, channel: int) -> dict[str, object]:
     """Return in which part of the runs a channel is named in time, and after how many contacts in 90 % of them."""
     needed = []
     wrong = 0
@@ -66,7 +66,7 @@ def _power(drawn: BeamDrawing, label: str, readings: int | None, fall: float, ch
     }
 
 
-def _honest(drawn: BeamDrawing, name: str) -> dict[str, object]:
+def _honest(drawn: SuccessiveContacts, name: str) -> dict[str, object]:
     """Return how many channels are named without a change."""
     named = 0
     for seed in range(HONEST // 1000):
@@ -83,7 +83,7 @@ def _honest(drawn: BeamDrawing, name: str) -> dict[str, object]:
     }
 
 
-def _creep(drawn: BeamDrawing, name: str) -> dict[str, object]:
+def _creep(drawn: SuccessiveContacts, name: str) -> dict[str, object]:
     """Return in which part of the runs a zero that creeps is named as a zero, and as no gain."""
     right = 0
     for seed in range(RUNS):

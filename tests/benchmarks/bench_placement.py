@@ -140,7 +140,7 @@ SEARCHES: dict[str, Search] = {
 def run(seeds: int = SEEDS, counts: tuple[int, ...] = COUNTS) -> list[dict[str, Any]]:
     """Run every search for every number of sensors; a row each.
 
-    Times are in seconds, `ratio` is over the time of our exact search in the same run. A package that is not installed
+    Times are in seconds, `ratio` is over the time of our exchange in the same run. A package that is not installed
     has no row.
     """
     peer, rows = Peer(), []

@@ -83,13 +83,13 @@ def line(name: str, position_mm: Floats, truth_mm: Floats, there: Bools, length_
     return f"| {' | '.join([name, *cells])} |"
 
 
-def said_lines(surface: SimulatedSurface, name: str, said: Verdicts, play: Play, began: int) -> list[str]:
+def said_lines(surface: SimulatedSurface, name: str, verdicts: Verdicts, play: Play, began: int) -> list[str]:
     """Return the errors of a play, and the share of intervals that hold."""
     at = places(surface, began, play.truth_mm.shape[1])
-    truth, contact = play.truth_mm[:, at], said.said[:, at] == Outcome.CONTACT
-    held = ((said.low_mm[:, at] <= truth) & (truth <= said.high_mm[:, at]) & contact).sum(axis=0)
+    truth, contact = play.truth_mm[:, at], verdicts.outcome[:, at] == Outcome.CONTACT
+    held = ((verdicts.low_mm[:, at] <= truth) & (truth <= verdicts.high_mm[:, at]) & contact).sum(axis=0)
     shares = [f"{100 * one / of:.0f}" if of else "" for one, of in zip(held, contact.sum(axis=0), strict=True)]
-    errors = line(name, said.position_mm[:, at], truth, contact, surface.metadata.length_mm)
+    errors = line(name, verdicts.position_mm[:, at], truth, contact, surface.metadata.length_mm)
     return [errors, f"| ... intervals that hold, % | {' | '.join(shares)} |"]
 
 
@@ -133,9 +133,9 @@ def knowing_all(surface: SimulatedSurface, of: Played, began: int) -> str:
     return line("posterior, modes, gains and zeros known", found, truth, ~np.isnan(found), metadata.length_mm)
 
 
-def first_ms(surface: SimulatedSurface, said: Verdicts, state: Outcome, began: int) -> str:
+def first_ms(surface: SimulatedSurface, verdicts: Verdicts, state: Outcome, began: int) -> str:
     """Return after what time a state begins, in half of the plays and in 95 %."""
-    there = said.said[:, began:] == state
+    there = verdicts.outcome[:, began:] == state
     first = np.where(there.any(axis=1), there.argmax(axis=1) / surface.metadata.sensor.rate_hz * 1e3, NEVER_MS)
     half, most = np.percentile(first, [50, 95], method="higher")
     return " / ".join("later" if one == NEVER_MS else f"{one:.0f}" for one in (half, most))
@@ -154,18 +154,20 @@ def curve(path: Path, draws: int) -> None:
     times = []
     for is_on, name in ((False, "without"), (True, "with the fit")):
         with following(is_on=is_on):
-            said = judge(surface, model.run, of.readings, began - surface.decided)
-            print("\n".join(said_lines(surface, name, said, of.play, began)))
+            verdicts = judge(surface, model.run, of.readings, began - surface.decided)
+            print("\n".join(said_lines(surface, name, verdicts, of.play, began)))
             again = played(surface, partial(touches_again, after_s=LIFT_S), draws)
-            first = first_ms(surface, said, Outcome.CONTACT, began)
-            said = judge(surface, model.run, again.readings, began - surface.decided)
+            first = first_ms(surface, verdicts, Outcome.CONTACT, began)
+            verdicts = judge(surface, model.run, again.readings, began - surface.decided)
             print(
-                "\n".join(said_lines(surface, f"{name}, {LIFT_S:g} s after a lift", said, again.play, began + before))
+                "\n".join(
+                    said_lines(surface, f"{name}, {LIFT_S:g} s after a lift", verdicts, again.play, began + before)
+                )
             )
-            second = first_ms(surface, said, Outcome.CONTACT, began + before)
+            second = first_ms(surface, verdicts, Outcome.CONTACT, began + before)
             lifted = played(surface, lifts, draws)
-            said = judge(surface, model.run, lifted.readings, began - surface.decided)
-            clear = first_ms(surface, said, Outcome.CLEAR, began)
+            verdicts = judge(surface, model.run, lifted.readings, began - surface.decided)
+            clear = first_ms(surface, verdicts, Outcome.CLEAR, began)
             times.append(f"{name}: contact {first} ms, {LIFT_S:g} s after a lift {second} ms, clear {clear} ms")
     print(mean_since(surface, model, of, began))
     print(knowing_all(surface, of, began))

@@ -47,7 +47,7 @@ async def test_zeros_that_drift_faster_than_is_stated_are_told_with_their_rate(
         async with started("run", config) as daemon:
             said = await daemon.said("looks the same\n")
             await daemon.stop()
-    told = re.search(rf"bench: {who} by \+(\S+) um/min, (\S+) times what is stated, and answers", said)
+    told = re.search(rf"bench: {who} at \+(\S+) um/min, (\S+) times what is stated, and answers", said)
     assert told is not None, said
     assert float(told[1]) == pytest.approx(20, rel=0.5)
     assert float(told[2]) == pytest.approx(4, rel=0.5)

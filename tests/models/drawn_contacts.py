@@ -12,7 +12,7 @@ from support.surfaces.deflections import deflections_of
 REST_READINGS = 32
 
 
-class BeamDrawing:
+class SuccessiveContacts:
     """Contacts of one surface, one after another; tests change its sensors."""
 
     every_us = 1_000_000

@@ -116,14 +116,14 @@ def test_unlabelled_contacts_go_on_from_a_calibrated_model(
     bench: ModelFile, real: Imperfections, calibrated: Calibrated
 ) -> None:
     model = runtime.load_bytes(calibrated.content, "calibrated with loads")
-    theory, departures = NominalSurface.of(model.metadata), model.metadata.departures
-    start = theory.vector_of(departures)
+    nominal, departures = NominalSurface.of(model.metadata), model.metadata.departures
+    start = nominal.vector_of(departures)
     # Since the loads, one gain has fallen by 3 %.
     aged = real.model_copy(update={"gain": (real.gain[0], real.gain[1] * 0.97, *real.gain[2:])})
     contacts = drawn(model.metadata, aged, Kind(), np.random.default_rng(5), 100)
     second = self_calibrate(model, contacts, silent, Effort(ROUGH))
     vector, calibration = second.found.fit.vector, second.metadata.calibration
-    assert missed_mm(theory, vector, bench.metadata, aged) < 0.4 * missed_mm(theory, start, bench.metadata, aged)
+    assert missed_mm(nominal, vector, bench.metadata, aged) < 0.4 * missed_mm(nominal, start, bench.metadata, aged)
     assert calibration is not None
     assert (calibration.loads, calibration.contacts) == (10, 100)
     assert calibration.departures.fixity == pytest.approx(departures.fixity)
@@ -133,14 +133,14 @@ def test_leverages_leave_out_as_fitting_again_does(bench: ModelFile) -> None:
     rng = np.random.default_rng(2)
     # Few loads, so that each of them bends the fit.
     loads = recorded(bench.metadata, random_imperfections(bench.metadata, rng), rng, count=6)
-    theory = NominalSurface.of(bench.metadata)
+    nominal = NominalSurface.of(bench.metadata)
     kinds = ("gain", "curve")
     # With the same errors, as each fit would find its own.
-    loads = dataclasses.replace(loads, errors=fit(theory, loads, kinds).errors)
-    whole = fit(theory, loads, kinds, rounds=1)
+    loads = dataclasses.replace(loads, errors=fit(nominal, loads, kinds).errors)
+    whole = fit(nominal, loads, kinds, rounds=1)
     for index in (0, 3, 5):
-        rest = fit(theory, loads.without(index), kinds, rounds=1)
-        off = Session(theory, loads).residuals(rest.vector).left_mm[index]
+        rest = fit(nominal, loads.without(index), kinds, rounds=1)
+        off = Session(nominal, loads).residuals(rest.vector).left_mm[index]
         assert whole.left_out_mm[index] == pytest.approx(off, rel=0.2, abs=0.05 * np.abs(whole.left_out_mm).max())
 
 

@@ -69,10 +69,10 @@ def test_a_touch_is_unsteady_first_and_an_untouched_beam_is_clear(bench: ModelFi
     play = contacts.touched(DrawnContacts.of(surface, 40, np.random.default_rng(3)))
     heard = judge(surface, bench.run, surface.world.readings(play.deflection_mm, play.errors, np.random.default_rng(4)))
     before = play.rows[0][1]
-    assert (heard.said[:, :before] == Outcome.CLEAR).all()
-    assert (heard.said[:, -1] == Outcome.CONTACT).mean() > 0.95
+    assert (heard.outcome[:, :before] == Outcome.CLEAR).all()
+    assert (heard.outcome[:, -1] == Outcome.CONTACT).mean() > 0.95
     touched = heard.at([before + 1])
-    assert (touched.unsteady | (touched.said == Outcome.CLEAR)).all()
+    assert (touched.unsteady | (touched.outcome == Outcome.CLEAR)).all()
     assert np.isnan(play.truth_mm[:, before - 1]).all()
     assert not np.isnan(play.truth_mm[:, before]).any()
 
@@ -85,7 +85,7 @@ def test_a_lost_reading_has_no_statement_and_its_place_in_time_counts(
     assert play.lost is not None
     readings = surface.world.readings(play.deflection_mm, play.errors, np.random.default_rng(4))
     heard = judge(surface, bench.run, readings, lost=play.lost)
-    assert (heard.said[play.lost] == Outcome.NOTHING).all()
+    assert (heard.outcome[play.lost] == Outcome.NOTHING).all()
     # What a lost reading would have held is of no account.
     other = judge(surface, bench.run, np.where(play.lost[:, :, None], 0.5, readings), lost=play.lost)
     np.testing.assert_array_equal(heard.position_mm, other.position_mm)

@@ -16,7 +16,7 @@ from beamtouch_models.runtime.error_model import whitening
 
 def test_scores_of_samples_by_hand() -> None:
     judged = Verdicts.silent(np.ones((1, 10, 4), np.bool_)).at(list(range(10)))
-    judged.said[:9] = [Outcome.CONTACT] * 7 + [Outcome.CLEAR, Outcome.UNEXPLAINED]  # and no statement on the last
+    judged.outcome[:9] = [Outcome.CONTACT] * 7 + [Outcome.CLEAR, Outcome.UNEXPLAINED]  # and no statement on the last
     judged.unsteady[[4, 5, 6, 8]], judged.other_note[6] = True, True
     judged.position_mm[:7], judged.low_mm[:7], judged.high_mm[:7] = 100.0, 90.0, 120.0
     # 100 + 20 holds 115; 135 is within twice the half of 20, 141 is not; 79 is more than twice 10 below.

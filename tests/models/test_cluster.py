@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from beamtouch_common.errors import FailedError
-from beamtouch_models.design.workers import cluster_at
+from beamtouch_models.commands.workers import cluster_at
 from models.sweeping import dask
 
 

@@ -86,7 +86,7 @@ def test_stated_intervals_of_the_sensors_places_hold_the_truth(wrong: str, canti
     held = list[bool]()
     for seed in range(4):
         found, real = found_in(cantilever, wrong, seed)
-        errors_mm = found.fit.theory.standard_errors(found.fit.vector, found.fit.spread)["position"]
+        errors_mm = found.fit.nominal.standard_errors(found.fit.vector, found.fit.spread)["position"]
         off_mm = np.array(found.fit.departures.position_offset_mm) - np.array(real.position_offset_mm)
         held += (np.abs(off_mm) < 2 * errors_mm).tolist()
     assert np.mean(held) > 0.9

@@ -60,8 +60,8 @@ def test_a_table_lists_every_effect(design_sensors_here: Command) -> None:
 
 @pytest.mark.promise(
     "docs/how-to/design.md",
-    "Without the key, it is 5, as in a hall that warms in the morning, or the noise of a reading in a minute where "
-    "that is more.",
+    "Without the key, it is 5, as in a hall that warms in the morning, or the noise of a reading in um where that is "
+    "larger.",
 )
 @pytest.mark.parametrize(("stated", "um"), [("", 5.0), ("[environment]\ndrift_um_per_min = 2\n", 2.0)])
 def test_a_drift_is_priced_by_what_each_zero_may_be_off_after_a_contact_of_a_minute(

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 from beamtouch_models.runtime import BestSample, Health, ModelFile
-from models.drawn_contacts import BeamDrawing
+from models.drawn_contacts import SuccessiveContacts
 
 BASELINE = 100
 
 
 @pytest.fixture(scope="session")
-def drawn(bench: ModelFile) -> BeamDrawing:
-    return BeamDrawing(bench)
+def drawn(bench: ModelFile) -> SuccessiveContacts:
+    return SuccessiveContacts(bench)
 
 
 def changed(health: Health) -> list[tuple[int, str]]:
@@ -24,7 +24,7 @@ def changed(health: Health) -> list[tuple[int, str]]:
     return [(i, what) for i, what, one in parts if one is not None and one.changed]
 
 
-def after(drawn: BeamDrawing, baseline: int, *later: Sequence[BestSample]) -> Health:
+def after(drawn: SuccessiveContacts, baseline: int, *later: Sequence[BestSample]) -> Health:
     health = Health(drawn.metadata)
     health.add(drawn.contacts(baseline))
     for samples in later:
@@ -32,7 +32,7 @@ def after(drawn: BeamDrawing, baseline: int, *later: Sequence[BestSample]) -> He
     return health
 
 
-def test_an_honest_surface_has_not_changed_and_the_intervals_hold_that(drawn: BeamDrawing) -> None:
+def test_an_honest_surface_has_not_changed_and_the_intervals_hold_that(drawn: SuccessiveContacts) -> None:
     held = []
     for seed in range(4):
         drawn.begin(seed)
@@ -52,7 +52,7 @@ def test_an_honest_surface_has_not_changed_and_the_intervals_hold_that(drawn: Be
     [(0, 0.04, 45, 3), (3, 0.04, 45, 3), (1, 0.01, None, 20), (2, 0.01, None, 20)],
 )
 def test_a_gain_that_falls_is_named_within_few_contacts(
-    drawn: BeamDrawing, channel: int, fall: float, readings: int | None, within: int
+    drawn: SuccessiveContacts, channel: int, fall: float, readings: int | None, within: int
 ) -> None:
     """4 % of an outer channel within three rested contacts, 1 % of an inner one within twenty."""
     named, held = 0, []
@@ -81,7 +81,7 @@ def test_a_gain_that_falls_is_named_within_few_contacts(
 )
 @pytest.mark.parametrize(("floors", "named"), [(1.0, []), (15.0, [(1, "gain")])])
 def test_a_gain_that_was_off_from_the_start_on_has_changed_only_beyond_the_floor(
-    drawn: BeamDrawing, floors: float, named: list[tuple[int, str]]
+    drawn: SuccessiveContacts, floors: float, named: list[tuple[int, str]]
 ) -> None:
     drawn.begin(50)
     drawn.gain[1] *= 1 - floors * drawn.metadata.floor.gain[1]
@@ -89,7 +89,7 @@ def test_a_gain_that_was_off_from_the_start_on_has_changed_only_beyond_the_floor
 
 
 @pytest.mark.promise("docs/reference/sensor-health.md", "A common change of all gains looks like force.")
-def test_a_common_change_is_force_and_is_not_claimed_to_be_seen(drawn: BeamDrawing) -> None:
+def test_a_common_change_is_force_and_is_not_claimed_to_be_seen(drawn: SuccessiveContacts) -> None:
     drawn.begin(2)
     health = after(drawn, BASELINE)
     drawn.gain *= 0.9
@@ -98,7 +98,7 @@ def test_a_common_change_is_force_and_is_not_claimed_to_be_seen(drawn: BeamDrawi
 
 
 @pytest.mark.promise("docs/reference/sensor-health.md", "A zero is compared at rest, so no gain can imitate it.")
-def test_a_zero_that_creeps_is_no_gain(drawn: BeamDrawing) -> None:
+def test_a_zero_that_creeps_is_no_gain(drawn: SuccessiveContacts) -> None:
     drawn.begin(4)
     health = after(drawn, BASELINE)
     for _ in range(40):
@@ -115,7 +115,7 @@ def test_a_zero_that_creeps_is_no_gain(drawn: BeamDrawing) -> None:
     "docs/reference/sensor-health.md",
     "A change within four times the drift that the scene states is no change.",
 )
-def test_a_zero_that_drifts_within_what_the_scene_states_has_not_changed(drawn: BeamDrawing) -> None:
+def test_a_zero_that_drifts_within_what_the_scene_states_has_not_changed(drawn: SuccessiveContacts) -> None:
     drawn.begin(8)
     health = after(drawn, BASELINE)
     for _ in range(30):
@@ -126,7 +126,7 @@ def test_a_zero_that_drifts_within_what_the_scene_states_has_not_changed(drawn: 
 
 
 @pytest.mark.promise("docs/reference/sensor-health.md", "Changes one after the other are told apart.")
-def test_two_channels_that_change_one_after_the_other_are_both_named(drawn: BeamDrawing) -> None:
+def test_two_channels_that_change_one_after_the_other_are_both_named(drawn: SuccessiveContacts) -> None:
     drawn.begin(5)
     health = after(drawn, BASELINE)
     drawn.gain[1] *= 0.95
@@ -139,7 +139,7 @@ def test_two_channels_that_change_one_after_the_other_are_both_named(drawn: Beam
     assert changed(health) == [(3, "gain")]
 
 
-def test_a_workpiece_on_two_feet_leaves_the_intervals_of_the_gains_true(drawn: BeamDrawing) -> None:
+def test_a_workpiece_on_two_feet_leaves_the_intervals_of_the_gains_true(drawn: SuccessiveContacts) -> None:
     """Its contacts are always alike: together they would say much, and neither one load nor one channel explains it."""
     held = []
     for seed in range(4):
@@ -153,7 +153,7 @@ def test_a_workpiece_on_two_feet_leaves_the_intervals_of_the_gains_true(drawn: B
     assert np.mean(held) > 0.85
 
 
-def test_a_history_is_read_again_as_it_was(drawn: BeamDrawing) -> None:
+def test_a_history_is_read_again_as_it_was(drawn: SuccessiveContacts) -> None:
     drawn.begin(7)
     health = after(drawn, BASELINE)
     drawn.gain[2] *= 0.96

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from beamtouch_models.runtime import BestSample, Health, ModelFile
-from models.drawn_contacts import BeamDrawing
+from models.drawn_contacts import SuccessiveContacts
 
 CONTACTS = 40
 
 
 @pytest.fixture(scope="module")
 def contacts(bench: ModelFile) -> list[BestSample]:
-    return BeamDrawing(bench).contacts(CONTACTS)
+    return SuccessiveContacts(bench).contacts(CONTACTS)
 
 
 def widths(bench: ModelFile, samples: list[BestSample]) -> tuple[list[float], list[float]]:
@@ -58,5 +58,5 @@ def test_a_rest_that_was_not_seen_is_as_uncertain_as_the_floor_of_the_model(
 
 def test_very_many_exact_rests_do_not_make_zeros_steadier_than_the_beam(bench: ModelFile) -> None:
     """The floor says how far a zero moves from contact to contact."""
-    _, found = widths(bench, uncertain(BeamDrawing(bench).contacts(CONTACTS), 1e-6))
+    _, found = widths(bench, uncertain(SuccessiveContacts(bench).contacts(CONTACTS), 1e-6))
     assert min(found) > 1e-2 * min(bench.metadata.floor.zero_mm)

@@ -77,20 +77,20 @@ def test_a_mistyped_load_is_named_and_honest_ones_are_accepted(
     name: str, mistake: str, built_model: Callable[[str], Path]
 ) -> None:
     metadata, rng = runtime.load(built_model(name)).metadata, np.random.default_rng([5, 5])
-    theory = NominalSurface.of(metadata)
+    nominal = NominalSurface.of(metadata)
     honest = recorded(metadata, random_imperfections(metadata, rng), rng, hand_mm=0.3)
     position, force, wrong = with_mistake(mistake, honest, metadata.ranges.position_mm, rng)
     loads = dataclasses.replace(honest, position_mm=position, force_n=force)
-    assert [one.index for one in mistaken(theory, loads)] == [wrong]
-    assert mistaken(theory, honest) == ()
+    assert [one.index for one in mistaken(nominal, loads)] == [wrong]
+    assert mistaken(nominal, honest) == ()
 
 
 def test_a_fit_finds_how_well_loads_are_placed(built_model: Callable[[str], Path]) -> None:
     metadata = runtime.load(built_model("cantilever")).metadata
-    theory, rng = NominalSurface.of(metadata), np.random.default_rng(8)
+    nominal, rng = NominalSurface.of(metadata), np.random.default_rng(8)
     real = random_imperfections(metadata, rng)
     well, badly = (
-        fit(theory, recorded(metadata, real, rng, count=30, hand_mm=hand_mm), tuple(theory.kinds)).errors
+        fit(nominal, recorded(metadata, real, rng, count=30, hand_mm=hand_mm), tuple(nominal.kinds)).errors
         for hand_mm in (0.0, 3.0)
     )
     assert well.placing_mm < 0.3

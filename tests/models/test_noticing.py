@@ -85,7 +85,7 @@ def test_the_mounting_counts_as_displaced_sensors_scatter() -> None:
 
 @pytest.mark.promise(
     "docs/how-to/design.md",
-    "among those that notice two simultaneous contacts, and spread loads, as often as the paper's layout does.",
+    "among those that detect two simultaneous contacts, and distributed loads, as often as the paper's layout does.",
 )
 def test_the_layout_of_the_least_error_notices_as_much_as_that_of_the_product_and_errs_less() -> None:
     influence, rules = problem_in(scene_of(grid_mm=2, min_distance_mm=12))

@@ -88,10 +88,10 @@ def test_gains_are_found_within_their_errors(
 ) -> None:
     """With a known force, the scale too; and where two contacts seem to be one of 1e8 N on a middle support."""
     one, real = fitted(runtime.load(built_model(name)), Kind(gain=0.02, two_at_once=two_at_once), 2, count)
-    theory = one.fit.theory
-    gain, true = np.array(theory.departures(one.fit.vector).gain), np.array(real.gain)
-    errors = GAIN * one.fit.spread[theory.kinds["gain"]]
-    if theory.prior.force_is_known:
+    nominal = one.fit.nominal
+    gain, true = np.array(nominal.departures(one.fit.vector).gain), np.array(real.gain)
+    errors = GAIN * one.fit.spread[nominal.kinds["gain"]]
+    if nominal.prior.force_is_known:
         assert gain.mean() == pytest.approx(true.mean(), abs=3 * errors.mean())
     else:
         assert np.all(np.abs(gain / gain.mean() - true / true.mean()) < 4 * errors)

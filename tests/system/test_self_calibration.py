@@ -42,10 +42,10 @@ def test_the_steps_of_the_guide_calibrate_a_surface(tmp_path: Path) -> None:
     assert calibration.misfit_before is not None
     assert calibration.misfit_after is not None
     assert calibration.misfit_after < 0.5 * calibration.misfit_before
-    theory, real = NominalSurface.of(metadata), load_imperfections(folder / "off.toml")
+    nominal, real = NominalSurface.of(metadata), load_imperfections(folder / "off.toml")
     missed_before, missed_after = (
-        missed_mm(theory, vector, metadata, real)
-        for vector in (np.zeros(theory.size), theory.vector_of(calibration.departures))
+        missed_mm(nominal, vector, metadata, real)
+        for vector in (np.zeros(nominal.size), nominal.vector_of(calibration.departures))
     )
     assert missed_after < 0.5 * missed_before
 

@@ -165,7 +165,7 @@ class Acquisition:
             return
         self._is_hurried = hurried is not None
         if hurried is None:
-            _log.info("%s: its zeros drift no faster than is stated again", self.name)
+            _log.info("%s: its zeros again drift no faster than stated", self.name)
             return
         um_per_min = 1e3 * hurried.mm_per_min
         who, look = "its zeros drift", ""
@@ -173,8 +173,8 @@ class Acquisition:
             who = f"the zero of {self.surface.channel_names[hurried.channel]} drifts"
             look = "look at this sensor and its bracket, or "
         _log.warning(
-            "%s: %s by %s um/min, %s times what is stated, and answers soon become wrong: %sstate the drift of the "
-            "hall in zero_tracking.drift_um_per_min; a load that is laid on very slowly looks the same",
+            "%s: %s at %s um/min, %s times what is stated, and answers will soon be wrong: %sstate the drift of the "
+            "hall in zero_tracking.drift_um_per_min; a load laid on very slowly looks the same",
             self.name,
             who,
             f"{'+' if um_per_min > 0 else ''}{digits(um_per_min, 2)}",

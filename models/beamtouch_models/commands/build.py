@@ -68,7 +68,7 @@ def _assumed_errors(surface: Surface) -> str:
     is_stated = surface.stated.environment.drift_um_per_min is not None
     taken += [] if is_stated else [f"environment.drift_um_per_min = {um_per_min}"]
     words = " and ".join([", ".join(taken[:-1]), *taken[-1:]]) if len(taken) > 1 else "".join(taken)
-    return f"the scene does not state {words}, which the model assumes" if taken else ""
+    return f"not stated in the scene, so assumed: {words}" if taken else ""
 
 
 def _not_modelled(surface: Surface) -> Iterator[str]:

@@ -73,7 +73,7 @@ def _calibrate_with_loads(model: ModelFile, options: argparse.Namespace) -> Told
     with shown_progress() as progress:
         calibrated = calibrate(model, loads, progress, options.mounting_mm, Effort(options.effort))
     fit, before, after, limit_mm = calibrated.fit, calibrated.before_mm, calibrated.after_mm, calibrated.limit_mm
-    errors = fit.theory.standard_errors(fit.vector, fit.spread)
+    errors = fit.nominal.standard_errors(fit.vector, fit.spread)
     words = _departures_in_words(calibrated.metadata, fit.departures, errors)
     drift, drift_errors = fit.session.rates_um_per_min(fit.vector), fit.session.rates_um_per_min(fit.spread)
     if np.ptp(loads.force_n) < ALIKE_FORCES * loads.force_n.mean():
@@ -126,24 +126,24 @@ def _calibrate_with_contacts(model: ModelFile, options: argparse.Namespace) -> T
     with shown_progress() as progress:
         calibrated = self_calibrate(model, contacts, progress, Effort(options.effort))
     metadata, found = calibrated.metadata, calibrated.found
-    fit, left_open = found.fit, found.left_open
+    fit, remaining = found.fit, found.remaining
     # Errors of gains without the common scale, which is the force's.
-    errors = fit.theory.standard_errors(fit.vector, np.sqrt(np.diag(left_open.relative)))
+    errors = fit.nominal.standard_errors(fit.vector, np.sqrt(np.diag(remaining.relative)))
     words = _departures_in_words(metadata, fit.departures, errors)
-    expected, single = float(chi2.median(fit.theory.degrees)), float(fit.single.sum())
-    open_mm = float(np.sqrt((left_open.position_mm**2).mean()))
+    expected, single = float(chi2.median(fit.nominal.degrees)), float(fit.single.sum())
+    open_mm = float(np.sqrt((remaining.position_mm**2).mean()))
     force = metadata.calibration.force_error if metadata.calibration else 0.0
     fields = {
         "standard_errors": {kind: values.tolist() for kind, values in errors.items() if kind in KINDS},
         "misfit": {"before": found.misfit_before, "after": found.misfit_after, "expected": expected},
-        "changed_mm": left_open.shift_mm,
+        "changed_mm": remaining.shift_mm,
         "open_mm": open_mm,
         "single_contacts": single,
         "contacts_left_out": contacts.other_characteristic + contacts.older,
         "floor": metadata.floor.model_dump(),
     }
     misfits = f"{digits(found.misfit_before, 3)} before, {digits(found.misfit_after, 3)} after"
-    change = f"changes by {digits(left_open.shift_mm, 3)} mm (root mean square)"
+    change = f"changes by {digits(remaining.shift_mm, 3)} mm (root mean square)"
     before, after = (_percent(one.floor.gain) for one in (model.metadata, metadata))
     rows = [
         ("contacts", f"{len(contacts)}, of which about {len(contacts) - single:.0f} are not single contacts"),

@@ -8,8 +8,8 @@ from typing import Any
 from beamtouch_common.digits import digits
 from beamtouch_common.errors import InputError
 from beamtouch_models.commands.shared import shown_progress
+from beamtouch_models.commands.workers import spread_over
 from beamtouch_models.design.printing import Result, Table
-from beamtouch_models.design.workers import spread_over
 from beamtouch_models.lab.challenge.challenge import challenge, misses
 from beamtouch_models.runtime import loading
 

@@ -9,6 +9,7 @@ from functools import partial
 from beamtouch_common.digits import digits
 from beamtouch_common.errors import InputError
 from beamtouch_models.commands.shared import shown_progress
+from beamtouch_models.commands.workers import spread_over
 from beamtouch_models.design.accuracy.evaluation import Evaluation
 from beamtouch_models.design.accuracy.statistics import Measurement
 from beamtouch_models.design.building.accuracy import evaluate
@@ -16,7 +17,6 @@ from beamtouch_models.design.building.remarks import missed_requirement, remarks
 from beamtouch_models.design.pricing.noise import check_scale
 from beamtouch_models.design.printing import Result, Table, note
 from beamtouch_models.design.scene import parse_scene
-from beamtouch_models.design.workers import spread_over
 from beamtouch_models.runtime import loading
 from beamtouch_models.runtime.description import unseen
 from beamtouch_models.runtime.loading import ModelFile

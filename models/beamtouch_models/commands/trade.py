@@ -9,6 +9,7 @@ from beamtouch_common.digits import digits
 from beamtouch_common.errors import InputError
 from beamtouch_common.files import write_atomically
 from beamtouch_models.commands.shared import folder_of, shown_progress, surface_name
+from beamtouch_models.commands.workers import spread_over
 from beamtouch_models.design.building.build import Choices, build_model
 from beamtouch_models.design.building.remarks import remarks
 from beamtouch_models.design.building.replaced import require_replaceable
@@ -16,7 +17,6 @@ from beamtouch_models.design.effort import Effort
 from beamtouch_models.design.placement.placing import DEFAULT_AIM
 from beamtouch_models.design.printing import Result, markdown, note
 from beamtouch_models.design.scene import load_scene
-from beamtouch_models.design.workers import spread_over
 from beamtouch_models.lab.trade.results import blocks, json_of, picture
 from beamtouch_models.lab.trade.trade import Point, Trade, most_accurate, quickest, trade
 from beamtouch_models.names import ESTIMATORS

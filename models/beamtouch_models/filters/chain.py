@@ -105,15 +105,15 @@ class Chain:
         self._quantum_mm = unit_mm / FINE
         self._spike_mm = math.inf if mean.spike_mm is None else mean.spike_mm
         self._needed = math.ceil(MIN_FILL * mean.most) if mean.kind == "moving-average" else 1
-        self._look, self._motion, self._ringing, memory = None, None, None, BEFORE
+        self._detector, self._motion, self._ringing, memory = None, None, None, BEFORE
         if mean.grows or self._noise_mm is not None:
             longest = mean.most if mean.grows else max(2 * mean.most, math.ceil(slowest_period))
             fewest = mean.window if mean.grows else 1
-            self._look = ChangeDetector(channels, longest, fewest, slowest_period, FINE)
-        if self._look and self._noise_mm is not None:
+            self._detector = ChangeDetector(channels, longest, fewest, slowest_period, FINE)
+        if self._detector and self._noise_mm is not None:
             span = min(mean.most, MAX_COMPARED) if mean.grows else mean.most
             self._motion = Motion(
-                self._look,
+                self._detector,
                 span,
                 grows=mean.grows,
                 noise_mm=self._noise_mm,
@@ -125,7 +125,7 @@ class Chain:
                 self._ringing = Ringing(slowest_period, self._noise_mm, unit_mm, unseen_swing)
         self._memory = memory
         self._longest = max(mean.most, memory)
-        self._kept = max(mean.most + 2, self._look.rows if self._look else 0)
+        self._kept = max(mean.most + 2, self._detector.rows if self._detector else 0)
         self._block = max(1, BLOCK_VALUES // (memory * channels))
         self.restart()
 
@@ -189,7 +189,7 @@ class Chain:
         # A doubtful reading waits for the next one, in all channels: a step moves them together.
         until = stream.before[stream.end - len(newest) : stream.end] + newest * ~doubtful[:, np.newaxis, np.newaxis]
         sums = Sums(stream.before, until, np.arange(stream.end - len(newest), stream.end) + 1 - doubtful)
-        seen = self._look.at(sums) if self._look else None
+        seen = self._detector.at(sums) if self._detector else None
         sizes = seen.sizes if seen and self._mean.grows else np.full(len(newest), self._mean.most)
         total, number = np.moveaxis(sums.since(sizes[:, np.newaxis])[:, 0], 1, 0)
         there = (number >= self._needed) & (newest[:, 1] > 0)

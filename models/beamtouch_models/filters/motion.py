@@ -100,7 +100,7 @@ class Motion:
 
     def __init__(
         self,
-        look: ChangeDetector,
+        detector: ChangeDetector,
         span: int,
         *,
         grows: bool,
@@ -108,9 +108,9 @@ class Motion:
         unit_mm: FloatArray,
         slowest_period: float,
     ) -> None:
-        self._look, self._span, self._grows = look, span, grows
+        self._detector, self._span, self._grows = detector, span, grows
         self._noise_mm, self._unit_mm, self._every = noise_mm, unit_mm, np.eye(len(noise_mm))
-        self._rows = max(span, look.still)
+        self._rows = max(span, detector.still)
         self._ages = np.arange(self._rows)[::-1]
         self._means = max(MEANS, math.ceil(SCATTER_PART * slowest_period))
         self._of_swing = scatter_of_swing(slowest_period)
@@ -162,7 +162,7 @@ class Motion:
     def _near(self, taken: Taken) -> Near:
         """Return the readings about each mean."""
         size = np.minimum(taken.seen.sizes, self._span) if self._grows else np.full(len(taken.mean), self._span)
-        compared = np.maximum(size, self._look.still)
+        compared = np.maximum(size, self._detector.still)
         deviations = self._tidy(taken) - taken.mean[:, np.newaxis]
         missing = np.isnan(deviations)
         is_whole = not missing.any()
@@ -194,7 +194,7 @@ class Motion:
         seen, working = taken.seen, (~np.isnan(taken.mean)).sum(axis=1)
         # No change is seen further back than the look goes.
         moves = near.squares > self._scatter[near.compared, working]
-        moves |= seen.since < np.minimum(near.compared, self._look.longest)
+        moves |= seen.since < np.minimum(near.compared, self._detector.longest)
         moves |= seen.drifts & (seen.since <= self.memory)
         moves |= self._may_swing(seen, near, working)
         unseen = np.zeros(len(moves), dtype=np.bool_)

@@ -87,7 +87,7 @@ def _anywhere(prior: Prior, rng: np.random.Generator, count: int) -> Floats:
     return deflection
 
 
-def missed_mm(theory: NominalSurface, vector: Floats, metadata: Metadata, real: Imperfections) -> float:
+def missed_mm(nominal: NominalSurface, vector: Floats, metadata: Metadata, real: Imperfections) -> float:
     """Mean distance of contacts without noise from where a surface with fitted departures places them."""
     prior = true_prior(metadata, real)
     low, high = prior.position_mm
@@ -95,5 +95,5 @@ def missed_mm(theory: NominalSurface, vector: Floats, metadata: Metadata, real: 
     position = np.linspace(low + margin, high - margin, 60)
     measured = prior.measured(np.mean(prior.force_n) * prior.influence_at(position))
     contacts = UnlabelledContacts(measured, np.full(measured.shape, metadata.noise.sample_mm))
-    found = locate(theory, vector, contacts, np.zeros(prior.channels))
+    found = locate(nominal, vector, contacts, np.zeros(prior.channels))
     return float(np.abs(found.position_mm - position).mean())

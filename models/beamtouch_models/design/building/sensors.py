@@ -143,8 +143,8 @@ def place(
     ----------
     scene : the scene; its rules for the sensors hold
     sensors : number of sensors; default: as the scene states
-    criterion : "position-error" makes the accuracy limit least, among the layouts that notice two contacts and spread
-        loads as often as that of "eigenvalue-product", the paper's
+    criterion : "position-error" makes the accuracy limit least, among the layouts that detect two contacts and
+        distributed loads as often as that of "eigenvalue-product", the paper's
     spare : 1 makes the error least when the worst single sensor has failed; only with "position-error"
     seed : seed of the search; the same seed gives the same layout
     influence : an influence function of your own; default: that of the scene's beam

@@ -96,13 +96,13 @@ def calibrate(
     # next tare takes both away.
     drifted_mm = np.abs(checked.fit.session.drift_mm(checked.fit.vector)).max(axis=0)
     prior = replace(
-        checked.fit.theory.prior_with(departures),
+        checked.fit.nominal.prior_with(departures),
         gain=np.array(metadata.floor.gain),
         zero_mm=np.hypot(np.hypot(zero_mm, departures.offset_mm), drifted_mm),
     )
     calibration = Calibration(
         departures=departures,
-        fitted=[kind for kind in checked.fit.kinds if kind in checked.fit.theory.kinds],
+        fitted=[kind for kind in checked.fit.kinds if kind in checked.fit.nominal.kinds],
         loads=len(loads.number),
         residual_mm=residual_mm,
         error_before_mm=float(before_mm.mean()),
@@ -115,22 +115,22 @@ def calibrate(
 
 def checked_fit(model: ModelFile, loads: Loads, progress: Progress, mounting_mm: float = POSITION_MM) -> CheckedFit:
     """Fit the departures of a model's surface to recorded loads; raises as `calibrate`."""
-    theory = replace(NominalSurface.of(model.metadata), mounting_mm=mounting_mm)
+    nominal = replace(NominalSurface.of(model.metadata), mounting_mm=mounting_mm)
     names = [channel.name for channel in model.metadata.layout]
-    swap = swapped(theory, loads, names)
+    swap = swapped(nominal, loads, names)
     if swap:
         raise RecordingError(swap)
-    doubt, possible = doubts(theory, loads, names)
+    doubt, possible = doubts(nominal, loads, names)
     if doubt:
         raise RecordingError(doubt)
-    mistaken_loads = mistaken(theory, loads, lambda done: progress("looking for loads that do not fit", 0.3 * done))
+    mistaken_loads = mistaken(nominal, loads, lambda done: progress("looking for loads that do not fit", 0.3 * done))
     if mistaken_loads:
         raise RecordingError(_contradiction(loads, mistaken_loads))
     progress("fitting", 0.4)
-    found = averaged_fit(fit(theory, loads, (*Session(theory, loads).usual_kinds, *possible)))
-    expected_mm = theory.curve(np.zeros(theory.size)).measured_mm(loads.position_mm, loads.force_n)
+    found = averaged_fit(fit(nominal, loads, (*Session(nominal, loads).usual_kinds, *possible)))
+    expected_mm = nominal.curve(np.zeros(nominal.size)).measured_mm(loads.position_mm, loads.force_n)
     expected_mm = expected_mm[np.isfinite(loads.measured_mm)]
-    if not np.abs(expected_mm).max() > MOVED * theory.prior.noise_mm:
+    if not np.abs(expected_mm).max() > MOVED * nominal.prior.noise_mm:
         raise NotGoodEnoughError(
             "nothing was written: by this model, none of the loads moves a sensor; record loads elsewhere"
         )
@@ -144,11 +144,11 @@ def checked_fit(model: ModelFile, loads: Loads, progress: Progress, mounting_mm:
     after = np.empty(len(loads.number))
     for index in range(len(after)):
         progress("leaving out one load at a time", 0.5 + 0.2 * index / len(after))
-        others = fit(theory, loads.without(index), found.kinds, found.vector, sizes=found.sizes)
-        load = Session(theory, loads[[index]]).as_of_surface(others.vector)
-        after[index] = _errors_mm(theory.prior_with(others.departures), others.departures, load)[0]
+        others = fit(nominal, loads.without(index), found.kinds, found.vector, sizes=found.sizes)
+        load = Session(nominal, loads[[index]]).as_of_surface(others.vector)
+        after[index] = _errors_mm(nominal.prior_with(others.departures), others.departures, load)[0]
     # A single sample has this error in addition, and the loads themselves stand a little off.
-    best = float(np.hypot(limit_mm(theory.prior, loads, model.metadata.seed, draws=100), loads.errors.placing_mm))
+    best = float(np.hypot(limit_mm(nominal.prior, loads, model.metadata.seed, draws=100), loads.errors.placing_mm))
     if not after.mean() <= max(MAX_LEFT * model.metadata.length_mm, best):
         raise NotGoodEnoughError(_another_surface(f"locates left-out loads to {digits(after.mean(), 3)} mm"))
     if np.hypot(after.mean(), best) > WORSE * np.hypot(before.mean(), best):

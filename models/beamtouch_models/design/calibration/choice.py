@@ -28,7 +28,7 @@ def averaged_fit(full: Fit) -> Fit:
     session, kinds = full.session, full.kinds
     sizes, means, covariances, weights = _combinations(full)
     mean_sizes = {kind: float(np.sqrt(weights @ sizes[:, place] ** 2)) for place, kind in enumerate(kinds)}
-    best = fit(full.theory, session.loads, kinds, full.vector, sizes=mean_sizes)
+    best = fit(full.nominal, session.loads, kinds, full.vector, sizes=mean_sizes)
     apart = means - weights @ means
     covariance = np.einsum("k,kvw->vw", weights, covariances) + np.einsum("k,kv,kw->vw", weights, apart, apart)
     return _with_scale_in_gains(replace(best, covariance=covariance))

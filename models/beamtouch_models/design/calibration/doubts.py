@@ -22,34 +22,34 @@ HARMLESS_WEIGHT = 0.02
 """Largest forgotten weight, over the mean force, that does no harm; forces are stated to about half as much."""
 
 
-def doubts(theory: NominalSurface, loads: Loads, names: list[str]) -> tuple[str, tuple[str, ...]]:
+def doubts(nominal: NominalSurface, loads: Loads, names: list[str]) -> tuple[str, tuple[str, ...]]:
     """Say what the loads hide: a channel that does not fit, or a forgotten weight; empty if neither shows.
 
     Returns its words, and the kinds of what shows and does no harm: these are to be fitted, too.
     """
-    kinds = Session(theory, loads).usual_kinds
-    plain = fit(theory, loads, kinds)
+    kinds = Session(nominal, loads).usual_kinds
+    plain = fit(nominal, loads, kinds)
     suspects = [WEIGHT, *(bend_of(channel) for channel in range(len(names)))]
     best, hidden, gains = plain, list[str](), list[float]()
     while len(hidden) < len(suspects):
-        trials = [fit(theory, loads, (*kinds, *hidden, one), best.vector) for one in suspects if one not in hidden]
+        trials = [fit(nominal, loads, (*kinds, *hidden, one), best.vector) for one in suspects if one not in hidden]
         trial = max(trials, key=lambda one: one.log_evidence)
         gain = trial.log_evidence - best.log_evidence
         if gain < PERHAPS:
             break
         best, hidden, gains = trial, [*hidden, trial.kinds[-1]], [*gains, gain]
-    if not hidden or best.scatter > AGREED or best.log_evidence < _with_a_mistyped_load(theory, loads, kinds):
+    if not hidden or best.scatter > AGREED or best.log_evidence < _with_a_mistyped_load(nominal, loads, kinds):
         return "", ()
     told = [in_words(best, one, names) for one, gain in zip(hidden, gains, strict=True) if gain >= SURELY]
     told = [text for text in told if text]
     return ("; ".join(told) + "; nothing was written", ()) if told else ("", tuple(hidden))
 
 
-def _with_a_mistyped_load(theory: NominalSurface, loads: Loads, kinds: tuple[str, ...]) -> float:
+def _with_a_mistyped_load(nominal: NominalSurface, loads: Loads, kinds: tuple[str, ...]) -> float:
     """Return the logarithm of the probability of the recording if its worst load may have any deflections."""
     anything = float(np.log(np.sqrt(np.nanmean(loads.measured_mm**2)))) + 0.5
     measured = np.isfinite(loads.measured_mm).sum(axis=1)
-    each = [fit(theory, loads.without(index), kinds, rounds=2).log_evidence for index in range(len(measured))]
+    each = [fit(nominal, loads.without(index), kinds, rounds=2).log_evidence for index in range(len(measured))]
     return float((np.array(each) - anything * measured).max())
 
 
@@ -75,7 +75,7 @@ def in_words(found: Fit, kind: str, names: list[str]) -> str:
     bends_mm = session.bends_mm(found.vector)[:, channel]
     worst = int(np.nanargmax(np.abs(bends_mm)))
     shown_mm = float(loads.measured_mm[worst, channel])
-    least_mm = max(HARMLESS_NOISES * found.theory.prior.noise_mm, HARMLESS_BEND * abs(shown_mm))
+    least_mm = max(HARMLESS_NOISES * found.nominal.prior.noise_mm, HARMLESS_BEND * abs(shown_mm))
     if abs(bends_mm[worst]) < least_mm:
         return ""
     return (

@@ -68,7 +68,7 @@ class Fit(Fitted):
 
 
 def fit(
-    theory: NominalSurface,
+    nominal: NominalSurface,
     loads: Loads,
     kinds: tuple[str, ...],
     start: Floats | None = None,
@@ -80,7 +80,7 @@ def fit(
 
     `sizes` has how large a kind is, over what is plausible, where that is not 1.
     """
-    session = Session(theory, loads)
+    session = Session(nominal, loads)
     free, about, vector, errors = session.places_of(kinds), session.about(sizes), np.zeros(session.size), loads.errors
     if start is not None:
         vector[free] = start[free]
@@ -101,7 +101,7 @@ def fit(
     covariance = np.zeros((session.size, session.size))
     covariance[np.ix_(free, free)] = own
     return Fit(
-        theory,
+        nominal,
         kinds,
         vector,
         covariance,

@@ -46,7 +46,7 @@ class MistakenLoad:
     """Whether no other load can be the mistaken one instead."""
 
 
-def mistaken(theory: NominalSurface, loads: Loads, progress: Fraction = silent) -> tuple[MistakenLoad, ...]:
+def mistaken(nominal: NominalSurface, loads: Loads, progress: Fraction = silent) -> tuple[MistakenLoad, ...]:
     """Find loads that contradict the others.
 
     Returns
@@ -55,14 +55,14 @@ def mistaken(theory: NominalSurface, loads: Loads, progress: Fraction = silent) 
     the mistaken one.
     """
     count = len(loads.number)
-    singles = _rank(theory, loads, [(index,) for index in range(count)], progress)
+    singles = _rank(nominal, loads, [(index,) for index in range(count)], progress)
     least, first = singles[0]
-    best = _fit_without(theory, loads, first)
+    best = _fit_without(nominal, loads, first)
     if best.scatter > AGREED and count > MIN_FOR_PAIRS:
         likely = {index for _, single in singles[:PAIRED] for index in single}
         pairs = [pair for pair in combinations(range(count), 2) if not likely.isdisjoint(pair)]
-        _, pair = _rank(theory, loads, pairs, progress)[0]
-        without = _fit_without(theory, loads, pair)
+        _, pair = _rank(nominal, loads, pairs, progress)[0]
+        without = _fit_without(nominal, loads, pair)
         if all(_contradicts(without, loads, index) for index in pair):
             return tuple(_mistaken_load(without, loads, index, certain=True) for index in pair)
     if not _contradicts(best, loads, *first):
@@ -70,35 +70,35 @@ def mistaken(theory: NominalSurface, loads: Loads, progress: Fraction = silent) 
     alike = {first[0]: best}
     for scatter, (index,) in singles[1:]:
         if scatter <= LIKE_THE_BEST * least:
-            without = _fit_without(theory, loads, (index,))
+            without = _fit_without(nominal, loads, (index,))
             if _contradicts(without, loads, index):
                 alike[index] = without
     return tuple(_mistaken_load(without, loads, index, certain=len(alike) == 1) for index, without in alike.items())
 
 
 def _rank(
-    theory: NominalSurface, loads: Loads, groups: Sequence[tuple[int, ...]], progress: Fraction
+    nominal: NominalSurface, loads: Loads, groups: Sequence[tuple[int, ...]], progress: Fraction
 ) -> list[tuple[float, tuple[int, ...]]]:
     """Return the scatter of a quick fit without each group of loads, and the group; the smallest scatter first."""
     scatters = []
     for number, group in enumerate(groups):
         progress(number / len(groups))
-        scatters.append(_fit_without(theory, loads, group, rounds=1).scatter)
+        scatters.append(_fit_without(nominal, loads, group, rounds=1).scatter)
     return sorted(zip(scatters, groups, strict=True), key=lambda one: one[0])
 
 
-def _fit_without(theory: NominalSurface, loads: Loads, left_out: tuple[int, ...], rounds: int = ROUNDS) -> Fit:
+def _fit_without(nominal: NominalSurface, loads: Loads, left_out: tuple[int, ...], rounds: int = ROUNDS) -> Fit:
     # Start from the scene, not from a fit that included the load.
-    return fit(theory, loads.without(*left_out), Session(theory, loads).usual_kinds, rounds=rounds)
+    return fit(nominal, loads.without(*left_out), Session(nominal, loads).usual_kinds, rounds=rounds)
 
 
 def _contradicts(fitted: Fit, loads: Loads, index: int) -> bool:
     """Return whether a load contradicts a fit to others, beyond chance and by enough to matter."""
-    theory, load = fitted.theory, loads[[index]]
-    session = Session(theory, load)
+    nominal, load = fitted.nominal, loads[[index]]
+    session = Session(nominal, load)
     residuals = session.residuals(fitted.vector)
     count = int(residuals.is_measured.sum())
-    if not np.sqrt((residuals.left_mm**2).sum() / count) >= FAR_NOISES * theory.prior.noise_mm:
+    if not np.sqrt((residuals.left_mm**2).sum() / count) >= FAR_NOISES * nominal.prior.noise_mm:
         return False
     slopes = session.slopes(fitted.vector, fitted.kinds)
     # An honest load may be off by as much as is stated, even if the others are better.
@@ -110,7 +110,7 @@ def _contradicts(fitted: Fit, loads: Loads, index: int) -> bool:
 
 def _mistaken_load(fitted: Fit, loads: Loads, index: int, *, certain: bool) -> MistakenLoad:
     """Return where the load pressed and how hard, by least squares over the range of positions."""
-    curve, measured = fitted.theory.curve(fitted.vector), loads.measured_mm[[index]]
+    curve, measured = fitted.nominal.curve(fitted.vector), loads.measured_mm[[index]]
     linear = np.nan_to_num(fitted.departures.linear_mm(measured))
     position, force = curve.best_contacts(linear, np.isfinite(measured).astype(np.float64))
     return MistakenLoad(index, float(position[0]), max(float(force[0]), 0.0), certain)

@@ -67,7 +67,7 @@ class NominalSurface:
 
     @classmethod
     def of(cls, metadata: Metadata) -> "NominalSurface":
-        """Return the theory of a model; raises SceneError if its scene cannot be computed."""
+        """Return the nominal surface of a model; raises SceneError if its scene cannot be computed."""
         surface, sensor_mm = Surface.of_model(metadata), metadata.layout_mm
         scene, prior = surface.scene, Prior.of(surface.influence, sensor_mm, metadata.noise.sample_mm)
         return cls(
@@ -226,7 +226,7 @@ def best_step(
 class Fitted:
     """Departures of some kinds that were fitted to a surface."""
 
-    theory: NominalSurface
+    nominal: NominalSurface
     kinds: tuple[str, ...]
     vector: Floats
     covariance: Floats
@@ -235,7 +235,7 @@ class Fitted:
     @property
     def departures(self) -> Departures:
         """The fitted departures."""
-        return self.theory.departures(self.vector)
+        return self.nominal.departures(self.vector)
 
     @property
     def spread(self) -> Floats:

@@ -41,7 +41,7 @@ class SelfFit:
     """A fit that unlabelled contacts determine and confirm."""
 
     fit: ContactFit
-    left_open: RemainingUncertainty
+    remaining: RemainingUncertainty
     misfit_before: float
     """Median sum of squares of the contacts' residuals by the given model, in units of noise and zero."""
     misfit_after: float
@@ -77,29 +77,29 @@ def self_calibrate(
 def self_fit(model: ModelFile, contacts: UnlabelledContacts, progress: Progress) -> SelfFit:
     """Fit the departures of a model's surface to unlabelled contacts; raises as `self_calibrate`."""
     metadata = model.metadata
-    theory = NominalSurface.of(metadata)
-    _check_contacts(theory, len(contacts))
+    nominal = NominalSurface.of(metadata)
+    _check_contacts(nominal, len(contacts))
     zero_mm, gain = np.array(metadata.floor.zero_mm), np.array(metadata.floor.gain)
     # A wide floor of gains that were never calibrated is no excuse for another beam.
     most = min(float(gain.mean()), GAIN_ERROR)
-    start = np.zeros(theory.size)
+    start = np.zeros(nominal.size)
     if metadata.calibration is not None:
-        start = theory.vector_of(metadata.calibration.departures)
+        start = nominal.vector_of(metadata.calibration.departures)
     progress("fitting", 0.0)
-    fit = fit_contacts(theory, start, contacts, KINDS, zero_mm)
+    fit = fit_contacts(nominal, start, contacts, KINDS, zero_mm)
     _check_single(fit, most)
     _check_spread(fit)
     covariance = fit.covariance
-    if "fixity" in theory.kinds:
+    if "fixity" in nominal.kinds:
         progress("looking for another beam", 0.3)
-        other = fit_contacts(theory, start, contacts, (*KINDS, "fixity"), zero_mm, like=fit)
+        other = fit_contacts(nominal, start, contacts, (*KINDS, "fixity"), zero_mm, like=fit)
         _check_beam(fit, other)
         # A fixity that is too small to be seen leaves its share of the error.
         covariance = other.covariance
     noise_mm = np.hypot(metadata.noise.sample_mm, zero_mm)
     _check_determined(fit, measure_remaining(fit, fit.covariance, noise_mm), gain)
-    before, after = (locate(theory, vector, contacts, zero_mm).residuals for vector in (start, fit.vector))
-    misfits = (float(np.median(one.misfit(theory.contact_errors))) for one in (before, after))
+    before, after = (locate(nominal, vector, contacts, zero_mm).residuals for vector in (start, fit.vector))
+    misfits = (float(np.median(one.misfit(nominal.contact_errors))) for one in (before, after))
     return SelfFit(fit, measure_remaining(fit, covariance, noise_mm), *misfits)
 
 
@@ -119,16 +119,16 @@ def calibrated_prior(metadata: Metadata, found: SelfFit) -> tuple[Prior, Calibra
         misfit_after=found.misfit_after,
         force_error=_force_error(fit),
     )
-    prior = fit.theory.prior_with(departures)
-    return replace(prior, gain=found.left_open.floor, zero_mm=np.array(metadata.floor.zero_mm)), calibration
+    prior = fit.nominal.prior_with(departures)
+    return replace(prior, gain=found.remaining.floor, zero_mm=np.array(metadata.floor.zero_mm)), calibration
 
 
 def _force_error(fit: ContactFit) -> float:
     """Return the relative error of all forces together: that of the mean of the gains, which residuals do not see."""
-    if fit.theory.prior.force_is_known:
+    if fit.nominal.prior.force_is_known:
         return 0.0
-    gain = fit.theory.kinds["gain"]
-    return float(GAIN * np.sqrt(fit.covariance[gain, gain].sum()) / fit.theory.prior.channels)
+    gain = fit.nominal.kinds["gain"]
+    return float(GAIN * np.sqrt(fit.covariance[gain, gain].sum()) / fit.nominal.prior.channels)
 
 
 def _refuse(reason: str) -> NotGoodEnoughError:
@@ -136,9 +136,9 @@ def _refuse(reason: str) -> NotGoodEnoughError:
     return NotGoodEnoughError(f"nothing was written: {reason}")
 
 
-def _check_contacts(theory: NominalSurface, count: int) -> None:
+def _check_contacts(nominal: NominalSurface, count: int) -> None:
     """Raise NotGoodEnoughError if there are too few channels or contacts."""
-    channels, degrees = theory.prior.channels, theory.degrees
+    channels, degrees = nominal.prior.channels, nominal.degrees
     if degrees < 1:
         raise _refuse(
             f"{channels} channels fit a contact of any place and force, so that unlabelled contacts tell nothing; it "
@@ -162,7 +162,7 @@ def _check_single(fit: ContactFit, max_error: float) -> None:
 
 def _check_spread(fit: ContactFit) -> None:
     """Raise NotGoodEnoughError if the contacts lie at one place."""
-    low, high = fit.theory.prior.position_mm
+    low, high = fit.nominal.prior.position_mm
     first, last = np.quantile(fit.position_mm[fit.single > 0.5], [0.1, 0.9])
     if last - first < MIN_SPREAD * (high - low):
         raise _refuse(
@@ -176,7 +176,7 @@ def _check_beam(fit: ContactFit, other: ContactFit) -> None:
     if fit.cost - other.cost < FIXED:
         return
     left, right = other.departures.fixity
-    errors = FIXITY * other.spread[fit.theory.kinds["fixity"]]
+    errors = FIXITY * other.spread[fit.nominal.kinds["fixity"]]
     raise _refuse(
         "the beam itself is not as modelled. The contacts fit as if its ends were fixed by "
         f"{left:.2f} +- {errors[0]:.2f} (left) and {right:.2f} +- {errors[1]:.2f} (right), where 0 is as in the scene; "
@@ -184,14 +184,14 @@ def _check_beam(fit: ContactFit, other: ContactFit) -> None:
     )
 
 
-def _check_determined(fit: ContactFit, left_open: RemainingUncertainty, gain: Floats) -> None:
+def _check_determined(fit: ContactFit, remaining: RemainingUncertainty, gain: Floats) -> None:
     """Raise NotGoodEnoughError if the contacts determine too little to improve the given model."""
     open_mm, claimed_mm = (
-        float(np.sqrt((values**2).mean())) for values in (left_open.position_mm, stated_mm(left_open.per_gain_mm, gain))
+        float(np.sqrt((values**2).mean())) for values in (remaining.position_mm, stated_mm(remaining.per_gain_mm, gain))
     )
-    if open_mm > max(claimed_mm, left_open.shift_mm):
+    if open_mm > max(claimed_mm, remaining.shift_mm):
         raise _refuse(
             f"{len(fit.single)} contacts determine too little. They move positions by "
-            f"{digits(left_open.shift_mm, 3)} mm and leave {digits(open_mm, 3)} mm open, more than the "
+            f"{digits(remaining.shift_mm, 3)} mm and leave {digits(open_mm, 3)} mm open, more than the "
             f"{digits(claimed_mm, 3)} mm that the model states; record more, over the whole beam"
         )

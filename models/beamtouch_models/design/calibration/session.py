@@ -37,13 +37,13 @@ def bend_of(channel: int) -> str:
 class Session:
     """A recording, and the vector of what may explain it: the departures of the surface, then its own kinds."""
 
-    theory: NominalSurface
+    nominal: NominalSurface
     loads: Loads
 
     @cached_property
     def kinds(self) -> dict[str, slice]:
         """All kinds with their places in the vector, which has units of their plausible sizes."""
-        kinds, begin, channels = self.theory.kinds.copy(), self.theory.size, self.theory.prior.channels
+        kinds, begin, channels = self.nominal.kinds.copy(), self.nominal.size, self.nominal.prior.channels
         for kind, size in (DRIFTING, channels), (WEIGHT, 1), *((bend_of(one), BENDS) for one in range(channels)):
             kinds[kind] = slice(begin, begin + size)
             begin += size
@@ -52,12 +52,12 @@ class Session:
     @property
     def usual_kinds(self) -> tuple[str, ...]:
         """The kinds that are no mistakes: all departures, and drift if the loads have times."""
-        return (*self.theory.kinds, *((DRIFTING,) if self.loads.minutes.any() else ()))
+        return (*self.nominal.kinds, *((DRIFTING,) if self.loads.minutes.any() else ()))
 
     @property
     def size(self) -> int:
         """Length of the vector."""
-        return self.theory.size + 1 + (1 + BENDS) * self.theory.prior.channels
+        return self.nominal.size + 1 + (1 + BENDS) * self.nominal.prior.channels
 
     def places_of(self, kinds: tuple[str, ...]) -> Indices:
         """Return the places of some kinds in the vector."""
@@ -73,8 +73,8 @@ class Session:
 
     def bounds_of(self, free: Indices) -> tuple[Floats, Floats]:
         """Return the smallest and the largest values of fitted entries."""
-        low, high = self.theory.bounds_of(np.arange(self.theory.size))
-        own = np.full(self.size - self.theory.size, MAX_DEPARTURE)
+        low, high = self.nominal.bounds_of(np.arange(self.nominal.size))
+        own = np.full(self.size - self.nominal.size, MAX_DEPARTURE)
         return np.concatenate([low, -own])[free], np.concatenate([high, own])[free]
 
     def drift_mm(self, vector: Floats) -> Floats:
@@ -104,7 +104,7 @@ class Session:
 
     def residuals(self, vector: Floats) -> Residuals:
         """Return the residuals of the loads."""
-        loads, curve = self.as_of_surface(vector), self.theory.curve(vector)
+        loads, curve = self.as_of_surface(vector), self.nominal.curve(vector)
         return Residuals.of(curve, loads.position_mm, loads.force_n, loads.measured_mm, loads.deviation_mm)
 
     def slopes(self, vector: Floats, kinds: tuple[str, ...]) -> Floats:
@@ -112,15 +112,15 @@ class Session:
 
         It is 0 for the entries of other kinds than `kinds`, and without a measurement.
         """
-        loads, of_theory = self.loads, [kind for kind in kinds if kind in self.theory.kinds]
+        loads, of_theory = self.loads, [kind for kind in kinds if kind in self.nominal.kinds]
         force_n, channels = loads.force_n + self.weight_n(vector), np.arange(self._channels)
         slopes = np.zeros((*loads.measured_mm.shape, self.size))
-        departing = self.theory.slopes(vector[: self.theory.size], loads.position_mm, force_n, of_theory)
-        slopes[..., : self.theory.size] = departing
+        departing = self.nominal.slopes(vector[: self.nominal.size], loads.position_mm, force_n, of_theory)
+        slopes[..., : self.nominal.size] = departing
         if DRIFTING in kinds:
             slopes[:, channels, self.kinds[DRIFTING].start + channels] = self._drift_unit_mm[:, None]
         if WEIGHT in kinds:
-            _, by_force = self.theory.curve(vector).moved_mm(loads.position_mm, force_n)
+            _, by_force = self.nominal.curve(vector).moved_mm(loads.position_mm, force_n)
             slopes[..., self.kinds[WEIGHT].start] = self.weight_unit_n * by_force / force_n[:, None]
         for channel in channels.tolist():
             if bend_of(channel) in kinds:
@@ -129,12 +129,12 @@ class Session:
 
     @property
     def _channels(self) -> int:
-        return self.theory.prior.channels
+        return self.nominal.prior.channels
 
     @property
     def _rate_mm_per_min(self) -> float:
         """A plausible drift: as stated, and at least one that shows in a usual session."""
-        return max(self.theory.drift_mm_per_min, OFFSET_NOISES * self.theory.prior.noise_mm / SESSION_MIN)
+        return max(self.nominal.drift_mm_per_min, OFFSET_NOISES * self.nominal.prior.noise_mm / SESSION_MIN)
 
     @property
     def _drift_unit_mm(self) -> Floats:
@@ -149,7 +149,7 @@ class Session:
     @cached_property
     def _bend_units_mm(self) -> Floats:
         """(loads, terms, channels) deflection that the terms of a plausible bend add; they vanish at rest."""
-        prior = self.theory.prior
+        prior = self.nominal.prior
         shapes = prior.influence_at(np.linspace(*prior.position_mm, GRID))
         full_mm = prior.force_n[1] * np.abs(shapes).max(axis=0)
         share = self.loads.measured_mm[:, None] / full_mm

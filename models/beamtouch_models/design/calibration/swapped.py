@@ -30,38 +30,38 @@ OTHER_END = (
 SINCE_THE_TARE = "tare with nothing on the beam, and record again"
 
 
-def swapped(theory: NominalSurface, loads: Loads, names: list[str]) -> str | None:
+def swapped(nominal: NominalSurface, loads: Loads, names: list[str]) -> str | None:
     """Say what seems swapped or inverted: channels, the order of all, or the ends of the beam; None if nothing does.
 
     Zeros that moved since the tare are told, too: alone, or as the mark of cables that were swapped since then.
     """
-    kinds = Session(theory, loads).usual_kinds
-    asis = fit(theory, loads, kinds)
-    if asis.errors.residual_mm <= POOR_NOISES * theory.prior.noise_mm:
+    kinds = Session(nominal, loads).usual_kinds
+    asis = fit(nominal, loads, kinds)
+    if asis.errors.residual_mm <= POOR_NOISES * nominal.prior.noise_mm:
         return None
-    trials = [(fit(theory, other, kinds).scatter, message) for message, other in _swaps(theory, loads, names)]
+    trials = [(fit(nominal, other, kinds).scatter, message) for message, other in _swaps(nominal, loads, names)]
     scatter, message = min(trials, default=(np.inf, ""))
     if BETTER * scatter < asis.scatter:
         return message
-    moved_mm, from_zeros = _from_own_zeros(theory, loads)
-    rezeroed = fit(theory, from_zeros, kinds).scatter
+    moved_mm, from_zeros = _from_own_zeros(nominal, loads)
+    rezeroed = fit(nominal, from_zeros, kinds).scatter
     trials = [
-        (fit(theory, _from_own_zeros(theory, other)[1], kinds).scatter, message)
-        for message, other in _swaps(theory, loads, names)
+        (fit(nominal, _from_own_zeros(nominal, other)[1], kinds).scatter, message)
+        for message, other in _swaps(nominal, loads, names)
     ]
     scatter, message = min(trials, default=(np.inf, ""))
     if BETTER * scatter < min(asis.scatter, rezeroed):
         return f"{message}; the zeros have moved, too, so {SINCE_THE_TARE}"
     if BETTER * rezeroed < asis.scatter and rezeroed <= AGREED:
-        far = np.flatnonzero(np.abs(moved_mm) > POOR_NOISES * theory.prior.noise_mm).tolist()
+        far = np.flatnonzero(np.abs(moved_mm) > POOR_NOISES * nominal.prior.noise_mm).tolist()
         told = ", ".join(f"{names[one]} by {digits(float(moved_mm[one]), 2)} mm" for one in far)
         return f"zeros have moved since the tare: {told}; {SINCE_THE_TARE}; nothing was written" if told else None
     return None
 
 
-def _from_own_zeros(theory: NominalSurface, loads: Loads) -> tuple[Floats, Loads]:
+def _from_own_zeros(nominal: NominalSurface, loads: Loads) -> tuple[Floats, Loads]:
     """Return the zeros (channels,) that loads show by the scene, and the loads from these."""
-    expected_mm = theory.curve(np.zeros(theory.size)).measured_mm(loads.position_mm, loads.force_n)
+    expected_mm = nominal.curve(np.zeros(nominal.size)).measured_mm(loads.position_mm, loads.force_n)
     zero_mm = np.zeros(len(expected_mm[0]))
     for channel, (measured, expected) in enumerate(zip(loads.measured_mm.T, expected_mm.T, strict=True)):
         there = np.isfinite(measured)
@@ -70,7 +70,7 @@ def _from_own_zeros(theory: NominalSurface, loads: Loads) -> tuple[Floats, Loads
     return zero_mm, replace(loads, measured_mm=loads.measured_mm - zero_mm)
 
 
-def _swaps(theory: NominalSurface, loads: Loads, names: list[str]) -> Iterator[tuple[str, Loads]]:
+def _swaps(nominal: NominalSurface, loads: Loads, names: list[str]) -> Iterator[tuple[str, Loads]]:
     """Yield each possible swap: its message, and the loads without the swap."""
     for wiring in wirings(names):
         message = f"{wiring.text}; check the wiring and the order in the daemon's config"
@@ -78,7 +78,7 @@ def _swaps(theory: NominalSurface, loads: Loads, names: list[str]) -> Iterator[t
         deviation_mm = loads.deviation_mm[:, wiring.order]
         corrected = replace(loads, measured_mm=measured_mm, deviation_mm=deviation_mm)
         yield OTHER_END if wiring.is_reversed else message, corrected
-    mirrored_mm = theory.prior.length_mm - loads.position_mm
-    low, high = theory.prior.position_mm
+    mirrored_mm = nominal.prior.length_mm - loads.position_mm
+    low, high = nominal.prior.position_mm
     if ((low <= mirrored_mm) & (mirrored_mm <= high)).all():
         yield OTHER_END, replace(loads, position_mm=mirrored_mm)

@@ -53,7 +53,7 @@ class Located:
 
 
 def locate(
-    theory: NominalSurface, vector: Floats, contacts: UnlabelledContacts, zero_mm: Floats, left_error: float = 0.0
+    nominal: NominalSurface, vector: Floats, contacts: UnlabelledContacts, zero_mm: Floats, left_error: float = 0.0
 ) -> Located:
     """Locate contacts on a surface with departures.
 
@@ -64,7 +64,7 @@ def locate(
     zero_mm : (channels,) standard deviation of the zeros
     left_error : relative error of the deflections beyond noise and zeros
     """
-    curve, prior, noise_mm = theory.curve(vector), theory.prior, contacts.noise_mm(zero_mm, left_error)
+    curve, prior, noise_mm = nominal.curve(vector), nominal.prior, contacts.noise_mm(zero_mm, left_error)
     known_n = prior.force_n[0] if prior.force_is_known else None
     linear_mm = curve.departures.linear_mm(contacts.measured_mm)
     position, force = curve.best_contacts(linear_mm, noise_mm**-2, known_n)
@@ -98,7 +98,7 @@ class ContactFit(Fitted):
 
 
 def fit_contacts(
-    theory: NominalSurface,
+    nominal: NominalSurface,
     start: Floats,
     contacts: UnlabelledContacts,
     kinds: tuple[str, ...],
@@ -114,20 +114,20 @@ def fit_contacts(
     zero_mm : (channels,) standard deviation of the zeros
     like : a fit to begin with
     """
-    free, degrees, errors = theory.free_of(kinds), theory.degrees, theory.contact_errors
-    bounds = theory.bounds_of(free)
+    free, degrees, errors = nominal.free_of(kinds), nominal.degrees, nominal.contact_errors
+    bounds = nominal.bounds_of(free)
     # The offsets have the size of the zeros; all others share one.
-    offsets = np.arange(theory.size)[theory.kinds["offset"]]
+    offsets = np.arange(nominal.size)[nominal.kinds["offset"]]
     sized = ~np.isin(free, offsets)
-    zeros = np.zeros(theory.size)
-    zeros[offsets] = zero_mm / (OFFSET_NOISES * theory.prior.noise_mm)
+    zeros = np.zeros(nominal.size)
+    zeros[offsets] = zero_mm / (OFFSET_NOISES * nominal.prior.noise_mm)
     vector, size, left_error, share = start, 1.0, GAIN, SHARES[0]
     if like is not None:
         vector, size, left_error, share = like.vector, like.size, like.left_error, 0.1
     for _ in range(ROUNDS):
-        at = locate(theory, vector, contacts, zero_mm, left_error)
+        at = locate(nominal, vector, contacts, zero_mm, left_error)
         single = single_contact(at.residuals.misfit(errors), degrees, share) * (at.force_n > 0)
-        slopes = theory.slopes(vector, at.position_mm, at.force_n, kinds)[..., free]
+        slopes = nominal.slopes(vector, at.position_mm, at.force_n, kinds)[..., free]
         about = np.maximum(np.where(sized, size, zeros[free]), MIN_SIZE**2)
         whitening = np.sqrt(single)[:, None, None] * at.residuals.whitening(errors)
         weighed, left = whitening @ slopes, (whitening @ at.residuals.left_mm[..., None])[..., 0]
@@ -138,26 +138,31 @@ def fit_contacts(
         used = len(free) - float((np.diag(covariance) / about**2).sum())
         moved = replace(at.residuals, left_mm=at.residuals.left_mm - slopes @ step)
         per_contact = degrees - used / max(single.sum(), 1.0)
-        left_error = _left_error(theory, contacts, zero_mm, moved, single, per_contact)
+        left_error = _left_error(nominal, contacts, zero_mm, moved, single, per_contact)
         squares = ((vector - start)[free] ** 2 + np.diag(covariance))[sized]
         size = float(np.clip(np.sqrt(squares.mean()), MIN_SIZE, MAX_SIZE))
         share = float(np.clip(1 - single.mean(), *SHARES))
-    at = locate(theory, vector, contacts, zero_mm, left_error)
-    whole = theory.covariance_of(kinds, covariance)
+    at = locate(nominal, vector, contacts, zero_mm, left_error)
+    whole = nominal.covariance_of(kinds, covariance)
     penalty = float((((vector - start)[free] / about) ** 2).sum())
     misfit = at.residuals.misfit(errors)
-    return ContactFit(theory, kinds, vector, whole, start, size, left_error, at.position_mm, single, misfit, penalty)
+    return ContactFit(nominal, kinds, vector, whole, start, size, left_error, at.position_mm, single, misfit, penalty)
 
 
 def _left_error(
-    theory: NominalSurface, contacts: UnlabelledContacts, zero_mm: Floats, at: Residuals, single: Floats, degrees: float
+    nominal: NominalSurface,
+    contacts: UnlabelledContacts,
+    zero_mm: Floats,
+    at: Residuals,
+    single: Floats,
+    degrees: float,
 ) -> float:
     """Return the relative error that makes the misfit of the single contacts equal to their degrees of freedom."""
     if single.sum() <= 0 or degrees <= 0:
         return 0.0
 
     def beyond(left_error: float) -> float:
-        misfit = replace(at, noise_mm=contacts.noise_mm(zero_mm, left_error)).misfit(theory.contact_errors)
+        misfit = replace(at, noise_mm=contacts.noise_mm(zero_mm, left_error)).misfit(nominal.contact_errors)
         return float(single @ misfit / single.sum()) - degrees
 
     if beyond(0.0) <= 0:
@@ -205,17 +210,17 @@ def measure_remaining(fit: ContactFit, covariance: Floats, noise_mm: Floats) -> 
     covariance : (departures, departures), of the departures, in the units of the vector
     noise_mm : (channels,) noise of a sample with the deviation of its zero
     """
-    theory, curve = fit.theory, fit.theory.curve(fit.vector)
-    (low, high), is_known = theory.prior.position_mm, theory.prior.force_is_known
+    nominal, curve = fit.nominal, fit.nominal.curve(fit.vector)
+    (low, high), is_known = nominal.prior.position_mm, nominal.prior.force_is_known
     margin = INNER * (high - low)
     position = np.linspace(low + margin, high - margin, PLACES)
-    force = np.full(PLACES, np.mean(theory.prior.force_n))
+    force = np.full(PLACES, np.mean(nominal.prior.force_n))
     clean = curve.measured_mm(position, force)
-    slopes = theory.slopes(fit.vector, position, force, tuple(theory.kinds))
+    slopes = nominal.slopes(fit.vector, position, force, tuple(nominal.kinds))
     relative = covariance
     if not is_known:
-        project, gain = np.eye(theory.size), theory.kinds["gain"]
-        project[gain, gain] -= 1 / theory.prior.channels
+        project, gain = np.eye(nominal.size), nominal.kinds["gain"]
+        project[gain, gain] -= 1 / nominal.prior.channels
         relative = project @ covariance @ project.T
     spread = np.einsum("lcv,vw,lcw->lc", slopes, relative, slopes)
     # The best estimate of the position, with a typical floor.

@@ -156,8 +156,8 @@ def place_by_position_error(
     The mean position error is the accuracy limit with all errors of a sample: the mean, over contacts drawn uniformly
     from the ranges of position and force, of the distance between the contact and the posterior median.
 
-    Without a spare in `aim`, the error with all sensors is minimised among the layouts that notice two contacts and
-    spread loads as well as the layout of the eigenvalue product, within `position_error.SLACK`. With one it is the
+    Without a spare in `aim`, the error with all sensors is minimised among the layouts that detect two contacts and
+    distributed loads as well as the layout of the eigenvalue product, within `position_error.SLACK`. With one it is the
     largest, over each one sensor failed, of the error of the others, among all layouts; what a layout notices is worth
     up to `position_error.SPARE_NOTICES` of it.
 

@@ -135,24 +135,24 @@ def rows_of(model: ModelFile, surface: SimulatedSurface, case: Case, draws: int,
     play = case.make(DrawnContacts.of(surface, draws, rng))
     readings = surface.world.readings(play.deflection_mm, play.errors, rng)
     first = max(0, min(reading for _, reading in play.rows) - surface.decided)
-    said = judge(surface, model.run, readings, first, lost=play.lost)
+    verdicts = judge(surface, model.run, readings, first, lost=play.lost)
     # The rate of false misfits of single samples is that of the test that knows what happened.
     alpha = float(chdtrc(left_by_contact(surface.channels), surface.metadata.thresholds.misfit[-1]))
     found = []
     for name in dict.fromkeys(name for name, _ in play.rows):
         at = [reading for other, reading in play.rows if other == name]
-        part, truth = said.at(at), play.truth_mm[:, at].ravel()
+        part, truth = verdicts.at(at), play.truth_mm[:, at].ravel()
         row = scored(name, part, truth, honest=case.honest, quiet=play.quiet)
         if not case.honest and play.fault_mm is not None:
             row = replace(row, power=power_of_shift(distances(surface, play.fault_mm, part.valid), alpha))
         found.append(row)
     if play.again:
         return found
-    felt = said.said if play.crosses is None else said.said[~play.crosses]
+    felt = verdicts.outcome if play.crosses is None else verdicts.outcome[~play.crosses]
     return [*found[:-1], replace(found[-1], ghosts=ghosts(felt) if len(felt) else None, plays=len(felt))]
 
 
-def scored(name: str, said: Verdicts, truth_mm: Floats, *, honest: bool, quiet: bool = False) -> Row:
+def scored(name: str, verdicts: Verdicts, truth_mm: Floats, *, honest: bool, quiet: bool = False) -> Row:
     """Return the row of some samples.
 
     Parameters
@@ -162,13 +162,13 @@ def scored(name: str, said: Verdicts, truth_mm: Floats, *, honest: bool, quiet: 
     truth_mm : (samples,) positions of the contacts; NaN where there is no single contact
     """
     single = ~np.isnan(truth_mm)
-    contact = said.said == Outcome.CONTACT
-    noted = contact & (said.unsteady | said.other_note)
-    plain, unsteady = contact & ~noted, contact & said.unsteady & ~said.other_note
-    inside = (said.low_mm <= truth_mm) & (truth_mm <= said.high_mm)  # False for NaN
-    unexplained = float((said.said == Outcome.UNEXPLAINED).mean())
-    error = np.abs(said.position_mm - truth_mm)[contact & single]
-    length = said.high_mm - said.low_mm
+    contact = verdicts.outcome == Outcome.CONTACT
+    noted = contact & (verdicts.unsteady | verdicts.other_note)
+    plain, unsteady = contact & ~noted, contact & verdicts.unsteady & ~verdicts.other_note
+    inside = (verdicts.low_mm <= truth_mm) & (truth_mm <= verdicts.high_mm)  # False for NaN
+    unexplained = float((verdicts.outcome == Outcome.UNEXPLAINED).mean())
+    error = np.abs(verdicts.position_mm - truth_mm)[contact & single]
+    length = verdicts.high_mm - verdicts.low_mm
     noticed = None if honest else unexplained + float(noted.mean())
     return Row(
         name=name,
@@ -180,34 +180,34 @@ def scored(name: str, said: Verdicts, truth_mm: Floats, *, honest: bool, quiet: 
         plain=int(plain.sum()),
         held_unsteady=_share(inside, unsteady & single),
         unsteady=int(unsteady.sum()),
-        held_noted=_share(inside, said.other_note & contact & single),
+        held_noted=_share(inside, verdicts.other_note & contact & single),
         unexplained=unexplained,
         noted=float(noted.mean()),
-        clear=float((said.said == Outcome.CLEAR).mean()),
-        silent=float((said.said == Outcome.NOTHING).mean()),
-        misleading=float((plain & _misleads(said, truth_mm)).mean()),
+        clear=float((verdicts.outcome == Outcome.CLEAR).mean()),
+        silent=float((verdicts.outcome == Outcome.NOTHING).mean()),
+        misleading=float((plain & _misleads(verdicts, truth_mm)).mean()),
         interval_mm=float(np.median(length[contact])) if contact.any() else None,
         noticed=noticed,
     )
 
 
-def ghosts(said: Indices) -> float:
+def ghosts(verdicts: Indices) -> float:
     """Return the share of draws, (draws, readings) of `Outcome`, in which a contact begins more than once.
 
     A stretch that is unexplained, or without an answer, does not end a contact.
     """
-    decided = (said == Outcome.CLEAR) | (said == Outcome.CONTACT)
-    last = np.maximum.accumulate(np.where(decided, np.arange(said.shape[1]), 0), axis=1)
-    contact = np.take_along_axis(said, last, axis=1) == Outcome.CONTACT
+    decided = (verdicts == Outcome.CLEAR) | (verdicts == Outcome.CONTACT)
+    last = np.maximum.accumulate(np.where(decided, np.arange(verdicts.shape[1]), 0), axis=1)
+    contact = np.take_along_axis(verdicts, last, axis=1) == Outcome.CONTACT
     begins = contact[:, 1:] & ~contact[:, :-1]
     return float((contact[:, 0] + begins.sum(axis=1) > 1).mean())
 
 
-def _misleads(said: Verdicts, truth_mm: Floats) -> Bools:
+def _misleads(verdicts: Verdicts, truth_mm: Floats) -> Bools:
     """Return whether the truth is further from the position than twice the half-interval on its side, or nowhere."""
-    above = truth_mm > said.position_mm
-    half = np.where(above, said.high_mm - said.position_mm, said.position_mm - said.low_mm)
-    far: Bools = ~(np.abs(truth_mm - said.position_mm) <= 2 * half)
+    above = truth_mm > verdicts.position_mm
+    half = np.where(above, verdicts.high_mm - verdicts.position_mm, verdicts.position_mm - verdicts.low_mm)
+    far: Bools = ~(np.abs(truth_mm - verdicts.position_mm) <= 2 * half)
     return far
 
 

@@ -26,9 +26,9 @@ class Outcome(IntEnum):
 
 @dataclass(frozen=True)
 class Verdicts:
-    """Statements on samples, (draws, samples)."""
+    """Verdicts on samples, (draws, samples)."""
 
-    said: Indices
+    outcome: Indices
     """Values of `Outcome`."""
     unsteady: Bools
     other_note: Bools
@@ -42,7 +42,7 @@ class Verdicts:
 
     @classmethod
     def silent(cls, valid: Bools) -> "Verdicts":
-        """Return statements of which there are none yet."""
+        """Return verdicts of which there are none yet."""
         shape = valid.shape[:2]
         position, low, high = np.full((3, *shape), np.nan)
         unsteady, other = np.zeros((2, *shape), np.bool_)
@@ -73,7 +73,7 @@ def judge(
         if index // length != draw:
             draw, decider = index // length, Hypotheses(metadata.thresholds, [AT_REST])
         verdict, at = decider.step(one), divmod(index, length)
-        judged.said[at], judged.unsteady[at] = Outcome[verdict.state.name], verdict.unsteady
+        judged.outcome[at], judged.unsteady[at] = Outcome[verdict.state.name], verdict.unsteady
         if verdict.state is State.CONTACT:
             judged.other_note[at] = is_overload(metadata, one) or is_unchecked(one)
             judged.position_mm[at] = one.answer["position_mm"]

@@ -42,7 +42,7 @@ def blocks(trade: Trade, scene: str, seed: int, model: str) -> list[Block]:
         "\n".join(f"- {sentence}" for sentence in sentences(trade)),
         Table(MODEL_HEADINGS, [_model_row(trade, one) for one in trade.models], "models", text),
         "error: of a mean of so many readings at rest; limit: of the best possible estimator, on the same contacts",
-        Table(MOMENT_HEADINGS, [_moment_row(one) for one in trade.since_touch], "since a touch"),
+        Table(MOMENT_HEADINGS, [_answer_row(one) for one in trade.since_touch], "since a touch"),
         Table(POINT_HEADINGS, [_point_row(one) for one in trade.front], "the front", text),
         f"{len(trade.front)} of {len(trade.points)} points, those that no other one beats in error, time or number of "
         "sensors.\nErrors that differ by less than their standard error are equal, and times that differ by less than "
@@ -138,10 +138,10 @@ def _model_row(trade: Trade, model: Model) -> tuple[str, ...]:
     )
 
 
-def _moment_row(moment: AnswerAtTime) -> tuple[str, ...]:
-    answer = moment.answer
+def _answer_row(at_time: AnswerAtTime) -> tuple[str, ...]:
+    answer = at_time.answer
     ringing = "-" if answer.ringing_mm is None else _mm(answer.ringing_mm)
-    return digits(answer.since_ms, 4), str(answer.readings), ringing, _mm(answer.error_mm), _mm(moment.limit_mm)
+    return digits(answer.since_ms, 4), str(answer.readings), ringing, _mm(answer.error_mm), _mm(at_time.limit_mm)
 
 
 def _point_row(point: Point) -> tuple[str, ...]:

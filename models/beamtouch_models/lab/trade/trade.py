@@ -86,7 +86,7 @@ def _beats(one: Point, other: Point) -> bool:
 
 
 def most_accurate(points: Sequence[Point], latency_ms: float) -> Point:
-    """Return the point with the smallest error within a latency; otherwise NotToBeHadError names the nearest."""
+    """Return the point with the smallest error within a latency; otherwise UnreachableTargetError names the nearest."""
     kept = [point for point in points if point.latency_ms <= latency_ms]
     if not kept:
         nearest_ms = min(point.latency_ms for point in points)
@@ -98,7 +98,7 @@ def most_accurate(points: Sequence[Point], latency_ms: float) -> Point:
 
 
 def quickest(points: Sequence[Point], error_mm: float) -> Point:
-    """Return the fastest point within an error, ties by sensors; otherwise NotToBeHadError names the nearest."""
+    """Return the fastest point within an error, ties by sensors; otherwise UnreachableTargetError names the nearest."""
     kept = [point for point in points if point.error_mm.value <= error_mm]
     if not kept:
         nearest_mm = min(point.error_mm.value for point in points)
