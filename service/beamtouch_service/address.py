@@ -55,7 +55,8 @@ class Address:
         """Whether only this machine reaches it. A name that does not resolve yet may be any address."""
         try:
             # Without the scope that follows a link-local address.
-            return ip_address(self.shown.partition("%")[0]).is_loopback
+            address = ip_address(self.shown.partition("%")[0])
+            return (getattr(address, "ipv4_mapped", None) or address).is_loopback
         except ValueError:
             return False
 

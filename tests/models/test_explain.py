@@ -60,20 +60,42 @@ def test_a_table_lists_every_effect(design_sensors_here: Command) -> None:
 
 @pytest.mark.promise(
     "docs/how-to/design.md",
-    "Without the key, it is 5, as in a hall that warms in the morning, or the noise of a reading in um where that is "
-    "larger.",
+    "Without the key, it is 5, as in a hall that warms in the morning,",
+    "or the noise of a reading in um where that is larger.",
 )
 @pytest.mark.parametrize(("stated", "um"), [("", 5.0), ("[environment]\ndrift_um_per_min = 2\n", 2.0)])
 def test_a_drift_is_priced_by_what_each_zero_may_be_off_after_a_contact_of_a_minute(
     stated: str, um: float, design_sensors_here: Command, tmp_path: Path
 ) -> None:
     scene = tmp_path / "scene.toml"
-    scene.write_text((SCENES / "short-deep.toml").read_text() + f"\n{stated}")
+    scene.write_text((SCENES / "two-spans.toml").read_text() + f"\n{stated}")
     done = design_sensors_here("explain", scene, "--json")
-    (drift,) = [one for one in json.loads(done.stdout)["effects"] if one["name"] == "drift in a minute"]
-    assert drift["price"] == pytest.approx(0.5e-3 * um / (0.001 / 10**0.5))
+    printed = json.loads(done.stdout)
+    (drift,) = [one for one in printed["effects"] if one["name"] == "drift in a minute"]
+    assert drift["price"] == pytest.approx(0.5e-3 * um / (0.002 / 5**0.5))
     assert f"zeros drift by {um:g} um a minute together" in drift["reason"]
     assert ("as the scene states none" in drift["reason"]) == (not stated)
+
+
+@pytest.mark.promise("docs/how-to/design.md", "but no more than a tenth of what the smallest force moves the beam")
+def test_a_drift_that_nobody_states_is_small_beside_what_the_smallest_force_does(
+    design_sensors_here: Command, tmp_path: Path
+) -> None:
+    # Twice the length bends eight times as far.
+    said = []
+    for length_mm in (200, 400):
+        (tmp_path / "scene.toml").write_text(
+            f"[beam]\nlength_mm = {length_mm}\nyoungs_modulus_gpa = 210\nwidth_mm = 25\nthickness_mm = 10\n"
+            f"[contact]\nforce_n = [2, 20]\nposition_mm = [1, {length_mm - 1}]\n"
+            "[sensors]\ncount = 4\nnoise_mm = 1e-5\nrate_hz = 100\n"
+        )
+        printed = json.loads(design_sensors_here("explain", tmp_path / "scene.toml", "--json").stdout)
+        (drift,) = [one for one in printed["effects"] if one["name"] == "drift in a minute"]
+        said.append(float(drift["reason"].split()[3]))
+    # F L^3 / (48 E I) under 2 N in the middle, in um; a tenth of it.
+    inertia_mm4 = 25 * 10**3 / 12
+    least_um = 1e3 * 2 * 200**3 / (48 * 210e3 * inertia_mm4)
+    assert said == pytest.approx([0.1 * least_um, 0.8 * least_um], rel=0.01)
 
 
 @pytest.mark.promise("docs/how-to/design.md", "says that readings at `rate_hz` do not show the swings of a mode")

@@ -222,8 +222,14 @@ def test_build_takes_the_layout_that_was_placed(scene: models.Scene) -> None:
     assert model.metadata.layout_mm == pytest.approx(layout)
     with pytest.raises(InputError, match="but sensor_mm has 3 positions"):
         models.build(scene, sensors=4, sensor_mm=layout)
-    with pytest.raises(InputError, match="sensor_mm"):
-        models.build(scene, sensor_mm=[20.0, 900.0])
+    for wrong, said in (
+        ([20.0, 900.0], "sensor_mm"),
+        ([100.0, 100.0], "100 mm"),
+        ([100.0, 101.0], "mm apart"),
+        ([0.0, 200.0], "beyond the end"),
+    ):
+        with pytest.raises(InputError, match=said):
+            models.build(scene, sensor_mm=wrong)
 
 
 def test_a_table_of_influence_stands_in_for_the_beam(scene: models.Scene, bench_model: Path) -> None:

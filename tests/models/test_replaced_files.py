@@ -1,9 +1,11 @@
 """What a person has edited or measured, or named by mistake, is replaced only when asked; a plain rebuild runs."""
 
+import json
 import shutil
 from pathlib import Path
 
 import numpy as np
+import onnx
 import pytest
 
 import beamtouch_models as models
@@ -83,6 +85,42 @@ def test_a_model_may_be_calibrated_in_place_and_is_then_not_replaced_by_a_build_
     assert models.load_model(model).metadata.calibration is None
 
 
+def with_metadata(path: Path, entries: dict[str, str]) -> Path:
+    model = onnx.ModelProto()
+    for key, value in entries.items():
+        model.metadata_props.add(key=key, value=value)
+    path.write_bytes(model.SerializeToString())
+    return path
+
+
+@pytest.mark.parametrize(
+    "stated",
+    [
+        {"layout": f'[{{"position_mm": {"1" * 400}}}]'},
+        {"layout": "[" * 9999},
+        {"layout": "5"},
+        {"scene": "5"},
+        {"scene": "null"},
+        {"name": "null"},
+        {"name": '"a\\n[x]"'},
+        {"placed": "7"},
+    ],
+    ids=lambda stated: next(f"{key} {value[:12]}" for key, value in stated.items()),
+)
+def test_a_model_file_that_states_nonsense_is_no_scene_and_is_not_replaced_by_one(
+    stated: dict[str, str], design_sensors_here: Command, scene: Path, tmp_path: Path
+) -> None:
+    sound = {"layout": '[{"position_mm": 100.0}]', "scene": json.dumps(scene.read_text()), "name": '"bench"'}
+    odd = with_metadata(tmp_path / "odd.onnx", {f"beamtouch.{key}": text for key, text in (sound | stated).items()})
+    before = odd.read_bytes()
+    asked = design_sensors_here("build", odd, "-o", tmp_path / "new.onnx")
+    said = f"design-sensors: {odd}: it is not a model file that holds its scene; give a scene (TOML)\n"
+    assert (asked.returncode, asked.stderr) == (2, said)
+    if "layout" in stated and stated["layout"].startswith("[["):
+        refused = design_sensors_here("build", scene, "-o", odd)
+        assert (refused.returncode, odd.read_bytes()) == (2, before)
+
+
 def test_a_file_that_was_named_by_mistake_is_not_replaced(
     design_sensors_here: Command, bench: ModelFile, bench_model: Path, scene: Path, tmp_path: Path
 ) -> None:
@@ -90,10 +128,12 @@ def test_a_file_that_was_named_by_mistake_is_not_replaced(
     other, page, recorded = tmp_path / "other.toml", tmp_path / "page.html", loads.read_bytes()
     other.write_text(PAPER)
     page.write_text("<!doctype html>\n<title>Not ours</title>\n")
+    theirs = with_metadata(tmp_path / "theirs.onnx", {"layout": "NCHW"})
     unread, no_report = "it is there, and cannot be read as a model file", "it is not a report of build"
     for asked, said in (
         (("build", scene, "-o", other), f"{other}: {unread}; {FORCE}"),
         (("build", scene, "-o", loads), f"{loads}: {unread}; {FORCE}"),
+        (("build", scene, "-o", theirs), f"{theirs}: {unread}; {FORCE}"),
         (
             ("build", scene, "-o", tmp_path / "m.onnx", "--report", loads),
             f"{loads}: {no_report}; {FORCE}",

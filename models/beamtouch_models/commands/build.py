@@ -1,7 +1,6 @@
 """`design-sensors build`: builds the model file of a scene, and optionally a daemon configuration and a report."""
 
 import argparse
-import json
 import shlex
 import sys
 from collections.abc import Iterator
@@ -18,7 +17,7 @@ from beamtouch_models.design.building.mounted import Mounted, find_mounted
 from beamtouch_models.design.building.products import write_products
 from beamtouch_models.design.building.remarks import missed_requirement, remarks, weak_spot
 from beamtouch_models.design.building.replaced import require_replaceable
-from beamtouch_models.design.building.stored import entries_in
+from beamtouch_models.design.building.stored import places_in, scene_in, stored_in
 from beamtouch_models.design.placement.placing import Aim
 from beamtouch_models.design.printing import Result, note
 from beamtouch_models.design.scene import Scene, load_scene, parse_scene
@@ -62,7 +61,7 @@ def run(options: argparse.Namespace) -> Result:
 def _assumed_errors(surface: Surface) -> str:
     """Return which errors the model takes the sensors to have where the scene does not state them."""
     sensors, readings = surface.stated.sensors, surface.readings
-    um_per_min = digits(1e3 * readings.drift_mm_per_min, 2)
+    um_per_min = digits(1e3 * readings.drift_mm_per_min, 3)
     taken = [] if sensors.gain_error_percent is not None else [f"sensors.gain_error_percent = {100 * readings.gain:g}"]
     taken += [] if sensors.zero_drift_mm is not None else [f"sensors.zero_drift_mm = {digits(readings.zero_mm, 2)}"]
     is_stated = surface.stated.environment.drift_um_per_min is not None
@@ -103,15 +102,15 @@ def _scene_of(options: argparse.Namespace) -> tuple[Scene, str, str, Choices, Mo
         return scene, text, surface_name(path), choices, mounted
     content = loading.read(path)
     try:
-        entries = entries_in(content)
-        text, name, layout = (json.loads(entries[key]) for key in ("scene", "name", "layout"))
+        stored = stored_in(content)
+        text, name = scene_in(stored)
         # Models from before it was stated have the layout of the product.
-        stated = json.loads(entries.get("placed", "null"))
-        before = LayoutErrors.model_validate(stated) if stated else Aim("eigenvalue-product")
+        placed = stored.get("placed")
+        before = LayoutErrors.model_validate(placed) if placed else Aim("eigenvalue-product")
         if not asks_anew:
-            kept_mm = tuple(float(channel["position_mm"]) for channel in layout)
+            kept_mm = places_in(stored)
             aim = Aim(before.criterion, before.spare, effort=aim.effort)
-    except (ModelFileError, ValueError, KeyError, TypeError):
+    except (ModelFileError, ValueError):
         raise SceneError(f"{path}: it is not a model file that holds its scene; give a scene (TOML)") from None
     choices = Choices(estimator=options.estimator, aim=aim, kept_mm=kept_mm)
-    return parse_scene(text, f"the scene in {path}"), text, str(name), choices, None
+    return parse_scene(text, f"the scene in {path}"), text, name, choices, None

@@ -23,8 +23,8 @@ BASES_S, BASES = 5.0, 5
 """Means are remembered so often, and so many of them: the rate is the change since the oldest one."""
 FASTER, NOISES = 1.5, 4.0
 """Least rate that is told, over the stated one, beside so many deviations of the means."""
-ALIKE = 0.5
-"""Where each zero has moved by more than this part of the way of the fastest, the hall warms; otherwise, one moves."""
+ALIKE = 0.25
+"""Where half of the other zeros have moved by more than this part of the way of the fastest, the hall warms."""
 MINUTE_S = 60.0
 
 
@@ -34,7 +34,7 @@ class Hurried(NamedTuple):
     channel: int
     mm_per_min: float
     is_common: bool
-    """Whether all zeros drift about alike."""
+    """Whether most zeros drift together."""
 
 
 class Hurry:
@@ -76,6 +76,7 @@ class Hurry:
             beyond = np.nan_to_num(np.abs(moved_mm) / usual_mm)
             fastest = int(beyond.argmax())
             if beyond[fastest] > 1:
-                parts = moved_mm[~np.isnan(moved_mm)] / moved_mm[fastest]
-                is_common = len(parts) > 1 and bool((parts > ALIKE).all())
+                others = np.flatnonzero(~np.isnan(mean_mm) & (np.arange(len(mean_mm)) != fastest))
+                parts = moved_mm[others] / moved_mm[fastest]
+                is_common = len(others) > 0 and float(np.median(parts)) > ALIKE
                 self.hurried = Hurried(fastest, float(moved_mm[fastest] / minutes), is_common)

@@ -1,13 +1,12 @@
 """Sensors that an earlier build has placed, and that may be mounted: a new build of the scene keeps their places."""
 
-import json
 import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 
 from beamtouch_common.encodings import decode
 from beamtouch_common.errors import InputError
-from beamtouch_models.design.building.stored import entries_of
+from beamtouch_models.design.building.stored import places_in, stored_in_file
 from beamtouch_models.design.scene import Scene, change_scene
 from beamtouch_models.errors import ModelFileError
 
@@ -23,17 +22,7 @@ class Mounted:
 
     def conflict_with(self, scene: Scene) -> str:
         """Return why these places cannot be those of a scene; empty if they can."""
-        few, many = scene.sensors.count_range
-        if not few <= len(self.positions_mm) <= many:
-            asked = f"{few}" if few == many else f"{few} to {many}"
-            return f"the scene asks for {asked} sensors, not for {len(self.positions_mm)}"
-        if away := [place for place in scene.sensors.fixed_mm if place not in self.positions_mm]:
-            return f"sensors.fixed_mm of the scene has {away[0]:g} mm"
-        try:
-            change_scene(scene, sensors={"fixed_mm": list(self.positions_mm)})
-        except InputError as error:
-            return str(error)
-        return ""
+        return conflict_of(self.positions_mm, scene)
 
     def moves_to(self, positions_mm: tuple[float, ...]) -> str:
         """Say where the sensors of this file go if these are the new places; empty if they stay."""
@@ -45,6 +34,21 @@ class Mounted:
             return f"sensors are not where {self.file} had them: {moved} mm"
         old, new = (", ".join(f"{place:g}" for place in places) for places in (self.positions_mm, positions_mm))
         return f"sensors are not where {self.file} had them: {old} mm; now {new} mm"
+
+
+def conflict_of(positions_mm: tuple[float, ...], scene: Scene) -> str:
+    """Return why sensors of a scene cannot stand at these places; empty if they can."""
+    few, many = scene.sensors.count_range
+    if not few <= len(positions_mm) <= many:
+        asked = f"{few}" if few == many else f"{few} to {many}"
+        return f"the scene asks for {asked} sensors, not for {len(positions_mm)}"
+    if away := [place for place in scene.sensors.fixed_mm if place not in positions_mm]:
+        return f"sensors.fixed_mm of the scene has {away[0]:g} mm"
+    try:
+        change_scene(scene, sensors={"fixed_mm": list(positions_mm)})
+    except InputError as error:
+        return str(error)
+    return ""
 
 
 def find_mounted(name: str, model: Path, config: Path | None) -> Mounted | None:
@@ -60,8 +64,8 @@ def find_mounted(name: str, model: Path, config: Path | None) -> Mounted | None:
 
 def _places_in_model(path: Path) -> tuple[float, ...]:
     try:
-        return tuple(float(channel["position_mm"]) for channel in json.loads(entries_of(path)["layout"]))
-    except (ModelFileError, ValueError, KeyError, TypeError):
+        return places_in(stored_in_file(path))
+    except ModelFileError:
         return ()
 
 
@@ -69,5 +73,5 @@ def _places_in_config(path: Path, name: str) -> tuple[float, ...]:
     try:
         surface = tomllib.loads(decode(path.read_bytes()))["surfaces"][name]
         return tuple(float(channel["position_mm"]) for channel in surface["channels"])
-    except (OSError, ValueError, KeyError, TypeError):
+    except (OSError, ValueError, KeyError, TypeError, OverflowError, RecursionError):
         return ()

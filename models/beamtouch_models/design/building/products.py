@@ -10,11 +10,12 @@ from beamtouch_common.files import require_writable, write_atomically
 from beamtouch_common.names import NAME, RULE
 from beamtouch_models.design.building.build import Built, Choices, build_model
 from beamtouch_models.design.building.daemon_config import daemon_config as daemon_config_of
+from beamtouch_models.design.building.mounted import conflict_of
 from beamtouch_models.design.building.replaced import require_replaceable
 from beamtouch_models.design.building.sensors import count_of
 from beamtouch_models.design.effort import Effort
 from beamtouch_models.design.placement.placing import DEFAULT_AIM, Aim
-from beamtouch_models.design.scene import Scene, format_scene, load_scene, path_of, read_scene
+from beamtouch_models.design.scene import Scene, change_scene, format_scene, load_scene, path_of, read_scene
 from beamtouch_models.design.sweeps import Progress, silent
 from beamtouch_models.errors import SceneError, require
 from beamtouch_models.names import ESTIMATORS, Criterion, EstimatorName
@@ -75,9 +76,13 @@ def build(  # noqa: PLR0913  # one for each option of the command
         raise SceneError(f"name = {name!r} must {RULE}")
     if estimator not in ESTIMATORS:
         raise SceneError(f"estimator = {estimator!r} must be one of {', '.join(ESTIMATORS)}")
-    kept_mm = () if sensor_mm is None else tuple(places_in(sensor_mm, "sensor_mm", stated.beam.length_mm).tolist())
-    if kept_mm and sensors not in (None, len(kept_mm)):
-        raise SceneError(f"sensors = {sensors!r}, but sensor_mm has {len(kept_mm)} positions: give one of the two")
+    count, kept_mm = count_of(sensors), tuple[float, ...]()
+    if sensor_mm is not None:
+        kept_mm = tuple(places_in(sensor_mm, "sensor_mm", stated.beam.length_mm).tolist())
+        if count not in (None, len(kept_mm)):
+            raise SceneError(f"sensors = {count}, but sensor_mm has {len(kept_mm)} positions: give one of the two")
+        if conflict := conflict_of(kept_mm, change_scene(stated, sensors={"count": len(kept_mm)})):
+            raise SceneError(f"sensor_mm: {conflict}")
     config_file, report_file = (None if one is None else Path(one) for one in (daemon_config, report))
     require_writable((config_file, report_file), () if path is None else (path,))
     if not force:
@@ -86,7 +91,7 @@ def build(  # noqa: PLR0913  # one for each option of the command
         stated,
         text,
         name,
-        count=count_of(sensors),
+        count=count,
         seed=whole(seed, "seed", 0),
         progress=silent,
         choices=Choices(estimator, Aim(criterion, spare, effort=Effort(number(effort, "effort"))), kept_mm),

@@ -1,13 +1,12 @@
 """Files that a build replaces: what a person has edited, measured or named by mistake is not lost without a word."""
 
 import hashlib
-import json
 from collections.abc import Callable
 from pathlib import Path
 
 from beamtouch_common.encodings import decode
 from beamtouch_common.errors import InputError
-from beamtouch_models.design.building.stored import entries_of
+from beamtouch_models.design.building.stored import stored_in_file
 from beamtouch_models.errors import ModelFileError
 
 AS_BUILT = "# design-sensors build replaces this file without --force only as long as nobody has edited it: "
@@ -59,7 +58,7 @@ def require_model(path: Path) -> None:
     if not _holds_something(path):
         return
     try:
-        entries_of(path)
+        stored_in_file(path)
     except ModelFileError:
         raise InputError(f"{path}: {UNREADABLE}; name another file") from None
 
@@ -83,7 +82,7 @@ def _digest(text: str) -> str:
 
 def _loss_of_model(path: Path) -> str:
     try:
-        is_calibrated = json.loads(entries_of(path).get("calibration", "null")) is not None
-    except (ModelFileError, ValueError):
+        is_calibrated = stored_in_file(path).get("calibration") is not None
+    except ModelFileError:
         return UNREADABLE
     return "it is calibrated, and a new build is not" if is_calibrated else ""

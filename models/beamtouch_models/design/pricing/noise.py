@@ -25,6 +25,9 @@ MINUTE_SHARE = 1.0
 HALL_MM_PER_MIN = 0.005
 """Least drift of all zeros, however little noise a sensor has, if the scene does not state it. Brackets and modules in
 a hall that warms in the morning drift so fast: 10 to 20 um per kelvin, and a kelvin in two to four minutes."""
+LEAST_SHARE = 0.1
+"""Largest such drift over the largest deflection under the smallest force: more would be taken for a light load in
+less than some minutes, and whoever measures so little keeps the temperature."""
 
 HARMONICS = 1000
 """Harmonics of the rounding error; those beyond it hold 0.03 % of its standard deviation."""
@@ -56,8 +59,8 @@ class ReadingErrors:
     warmth_mm: float
     """Drift of a zero with the temperature; 0 if the scene does not state it."""
     drift_mm_per_min: float
-    """Drift of all zeros together in a minute. If the scene does not state it, MINUTE_SHARE of a reading's noise, and
-    at least HALL_MM_PER_MIN."""
+    """Drift of all zeros together in a minute. If the scene does not state it, HALL_MM_PER_MIN, but no more than
+    LEAST_SHARE allows, and no less than MINUTE_SHARE of a reading's noise."""
 
     @classmethod
     def of(cls, scene: Scene, max_deflection_mm: float) -> Self:
@@ -75,7 +78,9 @@ class ReadingErrors:
             warmth_mm = 1e-3 * sensors.drift_um_per_k * (range_k[1] - range_k[0]) / math.sqrt(6)
         reading_mm = math.hypot(sensor_mm, step / math.sqrt(12))
         um_per_min = scene.environment.drift_um_per_min
-        usual_mm_per_min = max(MINUTE_SHARE * reading_mm, HALL_MM_PER_MIN)
+        least_n, largest_n = scene.contact.force_range_n
+        hall_mm_per_min = min(HALL_MM_PER_MIN, LEAST_SHARE * max_deflection_mm * least_n / largest_n)
+        usual_mm_per_min = max(MINUTE_SHARE * reading_mm, hall_mm_per_min)
         return cls(
             sensor_mm,
             step,
