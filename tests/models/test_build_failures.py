@@ -1,5 +1,6 @@
 """`build` where something inside it goes wrong: nothing is written; and what one failed sensor costs."""
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -45,6 +46,22 @@ def test_what_one_failed_sensor_costs_is_said(
     weak = weak_spot(metadata.model_copy(update=some))
     assert weak.startswith(said)
     assert ("--spare" in weak) is ("--" in said or said.endswith("th"))
+
+
+@pytest.mark.promise("docs/how-to/drift.md", "`build` warns if that is less than a minute.")
+def test_a_drift_that_a_tare_does_not_outlast_is_said(design_sensors_roughly: Command, tmp_path: Path) -> None:
+    scene, model = tmp_path / "scene.toml", tmp_path / "model.onnx"
+    text = PAPER.replace("count = 2", "count = 2\ngrid_mm = 57")
+    for um_per_min, is_short in ((1000, False), (9000, True)):
+        scene.write_text(f"{text}\n[environment]\ndrift_um_per_min = {um_per_min}\n")
+        built = design_sensors_roughly("build", scene, "-o", model)
+        assert built.returncode == 0, built.stderr
+        told = re.findall(
+            r"zeros that drift by 9000 um a minute .* for (\S+) s after a tare only, over (\S+) um", built.stderr
+        )
+        assert bool(told) is is_short
+    ((lasts_s, most_um),) = told
+    assert float(lasts_s) == pytest.approx(float(most_um) / 9000 * 60, rel=0.1)
 
 
 def test_a_model_that_misses_its_bounds_is_not_written_by_build_and_is_a_note_of_trade(

@@ -15,10 +15,11 @@ from beamtouch_models.design.building.build import Choices, build_model
 from beamtouch_models.design.building.daemon_config import write_token_if_absent
 from beamtouch_models.design.building.mounted import Mounted, find_mounted
 from beamtouch_models.design.building.products import write_products
-from beamtouch_models.design.building.remarks import missed_requirement, remarks, weak_spot
+from beamtouch_models.design.building.remarks import missed_requirement, remarks, short_tare, weak_spot
 from beamtouch_models.design.building.replaced import require_replaceable
 from beamtouch_models.design.building.stored import places_in, scene_in, stored_in
 from beamtouch_models.design.placement.placing import Aim
+from beamtouch_models.design.pricing.walk import walk_of
 from beamtouch_models.design.printing import Result, note
 from beamtouch_models.design.scene import Scene, load_scene, parse_scene
 from beamtouch_models.design.surface import Surface
@@ -53,7 +54,8 @@ def run(options: argparse.Namespace) -> Result:
         )
     note(_assumed_errors(built.surface), missed_requirement(built.metadata, scene), unseen(built.metadata))
     moved = mounted.moves_to(built.placement.positions_mm) if mounted else ""
-    note(moved, weak_spot(built.metadata), kind="warning")
+    tare = short_tare(walk_of(built.metadata, built.surface.readings))
+    note(moved, weak_spot(built.metadata), tare, kind="warning")
     note(*_not_modelled(built.surface))
     return describe(loading.load_bytes(built.content, str(options.output)))
 

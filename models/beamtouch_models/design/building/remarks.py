@@ -6,10 +6,13 @@ from beamtouch_common.digits import digits
 from beamtouch_models.design.scene import Scene
 from beamtouch_models.design.scene.beam import Beam
 from beamtouch_models.design.scene.materials import MATERIALS
+from beamtouch_models.filters import Walk
 from beamtouch_models.runtime.metadata import Metadata
 
 TOO_MUCH = 2.0
 """Ratio of the error with one sensor failed to that with all from which a build warns."""
+SHORT_S = 60.0
+"""Time in which a drift comes to the end of what the daemon follows, from which on a build does not warn."""
 
 
 def remarks(scene: Scene) -> list[str]:
@@ -75,4 +78,16 @@ def weak_spot(metadata: Metadata) -> str:
     return (
         f"if {name} fails, the mean position error grows from {digits(limit_percent, 3)} to {digits(worst, 3)} "
         f"% of the length; {remedy}"
+    )
+
+
+def short_tare(walk: Walk | None) -> str:
+    """Say in which time the drift of zeros comes to the end of what the daemon follows; empty if it takes long."""
+    if walk is None or (lasts_s := 60 * walk.max_mm / walk.rate_mm_per_min) >= SHORT_S:
+        return ""
+    um_per_min, most_um = digits(1e3 * walk.rate_mm_per_min, 2), digits(1e3 * walk.max_mm, 2)
+    return (
+        f"zeros that drift by {um_per_min} um a minute are followed for {digits(lasts_s, 2)} s after a tare only, over "
+        f"{most_um} um, and light contacts are taken for drift then; use sensors that drift less and state "
+        "environment.drift_um_per_min, or begin contact.force_n at a larger force"
     )
