@@ -43,8 +43,8 @@ def test_it_states_what_the_model_was_made_for(bench: ModelFile, tmp_path: Path)
     assert surface.noise_mm == metadata.noise.reading_mm
     assert surface.slowest_period_ms == pytest.approx(98.0, rel=1e-3)
     assert surface.zero_drift_mm == pytest.approx(0.001, rel=0.01)
-    assert surface.zero_tracking is not None  # that of a hall, and half of what 2 N cause
-    assert surface.zero_tracking.drift_um_per_min == 5
+    assert surface.zero_tracking is not None  # the noise of a reading in a minute, and half of what 2 N cause
+    assert surface.zero_tracking.drift_um_per_min == pytest.approx(1e3 * metadata.noise.reading_mm, rel=1e-2)
     assert surface.zero_tracking.max_mm == pytest.approx(outer / 2, rel=1e-2)
     assert surface.loads is not None
     assert (tuple(surface.loads.position_mm), surface.loads.max_force_n) == ((1.0, 399.0), 20.0)

@@ -1,6 +1,7 @@
 """The command `design-sensors explain`."""
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -62,19 +63,24 @@ def test_a_table_lists_every_effect(design_sensors_here: Command) -> None:
     "docs/how-to/design.md",
     "Without the key, it is 5, as in a hall that warms in the morning,",
     "or the noise of a reading in um where that is larger.",
+    "A scene that states `zero_drift_mm` is taken at its word: then it is the noise of a reading.",
 )
-@pytest.mark.parametrize(("stated", "um"), [("", 5.0), ("[environment]\ndrift_um_per_min = 2\n", 2.0)])
+@pytest.mark.parametrize(
+    ("sensors", "environment", "um"),
+    [("", "", 5.0), ("zero_drift_mm = 0.0004", "", 2.0), ("", "[environment]\ndrift_um_per_min = 3\n", 3.0)],
+    ids=["nothing", "zero drift", "drift"],
+)
 def test_a_drift_is_priced_by_what_each_zero_may_be_off_after_a_contact_of_a_minute(
-    stated: str, um: float, design_sensors_here: Command, tmp_path: Path
+    sensors: str, environment: str, um: float, design_sensors_here: Command, tmp_path: Path
 ) -> None:
-    scene = tmp_path / "scene.toml"
-    scene.write_text((SCENES / "two-spans.toml").read_text() + f"\n{stated}")
+    scene, text = tmp_path / "scene.toml", (SCENES / "two-spans.toml").read_text()
+    scene.write_text(re.sub(r"(?m)^zero_drift_mm = .*$", sensors, text) + f"\n{environment}")
     done = design_sensors_here("explain", scene, "--json")
     printed = json.loads(done.stdout)
     (drift,) = [one for one in printed["effects"] if one["name"] == "drift in a minute"]
     assert drift["price"] == pytest.approx(0.5e-3 * um / (0.002 / 5**0.5))
     assert f"zeros drift by {um:g} um a minute together" in drift["reason"]
-    assert ("as the scene states none" in drift["reason"]) == (not stated)
+    assert ("as the scene states none" in drift["reason"]) == (not environment)
 
 
 @pytest.mark.promise("docs/how-to/design.md", "but no more than a tenth of what the smallest force moves the beam")

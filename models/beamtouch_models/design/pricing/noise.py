@@ -23,8 +23,9 @@ ZERO_SHARE = 0.2
 MINUTE_SHARE = 1.0
 """Least drift of all zeros in a minute over the noise of a reading, if the scene does not state it."""
 HALL_MM_PER_MIN = 0.005
-"""Least drift of all zeros, however little noise a sensor has, if the scene does not state it. Brackets and modules in
-a hall that warms in the morning drift so fast: 10 to 20 um per kelvin, and a kelvin in two to four minutes."""
+"""Least drift of all zeros, however little noise a sensor has, if the scene does not state it, nor how far zeros drift
+from one tare to the next. Brackets and modules in a hall that warms in the morning drift so fast: 10 to 20 um per
+kelvin, and a kelvin in two to four minutes."""
 LEAST_SHARE = 0.1
 """Largest such drift over the largest deflection under the smallest force: more would be taken for a light load in
 less than some minutes, and whoever measures so little keeps the temperature."""
@@ -59,8 +60,8 @@ class ReadingErrors:
     warmth_mm: float
     """Drift of a zero with the temperature; 0 if the scene does not state it."""
     drift_mm_per_min: float
-    """Drift of all zeros together in a minute. If the scene does not state it, HALL_MM_PER_MIN, but no more than
-    LEAST_SHARE allows, and no less than MINUTE_SHARE of a reading's noise."""
+    """Drift of all zeros together in a minute. If the scene does not state it, MINUTE_SHARE of a reading's noise, and
+    at least HALL_MM_PER_MIN, as far as LEAST_SHARE allows, unless the scene states `zero_mm`."""
 
     @classmethod
     def of(cls, scene: Scene, max_deflection_mm: float) -> Self:
@@ -79,8 +80,10 @@ class ReadingErrors:
         reading_mm = math.hypot(sensor_mm, step / math.sqrt(12))
         um_per_min = scene.environment.drift_um_per_min
         least_n, largest_n = scene.contact.force_range_n
-        hall_mm_per_min = min(HALL_MM_PER_MIN, LEAST_SHARE * max_deflection_mm * least_n / largest_n)
-        usual_mm_per_min = max(MINUTE_SHARE * reading_mm, hall_mm_per_min)
+        usual_mm_per_min = MINUTE_SHARE * reading_mm
+        if sensors.zero_drift_mm is None:
+            hall_mm_per_min = min(HALL_MM_PER_MIN, LEAST_SHARE * max_deflection_mm * least_n / largest_n)
+            usual_mm_per_min = max(usual_mm_per_min, hall_mm_per_min)
         return cls(
             sensor_mm,
             step,

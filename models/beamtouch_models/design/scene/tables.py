@@ -54,7 +54,8 @@ class Environment(Strict):
     drift_um_per_min: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None = None
     """How fast zeros drift as the surroundings warm, as a standard deviation: all together, and each by itself half as
     fast; by default 5, as in a hall that warms in the morning (less where the beam hardly bends), or the noise of a
-    reading in um where that is larger. The daemon follows it at each rest. 0: zeros do not drift."""
+    reading in um where that is larger; with a stated `zero_drift_mm`, this noise. The daemon follows it at each rest.
+    0: zeros do not drift."""
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:
