@@ -1,4 +1,4 @@
-"""Contacts on record over hours: `python tests/benchmarks/hour_of_events.py [--minutes 60] [--touches 300]`.
+"""Contacts on record over hours: `python tests/benchmarks/hour_of_events.py [--minutes 60] [--touches 300] [--seed 0]`.
 
 The scene `bench` at 200 Hz, its beam ringing. The same readings become samples with `publish.rest_ms` of 0 and of 100;
 a service has each stream for its record. Said are how many contacts each has, touches that are none of them (missed)
@@ -45,11 +45,11 @@ def course(seconds: float, touches: int, length_mm: float) -> list[Load]:
     return loads
 
 
-def recorded(trade: Trade, folder: Path, loads: list[Load], rest_ms: int) -> dict[str, Any]:
+def recorded(trade: Trade, folder: Path, loads: list[Load], rest_ms: int, seed: int) -> dict[str, Any]:
     """Return the events of a service that is given the samples, how many these are, and the size of its record."""
     folder.mkdir()
     sections = f'[events]\nfile = "events.sqlite"\n[surfaces.bench]\nmodel = "{folder.parent / "bench.onnx"}"\n'
-    trade.beam = VirtualSurface(trade.scene, trade.model.metadata, seed=0)
+    trade.beam = VirtualSurface(trade.scene, trade.model.metadata, seed=seed)
     pipeline = Pipeline(trade.settings, rest=rest_of(trade.settings) if rest_ms else None)
     taking, waiting, sent, events = Taking(pipeline, rest_ms / 1e3, []), list[Taken](), 0, list[dict[str, Any]]()
     with (
@@ -117,6 +117,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--minutes", type=float, default=60.0)
     parser.add_argument("--touches", type=int, default=300)
+    parser.add_argument("--seed", type=int, default=0, help="of the noise")
     parser.add_argument("--rest-ms", type=int, nargs="+", default=[0, 100])
     given = parser.parse_args()
     with TemporaryDirectory() as name:
@@ -124,7 +125,7 @@ def main() -> None:
         trade, found = Trade(folder, RATE_HZ), dict[int, dict[str, Any]]()
         loads = course(given.minutes * 60, given.touches, trade.scene.beam.length_mm)
         for rest_ms in given.rest_ms:
-            found[rest_ms] = one = recorded(trade, folder / str(rest_ms), loads, rest_ms)
+            found[rest_ms] = one = recorded(trade, folder / str(rest_ms), loads, rest_ms, given.seed)
             missed, false = against_truth(one["events"], loads)
             counts = f"{one['samples']} samples, {len(one['events'])} contacts, {missed} missed, {false} false"
             print(f"rest_ms = {rest_ms}: {counts}, {one['MB']:.2f} MB", flush=True)
