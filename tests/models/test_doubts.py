@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from beamtouch_models import runtime
-from beamtouch_models.design.calibration.calibrate import CheckedFit, checked_fit
+from beamtouch_models.design.calibration.calibrate import CheckedFit, calibrate, checked_fit
 from beamtouch_models.design.calibration.recordings import Loads, RecordingError, read_loads
+from beamtouch_models.design.effort import Effort
 from beamtouch_models.design.sweeps import silent
 from beamtouch_models.lab.rig.surface import Imperfections
 from beamtouch_models.runtime import ModelFile
@@ -18,6 +19,7 @@ from models.doubtful_recordings import bent_mm, doubtful
 from support.programs.in_process import Command
 from support.surfaces.calibration_files import write_readings
 from support.surfaces.deflections import deflections_of
+from support.surfaces.example_scenes import ROUGH
 from support.surfaces.real_surfaces import random_imperfections, recorded
 
 pytestmark = pytest.mark.long
@@ -142,3 +144,12 @@ def test_zeros_that_moved_far_since_the_tare_are_named(cantilever: ModelFile) ->
     moved = dataclasses.replace(loads, measured_mm=loads.measured_mm + np.array([0.0, 0.3, 0.0]))
     with pytest.raises(RecordingError, match=r"zeros have moved since the tare: s2 by 0\.3\d* mm; tare with nothing"):
         checked_fit(cantilever, moved, silent)
+
+
+def test_what_zeros_drifted_while_loads_were_recorded_is_in_the_floor(cantilever: ModelFile) -> None:
+    metadata, rng = cantilever.metadata, np.random.default_rng(3)
+    loads = recorded(metadata, random_imperfections(metadata, rng), rng)
+    drift_mm = 1e-3 * np.array([4.0, 6.0, 3.0]) * loads.minutes[:, None]
+    moved = dataclasses.replace(loads, measured_mm=loads.measured_mm + drift_mm)
+    floor = calibrate(cantilever, moved, silent, effort=Effort(ROUGH)).metadata.floor
+    assert (np.array(floor.zero_mm) > 0.9 * drift_mm.max(axis=0)).all()

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from beamtouch_models.runtime import BestSample, Health, ModelFile
+from beamtouch_models.runtime.health.changes import Block, History, find_changes
 from models.drawn_contacts import SuccessiveContacts
 
 BASELINE = 100
@@ -188,3 +189,19 @@ def test_two_channels_or_fewer_show_no_gain(bench: ModelFile, channels: int) -> 
     for one in health.channels():
         assert one.gain.low < -0.5
         assert one.gain.high > 0.5
+
+
+def test_more_channels_need_more_evidence() -> None:
+    """Among many channels, the largest likelihood ratio is larger by chance."""
+
+    def is_named(channels: int, gain: float) -> bool:
+        history, information, none = History(channels), np.zeros((channels, channels)), np.zeros(channels)
+        information[0, 0] = 1e4
+        for number in range(40):
+            score = information[0] * (gain if number >= 20 else 0.0)
+            history.add(Block(number, 1, information, score, none, none), set())
+        return bool(find_changes(history, np.full(channels, 1e-3)))
+
+    least = next(gain for gain in np.linspace(0.001, 0.1, 5000) if is_named(4, gain))
+    assert not is_named(8, least)
+    assert is_named(8, 1.05 * least)

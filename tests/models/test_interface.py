@@ -2,6 +2,7 @@
 
 import json
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ import beamtouch_models as models
 from beamtouch_common.errors import InputError
 from beamtouch_models import cli
 from beamtouch_models.errors import SceneError
-from beamtouch_models.runtime import ModelFile
+from beamtouch_models.runtime import Calibration, ModelFile
 from support.surfaces.example_scenes import ROUGH, SCENES
 
 SCENE = (SCENES / "bench.toml").read_text()
@@ -251,6 +252,20 @@ def test_a_table_of_influence_stands_in_for_the_beam(scene: models.Scene, bench_
     own, beam, other = (models.evaluate(model, draws=200, influence=own).span for own in (same, None, stiff))
     assert own.mean_mm.value == pytest.approx(beam.mean_mm.value, rel=1e-3)
     assert other.mean_mm.value > 1.5 * beam.mean_mm.value
+
+
+def test_an_influence_of_ones_own_is_that_of_the_beam_and_a_calibrated_model_knows_its_gains(
+    scene: models.Scene, bench: ModelFile
+) -> None:
+    sensors, loads = np.linspace(0, 400, 81), np.linspace(1, 399, 80)
+    own = models.interpolate_influence(scene, sensors, loads, models.influence_matrix(scene, sensors, loads))
+    departures = bench.metadata.departures.model_copy(update={"gain": [1.3, 0.7, 1.3, 0.7]})
+    fitted = Calibration(
+        departures=departures, fitted=["gain"], loads=9, residual_mm=0.0, error_before_mm=9.0, error_after_mm=1.0
+    )
+    model = replace(bench, metadata=bench.metadata.model_copy(update={"calibration": fitted}))
+    told, beam = (models.evaluate(model, draws=200, influence=one).span.mean_mm.value for one in (own, None))
+    assert told == pytest.approx(beam, rel=0.1)
 
 
 def test_evaluate_gives_what_the_command_prints(bench_model: Path, capsys: pytest.CaptureFixture[str]) -> None:

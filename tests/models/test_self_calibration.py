@@ -13,13 +13,18 @@ from beamtouch_models import runtime
 from beamtouch_models.design.accuracy.limit import draw, posterior_median_mm
 from beamtouch_models.design.calibration.nominal_surface import FIXITY, GAIN
 from beamtouch_models.design.calibration.recordings import UnlabelledContacts
-from beamtouch_models.design.calibration.self_calibrate import SelfCalibrated, self_calibrate, self_fit
+from beamtouch_models.design.calibration.self_calibrate import (
+    SelfCalibrated,
+    calibrated_prior,
+    self_calibrate,
+    self_fit,
+)
 from beamtouch_models.design.effort import Effort
 from beamtouch_models.design.surface import prior_of_model
 from beamtouch_models.design.sweeps import silent
 from beamtouch_models.errors import NotGoodEnoughError
 from beamtouch_models.lab.rig.surface import Imperfections
-from beamtouch_models.runtime import ModelFile
+from beamtouch_models.runtime import Calibration, ModelFile
 from support.programs.in_process import Command
 from support.surfaces.calibration_files import write_contacts
 from support.surfaces.example_scenes import ROUGH
@@ -176,3 +181,19 @@ def test_two_channels_are_too_few(bench: ModelFile) -> None:
     two = dataclasses.replace(bench, metadata=bench.metadata.model_copy(update={"layout": layout}))
     with pytest.raises(NotGoodEnoughError, match=r"2 channels fit a contact of any place and force.* it takes 3"):
         self_fit(two, UnlabelledContacts(np.ones((50, 2)), np.ones((50, 2))), silent)
+
+
+def test_what_loads_have_fitted_before_stays_named(bench: ModelFile) -> None:
+    metadata = bench.metadata
+    before = Calibration(
+        departures=metadata.departures,
+        fitted=["gain", "fixity"],
+        loads=9,
+        residual_mm=0.0,
+        error_before_mm=9.0,
+        error_after_mm=1.0,
+    )
+    model = dataclasses.replace(bench, metadata=metadata.model_copy(update={"calibration": before}))
+    contacts, _ = random_contacts(bench, Kind(gain=0.02), 3)
+    _, found = calibrated_prior(model.metadata, self_fit(model, contacts, silent))
+    assert (found.fitted, found.loads) == (["gain", "fixity", "position", "curve", "offset"], 9)

@@ -7,6 +7,7 @@ import pytest
 
 from beamtouch_models.arrays import Floats
 from beamtouch_models.filters import Chain, Mean, Rested, Tracked, Walk, Zeros
+from beamtouch_models.filters.hurry import MOST_S, Hurry
 
 RATE_HZ, NOISE_MM, CHANNELS = 200.0, 0.0045, 4
 WALK = Walk(rate_mm_per_min=0.005, max_mm=0.1, start_mm=0.001)
@@ -274,3 +275,15 @@ def test_a_beam_that_rings_from_each_touch_to_the_next_has_zeros_that_are_known(
         stated.append(np.hypot(tracked.common_mm[:, None], tracked.own_mm))
     assert np.concatenate(stated[-10:]).max() < 0.0035
     assert np.percentile(np.abs(np.concatenate(off)) / np.concatenate(stated), 99.5) < 4
+
+
+def test_a_drift_that_is_over_is_soon_forgotten_however_long_it_was() -> None:
+    hurry, at_s = Hurry(0.001), 0.0
+    for _ in range(1200):
+        at_s += 0.1
+        hurry.add(at_s, 0.1, np.full(3, 1e-3 * at_s), np.full(3, 1e-5), strains=True)
+    assert hurry.hurried is not None
+    for _ in range(round(10 * MOST_S) + 1):
+        at_s += 0.1
+        hurry.add(at_s, 0.1, np.full(3, 0.12), np.full(3, 1e-5), strains=False)
+    assert hurry.hurried is None

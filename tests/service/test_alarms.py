@@ -270,6 +270,12 @@ def test_a_wrong_wiring_is_named_after_some_contacts_and_is_over_once_it_is_righ
     assert over == "surface press-7: the wiring seems to be right again"
 
 
+def test_contacts_that_no_wiring_explains_do_not_make_a_wrong_one_right(bench_model: Path) -> None:
+    line, swapped = Wired(bench_model), "s1 and s2 seem to be swapped"
+    assert line.touch(lambda one: one[[1, 0, 2, 3]]) == swapped
+    assert line.touch(lambda one: (one * [1, 0, 1, 1])[[1, 0, 2, 3]], count=3) == swapped
+
+
 @pytest.mark.promise("docs/how-to/troubleshooting.md", "name two cables that are swapped or a sensor that is inverted")
 def test_other_faults_are_not_taken_for_a_wrong_wiring(bench_model: Path) -> None:
     line = Wired(bench_model)

@@ -10,6 +10,7 @@ from beamtouch_service import cli
 from beamtouch_service.sections import EventsSection
 from service.bench import Bench, surface_of
 from service.event_story import RESTING, TOUCHING
+from service.record_file import execute
 
 BUSY = "at a contact each 2 s"
 
@@ -59,3 +60,14 @@ def test_a_record_says_its_own_pace(tmp_path: Path, capsys: pytest.CaptureFixtur
     file = tmp_path / "other.db"
     file.write_bytes(b"no database")
     assert check(tmp_path, 'file = "other.db"\nmax_mb = 1', capsys)[0] == [busy]
+
+
+def test_room_that_deleted_events_left_counts_for_none(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "events.db"
+    bench = Bench(surface_of(), events=EventsSection(file=file))
+    bench.send(*[RESTING, TOUCHING] * 250, every_us=20_000_000)
+    bench.get("/events")
+    _, before = check(tmp_path, 'file = "events.db"\nmax_mb = 1', capsys)
+    execute(file, "DELETE FROM events WHERE id <= 125")
+    _, after = check(tmp_path, 'file = "events.db"\nmax_mb = 1', capsys)
+    assert after["own_days"] == pytest.approx(before["own_days"], rel=0.4)

@@ -76,13 +76,14 @@ def test_a_surface_that_is_stale_gives_no_figure_and_no_bit() -> None:
         ([], 17, 65_535, 0, 0),
         ([[0.2, None, None]], 19, 0, 1, 0b110),
         ([[0.5, 1.0, 0.5]], 20, 0, 1, 0),
+        ([[0.5, 1.0, 0.5, None]], 20, 0, 1, 0b1000),
     ],
-    ids=["no samples", "too few channels", "no usable estimate"],
+    ids=["no samples", "too few channels", "no usable estimate", "none although three are good"],
 )
 def test_a_surface_without_an_answer_says_why(
     rows: list[Row], state: int, age_ms: int, sequence: int, missing: int
 ) -> None:
-    surface = surface_of()
+    surface = surface_of(channels=max(map(len, rows), default=3))
     for row in rows:
         quality = ["missing" if value is None else "good" for value in row]
         surface.receive(parsed(row, quality=quality), NOW_S)

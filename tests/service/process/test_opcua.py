@@ -16,7 +16,7 @@ from asyncua import Client, ua
 from asyncua.common.subscription import Subscription
 from asyncua.crypto.security_policies import SecurityPolicyBasic256Sha256
 
-from service.bench import FIGURES, batch_of
+from service.bench import FIGURES, START_US, batch_of
 from service.process.opcua_client import TIMEOUT_S, connected, read
 from service.process.opcua_hello import is_open
 from support.network.certificates import make_certificate
@@ -88,7 +88,8 @@ def test_a_read_gives_the_contact_of_its_moment_and_a_subscription_turns_bad_whe
                 evtypes=await event_type(client, index)
             )
             for number, row in enumerate([rest] * 10 + [touched] * 10 + [rest] * 10, 1):
-                assert (await asyncio.to_thread(service.post, batch_of(row, sequence=number))).status_code == 200
+                batch = batch_of(row, sequence=number, begin_us=START_US + 20_000 * number)
+                assert (await asyncio.to_thread(service.post, batch)).status_code == 200
                 if number % 5 == 0:
                     contact = (await asyncio.to_thread(service.get, "/surfaces/press-7/contact")).json()
                     require_same(await read(client), contact)
@@ -114,6 +115,7 @@ def test_a_read_gives_the_contact_of_its_moment_and_a_subscription_turns_bad_whe
     assert changes.found["press-7/sequence"][-2].Value.Value == 35
     (event,) = [one for one in service.get("/events").json()["events"] if one["kind"] == "contact"]
     (found,) = changes.events
+    assert event["dwell_ms"] > 100
     assert abs(found.Time.replace(tzinfo=UTC) - datetime.fromisoformat(event["lifted_at"])) < timedelta(milliseconds=1)
     for name in ("surface", "kind", "touched_at", "lifted_at", "dwell_ms", "peak_force_n", "mean_position_mm", "end"):
         assert getattr(found, name) == event[name], name
