@@ -1,33 +1,41 @@
 """Events over OPC UA while the record is away."""
 
 import asyncio
+from collections.abc import Awaitable, Callable
 from contextlib import suppress
-from typing import Any, cast
+from pathlib import Path
+from typing import Any
 
 import pytest
 
-from beamtouch_service.events.database import EventsAwayError
-from beamtouch_service.events.recorder import Recorder
 from beamtouch_service.outputs.opcua.events import EventSender
-
-pytestmark = pytest.mark.anyio
-
-
-class Away:
-    """A recorder whose record is away, and how often it is asked."""
-
-    tries = 0
-
-    async def wait_for_finished(self, _call: object) -> None:
-        self.tries += 1
-        await asyncio.sleep(0)
-        raise EventsAwayError("the record of events is away")
+from beamtouch_service.sections import EventsSection
+from service.bench import Bench, surface_of
 
 
-async def test_a_record_that_is_away_is_asked_again_only_after_a_pause() -> None:
-    away = Away()
-    sender = EventSender(cast("Any", None), cast(Recorder, away), asyncio.get_running_loop(), {})
-    with suppress(TimeoutError):
-        async with asyncio.timeout(0.3):
-            await sender._take()
-    assert away.tries == 1
+def test_a_record_that_is_away_is_asked_again_only_after_a_pause(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench = Bench(surface_of(), events=EventsSection(file=tmp_path / "events.db"))
+    assert bench.get("/events").status_code == 200
+    for one in tmp_path.glob("events.db*"):
+        one.write_bytes(b"no database" * 4096)
+    assert bench.get("/events").status_code == 503
+    recorder, tries = bench.app.context.recorder, list[int]()
+    ask: Callable[..., Awaitable[Any]] = recorder.wait_for_finished
+
+    async def counted(*given: object) -> object:
+        tries.append(1)
+        return await ask(*given)
+
+    monkeypatch.setattr(recorder, "wait_for_finished", counted)
+
+    async def take() -> None:
+        sender = EventSender(None, recorder, asyncio.get_running_loop(), {})
+        with suppress(TimeoutError):
+            async with asyncio.timeout(0.3):
+                await sender._take()
+
+    assert bench.event_loop is not None
+    bench.event_loop.call(take)
+    assert len(tries) == 1

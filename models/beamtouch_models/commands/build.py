@@ -17,7 +17,7 @@ from beamtouch_models.design.building.mounted import Mounted, find_mounted
 from beamtouch_models.design.building.products import write_products
 from beamtouch_models.design.building.remarks import missed_requirement, remarks, short_tare, weak_spot
 from beamtouch_models.design.building.replaced import require_replaceable
-from beamtouch_models.design.building.stored import places_in, scene_in, stored_in
+from beamtouch_models.design.building.stored import positions_in, scene_in, stored_in
 from beamtouch_models.design.placement.placing import Aim
 from beamtouch_models.design.pricing.walk import walk_of
 from beamtouch_models.design.printing import Result, note
@@ -68,8 +68,7 @@ def _assumed_errors(surface: Surface) -> str:
     taken += [] if sensors.zero_drift_mm is not None else [f"sensors.zero_drift_mm = {digits(readings.zero_mm, 2)}"]
     is_stated = surface.stated.environment.drift_um_per_min is not None
     taken += [] if is_stated else [f"environment.drift_um_per_min = {um_per_min}"]
-    words = " and ".join([", ".join(taken[:-1]), *taken[-1:]]) if len(taken) > 1 else "".join(taken)
-    return f"not stated in the scene, so assumed: {words}" if taken else ""
+    return f"not stated in the scene, so assumed: {', '.join(taken)}" if taken else ""
 
 
 def _not_modelled(surface: Surface) -> Iterator[str]:
@@ -110,7 +109,7 @@ def _scene_of(options: argparse.Namespace) -> tuple[Scene, str, str, Choices, Mo
         placed = stored.get("placed")
         before = LayoutErrors.model_validate(placed) if placed else Aim("eigenvalue-product")
         if not asks_anew:
-            kept_mm = places_in(stored)
+            kept_mm = positions_in(stored)
             aim = Aim(before.criterion, before.spare, effort=aim.effort)
     except (ModelFileError, ValueError):
         raise SceneError(f"{path}: it is not a model file that holds its scene; give a scene (TOML)") from None

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from beamtouch_common.encodings import decode
 from beamtouch_common.errors import InputError
-from beamtouch_models.design.building.stored import places_in, stored_in_file
+from beamtouch_models.design.building.stored import positions_in, stored_in_file
 from beamtouch_models.design.scene import Scene, change_scene
 from beamtouch_models.errors import ModelFileError
 
@@ -57,19 +57,19 @@ def find_mounted(name: str, model: Path, config: Path | None) -> Mounted | None:
     The configuration counts before the model, because somebody may have corrected a place in it. A file that is neither
     a model nor a configuration with places has none; nor has one that cannot be read.
     """
-    if config is not None and (places := _places_in_config(config, name)):
+    if config is not None and (places := _positions_in_config(config, name)):
         return Mounted(config, places)
-    return Mounted(model, places) if (places := _places_in_model(model)) else None
+    return Mounted(model, places) if (places := _positions_in_model(model)) else None
 
 
-def _places_in_model(path: Path) -> tuple[float, ...]:
+def _positions_in_model(path: Path) -> tuple[float, ...]:
     try:
-        return places_in(stored_in_file(path))
+        return positions_in(stored_in_file(path))
     except ModelFileError:
         return ()
 
 
-def _places_in_config(path: Path, name: str) -> tuple[float, ...]:
+def _positions_in_config(path: Path, name: str) -> tuple[float, ...]:
     try:
         surface = tomllib.loads(decode(path.read_bytes()))["surfaces"][name]
         return tuple(float(channel["position_mm"]) for channel in surface["channels"])

@@ -47,7 +47,7 @@ def scene_in(stored: Mapping[str, Any]) -> tuple[str, str]:
     return text, name
 
 
-def places_in(stored: Mapping[str, Any]) -> tuple[float, ...]:
+def positions_in(stored: Mapping[str, Any]) -> tuple[float, ...]:
     """Return the positions of the sensors (channels,) in what a model file states [mm]; raises ModelFileError."""
     try:
         return tuple(float(channel["position_mm"]) for channel in stored["layout"])

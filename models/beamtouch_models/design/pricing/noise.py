@@ -27,8 +27,8 @@ HALL_MM_PER_MIN = 0.005
 from one tare to the next. Brackets and modules in a hall that warms in the morning drift so fast: 10 to 20 um per
 kelvin, and a kelvin in two to four minutes."""
 LEAST_SHARE = 0.1
-"""Largest such drift over the largest deflection under the smallest force: more would be taken for a light load in
-less than some minutes, and whoever measures so little keeps the temperature."""
+"""Largest such drift in a minute, over the largest deflection under the smallest force. A surface on which more would
+soon look like a light load stands where the temperature is steady."""
 
 HARMONICS = 1000
 """Harmonics of the rounding error; those beyond it hold 0.03 % of its standard deviation."""
