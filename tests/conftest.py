@@ -18,6 +18,9 @@ from xdist.remote import Producer
 
 import beamtouch_models
 from beamtouch_models import runtime
+from beamtouch_models.design.building.build import build_model
+from beamtouch_models.design.building.products import write_products
+from beamtouch_models.design.scene import load_scene
 from service.postgres import Postgres, running
 from service.process.pgbouncer import pooled
 from support.pages.browser import OpenPage, chromium, pages
@@ -83,9 +86,10 @@ def _build(path: Path, name: str, folder: Path, effort: float = 1.0) -> None:
 
     The model has the paper's layout: known numbers that take less time to find.
     """
-    config = folder / f"{name}.toml"
-    content = beamtouch_models.build(path, name, criterion="eigenvalue-product", daemon_config=config, effort=effort)
-    (folder / f"{name}.onnx").write_bytes(content)
+    scene, text = load_scene(path)
+    layout = beamtouch_models.resolve(scene).place(criterion="eigenvalue-product", effort=effort)
+    built = build_model(layout, name, text=text)
+    write_products(built, model=folder / f"{name}.onnx", config=folder / f"{name}.toml")
 
 
 @pytest.fixture(scope="session")

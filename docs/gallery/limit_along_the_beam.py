@@ -5,7 +5,7 @@ import sys
 import matplotlib.pyplot as plt
 import numpy as np
 
-from beamtouch_models import error_along_mm, read_scene
+from beamtouch_models import read_scene, resolve
 
 SCENE = """
 [beam]
@@ -27,12 +27,12 @@ rate_hz = 100
 latency_ms = 50
 """
 
-scene = read_scene(SCENE)
+surface = resolve(read_scene(SCENE))
 place = np.linspace(10, 390, 39)
 
 figure, axes = plt.subplots(figsize=(7, 3.5))
 for sensors in ([133, 267], [68, 156, 244, 332]):
-    axes.plot(place, error_along_mm(scene, sensors, place), label=f"{len(sensors)} sensors")
+    axes.plot(place, surface.layout(sensors).error_along(place).error_mm, label=f"{len(sensors)} sensors")
     axes.plot(sensors, np.zeros(len(sensors)), "^", color=axes.lines[-1].get_color())
 axes.set(xlabel="place of the contact in mm", ylabel="mean error in mm", title="The accuracy limit along a steel strip")
 axes.legend()

@@ -5,7 +5,7 @@ import sys
 import matplotlib.pyplot as plt
 import numpy as np
 
-from beamtouch_models import accuracy_limit, place, read_scene
+from beamtouch_models import read_scene, resolve
 
 SCENE = """
 [beam]
@@ -27,13 +27,13 @@ rate_hz = 100
 latency_ms = 50
 """
 
-scene = read_scene(SCENE)
+surface = resolve(read_scene(SCENE))
 noises_mm = np.geomspace(1e-4, 1e-1, 6)
 
 figure, axes = plt.subplots(figsize=(7, 4))
 for count in (2, 4, 6):
-    sensors = place(scene, count, criterion="eigenvalue-product")
-    limits = [accuracy_limit(scene, sensors, noise_mm=noise_mm, draws=256).mean_mm for noise_mm in noises_mm]
+    layout = surface.place(count, criterion="eigenvalue-product")
+    limits = [layout.limit(noise_mm=noise_mm, draws=256).value for noise_mm in noises_mm]
     axes.loglog(noises_mm, limits, "o-", label=f"{count} sensors")
 axes.set(
     xlabel="noise of a sample in mm",

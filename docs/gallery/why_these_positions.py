@@ -5,7 +5,7 @@ import sys
 import matplotlib.pyplot as plt
 import numpy as np
 
-from beamtouch_models import accuracy_limit, place, read_scene
+from beamtouch_models import read_scene, resolve
 
 SCENE = """
 [beam]
@@ -27,12 +27,12 @@ rate_hz = 100
 latency_ms = 50
 """
 
-scene = read_scene(SCENE)
+surface = resolve(read_scene(SCENE))
 left = np.arange(50, 200, 25)
-limits = [[accuracy_limit(scene, [a, 400 - b], draws=128).mean_mm for a in left] for b in left]
+limits = [[surface.layout([a, 400 - b]).limit(draws=128).value for a in left] for b in left]
 row, column = np.unravel_index(np.argmin(limits), np.shape(limits))
 best = left[column], 400 - left[row]
-paper = place(scene, 2, criterion="eigenvalue-product")
+paper = surface.place(2, criterion="eigenvalue-product").positions_mm
 
 figure, axes = plt.subplots(figsize=(5.5, 4.5))
 filled = axes.contourf(left, 400 - left, limits, levels=12, cmap="viridis_r")

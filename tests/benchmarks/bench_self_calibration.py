@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from beamtouch_models.design.surface import prior_of_model
+from beamtouch_models.design.calibrated import prior_of_model
 
 sys.path.insert(0, str(Path(__file__).parent.parent))  # for what tests and benchmarks share
 

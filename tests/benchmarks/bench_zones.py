@@ -22,16 +22,15 @@ import numpy as np
 from beamtouch_common.zones import Zone, ZoneState
 from beamtouch_daemon.processing.filters import uncertainties
 from beamtouch_models.arrays import Floats
-from beamtouch_models.design.building.build import build_model
 from beamtouch_models.design.pricing.noise import chain_of
 from beamtouch_models.design.scene import load_scene
-from beamtouch_models.design.sweeps import silent
+from beamtouch_models.design.surface import resolve
 from beamtouch_models.design.world import SensorErrors
 from beamtouch_models.lab.challenge.contacts import STEPS, rested
 from beamtouch_models.lab.challenge.play import DrawnContacts, SimulatedSurface
 from beamtouch_models.lab.challenge.ringing import rings
 from beamtouch_models.runtime import State
-from beamtouch_models.runtime.loading import ModelFile, load_bytes
+from beamtouch_models.runtime.loading import ModelFile
 from beamtouch_service.samples import Batch
 from beamtouch_service.sections import SurfaceSection
 from beamtouch_service.surfaces.follower import Follower
@@ -70,8 +69,8 @@ def run(contacts: int = CONTACTS) -> list[dict[str, object]]:
 
 def of_scene(name: str, edges_mm: tuple[float, float], contacts: int) -> Iterator[dict[str, object]]:
     """Yield the rows of a scene with one zone."""
-    scene, text = load_scene(SCENES / f"{name}.toml")
-    model = load_bytes(build_model(scene, text, name, count=None, seed=0, progress=silent).content, name)
+    scene, _ = load_scene(SCENES / f"{name}.toml")
+    model = resolve(scene).place().build(name)
     surface, zone = SimulatedSurface.of(model.metadata), Zone(from_mm=edges_mm[0], to_mm=edges_mm[1])
     forecast_mm = forecast(name, zone)
     near_mm = NEAR * forecast_mm

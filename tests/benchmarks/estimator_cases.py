@@ -26,7 +26,7 @@ from beamtouch_models.design.estimators.posterior.window import posterior_graph
 from beamtouch_models.design.physics.beam import influence_of, travel_of
 from beamtouch_models.design.placement.placing import place
 from beamtouch_models.design.scene import Scene, load_scene
-from beamtouch_models.design.surface import Surface
+from beamtouch_models.design.surface import resolve
 from beamtouch_models.design.sweeps import silent
 from beamtouch_models.names import ESTIMATORS
 from beamtouch_models.runtime.session import open_session, runner
@@ -122,8 +122,8 @@ def latency_rows() -> list[dict[str, object]]:
     for name in ("paper", "bench", "conveyor"):
         scene, _ = load_scene(SCENES / f"{name}.toml")
         count = scene.sensors.count_range[0]
-        chosen = Surface.of(scene).filter
-        noise = Surface.of(scene, chosen).noise
+        chosen = resolve(scene).filter
+        noise = resolve(scene, chosen=chosen).noise
         prior = real_prior(scene, np.array(placed(name, count)[1]), noise.sample_mm)
         reading = limit.draw(prior, 1, SEED).deflection_mm
         calls: dict[str, Callable[[], object]] = {}

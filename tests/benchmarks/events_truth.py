@@ -71,8 +71,10 @@ class Files:
         assert stated
         scene, model, daemon = folder / "bench.toml", folder / "bench.onnx", folder / "daemon.toml"
         scene.write_text(stated[1])
-        model.write_bytes(beamtouch_models.build(scene, "bench", daemon_config=daemon))
-        return cls(scene, model, daemon, beamtouch_models.load_model(model))
+        built = beamtouch_models.resolve(beamtouch_models.read_scene(scene)).place().build("bench")
+        built.save(model)
+        daemon.write_text(beamtouch_models.daemon_config(built.metadata))
+        return cls(scene, model, daemon, built)
 
 
 def load_of(kind: str, count: int, model: ModelFile, random: np.random.Generator) -> list[Load]:

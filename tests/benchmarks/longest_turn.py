@@ -22,7 +22,7 @@ import httpx2
 import numpy as np
 from serving import TOKEN, server
 
-from beamtouch_models import build
+from beamtouch_models import read_scene, resolve
 from beamtouch_service.api.samples import MAX_BODY_BYTES
 from beamtouch_service.samples import MAX_SAMPLES
 from support.surfaces.example_scenes import ROUGH, SCENES
@@ -115,8 +115,8 @@ def main() -> int:
 
 def _measure(folder: Path, sensors: int, rounds: int) -> None:
     scene = (SCENES / "bench.toml").read_text().replace("count = 4", f"count = {sensors}")
-    content = build(scene.replace("size_mm", "# size_mm"), "bench", criterion="eigenvalue-product", effort=ROUGH)
-    (folder / "bench.onnx").write_bytes(content)
+    surface = resolve(read_scene(scene.replace("size_mm", "# size_mm")))
+    surface.place(criterion="eigenvalue-product", effort=ROUGH).build("bench").save(folder / "bench.onnx")
     names = [f"s{number}" for number in range(SURFACES if sensors == SENSORS[-1] else 1)]
     sections = "".join(f"[surfaces.{name}]\nmodel = 'bench.onnx'\nstale_ms = 60000\n" for name in names)
     (folder / "token").write_text(TOKEN)

@@ -18,5 +18,7 @@ def build(folder: Path, name: str = "bench", rate_hz: int | None = None) -> Mode
         text = re.sub(r"rate_hz = \S+", f"rate_hz = {rate_hz}", text)
     path, scene = folder / f"{name}.onnx", folder / f"{name}.toml"
     scene.write_text(text)
-    path.write_bytes(beamtouch_models.build(scene, name, daemon_config=folder / "generated.toml"))
-    return beamtouch_models.load_model(path)
+    model = beamtouch_models.resolve(beamtouch_models.read_scene(scene)).place().build(name)
+    model.save(path)
+    (folder / "generated.toml").write_text(beamtouch_models.daemon_config(model.metadata))
+    return model

@@ -181,8 +181,9 @@ def build(folder: Path, channels: int, hz: int) -> None:
     for key, value in (("rate_hz", hz), ("count", channels)):
         text = re.sub(rf"(?m)^{key} = \S+", f"{key} = {value}", text)
     (folder / "bench.toml").write_text(text)
-    model = beamtouch_models.build(folder / "bench.toml", "bench", daemon_config=folder / "generated.toml")
-    (folder / "bench.onnx").write_bytes(model)
+    model = beamtouch_models.resolve(beamtouch_models.read_scene(folder / "bench.toml")).place().build("bench")
+    model.save(folder / "bench.onnx")
+    (folder / "generated.toml").write_text(beamtouch_models.daemon_config(model.metadata))
 
 
 def main() -> None:

@@ -26,7 +26,7 @@ from beamtouch_models.design.building.measure import thresholds_of
 from beamtouch_models.design.estimators.onnx_graph import to_bytes
 from beamtouch_models.design.rates import SECONDS_PER_DAY
 from beamtouch_models.design.scene import Scene, load_scene
-from beamtouch_models.design.surface import Surface
+from beamtouch_models.design.surface import resolve
 from beamtouch_models.runtime.decision.decider import PERSISTENCE
 from beamtouch_models.runtime.metadata import FilterChoice, Thresholds
 from beamtouch_models.runtime.session import Run, runner
@@ -75,7 +75,7 @@ def windows_of(chosen: FilterChoice) -> tuple[int, int]:
 def surface(name: str) -> Watched:
     """The surface of a shipped scene."""
     scene, _ = load_scene(SCENES / f"{name}.toml")
-    built = Surface.of(scene)
+    built = resolve(scene)
     noise_mm = built.noise.sample_mm
     prior = real_prior(built.scene, fewest_mm(built.scene, noise_mm), noise_mm)
     return Watched(scene, built.filter, prior, thresholds_of(prior, built), runner(to_bytes(graph_of(prior))))

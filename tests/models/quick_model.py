@@ -5,7 +5,7 @@ Its scene gives no remark: away from the supports, every force is seen.
 
 from pathlib import Path
 
-from beamtouch_models import build
+from beamtouch_models import read_scene, resolve
 from support.surfaces.example_scenes import PAPER, ROUGH
 
 SCENE = (
@@ -18,4 +18,5 @@ SCENE = (
 
 def write_quick_model(folder: Path) -> None:
     """Write `quick.onnx` into a folder."""
-    (folder / "quick.onnx").write_bytes(build(SCENE, "quick", criterion="eigenvalue-product", effort=ROUGH))
+    layout = resolve(read_scene(SCENE)).place(criterion="eigenvalue-product", effort=ROUGH)
+    layout.build("quick").save(folder / "quick.onnx")

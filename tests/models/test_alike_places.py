@@ -10,7 +10,7 @@ from beamtouch_models.design.accuracy import limit
 from beamtouch_models.design.accuracy.posterior import posterior_quantiles
 from beamtouch_models.design.accuracy.prior import Prior
 from beamtouch_models.design.estimators.posterior.cells import resolving_cells
-from beamtouch_models.design.surface import Surface
+from beamtouch_models.design.surface import resolve
 from support.surfaces.posterior_cases import answers_of, graph_of
 
 Case = tuple[object, object, tuple[float, float], float, list[float], dict[str, float]]
@@ -46,7 +46,7 @@ def prior_of(case: Case) -> Prior:
         contact={"force_n": force_n, "position_mm": position_mm, "width_mm": width_mm},
         sensors={"count": len(sensors_mm), "size_mm": 0.0, **errors},
     )
-    return Surface.of(scene).prior(np.array(sensors_mm))
+    return resolve(scene).prior(np.array(sensors_mm))
 
 
 @pytest.mark.parametrize("name", CASES)

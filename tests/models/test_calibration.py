@@ -11,6 +11,7 @@ import pytest
 
 from beamtouch_models import runtime
 from beamtouch_models.design.accuracy.limit import draw, posterior_median_mm
+from beamtouch_models.design.calibrated import prior_of_model
 from beamtouch_models.design.calibration.calibrate import Calibrated, calibrate
 from beamtouch_models.design.calibration.fit import fit
 from beamtouch_models.design.calibration.nominal_surface import NominalSurface
@@ -18,7 +19,6 @@ from beamtouch_models.design.calibration.recordings import read_contacts, read_l
 from beamtouch_models.design.calibration.self_calibrate import self_calibrate
 from beamtouch_models.design.calibration.session import Session
 from beamtouch_models.design.effort import Effort
-from beamtouch_models.design.surface import prior_of_model
 from beamtouch_models.design.sweeps import silent
 from beamtouch_models.lab.rig.surface import Imperfections
 from beamtouch_models.runtime import ModelFile, Weighed, evidence

@@ -10,6 +10,7 @@ from beamtouch_daemon.config.file import load_config
 from beamtouch_daemon.config.settings import Surface
 from beamtouch_daemon.processing.pipeline import Pipeline
 from beamtouch_daemon.sources.reading import Reading
+from beamtouch_models import cli
 from beamtouch_models.design.building.daemon_config import daemon_config
 from beamtouch_models.design.pricing.noise import step_mm
 from beamtouch_models.design.scene import load_scene
@@ -18,6 +19,7 @@ from beamtouch_models.lab.rig.surface import VirtualSurface
 from beamtouch_models.runtime import ModelFile
 from beamtouch_models.runtime.metadata import Metadata
 from beamtouch_service.samples import Quality
+from models import quick_model
 from support.surfaces.example_scenes import SCENES
 
 
@@ -66,6 +68,25 @@ def test_the_bits_of_the_adc_are_those_of_the_scene(bits: int | None, bench: Mod
     scene = bench.metadata.scene if bits is None else bench.metadata.scene.replace("rate_hz", "adc_bits = 12\nrate_hz")
     surface = surface_of(bench.metadata.model_copy(update={"scene": scene}), tmp_path)
     assert {channel.adc_bits for channel in surface.channels} == {bits}
+
+
+def test_counts_are_those_of_the_adc_that_is_stated_however_small_its_steps(tmp_path: Path) -> None:
+    """The steps of 14 bits are a thirtieth of the noise, so that `explain` calls them negligible."""
+    scene, config = tmp_path / "quick.toml", tmp_path / "daemon.toml"
+    scene.write_text(quick_model.SCENE.replace("[sensors]", "[sensors]\nadc_bits = 14"))
+    files = ("-o", tmp_path / "quick.onnx", "--daemon-config", config)
+    assert (
+        cli.main(["build", str(scene), *map(str, files), "--criterion", "eigenvalue-product", "--effort", "0.01"]) == 0
+    )
+
+    (surface,) = load_config(config).surfaces.values()
+
+    # The linear range of 1 to 4 mm is the middle 80 % of the scale.
+    for channel in surface.channels:
+        assert channel.offset_mm is not None
+        assert channel.gain_mm_per_count is not None
+        ends = [channel.offset_mm + channel.gain_mm_per_count * count for count in (0, 2**14 - 1)]
+        assert ends == pytest.approx([0.625, 4.375])
 
 
 def with_adc(metadata: Metadata, bits: int) -> Metadata:

@@ -10,7 +10,7 @@ import pytest
 
 from beamtouch_models.design.accuracy.evaluation import estimates
 from beamtouch_models.design.accuracy.thresholds import SURELY, size_per_n
-from beamtouch_models.design.surface import prior_of_model
+from beamtouch_models.design.calibrated import prior_of_model
 from beamtouch_models.runtime import ModelFile
 from support.programs.in_process import Command
 

@@ -25,7 +25,7 @@ def test_less_effort_scores_fewer_layouts_and_states_larger_errors(
 
 @pytest.mark.parametrize("effort", [0.0, 0.009, 101.0])
 def test_an_effort_that_none_can_mean_is_refused(effort: float) -> None:
-    scene = models.read_scene(PAPER)
-    for refuse in (models.place, models.build):
+    surface = models.resolve(models.read_scene(PAPER))
+    for refuse in (surface.place, surface.layout([100.0, 300.0]).build):
         with pytest.raises(InputError, match=f"^effort = {effort:g} is not from 0.01 to 100$"):
-            refuse(scene, effort=effort)
+            refuse(effort=effort)

@@ -11,7 +11,7 @@ import pytest
 
 from beamtouch_models.design.accuracy.evaluation import at_noise, evaluate
 from beamtouch_models.design.accuracy.limit import draw
-from beamtouch_models.design.surface import prior_of_model
+from beamtouch_models.design.calibrated import prior_of_model
 from beamtouch_models.runtime import ModelFile
 from beamtouch_models.runtime.description import unseen
 from support.programs.in_process import Command

@@ -18,7 +18,7 @@ from beamtouch_models.design.accuracy.thresholds import (
 from beamtouch_models.design.estimators.onnx_graph import to_bytes
 from beamtouch_models.design.physics.beam import influence_of
 from beamtouch_models.design.scene import load_scene
-from beamtouch_models.design.surface import Surface
+from beamtouch_models.design.surface import resolve
 from beamtouch_models.runtime.session import runner
 from models.false_alarms import (
     false_contacts_per_day,
@@ -97,8 +97,8 @@ def test_the_threshold_of_a_single_channel_is_the_normal_tail() -> None:
 @pytest.mark.parametrize("name", ["short-deep", pytest.param("two-spans", marks=pytest.mark.soak)])
 def test_any_covariance_holds_the_false_contacts_that_were_asked_for(name: str) -> None:
     scene, _ = load_scene(SCENES / f"{name}.toml")
-    chosen = Surface.of(scene).filter
-    noise_mm = Surface.of(scene, chosen).noise.sample_mm
+    chosen = resolve(scene).filter
+    noise_mm = resolve(scene, chosen=chosen).noise.sample_mm
     layout = fewest_mm(scene, noise_mm)
     prior = real_prior(scene, layout, noise_mm)
     rate = rate_per_sample(1 / 30, scene.sensors.rate_hz, chosen.window)

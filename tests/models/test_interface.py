@@ -1,6 +1,8 @@
 """The interface for scripts gives what the commands give, and refuses with one line."""
 
 import json
+import pickle
+import re
 import tomllib
 from dataclasses import replace
 from pathlib import Path
@@ -13,7 +15,7 @@ import beamtouch_models as models
 from beamtouch_common.errors import InputError
 from beamtouch_models import cli
 from beamtouch_models.errors import SceneError
-from beamtouch_models.runtime import Calibration, ModelFile
+from beamtouch_models.runtime import Calibration
 from support.surfaces.example_scenes import ROUGH, SCENES
 
 SCENE = (SCENES / "bench.toml").read_text()
@@ -35,36 +37,39 @@ def test_a_scene_is_read_from_a_file_and_from_text(scene: models.Scene) -> None:
 
 
 def test_the_layout_of_least_error_is_no_worse_than_that_of_the_paper(scene: models.Scene) -> None:
-    scene = models.change_scene(scene, sensors={"grid_mm": 8})
-    layouts = [models.place(scene, 2, criterion=name) for name in ("position-error", "eigenvalue-product")]
-    best, papers = (models.accuracy_limit(scene, layout, draws=2000) for layout in layouts)
+    surface = models.resolve(models.change_scene(scene, sensors={"grid_mm": 8}))
+    best, papers = surface.place(2), surface.place(2, criterion="eigenvalue-product")
+    least, theirs = (layout.limit(draws=2000) for layout in (best, papers))
 
-    assert best.mean_mm < papers.mean_mm
-    assert best.percent == pytest.approx(best.mean_mm / 4)
-    assert 0 < best.standard_error_mm < 0.1 * best.mean_mm
+    assert least.value < theirs.value
+    assert 0 < least.standard_error < 0.1 * least.value
 
 
 def test_the_error_along_the_beam_has_the_mean_of_the_limit(scene: models.Scene) -> None:
-    layout, place = [68, 156, 244, 332], 1 + 398 * (np.arange(80) + 0.5) / 80
-    limit = models.accuracy_limit(scene, layout, draws=4000)
+    layout, place = models.resolve(scene).layout([68, 156, 244, 332]), 1 + 398 * (np.arange(80) + 0.5) / 80
+    limit = layout.limit(draws=4000)
 
-    along = models.error_along_mm(scene, layout, place, draws=50)
+    along = layout.error_along(place, draws=50)
 
-    assert along.shape == (80,)
-    assert along.mean() == pytest.approx(limit.mean_mm, rel=0.1)
-    assert along[0] > along[40]
+    assert along.position_mm == pytest.approx(place)
+    assert along.error_mm.mean() == pytest.approx(limit.value, rel=0.1)
+    assert along.error_mm[0] > along.error_mm[40]
+    more = layout.error_along(place, draws=200, seed=1)
+    off = np.abs(along.error_mm - more.error_mm) / np.hypot(along.standard_error_mm, more.standard_error_mm)
+    assert 0.5 < np.sqrt(np.mean(off**2)) < 1.5  # standard errors say how far two seeds are apart
+    assert layout.error_along(draws=2).position_mm[[0, -1]] == pytest.approx([1, 399])
 
 
 def test_a_model_locates_the_load_that_bent_the_beam(scene: models.Scene, bench_model: Path) -> None:
     model = models.load_model(bench_model)
     sensors = [channel.position_mm for channel in model.metadata.layout]
 
-    found = models.estimate(model, 10 * models.influence_matrix(scene, sensors, [100, 250]))
+    found = model.estimate(10 * models.influence_matrix(scene, sensors, [100, 250]))
 
     assert found["position_mm"] == pytest.approx([100, 250], abs=2)
     assert found["force_n"] == pytest.approx([10, 10], rel=0.02)
     assert np.all(found["position_low_mm"] < found["position_high_mm"])
-    assert {name: values.shape for name, values in models.estimate(model, np.empty((0, 4))).items()} == dict.fromkeys(
+    assert {name: values.shape for name, values in model.estimate(np.empty((0, 4))).items()} == dict.fromkeys(
         found, (0,)
     )
     others = (str(bench_model), bench_model.read_bytes())
@@ -97,73 +102,96 @@ def own(
     return models.InfluenceFunction(length_mm, np.array(load_mm), force_n, lambda sensor, load: np.outer(load, sensor))
 
 
-S, M = "the scene", "the model"
-"""They stand for the scene and the model in the arguments below."""
+S = "the scene"
+"""It stands for the scene in the arguments below."""
 
 
 @pytest.mark.parametrize(
-    ("name", "arguments", "options", "said"),
+    ("link", "name", "arguments", "options", "said"),
     [
-        ("influence_matrix", (S, [700], [10]), {}, r"sensor_mm: must be finite from 0 to 400"),
-        ("influence_matrix", (S, [10], []), {}, "load_mm: must be one number, or a list of them"),
-        ("influence_matrix", (S, ["a"], [10]), {}, "sensor_mm: must be numbers"),
-        ("accuracy_limit", (S, [np.nan]), {}, r"sensor_mm: must be finite .* \(given: nan\)"),
-        ("accuracy_limit", (S, [100, 300]), {"draws": 0}, "draws = 0: give a whole number, 1 or more"),
-        ("accuracy_limit", (S, [100]), {"noise_mm": np.nan}, r"noise_mm: must be finite \(given: nan"),
-        ("accuracy_limit", (S, [100]), {"noise_mm": 0}, "noise_mm = 0: must be more than 0"),
-        ("error_along_mm", (S, [100, 300], [-5]), {}, "position_mm: must be finite from 1 to 399"),
-        ("place", (S, 0), {}, "sensors = 0: give a whole number, 1 or more"),
-        ("place", (S, 3), {"seed": -1}, "seed = -1: give a whole number, 0 or more"),
-        ("place", ("bench.toml", 3), {}, "scene: give what read_scene returns, not str 'bench"),
-        ("place", (S, 4), {"criterion": "best"}, "criterion = 'best' must be one of position-"),
-        ("place", (S, 1), {"spare": 1}, "spare = 1 needs at least 2 sensors, not 1"),
-        ("ringing_mm", (S, [1], [-1]), {}, r"time_s: must be finite, at least 0 \(given: -1\)"),
-        ("ringing_mm", (S, [1], [0]), {"damping_ratio": 2}, "damping_ratio = 2 must be more than 0"),
-        ("read_scene", ("absent.toml",), {}, "absent.toml: No such file"),
-        ("read_scene", (5,), {}, "the scene: give a path or TOML text, not int"),
-        ("build", (SCENE, "my name"), {}, "name = 'my name' must have 1 to 64 letters"),
-        ("build", (S,), {"estimator": "best"}, "estimator = 'best' must be one of"),
-        ("build", (S,), {"criterion": "best"}, "criterion = 'best' must be one of"),
-        ("load_model", ("missing.onnx",), {}, "missing.onnx: No such file"),
-        ("load_model", ("a\0b",), {}, r"'a\\x00b' cannot be the path of a file"),
-        ("estimate", (M, [[1, 2, 3]]), {}, "deflection_mm: give finite numbers, 4 for each sample: s1"),
-        ("estimate", (M, [1, 2, 3, 1e30]), {}, "deflection_mm: no load deflects this beam by more"),
-        ("estimate", (M, ["1", "2", "3", "4"]), {}, "deflection_mm: must be numbers"),
-        ("interpolate_influence", (S, [10, 390], [1, 399], [[1, 2], [3, 4]]), {}, "sensor_mm: give tw"),
-        ("interpolate_influence", (S, [0, 400], [1, 200], [[1, 2], [3, 4]]), {}, "load_mm: give two"),
-        ("interpolate_influence", (S, [0, 400], [1, 399], [[1, 2]]), {}, "matrix: give 2 rows"),
-        ("place", (S, 3), {"influence": np.eye(3)}, "influence: give an InfluenceFunction, not ndarray"),
+        ("models", "influence_matrix", (S, [700], [10]), {}, r"sensor_mm: must be finite from 0 to 400"),
+        ("models", "influence_matrix", (S, [10], []), {}, "load_mm: must be one number, or a list of them"),
+        ("models", "influence_matrix", (S, ["a"], [10]), {}, "sensor_mm: must be numbers"),
+        ("surface", "layout", ([np.nan],), {}, r"positions_mm: must be finite .* \(given: nan\)"),
+        ("layout", "limit", (), {"draws": 0}, "draws = 0: give a whole number, 1 or more"),
+        ("layout", "limit", (), {"noise_mm": np.nan}, r"noise_mm: must be finite \(given: nan"),
+        ("layout", "limit", (), {"noise_mm": 0}, "noise_mm = 0: must be more than 0"),
+        ("layout", "error_along", ([-5],), {}, "position_mm: must be finite from 1 to 399"),
+        ("surface", "place", (0,), {}, "sensors = 0: give a whole number, 1 or more"),
+        ("surface", "place", (3,), {"seed": -1}, "seed = -1: give a whole number, 0 or more"),
+        ("models", "resolve", ("bench.toml",), {}, "scene: give what read_scene returns, not str 'bench"),
+        ("surface", "place", (4,), {"criterion": "best"}, "criterion = 'best' must be one of position-"),
+        ("surface", "place", (1,), {"spare": 1}, "spare = 1 needs at least 2 sensors, not 1"),
+        ("models", "ringing_mm", (S, [1], [-1]), {}, r"time_s: must be finite, at least 0 \(given: -1\)"),
+        ("models", "ringing_mm", (S, [1], [0]), {"damping_ratio": 2}, "damping_ratio = 2 must be more than 0"),
+        ("models", "read_scene", ("absent.toml",), {}, "absent.toml: No such file"),
+        ("models", "read_scene", (5,), {}, "the scene: give a path or TOML text, not int"),
+        ("layout", "build", ("my name",), {}, "name = 'my name' must have 1 to 64 letters"),
+        ("layout", "build", (), {"estimator": "best"}, "estimator = 'best' must be one of"),
+        ("surface", "layout", ([100.0, 101.0],), {}, "mm apart"),
+        ("surface", "layout", ([20.0, 900.0],), {}, "positions_mm: must be finite from 0 to 400"),
+        ("surface", "layout", ([0.0, 200.0],), {}, "beyond the end"),
+        ("models", "load_model", ("missing.onnx",), {}, "missing.onnx: No such file"),
+        ("models", "load_model", ("a\0b",), {}, r"'a\\x00b' cannot be the path of a file"),
+        ("model", "estimate", ([[1, 2, 3]],), {}, "deflection_mm: give finite numbers, 4 for each sample: s1"),
+        ("model", "estimate", ([1, 2, 3, 1e30],), {}, "deflection_mm: no load deflects this beam by more"),
+        ("model", "estimate", (["1", "2", "3", "4"],), {}, "deflection_mm: must be numbers"),
+        ("models", "interpolate_influence", (S, [10, 390], [1, 399], [[1, 2], [3, 4]]), {}, "sensor_mm: give tw"),
+        ("models", "interpolate_influence", (S, [0, 400], [1, 200], [[1, 2], [3, 4]]), {}, "load_mm: give two"),
+        ("models", "interpolate_influence", (S, [0, 400], [1, 399], [[1, 2]]), {}, "matrix: give 2 rows"),
+        ("models", "resolve", (S,), {"influence": np.eye(3)}, "influence: give an InfluenceFunction, not ndarray"),
         (
-            "place",
-            (S, 3),
+            "models",
+            "resolve",
+            (S,),
             {"influence": own(300.0, (1.0, 299.0))},
             "influence: its length_mm is 300, but that of the scene",
         ),
         (
-            "accuracy_limit",
-            (S, [9]),
+            "models",
+            "resolve",
+            (S,),
             {"influence": own(force_n=(20.0, 200.0))},
             "its force_n is 20 to 200, but that of",
         ),
         (
+            "model",
             "evaluate",
-            (M,),
+            (),
             {"influence": own(load_mm=(10.0, 290.0))},
             "its load_mm is 10 to 290, but that of the scene",
         ),
-        ("change_scene", (SCENE,), {}, "scene: give what read_scene returns, not str"),
-        ("change_scene", (S,), {"sensors": None}, "sensors: give a table, as a dict of its keys, not NoneType"),
-        ("format_scene", (SCENE,), {}, "scene: give what read_scene returns, not str"),
-        ("evaluate", ("bench.onnx",), {}, "model: give what load_model returns"),
-        ("evaluate", (M,), {"noise_mm": -1}, "noise_mm: must be finite, at least 0"),
+        ("models", "change_scene", (SCENE,), {}, "scene: give what read_scene returns, not str"),
+        (
+            "models",
+            "change_scene",
+            (S,),
+            {"sensors": None},
+            "sensors: give a table, as a dict of its keys, not NoneType",
+        ),
+        ("models", "format_scene", (SCENE,), {}, "scene: give what read_scene returns, not str"),
+        ("model", "evaluate", (), {"noise_mm": -1}, "noise_mm: must be finite, at least 0"),
     ],
 )
 def test_a_wrong_argument_is_refused_in_one_line(
-    scene: models.Scene, bench: ModelFile, name: str, arguments: tuple[object, ...], options: dict[str, Any], said: str
+    scene: models.Scene,
+    bench_model: Path,
+    link: str,
+    name: str,
+    arguments: tuple[object, ...],
+    options: dict[str, Any],
+    said: str,
 ) -> None:
-    given = [scene if one is S else bench if one is M else one for one in arguments]
+    surface = models.resolve(scene)
+    links = {
+        "models": models,
+        "surface": surface,
+        "layout": surface.layout([100.0, 300.0]),
+        "model": models.load_model(bench_model),
+    }
+    given = [scene if one is S else one for one in arguments]
     with pytest.raises(InputError, match=said) as caught:
-        getattr(models, name)(*given, **options)
+        getattr(links[link], name)(*given, **options)
     assert "\n" not in str(caught.value)
 
 
@@ -190,81 +218,87 @@ def test_a_scene_is_changed_key_by_key(scene: models.Scene) -> None:
         models.change_scene(scene, beem={"length_mm": 400})
 
 
-def test_build_takes_a_scene_and_every_option_of_the_command(scene: models.Scene, tmp_path: Path) -> None:
+def test_a_chain_of_calls_makes_the_file_that_the_command_writes(scene: models.Scene, tmp_path: Path) -> None:
     scene, path = models.change_scene(scene, sensors={"grid_mm": 19}), tmp_path / "bench.toml"
     path.write_text(models.format_scene(scene))
     options = ("--sensors", "2", "--criterion", "eigenvalue-product", "--seed", "3", "--effort", "0.06")
-    files = ("-o", tmp_path / "bench.onnx", "--daemon-config", tmp_path / "told.toml")
+    files = ("-o", tmp_path / "bench.onnx", "--daemon-config", tmp_path / "daemon.toml")
     assert cli.main(["build", str(path), *options, *map(str, files)]) == 0
 
-    config, report = tmp_path / "daemon.toml", str(tmp_path / "report.html")
-    some: dict[str, Any] = {
-        "sensors": 2,
-        "criterion": "eigenvalue-product",
-        "seed": 3,
-        "effort": 0.06,
-        "daemon_config": config,
-        "report": report,
-    }
-    content = models.build(scene, "bench", **some)
+    layout = models.resolve(scene).place(2, criterion="eigenvalue-product", seed=3, effort=ROUGH)
+    model = layout.build("bench", seed=3)
+    model.save(tmp_path / "script.onnx")
 
-    built, told = models.load_model(content), models.load_model(tmp_path / "bench.onnx")
-    assert content == (tmp_path / "bench.onnx").read_bytes()
-    assert models.read_scene(built.metadata.scene + "\n") == scene
-    assert config.read_text() == (tmp_path / "told.toml").read_text()
-    assert told.identity in (tmp_path / "report.html").read_text()
+    assert (tmp_path / "script.onnx").read_bytes() == (tmp_path / "bench.onnx").read_bytes()
+    assert models.load_model(tmp_path / "script.onnx").identity == model.identity
+    assert models.read_scene(model.metadata.scene + "\n") == scene
+    assert models.daemon_config(model.metadata) == (tmp_path / "daemon.toml").read_text()
 
 
-def test_build_takes_the_layout_that_was_placed(scene: models.Scene) -> None:
-    layout = models.place(scene, 3, effort=ROUGH) + 1
+def test_a_model_is_built_for_the_sensors_that_are_mounted(scene: models.Scene) -> None:
+    surface = models.resolve(scene)
+    moved = surface.place(3, effort=ROUGH).positions_mm + 1
 
-    model = models.load_model(models.build(scene, sensor_mm=layout, effort=ROUGH))
+    model = surface.layout(moved).build(effort=ROUGH)
 
-    assert model.metadata.layout_mm == pytest.approx(layout)
-    with pytest.raises(InputError, match="but sensor_mm has 3 positions"):
-        models.build(scene, sensors=4, sensor_mm=layout)
-    for wrong, said in (
-        ([20.0, 900.0], "sensor_mm"),
-        ([100.0, 100.0], "100 mm"),
-        ([100.0, 101.0], "mm apart"),
-        ([0.0, 200.0], "beyond the end"),
-    ):
-        with pytest.raises(InputError, match=said):
-            models.build(scene, sensor_mm=wrong)
+    assert model.metadata.layout_mm == pytest.approx(moved)
+
+
+def test_links_of_the_chain_say_what_they_are(scene: models.Scene, bench_model: Path) -> None:
+    surface, model = models.resolve(scene), models.load_model(bench_model)
+
+    assert repr(surface) == "Surface(400 mm long, contacts at 1..399 mm with 2..20 N, 0.00226 mm of noise a sample)"
+    assert repr(surface.layout([100.0, 300.0])) == "Layout(sensors at 100, 300 mm)"
+    assert re.fullmatch(
+        r"Model\(bench@\w{6}, posterior, sensors at [\d, ]+ mm, mean error [\d.]+ % of 400 mm\)", repr(model)
+    )
+    assert set(dir(models)) == set(models.__all__)
+
+
+def test_a_model_goes_to_another_process(bench_model: Path) -> None:
+    model = models.load_model(bench_model)
+    sample = np.full((1, len(model.channels)), 0.1)
+
+    other = pickle.loads(pickle.dumps(model))  # noqa: S301  # our own
+
+    assert other.identity == model.identity
+    assert other.estimate(sample) == model.estimate(sample)
 
 
 def test_a_table_of_influence_stands_in_for_the_beam(scene: models.Scene, bench_model: Path) -> None:
     """A table of the same beam gives the same figures; one of a beam of twice the stiffness gives larger errors."""
-    sensors, layout = np.linspace(0, 400, 81), [68.0, 156.0, 244.0, 332.0]
+    sensors, positions_mm = np.linspace(0, 400, 81), [68.0, 156.0, 244.0, 332.0]
     loads = np.linspace(1, 399, 80)
     table = models.influence_matrix(scene, sensors, loads)
     same, stiff = (models.interpolate_influence(scene, sensors, loads, factor * table) for factor in (1.0, 0.5))
+    surfaces = [models.resolve(scene, influence=own) for own in (None, same, stiff)]
 
-    limits = [models.accuracy_limit(scene, layout, draws=300, influence=own).mean_mm for own in (None, same, stiff)]
+    limits = [surface.layout(positions_mm).limit(draws=300).value for surface in surfaces]
     assert limits[1] == pytest.approx(limits[0], rel=1e-3)
     assert 1.5 < limits[2] / limits[0] < 2.1
-    layouts = [
-        models.place(scene, 2, criterion="eigenvalue-product", influence=own, effort=ROUGH) for own in (None, same)
-    ]
+    layouts = [surface.place(2, criterion="eigenvalue-product", effort=ROUGH).positions_mm for surface in surfaces[:2]]
     assert layouts[0] == pytest.approx(layouts[1], abs=2)
+    with pytest.raises(InputError, match="a model file holds the scene's beam, not an influence function of your own"):
+        surfaces[1].layout(positions_mm).build()
 
     model = models.load_model(bench_model)
-    own, beam, other = (models.evaluate(model, draws=200, influence=own).span for own in (same, None, stiff))
+    own, beam, other = (model.evaluate(draws=200, influence=own).span for own in (same, None, stiff))
     assert own.mean_mm.value == pytest.approx(beam.mean_mm.value, rel=1e-3)
     assert other.mean_mm.value > 1.5 * beam.mean_mm.value
 
 
 def test_an_influence_of_ones_own_is_that_of_the_beam_and_a_calibrated_model_knows_its_gains(
-    scene: models.Scene, bench: ModelFile
+    scene: models.Scene, bench_model: Path
 ) -> None:
     sensors, loads = np.linspace(0, 400, 81), np.linspace(1, 399, 80)
     own = models.interpolate_influence(scene, sensors, loads, models.influence_matrix(scene, sensors, loads))
-    departures = bench.metadata.departures.model_copy(update={"gain": [1.3, 0.7, 1.3, 0.7]})
+    fresh = models.load_model(bench_model)
+    departures = fresh.metadata.departures.model_copy(update={"gain": [1.3, 0.7, 1.3, 0.7]})
     fitted = Calibration(
         departures=departures, fitted=["gain"], loads=9, residual_mm=0.0, error_before_mm=9.0, error_after_mm=1.0
     )
-    model = replace(bench, metadata=bench.metadata.model_copy(update={"calibration": fitted}))
-    told, beam = (models.evaluate(model, draws=200, influence=one).span.mean_mm.value for one in (own, None))
+    model = replace(fresh, metadata=fresh.metadata.model_copy(update={"calibration": fitted}))
+    told, beam = (model.evaluate(draws=200, influence=one).span.mean_mm.value for one in (own, None))
     assert told == pytest.approx(beam, rel=0.1)
 
 
@@ -273,7 +307,7 @@ def test_evaluate_gives_what_the_command_prints(bench_model: Path, capsys: pytes
     assert cli.main(["evaluate", str(bench_model), *asked]) == 0
     printed = json.loads(capsys.readouterr().out)["evaluations"][0]
 
-    found = models.evaluate(models.load_model(bench_model), noise_mm=0.01, draws=500)
+    found = models.load_model(bench_model).evaluate(noise_mm=0.01, draws=500)
 
     assert printed["span"]["mean_mm"]["value"] == found.span.mean_mm.value
     assert found.span.ratio is not None

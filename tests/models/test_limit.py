@@ -19,7 +19,7 @@ from beamtouch_models.design.accuracy.prior import TAIL, Prior, forces_of
 from beamtouch_models.design.physics.beam import influence_of
 from beamtouch_models.design.pricing.prices import Effect
 from beamtouch_models.design.scene import Scene, change_scene, load_scene
-from beamtouch_models.design.surface import Surface
+from beamtouch_models.design.surface import Surface, resolve
 from beamtouch_models.runtime.error_model import whitening
 from support.surfaces.example_scenes import SCENES, paper_scene
 from support.surfaces.posterior_cases import plain_posterior, prior_of, quantiles_of
@@ -27,10 +27,10 @@ from support.surfaces.posterior_cases import plain_posterior, prior_of, quantile
 
 @pytest.mark.parametrize(("layout", "percent"), [((400 / 3, 800 / 3), 4.50), ((107, 293), 3.78)])
 def test_the_limits_that_are_known_for_the_paper(layout: tuple[float, float], percent: float) -> None:
-    noise_mm = Surface.of(paper_scene()).readings.reading_mm
+    noise_mm = resolve(paper_scene()).readings.reading_mm
     prior = Prior.of(influence_of(paper_scene()), np.array(layout), noise_mm)
     found = accuracy_limit(prior, 4000, 1)
-    assert abs(found.percent - percent) < 3.5 * found.standard_error + 0.005
+    assert abs(found.value - percent) < 3.5 * found.standard_error + 0.005
 
 
 def test_a_posterior_of_little_noise_is_exact_where_shear_makes_a_kink() -> None:
@@ -46,9 +46,9 @@ def test_a_posterior_of_little_noise_is_exact_where_shear_makes_a_kink() -> None
 def test_limits_that_are_compared_share_their_contacts() -> None:
     prior = prior_of("bench", 4, 0.5, known=False)
     missing = [(0,), (1, 2)]
-    whole = accuracy_limit(prior, 2000, 9).percent
+    whole = accuracy_limit(prior, 2000, 9).value
     for lacking, one in zip(missing, limits_without(prior, missing, 256, 3), strict=True):
-        alone = accuracy_limit(prior.without(*lacking), 2000, 8).percent
+        alone = accuracy_limit(prior.without(*lacking), 2000, 8).value
         assert one.ratio.standard_error < 0.08 * one.ratio.value
         assert abs(one.ratio.value - alone / whole) < 4 * one.ratio.standard_error + 0.02 * one.ratio.value
     gains = [dataclasses.replace(prior, gain=gain) for gain in (0.0, 0.001, 0.003)]
@@ -119,7 +119,7 @@ def test_gains_and_zeros_scatter_as_the_floor_says_and_intervals_hold_the_truth_
         clean = one.force_n[:, None] * prior.influence_at(one.position_mm)
         deviation = np.sqrt(prior.noise_mm**2 + (0.01 * clean) ** 2 + np.square(prior.zero_mm))
         assert ((one.deflection_mm - clean) / deviation).std(axis=0) == pytest.approx(np.ones(4), rel=0.04)
-    limits = (accuracy_limit(one, 500, 1).percent for one in (bare, dataclasses.replace(bare, zero_mm=prior.zero_mm)))
+    limits = (accuracy_limit(one, 500, 1).value for one in (bare, dataclasses.replace(bare, zero_mm=prior.zero_mm)))
     least, drifted = limits
     assert drifted > 1.2 * least
     levels = np.tile([0.025, 0.975], (1000, 1))
@@ -133,12 +133,12 @@ def test_gains_and_zeros_scatter_as_the_floor_says_and_intervals_hold_the_truth_
 def test_the_limit_lies_between_the_bound_and_a_guess(known: bool) -> None:
     prior = dataclasses.replace(prior_of("bench", 4, 0.003, known=known), position_mm=(80.0, 320.0))
     best, bound = accuracy_limit(prior, 1000, 1), mean_error_mm(prior) / prior.length_mm * 100
-    assert best.percent == pytest.approx(bound, abs=4 * best.standard_error + 0.02 * bound)
+    assert best.value == pytest.approx(bound, abs=4 * best.standard_error + 0.02 * bound)
     # At x in 1..399 a uniform guess is off by ((x - 1)^2 + (399 - x)^2) / (2 * 398), which is 398 / 3 on average, and
     # the best one, the middle of the range, by a quarter of it.
     hidden = prior_of("bench", 2, 1e7, known=known)
     assert mean_error_mm(hidden) == pytest.approx(398 / 3, rel=1e-3)
-    assert accuracy_limit(hidden, 1000, 0).percent == pytest.approx(398 / 4 / 4, rel=1e-4)
+    assert accuracy_limit(hidden, 1000, 0).value == pytest.approx(398 / 4 / 4, rel=1e-4)
     # One channel gives no position if the force is open.
     one = dataclasses.replace(Prior.of(influence_of(paper_scene()), np.array([122.0]), 0.002), force_n=(2.0, 20.0))
     assert position_deviation_mm(one, [50.0, 200.0], 10.0).min() > 1e6
@@ -156,17 +156,17 @@ def test_a_barely_negligible_effect_changes_the_accuracy_by_less_than_a_percent(
     def with_noise(noise_mm: float) -> tuple[Scene, Surface, Effect]:
         paper = paper_scene(noise_percent_of_max=None, noise_mm=noise_mm)
         scene = change_scene(paper, beam=beam, contact={"force_n": (2.0, 20.0)})
-        surface = Surface.of(scene)
+        surface = resolve(scene)
         return scene, surface, next(effect for effect in surface.effects if effect.name == name)
 
     # At this noise the price is 0.095, so the effect is out; at half of the noise it is in.
     noise_mm = 0.01 * (with_noise(0.01)[2].price or 0.0) / 0.095
     (scene, surface, effect), (_, _, dearer) = with_noise(noise_mm), with_noise(noise_mm / 2)
     assert (effect.verdict, dearer.verdict) == ("out", "in")
-    assert surface.scene != scene
+    assert surface.beam != scene.beam
     # The same contacts with the same noise, estimated with the effect and without it.
     layout_mm = np.array([68.0, 156.0, 244.0, 332.0])
-    having, lacking = (Prior.of(influence_of(one), layout_mm, noise_mm) for one in (scene, surface.scene))
+    having, lacking = (Prior.of(one, layout_mm, noise_mm) for one in (influence_of(scene), surface.influence))
     drawn = limit.draw(having, 1000, 1)
     best, without = (
         np.abs(limit.posterior_median_mm(prior, drawn.deflection_mm) - drawn.position_mm).mean()
@@ -180,7 +180,7 @@ def test_the_error_at_little_noise_follows_the_expected_power_of_the_noise(force
     scene = change_scene(paper_scene(), contact={"force_n": force, "position_mm": (0, 400)})
     layout = np.array([68.0, 156.0, 244.0, 332.0])
     influence = influence_of(scene)
-    coarse, fine = (accuracy_limit(Prior.of(influence, layout, noise), 2000, 0).percent for noise in (1e-6, 1e-8))
+    coarse, fine = (accuracy_limit(Prior.of(influence, layout, noise), 2000, 0).value for noise in (1e-6, 1e-8))
     # With a known force the error is proportional to the noise. With an open force, a load at a small distance x from a
     # support changes the shape by x^3 only: x up to noise^(1/3) is hidden and costs noise^(2/3), a factor of 21.5.
     assert least < coarse / fine < 101

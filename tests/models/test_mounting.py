@@ -6,11 +6,12 @@ import pytest
 from beamtouch_models.design.accuracy.evaluation import at_noise
 from beamtouch_models.design.accuracy.limit import accuracy_limit
 from beamtouch_models.design.accuracy.prior import Prior, SampleErrors
-from beamtouch_models.design.building.sensors import place_sensors
+from beamtouch_models.design.calibrated import prior_of_model
+from beamtouch_models.design.layout import place_sensors
 from beamtouch_models.design.physics.beam import influence_of
 from beamtouch_models.design.placement.placing import Aim
 from beamtouch_models.design.scene import change_scene, load_scene, parse_scene
-from beamtouch_models.design.surface import Surface, prior_of_model
+from beamtouch_models.design.surface import resolve
 from beamtouch_models.errors import SceneError
 from beamtouch_models.runtime import ModelFile
 from models.handbook import deflection_per_newton
@@ -26,7 +27,7 @@ TOLERANCE_MM = 1.0
 def test_intervals_hold_the_truth_on_displaced_sensors(name: str) -> None:
     stated, _ = load_scene(SCENES / f"{name}.toml")
     scene = change_scene(stated, sensors={"mounting_tolerance_mm": TOLERANCE_MM})
-    sensors = place_sensors(Surface.of(scene), aim=Aim("eigenvalue-product"))
+    sensors = place_sensors(resolve(scene), aim=Aim("eigenvalue-product"))
     prior, errors, influence = sensors.prior, sensors.surface.errors, sensors.surface.influence
     assert errors.mounting_mm == TOLERANCE_MM
     rng = np.random.default_rng(5)
@@ -73,7 +74,7 @@ def test_the_limit_with_gains_and_mounting_is_that_of_a_plain_bayes_integral(gai
     error = (posterior * np.abs(grid - median[:, None])).sum(axis=1) / 4
     influence = influence_of(change_scene(paper_scene(), contact={"position_mm": (20, 190)}))
     found, ideal = (
-        accuracy_limit(Prior.real(influence, sensor_mm, some), 4_000, 3).percent
+        accuracy_limit(Prior.real(influence, sensor_mm, some), 4_000, 3).value
         for some in (SampleErrors(noise_mm, gain, 0.0, tolerance_mm), SampleErrors(noise_mm))
     )
     standard_error = error.std() / np.sqrt(draws)
@@ -85,10 +86,10 @@ def test_the_limit_with_gains_and_mounting_is_that_of_a_plain_bayes_integral(gai
 def test_neighbours_stand_farther_apart_than_their_tolerance() -> None:
     stated, _ = load_scene(SCENES / "cantilever.toml")
     scene = change_scene(stated, sensors={"mounting_tolerance_mm": 2.0, "size_mm": 0.0})
-    positions = place_sensors(Surface.of(scene)).placement.positions_mm
+    positions = place_sensors(resolve(scene)).placement.positions_mm
     assert min(np.diff(positions)) > 2
     with pytest.raises(SceneError, match="mounting_tolerance_mm"):
-        place_sensors(Surface.of(change_scene(scene, sensors={"fixed_mm": [100.0, 101.0]})))
+        place_sensors(resolve(change_scene(scene, sensors={"fixed_mm": [100.0, 101.0]})))
 
 
 def test_the_prior_of_a_model_knows_the_mounting_of_its_sensors(bench: ModelFile) -> None:

@@ -8,7 +8,7 @@ import pytest
 from beamtouch_models.design.pricing.noise import step_mm
 from beamtouch_models.design.pricing.prices import Effect
 from beamtouch_models.design.scene import Requirements, Scene
-from beamtouch_models.design.surface import Surface
+from beamtouch_models.design.surface import resolve
 from beamtouch_models.errors import SceneError
 from beamtouch_models.runtime.metadata import FilterChoice
 from support.surfaces.example_scenes import paper_scene
@@ -20,24 +20,24 @@ def with_latency(scene: Scene, latency_ms: float | None) -> Scene:
 
 def test_the_noise_of_a_reading_is_that_of_the_sensor_and_of_the_steps() -> None:
     # 2 % of 10 x 400^3 / (48 x 1.18125e7) mm.
-    assert Surface.of(paper_scene()).readings.reading_mm == pytest.approx(0.0225749559, rel=1e-9)
+    assert resolve(paper_scene()).readings.reading_mm == pytest.approx(0.0225749559, rel=1e-9)
     # 6 bits over 3 mm with 80 % of the scale: 3 / (0.8 x 63) mm, over sqrt(12): 0.017183; with 0.022575: 0.02837.
-    assert Surface.of(paper_scene(adc_bits=6)).readings.reading_mm == pytest.approx(0.02837, rel=1e-4)
+    assert resolve(paper_scene(adc_bits=6)).readings.reading_mm == pytest.approx(0.02837, rel=1e-4)
 
 
 def test_the_filter_takes_the_latency_and_no_more() -> None:
-    unfiltered = Surface.of(with_latency(paper_scene(), None))
+    unfiltered = resolve(with_latency(paper_scene(), None))
     assert (unfiltered.filter.kind, unfiltered.noise.sample_mm) == ("none", unfiltered.noise.reading_mm)
     with pytest.raises(SceneError, match="shorter than one reading"):
-        Surface.of(with_latency(paper_scene(rate_hz=100), 9.0))
+        resolve(with_latency(paper_scene(rate_hz=100), 9.0))
     # Without noise nothing tells a change, so that the mean is of the last readings.
     silent = with_latency(paper_scene(rate_hz=200, noise_percent_of_max=None, noise_mm=0.0), 20.0)
-    assert Surface.of(silent).filter.kind == "moving-average"
+    assert resolve(silent).filter.kind == "moving-average"
     scene = with_latency(paper_scene(rate_hz=200), 20.0)
-    chosen = Surface.of(scene).filter
+    chosen = resolve(scene).filter
     assert (chosen.kind, chosen.window, chosen.settling_ms) == ("growing-mean", 4, 20.0)
-    assert Surface.of(scene, chosen).noise.sample_mm == pytest.approx(
-        Surface.of(scene).readings.reading_mm / 2, rel=1e-15
+    assert resolve(scene, chosen=chosen).noise.sample_mm == pytest.approx(
+        resolve(scene).readings.reading_mm / 2, rel=1e-15
     )
 
 
@@ -48,7 +48,7 @@ def test_the_filter_takes_the_latency_and_no_more() -> None:
 def test_the_mean_grows_for_as_long_as_the_scene_says(max_mean_ms: float, longest: int) -> None:
     scene = with_latency(paper_scene(rate_hz=200), 20.0)
     requirements = scene.requirements.model_copy(update={"max_mean_ms": max_mean_ms})
-    assert Surface.of(scene.model_copy(update={"requirements": requirements})).filter.longest == longest
+    assert resolve(scene.model_copy(update={"requirements": requirements})).filter.longest == longest
 
 
 STEP_MM = step_mm((1.0, 4.0), 8)
@@ -60,7 +60,7 @@ def coarse(noise_in_steps: float, **sensors: object) -> Scene:
 
 
 def steps_of(scene: Scene, window: int = 20) -> Effect:
-    (found,) = (one for one in Surface.of(scene, filter_of(window)).effects if one.name == "ADC steps")
+    (found,) = (one for one in resolve(scene, chosen=filter_of(window)).effects if one.name == "ADC steps")
     return found
 
 
@@ -76,14 +76,14 @@ def test_the_rounding_that_stays_is_that_of_simulated_means(noise: float) -> Non
     means = np.array([np.rint(gap + noise * rng.standard_normal((1000, 1000))).mean(axis=0) - gap for gap in gaps])
     averaged_out = 2 * (noise**2 + 1 / 12) / 1000
     variance = np.var(means[0] - means[1])
-    assert Surface.of(coarse(noise)).readings.rounding_mm ** 2 == pytest.approx(
+    assert resolve(coarse(noise)).readings.rounding_mm ** 2 == pytest.approx(
         variance * STEP_MM**2, abs=1.1 * averaged_out * STEP_MM**2, rel=0.12
     )
 
 
 def test_the_floor_of_a_tared_deflection_holds_the_drift_and_the_rounding_of_two_readings() -> None:
     for noise, rounding_mm in ((0.0, STEP_MM / math.sqrt(6)), (0.6, 0.0)):
-        zero_mm = Surface.of(coarse(noise, zero_drift_mm=0.01)).readings.floor_mm
+        zero_mm = resolve(coarse(noise, zero_drift_mm=0.01)).readings.floor_mm
         assert zero_mm == pytest.approx(math.hypot(0.01, rounding_mm), rel=1e-3)
 
 
@@ -93,14 +93,16 @@ def test_the_floor_of_a_tared_deflection_holds_the_drift_and_the_rounding_of_two
 )
 def test_rounding_that_stays_is_priced_and_never_left_out() -> None:
     hidden, dithered = steps_of(coarse(0.1), 1000), steps_of(coarse(0.6), 1000)
-    noise_mm = Surface.of(coarse(0.1), filter_of(1000)).noise.sample_mm
+    noise_mm = resolve(coarse(0.1), chosen=filter_of(1000)).noise.sample_mm
     assert hidden.price == pytest.approx(
-        math.hypot(Surface.of(coarse(0.1)).readings.rounding_mm, STEP_MM / math.sqrt(12_000)) / noise_mm
+        math.hypot(resolve(coarse(0.1)).readings.rounding_mm, STEP_MM / math.sqrt(12_000)) / noise_mm
     )
     assert "stay in every mean" in hidden.reason
     assert dithered.price is not None
     assert dithered.price < 0.5
     assert "stay in every mean" not in dithered.reason
     fine = coarse(4.0)
-    assert steps_of(fine).verdict == "out"
-    assert Surface.of(fine, filter_of(20)).modelled_readings.floor_mm == pytest.approx(0.2 * 4 * STEP_MM, rel=1e-2)
+    small = steps_of(fine)
+    assert small.price is not None
+    assert small.price < 0.1
+    assert resolve(fine, chosen=filter_of(20)).readings.floor_mm == pytest.approx(0.2 * 4 * STEP_MM, rel=1e-2)

@@ -94,7 +94,7 @@ def test_the_layout_of_the_least_error_notices_as_much_as_that_of_the_product_an
     found = place_by_position_error(influence, rules, 4, 0, ERRORS).positions_mm
     shares = [others.noticed(np.searchsorted(rules.position_mm, layout)) for layout in (product, found)]
     percent = [
-        accuracy_limit(Prior.real(influence, np.array(layout), ERRORS), 2_000, 9).percent for layout in (product, found)
+        accuracy_limit(Prior.real(influence, np.array(layout), ERRORS), 2_000, 9).value for layout in (product, found)
     ]
     print(f"{product}, {found}: noticed {shares}, error {percent}")
     assert np.all(shares[1] >= shares[0] - SLACK)

@@ -90,7 +90,7 @@ def test_the_objective_orders_layouts_as_the_limit_does(force_n: object, errors:
     layouts = np.array([[49, 199, 349], [87, 199, 311], [99, 149, 299], [59, 219, 339], [119, 199, 279]])
     ratios = [
         one.error_mm(layout)
-        / (4 * limit.accuracy_limit(Prior.real(influence, rules.position_mm[layout], errors), 1_000, 3).percent)
+        / (4 * limit.accuracy_limit(Prior.real(influence, rules.position_mm[layout], errors), 1_000, 3).value)
         for layout in layouts
     ]
     # The width of posteriors of samples without errors is a little less than that of samples with them.

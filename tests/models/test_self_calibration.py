@@ -11,6 +11,7 @@ import pytest
 
 from beamtouch_models import runtime
 from beamtouch_models.design.accuracy.limit import draw, posterior_median_mm
+from beamtouch_models.design.calibrated import prior_of_model
 from beamtouch_models.design.calibration.nominal_surface import FIXITY, GAIN
 from beamtouch_models.design.calibration.recordings import UnlabelledContacts
 from beamtouch_models.design.calibration.self_calibrate import (
@@ -20,7 +21,6 @@ from beamtouch_models.design.calibration.self_calibrate import (
     self_fit,
 )
 from beamtouch_models.design.effort import Effort
-from beamtouch_models.design.surface import prior_of_model
 from beamtouch_models.design.sweeps import silent
 from beamtouch_models.errors import NotGoodEnoughError
 from beamtouch_models.lab.rig.surface import Imperfections

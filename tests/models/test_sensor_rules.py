@@ -5,13 +5,13 @@ import pytest
 from beamtouch_models import change_scene
 from beamtouch_models.design.physics.beam import travel_of
 from beamtouch_models.design.scene import Scene, parse_scene
-from beamtouch_models.design.surface import Surface
+from beamtouch_models.design.surface import resolve
 from beamtouch_models.errors import SceneError
 from support.surfaces.example_scenes import SCENES, paper_scene
 
 
 def test_sensors_that_could_change_places_are_refused() -> None:
-    surface = Surface.of(paper_scene(mounting_tolerance_mm=30.0))
+    surface = resolve(paper_scene(mounting_tolerance_mm=30.0))
     surface.check_spacing([100.0, 131.0, 300.0])
     surface.check_spacing([100.0])
     with pytest.raises(SceneError, match="mounting_tolerance_mm = 30: two of the sensors are 30 mm apart"):
@@ -45,17 +45,17 @@ def test_the_force_and_the_stiffness_that_a_refusal_names_keep_the_beam_within_t
     force_n: float, said: str, stiffer: float
 ) -> None:
     with pytest.raises(SceneError, match=said):
-        Surface.of(bench(force_n)).check()
-    Surface.of(bench(26)).check()
-    Surface.of(stiffened(bench(force_n), stiffer)).check()
+        resolve(bench(force_n)).check()
+    resolve(bench(26)).check()
+    resolve(stiffened(bench(force_n), stiffer)).check()
     with pytest.raises(SceneError, match="leaves"):
-        Surface.of(bench(27)).check()
+        resolve(bench(27)).check()
 
 
 def test_the_stand_off_that_a_refusal_names_is_in_the_middle() -> None:
     # docs/mistakes.md has the refusal.
-    assert Surface.of(bench(20, "standoff_mm = 3.629")).sensor.standoff_mm == 3.629
-    assert Surface.of(bench(20)).sensor.standoff_mm == pytest.approx(3.629, abs=5e-4)
+    assert resolve(bench(20, "standoff_mm = 3.629")).sensor.standoff_mm == 3.629
+    assert resolve(bench(20)).sensor.standoff_mm == pytest.approx(3.629, abs=5e-4)
 
 
 @pytest.mark.promise("docs/how-to/design.md", "A scene is refused if the beam slopes by more than 0.1 rad")

@@ -8,7 +8,7 @@ import pytest
 
 from beamtouch_models import cli
 from beamtouch_models.design.accuracy.limit import accuracy_limit
-from beamtouch_models.design.surface import prior_of_model
+from beamtouch_models.design.calibrated import prior_of_model
 from beamtouch_models.lab.challenge.judge import judge
 from beamtouch_models.lab.challenge.play import DrawnContacts, SimulatedSurface
 from beamtouch_models.lab.challenge.ringing import rings
@@ -56,7 +56,7 @@ def test_a_mean_of_perfect_sensors_errs_by_what_the_noise_of_its_readings_leaves
     assert [one.readings for one in accuracy.since_touch] == [2, 5, 20, 100]
     for one in accuracy.since_touch:
         least = accuracy_limit(replace(prior, noise_mm=reading_mm / one.readings**0.5), 1024, 1)
-        assert one.error_percent == pytest.approx(least.percent, rel=0.12)
+        assert one.error_percent == pytest.approx(least.value, rel=0.12)
         assert one.error_standard_error is not None
         assert 0 < one.error_standard_error < 0.06 * one.error_percent
 

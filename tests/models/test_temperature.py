@@ -10,7 +10,7 @@ from beamtouch_models.design.physics.beam import influence
 from beamtouch_models.design.pricing.prices import Effect
 from beamtouch_models.design.scene import Scene
 from beamtouch_models.design.scene.beam import Beam
-from beamtouch_models.design.surface import Surface
+from beamtouch_models.design.surface import resolve
 from beamtouch_models.errors import SceneError
 from support.surfaces.example_scenes import paper_scene
 
@@ -83,7 +83,7 @@ def warmed(supports: object, range_k: tuple[float, float], **sensors: object) ->
 
 
 def priced(scene: Scene, name: str) -> Effect:
-    (found,) = (effect for effect in Surface.of(scene).effects if effect.name == name)
+    (found,) = (effect for effect in resolve(scene).effects if effect.name == name)
     return found
 
 
@@ -120,16 +120,16 @@ def test_the_drift_of_the_sensors_is_part_of_the_floor() -> None:
     still, drifting = warmed("propped", (-5.0, 15.0)), warmed("propped", (-5.0, 15.0), drift_um_per_k=0.3)
     temperatures = np.random.default_rng(1).uniform(-5, 15, (2, 100_000))
     expected_mm = 0.3e-3 * float(np.std(temperatures[0] - temperatures[1]))
-    assert Surface.of(drifting).readings.floor_mm == pytest.approx(math.hypot(0.001, expected_mm), rel=0.01)
+    assert resolve(drifting).readings.floor_mm == pytest.approx(math.hypot(0.001, expected_mm), rel=0.01)
     effect = priced(drifting, "sensor drift")
     assert effect.verdict == "floor"
     noise_mm = 0.002 * influence_peak_mm(drifting)
     assert effect.price == pytest.approx(expected_mm / noise_mm, rel=0.01)
     assert "up to 6 um after a tare" in effect.reason
     assert "2.4 times zero drift" in effect.reason
-    prior = Surface.of(drifting).prior(np.array([100.0, 200.0]))
-    assert prior.zero_mm == pytest.approx(Surface.of(drifting).readings.floor_mm)
-    assert Surface.of(still).readings.floor_mm == 0.001
+    prior = resolve(drifting).prior(np.array([100.0, 200.0]))
+    assert prior.zero_mm == pytest.approx(resolve(drifting).readings.floor_mm)
+    assert resolve(still).readings.floor_mm == 0.001
 
 
 def influence_peak_mm(scene: Scene) -> float:

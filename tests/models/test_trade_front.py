@@ -10,7 +10,7 @@ from beamtouch_models.design.accuracy.limit import Reached
 from beamtouch_models.design.accuracy.statistics import Measurement
 from beamtouch_models.design.effort import Effort
 from beamtouch_models.design.scene import change_scene, load_scene, parse_scene
-from beamtouch_models.design.surface import Surface
+from beamtouch_models.design.surface import resolve
 from beamtouch_models.lab.trade.measure import Model, Task, follow, measure, numbers_of_sensors
 from beamtouch_models.lab.trade.trade import Point, UnreachableTargetError, most_accurate, pareto_front, quickest
 from beamtouch_models.runtime import ModelFile
@@ -104,7 +104,7 @@ def test_the_answers_since_a_touch_are_of_the_filter_that_build_writes() -> None
     model = measure(Task(scene, "sensors", 2, 128, 0, kept_mm=(110.0, 290.0), effort=Effort(ROUGH)))
     assert isinstance(model, Model)
     answers = [one.answer for one in follow(model)]
-    assert answers[-1].readings == Surface.of(scene).filter.max_readings == 4
+    assert answers[-1].readings == resolve(scene).filter.max_readings == 4
     assert all(answer.ringing_mm is not None for answer in answers)
     without_mass = change_scene(scene, beam={"density_kg_m3": None})
     other = replace(model, task=replace(model.task, scene=without_mass))

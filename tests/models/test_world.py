@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from beamtouch_models.arrays import Floats
+from beamtouch_models.design.calibrated import prior_of_model
 from beamtouch_models.design.physics.beam import influence
 from beamtouch_models.design.physics.motion import first_frequency_hz
 from beamtouch_models.design.scene import change_scene, load_scene
 from beamtouch_models.design.scene.beam import Beam
-from beamtouch_models.design.surface import prior_of_model
 from beamtouch_models.design.world import Motion, World, counts_of_output, output_of_gap
 from beamtouch_models.errors import SceneError
 from beamtouch_models.lab.challenge import contacts

@@ -15,7 +15,7 @@ def test_scripts_get_what_the_service_answers(bench_model: Path) -> None:
     model = models.load_model(bench_model)
     samples = deflections_of(model, PLACES_MM, [5.0] * len(PLACES_MM)).tolist()
     service = Bench(surface_with(model, "bench"))
-    answers = models.estimate(model, samples)
+    answers = model.estimate(samples)
     for row, sample in enumerate(samples):
         service.send(sample, surface="bench", sequence=row + 1, channels=model.channels)
         contact = service.contact()

@@ -19,7 +19,7 @@ from beamtouch_models.design.estimators.onnx_graph import to_bytes
 from beamtouch_models.design.physics.beam import influence_matrix
 from beamtouch_models.design.placement.placing import place
 from beamtouch_models.design.scene import Scene, parse_scene
-from beamtouch_models.design.surface import Surface
+from beamtouch_models.design.surface import resolve
 from beamtouch_models.design.world import counts_of_output, output_of_gap
 from beamtouch_models.runtime.error_model import whitening
 from beamtouch_models.runtime.metadata import Sensor
@@ -70,7 +70,7 @@ def surface_of(scene: Scene, sensor: Sensor, keys: Keys | None = None) -> Settin
     values = {
         "rate_hz": scene.sensors.rate_hz,
         "source": {"kind": "modbus-tcp", "host": "127.0.0.1"},
-        "filter": {"kind": "moving-average", "window": Surface.of(scene).filter.window},
+        "filter": {"kind": "moving-average", "window": resolve(scene).filter.window},
         "channels": [
             {
                 "name": f"s{index + 1}",
@@ -96,8 +96,8 @@ class Model:
     layout: Floats
 
     def __post_init__(self) -> None:
-        chosen = Surface.of(self.scene).filter
-        physics = Surface.of(self.scene, chosen)
+        chosen = resolve(self.scene).filter
+        physics = resolve(self.scene, chosen=chosen)
         self.window = chosen.window
         self.prior = real_prior(physics.scene, self.layout, physics.noise.sample_mm)
         self.run: Run = runner(to_bytes(graph_of(self.prior)))
@@ -143,7 +143,7 @@ def layout() -> Floats:
 )
 def test_measured_noise_gives_intervals_that_hold(steps: int, noise_mm: float, alike: float, layout: Floats) -> None:
     real = scene_with(noise_mm=noise_mm, adc_bits=steps)
-    line = Line(Surface.of(real).sensor, noise_mm, alike, 3)
+    line = Line(resolve(real).sensor, noise_mm, alike, 3)
     unmeasured = surface_of(real, line.sensor)
     recording = line.counts(np.zeros(CHANNELS), RECORDED, np.random.default_rng(5).uniform(-0.05, 0.05, CHANNELS))
     keys = keys_of(measure_noise(select_rest(recording, unmeasured, {}), unmeasured), unmeasured)

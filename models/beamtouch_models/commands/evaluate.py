@@ -12,27 +12,25 @@ from beamtouch_models.commands.shared import shown_progress
 from beamtouch_models.commands.workers import spread_over
 from beamtouch_models.design.accuracy.evaluation import Evaluation
 from beamtouch_models.design.accuracy.statistics import Measurement
-from beamtouch_models.design.building.accuracy import evaluate
 from beamtouch_models.design.building.remarks import missed_requirement, remarks
+from beamtouch_models.design.model import load_model
 from beamtouch_models.design.pricing.noise import check_scale
 from beamtouch_models.design.printing import Result, Table, note
 from beamtouch_models.design.scene import parse_scene
-from beamtouch_models.runtime import loading
 from beamtouch_models.runtime.description import unseen
 from beamtouch_models.runtime.loading import ModelFile
 
 
 def run(options: argparse.Namespace) -> Result:
     """Evaluate at each given noise, or at the noise of the model."""
-    model = loading.load(options.model)
+    model = load_model(options.model)
     for noise_mm in options.noise:
         if not 0 <= noise_mm < math.inf:
             raise InputError(f"--noise {noise_mm:g}: give a standard deviation in mm, 0 or more")
         check_scale(noise_mm, model.metadata.max_deflection_mm)
     with spread_over(options.workers, options.cluster) as spread, shown_progress() as progress:
         found = [
-            evaluate(
-                model,
+            model.evaluate(
                 noise_mm=noise_mm,
                 draws=options.draws,
                 seed=options.seed,

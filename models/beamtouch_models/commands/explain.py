@@ -18,8 +18,8 @@ from beamtouch_common.files import load_toml
 from beamtouch_common.zones import MAX_ZONES, Zone, ZoneName, first_conflict
 from beamtouch_models.design.accuracy.zone_bands import band_at
 from beamtouch_models.design.building.remarks import remarks
-from beamtouch_models.design.building.sensors import place_sensors
 from beamtouch_models.design.effort import Effort
+from beamtouch_models.design.layout import place_sensors
 from beamtouch_models.design.physics.beam import influence_matrix, load_positions_mm
 from beamtouch_models.design.physics.mesh import mesh_of
 from beamtouch_models.design.placement.placing import DEFAULT_AIM
@@ -27,7 +27,7 @@ from beamtouch_models.design.pricing.prices import NEGLIGIBLE, Effect
 from beamtouch_models.design.pricing.ringing import describe_ringing
 from beamtouch_models.design.printing import Block, Result, Table, note
 from beamtouch_models.design.scene import Scene, load_scene
-from beamtouch_models.design.surface import Surface
+from beamtouch_models.design.surface import Surface, resolve
 
 REPEATS = 5
 SENSORS = 101
@@ -39,7 +39,7 @@ def run(options: argparse.Namespace) -> Result:
     effort, (scene, _) = Effort(options.effort), load_scene(options.scene)
     note(*remarks(scene))
     zones = _load_zones(options.zones, scene) if options.zones else {}
-    surface = Surface.of(scene)
+    surface = resolve(scene)
     surface.check()
     effects = [_as_json(effect) for effect in surface.effects]
     noise, ringing = surface.readings.behind(surface.filter), surface.ringing

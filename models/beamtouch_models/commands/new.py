@@ -14,7 +14,7 @@ from beamtouch_models.commands.shared import surface_name
 from beamtouch_models.design.building.new_scene import Answers, scene_text
 from beamtouch_models.design.printing import Result
 from beamtouch_models.design.scene import parse_scene
-from beamtouch_models.design.surface import Surface
+from beamtouch_models.design.surface import resolve
 from beamtouch_models.errors import SceneError
 
 
@@ -53,5 +53,5 @@ def _check(answers: Answers, target: Path) -> str:
         rollers = "".join(f" --roller-mm {at:g}" for at in answers.roller_mm)
         reason = reason_of(error.errors()[0])
         raise SceneError(f"--left {answers.left} --right {answers.right}{rollers}: {reason}") from None
-    Surface.of(parse_scene(text, str(target))).check()
+    resolve(parse_scene(text, str(target))).check()
     return text

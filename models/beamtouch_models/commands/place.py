@@ -7,15 +7,15 @@ from typing import Any
 
 from beamtouch_common.digits import digits
 from beamtouch_models.commands.shared import shown_progress
-from beamtouch_models.design.accuracy.limit import accuracy_limit
+from beamtouch_models.design.accuracy.limit import accuracy_limit, limits_with_one_failed
 from beamtouch_models.design.building.remarks import missed_error, remarks
-from beamtouch_models.design.building.sensors import PlacedSensors, limits_with_one_failed, place_sensors
 from beamtouch_models.design.effort import Effort
+from beamtouch_models.design.layout import Layout, place_sensors
 from beamtouch_models.design.placement.eigenvalue_product import largest_gap
 from beamtouch_models.design.placement.placing import DEFAULT_AIM, Aim, recommended_count
 from beamtouch_models.design.printing import Result, note
 from beamtouch_models.design.scene import load_scene
-from beamtouch_models.design.surface import Surface
+from beamtouch_models.design.surface import resolve
 from beamtouch_models.numbers import three_digits
 
 LIMIT_DRAWS, LEAST_DRAWS = 10_000, 256
@@ -29,12 +29,12 @@ def run(options: argparse.Namespace) -> Result:
     note(*remarks(scene))
     aim = aim_of(options)
     with shown_progress() as progress:
-        sensors = place_sensors(Surface.of(scene), count=options.sensors, seed=options.seed, aim=aim, progress=progress)
+        layout = place_sensors(resolve(scene), count=options.sensors, seed=options.seed, aim=aim, progress=progress)
         progress("measuring the accuracy limit", 0.95)
-        found = _describe(sensors, aim, options.seed)
+        found = _describe(layout, options.seed)
     found["wall_s"] = time.perf_counter() - started
     note(missed_error("accuracy limit", found["accuracy_limit_percent"], scene))
-    return Result(found, [_rows(found, sensors)])
+    return Result(found, [_rows(found, layout)])
 
 
 def aim_of(options: argparse.Namespace) -> Aim:
@@ -48,25 +48,25 @@ def aim_of(options: argparse.Namespace) -> Aim:
     return Aim(options.criterion or usual, options.spare or 0, leading, search, Effort(options.effort))
 
 
-def _describe(sensors: PlacedSensors, aim: Aim, seed: int) -> dict[str, Any]:
+def _describe(layout: Layout, seed: int) -> dict[str, Any]:
     """Return everything to print except the time; unknown values are None."""
-    placement, surface, gap = sensors.placement, sensors.surface, None
+    placement, surface, aim, gap = layout.placement, layout.surface, layout.aim, None
     if aim.criterion == "eigenvalue-product":
-        gap = largest_gap(surface.influence, surface.rules, sensors.positions_mm, aim.leading)
+        gap = largest_gap(surface.influence, surface.rules, layout.positions_mm, aim.leading)
     # Use fresh draws: a layout looks better on the draws that it was chosen by.
-    limit = accuracy_limit(sensors.prior, aim.effort.of(LIMIT_DRAWS, LEAST_DRAWS), seed + 1)
-    failed = limits_with_one_failed(sensors.prior, limit, seed + 1, aim.effort)
+    limit = accuracy_limit(layout.prior, aim.effort.of(LIMIT_DRAWS, LEAST_DRAWS), seed + 1)
+    failed = limits_with_one_failed(layout.prior, limit, seed + 1, aim.effort)
     score = placement.log_eigenvalue_product
     return {
         "positions_mm": list(placement.positions_mm),
         "log_eigenvalue_product": score if math.isfinite(score) else None,
-        "accuracy_limit_percent": limit.percent,
+        "accuracy_limit_percent": limit.value,
         "standard_error": limit.standard_error,
         "gap": gap,
         "evaluations": placement.evaluations,
         "criterion": aim.criterion,
         "spare": aim.spare,
-        "limit_without_percent": [one.percent for one in failed],
+        "limit_without_percent": [one.value for one in failed],
         "limit_without_standard_error": [one.standard_error for one in failed],
         "search": aim.search,
         "seed": seed,
@@ -75,9 +75,9 @@ def _describe(sensors: PlacedSensors, aim: Aim, seed: int) -> dict[str, Any]:
     }
 
 
-def _rows(found: dict[str, Any], sensors: PlacedSensors) -> list[tuple[str, str]]:
+def _rows(found: dict[str, Any], layout: Layout) -> list[tuple[str, str]]:
     """Return a line per figure, each number with its unit and reference."""
-    surface, positions, score = sensors.surface, found["positions_mm"], found["log_eigenvalue_product"]
+    surface, positions, score = layout.surface, found["positions_mm"], found["log_eigenvalue_product"]
     leading = f"{found['components']} leading eigenvalues" if found["components"] < len(positions) else "all"
     product = "-inf: a component is below rounding" if score is None else f"{score:.4f}"
     percent, noise_mm = found["accuracy_limit_percent"], surface.errors.noise_mm

@@ -10,13 +10,15 @@ from beamtouch_common.errors import InputError
 from beamtouch_common.files import write_atomically
 from beamtouch_models.commands.shared import folder_of, shown_progress, surface_name
 from beamtouch_models.commands.workers import spread_over
-from beamtouch_models.design.building.build import Choices, build_model
+from beamtouch_models.design.building.build import build_model
 from beamtouch_models.design.building.remarks import remarks
 from beamtouch_models.design.building.replaced import require_replaceable
 from beamtouch_models.design.effort import Effort
+from beamtouch_models.design.layout import place_sensors
 from beamtouch_models.design.placement.placing import DEFAULT_AIM
 from beamtouch_models.design.printing import Result, markdown, note
 from beamtouch_models.design.scene import load_scene
+from beamtouch_models.design.surface import resolve
 from beamtouch_models.lab.trade.results import blocks, json_of, picture
 from beamtouch_models.lab.trade.trade import Point, Trade, most_accurate, quickest, trade
 from beamtouch_models.names import ESTIMATORS
@@ -55,11 +57,10 @@ def run(options: argparse.Namespace) -> Result:
     picked, built = _pick(found, options), None
     if picked is not None:
         path, model, estimator = folder / f"{name}.onnx", picked.model, picked.model.task.estimator
-        choices = Choices(estimator, replace(DEFAULT_AIM, effort=effort))
+        aim, seed = replace(DEFAULT_AIM, effort=effort), options.seed
         with shown_progress() as progress:
-            made = build_model(
-                scene, text, name, count=model.sensors, seed=options.seed, progress=progress, choices=choices
-            )
+            layout = place_sensors(resolve(scene), count=model.sensors, seed=seed, aim=aim, progress=progress)
+            made = build_model(layout, name, text=text, estimator=estimator, seed=seed, progress=progress)
         write_atomically(path, made.content)
         built = {"index": found.points.index(picked), "model": str(path)}
         error, latency = digits(picked.error_mm.value, 3), digits(picked.latency_ms, 3)

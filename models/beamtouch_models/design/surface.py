@@ -1,175 +1,170 @@
-"""One surface: a scene, or the scene in a model file, resolved once for everybody.
+"""One surface: a scene resolved once, and everything that follows from it.
 
-Noise, filter, physical effects, influence, errors, sensor, rules of sensors and travel follow from a scene; each is
-computed when it is first asked for, and handed on from here. A model file adds its layout, its floor and the departures
-of its calibration. Physics ends here: what comes after takes an `InfluenceFunction` or a `Prior`.
+`resolve` prices the physical effects of a scene and leaves out the negligible ones. What comes after it knows only the
+result: influence, errors, filter, sensor and rules of the layout. A model file adds its layout, its floor and the
+departures of its calibration (`calibrated`). Physics ends here: placement, limits and estimators take an
+`InfluenceFunction` or a `Prior`.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
-from typing import Self
+from functools import cached_property
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from beamtouch_common.digits import digits
 from beamtouch_models.arrays import Floats
 from beamtouch_models.design.accuracy.prior import Prior, SampleErrors
 from beamtouch_models.design.accuracy.thresholds import rate_per_sample, readings_alike
-from beamtouch_models.design.physics.beam import Travel, influence, influence_of, sensor_positions_mm, travel_of
+from beamtouch_models.design.effort import Effort
+from beamtouch_models.design.physics.beam import Travel, influence_of, sensor_positions_mm, travel_of
 from beamtouch_models.design.physics.influence import InfluenceFunction, check_own
 from beamtouch_models.design.physics.motion import slowest_period_ms
 from beamtouch_models.design.placement.layout import LayoutRules, equal_layout
+from beamtouch_models.design.placement.placing import DEFAULT_AIM, Aim
 from beamtouch_models.design.pricing.aliases import unseen_swing
 from beamtouch_models.design.pricing.noise import ReadingErrors, chain_of, check_errors, choose_filter, step_mm
-from beamtouch_models.design.pricing.prices import Effect, effects_of, leave_out
+from beamtouch_models.design.pricing.prices import Effect, effects_of, without_negligible
 from beamtouch_models.design.pricing.ringing import Ringing, ringing_of
-from beamtouch_models.design.scene import Scene, parse_scene
-from beamtouch_models.design.scene.beam import Beam, changed_beam
-from beamtouch_models.errors import SceneError
+from beamtouch_models.design.scene import Scene, change_scene, parse_scene
+from beamtouch_models.design.scene.beam import Beam
+from beamtouch_models.errors import SceneError, require
 from beamtouch_models.filters import Chain
-from beamtouch_models.numbers import at_least, at_most
-from beamtouch_models.runtime.metadata import Departures, FilterChoice, Metadata, Noise, Sensor
+from beamtouch_models.names import Criterion
+from beamtouch_models.numbers import at_least, at_most, number, places_in, whole
+from beamtouch_models.runtime.metadata import FilterChoice, Metadata, Noise, Sensor
+
+if TYPE_CHECKING:
+    from beamtouch_models.design.layout import Layout
 
 DEFAULT_ADC_BITS = 16
 BEYOND = 1.001
 """Smallest distance of neighbours over the mounting tolerance: just more than `check_spacing` refuses."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Surface:
-    """A scene behind the filter of its model, with all that follows from it."""
+    """A scene with what follows from it, as `resolve` returns it."""
 
-    stated: Scene
-    """The scene as the user states it."""
+    scene: Scene
+    """As the user states it."""
     filter: FilterChoice
     travel: Travel
-    """Of the stated beam."""
+    """How far the contacts move the beam."""
     readings: ReadingErrors
-    """Errors of readings as the scene states them."""
-    own_influence: InfluenceFunction | None = None
-    """Measured, or computed elsewhere; None: it follows from the scene."""
-
-    @classmethod
-    def of(
-        cls, scene: Scene, chosen: FilterChoice | None = None, own_influence: InfluenceFunction | None = None
-    ) -> Self:
-        """Return the surface of a scene behind a filter; None: the one that uses all of the latency.
-
-        An influence function of the user's own takes the place of that of the scene's beam.
-
-        Raises
-        ------
-        SceneError
-            The beam cannot be computed, no reading fits in the latency, or the influence function is of another length
-            or for other contacts. The properties raise it for a beam that cannot be computed.
-        """
-        if own_influence is not None:
-            check_own(own_influence, scene.beam.length_mm, scene.contact.position_mm, scene.contact.force_range_n)
-        travel = travel_of(scene)
-        readings = ReadingErrors.of(scene, travel.largest_mm)
-        return cls(scene, chosen or choose_filter(scene, readings.reading_mm), travel, readings, own_influence)
-
-    @classmethod
-    def of_model(cls, metadata: Metadata) -> Self:
-        """Return the surface of a model's scene behind the model's filter; raises SceneError as `of`."""
-        return cls.of(parse_scene(metadata.scene, f"the scene in {metadata.name}"), metadata.filter)
-
-    @cached_property
-    def effects(self) -> tuple[Effect, ...]:
-        """All effects with their prices.
-
-        Empty if a sample has no noise, which leaves nothing to compare them to, and with an influence of the user's
-        own, which has all effects.
-        """
-        if self.readings.reading_mm == 0 or self.own_influence is not None:
-            return ()
-        return effects_of(self.stated, self.filter, self.readings, self._allowed_mm)
-
-    @cached_property
-    def scene(self) -> Scene:
-        """The scene without its negligible effects; without noise, all of it."""
-        return leave_out(self.stated, self.effects, self.readings)
-
-    @cached_property
-    def modelled_travel(self) -> Travel:
-        """Travel of the beam without the negligible effects."""
-        same = (self.scene.beam, self.scene.contact) == (self.stated.beam, self.stated.contact)
-        return self.travel if same else travel_of(self.scene)
-
-    @cached_property
-    def modelled_readings(self) -> ReadingErrors:
-        """Errors of readings without the negligible effects."""
-        return ReadingErrors.of(self.scene, self.modelled_travel.largest_mm)
+    """Errors of readings."""
+    effects: tuple[Effect, ...]
+    """Physical effects with their prices, those that are left out too. Empty if a sample has no noise, which leaves
+    nothing to compare them to, and with an influence of the user's own, which has all effects."""
+    beam: Beam
+    """The beam, without its negligible effects."""
+    width_mm: float
+    """Width of a contact; 0 if it is negligible."""
+    influence: InfluenceFunction
+    """Of that beam and width, or the user's own."""
+    has_own_influence: bool
+    errors: SampleErrors
+    """Errors of a sample: its noise, and what readings leave in every mean."""
+    rules: LayoutRules
+    """Where sensors may stand. Housings do not overlap, and neighbours are farther apart than their mounting tolerance:
+    they do not change places."""
 
     @property
     def touch_rate(self) -> float:
         """Probability of a sample at rest to be taken for a contact, which the thresholds of touch are for."""
-        stated = self.stated
-        per_day, rate_hz = stated.requirements.false_contacts_per_day, stated.sensors.rate_hz
+        per_day, rate_hz = self.scene.requirements.false_contacts_per_day, self.scene.sensors.rate_hz
         return rate_per_sample(per_day, rate_hz, self.filter.window)
 
     @property
     def noise(self) -> Noise:
         """Noise of a reading and of a sample."""
-        return self.modelled_readings.behind(self.filter)
-
-    @cached_property
-    def influence(self) -> InfluenceFunction:
-        """The influence, without the negligible effects."""
-        return self.own_influence or influence_of(self.scene)
-
-    @cached_property
-    def errors(self) -> SampleErrors:
-        """The errors of a sample: its noise, and what readings leave in every mean."""
-        noise, readings = self.noise, self.modelled_readings
-        return SampleErrors(
-            noise.sample_mm,
-            readings.gain,
-            readings.floor_mm,
-            self.scene.sensors.mounting_tolerance_mm,
-            self.filter.min_noise_mm(noise),
-            self.scene.sensors.rate_hz,
-            readings_alike(self.filter),
-        )
-
-    @cached_property
-    def rules(self) -> LayoutRules:
-        """Where sensors may stand.
-
-        Housings do not overlap, and neighbours are farther apart than their mounting tolerance: they do not change
-        places.
-        """
-        return self._rules_of(self.scene)
+        return self.readings.behind(self.filter)
 
     @cached_property
     def sensor(self) -> Sensor:
         """The sensor, its ADC and its stand-off; SceneError if the beam leaves the sensor's range."""
-        return _sensor_of(self.scene, self.modelled_travel)
+        return _sensor_of(self.scene, self.travel)
 
     @cached_property
     def slowest_period_ms(self) -> float | None:
         """The longest period in which readings seem to swing; None if the beam's mass is not stated."""
-        return slowest_period_ms(self.stated)
+        return slowest_period_ms(self.scene)
 
     @property
     def slowest_period(self) -> float:
         """The same in readings; 0 if the beam's mass is not stated."""
-        return (self.slowest_period_ms or 0.0) * self.stated.sensors.rate_hz / 1e3
+        return (self.slowest_period_ms or 0.0) * self.scene.sensors.rate_hz / 1e3
 
     @cached_property
     def unseen_swing(self) -> float:
         """The swing of the beam that readings do not show, over that which they show."""
-        return unseen_swing(self.stated, self.readings.reading_mm)
+        return unseen_swing(self.scene, self.readings.reading_mm)
 
     @property
     def ringing(self) -> Ringing | None:
         """How long the beam rings; None if its mass is not stated."""
-        return ringing_of(self.stated, self.readings.reading_mm, self.travel.largest_mm)
+        return ringing_of(self.scene, self.readings.reading_mm, self.travel.largest_mm)
+
+    def __repr__(self) -> str:
+        """Return what the surface is: its beam, its contacts, and the noise of a sample."""
+        (low, high), (weak, strong) = self.influence.position_mm, self.influence.force_n
+        forces = f"{weak:g}" if weak == strong else f"{weak:g}..{strong:g}"
+        contacts, noise_mm = f"contacts at {low:g}..{high:g} mm with {forces} N", digits(self.errors.noise_mm, 3)
+        return f"Surface({self.influence.length_mm:g} mm long, {contacts}, {noise_mm} mm of noise a sample)"
+
+    def place(
+        self,
+        sensors: int | None = None,
+        *,
+        criterion: Criterion = DEFAULT_AIM.criterion,
+        spare: Literal[0, 1] = 0,
+        seed: int = 0,
+        effort: float = 1.0,
+    ) -> "Layout":
+        """Place sensors under the beam, as `design-sensors place` does.
+
+        Parameters
+        ----------
+        sensors : number of sensors; default: as the scene states
+        criterion : "position-error" makes the accuracy limit least, among the layouts that detect two contacts and
+            distributed loads as often as that of "eigenvalue-product", the paper's
+        spare : 1 makes the error least when the worst single sensor has failed; only with "position-error"
+        seed : seed of the search; the same seed gives the same layout
+        effort : share of the usual work, from 0.01 to 100; less is quicker, and may miss the best layout
+
+        Raises
+        ------
+        SceneError
+            No surface can be built of the scene, or its rules allow no layout with this number of sensors.
+        """
+        # A layout knows its surface, so this step forward is imported when it is taken.
+        from beamtouch_models.design.layout import place_sensors  # noqa: PLC0415
+
+        count, aim = None if sensors is None else whole(sensors, "sensors", 1), Aim(criterion, spare)
+        aim = replace(aim, effort=Effort(number(effort, "effort")))
+        return place_sensors(self, count=count, seed=whole(seed, "seed", 0), aim=aim)
+
+    def layout(self, positions_mm: ArrayLike) -> "Layout":
+        """Return the layout of sensors at positions (sensors,) in mm from the left end, as they are mounted.
+
+        Raises
+        ------
+        SceneError
+            No surface can be built of the scene, or its sensors cannot stand there.
+        """
+        from beamtouch_models.design.layout import conflict_of, keep_sensors  # noqa: PLC0415
+
+        places_mm = places_in(positions_mm, "positions_mm", self.influence.length_mm).tolist()
+        count = {"count": len(places_mm)}
+        if conflict := conflict_of(places_mm, change_scene(self.scene, sensors=count)):
+            raise SceneError(f"positions_mm: {conflict}")
+        return keep_sensors(self, places_mm)
 
     def chain(self, channels: int) -> Chain:
         """Return the filter for this number of channels, as the daemon runs it."""
-        sensors = self.stated.sensors
+        sensors = self.scene.sensors
         per_count_mm = step_mm(sensors.range_mm, sensors.adc_bits or DEFAULT_ADC_BITS)
         seen = self.slowest_period, self.unseen_swing
         return chain_of(self.filter, channels, self.noise.reading_mm, per_count_mm, *seen)
@@ -192,14 +187,14 @@ class Surface:
             The beam deflects too far for small-angle theory or for the sensors' range, the noise is 0, the noise or the
             drift of zeros is out of proportion to the deflection, or no layout keeps the rules of sensors.
         """
-        scene, sensors = self.stated, self.stated.sensors
+        scene, sensors = self.scene, self.scene.sensors
         self.travel.check_small_angles(sensors.range_mm[1] - sensors.range_mm[0])
         if self.readings.reading_mm == 0:
             raise SceneError("sensors: with a noise of 0 there are no intervals; state the noise of a reading")
         check_errors(scene, self.readings, self.filter, self.travel.largest_mm)
         _sensor_of(scene, self.travel)
         fewest = min(sensors.fewest, sensors.count_range[1])
-        equal_layout(self._rules_of(scene), scene.beam.length_mm, count or fewest)
+        equal_layout(self.rules, scene.beam.length_mm, count or fewest)
 
     def check_spacing(self, positions_mm: Sequence[float]) -> None:
         """Raise SceneError if the mounting tolerance lets neighbouring sensors change places."""
@@ -211,15 +206,60 @@ class Surface:
                 "apart; measure their positions to less than that, or state a larger min_distance_mm"
             )
 
-    @cached_property
-    def _allowed_mm(self) -> Floats:
-        """(positions,) where a sensor may stand; no effect changes them."""
-        return sensor_positions_mm(self.stated)
 
-    def _rules_of(self, scene: Scene) -> LayoutRules:
-        sensors, allowed_mm = scene.sensors, self._allowed_mm
-        distance_mm = max(sensors.size_mm, sensors.min_distance_mm, BEYOND * sensors.mounting_tolerance_mm)
-        return LayoutRules(allowed_mm, np.searchsorted(allowed_mm, np.unique(sensors.fixed_mm)), distance_mm)
+def resolve(scene: Scene, *, influence: InfluenceFunction | None = None, chosen: FilterChoice | None = None) -> Surface:
+    """Return the surface of a scene: price its effects, leave out the negligible ones, and compute what follows.
+
+    Parameters
+    ----------
+    scene : what `read_scene` returns
+    influence : an influence function of your own, which takes the place of that of the scene's beam
+    chosen : the filter of a model that exists; default: the one that uses all of the latency
+
+    Raises
+    ------
+    SceneError
+        The beam cannot be computed, no reading fits in the latency, or the influence function is of another length
+        or for other contacts.
+    """
+    require(scene, Scene, "scene", "what read_scene returns")
+    if influence is not None:
+        check_own(influence, scene.beam.length_mm, scene.contact.position_mm, scene.contact.force_range_n)
+    travel = travel_of(scene)
+    readings, allowed_mm = ReadingErrors.of(scene, travel.largest_mm), sensor_positions_mm(scene)
+    chosen = chosen or choose_filter(scene, readings.reading_mm)
+    is_priced = influence is None and readings.reading_mm > 0
+    effects = effects_of(scene, chosen, readings, allowed_mm) if is_priced else ()
+    required, sensors, noise = without_negligible(scene, effects), scene.sensors, readings.behind(chosen)
+    errors = SampleErrors(
+        noise.sample_mm,
+        readings.gain,
+        readings.floor_mm,
+        required.sensors.mounting_tolerance_mm,
+        chosen.min_noise_mm(noise),
+        sensors.rate_hz,
+        readings_alike(chosen),
+    )
+    distance_mm = max(sensors.size_mm, sensors.min_distance_mm, BEYOND * sensors.mounting_tolerance_mm)
+    fixed = np.searchsorted(allowed_mm, np.unique(sensors.fixed_mm))
+    return Surface(
+        scene=scene,
+        filter=chosen,
+        travel=travel,
+        readings=readings,
+        effects=effects,
+        beam=required.beam,
+        width_mm=required.contact.width_mm,
+        influence=influence or influence_of(required),
+        has_own_influence=influence is not None,
+        errors=errors,
+        rules=LayoutRules(allowed_mm, fixed, distance_mm),
+    )
+
+
+def resolve_model(metadata: Metadata) -> Surface:
+    """Return the surface of a model's scene behind the model's filter; raises SceneError as `resolve`."""
+    return resolve(parse_scene(metadata.scene, f"the scene in {metadata.name}"), chosen=metadata.filter)
 
 
 def _sensor_of(scene: Scene, travel: Travel) -> Sensor:
@@ -249,43 +289,3 @@ def _sensor_of(scene: Scene, travel: Travel) -> Sensor:
         gain_mm_per_count=gain,
         offset_mm=low - 0.1 * (2**bits - 1) * gain,
     )
-
-
-def prior_of_model(metadata: Metadata) -> Prior:
-    """Return the prior of a model's surface, with its layout, its floor and the departures of its calibration.
-
-    Raises
-    ------
-    SceneError
-        The scene in the model cannot be computed.
-    """
-    surface, sensor_mm = Surface.of_model(metadata), metadata.layout_mm
-    floor = metadata.floor
-    prior = replace(
-        surface.prior(sensor_mm),
-        noise_mm=metadata.noise.sample_mm,
-        gain=np.array(floor.gain),
-        zero_mm=np.array(floor.zero_mm),
-    )
-    if metadata.calibration is None:
-        return prior
-    # A calibration finds the positions of the sensors.
-    prior = replace(prior, uncertain_at=None)
-    contact = surface.scene.contact
-    return depart(prior, surface.scene.beam, contact.width_mm, sensor_mm, metadata.calibration.departures)
-
-
-def depart(prior: Prior, beam: Beam, width_mm: float, sensor_mm: Floats, departures: Departures) -> Prior:
-    """Return the prior of a surface that differs from its scene, with its beam, width of contact and sensors.
-
-    Its deflections are linear in the force and hold the gains; `measured` adds curve and offsets.
-    """
-    real = changed_beam(beam, departures.rigidity, departures.fixity)
-    true_mm = departures.sensors_mm(sensor_mm, beam.length_mm)
-    influence_at = partial(_real_influence, np.array(departures.gain), real, true_mm, width_mm)
-    return replace(prior, influence_at=influence_at, measured=departures.measure)
-
-
-def _real_influence(gain: Floats, beam: Beam, true_mm: Floats, width_mm: float, load_mm: Floats) -> Floats:
-    matrix: Floats = gain * influence(beam, true_mm, load_mm, width_mm)
-    return matrix

@@ -8,12 +8,10 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from beamtouch_common.digits import digits
 from beamtouch_models.arrays import Floats
-from beamtouch_models.errors import ModelFileError, SceneError, require
-from beamtouch_models.numbers import array_of
+from beamtouch_models.errors import ModelFileError
 from beamtouch_models.runtime import description
 from beamtouch_models.runtime.error_model import whitening
 from beamtouch_models.runtime.metadata import INPUTS, THIS_FILE, Metadata
@@ -93,51 +91,6 @@ class ModelFile:
         covariance_mm2 = np.eye(len(self.channels)) * noise_mm**2
         answers = self.run(deflection_mm, whitening(deflection_mm, covariance_mm2, floor.gain, floor.zero_mm))
         return {name: values.astype(np.float64) for name, values in answers.items()}
-
-
-def load_model(model: Path | str | bytes) -> ModelFile:
-    """Load a model from the path of a file, or the content of one, and reproduce its golden answers.
-
-    `metadata` of the result has the layout, ranges, accuracy and calibration.
-
-    Raises
-    ------
-    ModelFileError
-        The file cannot be read, or it is not a model that can be used.
-    """
-    if isinstance(model, bytes):
-        return load_bytes(model, "the model")
-    if not isinstance(model, Path | str):
-        raise ModelFileError(f"the model: give a path or the content of a file, not {type(model).__name__}")
-    return load(model)
-
-
-def estimate(model: ModelFile, deflection_mm: ArrayLike) -> dict[str, Floats]:
-    """Return the answers of a model to settled samples of all its channels, as the service gives them.
-
-    Parameters
-    ----------
-    model : a loaded model
-    deflection_mm : (samples, channels) in mm, as the sensors measure them, in the order of the model's layout
-
-    Returns
-    -------
-    An array (samples,) per output: `position_mm`, `position_low_mm`, `position_high_mm`, `contact_log_odds`, `misfit`,
-    and with a force `force_n`, `force_low_n`, `force_high_n`.
-
-    Raises
-    ------
-    SceneError
-        They are not numbers that the sensors can measure, or not one per channel.
-    """
-    require(model, ModelFile, "model", "what load_model returns")
-    samples = np.atleast_2d(array_of(deflection_mm, "deflection_mm"))
-    names = model.channels
-    if samples.ndim != 2 or samples.shape[1] != len(names) or not np.all(np.isfinite(samples)):
-        raise SceneError(f"deflection_mm: give finite numbers, {len(names)} for each sample: {', '.join(names)}")
-    if np.abs(samples).max(initial=0.0) > model.largest_mm:
-        raise SceneError(f"deflection_mm: no load deflects this beam by more than {digits(model.largest_mm, 3)} mm")
-    return model.answer(samples)
 
 
 def load(path: Path | str) -> ModelFile:

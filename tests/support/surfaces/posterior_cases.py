@@ -6,7 +6,7 @@ from functools import cache, lru_cache
 import numpy as np
 import onnx
 
-from beamtouch_models import place
+from beamtouch_models import resolve
 from beamtouch_models.arrays import Bools, Floats
 from beamtouch_models.design.accuracy.prior import MAX_FORCE_RATIO, Forces, Prior
 from beamtouch_models.design.estimators.onnx_graph import to_bytes
@@ -37,7 +37,7 @@ def prior_of(name: str, sensors: int, noise_percent: float, *, known: bool) -> P
 def _positions_mm(name: str, sensors: int) -> Floats:
     """The layout of sensors on a shipped scene, whatever the force and the noise."""
     scene, _ = load_scene(SCENES / f"{name}.toml")
-    return place(scene, sensors, criterion="eigenvalue-product", seed=1)
+    return resolve(scene).place(sensors, criterion="eigenvalue-product", seed=1).positions_mm
 
 
 def with_floor(prior: Prior) -> Prior:

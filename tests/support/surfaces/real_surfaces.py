@@ -4,10 +4,10 @@ import numpy as np
 
 from beamtouch_models.arrays import Floats
 from beamtouch_models.design.accuracy.prior import Prior
+from beamtouch_models.design.calibrated import depart
 from beamtouch_models.design.calibration.recordings import Loads
 from beamtouch_models.design.physics.beam import influence_of
 from beamtouch_models.design.scene import parse_scene
-from beamtouch_models.design.surface import depart
 from beamtouch_models.lab.rig.surface import Imperfections
 from beamtouch_models.runtime.metadata import Metadata
 from support.surfaces.calibration_files import FORCES, POSITIONS, SAMPLES

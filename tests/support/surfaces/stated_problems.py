@@ -9,17 +9,17 @@ from beamtouch_models.design.physics.beam import influence_of
 from beamtouch_models.design.placement.layout import LayoutRules
 from beamtouch_models.design.placement.placing import fewest_sensors
 from beamtouch_models.design.scene import Scene
-from beamtouch_models.design.surface import Surface
+from beamtouch_models.design.surface import resolve
 
 
 def problem_in(scene: Scene) -> tuple[InfluenceFunction, LayoutRules]:
     """Influence function of a scene, and its rules for sensors."""
-    return influence_of(scene), Surface.of(scene).rules
+    return influence_of(scene), resolve(scene).rules
 
 
 def errors_in(scene: Scene, noise_mm: float) -> SampleErrors:
     """Errors of a sample with this noise, all that a scene states."""
-    readings = Surface.of(scene).readings
+    readings = resolve(scene).readings
     return SampleErrors(noise_mm, readings.gain, readings.floor_mm, scene.sensors.mounting_tolerance_mm)
 
 

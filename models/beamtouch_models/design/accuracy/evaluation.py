@@ -27,7 +27,7 @@ MIN_SHARE = 1e-3
 
 
 @dataclass(frozen=True)
-class Errors:
+class PositionErrors:
     """|position error| over contacts of a stretch of the beam, in mm."""
 
     mean_mm: Measurement
@@ -48,9 +48,9 @@ class Evaluation:
     noise_mm: float
     draws: int
     length_mm: float
-    span: Errors
+    span: PositionErrors
     """Over the whole range of contacts."""
-    middle: Errors | None
+    middle: PositionErrors | None
     """Over the middle of the beam; None if too few contacts lie there."""
     cramer_rao_mean_mm: float | None
     position_coverage: Measurement | None
@@ -133,8 +133,8 @@ def estimates(model: ModelFile, prior: Prior, deflection_mm: Floats) -> dict[str
     return model.answer(prior.measured(deflection_mm), prior.noise_mm)
 
 
-def _errors(error: Floats, best: Floats | None, weight: Floats, worst: Floats) -> Errors:
-    return Errors(
+def _errors(error: Floats, best: Floats | None, weight: Floats, worst: Floats) -> PositionErrors:
+    return PositionErrors(
         mean_mm=mean_of(error, weight),
         p95_mm=quantile_of(error, 0.95, weight),
         worst_mm=float(worst.max()),

@@ -14,6 +14,7 @@ mean error over contacts and noise equals the mean over readings of the mean ove
 form has less scatter (Rao-Blackwell), and estimator and limit share what scatter is left.
 """
 
+import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
@@ -25,6 +26,7 @@ from beamtouch_models.arrays import Bools, Floats
 from beamtouch_models.design.accuracy.posterior import CHUNK, posterior_quantiles
 from beamtouch_models.design.accuracy.prior import Prior
 from beamtouch_models.design.accuracy.statistics import SCRAMBLINGS, Measurement, mean_of, ratio_of
+from beamtouch_models.design.effort import USUAL, Effort
 from beamtouch_models.design.sweeps import Fraction, TaskMap, in_turn, silent
 
 POSITIONS, FORCES = 1001, 32
@@ -35,6 +37,9 @@ LIKELY = 16
 """Number of positions that represent a posterior, with equal probability each."""
 CERTAIN, MORE = 0.01, 4
 """Relative standard error of a limit above which MORE times as many contacts are drawn."""
+FAILED_DRAWS, LEAST_DRAWS = 1_024, 64
+"""Usual and smallest number of contacts that the limits with each sensor failed share; only their ratios to the limit
+are used."""
 REPORTS = 20
 """Number of progress reports."""
 
@@ -155,24 +160,17 @@ def concentrate_on_errors(prior: Prior, position_mm: Floats) -> tuple[Floats, Fl
 
 
 @dataclass(frozen=True)
-class MeanError:
-    """Mean |position error| in percent of the length, and its standard error."""
-
-    percent: float
-    standard_error: float
-
-
-@dataclass(frozen=True)
 class ComparedLimit:
     """An accuracy limit beside another one, on the same contacts."""
 
-    limit: MeanError
+    limit: Measurement
+    """In percent of the length."""
     ratio: Measurement
     """Over the other limit."""
 
 
-def accuracy_limit(prior: Prior, draws: int, seed: int) -> MeanError:
-    """Return the accuracy limit, from at least `draws` simulated contacts.
+def accuracy_limit(prior: Prior, draws: int, seed: int) -> Measurement:
+    """Return the accuracy limit in percent of the length, from at least `draws` simulated contacts.
 
     The mean is that of eq. 5 of the paper, with less scatter: each reading counts with the mean |error| over its
     posterior instead of the one drawn error, and contacts and noise are spread evenly (scrambled Sobol points; Owen
@@ -180,7 +178,7 @@ def accuracy_limit(prior: Prior, draws: int, seed: int) -> MeanError:
     must be positive.
     """
     drawn = draw_evenly(prior, draws, seed)
-    return _limit_of(_errors_percent(prior, drawn.deflection_mm, drawn.weight))
+    return mean_of(_errors_percent(prior, drawn.deflection_mm, drawn.weight))
 
 
 def compare_limits(prior: Prior, others: Sequence[Prior], draws: int, seed: int) -> list[ComparedLimit]:
@@ -193,7 +191,7 @@ def compare_limits(prior: Prior, others: Sequence[Prior], draws: int, seed: int)
     for one in (prior, *others):
         clean, deviation = one.sampled(position, force)
         errors.append(_errors_percent(one, clean + deviation * noise, weight))
-    return [ComparedLimit(_limit_of(other), ratio_of(other, errors[0])) for other in errors[1:]]
+    return [ComparedLimit(mean_of(other), ratio_of(other, errors[0])) for other in errors[1:]]
 
 
 def limits_without(prior: Prior, missing: Iterable[Sequence[int]], draws: int, seed: int) -> Iterator[ComparedLimit]:
@@ -206,18 +204,27 @@ def limits_without(prior: Prior, missing: Iterable[Sequence[int]], draws: int, s
     for lacking in missing:
         sample_mm = np.delete(drawn.deflection_mm, lacking, axis=1)
         errors = _errors_percent(prior.without(*lacking), sample_mm, drawn.weight)
-        yield ComparedLimit(_limit_of(errors), ratio_of(errors, whole))
+        yield ComparedLimit(mean_of(errors), ratio_of(errors, whole))
+
+
+def limits_with_one_failed(prior: Prior, limit: Measurement, seed: int, effort: Effort = USUAL) -> list[Measurement]:
+    """Return the accuracy limits with each sensor failed, from that with all of them; none for a single sensor.
+
+    All are in percent of the length. Their ratios to the limit come from contacts that they share.
+    """
+    if prior.channels == 1:
+        return []
+    found, draws = [], effort.of(FAILED_DRAWS, LEAST_DRAWS)
+    for one in limits_without(prior, [(index,) for index in range(prior.channels)], draws, seed):
+        scatter = math.hypot(one.ratio.standard_error * limit.value, one.ratio.value * limit.standard_error)
+        found.append(Measurement(one.ratio.value * limit.value, scatter))
+    return found
 
 
 def _errors_percent(prior: Prior, deflection_mm: Floats, weight: Floats) -> Floats:
     """Return the weighted mean |error| of the posterior median of samples, (draws,) in percent of the length."""
     errors: Floats = posterior_quantiles(prior, deflection_mm)[1] * weight / prior.length_mm * 100
     return errors
-
-
-def _limit_of(errors_percent: Floats) -> MeanError:
-    mean = mean_of(errors_percent)
-    return MeanError(mean.value, mean.standard_error)
 
 
 def posterior_median_mm(prior: Prior, deflection_mm: Floats) -> Floats:

@@ -1,17 +1,18 @@
-"""The build of a model: filter, physics, layout, estimator, measured accuracy and golden answers; and its files."""
+"""The build of a model from a layout: estimator, measured accuracy, golden answers, and the content of its file."""
 
+import re
 from dataclasses import dataclass
 
 import numpy as np
 
+from beamtouch_common.names import NAME, RULE
 from beamtouch_models.design.building.measure import measure
-from beamtouch_models.design.building.sensors import place_sensors
 from beamtouch_models.design.estimators.onnx_graph import to_bytes
+from beamtouch_models.design.layout import Layout
 from beamtouch_models.design.physics.beam import influence
-from beamtouch_models.design.placement.placing import DEFAULT_AIM, Aim, Placement
-from beamtouch_models.design.scene import Scene, identity_of
-from beamtouch_models.design.surface import Surface
-from beamtouch_models.design.sweeps import Progress
+from beamtouch_models.design.scene import Scene, format_scene, identity_of
+from beamtouch_models.design.sweeps import Progress, silent
+from beamtouch_models.errors import SceneError, require
 from beamtouch_models.names import ESTIMATORS, EstimatorName
 from beamtouch_models.runtime.metadata import BeamDrawing, Channel, DrawnSupport, Metadata, Ranges
 
@@ -22,94 +23,76 @@ DIGITS = 4
 
 
 @dataclass(frozen=True)
-class Choices:
-    """Choices of a build that the scene does not make."""
-
-    estimator: EstimatorName = ESTIMATORS[0]
-    aim: Aim = DEFAULT_AIM
-    """Criterion of the layout, and the effort of search and measurements."""
-    kept_mm: tuple[float, ...] = ()
-    """Positions of sensors that are mounted already, placed with this aim; none: the sensors are placed."""
-
-
-DEFAULTS = Choices()
-
-
-@dataclass(frozen=True)
 class Built:
     """A finished build."""
 
     content: bytes
     metadata: Metadata
-    placement: Placement
-    surface: Surface
-    """The surface that the model was built for, with the price of each effect."""
-    aim: Aim = DEFAULT_AIM
+    layout: Layout
+    """Whose model it is, with the surface and the price of each effect."""
 
 
 def build_model(
-    scene: Scene,
-    text: str,
+    layout: Layout,
     name: str,
     *,
-    count: int | None,
-    seed: int,
-    progress: Progress,
-    choices: Choices = DEFAULTS,
+    text: str | None = None,
+    estimator: EstimatorName = ESTIMATORS[0],
+    seed: int = 0,
+    progress: Progress = silent,
 ) -> Built:
-    """Build the model of a scene.
+    """Build the model of a layout.
 
     Parameters
     ----------
-    scene, text, name : the scene, its TOML text, and the name of the surface
-    count : number of sensors; None: as the scene states
+    layout : the sensors; their `aim` has the effort of the measurements
+    name : name of the surface
+    text : TOML text of the scene for the model file; None: its keys, without comments
+    estimator : name of the estimator
     seed : seed of all random numbers; the same seed gives the same bytes
-    progress : called with the current step
-    choices : choices other than the default ones
+    progress : called with the current step and the fraction done
 
     Raises
     ------
     SceneError
-        The scene cannot be built; the message says why.
+        The scene cannot be built, or an argument is not as its line says; the message says why.
     NotGoodEnoughError
         The model misses the accuracy limit, or its intervals hold too few of the true positions.
     """
-    sensors = place_sensors(
-        Surface.of(scene),
-        count=count,
-        seed=seed,
-        aim=choices.aim,
-        kept_mm=choices.kept_mm,
-        progress=lambda _, done: progress("placing the sensors", 0.3 * done),
-    )
-    surface, prior = sensors.surface, sensors.prior
-    made = sensors.make_estimator(
-        choices.estimator,
-        seed,
-        lambda done: progress("making the estimator", 0.3 + 0.5 * done),
-        choices.aim.effort,
+    require(name, str, "name", "text")
+    if not re.fullmatch(NAME, name):
+        raise SceneError(f"name = {name!r} must {RULE}")
+    if estimator not in ESTIMATORS:
+        raise SceneError(f"estimator = {estimator!r} must be one of {', '.join(ESTIMATORS)}")
+    if layout.surface.has_own_influence:
+        raise SceneError(
+            "influence: a model file holds the scene's beam, not an influence function of your own; its layouts have "
+            "limits, but no model"
+        )
+    surface, prior, scene = layout.surface, layout.prior, layout.surface.scene
+    made = layout.make_estimator(
+        estimator, seed, lambda done: progress("making the estimator", 0.3 + 0.5 * done), layout.aim.effort
     )
     progress("measuring the accuracy against the limit", 0.8)
-    fields = measure(made, prior, surface, sensors.world, seed, choices.aim)
-    modelled, placement = surface.scene, sensors.placement
-    layout = [Channel(name=f"s{i}", position_mm=x) for i, x in enumerate(placement.positions_mm, start=1)]
+    fields = measure(made, prior, surface, layout.world, seed, layout.aim)
+    channels = [Channel(name=f"s{i}", position_mm=x) for i, x in enumerate(layout.placement.positions_mm, start=1)]
     metadata = Metadata(
         name=name,
-        beam=identity_of(surface.stated.beam, {channel.name: channel.position_mm for channel in layout}),
+        beam=identity_of(scene.beam, {channel.name: channel.position_mm for channel in channels}),
         estimator=made.name,
-        length_mm=modelled.beam.length_mm,
-        layout=layout,
-        ranges=Ranges(position_mm=modelled.contact.position_mm, force_n=modelled.contact.force_range_n),
-        max_deflection_mm=surface.modelled_travel.largest_mm,
+        length_mm=scene.beam.length_mm,
+        layout=channels,
+        ranges=Ranges(position_mm=scene.contact.position_mm, force_n=scene.contact.force_range_n),
+        max_deflection_mm=surface.travel.largest_mm,
         noise=surface.noise,
         filter=surface.filter,
         sensor=surface.sensor,
-        drawn=draw_beam(modelled),
+        drawn=draw_beam(scene),
         seed=seed,
-        scene=text,
+        scene=format_scene(scene) if text is None else text,
         **vars(fields),
     )
-    return Built(to_bytes(made.graph, metadata), metadata, placement, surface, choices.aim)
+    return Built(to_bytes(made.graph, metadata), metadata, layout)
 
 
 def draw_beam(scene: Scene) -> BeamDrawing:

@@ -9,7 +9,7 @@ from jinja2 import Environment, StrictUndefined
 from beamtouch_common.files import write_atomically
 from beamtouch_models.design.building.replaced import sealed
 from beamtouch_models.design.pricing.walk import smallest_mm, walk_of
-from beamtouch_models.design.surface import Surface
+from beamtouch_models.design.surface import resolve_model
 from beamtouch_models.runtime.metadata import Metadata
 
 TOKEN_FILE = "beamtouch.token"  # noqa: S105  # the name of a file, not a secret
@@ -23,7 +23,7 @@ def daemon_config(metadata: Metadata) -> str:
     What the scene does not state has no line: the noise of a reading (the daemon then estimates it), the drift of a
     rest gap, the slowest period of a beam of unknown mass, and the bits of the ADC (the type of the counts has ends).
     """
-    surface = Surface.of_model(metadata)
+    surface = resolve_model(metadata)
     # Names have letters, digits and "_.-" only: nothing is to be escaped.
     form = Environment(undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True).from_string(  # noqa: S701  # TOML
         files(__package__).joinpath("daemon_config.toml.j2").read_text(encoding="utf-8")
@@ -35,7 +35,7 @@ def daemon_config(metadata: Metadata) -> str:
         rig_port=RIG_PORT,
         drift_mm=surface.readings.drift_mm,
         period_ms=surface.slowest_period_ms,
-        adc_bits=surface.stated.sensors.adc_bits,
+        adc_bits=surface.scene.sensors.adc_bits,
         unseen_swing=surface.unseen_swing,
         smallest_mm=smallest_mm(metadata),
         walk=walk_of(metadata, surface.readings),

@@ -10,10 +10,10 @@ import numpy as np
 
 from beamtouch_common.digits import digits
 from beamtouch_models.design.accuracy import limit
-from beamtouch_models.design.accuracy.limit import MeanError, Reached, simulate_until_certain
+from beamtouch_models.design.accuracy.limit import Reached, limits_with_one_failed, simulate_until_certain
 from beamtouch_models.design.accuracy.posterior import LARGE_GAIN
 from beamtouch_models.design.accuracy.prior import Prior
-from beamtouch_models.design.accuracy.statistics import share_of
+from beamtouch_models.design.accuracy.statistics import Measurement, share_of
 from beamtouch_models.design.accuracy.thresholds import (
     PLACES,
     readings_alike,
@@ -21,7 +21,6 @@ from beamtouch_models.design.accuracy.thresholds import (
     touch_thresholds,
     unexplained_thresholds,
 )
-from beamtouch_models.design.building.sensors import limits_with_one_failed
 from beamtouch_models.design.building.since_touch import answers_of_means, answers_since_touch
 from beamtouch_models.design.effort import Effort
 from beamtouch_models.design.estimators.estimator import Estimator
@@ -81,7 +80,7 @@ def measure(estimator: Estimator, prior: Prior, surface: Surface, world: World, 
         raise NotGoodEnoughError(f"nothing was written: {error}") from None
     thresholds = thresholds_of(prior, surface)
     accuracy = _accuracy(prior, run, reached, surface, world, seed + 2, aim.effort)
-    limit = MeanError(accuracy.limit_percent, accuracy.limit_standard_error)
+    limit = Measurement(accuracy.limit_percent, accuracy.limit_standard_error)
     failed = limits_with_one_failed(prior, limit, seed, aim.effort)
     # Cubic interpolation of this table is off by at most 6e-4 of the largest influence of any shipped scene, at the
     # kink that shear makes, and by 3e-5 elsewhere.
@@ -90,14 +89,14 @@ def measure(estimator: Estimator, prior: Prior, surface: Surface, world: World, 
     return Measured(
         min_channels=estimator.min_channels,
         thresholds=thresholds,
-        smallest_force=smallest_forces(prior, thresholds.touch[-1], surface.stated.beam.held_mm),
+        smallest_force=smallest_forces(prior, thresholds.touch[-1], surface.scene.beam.held_mm),
         floor=Floor(gain=gain, zero_mm=zero_mm, drift_mm_per_min=surface.readings.drift_mm_per_min),
         influence=Influence(mm_per_n=[[float(f"{value:.{DIGITS}g}") for value in row] for row in table]),
         accuracy=accuracy,
         placed=LayoutErrors(
             criterion=aim.criterion,
             spare=aim.spare,
-            limit_without_percent=[one.percent for one in failed],
+            limit_without_percent=[one.value for one in failed],
             limit_without_standard_error=[one.standard_error for one in failed],
         ),
         golden=_golden(prior, run, seed + 3),
@@ -106,12 +105,12 @@ def measure(estimator: Estimator, prior: Prior, surface: Surface, world: World, 
 
 def thresholds_of(prior: Prior, surface: Surface) -> Thresholds:
     """Return the thresholds for the false contacts per day that the scene of a surface allows."""
-    rest, misfit = unexplained_thresholds(prior, surface.stated.sensors.rate_hz, readings_alike(surface.filter))
+    rest, misfit = unexplained_thresholds(prior, surface.scene.sensors.rate_hz, readings_alike(surface.filter))
     return Thresholds(
         touch=touch_thresholds(prior, surface.touch_rate),
         rest=rest,
         misfit=misfit,
-        false_contacts_per_day=surface.stated.requirements.false_contacts_per_day,
+        false_contacts_per_day=surface.scene.requirements.false_contacts_per_day,
     )
 
 

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from beamtouch_common.encodings import decode
-from beamtouch_common.errors import InputError
 from beamtouch_models.design.building.stored import positions_in, stored_in_file
-from beamtouch_models.design.scene import Scene, change_scene
+from beamtouch_models.design.layout import conflict_of
+from beamtouch_models.design.scene import Scene
 from beamtouch_models.errors import ModelFileError
 
 
@@ -34,21 +34,6 @@ class Mounted:
             return f"sensors are not where {self.file} had them: {moved} mm"
         old, new = (", ".join(f"{place:g}" for place in places) for places in (self.positions_mm, positions_mm))
         return f"sensors are not where {self.file} had them: {old} mm; now {new} mm"
-
-
-def conflict_of(positions_mm: tuple[float, ...], scene: Scene) -> str:
-    """Return why sensors of a scene cannot stand at these places; empty if they can."""
-    few, many = scene.sensors.count_range
-    if not few <= len(positions_mm) <= many:
-        asked = f"{few}" if few == many else f"{few} to {many}"
-        return f"the scene asks for {asked} sensors, not for {len(positions_mm)}"
-    if away := [place for place in scene.sensors.fixed_mm if place not in positions_mm]:
-        return f"sensors.fixed_mm of the scene has {away[0]:g} mm"
-    try:
-        change_scene(scene, sensors={"fixed_mm": list(positions_mm)})
-    except InputError as error:
-        return str(error)
-    return ""
 
 
 def find_mounted(name: str, model: Path, config: Path | None) -> Mounted | None:

@@ -109,7 +109,7 @@ def answers_of_means(
     seed : seed of contacts and noise
     effort : how many contacts are drawn
     """
-    window, rate_hz = surface.filter.window, surface.stated.sensors.rate_hz
+    window, rate_hz = surface.filter.window, surface.scene.sensors.rate_hz
     longest = min(surface.filter.max_readings, max(MOST, window))
     many = Touches.draw(prior, world, effort.of(KNOWN, LEAST_KNOWN), seed + 1)
     noise = np.random.default_rng([seed, prior.channels]).normal(size=many.shown_mm.shape)
@@ -140,7 +140,7 @@ def answers_since_touch(
     # Readings at rest, and then touches, each at any time before the first loaded reading.
     before, rng = STILL + min(MOST, math.ceil(surface.slowest_period)), np.random.default_rng([seed, counts[-1]])
     since = np.arange(1 - before, counts[-1] + 1) - rng.uniform(size=(len(touches.shown_mm), 1))
-    since_s = since / surface.stated.sensors.rate_hz
+    since_s = since / surface.scene.sensors.rate_hz
 
     def readings_of(ringing_mm: Floats | float = 0.0) -> Floats:
         """Return readings (contacts, readings, channels), with the same noise each time, of a beam that rings."""

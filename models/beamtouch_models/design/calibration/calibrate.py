@@ -12,6 +12,7 @@ from beamtouch_models.arrays import Floats
 from beamtouch_models.design.accuracy import limit
 from beamtouch_models.design.accuracy.prior import Prior
 from beamtouch_models.design.building.measure import measure
+from beamtouch_models.design.calibrated import prior_of_model
 from beamtouch_models.design.calibration.choice import averaged_fit
 from beamtouch_models.design.calibration.doubts import doubts
 from beamtouch_models.design.calibration.fit import Fit, fit
@@ -24,7 +25,7 @@ from beamtouch_models.design.effort import USUAL, Effort
 from beamtouch_models.design.estimators.estimator import Estimator, estimator_of
 from beamtouch_models.design.estimators.onnx_graph import to_bytes, with_force_error, with_linear_input
 from beamtouch_models.design.placement.placing import Aim
-from beamtouch_models.design.surface import Surface, prior_of_model
+from beamtouch_models.design.surface import resolve_model
 from beamtouch_models.design.sweeps import Fraction, Progress, silent
 from beamtouch_models.design.world import World
 from beamtouch_models.errors import ModelFileError, NotGoodEnoughError
@@ -91,7 +92,7 @@ def calibrate(
     left_mm = (checked.fit.errors.residual_mm, checked.fit.prediction_mm, np.sqrt(np.nanmean(bends_mm**2)))
     residual_mm = float(np.linalg.norm(left_mm))
     # The floor of the scene comes with the model; what the fit leaves unexplained does not average away either.
-    zero_mm = np.hypot(Surface.of_model(metadata).readings.floor_mm, residual_mm)
+    zero_mm = np.hypot(resolve_model(metadata).readings.floor_mm, residual_mm)
     # The offsets are what the zeros drifted between the tare and the recording. They went on to drift during it. The
     # next tare takes both away.
     drifted_mm = np.abs(checked.fit.session.drift_mm(checked.fit.vector)).max(axis=0)
@@ -241,9 +242,9 @@ def rebuilt(
     """
     made = remade(metadata, prior, calibration, lambda done: progress("making the estimator", 0.7 + 0.1 * done), effort)
     progress("measuring the accuracy against the limit", 0.85)
-    surface = Surface.of_model(metadata)
-    noise_mm, departures = surface.modelled_readings.sensor_mm, calibration.departures
-    world = World.of(surface.stated, metadata.sensor, metadata.layout_mm, noise_mm, departures)
+    surface = resolve_model(metadata)
+    noise_mm, departures = surface.readings.sensor_mm, calibration.departures
+    world = World.of(surface.scene, metadata.sensor, metadata.layout_mm, noise_mm, departures)
     aim = Aim(metadata.placed.criterion, metadata.placed.spare, effort=effort)
     fields = measure(made, prior, surface, world, metadata.seed, aim)
     fresh = metadata.model_copy(update={**vars(fields), "calibration": calibration})

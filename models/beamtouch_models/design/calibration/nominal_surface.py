@@ -10,8 +10,9 @@ from scipy.optimize import lsq_linear
 
 from beamtouch_models.arrays import Floats, Indices
 from beamtouch_models.design.accuracy.prior import Prior
+from beamtouch_models.design.calibrated import depart
 from beamtouch_models.design.scene.beam import Beam
-from beamtouch_models.design.surface import Surface, depart
+from beamtouch_models.design.surface import resolve_model
 from beamtouch_models.runtime.curve import InfluenceCurve
 from beamtouch_models.runtime.health.residuals import LoadErrors
 from beamtouch_models.runtime.metadata import Departures, Metadata
@@ -68,11 +69,11 @@ class NominalSurface:
     @classmethod
     def of(cls, metadata: Metadata) -> "NominalSurface":
         """Return the nominal surface of a model; raises SceneError if its scene cannot be computed."""
-        surface, sensor_mm = Surface.of_model(metadata), metadata.layout_mm
-        scene, prior = surface.scene, Prior.of(surface.influence, sensor_mm, metadata.noise.sample_mm)
+        surface, sensor_mm = resolve_model(metadata), metadata.layout_mm
+        prior = Prior.of(surface.influence, sensor_mm, metadata.noise.sample_mm)
         return cls(
-            scene.beam,
-            scene.contact.width_mm,
+            surface.beam,
+            surface.width_mm,
             sensor_mm,
             prior,
             metadata.max_deflection_mm,

@@ -38,7 +38,7 @@ def fewest_channels(prior: Prior, seed: int, effort: Effort = USUAL) -> int:
         sets = neighbours if comb(prior.channels, size) > MAX_SETS else combinations(every, size)
         missing = (sorted(set(every) - set(kept)) for kept in sets)
         found = limits_without(prior, missing, effort.of(DRAWS, LEAST_DRAWS), seed)
-        if all(one.limit.percent <= ENOUGH * guess_percent for one in found):
+        if all(one.limit.value <= ENOUGH * guess_percent for one in found):
             return size
     return prior.channels
 

@@ -239,9 +239,9 @@ def _least(
 def _limit_percent(prior: Prior, spare: int, draws: int, seed: int) -> float:
     """Return the accuracy limit of a layout; with a spare, the largest with one sensor failed."""
     if not spare:
-        return accuracy_limit(prior, draws, seed).percent
+        return accuracy_limit(prior, draws, seed).value
     failed = limits_without(prior, [(index,) for index in range(prior.channels)], draws, seed)
-    return max(one.limit.percent for one in failed)
+    return max(one.limit.value for one in failed)
 
 
 def recommended_count(influence: InfluenceFunction, noise_mm: float) -> int:

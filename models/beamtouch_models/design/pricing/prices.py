@@ -122,8 +122,6 @@ without_foundation = partial(change_scene, beam={"foundation_n_mm2": None})
 """Raises InputError if nothing else supports the beam."""
 without_tolerance = partial(change_scene, sensors={"mounting_tolerance_mm": 0.0})
 """The scene with sensors at exactly known positions."""
-without_adc = partial(change_scene, sensors={"adc_bits": None})
-"""The scene without the steps of its ADC."""
 
 
 def without_steps(scene: Scene) -> Scene:
@@ -278,7 +276,7 @@ def _adc_steps(pricing: Pricing) -> Effect:
     reason = f"{digits(1000 * step, 3)} um per count"
     if stays_mm >= NEGLIGIBLE * pricing.noise_mm:
         reason += f"; the noise is too small to average it out, so {digits(1000 * stays_mm, 3)} um stay in every mean"
-    return Effect("ADC steps", price, verdict_of(price), reason, leave_out=without_adc)
+    return Effect("ADC steps", price, "floor", reason)
 
 
 def _expansion(pricing: Pricing) -> Effect:
@@ -366,20 +364,12 @@ def effects_of(scene: Scene, chosen: FilterChoice, readings: ReadingErrors, allo
     return _include_too_many([price(pricing) for price in EFFECTS])
 
 
-def leave_out(scene: Scene, effects: Sequence[Effect], readings: ReadingErrors) -> Scene:
-    """Return a scene without its negligible effects; `readings` are the errors of its readings.
-
-    If effects are left out, the result states the noise of the scene in mm; it contains the steps of an ADC that is
-    left out.
-    """
-    removals = [effect.leave_out for effect in effects if effect.verdict == "out" and effect.leave_out]
-    smaller = scene
-    for remove in removals:
-        smaller = remove(smaller)
-    if removals:
-        noise_mm = readings.reading_mm if smaller.sensors.adc_bits is None else readings.sensor_mm
-        smaller = change_scene(smaller, sensors={"noise_mm": noise_mm, "noise_percent_of_max": None})
-    return smaller
+def without_negligible(scene: Scene, effects: Sequence[Effect]) -> Scene:
+    """Return a scene without its negligible effects; its errors of readings are those of the scene as stated."""
+    for effect in effects:
+        if effect.verdict == "out" and effect.leave_out:
+            scene = effect.leave_out(scene)
+    return scene
 
 
 def _include_too_many(effects: list[Effect]) -> tuple[Effect, ...]:

@@ -10,7 +10,7 @@ import numpy as np
 from beamtouch_models.arrays import Bools, Floats
 from beamtouch_models.design.pricing.walk import walk_of
 from beamtouch_models.design.scene import Scene
-from beamtouch_models.design.surface import Surface
+from beamtouch_models.design.surface import resolve_model
 from beamtouch_models.design.world import SensorErrors, World
 from beamtouch_models.filters import Walk
 from beamtouch_models.runtime.metadata import Metadata
@@ -46,16 +46,16 @@ class SimulatedSurface:
         SceneError
             The scene in the model cannot be computed.
         """
-        surface, channels = Surface.of_model(metadata), len(metadata.layout)
+        surface, channels = resolve_model(metadata), len(metadata.layout)
         gain, zero_mm = (np.full(channels, value) for value in (surface.readings.gain, surface.readings.floor_mm))
         if metadata.calibration is not None:
             gain, zero_mm = np.array(metadata.floor.gain), np.array(metadata.floor.zero_mm)
         # The noise that a model states of a reading holds the steps of the ADC.
         steps_mm2 = metadata.sensor.gain_mm_per_count**2 / 12
         noise_mm = float(np.sqrt(max(0.0, metadata.noise.reading_mm**2 - steps_mm2)))
-        world = World.of(surface.stated, metadata.sensor, metadata.layout_mm, noise_mm, metadata.departures)
+        world = World.of(surface.scene, metadata.sensor, metadata.layout_mm, noise_mm, metadata.departures)
         seen, walk = (surface.slowest_period, surface.unseen_swing), walk_of(metadata, surface.readings)
-        return cls(metadata, surface.stated, world, *seen, gain, zero_mm, walk)
+        return cls(metadata, surface.scene, world, *seen, gain, zero_mm, walk)
 
     @property
     def channels(self) -> int:

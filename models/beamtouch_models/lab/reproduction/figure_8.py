@@ -15,7 +15,7 @@ from beamtouch_models.design.charts import Chart, Series
 from beamtouch_models.design.estimators.paper_network import MAX_EPOCHS, PaperNetwork, train
 from beamtouch_models.design.physics.beam import influence_of
 from beamtouch_models.design.placement.placing import place
-from beamtouch_models.design.surface import Surface
+from beamtouch_models.design.surface import resolve
 from beamtouch_models.design.sweeps import Fraction, silent
 from beamtouch_models.lab.reproduction.paper import (
     LENGTH_MM,
@@ -53,7 +53,7 @@ Layouts = dict[tuple[int, str], Floats]
 
 def layouts_of(seed: int) -> Layouts:
     """Return the layouts of figure 8."""
-    surface, layouts = Surface.of(SCENE), {}
+    surface, layouts = resolve(SCENE), {}
     for count in COUNTS:
         layouts[count, "equal"] = equal_pitch_mm(count)
         layouts[count, "optimised"] = np.array(place(surface.influence, surface.rules, count, seed).positions_mm)
@@ -99,7 +99,7 @@ def measure(
         "rig_percent": error_percent[:, -1],
         "rig_spread_percent": np.std(errors, axis=1, ddof=min(networks - 1, 1))[:, -1],
         "noise_trained_percent": noise_trained,
-        "limit_percent": [one.percent for one in limits],
+        "limit_percent": [one.value for one in limits],
         "limit_standard_error": [one.standard_error for one in limits],
         "networks": len(as_in_paper),
         "reached": sum(one.outcome == "reached" for one in as_in_paper),

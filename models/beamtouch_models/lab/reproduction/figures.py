@@ -6,7 +6,7 @@ from beamtouch_models.arrays import Floats
 from beamtouch_models.design.charts import Chart, Series
 from beamtouch_models.design.placement.eigenvalue_product import eigenvalue_product_of, principal_components
 from beamtouch_models.design.placement.search import SearchRun, paper_search
-from beamtouch_models.design.surface import Surface
+from beamtouch_models.design.surface import resolve
 from beamtouch_models.design.world import counts_of_output, output_of_gap
 from beamtouch_models.lab.reproduction.paper import (
     LENGTH_MM,
@@ -25,7 +25,7 @@ from beamtouch_models.lab.reproduction.paper import (
 
 def figure_2() -> Figure:
     """Return figure 2: the output of the rig's sensor over the gap, and its deviation from a line from 1 to 4 mm."""
-    sensor = Surface.of(SCENE).sensor
+    sensor = resolve(SCENE).sensor
     gap = np.linspace(0.0, 5.0, 501)
     output = counts_of_output(sensor, output_of_gap(sensor, gap)) / (2**sensor.adc_bits - 1) * 100
     stated, ends = (gap >= 1) & (gap <= 4), np.array([0.5, 4.5])
@@ -145,7 +145,7 @@ def figures_5_and_6(seed: int) -> tuple[Figure, Figure]:
 
     This is the search of section 4, for eight sensors by their four leading eigenvalues, from equal pitch.
     """
-    surface = Surface.of(SCENE)
+    surface = resolve(SCENE)
     product = eigenvalue_product_of(surface.influence, surface.rules, SENSORS, LEADING)
     start = SearchRun((product.equal,), (float(product.scores(product.equal[None])[0]),), 1)
     seeds = range(seed, seed + OTHER_SEEDS + 1)

@@ -11,14 +11,14 @@ import numpy as np
 from beamtouch_models.design.accuracy.limit import Reached, accuracy_limit
 from beamtouch_models.design.accuracy.statistics import Measurement
 from beamtouch_models.design.building.measure import reach
-from beamtouch_models.design.building.sensors import place_sensors
 from beamtouch_models.design.building.since_touch import Answer, answers_of_means, answers_since_touch
 from beamtouch_models.design.effort import USUAL, Effort
 from beamtouch_models.design.estimators.onnx_graph import to_bytes
+from beamtouch_models.design.layout import keep_sensors, place_sensors
 from beamtouch_models.design.placement.placing import DEFAULT_AIM, Aim
 from beamtouch_models.design.scene import Scene, change_scene
 from beamtouch_models.design.scene.tables import MIN_SENSORS
-from beamtouch_models.design.surface import Surface
+from beamtouch_models.design.surface import resolve
 from beamtouch_models.errors import NotGoodEnoughError, SceneError
 from beamtouch_models.names import ESTIMATORS, EstimatorName
 from beamtouch_models.runtime.metadata import INPUTS, FilterChoice
@@ -118,7 +118,7 @@ def numbers_of_sensors(scene: Scene) -> list[int]:
 
 def with_noises(scene: Scene) -> list[Scene]:
     """Return the scene with each other noise of its sensors; none if its noise comes from the ADC alone."""
-    noise_mm = Surface.of(scene).readings.sensor_mm
+    noise_mm = resolve(scene).readings.sensor_mm
     if noise_mm == 0:
         return []
     return [change_scene(scene, sensors={"noise_mm": noise_mm * one, "noise_percent_of_max": None}) for one in NOISES]
@@ -137,9 +137,12 @@ def measure(task: Task) -> Model | Failure:
     """
     seed = task.seed
     try:
-        surface = Surface.of(task.scene)
-        sensors = place_sensors(surface, count=task.sensors, seed=seed, aim=task.aim, kept_mm=task.kept_mm)
-        prior, made = sensors.prior, sensors.make_estimator(task.estimator, seed, effort=task.effort)
+        surface = resolve(task.scene)
+        if task.kept_mm:
+            layout = keep_sensors(surface, task.kept_mm, task.aim)
+        else:
+            layout = place_sensors(surface, count=task.sensors, seed=seed, aim=task.aim)
+        prior, made = layout.prior, layout.make_estimator(task.estimator, seed, effort=task.effort)
         graph = to_bytes(made.graph)
         run = runner(graph)
         reached = reach(made, prior, run, task.draws, seed + 2)
@@ -147,12 +150,12 @@ def measure(task: Task) -> Model | Failure:
         return Failure(task.varied, task.sensors, task.estimator, str(error))
     return Model(
         task,
-        sensors.placement.positions_mm,
+        layout.placement.positions_mm,
         surface.noise.reading_mm,
         surface.filter,
         prior.length_mm,
         reached,
-        tuple(answers_of_means(prior, run, surface, sensors.world, reached.error_mm, seed + 2, task.effort)),
+        tuple(answers_of_means(prior, run, surface, layout.world, reached.error_mm, seed + 2, task.effort)),
         graph,
     )
 
@@ -160,13 +163,13 @@ def measure(task: Task) -> Model | Failure:
 def follow(model: Model) -> list[AnswerAtTime]:
     """Return the answers of a model by the time since a touch."""
     task, seed = model.task, model.task.seed + 2
-    sensors = place_sensors(Surface.of(task.scene, model.filter), kept_mm=model.positions_mm)
-    prior, run = sensors.prior, runner(model.graph)
+    layout = keep_sensors(resolve(task.scene, chosen=model.filter), model.positions_mm)
+    prior, run = layout.prior, runner(model.graph)
     moments = []
-    for answer in answers_since_touch(model.answers, prior, run, sensors.surface, sensors.world, seed, task.effort):
+    for answer in answers_since_touch(model.answers, prior, run, layout.surface, layout.world, seed, task.effort):
         noise_mm = model.reading_mm / math.sqrt(answer.readings)
         limit = accuracy_limit(replace(prior, noise_mm=noise_mm), task.draws, seed)
-        limit_mm = Measurement(limit.percent, limit.standard_error).scaled(model.length_mm / 100)
+        limit_mm = limit.scaled(model.length_mm / 100)
         moments.append(AnswerAtTime(answer, limit_mm))
     return moments
 

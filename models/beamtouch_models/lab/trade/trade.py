@@ -10,7 +10,7 @@ from beamtouch_models.design.accuracy.statistics import Measurement
 from beamtouch_models.design.building.since_touch import Answer
 from beamtouch_models.design.effort import USUAL, Effort
 from beamtouch_models.design.scene import Scene
-from beamtouch_models.design.surface import Surface
+from beamtouch_models.design.surface import resolve
 from beamtouch_models.design.sweeps import Progress, TaskMap
 from beamtouch_models.errors import SceneError
 from beamtouch_models.lab.trade.measure import (
@@ -164,7 +164,7 @@ def trade(
     SceneError
         No model of the scene can be built.
     """
-    Surface.of(scene).check()
+    resolve(scene).check()
     counts = numbers_of_sensors(scene)
     planned = len(counts) + len(estimators) + len(with_noises(scene)) + 2
     done: list[Model | Failure] = []

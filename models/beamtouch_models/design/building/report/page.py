@@ -13,7 +13,7 @@ from jinja2 import Environment, StrictUndefined
 from beamtouch_common.digits import digits
 from beamtouch_models.arrays import Floats
 from beamtouch_models.design.accuracy.evaluation import estimates
-from beamtouch_models.design.accuracy.limit import MeanError, compare_limits, simulated
+from beamtouch_models.design.accuracy.limit import compare_limits, simulated
 from beamtouch_models.design.accuracy.prior import Prior
 from beamtouch_models.design.accuracy.statistics import Measurement, mean_of
 from beamtouch_models.design.building.build import Built
@@ -26,7 +26,6 @@ from beamtouch_models.design.placement.placing import DEFAULT_AIM, place, place_
 from beamtouch_models.design.pricing.prices import NEGLIGIBLE
 from beamtouch_models.design.pricing.ringing import describe_ringing
 from beamtouch_models.design.scene import Scene
-from beamtouch_models.design.surface import Surface
 from beamtouch_models.design.sweeps import Progress
 from beamtouch_models.errors import SceneError
 from beamtouch_models.numbers import three_digits
@@ -65,7 +64,8 @@ class OtherLayout:
     positions_mm: Floats
     log_eigenvalue_product: float
     """In the unit of `Placement.log_eigenvalue_product`."""
-    limit: MeanError
+    limit: Measurement
+    """In percent of the length."""
     taken: bool
 
 
@@ -80,16 +80,16 @@ class Facts:
     layouts: tuple[OtherLayout, ...]
 
 
-def gather(scene: Scene, built: Built, progress: Progress) -> Facts:
+def gather(built: Built, progress: Progress) -> Facts:
     """Measure the data of the report, which takes seconds; the same build gives the same data."""
     progress("measuring for the report", 0.97)
     model = load_bytes(built.content, "the model just built")
-    prior = built.surface.prior(np.array(built.placement.positions_mm))
-    return Facts(scene, built, model, _profile(prior, model, built), _layouts(built))
+    profile = _profile(built.layout.prior, model, built)
+    return Facts(built.layout.surface.scene, built, model, profile, _layouts(built))
 
 
 def _profile(prior: Prior, model: ModelFile, built: Built) -> Profile:
-    draws = built.aim.effort.of(PROFILE_DRAWS, LEAST_DRAWS)
+    draws = built.layout.aim.effort.of(PROFILE_DRAWS, LEAST_DRAWS)
     contacts = simulated(prior, draws, built.metadata.seed + SEED_SHIFT)
     weight = np.broadcast_to(contacts.drawn.weight[:, None], contacts.likely_mm.shape)
     answers = estimates(model, prior, contacts.drawn.deflection_mm)
@@ -114,12 +114,13 @@ def _profile(prior: Prior, model: ModelFile, built: Built) -> Profile:
 
 def _layouts(built: Built) -> tuple[OtherLayout, ...]:
     """Compare the model's layout with others, all on the same contacts."""
-    influence, rules, errors = built.surface.influence, built.surface.rules, built.surface.errors
-    taken, seed, found_by = np.array(built.placement.positions_mm), built.metadata.seed, built.aim.criterion
-    effort, aim = built.aim.effort, replace(DEFAULT_AIM, effort=built.aim.effort)
+    surface, placement, aim_taken = built.layout.surface, built.layout.placement, built.layout.aim
+    influence, rules, errors = surface.influence, surface.rules, surface.errors
+    taken, seed, found_by = built.layout.positions_mm, built.metadata.seed, aim_taken.criterion
+    effort, aim = aim_taken.effort, replace(DEFAULT_AIM, effort=aim_taken.effort)
     named = {"equal pitch": equal_pitch_mm(influence.length_mm, len(taken))}
     # A layout that was kept, not searched, may be another one than its criterion finds now.
-    searched = built.placement.evaluations > 0 and not built.aim.spare
+    searched = placement.evaluations > 0 and not aim_taken.spare
     # The rules may leave too few independent readings; only the product needs as many as there are sensors.
     with suppress(SceneError):
         named["eigenvalue product"] = (
@@ -134,10 +135,8 @@ def _layouts(built: Built) -> tuple[OtherLayout, ...]:
     )
     if not any(np.allclose(taken, positions) for positions in named.values()):
         named["the model's"] = taken
-    priors = [built.surface.prior(positions) for positions in named.values()]
-    limits = compare_limits(
-        built.surface.prior(taken), priors, effort.of(LAYOUT_DRAWS, LEAST_DRAWS), seed + SEED_SHIFT + 1
-    )
+    priors = [surface.prior(positions) for positions in named.values()]
+    limits = compare_limits(built.layout.prior, priors, effort.of(LAYOUT_DRAWS, LEAST_DRAWS), seed + SEED_SHIFT + 1)
     return tuple(
         OtherLayout(
             name, positions, score_positions(influence, positions), one.limit, bool(np.allclose(taken, positions))
@@ -156,11 +155,11 @@ def page(facts: Facts) -> str:
     environment = Environment(autoescape=True, undefined=StrictUndefined)
     environment.filters |= {"digits": digits, "three_digits": three_digits}
     template = environment.from_string(here.joinpath("page.html").read_text(encoding="utf-8"))
-    ringing = Surface.of(facts.scene, facts.model.metadata.filter).ringing
+    surface, placement = facts.built.layout.surface, facts.built.layout.placement
+    ringing = surface.ringing
     width_mm = facts.profile.width_mm
     third = slice(PROFILE_BINS // 3, 2 * PROFILE_BINS // 3)
     drawing, caption = beam_drawing(facts.scene, facts.model.metadata)
-    surface, placement = facts.built.surface, facts.built.placement
     components = principal_components(surface.influence.matrix(np.array(placement.positions_mm)))
     middle_force_n = sum(facts.scene.contact.force_range_n) / 2
     charts: dict[str, str] = {}
@@ -168,7 +167,7 @@ def page(facts: Facts) -> str:
         charts |= {name: draw(chart), f"{name}_caption": f"{chart.says}{remark}."}
     return template.render(
         facts=facts,
-        aim=facts.built.aim,
+        aim=facts.built.layout.aim,
         placement=placement,
         effects=surface.effects,
         components=components,
@@ -208,7 +207,7 @@ def _charts(facts: Facts, components_mm: Floats) -> list[tuple[str, Chart, str]]
     curve = Series("", seen.position_mm, forces)
     chart = Chart(says, at, "force, N", [curve], y_from_zero=True)
     charts.append(("seen", chart, remark))
-    load_mm, scaled = facts.built.surface.influence.load_mm, components_mm / facts.model.metadata.noise.sample_mm
+    load_mm, scaled = facts.built.layout.surface.influence.load_mm, components_mm / facts.model.metadata.noise.sample_mm
     says = "Components over the position of the contact, in units of the noise of a sample"
     curves = [
         Series(f"component {k + 1}", load_mm.tolist(), column.tolist(), k)

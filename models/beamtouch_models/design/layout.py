@@ -1,0 +1,259 @@
+"""The sensors of a surface: placed, or where the user has them; what they can tell, and the model for them."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from beamtouch_common.digits import digits
+from beamtouch_common.errors import InputError
+from beamtouch_models.arrays import Floats
+from beamtouch_models.design.accuracy import limit
+from beamtouch_models.design.accuracy.posterior import posterior_quantiles
+from beamtouch_models.design.accuracy.prior import Prior
+from beamtouch_models.design.accuracy.statistics import Measurement
+from beamtouch_models.design.accuracy.thresholds import (
+    PLACES,
+    directions,
+    noise_at_rest,
+    shapes_at_rest,
+    smallest_force_n,
+    touch_threshold,
+)
+from beamtouch_models.design.effort import USUAL, Effort
+from beamtouch_models.design.estimators.estimator import Estimator, estimator_of
+from beamtouch_models.design.placement.placing import DEFAULT_AIM, Aim, Placement, fewest_sensors, score_positions
+from beamtouch_models.design.pricing.noise import check_scale
+from beamtouch_models.design.scene import Scene, change_scene
+from beamtouch_models.design.surface import Surface
+from beamtouch_models.design.sweeps import Fraction, Progress, silent
+from beamtouch_models.design.world import World
+from beamtouch_models.errors import SceneError
+from beamtouch_models.names import ESTIMATORS, EstimatorName
+from beamtouch_models.numbers import number, numbers, whole
+
+if TYPE_CHECKING:
+    from beamtouch_models.design.model import Model
+
+POSITIONS = 41
+"""Places of contacts along the beam, unless a script names others."""
+
+
+@dataclass(frozen=True)
+class ErrorAlong:
+    """The accuracy limit along the beam: the mean error of contacts at each place, in mm."""
+
+    position_mm: Floats
+    """(places,)."""
+    error_mm: Floats
+    """(places,)."""
+    standard_error_mm: Floats
+    """(places,) of each mean, as forces and noise are drawn at random."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Layout:
+    """The sensors of a surface, as `Surface.place` and `Surface.layout` return them."""
+
+    surface: Surface
+    placement: Placement
+    """The positions, and the search that found them."""
+    aim: Aim
+    """What the layout was placed for, and with what effort."""
+
+    def __repr__(self) -> str:
+        """Return where the sensors are."""
+        return f"Layout(sensors at {', '.join(f'{place:g}' for place in self.placement.positions_mm)} mm)"
+
+    @property
+    def positions_mm(self) -> Floats:
+        """(sensors,) from the left end."""
+        return np.array(self.placement.positions_mm)
+
+    @cached_property
+    def prior(self) -> Prior:
+        """Everything that an estimator or a limit knows of the surface: physics ends here."""
+        return self.surface.prior(self.positions_mm)
+
+    @cached_property
+    def world(self) -> World:
+        """The simulated surface with these sensors."""
+        surface = self.surface
+        return World.of(surface.scene, surface.sensor, self.positions_mm, surface.readings.sensor_mm)
+
+    def make_estimator(
+        self, name: EstimatorName, seed: int, progress: Fraction = silent, effort: Effort = USUAL
+    ) -> Estimator:
+        """Make an estimator for the samples of these sensors; `progress` is called with the fraction done."""
+        surface = self.surface
+        return estimator_of(
+            name,
+            self.prior,
+            min_noise_mm=surface.filter.min_noise_mm(surface.noise),
+            with_force=surface.scene.wants_force,
+            seed=seed,
+            progress=progress,
+            effort=effort,
+        )
+
+    def limit(self, *, noise_mm: float | None = None, draws: int = 10_000, seed: int = 0) -> Measurement:
+        """Return the accuracy limit in mm: the mean position error that no estimator can beat, over all contacts.
+
+        Parameters
+        ----------
+        noise_mm : standard deviation of a sample; default: that of the scene behind its filter
+        draws : number of simulated contacts
+        seed : seed of the contacts
+
+        Raises
+        ------
+        SceneError
+            The noise is 0, or out of proportion to the deflection.
+        """
+        prior = self.prior
+        if noise_mm is not None:
+            stated_mm = number(noise_mm, "noise_mm")
+            if stated_mm <= 0:
+                raise SceneError(
+                    f"noise_mm = {stated_mm:g}: must be more than 0; without noise there is no accuracy limit"
+                )
+            check_scale(stated_mm, self.surface.travel.largest_mm)
+            prior = replace(prior, noise_mm=stated_mm)
+        percent = limit.accuracy_limit(prior, whole(draws, "draws", 1), whole(seed, "seed", 0))
+        return percent.scaled(prior.length_mm / 100)
+
+    def error_along(self, position_mm: ArrayLike | None = None, *, draws: int = 64, seed: int = 0) -> ErrorAlong:
+        """Return the accuracy limit along the beam.
+
+        Parameters
+        ----------
+        position_mm : (places,) of contacts, in the range of the scene; default: 41, evenly over it
+        draws : number of contacts at each place, of all forces of the scene
+        seed : their seed
+
+        Raises
+        ------
+        SceneError
+            An argument is not as its line says.
+        """
+        draws, prior, rng = whole(draws, "draws", 2), self.prior, np.random.default_rng(whole(seed, "seed", 0))
+        low, high = prior.position_mm
+        along = np.linspace(low, high, POSITIONS) if position_mm is None else position_mm
+        places = numbers(along, "position_mm", least=low, most=high)
+        repeated = np.repeat(places, draws)
+        clean, deviation = prior.sampled(repeated, rng.uniform(*prior.force_n, size=len(repeated)))
+        distance = posterior_quantiles(prior, clean + rng.normal(size=clean.shape) * deviation)[1].reshape(-1, draws)
+        return ErrorAlong(places, distance.mean(axis=1), distance.std(axis=1, ddof=1) / math.sqrt(draws))
+
+    def build(
+        self,
+        name: str = "surface",
+        *,
+        estimator: EstimatorName = ESTIMATORS[0],
+        seed: int = 0,
+        effort: float | None = None,
+    ) -> "Model":
+        """Build the model of these sensors, as `design-sensors build` does.
+
+        Parameters
+        ----------
+        name : name of the surface
+        estimator : "posterior", "small-network" or "paper-network"
+        seed : seed of all random numbers; the same seed gives the same bytes
+        effort : share of the usual work, from 0.01 to 100; less is quicker, and the figures have larger standard
+            errors; default: that of the placement
+
+        Raises
+        ------
+        SceneError
+            No model can be built of the scene; the message says why.
+        NotGoodEnoughError
+            The model misses the accuracy limit.
+        """
+        # A build knows layouts, so this step forward is imported when it is taken.
+        from beamtouch_models.design.building.build import build_model  # noqa: PLC0415
+        from beamtouch_models.design.model import load_model  # noqa: PLC0415
+
+        aim = self.aim if effort is None else replace(self.aim, effort=Effort(number(effort, "effort")))
+        built = build_model(replace(self, aim=aim), name, estimator=estimator, seed=whole(seed, "seed", 0))
+        return load_model(built.content)
+
+
+def place_sensors(
+    surface: Surface,
+    *,
+    count: int | None = None,
+    seed: int = 0,
+    aim: Aim = DEFAULT_AIM,
+    progress: Progress = silent,
+) -> Layout:
+    """Check a surface and place its sensors.
+
+    Parameters
+    ----------
+    surface : the surface of a scene
+    count : number of sensors; None: as the scene states
+    seed : seed of the search
+    aim : criterion and search of the layout
+    progress : called with the current step and the fraction done
+
+    Raises
+    ------
+    SceneError
+        No surface can be built of the scene; the message says why.
+    """
+    surface.check(count)
+    placement = fewest_sensors(
+        surface.influence,
+        surface.rules,
+        (count, count) if count else surface.scene.sensors.count_range,
+        wanted_mm=surface.scene.requirements.position_error_mm,
+        errors=surface.errors,
+        seed=seed,
+        aim=aim,
+        progress=progress,
+    )
+    return _checked(Layout(surface, placement, aim))
+
+
+def keep_sensors(surface: Surface, positions_mm: Sequence[float], aim: Aim = DEFAULT_AIM) -> Layout:
+    """Check a surface, and take its sensors to be where they are mounted; raises as `place_sensors`.
+
+    `aim` is that of the build that has placed them.
+    """
+    surface.check(len(positions_mm))
+    placement = Placement(tuple(positions_mm), score_positions(surface.influence, np.array(positions_mm)), 0)
+    return _checked(Layout(surface, placement, aim))
+
+
+def _checked(layout: Layout) -> Layout:
+    """Return a layout; SceneError if sensors may change places, or if no contact of the scene would be seen."""
+    surface, prior = layout.surface, layout.prior
+    surface.check_spacing(layout.placement.positions_mm)
+    threshold = touch_threshold(directions(shapes_at_rest(prior)), noise_at_rest(prior), surface.touch_rate)
+    least = float(smallest_force_n(prior, threshold, np.linspace(*prior.position_mm, PLACES)).min())
+    if least > prior.force_n[1]:
+        raise SceneError(
+            f"sensors: no contact of the scene is seen, as at least {digits(least, 3)} N is needed and contact.force_n "
+            f"ends at {prior.force_n[1]:g} N; state less noise or zero_drift_mm, or allow more false_contacts_per_day"
+        )
+    return layout
+
+
+def conflict_of(positions_mm: Sequence[float], scene: Scene) -> str:
+    """Return why sensors of a scene cannot stand at these places; empty if they can."""
+    few, many = scene.sensors.count_range
+    if not few <= len(positions_mm) <= many:
+        asked = f"{few}" if few == many else f"{few} to {many}"
+        return f"the scene asks for {asked} sensors, not for {len(positions_mm)}"
+    if away := [place for place in scene.sensors.fixed_mm if place not in positions_mm]:
+        return f"sensors.fixed_mm of the scene has {away[0]:g} mm"
+    try:
+        change_scene(scene, sensors={"fixed_mm": list(positions_mm)})
+    except InputError as error:
+        return str(error)
+    return ""

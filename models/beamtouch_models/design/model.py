@@ -1,0 +1,128 @@
+"""A model for scripts: it answers, is measured beside its accuracy limit, and is saved."""
+
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from beamtouch_common.digits import digits
+from beamtouch_common.files import write_atomically
+from beamtouch_models.arrays import Floats
+from beamtouch_models.design.accuracy import evaluation
+from beamtouch_models.design.accuracy.evaluation import Evaluation, at_noise
+from beamtouch_models.design.calibrated import prior_of_model
+from beamtouch_models.design.physics.influence import InfluenceFunction, check_own
+from beamtouch_models.design.pricing.noise import check_scale
+from beamtouch_models.design.sweeps import Fraction, TaskMap, in_turn, silent
+from beamtouch_models.errors import ModelFileError, SceneError
+from beamtouch_models.numbers import array_of, numbers, whole
+from beamtouch_models.runtime import loading
+from beamtouch_models.runtime.loading import ModelFile
+
+
+@dataclass(frozen=True, repr=False)
+class Model(ModelFile):
+    """A model, as `Layout.build` and `load_model` return it.
+
+    `metadata` has its layout, ranges, accuracy and calibration.
+    """
+
+    content: bytes = field(default=b"", compare=False)
+    """Of the model file."""
+
+    def __repr__(self) -> str:
+        """Return the name of the model, and what it is good for."""
+        layout, accuracy = ", ".join(f"{place:g}" for place in self.metadata.layout_mm), self.metadata.accuracy
+        error = f"{digits(accuracy.error_percent, 3)} % of {self.metadata.length_mm:g} mm"
+        return f"Model({self.identity}, {self.metadata.estimator}, sensors at {layout} mm, mean error {error})"
+
+    def __reduce__(self) -> tuple[object, tuple[bytes]]:
+        """Pickle the content of the file, for processes that load it anew."""
+        return load_model, (self.content,)
+
+    def save(self, path: Path | str) -> None:
+        """Write the model file, whole or not at all; InputError if it cannot be written."""
+        write_atomically(Path(path), self.content)
+
+    def estimate(self, deflection_mm: ArrayLike) -> dict[str, Floats]:
+        """Return the answers to settled samples of all channels, as the service gives them.
+
+        Parameters
+        ----------
+        deflection_mm : (samples, channels) in mm, as the sensors measure them, in the order of the layout
+
+        Returns
+        -------
+        An array (samples,) per output: `position_mm`, `position_low_mm`, `position_high_mm`, `contact_log_odds`,
+        `misfit`, and with a force `force_n`, `force_low_n`, `force_high_n`.
+
+        Raises
+        ------
+        SceneError
+            They are not numbers that the sensors can measure, or not one per channel.
+        """
+        samples, names = np.atleast_2d(array_of(deflection_mm, "deflection_mm")), self.channels
+        if samples.ndim != 2 or samples.shape[1] != len(names) or not np.all(np.isfinite(samples)):
+            raise SceneError(f"deflection_mm: give finite numbers, {len(names)} for each sample: {', '.join(names)}")
+        if np.abs(samples).max(initial=0.0) > self.largest_mm:
+            raise SceneError(f"deflection_mm: no load deflects this beam by more than {digits(self.largest_mm, 3)} mm")
+        return self.answer(samples)
+
+    def evaluate(
+        self,
+        *,
+        noise_mm: float | None = None,
+        draws: int = 20_000,
+        seed: int = 0,
+        influence: InfluenceFunction | None = None,
+        progress: Fraction = silent,
+        spread: TaskMap = in_turn,
+    ) -> Evaluation:
+        """Measure the model beside its accuracy limit, as `design-sensors evaluate` does.
+
+        Parameters
+        ----------
+        noise_mm : standard deviation of a sample; default: that of the model
+        draws, seed : number of simulated contacts, at least, and their seed
+        influence : an influence function of your own for the simulated contacts; default: that of the model's scene,
+            with the departures of its calibration
+        progress, spread : called with the fraction done; maps the tasks, one after the other by default
+
+        Raises
+        ------
+        SceneError
+            The noise is out of proportion to the deflection, or the scene in the model cannot be computed.
+        """
+        draws, seed, metadata = whole(draws, "draws", 1), whole(seed, "seed", 0), self.metadata
+        prior = prior_of_model(metadata)
+        if influence is not None:
+            check_own(influence, prior.length_mm, prior.position_mm, prior.force_n)
+            gain = np.array(metadata.departures.gain)
+            prior = replace(prior, influence_at=partial(_scaled, influence, metadata.layout_mm, gain))
+        if noise_mm is not None:
+            stated_mm = numbers(noise_mm, "noise_mm", least=0.0)[0]
+            check_scale(stated_mm, metadata.max_deflection_mm)
+            prior = at_noise(prior, float(stated_mm))
+        return evaluation.evaluate(self, prior, draws=draws, seed=seed, progress=progress, spread=spread)
+
+
+def _scaled(influence: InfluenceFunction, sensor_mm: Floats, gain: Floats, load_mm: Floats) -> Floats:
+    matrix: Floats = gain * influence.at(sensor_mm, load_mm)
+    return matrix
+
+
+def load_model(model: Path | str | bytes) -> Model:
+    """Load a model from the path of a file, or the content of one, and reproduce its golden answers.
+
+    Raises
+    ------
+    ModelFileError
+        The file cannot be read, or it is not a model that can be used.
+    """
+    if not isinstance(model, Path | str | bytes):
+        raise ModelFileError(f"the model: give a path or the content of a file, not {type(model).__name__}")
+    content, origin = (model, "the model") if isinstance(model, bytes) else (loading.read(model), str(model))
+    loaded = loading.load_bytes(content, origin)
+    return Model(loaded.metadata, loaded.identity, loaded.graph, content)
