@@ -2,6 +2,22 @@
 
 `resolve(scene)` is a surface, `surface.place(4)` a layout, `layout.build()` a model.
 
+>>> from beamtouch_models import make_scene, resolve
+>>> scene = make_scene(
+...     beam={"length_mm": 400, "material": "steel", "width_mm": 25, "thickness_mm": 3},
+...     contact={"force_n": [2, 20], "position_mm": [10, 390]},
+...     sensors={"noise_mm": 0.002, "rate_hz": 100},
+...     requirements={"latency_ms": 50},
+... )
+>>> surface = resolve(scene)
+>>> layout = surface.place(2, effort=0.01)
+>>> print(layout.limit(draws=500))
+2.81 +- 0.03
+>>> model = layout.build("strip")
+>>> model.save("strip.onnx")
+
+Examples of the other names go on from here. Lengths are in mm from the left end of the beam, forces in N.
+
 The names in `__all__` stay as they are between minor versions. All other names of the package may change at any time.
 Each is imported when it is first used, because the service needs only `runtime`, and the daemon only the filters.
 """

@@ -45,7 +45,12 @@ POSITIONS = 41
 
 @dataclass(frozen=True)
 class ErrorAlong:
-    """The accuracy limit along the beam: the mean error of contacts at each place, in mm."""
+    """The accuracy limit along the beam: the mean error of contacts at each place, in mm.
+
+    >>> along = layout.error_along([50, 200])
+    >>> along.error_mm.round(1), along.standard_error_mm.round(1)
+    (array([5.2, 1.4]), array([0.4, 0.1]))
+    """
 
     position_mm: Floats
     """(places,)."""
@@ -57,7 +62,16 @@ class ErrorAlong:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Layout:
-    """The sensors of a surface, as `Surface.place` and `Surface.layout` return them."""
+    """The sensors of a surface, as `Surface.place` and `Surface.layout` return them.
+
+    >>> layout = surface.layout([130, 270])
+    >>> layout
+    Layout(sensors at 130, 270 mm)
+    >>> print(layout.limit(draws=500), "mm")
+    4.74 +- 0.06 mm
+    >>> layout.build("strip", effort=0.01).metadata.accuracy.ratio < 1.05
+    True
+    """
 
     surface: Surface
     placement: Placement

@@ -27,6 +27,11 @@ class Model(ModelFile):
     """A model, as `Layout.build` and `load_model` return it.
 
     `metadata` has its layout, ranges, accuracy and calibration.
+
+    >>> deflection_mm = 10 * influence_matrix(scene, layout.positions_mm, [150])
+    >>> answers = model.estimate(deflection_mm)
+    >>> {name: float(answers[name][0].round(1)) for name in ("position_low_mm", "position_mm", "position_high_mm")}
+    {'position_low_mm': 146.6, 'position_mm': 150.0, 'position_high_mm': 153.5}
     """
 
     content: bytes = field(default=b"", compare=False)
@@ -120,6 +125,11 @@ def load_model(model: Path | str | bytes) -> Model:
     ------
     ModelFileError
         The file cannot be read, or it is not a model that can be used.
+
+    Examples
+    --------
+    >>> load_model("strip.onnx").identity == model.identity
+    True
     """
     if not isinstance(model, Path | str | bytes):
         raise ModelFileError(f"the model: give a path or the content of a file, not {type(model).__name__}")

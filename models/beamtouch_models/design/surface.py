@@ -46,7 +46,17 @@ BEYOND = 1.001
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Surface:
-    """A scene with what follows from it, as `resolve` returns it."""
+    """A scene with what follows from it, as `resolve` returns it.
+
+    >>> for effect in surface.effects:
+    ...     if effect.price and effect.price > 1:
+    ...         print(f"{effect.name}: {effect.price:.3g} times the noise of a sample")
+    dynamics: 262 times the noise of a sample
+    gain error: 7.57 times the noise of a sample
+    drift in a minute: 2.8 times the noise of a sample
+    >>> surface.place(2, effort=0.01)
+    Layout(sensors at 59, 341 mm)
+    """
 
     scene: Scene
     """As the user states it."""
@@ -221,6 +231,11 @@ def resolve(scene: Scene, *, influence: InfluenceFunction | None = None, chosen:
     SceneError
         The beam cannot be computed, no reading fits in the latency, or the influence function is of another length
         or for other contacts.
+
+    Examples
+    --------
+    >>> resolve(scene)
+    Surface(400 mm long, contacts at 10..390 mm with 2..20 N, 0.000894 mm of noise a sample)
     """
     require(scene, Scene, "scene", "what read_scene returns")
     if influence is not None:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from beamtouch_common.digits import digits
 from beamtouch_models.arrays import Bools, Floats
 
 SCRAMBLINGS = 16
@@ -16,10 +17,18 @@ SCRAMBLINGS = 16
 
 @dataclass(frozen=True)
 class Measurement:
-    """A measured value and its standard error."""
+    """A measured value and its standard error.
+
+    >>> print(Measurement(2.8123, 0.0345).scaled(0.1))
+    0.281 +- 0.003
+    """
 
     value: float
     standard_error: float
+
+    def __str__(self) -> str:
+        """Return the value with the digits that its error leaves it, and the error."""
+        return f"{digits(self.value, 3)} +- {digits(self.standard_error, 1)}"
 
     def scaled(self, factor: float) -> "Measurement":
         """Return the measurement in another unit."""

@@ -22,6 +22,9 @@ def daemon_config(metadata: Metadata) -> str:
 
     What the scene does not state has no line: the noise of a reading (the daemon then estimates it), the drift of a
     rest gap, the slowest period of a beam of unknown mass, and the bits of the ADC (the type of the counts has ends).
+
+    >>> daemon_config(model.metadata).splitlines()[0]
+    '# Acquisition of the surface "strip". Check this file with `beamtouch-daemon check`.'
     """
     surface = resolve_model(metadata)
     # Names have letters, digits and "_.-" only: nothing is to be escaped.

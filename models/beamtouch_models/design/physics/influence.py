@@ -22,6 +22,13 @@ EVEN = 1e-6
 class InfluenceFunction:
     """Deflections of a structure per newton, for its range of contacts.
 
+    >>> def at(sensor_mm, load_mm):  # a string of 400 mm that is pulled with 100 N
+    ...     left, right = np.minimum.outer(load_mm, sensor_mm), 400 - np.maximum.outer(load_mm, sensor_mm)
+    ...     return left * right / (400 * 100)
+    >>> string = InfluenceFunction(400, np.linspace(10, 390, 381), (2, 20), at)
+    >>> string.matrix(np.array([200])).max()
+    np.float64(1.0)
+
     Raises
     ------
     ValueError

@@ -77,6 +77,11 @@ def frequency_hz(scene: Scene) -> float:
     ------
     SceneError
         The scene does not state density, width and thickness.
+
+    Examples
+    --------
+    >>> round(frequency_hz(scene), 1)
+    44.0
     """
     require(scene, Scene, "scene", "what read_scene returns")
     first_hz = first_frequency_hz(scene.beam)

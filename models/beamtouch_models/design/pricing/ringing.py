@@ -138,6 +138,12 @@ def ringing_mm(scene: Scene, static_mm: ArrayLike, time_s: ArrayLike, *, damping
     Returns
     -------
     (times, sensors) in mm. Errors as `frequency_hz`.
+
+    Examples
+    --------
+    >>> ringing_mm(scene, [1.0], [0.01, 10]).round(2)
+    array([[1.9],
+           [1. ]])
     """
     omega = 2 * math.pi * frequency_hz(scene)
     ratio = damping_of(scene.beam) if damping_ratio is None else number(damping_ratio, "damping_ratio")

@@ -27,7 +27,11 @@ __all__ = [
 
 
 class Scene(Strict):
-    """Statements of the user about a surface before it is built."""
+    """Statements of the user about a surface before it is built.
+
+    >>> scene.beam.length_mm, scene.contact.force_n
+    (400.0, (2.0, 20.0))
+    """
 
     beam: Beam
     """The beam, with its supports and its foundation."""
@@ -84,6 +88,11 @@ def read_scene(scene: Path | str) -> Scene:
     ------
     InputError
         The file cannot be read, or it is not a scene; the message names the key.
+
+    Examples
+    --------
+    >>> read_scene(format_scene(scene)) == scene
+    True
     """
     if not isinstance(scene, Path | str):
         raise InputError(f"the scene: give a path or TOML text, not {type(scene).__name__}")
@@ -101,7 +110,12 @@ def path_of(scene: object) -> Path | None:
 def make_scene(**tables: Mapping[str, Any]) -> Scene:
     """Make a scene of its tables, with the keys of a scene file.
 
-    For example `make_scene(beam={"length_mm": 400, ...}, contact={...}, sensors={...})`.
+    >>> make_scene(
+    ...     beam={"length_mm": 400, "material": "steel", "width_mm": 25, "thickness_mm": 3},
+    ...     contact={"force_n": 10, "position_mm": [10, 390]},
+    ...     sensors={"noise_mm": 0.002, "rate_hz": 100, "count": 3},
+    ... ).sensors.count
+    3
 
     Raises
     ------
@@ -114,7 +128,8 @@ def make_scene(**tables: Mapping[str, Any]) -> Scene:
 def change_scene(scene: Scene, **tables: Mapping[str, Any]) -> Scene:
     """Return a scene with other values of some keys; None takes a key away.
 
-    For example `change_scene(scene, beam={"thickness_mm": 4}, sensors={"count": 5})`.
+    >>> change_scene(scene, beam={"thickness_mm": 4}, sensors={"count": 5}).beam.thickness_mm
+    4.0
 
     Raises
     ------
@@ -130,7 +145,12 @@ def change_scene(scene: Scene, **tables: Mapping[str, Any]) -> Scene:
 
 
 def format_scene(scene: Scene) -> str:
-    """Return a scene as TOML text, with the keys that it states."""
+    """Return a scene as TOML text, with the keys that it states.
+
+    >>> print(format_scene(scene)[:24])
+    [beam]
+    length_mm = 400.0
+    """
     require(scene, Scene, "scene", "what read_scene returns")
     tables = _without_none(scene.model_dump(mode="json", exclude_unset=True))
     return "\n".join(
