@@ -130,7 +130,7 @@ def change_scene(scene: Scene, **tables: Mapping[str, Any]) -> Scene:
 
 
 def format_scene(scene: Scene) -> str:
-    """Return a scene as TOML text, with the keys that it states."""
+    """Return a scene as TOML text, with the keys that it states, a line each."""
     require(scene, Scene, "scene", "what read_scene returns")
     tables = _without_none(scene.model_dump(mode="json", exclude_unset=True))
     return "\n".join(
