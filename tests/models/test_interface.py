@@ -202,7 +202,11 @@ def test_a_scene_needs_no_text_and_can_be_written_as_one(path: Path) -> None:
     made = models.make_scene(**tomllib.loads(path.read_text()))
 
     assert made == read
-    assert models.read_scene(models.format_scene(read) + "\n") == read
+    text = models.format_scene(read)
+    assert models.read_scene(text + "\n") == read
+    lines = [line for line in text.splitlines() if line]
+    # A header for each table, and a line for each key.
+    assert len(lines) == sum(1 + len(table) for table in tomllib.loads(text).values())
 
 
 def test_a_scene_is_changed_key_by_key(scene: models.Scene) -> None:

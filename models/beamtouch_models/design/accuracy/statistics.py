@@ -64,8 +64,4 @@ def quantile_of(values: Floats, level: float, weight: Floats | None = None) -> M
 
 
 def _quantile(values: Floats, weight: Floats, level: float) -> float:
-    counted = weight > 0
-    kept, weights = values[counted], weight[counted]
-    order = np.argsort(kept)
-    below = np.cumsum(weights[order]) - weights[order] / 2
-    return float(np.interp(level * weights.sum(), below, kept[order]))
+    return float(np.quantile(values, level, weights=weight, method="inverted_cdf"))

@@ -30,9 +30,10 @@ from collections.abc import Iterable
 from functools import cache
 
 import numpy as np
+from scipy.optimize.elementwise import find_root
 from scipy.special import chdtri, log_ndtr, logsumexp, ndtr, ndtri
 
-from beamtouch_models.arrays import Floats
+from beamtouch_models.arrays import Floats, Indices
 from beamtouch_models.design.accuracy.prior import Prior
 from beamtouch_models.design.rates import MAX_FALSE, SECONDS_PER_DAY
 from beamtouch_models.runtime.decision.decider import PERSISTENCE
@@ -178,12 +179,13 @@ def exceeded_with(rate: float, reach: Floats, noise: Floats) -> tuple[Floats, Fl
     reach : (sums, channels), farthest zeros, which are uniform
     noise : (sums,), standard deviation of the noise in a sum; positive
     """
-    low, high = np.zeros(len(noise)), -ndtri(rate) / noise
-    for _ in range(50):
-        tilt = (low + high) / 2
-        height, log_share = _saddlepoint(tilt, reach, noise)
-        low, high = np.where(log_share > np.log(rate), tilt, low), np.where(log_share > np.log(rate), high, tilt)
-    return height, tilt
+
+    def beyond(tilt: Floats, one: Indices) -> Floats:
+        return _saddlepoint(tilt, reach[one], noise[one])[1] - float(np.log(rate))
+
+    # The noise alone needs half of the largest tilt.
+    tilt: Floats = find_root(beyond, (0.0, -2 * ndtri(rate) / noise), args=(np.arange(len(noise)),)).x
+    return _saddlepoint(tilt, reach, noise)[0], tilt
 
 
 def _saddlepoint(tilt: Floats, reach: Floats, noise: Floats) -> tuple[Floats, Floats]:
@@ -238,13 +240,14 @@ def smallest_force_n(prior: Prior, threshold: float, position_mm: Floats) -> Flo
     It is infinite where no sensor moves.
     """
     unit, along = directions(shapes_at_rest(prior)), directions(shapes_at_rest(prior, position_mm))
-    low, high = np.zeros(len(position_mm)), np.full(len(position_mm), 2 * np.sqrt(2 * threshold) + 8)
-    for _ in range(30):
-        middle = (low + high) / 2
-        above = log_odds(unit, middle[:, None] * along) > threshold
-        low, high = np.where(above, low, middle), np.where(above, middle, high)
+
+    def above(size: Floats, place: Indices) -> Floats:
+        return log_odds(unit, size[:, None] * along[place]) - threshold
+
+    most = 2 * np.sqrt(2 * threshold) + 8
+    found = find_root(above, (0.0, most), args=(np.arange(len(along)),))
     with np.errstate(divide="ignore"):
-        force: Floats = (high + SURELY) / size_per_n(prior, position_mm)
+        force: Floats = (np.where(found.success, found.x, most) + SURELY) / size_per_n(prior, position_mm)
     return force
 
 

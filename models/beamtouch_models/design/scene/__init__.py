@@ -145,7 +145,7 @@ def change_scene(scene: Scene, **tables: Mapping[str, Any]) -> Scene:
 
 
 def format_scene(scene: Scene) -> str:
-    """Return a scene as TOML text, with the keys that it states.
+    """Return a scene as TOML text with the keys that it states, a line for each key.
 
     >>> print(format_scene(scene)[:24])
     [beam]
