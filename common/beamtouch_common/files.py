@@ -113,8 +113,7 @@ def write_atomically(path: Path, content: bytes, *, mode: int | None = None) -> 
         else:
             _replace(path.resolve() if path.is_symlink() else path, content, mode)
     except OSError as error:
-        error.filename, error.filename2 = str(path), None  # the file that the user named
-        raise
+        raise OSError(error.errno, error.strerror, str(path)) from error  # the file that the user named
 
 
 def _replace(path: Path, content: bytes, mode: int | None) -> None:

@@ -38,11 +38,13 @@ if TYPE_CHECKING:
     from beamtouch_models.design.pricing.ringing import ringing_mm
     from beamtouch_models.design.scene import Scene, change_scene, format_scene, make_scene, read_scene
     from beamtouch_models.design.surface import Surface, resolve
+    from beamtouch_models.errors import InputError, ModelFileError, NotGoodEnoughError, SceneError
 
 __all__ = [
-    "ErrorAlong", "Evaluation", "InfluenceFunction", "Layout", "Measurement", "Model", "PositionErrors", "Scene",
-    "Surface", "change_scene", "daemon_config", "format_scene", "frequency_hz", "influence_matrix",
-    "interpolate_influence", "load_model", "make_scene", "read_scene", "resolve", "ringing_mm",
+    "ErrorAlong", "Evaluation", "InfluenceFunction", "InputError", "Layout", "Measurement", "Model", "ModelFileError",
+    "NotGoodEnoughError", "PositionErrors", "Scene", "SceneError", "Surface", "change_scene", "daemon_config",
+    "format_scene", "frequency_hz", "influence_matrix", "interpolate_influence", "load_model", "make_scene",
+    "read_scene", "resolve", "ringing_mm",
 ]  # fmt: skip
 
 _HOMES = {
@@ -57,6 +59,7 @@ _HOMES = {
     "design.pricing.ringing": ("ringing_mm",),
     "design.scene": ("Scene", "change_scene", "format_scene", "make_scene", "read_scene"),
     "design.surface": ("Surface", "resolve"),
+    "errors": ("InputError", "ModelFileError", "NotGoodEnoughError", "SceneError"),
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 

@@ -2,6 +2,8 @@
 
 from beamtouch_common.errors import FailedError, InputError
 
+__all__ = ["WRONG_INPUT_ERRORS", "InputError", "ModelFileError", "NotGoodEnoughError", "SceneError", "require"]
+
 WRONG_INPUT_ERRORS = (InputError, OSError)
 """Wrong input of `design-sensors` and `beamtouch-rig`: all files and devices that they use are given by the user."""
 

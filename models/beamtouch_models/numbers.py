@@ -32,7 +32,7 @@ def array_of(values: ArrayLike, name: str) -> Floats:
             return given.astype(np.float64)
     except (TypeError, ValueError):  # rows of several lengths
         pass
-    raise SceneError(f"{name}: must be numbers")
+    raise SceneError(f"{name}: must be numbers (given: {repr(values)[:40]})")
 
 
 def number(value: object, name: str) -> float:
@@ -52,7 +52,7 @@ def whole(value: object, name: str, least: int) -> int:
     """Return a whole number; SceneError unless it is one, and at least `least`."""
     found = int(value) if isinstance(value, int | np.integer) and not isinstance(value, bool) else None
     if found is None or found < least:
-        raise SceneError(f"{name} = {value!r}: give a whole number, {least} or more")
+        raise SceneError(f"{name} = {repr(value)[:40]}: give a whole number, {least} or more")
     return found
 
 

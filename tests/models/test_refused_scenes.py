@@ -22,7 +22,12 @@ CASES = {
     "range": (COUNT, "count = 2\nrange_mm = [1, 2]", "leaves sensors.range_mm"),
     "no noise": (NOISE, "noise_mm = 0", "a noise of 0"),
     "little noise": (NOISE, "noise_mm = 1e-310", "less than 1e-4 % of the largest deflection"),
-    "much noise": (NOISE, "noise_mm = 1e5", "hides the largest deflection"),
+    "much noise": (NOISE, "noise_percent_of_max = 1e6", "hides the largest deflection"),
+    "noise in um": (
+        NOISE,
+        "noise_mm = 3",
+        "is more than a tenth of range_mm; if it is in um, write 0.003",
+    ),
     "drift": (COUNT, "count = 2\nzero_drift_mm = 1e200", "zero_drift_mm = 1e+200 hides the largest deflection"),
     "long latency": (NOISE, f"{NOISE}\n[requirements]\nlatency_ms = 1e300", "more than 10000 readings"),
     "fixed": (COUNT, "count = 2\nfixed_mm = [100, 200, 300]", "more than the 2 to be placed"),
@@ -37,7 +42,7 @@ CASES = {
     ),
 }
 PLACED = {
-    "open count": (COUNT, 'count = "auto"', "give requirements.position_error_mm, or --sensors N"),
+    "open count": (COUNT, 'count = "auto"', "give requirements.position_error_mm, or a number of sensors"),
     "out of reach": (
         f"{COUNT}\n{NOISE}\n",
         f"count = [2, 3]\ngrid_mm = 57\n{NOISE}\n[requirements]\nposition_error_mm = 0.01\n",

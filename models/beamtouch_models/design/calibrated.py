@@ -33,7 +33,7 @@ def prior_of_model(metadata: Metadata) -> Prior:
         return prior
     # A calibration finds the positions of the sensors.
     prior = replace(prior, uncertain_at=None)
-    return depart(prior, surface.beam, surface.width_mm, sensor_mm, metadata.calibration.departures)
+    return depart(prior, surface.beam, surface.contact_width_mm, sensor_mm, metadata.calibration.departures)
 
 
 def depart(prior: Prior, beam: Beam, width_mm: float, sensor_mm: Floats, departures: Departures) -> Prior:

@@ -1,5 +1,7 @@
 """The sensors of a surface: placed, or where the user has them; what they can tell, and the model for them."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -34,7 +36,7 @@ from beamtouch_models.design.sweeps import Fraction, Progress, silent
 from beamtouch_models.design.world import World
 from beamtouch_models.errors import SceneError
 from beamtouch_models.names import ESTIMATORS, EstimatorName
-from beamtouch_models.numbers import number, numbers, whole
+from beamtouch_models.numbers import number, numbers, places_in, whole
 
 if TYPE_CHECKING:
     from beamtouch_models.design.model import Model
@@ -117,10 +119,13 @@ class Layout:
     def limit(self, *, noise_mm: float | None = None, draws: int = 10_000, seed: int = 0) -> Measurement:
         """Return the accuracy limit in mm: the mean position error that no estimator can beat, over all contacts.
 
+        It includes the errors of gains, zeros and mounting that the scene states, or has by default: `Surface.errors`.
+        Limits with the same seed are of the same contacts.
+
         Parameters
         ----------
         noise_mm : standard deviation of a sample; default: that of the scene behind its filter
-        draws : number of simulated contacts
+        draws : number of simulated contacts, at least
         seed : seed of the contacts
 
         Raises
@@ -141,7 +146,7 @@ class Layout:
         return percent.scaled(prior.length_mm / 100)
 
     def error_along(self, position_mm: ArrayLike | None = None, *, draws: int = 64, seed: int = 0) -> ErrorAlong:
-        """Return the accuracy limit along the beam.
+        """Return the accuracy limit along the beam, with all errors, as `limit`.
 
         Parameters
         ----------
@@ -163,6 +168,38 @@ class Layout:
         distance = posterior_quantiles(prior, clean + rng.normal(size=clean.shape) * deviation)[1].reshape(-1, draws)
         return ErrorAlong(places, distance.mean(axis=1), distance.std(axis=1, ddof=1) / math.sqrt(draws))
 
+    def simulate(self, position_mm: ArrayLike, force_n: ArrayLike, *, seed: int = 0) -> Floats:
+        """Return samples of contacts with all errors that the scene states, or has by default.
+
+        Parameters
+        ----------
+        position_mm, force_n : (contacts,) each, or one number for all
+        seed : seed of the errors: noise, gain, zero and mounting of each sensor are drawn anew for each contact
+
+        Returns
+        -------
+        (contacts, channels) in mm, for `Model.estimate`.
+
+        Raises
+        ------
+        SceneError
+            A place is not on the beam, or the lengths differ.
+
+        Examples
+        --------
+        >>> samples_mm = layout.simulate([60, 200, 340], 10, seed=1)
+        >>> answers = model.estimate(samples_mm)
+        >>> answers["position_low_mm"] < [60, 200, 340]
+        array([ True,  True,  True])
+        """
+        places = places_in(position_mm, "position_mm", self.surface.influence.length_mm)
+        forces = numbers(force_n, "force_n", least=0.0)
+        if len(forces) not in (1, len(places)):
+            raise SceneError(f"force_n: give one number, or one for each of {len(places)} positions, not {len(forces)}")
+        clean, deviation = self.prior.sampled(places, np.broadcast_to(forces, places.shape))
+        samples: Floats = clean + np.random.default_rng(whole(seed, "seed", 0)).normal(size=clean.shape) * deviation
+        return samples
+
     def build(
         self,
         name: str = "surface",
@@ -170,7 +207,7 @@ class Layout:
         estimator: EstimatorName = ESTIMATORS[0],
         seed: int = 0,
         effort: float | None = None,
-    ) -> "Model":
+    ) -> Model:
         """Build the model of these sensors, as `design-sensors build` does.
 
         Parameters

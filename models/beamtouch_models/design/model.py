@@ -1,5 +1,7 @@
 """A model for scripts: it answers, is measured beside its accuracy limit, and is saved."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -19,7 +21,7 @@ from beamtouch_models.design.sweeps import Fraction, TaskMap, in_turn, silent
 from beamtouch_models.errors import ModelFileError, SceneError
 from beamtouch_models.numbers import array_of, numbers, whole
 from beamtouch_models.runtime import loading
-from beamtouch_models.runtime.loading import ModelFile
+from beamtouch_models.runtime.loading import MAX_RATIO, ModelFile
 
 
 @dataclass(frozen=True, repr=False)
@@ -48,20 +50,27 @@ class Model(ModelFile):
         return load_model, (self.content,)
 
     def save(self, path: Path | str) -> None:
-        """Write the model file, whole or not at all; InputError if it cannot be written."""
+        """Write the model file, whole or not at all; OSError if that is impossible."""
         write_atomically(Path(path), self.content)
 
     def estimate(self, deflection_mm: ArrayLike) -> dict[str, Floats]:
         """Return the answers to settled samples of all channels, as the service gives them.
 
+        A settled sample is the mean of so many readings as fit in the latency of the scene, of a beam at rest, with the
+        errors of `Surface.errors`; `Layout.simulate` makes such samples.
+
         Parameters
         ----------
-        deflection_mm : (samples, channels) in mm, as the sensors measure them, in the order of the layout
+        deflection_mm : (samples, channels) in mm, as the sensors measure them, in the order of the layout; (channels,)
+            for one sample
 
         Returns
         -------
-        An array (samples,) per output: `position_mm`, `position_low_mm`, `position_high_mm`, `contact_log_odds`,
-        `misfit`, and with a force `force_n`, `force_low_n`, `force_high_n`.
+        An array (samples,) per output. `position_mm` is the median of what the sample leaves possible,
+        `position_low_mm` to `position_high_mm` hold 95 % of it; likewise `force_n`, `force_low_n` and `force_high_n` if
+        the scene asks for a force. `contact_log_odds` is how much likelier a contact makes the sample than rest, as a
+        natural logarithm. `misfit` is the squared distance of the sample from the best contact in standard deviations;
+        beyond `metadata.thresholds.misfit[-1]` it is not one contact.
 
         Raises
         ------
@@ -70,9 +79,15 @@ class Model(ModelFile):
         """
         samples, names = np.atleast_2d(array_of(deflection_mm, "deflection_mm")), self.channels
         if samples.ndim != 2 or samples.shape[1] != len(names) or not np.all(np.isfinite(samples)):
-            raise SceneError(f"deflection_mm: give finite numbers, {len(names)} for each sample: {', '.join(names)}")
-        if np.abs(samples).max(initial=0.0) > self.largest_mm:
-            raise SceneError(f"deflection_mm: no load deflects this beam by more than {digits(self.largest_mm, 3)} mm")
+            given = f"given: {samples.shape}" if np.all(np.isfinite(samples)) else "given: one that is not finite"
+            wanted = f"finite numbers in mm, {len(names)} for each sample: {', '.join(names)}"
+            raise SceneError(f"deflection_mm: give {wanted} ({given})")
+        if (most_mm := float(np.abs(samples).max(initial=0.0))) > self.largest_mm:
+            largest = digits(self.metadata.max_deflection_mm, 3)
+            raise SceneError(
+                f"deflection_mm: {digits(most_mm, 3)} is more than {MAX_RATIO:g} times the largest deflection of the "
+                f"scene, {largest} mm; give it in mm"
+            )
         return self.answer(samples)
 
     def evaluate(

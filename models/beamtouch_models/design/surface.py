@@ -6,6 +6,8 @@ departures of its calibration (`calibrated`). Physics ends here: placement, limi
 `InfluenceFunction` or a `Prior`.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -48,6 +50,21 @@ BEYOND = 1.001
 class Surface:
     """A scene with what follows from it, as `resolve` returns it.
 
+    Attributes
+    ----------
+    scene : the scene as stated
+    filter : the filter of the daemon that uses the scene's latency
+    travel : `largest_mm`, `lift_mm`, `fall_mm` and `slope` (rad) of the beam under the largest force
+    readings : errors of single readings, as standard deviations: `reading_mm`, `gain` (relative), `drift_mm`
+    errors : errors of a sample, the mean that the filter makes: `noise_mm`, and what no mean takes away, `gain` and
+        `zero_mm` (both also if the scene states none: 0.3 %, and a fifth of the noise of a reading), `mounting_mm`
+    effects : physical effects with their prices; `in` the model, or left `out` because all that is left out costs less
+        than a tenth of the noise together, or in the `floor` of each sample's errors, or `not modelled`: then intervals
+        are wide while the effect lasts, or the reason says what to do
+    ringing : how the beam rings, and for how long; None if its mass is not stated
+    sensor : range and stand-off in mm, and ADC, of each sensor
+    influence : deflection per newton, as a function of sensor and load
+
     >>> for effect in surface.effects:
     ...     if effect.price and effect.price > 1:
     ...         print(f"{effect.name}: {effect.price:.3g} times the noise of a sample")
@@ -70,8 +87,8 @@ class Surface:
     nothing to compare them to, and with an influence of the user's own, which has all effects."""
     beam: Beam
     """The beam, without its negligible effects."""
-    width_mm: float
-    """Width of a contact; 0 if it is negligible."""
+    contact_width_mm: float
+    """Length over which a contact presses; 0 if it is negligible."""
     influence: InfluenceFunction
     """Of that beam and width, or the user's own."""
     has_own_influence: bool
@@ -104,7 +121,7 @@ class Surface:
 
     @property
     def slowest_period(self) -> float:
-        """The same in readings; 0 if the beam's mass is not stated."""
+        """The longest period in which readings seem to swing, in readings; 0 if the beam's mass is not stated."""
         return (self.slowest_period_ms or 0.0) * self.scene.sensors.rate_hz / 1e3
 
     @cached_property
@@ -132,7 +149,7 @@ class Surface:
         spare: Literal[0, 1] = 0,
         seed: int = 0,
         effort: float = 1.0,
-    ) -> "Layout":
+    ) -> Layout:
         """Place sensors under the beam, as `design-sensors place` does.
 
         Parameters
@@ -156,8 +173,8 @@ class Surface:
         aim = replace(aim, effort=Effort(number(effort, "effort")))
         return place_sensors(self, count=count, seed=whole(seed, "seed", 0), aim=aim)
 
-    def layout(self, positions_mm: ArrayLike) -> "Layout":
-        """Return the layout of sensors at positions (sensors,) in mm from the left end, as they are mounted.
+    def layout(self, positions_mm: ArrayLike) -> Layout:
+        """Return the layout of sensors at positions (sensors,) in mm from the left end, in the order of the channels.
 
         Raises
         ------
@@ -169,7 +186,7 @@ class Surface:
         places_mm = places_in(positions_mm, "positions_mm", self.influence.length_mm).tolist()
         count = {"count": len(places_mm)}
         if conflict := conflict_of(places_mm, change_scene(self.scene, sensors=count)):
-            raise SceneError(f"positions_mm: {conflict}")
+            raise SceneError(f"positions_mm: {conflict.replace('the scene: sensors: fixed_mm has ', '')}")
         return keep_sensors(self, places_mm)
 
     def chain(self, channels: int) -> Chain:
@@ -194,14 +211,11 @@ class Surface:
         Raises
         ------
         SceneError
-            The beam deflects too far for small-angle theory or for the sensors' range, the noise is 0, the noise or the
-            drift of zeros is out of proportion to the deflection, or no layout keeps the rules of sensors.
+            The noise is 0, the beam deflects too far for the sensors' range, or no layout keeps the rules of sensors.
         """
         scene, sensors = self.scene, self.scene.sensors
-        self.travel.check_small_angles(sensors.range_mm[1] - sensors.range_mm[0])
         if self.readings.reading_mm == 0:
             raise SceneError("sensors: with a noise of 0 there are no intervals; state the noise of a reading")
-        check_errors(scene, self.readings, self.filter, self.travel.largest_mm)
         _sensor_of(scene, self.travel)
         fewest = min(sensors.fewest, sensors.count_range[1])
         equal_layout(self.rules, scene.beam.length_mm, count or fewest)
@@ -229,20 +243,24 @@ def resolve(scene: Scene, *, influence: InfluenceFunction | None = None, chosen:
     Raises
     ------
     SceneError
-        The beam cannot be computed, no reading fits in the latency, or the influence function is of another length
-        or for other contacts.
+        The beam cannot be computed, or deflects too far for small-angle theory; no reading fits in the latency; the
+        noise or the drift of zeros is out of proportion to the deflection; or the influence function is of another
+        length or for other contacts.
 
     Examples
     --------
     >>> resolve(scene)
     Surface(400 mm long, contacts at 10..390 mm with 2..20 N, 0.000894 mm of noise a sample)
     """
-    require(scene, Scene, "scene", "what read_scene returns")
+    require(scene, Scene, "scene", "what read_scene or make_scene returns")
     if influence is not None:
         check_own(influence, scene.beam.length_mm, scene.contact.position_mm, scene.contact.force_range_n)
     travel = travel_of(scene)
     readings, allowed_mm = ReadingErrors.of(scene, travel.largest_mm), sensor_positions_mm(scene)
     chosen = chosen or choose_filter(scene, readings.reading_mm)
+    if readings.reading_mm > 0:
+        travel.check_small_angles(scene.sensors.range_mm[1] - scene.sensors.range_mm[0])
+        check_errors(scene, readings, chosen, travel.largest_mm)
     is_priced = influence is None and readings.reading_mm > 0
     effects = effects_of(scene, chosen, readings, allowed_mm) if is_priced else ()
     required, sensors, noise = without_negligible(scene, effects), scene.sensors, readings.behind(chosen)
@@ -264,7 +282,7 @@ def resolve(scene: Scene, *, influence: InfluenceFunction | None = None, chosen:
         readings=readings,
         effects=effects,
         beam=required.beam,
-        width_mm=required.contact.width_mm,
+        contact_width_mm=required.contact.width_mm,
         influence=influence or influence_of(required),
         has_own_influence=influence is not None,
         errors=errors,

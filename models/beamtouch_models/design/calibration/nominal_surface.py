@@ -73,7 +73,7 @@ class NominalSurface:
         prior = Prior.of(surface.influence, sensor_mm, metadata.noise.sample_mm)
         return cls(
             surface.beam,
-            surface.width_mm,
+            surface.contact_width_mm,
             sensor_mm,
             prior,
             metadata.max_deflection_mm,

@@ -1,5 +1,7 @@
 """The influence matrix: deflection at each sensor per newton, for each load position."""
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
 from functools import partial
@@ -89,7 +91,7 @@ def influence_matrix(scene: Scene, sensor_mm: ArrayLike, load_mm: ArrayLike) -> 
     >>> influence_matrix(scene, [100, 200], [200]).round(4)
     array([[0.0776, 0.1129]])
     """
-    require(scene, Scene, "scene", "what read_scene returns")
+    require(scene, Scene, "scene", "what read_scene or make_scene returns")
     return influence(scene.beam, sensor_mm, load_mm, scene.contact.width_mm)
 
 
@@ -131,7 +133,7 @@ def interpolate_influence(
     >>> print(resolve(scene, influence=own).layout([130, 270]).limit(draws=500), "mm, as it yields twice as much")
     1.96 +- 0.009 mm, as it yields twice as much
     """
-    require(scene, Scene, "scene", "what read_scene returns")
+    require(scene, Scene, "scene", "what read_scene or make_scene returns")
     from scipy.interpolate import RectBivariateSpline  # noqa: PLC0415  # slow to import, and only scripts need it
 
     length_mm, (low, high) = scene.beam.length_mm, scene.contact.position_mm

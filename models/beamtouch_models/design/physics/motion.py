@@ -83,7 +83,7 @@ def frequency_hz(scene: Scene) -> float:
     >>> round(frequency_hz(scene), 1)
     44.0
     """
-    require(scene, Scene, "scene", "what read_scene returns")
+    require(scene, Scene, "scene", "what read_scene or make_scene returns")
     first_hz = first_frequency_hz(scene.beam)
     if first_hz is None:
         raise SceneError("beam: state density_kg_m3, width_mm and thickness_mm; they set its frequency")

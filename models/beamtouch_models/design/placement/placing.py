@@ -64,8 +64,8 @@ class Aim:
             raise SceneError(f"criterion = {self.criterion!r} must be one of {', '.join(CRITERIA)}")
         if self.spare not in (0, 1) or (self.spare and self.criterion != "position-error"):
             raise SceneError(
-                f"spare = {self.spare}: give 0, or 1, which places by position error, without another criterion or "
-                "leading components"
+                f"spare = {self.spare}: give 0 or 1; 1 places by position error, and goes with no other criterion and "
+                "no number of components"
             )
 
 
@@ -293,7 +293,10 @@ def fewest_sensors(
     if fewest == most:
         return place_as(aim, influence, rules, most, seed, errors, progress)
     if wanted_mm is None:
-        raise SceneError("sensors.count leaves the number open; give requirements.position_error_mm, or --sensors N")
+        raise SceneError(
+            "sensors.count leaves the number open; give requirements.position_error_mm, or a number of sensors "
+            "(--sensors N)"
+        )
     reached_mm = math.inf
 
     def out_of_reach(count: int, more: str) -> SceneError:

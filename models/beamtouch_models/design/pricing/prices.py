@@ -43,7 +43,8 @@ class Effect:
 
     name: str
     price: float | None
-    """In units of the noise of a sample; None if the scene does not state the data for it."""
+    """The largest change in deflection that it causes, over the noise of a sample; None if the scene does not state the
+    data for it."""
     verdict: Verdict
     """"in" or "out" of the influence matrix; "floor": part of the covariance of every sample; "not modelled": it
     matters, but no part of the model can include it."""

@@ -110,6 +110,14 @@ def path_of(scene: object) -> Path | None:
 def make_scene(**tables: Mapping[str, Any]) -> Scene:
     """Make a scene of its tables, with the keys of a scene file.
 
+    `beam`: length_mm, width_mm, thickness_mm, material (or youngs_modulus_gpa, density_kg_m3), supports, ...
+    `contact`: force_n (one number, or a range), position_mm (a range), width_mm.
+    `sensors`: noise_mm (of one reading), rate_hz, count, range_mm, size_mm, gain_error_percent, zero_drift_mm, ...
+    `requirements`: latency_ms, position_error_mm, descriptors, false_contacts_per_day, ...
+    `environment`: temperature_range_k, drift_um_per_min.
+
+    docs/reference/scene.md has all with their units and defaults, and so has `design-sensors schema`.
+
     >>> make_scene(
     ...     beam={"length_mm": 400, "material": "steel", "width_mm": 25, "thickness_mm": 3},
     ...     contact={"force_n": 10, "position_mm": [10, 390]},
@@ -136,7 +144,7 @@ def change_scene(scene: Scene, **tables: Mapping[str, Any]) -> Scene:
     InputError
         It is no scene any more; the message names the key.
     """
-    require(scene, Scene, "scene", "what read_scene returns")
+    require(scene, Scene, "scene", "what read_scene or make_scene returns")
     stated = scene.model_dump(exclude_unset=True)
     for name, values in tables.items():
         require(values, Mapping, name, "a table, as a dict of its keys")
@@ -151,7 +159,7 @@ def format_scene(scene: Scene) -> str:
     [beam]
     length_mm = 400.0
     """
-    require(scene, Scene, "scene", "what read_scene returns")
+    require(scene, Scene, "scene", "what read_scene or make_scene returns")
     tables = _without_none(scene.model_dump(mode="json", exclude_unset=True))
     return "\n".join(
         f"[{name}]\n" + "".join(f"{key} = {_toml(value)}\n" for key, value in table.items())

@@ -8,13 +8,15 @@ from beamtouch_common.digits import digits
 from beamtouch_models.design.scene.beam import Beam
 from beamtouch_models.design.scene.tables import Contact, Sensors
 
-MM_PER_M = 1000
+MM_PER_M, UM_PER_MM = 1000, 1000
 ROUNDING = 1e-9
 """Share of the beam's length by which sensors may be too close to something: 3 * 0.1 and 0.3 are the same position."""
 SHORTEST_MM, NARROWEST_MM, THINNEST_MM = 1.0, 0.1, 0.01
 """Smallest length, width and thickness; a smaller beam is no place for a proximity sensor."""
 WIDEST, DEEPEST = 4.0, 1.0
 """Largest width and thickness over the length; anything larger is not a beam, or its length is in another unit."""
+NOISIEST = 0.1
+"""Largest noise of a reading over the range of the sensor."""
 STIFFEST_GPA = 1500.0
 """Diamond has 1200 GPa."""
 PSI_PER_GPA = 145038
@@ -39,6 +41,11 @@ def misplaced(beam: Beam, contact: Contact, sensors: Sensors) -> Iterator[str]:
     for start, end in sensors.keep_out_mm:
         if end <= 0 or start >= length:
             yield f"sensors.keep_out_mm has [{start:g}, {end:g}], off {on_the_beam}; correct it, or remove it"
+    if sensors.noise_mm is not None and sensors.noise_mm > NOISIEST * (sensors.range_mm[1] - sensors.range_mm[0]):
+        yield (
+            f"sensors.noise_mm = {sensors.noise_mm:g} is more than a tenth of range_mm; if it is in um, write "
+            f"{sensors.noise_mm / UM_PER_MM:g}"
+        )
     if sensors.size_mm >= length:
         yield f"sensors.size_mm = {sensors.size_mm:g} must be less than beam.length_mm = {length:g}"
     yield from _fixed_too_close(beam, sensors)
