@@ -283,7 +283,23 @@ class SerialDevice:
 
     def device_us(self) -> int:
         """Return the device's clock, which wraps 65 ms after it was made."""
-        return (round((uptime_s() - self._start_s) * 1e6) + 0xFFFF_0000) % 2**32
+        return self.device_us_at(uptime_s())
+
+    def device_us_at(self, host_s: float) -> int:
+        """Return the same at a time of `uptime_s`."""
+        return (round((host_s - self._start_s) * 1e6) + 0xFFFF_0000) % 2**32
+
+    def known_clock(self) -> str:
+        """Return code by which a daemon knows this clock exactly, as it nearly does where pings are answered at once.
+
+        On a starved machine they are not. Then the times of readings are off by up to a ping, each by another part of
+        it, and a rate over some hundred readings by percents.
+        """
+        host_s = f"{self._start_s!r} + (device_s - {0xFFFF_0000 / 1e6}) % {2**32 / 1e6}"
+        return (
+            "from beamtouch_daemon.sources.clock import HostClock; "
+            f"HostClock.to_host = lambda self, device_s, arrival_s: {host_s}"
+        )
 
     def counts(self, sequence: int) -> tuple[int, ...]:
         """Return what one conversion of each channel gives in a reading."""

@@ -30,9 +30,9 @@ from beamtouch_models.design.surface import resolve
 from beamtouch_models.runtime.decision.decider import PERSISTENCE
 from beamtouch_models.runtime.metadata import FilterChoice, Thresholds
 from beamtouch_models.runtime.session import Run, runner
+from models.posterior_cases import graph_of
 from models.rare_rest import FARTHEST, Sequences, at_rest, log_tilt, overlapping_means, rest_like_contact, tilted
 from support.surfaces.example_scenes import SCENES
-from support.surfaces.posterior_cases import graph_of
 from support.surfaces.stated_problems import fewest_mm, real_prior
 
 LIFT = 1 / 8

@@ -11,7 +11,7 @@ from beamtouch_models.design.accuracy.posterior import posterior_quantiles
 from beamtouch_models.design.accuracy.prior import Prior
 from beamtouch_models.design.estimators.posterior.cells import resolving_cells
 from beamtouch_models.design.surface import resolve
-from support.surfaces.posterior_cases import answers_of, graph_of
+from models.posterior_cases import answers_of, graph_of
 
 Case = tuple[object, object, tuple[float, float], float, list[float], dict[str, float]]
 """Supports, force, range of positions, width of a contact, sensors, and their errors."""

@@ -22,8 +22,8 @@ from beamtouch_models.design.effort import Effort
 from beamtouch_models.design.sweeps import silent
 from beamtouch_models.lab.rig.surface import Imperfections
 from beamtouch_models.runtime import ModelFile, Weighed, evidence
+from models.calibration_files import write_contacts, write_readings
 from support.programs.in_process import Command
-from support.surfaces.calibration_files import write_contacts, write_readings
 from support.surfaces.example_scenes import ROUGH
 from support.surfaces.real_surfaces import deflections_on, random_imperfections, recorded, true_prior
 from support.surfaces.unlabelled_contacts import Kind, drawn, missed_mm

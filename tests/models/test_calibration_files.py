@@ -10,9 +10,10 @@ import pytest
 from beamtouch_models import load_model
 from beamtouch_models.arrays import Floats
 from beamtouch_models.runtime import ModelFile
+from models.calibration_files import write_contacts, write_readings
 from support.programs.in_process import Command, Outcome, Refusal
-from support.surfaces.calibration_files import FORCES, POSITIONS, write_contacts, write_readings
 from support.surfaces.deflections import deflections_of
+from support.surfaces.real_surfaces import FORCES, POSITIONS
 
 Calibrate = Callable[..., Outcome]
 MAX_BYTES = 64 * 2**20

@@ -15,9 +15,9 @@ from beamtouch_models.design.effort import Effort
 from beamtouch_models.design.sweeps import silent
 from beamtouch_models.lab.rig.surface import Imperfections
 from beamtouch_models.runtime import ModelFile
+from models.calibration_files import write_readings
 from models.doubtful_recordings import bent_mm, doubtful
 from support.programs.in_process import Command
-from support.surfaces.calibration_files import write_readings
 from support.surfaces.deflections import deflections_of
 from support.surfaces.example_scenes import ROUGH
 from support.surfaces.real_surfaces import random_imperfections, recorded

@@ -26,9 +26,9 @@ from models.false_alarms import (
     false_stretches_per_day,
     surface,
 )
+from models.posterior_cases import graph_of, prior_of
 from models.rare_rest import exceeding
 from support.surfaces.example_scenes import SCENES, paper_scene
-from support.surfaces.posterior_cases import graph_of, prior_of
 from support.surfaces.stated_problems import fewest_mm, real_prior
 
 pytestmark = pytest.mark.long

@@ -15,7 +15,7 @@ from beamtouch_models.design.estimators.posterior.window import posterior_graph
 from beamtouch_models.design.physics.influence import InfluenceFunction
 from beamtouch_models.design.placement.layout import LayoutRules
 from beamtouch_models.design.placement.placing import place, place_by_position_error, recommended_count
-from support.surfaces.posterior_cases import answers_of
+from models.posterior_cases import answers_of
 
 LENGTH_MM = 500.0
 TENSION_N = 50.0

@@ -21,8 +21,8 @@ from beamtouch_models.design.pricing.prices import Effect
 from beamtouch_models.design.scene import Scene, change_scene, load_scene
 from beamtouch_models.design.surface import Surface, resolve
 from beamtouch_models.runtime.error_model import whitening
+from models.posterior_cases import plain_posterior, prior_of, quantiles_of
 from support.surfaces.example_scenes import SCENES, paper_scene
-from support.surfaces.posterior_cases import plain_posterior, prior_of, quantiles_of
 
 
 @pytest.mark.parametrize(("layout", "percent"), [((400 / 3, 800 / 3), 4.50), ((107, 293), 3.78)])

@@ -21,8 +21,8 @@ from beamtouch_models.design.calibration.recordings import Loads, RecordingError
 from beamtouch_models.design.sweeps import silent
 from beamtouch_models.errors import NotGoodEnoughError
 from beamtouch_models.lab.rig.surface import Imperfections
+from models.calibration_files import write_readings
 from support.programs.in_process import Command
-from support.surfaces.calibration_files import write_readings
 from support.surfaces.real_surfaces import MISTAKES, deflections_on, random_imperfections, recorded, with_mistake
 
 pytestmark = pytest.mark.long

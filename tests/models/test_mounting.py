@@ -15,8 +15,8 @@ from beamtouch_models.design.surface import resolve
 from beamtouch_models.errors import SceneError
 from beamtouch_models.runtime import ModelFile
 from models.handbook import deflection_per_newton
+from models.posterior_cases import answers_of, graph_of
 from support.surfaces.example_scenes import SCENES, paper_scene
-from support.surfaces.posterior_cases import answers_of, graph_of
 from support.surfaces.stated_problems import real_prior
 
 SURFACES, CONTACTS = 80, 50

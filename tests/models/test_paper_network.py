@@ -16,9 +16,9 @@ from beamtouch_models.design.estimators.paper_network import (
     trained_as_in_the_paper,
 )
 from beamtouch_models.lab.reproduction.paper import deflection_mm
+from models.posterior_cases import answers_of, prior_of
 from support.programs.in_process import Command
 from support.surfaces.example_scenes import SCENES
-from support.surfaces.posterior_cases import answers_of, prior_of
 
 LOADS = np.arange(20.0, 201.0, 4.0)
 ONE_SENSOR = deflection_mm([200.0], LOADS)

@@ -19,8 +19,7 @@ from beamtouch_models.design.sweeps import silent
 from beamtouch_models.runtime.error_model import whitening
 from beamtouch_models.runtime.session import runner
 from models.false_alarms import surface
-from support.surfaces.example_scenes import paper_scene
-from support.surfaces.posterior_cases import (
+from models.posterior_cases import (
     answers_of,
     check_sane,
     graph_of,
@@ -30,6 +29,7 @@ from support.surfaces.posterior_cases import (
     quantiles_of,
     with_floor,
 )
+from support.surfaces.example_scenes import paper_scene
 
 FINEST = 1e-4
 """Smallest noise that float32 carries, in percent of the largest deflection."""

@@ -10,8 +10,8 @@ import pytest
 
 import beamtouch_models as models
 from beamtouch_models.runtime import ModelFile
+from models.calibration_files import write_readings
 from support.programs.in_process import Command
-from support.surfaces.calibration_files import write_readings
 from support.surfaces.deflections import deflections_of
 from support.surfaces.example_scenes import PAPER, SCENES
 

@@ -25,8 +25,8 @@ from beamtouch_models.design.sweeps import silent
 from beamtouch_models.errors import NotGoodEnoughError
 from beamtouch_models.lab.rig.surface import Imperfections
 from beamtouch_models.runtime import Calibration, ModelFile
+from models.calibration_files import write_contacts
 from support.programs.in_process import Command
-from support.surfaces.calibration_files import write_contacts
 from support.surfaces.example_scenes import ROUGH
 from support.surfaces.real_surfaces import true_prior
 from support.surfaces.unlabelled_contacts import OFF, Kind, fitted, random_contacts

@@ -18,8 +18,8 @@ from beamtouch_models.design.estimators.small_network import Network, first_stag
 from beamtouch_models.runtime.error_model import whitening
 from beamtouch_models.runtime.metadata import FORCE_OUTPUTS, POSITION_OUTPUTS
 from beamtouch_models.runtime.session import runner
+from models.posterior_cases import answers_of, graph_of, prior_of, with_floor
 from models.rare_rest import exceeding
-from support.surfaces.posterior_cases import answers_of, graph_of, prior_of, with_floor
 
 PRIOR = with_floor(prior_of("bench", 4, 0.2, known=False))
 CONTACTS = 1000

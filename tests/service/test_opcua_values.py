@@ -22,24 +22,21 @@ def codes(surface: Surface, now_s: float = NOW_S) -> dict[str, str]:
 
 @pytest.mark.promise(
     "docs/how-to/opcua.md",
-    "there is no sample yet",
     "the newest sample is too old",
     "too few channels work, or the model gave no usable answer",
 )
 @pytest.mark.parametrize(
     ("row", "age_s", "code"),
     [
-        (None, 0.0, "BadWaitingForInitialData"),
         ([0.5, 0.25, 0.125], 0.5001, "BadNoCommunication"),
         ([0.2, None, None], 0.0, "BadSensorFailure"),
         ([0.5, 1.0, 0.5], 0.0, "BadSensorFailure"),  # off the beam
     ],
-    ids=["no samples", "stale", "too few channels", "no usable answer"],
+    ids=["stale", "too few channels", "no usable answer"],
 )
-def test_without_a_contact_every_variable_says_why(row: Row | None, age_s: float, code: str) -> None:
+def test_without_a_contact_every_variable_says_why(row: Row, age_s: float, code: str) -> None:
     surface = surface_of(section=ZONED)
-    if row is not None:
-        surface.receive(parsed(row, quality=["missing" if value is None else "good" for value in row]), NOW_S)
+    surface.receive(parsed(row, quality=["missing" if value is None else "good" for value in row]), NOW_S)
     found = codes(surface, NOW_S + age_s)
     assert {"state", "force_n", "zones/gate"} < found.keys()
     assert set(found.values()) == {code}

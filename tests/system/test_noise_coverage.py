@@ -16,6 +16,7 @@ from beamtouch_daemon.processing.pipeline import Pipeline
 from beamtouch_daemon.sources.reading import Reading
 from beamtouch_models.arrays import Floats
 from beamtouch_models.design.estimators.onnx_graph import to_bytes
+from beamtouch_models.design.estimators.posterior.window import posterior_graph
 from beamtouch_models.design.physics.beam import influence_matrix
 from beamtouch_models.design.placement.placing import place
 from beamtouch_models.design.scene import Scene, parse_scene
@@ -25,7 +26,6 @@ from beamtouch_models.runtime.error_model import whitening
 from beamtouch_models.runtime.metadata import Sensor
 from beamtouch_models.runtime.session import Run, runner
 from support.surfaces.example_scenes import SCENES
-from support.surfaces.posterior_cases import graph_of
 from support.surfaces.stated_problems import problem_in, real_prior
 
 CHANNELS, TOUCHES, SETTLED, RECORDED = 4, 400, 40, 12_000
@@ -100,7 +100,7 @@ class Model:
         physics = resolve(self.scene, chosen=chosen)
         self.window = chosen.window
         self.prior = real_prior(physics.scene, self.layout, physics.noise.sample_mm)
-        self.run: Run = runner(to_bytes(graph_of(self.prior)))
+        self.run: Run = runner(to_bytes(posterior_graph(self.prior, with_force=not self.prior.force_is_known)))
 
 
 def held(model: Model, line: Line, surface: Settings) -> tuple[float, float]:

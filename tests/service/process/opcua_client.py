@@ -1,15 +1,44 @@
-"""A client of the OPC UA server of a service, and what it reads."""
+"""A service with an OPC UA server, a client of it, and what that reads and is told."""
 
 import asyncio
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from typing import Any
 
 from asyncua import Client, ua
 
+from service.process.conftest import Service, StartService
 from service.process.opcua_hello import is_open
+from support.network.free_ports import free_port
 from support.running.waiting import wait_until
 
 TIMEOUT_S = 30
+
+
+def start(start_press: StartService, stale_ms: float, options: str = "") -> tuple[Service, str]:
+    """Start a service of press-7 with an OPC UA server; return it with the address of that."""
+    port = free_port()
+    zones = "[surfaces.press-7.zones.left]\nfrom_mm = 0\nto_mm = 300\n"
+    service = start_press(stale_ms=stale_ms, sections=f"{zones}[opcua]\nport = {port}\n{options}\n")
+    return service, f"opc.tcp://127.0.0.1:{port}/"
+
+
+class Changes:
+    """What a subscription gave, by variable."""
+
+    def __init__(self) -> None:
+        self.found: dict[str, list[Any]] = {}
+        self.events: list[Any] = []
+
+    def datachange_notification(self, node: Any, _value: object, data: Any) -> None:  # noqa: ANN401  # the library's
+        self.found.setdefault(str(node.nodeid.Identifier), []).append(data.monitored_item.Value)
+
+    def event_notification(self, event: Any) -> None:  # noqa: ANN401  # the library's
+        self.events.append(event)
+
+    def values(self, name: str) -> list[Any]:
+        """Return the values of a variable of press-7, one after the other."""
+        return [one.Value.Value for one in self.found.get(f"press-7/{name}", [])]
 
 
 @asynccontextmanager

@@ -11,6 +11,7 @@ from support.pages.browser import NO_FIGURE, SCREENS, OpenPage, Watched
 
 WRONG = "a-wrong-token-that-someone-mistyped"
 FORM = "#token-form"
+FOCUSED = "() => document.activeElement.id === 'token'"
 KEPT = "() => [sessionStorage.length, localStorage.length]"
 OTHER = "another-token-since-the-restart"
 
@@ -51,16 +52,22 @@ def assert_open(seen: Watched) -> None:
 
 
 def assert_only_refusals(seen: Watched) -> None:
-    """The browser notes each refused request by itself; nothing else went wrong, nothing came from elsewhere."""
+    """The browser notes each refused request by itself; nothing else went wrong, nothing came from elsewhere.
+
+    No token was in an address, which logs of servers keep.
+    """
     assert [text for text in seen.complaints if "status of 401" not in text] == []
     assert seen.strangers() == []
+    assert not [url for url in seen.requests if READ_TOKEN in url or WRONG in url]
 
 
 @pytest.mark.promise(
     "docs/reference/page.md",
     "If the service has a read token, the page shows only a form until it has the right one.",
 )
-def test_from_the_form_to_the_figures_and_back_by_keyboard(start_press: StartService, open_page: OpenPage) -> None:
+def test_it_opens_by_keyboard_with_the_right_token_and_then_follows_what_arrives(
+    start_press: StartService, open_page: OpenPage
+) -> None:
     service = start_press(read=READ_TOKEN)
     service.post(batch_of([0.0, 0.0, 0.0], sequence=1))
     service.post(batch_of(sequence=2))
@@ -68,36 +75,57 @@ def test_from_the_form_to_the_figures_and_back_by_keyboard(start_press: StartSer
     assert_locked(seen)
     assert seen.text("token-error") == ""
     assert not seen.page.is_visible("#forget")
-    focused = "() => document.activeElement.id === 'token'"
-    seen.page.wait_for_function(focused)
+    seen.page.wait_for_function(FOCUSED)
     seen.tab_through()
 
     seen.page.focus("#token")
-    seen.page.keyboard.type(WRONG)
-    seen.page.keyboard.press("Enter")
-    seen.wait_for_text("token-error", "This token is not accepted")
-    assert seen.page.get_by_role("alert").inner_text() == "This token is not accepted"
-    assert seen.page.get_attribute("#token", "aria-invalid") == "true"
-    assert seen.page.evaluate(KEPT) == [0, 0]
-    assert_locked(seen)
-
-    # The wrong one is selected, so that typing replaces it.
-    seen.page.wait_for_function(focused)
     seen.page.keyboard.type(READ_TOKEN)
     seen.page.keyboard.press("Enter")
     assert_open(seen)
     assert seen.page.input_value("#token") == ""
     seen.page.wait_for_selector("#events tr")
     assert seen.page.is_visible("#with-token")
-    # It goes on: the figures follow what arrives.
     for sequence, row in enumerate(([0.25, 0.5, 0.0], [0.25, 0.5, 0.25]), start=3):
         service.post(batch_of(row, sequence=sequence))
         position = service.get("/contact", token=READ_TOKEN).json()["position_mm"]
         seen.wait_for_text("position", f"{position:.1f}")
-    service.post(batch_of(sequence=5))
+    assert_only_refusals(seen)
 
+
+@pytest.mark.promise(
+    "docs/reference/page.md",
+    "If the service has a read token, the page shows only a form until it has the right one.",
+)
+def test_a_wrong_token_is_refused_and_typing_replaces_it(start_press: StartService, open_page: OpenPage) -> None:
+    service = start_press(read=READ_TOKEN)
+    service.post(batch_of())
+    seen = open_page(service.url)
+    enter(seen, WRONG)
+    seen.wait_for_text("token-error", "This token is not accepted")
+    assert seen.page.get_by_role("alert").inner_text() == "This token is not accepted"
+    assert seen.page.get_attribute("#token", "aria-invalid") == "true"
+    assert seen.page.evaluate(KEPT) == [0, 0]
+    assert_locked(seen)
+
+    # The wrong one is selected.
+    seen.page.wait_for_function(FOCUSED)
+    seen.page.keyboard.type(READ_TOKEN)
+    seen.page.keyboard.press("Enter")
+    assert_open(seen)
+    assert_only_refusals(seen)
+
+
+def test_it_stays_open_when_loaded_anew_until_the_token_is_forgotten(
+    start_press: StartService, open_page: OpenPage
+) -> None:
+    service = start_press(read=READ_TOKEN)
+    service.post(batch_of())
+    seen = open_page(service.url)
+    enter(seen, READ_TOKEN)
+    assert_open(seen)
     seen.page.reload()
     assert_open(seen)
+
     seen.page.click("text=Forget token")
     assert_locked(seen)
     assert not seen.page.is_visible("#forget")
@@ -105,8 +133,13 @@ def test_from_the_form_to_the_figures_and_back_by_keyboard(start_press: StartSer
     assert_locked(seen)
     assert_only_refusals(seen)
 
-    # Nothing is shown once the token is forgotten, even without an answer.
-    service.post(batch_of(sequence=6))
+
+def test_nothing_is_shown_once_the_token_is_forgotten_even_without_an_answer(
+    start_press: StartService, open_page: OpenPage
+) -> None:
+    service = start_press(read=READ_TOKEN)
+    service.post(batch_of())
+    seen = open_page(service.url)
     enter(seen, READ_TOKEN)
     assert_open(seen)
     service.stop(signal.SIGTERM)
@@ -114,7 +147,6 @@ def test_from_the_form_to_the_figures_and_back_by_keyboard(start_press: StartSer
     seen.wait_for_state("lost")
     assert (seen.text("position"), seen.text("surface"), seen.text("model")) == (NO_FIGURE, "", "")
     assert seen.page.evaluate(KEPT) == [0, 0]
-    assert not [url for url in seen.requests if READ_TOKEN in url or WRONG in url]
 
 
 @pytest.mark.promise(

@@ -10,13 +10,14 @@ from beamtouch_models.design.physics.beam import influence_of
 from beamtouch_models.design.scene import parse_scene
 from beamtouch_models.lab.rig.surface import Imperfections
 from beamtouch_models.runtime.metadata import Metadata
-from support.surfaces.calibration_files import FORCES, POSITIONS, SAMPLES
 
+POSITIONS, FORCES = np.linspace(20.0, 380.0, 10), np.full(10, 12.0)
+"""Of ten loads on a beam of 400 mm."""
+SAMPLES = 200
+"""Samples of each load."""
 MISTAKES = ("20 mm", "40 mm", "60 mm", "2 x force", "10 x force")
 FORCE_PER_MM = 0.01
 """Relative deviation of a force per mm by which its load is misplaced: hands are as good with both."""
-
-
 SESSION_MIN = 10.0
 """Time in which the loads of a recording follow each other."""
 

@@ -7,11 +7,7 @@ import numpy as np
 
 from beamtouch_models.arrays import Floats
 from beamtouch_models.runtime import ModelFile
-
-POSITIONS, FORCES = np.linspace(20.0, 380.0, 10), np.full(10, 12.0)
-"""Of ten loads on a beam of 400 mm."""
-SAMPLES = 200
-"""Samples of each load."""
+from support.surfaces.real_surfaces import FORCES, POSITIONS, SAMPLES
 
 
 def write_readings(

@@ -1,200 +1,68 @@
-"""Contacts and events over OPC UA, as a client reads and subscribes to them."""
+"""What the OPC UA server refuses: writes, strangers, and what is another client's or would hide a contact."""
 
 import asyncio
-import json
 import math
 import shutil
 import signal
 import ssl
-from datetime import UTC, datetime, timedelta
-from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import pytest
 from asyncua import Client, ua
-from asyncua.common.subscription import Subscription
 from asyncua.crypto.security_policies import SecurityPolicyBasic256Sha256
 
-from service.bench import FIGURES, START_US, batch_of
-from service.process.opcua_client import TIMEOUT_S, connected, read
+from service.bench import batch_of
+from service.process.opcua_client import TIMEOUT_S, Changes, connected, read, start
 from service.process.opcua_hello import is_open
 from support.network.certificates import make_certificate
-from support.network.free_ports import free_port
 from support.running.waiting import wait_until
 
-from .conftest import Service, StartService
-
-CHANGE = ua.DataChangeTrigger.StatusValue
+from .conftest import StartService
 
 
-def start(start_press: StartService, stale_ms: float, options: str = "") -> tuple[Service, str]:
-    """Start a service of press-7 with an OPC UA server; return it with the address of that."""
-    port = free_port()
-    zones = "[surfaces.press-7.zones.left]\nfrom_mm = 0\nto_mm = 300\n"
-    service = start_press(stale_ms=stale_ms, sections=f"{zones}[opcua]\nport = {port}\n{options}\n")
-    return service, f"opc.tcp://127.0.0.1:{port}/"
+@pytest.mark.promise("docs/how-to/opcua.md", "Nobody can write.")
+def test_nobody_can_write(start_press: StartService) -> None:
+    _, url = start(start_press, 60_000)
 
-
-class Changes:
-    """What a subscription gave, by variable."""
-
-    def __init__(self) -> None:
-        self.found: dict[str, list[Any]] = {}
-        self.events: list[Any] = []
-
-    def datachange_notification(self, node: Any, _value: object, data: Any) -> None:  # noqa: ANN401  # the library's
-        self.found.setdefault(str(node.nodeid.Identifier), []).append(data.monitored_item.Value)
-
-    def event_notification(self, event: Any) -> None:  # noqa: ANN401  # the library's
-        self.events.append(event)
-
-
-@pytest.mark.promise(
-    "docs/how-to/opcua.md",
-    "when a daemon stops, every variable of its surfaces is `BadNoCommunication` after `stale_ms` and one interval.",
-    "A filter with a deadband is refused with `BadMonitoredItemFilterUnsupported`.",
-    "Nobody can write.",
-    "there is no sample yet",
-    (
-        "When an event is finished, its surface emits an OPC UA event of the type `ContactEventType`, and so does "
-        "the object `Server` for clients that listen to all surfaces."
-    ),
-)
-def test_a_read_gives_the_contact_of_its_moment_and_a_subscription_turns_bad_when_samples_stop(
-    start_press: StartService,
-) -> None:
-    service, url = start(start_press, 5000, "interval_ms = 20")
-    rest, touched = list[float | None]([0.0, 0.0, 0.0]), list[float | None]([0.2, 0.3, 0.3])
-    odd = list[float | None]([0.2, 0.3, 0.5])
-
-    async def compare() -> Changes:
-        changes = Changes()
+    async def write() -> None:
         async with connected(url) as client:
-            before = await read(client)
-            assert {one.StatusCode.name for one in before.values()} == {"BadWaitingForInitialData"}
-            assert {one.Value.Value for one in before.values()} == {None}
-            index = await client.get_namespace_index("urn:beamtouch")
-            surface = client.get_node(ua.NodeId("press-7", index))
+            force = client.get_node(ua.NodeId("press-7/force_n", await client.get_namespace_index("urn:beamtouch")))
             with pytest.raises(ua.UaStatusCodeError, match=r"NotWritable|AccessDenied"):
-                await client.get_node(ua.NodeId("press-7/force_n", index)).write_value(3.0)
-            other = await client.create_subscription(50, Changes())
-            await require_no_deadband(other, client.get_node(ua.NodeId("press-7/position_mm", index)))
-            subscription = await client.create_subscription(50, changes)
-            await subscription.subscribe_data_change(await surface.get_variables())
-            await subscription.subscribe_events(surface, await event_type(client, index))
-            everywhere = Changes()
-            await (await client.create_subscription(50, everywhere)).subscribe_events(
-                evtypes=await event_type(client, index)
-            )
-            for number, row in enumerate([rest] * 10 + [touched] * 10 + [rest] * 10, 1):
-                batch = batch_of(row, sequence=number, begin_us=START_US + 20_000 * number)
-                assert (await asyncio.to_thread(service.post, batch)).status_code == 200
-                if number % 5 == 0:
-                    contact = (await asyncio.to_thread(service.get, "/surfaces/press-7/contact")).json()
-                    require_same(await read(client), contact)
-            await asyncio.to_thread(wait_until, lambda: bool(changes.events))
-            # The Server object has the events of all surfaces.
-            await asyncio.to_thread(wait_until, lambda: bool(everywhere.events))
-            assert everywhere.events[0].EventId == changes.events[0].EventId
-            for number in range(31, 36):
-                assert (await asyncio.to_thread(service.post, batch_of(odd, sequence=number))).status_code == 200
-            contact = (await asyncio.to_thread(service.get, "/surfaces/press-7/contact")).json()
-            assert (contact["state"], contact["notes"]) == ("unexplained", [])
-            require_same(await read(client), contact)
-            await asyncio.to_thread(wait_until, lambda: is_bad(changes, "BadNoCommunication"))
-        return changes
+                await force.write_value(3.0)
 
-    changes = asyncio.run(compare())
-    states = [one.Value.Value for one in changes.found["press-7/state"]]
-    assert states[0] is states[-1] is None
-    assert "clear" in states
-    # It is reported when it changes, and so keeps the time at which it began.
-    said = [(one.Value.Value, one.StatusCode.name) for one in changes.found["press-7/state"]]
-    assert all(one != after for one, after in pairwise(said))
-    assert changes.found["press-7/sequence"][-2].Value.Value == 35
-    (event,) = [one for one in service.get("/events").json()["events"] if one["kind"] == "contact"]
-    (found,) = changes.events
-    assert event["dwell_ms"] > 100
-    assert abs(found.Time.replace(tzinfo=UTC) - datetime.fromisoformat(event["lifted_at"])) < timedelta(milliseconds=1)
-    for name in ("surface", "kind", "touched_at", "lifted_at", "dwell_ms", "peak_force_n", "mean_position_mm", "end"):
-        assert getattr(found, name) == event[name], name
-    assert json.loads(found.zones) == event["zones"] != {}
-
-
-def require_same(found: dict[str, ua.DataValue], contact: dict[str, Any]) -> None:
-    """Require that variables say what the contact of their sample says, and how good it is."""
-    said = {name: one.Value.Value for name, one in found.items()}
-    assert {name: said[name] for name in (*FIGURES, "state", "sequence")} == {
-        name: contact[name] for name in (*FIGURES, "state", "sequence")
-    }
-    assert (said["notes"], said["zones/left"]) == (" ".join(contact["notes"]), contact["zones"]["left"])
-    assert said["age_ms"] >= contact["age_ms"]
-    assert f"{found['state'].SourceTimestamp:%FT%T}" == contact["sampled_at"][:19]
-    assert found["state"].StatusCode.is_good() == (not contact["notes"] and contact["state"] != "unexplained")
-    for name in FIGURES:
-        assert found[name].StatusCode.is_good() == (contact["state"] == "contact" and not contact["notes"])
-
-
-def is_bad(changes: Changes, code: str) -> bool:
-    """Return whether the newest value of every variable has this status code."""
-    newest = [values[-1].StatusCode.name for values in changes.found.values()]
-    return bool(newest) and set(newest) == {code}
-
-
-async def event_type(client: Client, index: int) -> Any:  # noqa: ANN401  # the library's
-    """Return the type of events."""
-    base = client.get_node(ua.ObjectIds.BaseEventType)
-    return await base.get_child(ua.QualifiedName("ContactEventType", index))
+    asyncio.run(write())
 
 
 @pytest.mark.promise(
-    "docs/how-to/opcua.md",
-    "A read, and the first value of a subscription, give the contact of their moment.",
+    "docs/how-to/opcua.md", "A filter with a deadband is refused with `BadMonitoredItemFilterUnsupported`."
 )
-@pytest.mark.promise("docs/reference/service-configuration.md", "A read is answered with the contact of its moment.")
-def test_the_first_value_of_a_subscription_is_the_contact_of_its_moment(start_press: StartService) -> None:
-    # With this interval, nobody looks at the surface between the two samples.
-    service, url = start(start_press, 60_000, "interval_ms = 10000")
+def test_a_deadband_is_refused_as_it_would_hide_the_end_of_a_contact(start_press: StartService) -> None:
+    _, url = start(start_press, 60_000)
 
-    async def subscribe() -> list[Any]:
-        new, woken = Changes(), Changes()
+    async def ask() -> None:
         async with connected(url) as client:
-            assert (await asyncio.to_thread(service.post, batch_of([0.0, 0.0, 0.0]))).status_code == 200
-            assert (await read(client))["sequence"].Value.Value == 1
-            node = client.get_node(ua.NodeId("press-7/sequence", await client.get_namespace_index("urn:beamtouch")))
-            asleep = await client.create_subscription(50, woken)
-            item = ua.MonitoredItemCreateRequest(
-                ua.ReadValueId(node.nodeid, ua.AttributeIds.Value), ua.MonitoringMode.Disabled
-            )
-            assert await asleep.create_monitored_items([item])
-            assert (await asyncio.to_thread(service.post, batch_of([0.0] * 3, sequence=2))).status_code == 200
-            await (await client.create_subscription(50, new)).subscribe_data_change(node)
-            await asleep.set_monitoring_mode(ua.MonitoringMode.Reporting)
-            await asyncio.to_thread(wait_until, lambda: bool(new.found and woken.found))
-        return [one.found["press-7/sequence"][0].Value.Value for one in (new, woken)]
+            node = client.get_node(ua.NodeId("press-7/position_mm", await client.get_namespace_index("urn:beamtouch")))
+            subscription = await client.create_subscription(50, Changes())
+            for kind in (ua.DeadbandType.Absolute, ua.DeadbandType.Percent):
+                with pytest.raises(ua.UaStatusCodeError, match="BadMonitoredItemFilterUnsupported"):
+                    await subscription.deadband_monitor(node, 0.5, kind)
+            # In one request, each item has the answer that is its own.
+            items = [
+                ua.MonitoredItemCreateRequest(
+                    ua.ReadValueId(node.nodeid, ua.AttributeIds.Value),
+                    ua.MonitoringMode.Reporting,
+                    ua.MonitoringParameters(
+                        handle, Filter=ua.DataChangeFilter(ua.DataChangeTrigger.StatusValue, kind, 0.5)
+                    ),
+                )
+                for handle, kind in enumerate([ua.DeadbandType.Absolute, ua.DeadbandType.None_])
+            ]
+            refused, given = await subscription.create_monitored_items(items)
+            assert refused.name == "BadMonitoredItemFilterUnsupported"
+            (modified,) = await subscription.modify_monitored_item(given, 20, mod_filter_val=0.5)
+            assert modified.StatusCode.name == "BadMonitoredItemFilterUnsupported"
 
-    assert asyncio.run(subscribe()) == [2, 2]
-
-
-async def require_no_deadband(subscription: Subscription, node: Any) -> None:  # noqa: ANN401  # the library's
-    """Require that a deadband is refused, as it would hide the end of a contact."""
-    for kind in (ua.DeadbandType.Absolute, ua.DeadbandType.Percent):
-        with pytest.raises(ua.UaStatusCodeError, match="BadMonitoredItemFilterUnsupported"):
-            await subscription.deadband_monitor(node, 0.5, kind)
-    # In one request, each item has the answer that is its own.
-    items = [
-        ua.MonitoredItemCreateRequest(
-            ua.ReadValueId(node.nodeid, ua.AttributeIds.Value),
-            ua.MonitoringMode.Reporting,
-            ua.MonitoringParameters(handle, Filter=ua.DataChangeFilter(CHANGE, kind, 0.5)),
-        )
-        for handle, kind in enumerate([ua.DeadbandType.Absolute, ua.DeadbandType.None_])
-    ]
-    refused, given = await subscription.create_monitored_items(items)
-    assert refused.name == "BadMonitoredItemFilterUnsupported"
-    (modified,) = await subscription.modify_monitored_item(given, 20, mod_filter_val=0.5)
-    assert modified.StatusCode.name == "BadMonitoredItemFilterUnsupported"
+    asyncio.run(ask())
 
 
 @pytest.mark.promise("docs/reference/service-configuration.md", "The only user. Default: everybody may read.")
