@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from beamtouch_models.design.layout import ErrorAlong, Layout
     from beamtouch_models.design.model import Model, load_model
     from beamtouch_models.design.physics.beam import influence_matrix, interpolate_influence
-    from beamtouch_models.design.physics.influence import InfluenceFunction
+    from beamtouch_models.design.physics.influence_function import InfluenceFunction
     from beamtouch_models.design.physics.motion import frequency_hz
     from beamtouch_models.design.pricing.ringing import ringing_mm
     from beamtouch_models.design.scene import Scene, change_scene, format_scene, make_scene, read_scene
@@ -55,7 +55,7 @@ _HOMES = {
     "design.model": ("Model", "load_model"),
     "design.physics.beam": ("influence_matrix", "interpolate_influence"),
     "design.physics.motion": ("frequency_hz",),
-    "design.physics.influence": ("InfluenceFunction",),
+    "design.physics.influence_function": ("InfluenceFunction",),
     "design.pricing.ringing": ("ringing_mm",),
     "design.scene": ("Scene", "change_scene", "format_scene", "make_scene", "read_scene"),
     "design.surface": ("Surface", "resolve"),

@@ -12,8 +12,8 @@ from beamtouch_models.arrays import Floats
 from beamtouch_models.design.accuracy.limit import draw, posterior_median_mm
 from beamtouch_models.design.accuracy.prior import Prior, SampleErrors
 from beamtouch_models.design.estimators.posterior.window import posterior_graph
-from beamtouch_models.design.physics.influence import InfluenceFunction
-from beamtouch_models.design.placement.layout import LayoutRules
+from beamtouch_models.design.physics.influence_function import InfluenceFunction
+from beamtouch_models.design.placement.layout_rules import LayoutRules
 from beamtouch_models.design.placement.placing import place, place_by_position_error, recommended_count
 from models.posterior_cases import answers_of
 

@@ -10,9 +10,9 @@ from beamtouch_models.design.accuracy import limit
 from beamtouch_models.design.accuracy.limit import (
     accuracy_limit,
     compare_limits,
+    cramer_rao_deviation_mm,
+    cramer_rao_error_mm,
     limits_without,
-    mean_error_mm,
-    position_deviation_mm,
 )
 from beamtouch_models.design.accuracy.posterior import posterior_quantiles
 from beamtouch_models.design.accuracy.prior import TAIL, Prior, forces_of
@@ -40,7 +40,7 @@ def test_a_posterior_of_little_noise_is_exact_where_shear_makes_a_kink() -> None
     prior = Prior.of(influence, sensor_mm, 1e-6 * largest_mm)
     position_mm = sensor_mm[1:2] + 0.014  # beside a sensor, between two entries of any table
     median_mm = limit.posterior_median_mm(prior, force_n * prior.influence_at(position_mm))
-    assert np.all(np.abs(median_mm - position_mm) < 0.1 * position_deviation_mm(prior, position_mm, force_n))
+    assert np.all(np.abs(median_mm - position_mm) < 0.1 * cramer_rao_deviation_mm(prior, position_mm, force_n))
 
 
 def test_limits_that_are_compared_share_their_contacts() -> None:
@@ -132,16 +132,16 @@ def test_gains_and_zeros_scatter_as_the_floor_says_and_intervals_hold_the_truth_
 @pytest.mark.parametrize("known", [True, False])
 def test_the_limit_lies_between_the_bound_and_a_guess(known: bool) -> None:
     prior = dataclasses.replace(prior_of("bench", 4, 0.003, known=known), position_mm=(80.0, 320.0))
-    best, bound = accuracy_limit(prior, 1000, 1), mean_error_mm(prior) / prior.length_mm * 100
+    best, bound = accuracy_limit(prior, 1000, 1), cramer_rao_error_mm(prior) / prior.length_mm * 100
     assert best.value == pytest.approx(bound, abs=4 * best.standard_error + 0.02 * bound)
     # At x in 1..399 a uniform guess is off by ((x - 1)^2 + (399 - x)^2) / (2 * 398), which is 398 / 3 on average, and
     # the best one, the middle of the range, by a quarter of it.
     hidden = prior_of("bench", 2, 1e7, known=known)
-    assert mean_error_mm(hidden) == pytest.approx(398 / 3, rel=1e-3)
+    assert cramer_rao_error_mm(hidden) == pytest.approx(398 / 3, rel=1e-3)
     assert accuracy_limit(hidden, 1000, 0).value == pytest.approx(398 / 4 / 4, rel=1e-4)
     # One channel gives no position if the force is open.
     one = dataclasses.replace(Prior.of(influence_of(paper_scene()), np.array([122.0]), 0.002), force_n=(2.0, 20.0))
-    assert position_deviation_mm(one, [50.0, 200.0], 10.0).min() > 1e6
+    assert cramer_rao_deviation_mm(one, [50.0, 200.0], 10.0).min() > 1e6
 
 
 SOFT_MIDDLE = [{"to_mm": 150, "thickness_mm": 3}, {"to_mm": 200, "thickness_mm": 2.99}, {"to_mm": 400}]

@@ -11,7 +11,7 @@ import pytest
 from beamtouch_models.arrays import Indices
 from beamtouch_models.design.accuracy import limit
 from beamtouch_models.design.accuracy.prior import Prior, SampleErrors
-from beamtouch_models.design.placement.layout import LayoutRules, equal_layout
+from beamtouch_models.design.placement.layout_rules import LayoutRules, equal_layout
 from beamtouch_models.design.placement.placing import place
 from beamtouch_models.design.placement.position_error import SPARE_NOTICES, PositionError, position_error_of
 from beamtouch_models.design.placement.search import first_best, search_from

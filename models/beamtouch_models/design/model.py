@@ -15,7 +15,7 @@ from beamtouch_models.arrays import Floats
 from beamtouch_models.design.accuracy import evaluation
 from beamtouch_models.design.accuracy.evaluation import Evaluation, at_noise
 from beamtouch_models.design.calibrated import prior_of_model
-from beamtouch_models.design.physics.influence import InfluenceFunction, check_own
+from beamtouch_models.design.physics.influence_function import InfluenceFunction, check_own
 from beamtouch_models.design.pricing.noise import check_scale
 from beamtouch_models.design.sweeps import Fraction, TaskMap, in_turn, silent
 from beamtouch_models.errors import ModelFileError, SceneError

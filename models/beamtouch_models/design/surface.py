@@ -22,9 +22,9 @@ from beamtouch_models.design.accuracy.prior import Prior, SampleErrors
 from beamtouch_models.design.accuracy.thresholds import rate_per_sample, readings_alike
 from beamtouch_models.design.effort import Effort
 from beamtouch_models.design.physics.beam import Travel, influence_of, sensor_positions_mm, travel_of
-from beamtouch_models.design.physics.influence import InfluenceFunction, check_own
+from beamtouch_models.design.physics.influence_function import InfluenceFunction, check_own
 from beamtouch_models.design.physics.motion import slowest_period_ms
-from beamtouch_models.design.placement.layout import LayoutRules, equal_layout
+from beamtouch_models.design.placement.layout_rules import LayoutRules, equal_layout
 from beamtouch_models.design.placement.placing import DEFAULT_AIM, Aim
 from beamtouch_models.design.pricing.aliases import unseen_swing
 from beamtouch_models.design.pricing.noise import ReadingErrors, chain_of, check_errors, choose_filter, step_mm

@@ -6,7 +6,7 @@ from beamtouch_models import InfluenceFunction
 from beamtouch_models.arrays import Floats
 from beamtouch_models.design.accuracy.prior import Prior, SampleErrors
 from beamtouch_models.design.physics.beam import influence_of
-from beamtouch_models.design.placement.layout import LayoutRules
+from beamtouch_models.design.placement.layout_rules import LayoutRules
 from beamtouch_models.design.placement.placing import fewest_sensors
 from beamtouch_models.design.scene import Scene
 from beamtouch_models.design.surface import resolve

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from beamtouch_models.arrays import Floats
-from beamtouch_models.design.accuracy.limit import mean_error_mm, simulated
+from beamtouch_models.design.accuracy.limit import cramer_rao_error_mm, simulated
 from beamtouch_models.design.accuracy.prior import Prior
 from beamtouch_models.design.accuracy.statistics import (
     SCRAMBLINGS,
@@ -114,7 +114,7 @@ def evaluate(
         length_mm=prior.length_mm,
         span=span,
         middle=_errors(error, best, weight * inside, worst[drawn_inside]) if has_middle else None,
-        cramer_rao_mean_mm=mean_error_mm(prior) if prior.noise_mm > 0 else None,
+        cramer_rao_mean_mm=cramer_rao_error_mm(prior) if prior.noise_mm > 0 else None,
         position_coverage=share_of(contacts.held(answers["position_low_mm"], answers["position_high_mm"]), weight)
         if has_interval
         else None,

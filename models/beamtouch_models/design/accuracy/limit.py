@@ -44,7 +44,7 @@ REPORTS = 20
 """Number of progress reports."""
 
 
-def position_deviation_mm(prior: Prior, position_mm: ArrayLike, force_n: ArrayLike) -> Floats:
+def cramer_rao_deviation_mm(prior: Prior, position_mm: ArrayLike, force_n: ArrayLike) -> Floats:
     """Return the Cramer-Rao bound on the deviation of position at contacts (contacts,), in mm; may be infinite.
 
     It holds for unbiased estimates. Where it exceeds the range, as at a support, an estimate that uses the range is
@@ -62,22 +62,22 @@ def position_deviation_mm(prior: Prior, position_mm: ArrayLike, force_n: ArrayLi
     return bound
 
 
-def mean_error_mm(prior: Prior) -> float:
+def cramer_rao_error_mm(prior: Prior) -> float:
     """Return the mean |error| over the ranges of a Gaussian error with the bound's deviation, at most that of a guess.
 
     It approaches the accuracy limit as the noise goes to zero. At high noise it is a rough value and not a bound.
     """
-    return float(mean_errors_mm(prior).mean())
+    return float(cramer_rao_errors_mm(prior).mean())
 
 
-def mean_errors_mm(prior: Prior) -> Floats:
+def cramer_rao_errors_mm(prior: Prior) -> Floats:
     """The same over the forces alone, in the middle of POSITIONS equal parts of the range of positions."""
     low, high = prior.position_mm
     positions = low + (high - low) * (np.arange(POSITIONS) + 0.5) / POSITIONS
     weak, strong = prior.force_n
     forces = weak + (strong - weak) * (np.arange(FORCES) + 0.5) / FORCES if weak < strong else np.array([weak])
     every, each = np.repeat(positions, len(forces)), np.tile(forces, POSITIONS)
-    gaussian = np.sqrt(2 / np.pi) * position_deviation_mm(prior, every, each).reshape(POSITIONS, -1)
+    gaussian = np.sqrt(2 / np.pi) * cramer_rao_deviation_mm(prior, every, each).reshape(POSITIONS, -1)
     guess = ((positions - low) ** 2 + (high - positions) ** 2) / (2 * (high - low))
     errors: Floats = np.minimum(gaussian, guess[:, None]).mean(axis=1)
     return errors
@@ -149,7 +149,7 @@ def concentrate_on_errors(prior: Prior, position_mm: Floats) -> tuple[Floats, Fl
     """
     if prior.noise_mm == 0:
         return position_mm, np.ones(len(position_mm))
-    error_mm = mean_errors_mm(prior)
+    error_mm = cramer_rao_errors_mm(prior)
     often = UNIFORM + (1 - UNIFORM) * error_mm / error_mm.mean()
     low, high = prior.position_mm
     before = np.concatenate([[0.0], np.cumsum(often)]) / len(often)

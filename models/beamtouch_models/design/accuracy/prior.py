@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 
 from beamtouch_models.arrays import Bools, Floats, Indices
-from beamtouch_models.design.physics.influence import InfluenceFunction
+from beamtouch_models.design.physics.influence_function import InfluenceFunction
 from beamtouch_models.runtime.error_model import variance_mm2, whitening
 
 TAIL = 0.01

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from beamtouch_common.zones import BEGIN, Span, Zone, ZoneState
-from beamtouch_models.design.accuracy.limit import position_deviation_mm
+from beamtouch_models.design.accuracy.limit import cramer_rao_deviation_mm
 from beamtouch_models.design.accuracy.posterior import posterior_quantiles
 from beamtouch_models.design.accuracy.prior import Prior
 
@@ -43,7 +43,7 @@ def band_at(prior: Prior, edge_mm: float, seed: int, range_n: tuple[float, float
     rng = np.random.default_rng(seed)
     force_n = rng.uniform(*(range_n or prior.force_n), size=DRAWS)
     low_mm, high_mm = prior.position_mm
-    bound_mm = position_deviation_mm(prior, np.clip(edge_mm, low_mm, high_mm), force_n)
+    bound_mm = cramer_rao_deviation_mm(prior, np.clip(edge_mm, low_mm, high_mm), force_n)
     deviation_mm = np.minimum(bound_mm, (high_mm - low_mm) / REACH)
     away = rng.uniform(-REACH, REACH, size=DRAWS)
     position_mm = edge_mm + away * deviation_mm

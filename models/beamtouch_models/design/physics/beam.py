@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from beamtouch_common.digits import digits
 from beamtouch_models.arrays import Floats
 from beamtouch_models.design.physics.closed_forms import patch_influence, point_influence, span_of
-from beamtouch_models.design.physics.influence import InfluenceFunction
+from beamtouch_models.design.physics.influence_function import InfluenceFunction
 from beamtouch_models.design.physics.mesh import element_influence
 from beamtouch_models.design.scene import Scene
 from beamtouch_models.design.scene.beam import SMALLEST_NORMAL, Beam

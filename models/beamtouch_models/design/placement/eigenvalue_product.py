@@ -25,8 +25,8 @@ import numpy as np
 from scipy.linalg import qr
 
 from beamtouch_models.arrays import Bools, Floats, Indices
-from beamtouch_models.design.physics.influence import InfluenceFunction
-from beamtouch_models.design.placement.layout import LayoutRules, equal_layout
+from beamtouch_models.design.physics.influence_function import InfluenceFunction
+from beamtouch_models.design.placement.layout_rules import LayoutRules, equal_layout
 from beamtouch_models.design.sweeps import one_thread
 from beamtouch_models.errors import SceneError
 

@@ -12,14 +12,14 @@ from beamtouch_models.arrays import Floats, Indices
 from beamtouch_models.design.accuracy.limit import accuracy_limit, limits_without
 from beamtouch_models.design.accuracy.prior import Prior, SampleErrors
 from beamtouch_models.design.effort import USUAL, Effort
-from beamtouch_models.design.physics.influence import InfluenceFunction
+from beamtouch_models.design.physics.influence_function import InfluenceFunction
 from beamtouch_models.design.placement.eigenvalue_product import (
     discernible,
     eigenvalue_product_of,
     log_eigenvalue_product,
     principal_components,
 )
-from beamtouch_models.design.placement.layout import LayoutRules, equal_layout, equal_pitch_mm
+from beamtouch_models.design.placement.layout_rules import LayoutRules, equal_layout, equal_pitch_mm
 from beamtouch_models.design.placement.position_error import PositionError, position_error_of
 from beamtouch_models.design.placement.search import SearchRun, first_best, search_from
 from beamtouch_models.design.sweeps import Progress, one_thread, silent

@@ -27,13 +27,13 @@ import numpy as np
 from scipy.special import chndtr
 
 from beamtouch_models.arrays import Floats, Indices
-from beamtouch_models.design.accuracy.limit import concentrate_on_errors, mean_error_mm, spread_contacts
+from beamtouch_models.design.accuracy.limit import concentrate_on_errors, cramer_rao_error_mm, spread_contacts
 from beamtouch_models.design.accuracy.posterior import MIN_LOG, log_density
 from beamtouch_models.design.accuracy.prior import Prior, SampleErrors, forces_of
 from beamtouch_models.design.accuracy.thresholds import left_by_contact, misfit_threshold
 from beamtouch_models.design.effort import USUAL, Effort
-from beamtouch_models.design.physics.influence import InfluenceFunction
-from beamtouch_models.design.placement.layout import LayoutRules
+from beamtouch_models.design.physics.influence_function import InfluenceFunction
+from beamtouch_models.design.placement.layout_rules import LayoutRules
 from beamtouch_models.runtime.curve import Curve
 
 KINDS, PLACES, FORCES = 2, 8, 4
@@ -216,7 +216,7 @@ def position_error_of(
     fewest, most = (effort.of(number, LEAST) for number in CELLS)
     drawn, force, noise = spread_contacts(prior, contacts, np.random.default_rng(seed))
     drawn, weight = concentrate_on_errors(prior, drawn)
-    cells = int(np.clip(np.ptp(prior.position_mm) / mean_error_mm(prior), fewest, most))
+    cells = int(np.clip(np.ptp(prior.position_mm) / cramer_rao_error_mm(prior), fewest, most))
     edges = concentrate_on_errors(prior, np.linspace(*prior.position_mm, cells + 1))[0]
     middles = (edges[1:] + edges[:-1]) / 2
     clean = influence.at(rules.position_mm, drawn) * force[:, None]

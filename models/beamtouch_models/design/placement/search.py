@@ -17,7 +17,7 @@ import numpy as np
 
 from beamtouch_models.arrays import Floats, Indices
 from beamtouch_models.design.effort import USUAL, Effort
-from beamtouch_models.design.placement.layout import LayoutRules
+from beamtouch_models.design.placement.layout_rules import LayoutRules
 from beamtouch_models.design.sweeps import Fraction, silent
 from beamtouch_models.names import SearchName
 

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from beamtouch_models.arrays import Floats
 from beamtouch_models.design.charts import Chart
 from beamtouch_models.design.physics.beam import influence
-from beamtouch_models.design.placement import layout
+from beamtouch_models.design.placement import layout_rules
 from beamtouch_models.design.scene import Scene
 from beamtouch_models.design.scene.beam import Beam
 
@@ -46,7 +46,7 @@ MAX_DEFLECTION = 1 / 48
 
 def equal_pitch_mm(count: int) -> Floats:
     """Return the positions of sensors that divide the beam into equal parts; (count,) in mm."""
-    return layout.equal_pitch_mm(LENGTH_MM, count)
+    return layout_rules.equal_pitch_mm(LENGTH_MM, count)
 
 
 def dimensionless(sensor_mm: ArrayLike) -> Floats:

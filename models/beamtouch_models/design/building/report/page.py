@@ -21,7 +21,7 @@ from beamtouch_models.design.building.remarks import weak_spot
 from beamtouch_models.design.building.report.beam_drawing import beam_drawing
 from beamtouch_models.design.charts import STYLE, Chart, Series, draw
 from beamtouch_models.design.placement.eigenvalue_product import principal_components
-from beamtouch_models.design.placement.layout import equal_pitch_mm
+from beamtouch_models.design.placement.layout_rules import equal_pitch_mm
 from beamtouch_models.design.placement.placing import DEFAULT_AIM, place, place_by_position_error, score_positions
 from beamtouch_models.design.pricing.prices import NEGLIGIBLE
 from beamtouch_models.design.pricing.ringing import describe_ringing
