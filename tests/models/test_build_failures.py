@@ -78,6 +78,7 @@ def test_a_model_that_misses_its_bounds_is_not_written_by_build_and_is_a_note_of
     traded = design_sensors_roughly("trade", scene, "-o", tmp_path / "out", "--draws", 100, "--estimators", "posterior")
     assert why in traded.stderr
     assert "nothing was written" not in traded.stderr
+    assert built.stderr.endswith("95 % intervals; state a larger noise\n")
 
 
 def test_a_model_with_answers_that_are_not_finite_is_not_written(

@@ -161,6 +161,18 @@ def test_contacts_that_cannot_make_a_model_better_are_refused_with_the_reason(
         fitted(bench, kind, seed, count)
 
 
+@pytest.mark.promise(
+    "docs/how-to/calibrate-without-loads.md",
+    "The same holds if they leave the gain of a sensor known to worse than 5 %.",
+)
+def test_contacts_that_leave_a_gain_hardly_known_are_refused(built_model: Callable[[str], Path]) -> None:
+    words = (
+        r"nothing was written: 14 contacts leave the gain of s2 known to \d\.?\d* % only, worse than 5 %; record more"
+    )
+    with pytest.raises(NotGoodEnoughError, match=words):
+        fitted(runtime.load(built_model("two-spans")), Kind(gain=0.05), 1, 14)
+
+
 def test_a_fixity_is_told_with_its_error(bench: ModelFile) -> None:
     with pytest.raises(NotGoodEnoughError) as refused:
         fitted(bench, Kind(gain=0.0, fixity=(0.2, 0.0)), 0)

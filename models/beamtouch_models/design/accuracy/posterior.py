@@ -1,8 +1,8 @@
 """The posterior of the position under any covariance, with the force integrated out exactly.
 
 For a given position the likelihood is Gaussian in the force, so its integral over an even piece of the prior of the
-force is a difference of normal distribution functions. That takes the errors of the gains from the sample. Where they
-are large, they are those of each contact: then the variance depends on the force, and the integral is a sum.
+force is a difference of normal distribution functions. That takes the errors of the gains from the sample, which holds
+as far as a scene may state them (`MAX_GAIN_PERCENT`).
 
 Between the nodes of a grid a distribution function is integrated with the derivatives at both ends (the corrected
 trapezoidal rule), which is exact for cubics: with four nodes in a standard deviation the mean distance is off by 2e-4
@@ -17,7 +17,6 @@ from scipy.special import log_ndtr
 
 from beamtouch_models.arrays import Bools, Floats, Indices
 from beamtouch_models.design.accuracy.prior import Forces, Piece, Prior, forces_of
-from beamtouch_models.runtime.error_model import variance_mm2
 
 GRID = 801
 """Positions over the whole range."""
@@ -27,11 +26,6 @@ NEGLIGIBLE = 40.0
 """Difference to the largest log density beyond which a position is not part of a posterior."""
 CHUNK = 100
 """Readings per step, few enough for their grids to fit the cache of a core."""
-LARGE_GAIN = 0.05
-"""Relative gain error up to which the variance of a sample may be taken from its own deflections instead of those of
-each contact."""
-FORCES, REACH = 24, 6.0
-"""Forces over which the posterior is integrated otherwise, and half their range in deviations of the force."""
 MIN_LOG = -700.0
 """Smallest log density, relative to the maximum. Its exponential is a normal number: subnormal ones take long."""
 SHARP = 1.0
@@ -59,13 +53,11 @@ def posterior_quantiles(
     grid = np.linspace(*prior.position_mm, GRID)
     influence = prior.influence_within_noise(grid)
     whitening = prior.whitening(deflection_mm) if whitening_per_mm is None else whitening_per_mm
-    gains_matter = whitening_per_mm is None and not tail and bool(np.max(prior.gain) > LARGE_GAIN)
     forces = forces_of(prior.force_n, tail)
     found = []
     for start in range(0, len(deflection_mm), CHUNK):
         part = slice(start, start + CHUNK)
-        own = deflection_mm[part] if gains_matter else None
-        seen = _WhitenedSamples(whitening[part], np.einsum("dij,dj->di", whitening[part], deflection_mm[part]), own)
+        seen = _WhitenedSamples(whitening[part], np.einsum("dij,dj->di", whitening[part], deflection_mm[part]))
         density = _log_density(prior, seen, forces, grid[None], influence[None])
         found.append(_resolved(prior, forces, seen, np.broadcast_to(grid, density.shape), density, levels[part]))
     whole = np.concatenate(found)
@@ -80,21 +72,15 @@ class _WhitenedSamples:
     """(draws, channels, channels)"""
     sample: Floats
     """(draws, channels)"""
-    deflection_mm: Floats | None = None
-    """(draws, channels) where the errors of the gains follow from each contact; None: they are those of the sample."""
 
     def take(self, rows: Indices) -> "_WhitenedSamples":
-        deflection_mm = None if self.deflection_mm is None else self.deflection_mm[rows]
-        return _WhitenedSamples(self.whitening[rows], self.sample[rows], deflection_mm)
+        return _WhitenedSamples(self.whitening[rows], self.sample[rows])
 
 
 def _log_density(prior: Prior, seen: _WhitenedSamples, forces: Forces, grids: Floats, influence: Floats) -> Floats:
     """Return log densities (draws, grid) at the nodes of grids (draws or 1, grid) with their influence."""
     moved_mm = None if prior.uncertainty is None else prior.uncertainty(grids)
-    if seen.deflection_mm is None:
-        return log_density(forces, seen.whitening, seen.sample, influence, moved_mm)
-    likeliest = _likeliest(forces, np.matmul(seen.whitening, influence.transpose(0, 2, 1)), seen.sample[:, :, None])
-    return _over_forces(prior, seen.deflection_mm, influence, 0.0 if moved_mm is None else moved_mm, *likeliest)
+    return log_density(forces, seen.whitening, seen.sample, influence, moved_mm)
 
 
 def log_density(
@@ -119,46 +105,18 @@ def log_density(
     if moved_mm is None:
         return _fitted(forces, shapes, each, 0.0, negligible)
     # The likeliest force at a position says how much the mounting adds to each channel's variance there.
-    force, _ = _likeliest(forces, shapes, each)
+    force = _likeliest(forces, shapes, each)
     moved = np.matmul(whitening**2, moved_mm.transpose(0, 2, 1) ** 2)
     wider = np.sqrt(1 + force[:, None, :] ** 2 * moved)
     return _fitted(forces, shapes / wider, each / wider, np.log(wider).sum(axis=1), negligible)
 
 
-def _likeliest(forces: Forces, shapes: Floats, sample: Floats) -> tuple[Floats, Floats]:
-    """Return the likeliest force at each position and one over the square of its deviation, (draws, grid) both."""
+def _likeliest(forces: Forces, shapes: Floats, sample: Floats) -> Floats:
+    """Return the likeliest force at each position, (draws, grid)."""
     square = np.einsum("dsg,dsg->dg", shapes, shapes)
-    force = (shapes * sample).sum(axis=1) / np.where(square > 0, square, 1.0)
-    return np.clip(force, forces[0].low_n, forces[-1].high_n), square
-
-
-def _over_forces(
-    prior: Prior, deflection_mm: Floats, influence: Floats, moved_mm: Floats | float, force: Floats, square: Floats
-) -> Floats:
-    """Return log densities (draws, grid) with the errors that each contact has, integrated over the force.
-
-    The midpoint rule takes FORCES forces about the likeliest one of each position, within the range of the prior.
-
-    Parameters
-    ----------
-    deflection_mm : (draws, channels)
-    influence, moved_mm : (draws or 1, grid, channels) in mm/N, with its deviation by the mounting of the sensors
-    force, square : (draws, grid) likeliest force, and one over the square of its deviation
-    """
-    low, high = prior.force_n
-    # The sample's own errors may be far from those of the contact, so the gains widen the range.
-    reach = REACH * (1 / np.sqrt(np.maximum(square, np.finfo(np.float64).tiny)) + np.max(prior.gain) * force)
-    start, end = np.maximum(force - reach, low), np.minimum(force + reach, high)
-    still = variance_mm2(0.0, prior.noise_mm, 0.0, prior.zero_mm)
-    scaled = (np.asarray(prior.gain) * influence) ** 2 + moved_mm**2
-    parts, total = 1 if prior.force_is_known else FORCES, np.full(force.shape, -np.inf)
-    for part in range(parts):
-        newtons = (start + (end - start) * (part + 0.5) / parts)[:, :, None]
-        variance = still + newtons**2 * scaled
-        square_left = (deflection_mm[:, None] - newtons * influence) ** 2 / variance
-        total = np.logaddexp(total, -(square_left + np.log(variance)).sum(axis=2) / 2)
-    density: Floats = total if prior.force_is_known else total + np.log(end - start)
-    return density
+    likeliest = (shapes * sample).sum(axis=1) / np.where(square > 0, square, 1.0)
+    force: Floats = np.clip(likeliest, forces[0].low_n, forces[-1].high_n)
+    return force
 
 
 def _fitted(forces: Forces, shapes: Floats, sample: Floats, log_volume: Floats | float, negligible: float) -> Floats:

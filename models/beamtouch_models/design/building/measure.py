@@ -11,7 +11,6 @@ import numpy as np
 from beamtouch_common.digits import digits
 from beamtouch_models.design.accuracy import limit
 from beamtouch_models.design.accuracy.limit import Reached, limits_with_one_failed, simulate_until_certain
-from beamtouch_models.design.accuracy.posterior import LARGE_GAIN
 from beamtouch_models.design.accuracy.prior import Prior
 from beamtouch_models.design.accuracy.statistics import Measurement, share_of
 from beamtouch_models.design.accuracy.thresholds import (
@@ -137,11 +136,9 @@ def reach(made: Estimator, prior: Prior, run: Run, draws: int, seed: int) -> Rea
         and coverage.value + SURE * coverage.standard_error >= MIN_COVERAGE
     ):
         return reached
-    are_gains_large = float(np.max(prior.gain)) > LARGE_GAIN
-    remedy = "calibrate, and state a smaller gain_error_percent" if are_gains_large else "state a larger noise"
     raise NotGoodEnoughError(
         f"with {digits(prior.noise_mm, 3)} mm of noise the error is {digits(ratio.value, 3)} times the accuracy "
-        f"limit, and {coverage.value:.1%} of positions lie in their 95 % intervals; {remedy}"
+        f"limit, and {coverage.value:.1%} of positions lie in their 95 % intervals; state a larger noise"
     )
 
 

@@ -20,6 +20,7 @@ from beamtouch_models.design.calibration.unlabelled import (
 )
 from beamtouch_models.design.effort import USUAL, Effort
 from beamtouch_models.design.pricing.noise import GAIN_ERROR
+from beamtouch_models.design.scene.tables import MAX_GAIN_PERCENT
 from beamtouch_models.design.sweeps import Progress
 from beamtouch_models.errors import NotGoodEnoughError
 from beamtouch_models.runtime.loading import ModelFile
@@ -65,8 +66,8 @@ def self_calibrate(
     Raises
     ------
     NotGoodEnoughError
-        The contacts are too few or too close together to determine a fit, are not single contacts, or show that the
-        beam itself is not as modelled; the message says which.
+        The contacts are too few or too close together to determine a fit, are not single contacts, show that the beam
+        itself is not as modelled, or leave a gain less well known than a scene may state it; the message says which.
     """
     metadata, found = model.metadata, self_fit(model, contacts, progress)
     prior, calibration = calibrated_prior(metadata, found)
@@ -100,7 +101,9 @@ def self_fit(model: ModelFile, contacts: UnlabelledContacts, progress: Progress)
     _check_determined(fit, measure_remaining(fit, fit.covariance, noise_mm), gain)
     before, after = (locate(nominal, vector, contacts, zero_mm).residuals for vector in (start, fit.vector))
     misfits = (float(np.median(one.misfit(nominal.contact_errors))) for one in (before, after))
-    return SelfFit(fit, measure_remaining(fit, covariance, noise_mm), *misfits)
+    remaining = measure_remaining(fit, covariance, noise_mm)
+    _check_gains(metadata, remaining, len(contacts))
+    return SelfFit(fit, remaining, *misfits)
 
 
 def calibrated_prior(metadata: Metadata, found: SelfFit) -> tuple[Prior, Calibration]:
@@ -194,4 +197,15 @@ def _check_determined(fit: ContactFit, remaining: RemainingUncertainty, gain: Fl
             f"{len(fit.single)} contacts determine too little. They move positions by "
             f"{digits(remaining.shift_mm, 3)} mm and leave {digits(open_mm, 3)} mm open, more than the "
             f"{digits(claimed_mm, 3)} mm that the model states; record more, over the whole beam"
+        )
+
+
+def _check_gains(metadata: Metadata, remaining: RemainingUncertainty, count: int) -> None:
+    """Raise NotGoodEnoughError if the contacts leave a gain less well known than a scene may state it."""
+    worst = int(np.argmax(remaining.floor))
+    percent = 100 * float(remaining.floor[worst])
+    if percent > MAX_GAIN_PERCENT:
+        raise _refuse(
+            f"{count} contacts leave the gain of {metadata.layout[worst].name} known to {digits(percent, 2)} % only, "
+            f"worse than {MAX_GAIN_PERCENT:g} %; record more, over the whole beam, or calibrate with known loads"
         )

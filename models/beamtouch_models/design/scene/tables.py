@@ -2,11 +2,14 @@
 
 from typing import Annotated, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, PositiveInt, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, PositiveInt, model_validator
 
 FARTHEST_K = 150.0
 """A beam that is always more than this above its mounting temperature was stated in absolute kelvin."""
 MIN_SENSORS, MAX_SENSORS = 1, 64
+MAX_GAIN_PERCENT = 5.0
+"""Largest error of a gain. Up to here, the variance of a sample may be taken from its own deflections instead of those
+of each contact that might be its cause."""
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 PositiveFinite = Annotated[float, Field(gt=0, allow_inf_nan=False)]
@@ -14,6 +17,18 @@ DampingRatio = Annotated[float, Field(gt=0, lt=1)]
 Fixity = Annotated[float, Field(ge=0, lt=1)]
 Pair = Annotated[tuple[Finite, Finite], Field(strict=False)]
 PositivePair = Annotated[tuple[PositiveFinite, PositiveFinite], Field(strict=False)]
+
+
+def _known_well(percent: float) -> float:
+    if not percent <= MAX_GAIN_PERCENT:
+        raise ValueError(
+            f"no surface is built of sensors whose gains are known to worse than {MAX_GAIN_PERCENT:g} % after "
+            "calibration; calibrate, or use better sensors"
+        )
+    return percent
+
+
+GainError = Annotated[float, Field(ge=0, json_schema_extra={"maximum": MAX_GAIN_PERCENT}), AfterValidator(_known_well)]
 
 
 class Strict(BaseModel):
@@ -83,7 +98,7 @@ class Sensors(Strict):
     """Standard deviation of a reading, without the ADC's steps if `adc_bits` states them."""
     noise_percent_of_max: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None = None
     """Standard deviation of a reading in percent of the largest deflection in the scene."""
-    gain_error_percent: Annotated[float, Field(ge=0, le=100)] | None = None
+    gain_error_percent: GainError | None = None
     """Standard deviation of each sensor's gain after calibration, in percent; by default 0.3."""
     zero_drift_mm: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None = None
     """Standard deviation of each sensor's zero since the last tare; by default a fifth of the noise of a reading."""
