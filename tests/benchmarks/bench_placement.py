@@ -21,7 +21,8 @@ from threadpoolctl import threadpool_limits
 
 from beamtouch_models.arrays import Floats
 from beamtouch_models.design.physics.beam import influence_of
-from beamtouch_models.design.placement.eigenvalue_product import eigenvalue_product_of, largest_gap
+from beamtouch_models.design.placement.eigenvalue_bound import largest_gap
+from beamtouch_models.design.placement.eigenvalue_product import eigenvalue_product_of
 from beamtouch_models.design.placement.placing import place, score_positions
 from beamtouch_models.design.placement.search import first_best, search_from
 from beamtouch_models.names import SearchName

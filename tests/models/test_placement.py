@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from beamtouch_models.design.accuracy.prior import SampleErrors
 from beamtouch_models.design.physics.beam import influence_of
-from beamtouch_models.design.placement.eigenvalue_product import eigenvalue_product_of, gap_of, largest_gap
+from beamtouch_models.design.placement.eigenvalue_bound import gap_of, largest_gap
+from beamtouch_models.design.placement.eigenvalue_product import eigenvalue_product_of
 from beamtouch_models.design.placement.layout_rules import LayoutRules
 from beamtouch_models.design.placement.placing import place, place_by_position_error, recommended_count
 from beamtouch_models.design.scene import Scene, change_scene

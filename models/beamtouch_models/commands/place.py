@@ -11,7 +11,7 @@ from beamtouch_models.design.accuracy.limit import accuracy_limit, limits_with_o
 from beamtouch_models.design.building.remarks import missed_error, remarks
 from beamtouch_models.design.effort import Effort
 from beamtouch_models.design.layout import Layout, place_sensors
-from beamtouch_models.design.placement.eigenvalue_product import largest_gap
+from beamtouch_models.design.placement.eigenvalue_bound import largest_gap
 from beamtouch_models.design.placement.placing import DEFAULT_AIM, Aim, recommended_count
 from beamtouch_models.design.printing import Result, note
 from beamtouch_models.design.scene import load_scene

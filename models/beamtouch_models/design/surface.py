@@ -263,12 +263,12 @@ def resolve(scene: Scene, *, influence: InfluenceFunction | None = None, chosen:
         check_errors(scene, readings, chosen, travel.largest_mm)
     is_priced = influence is None and readings.reading_mm > 0
     effects = effects_of(scene, chosen, readings, allowed_mm) if is_priced else ()
-    required, sensors, noise = without_negligible(scene, effects), scene.sensors, readings.behind(chosen)
+    modelled, sensors, noise = without_negligible(scene, effects), scene.sensors, readings.behind(chosen)
     errors = SampleErrors(
         noise.sample_mm,
         readings.gain,
         readings.floor_mm,
-        required.sensors.mounting_tolerance_mm,
+        modelled.sensors.mounting_tolerance_mm,
         chosen.min_noise_mm(noise),
         sensors.rate_hz,
         readings_alike(chosen),
@@ -281,9 +281,9 @@ def resolve(scene: Scene, *, influence: InfluenceFunction | None = None, chosen:
         travel=travel,
         readings=readings,
         effects=effects,
-        beam=required.beam,
-        contact_width_mm=required.contact.width_mm,
-        influence=influence or influence_of(required),
+        beam=modelled.beam,
+        contact_width_mm=modelled.contact.width_mm,
+        influence=influence or influence_of(modelled),
         has_own_influence=influence is not None,
         errors=errors,
         rules=LayoutRules(allowed_mm, fixed, distance_mm),

@@ -7,7 +7,8 @@ The variance of a channel that measures a deflection z under a force F is
 with the noise of the sample, the error of the zero, the relative error of the gain, and the error dG of the influence
 that the mounting of the sensors leaves; all are standard deviations. Only the noise averages away. What gains and zeros
 add, which no sample can know, is the floor. `whitening` adds it to the covariance that a sample states of its mean: the
-matrix that a model's graph takes. Pure; float64.
+matrix that a model's graph takes. The last term depends on the force, so it is not in that matrix: `posterior` and the
+graph add it at each position. Pure; float64.
 """
 
 import numpy as np

@@ -4,13 +4,13 @@ Position and force are drawn uniformly from their ranges, noise is added, and th
 position: of all estimators it has the smallest mean absolute error. Limits that are compared share their contacts.
 
 *Cramer-Rao.* The standard deviation of an unbiased estimate is at least one over the root of the Fisher information.
-For a reading of mean F g(x) with independent Gaussian errors s per channel, the information is |F g'(x) / s|^2 if the
+For a sample of mean F g(x) with independent Gaussian errors s per channel, the information is |F g'(x) / s|^2 if the
 force is known. If the force is open, only the part of g'/s orthogonal to g/s counts: a change along g may as well come
-from the force. The errors are those of the noise, of gains and of zeros. Their size depends on the contact; the bound
+from the force. The errors are those of noise, gains, zeros and mounting. Their size depends on the contact; the bound
 ignores that. Kay, Fundamentals of Statistical Signal Processing: Estimation Theory, 1993, sec. 3.7 and 3.8.
 
-*Estimators* are measured on simulated contacts, each with the other contacts that could have caused its reading. The
-mean error over contacts and noise equals the mean over readings of the mean over each reading's posterior. The second
+*Estimators* are measured on simulated contacts, each with the other contacts that could have caused its sample. The
+mean error over contacts and noise equals the mean over samples of the mean over each sample's posterior. The second
 form has less scatter (Rao-Blackwell), and estimator and limit share what scatter is left.
 """
 
@@ -85,7 +85,7 @@ def cramer_rao_errors_mm(prior: Prior) -> Floats:
 
 @dataclass(frozen=True)
 class Draws:
-    """Simulated contacts with their readings."""
+    """Simulated contacts with their samples."""
 
     position_mm: Floats
     force_n: Floats
@@ -172,7 +172,7 @@ class ComparedLimit:
 def accuracy_limit(prior: Prior, draws: int, seed: int) -> Measurement:
     """Return the accuracy limit in percent of the length, from at least `draws` simulated contacts.
 
-    The mean is that of eq. 5 of the paper, with less scatter: each reading counts with the mean |error| over its
+    The mean is that of eq. 5 of the paper, with less scatter: each sample counts with the mean |error| over its
     posterior instead of the one drawn error, and contacts and noise are spread evenly (scrambled Sobol points; Owen
     1997, doi 10.1214/aos/1031594731). The standard error comes from the scatter of independent scramblings. The noise
     must be positive.
@@ -246,11 +246,11 @@ class Reached:
 
 @dataclass(frozen=True)
 class Contacts:
-    """Contacts and their readings, evenly spread, in the parts that `statistics` expects."""
+    """Contacts and their samples, evenly spread, in the parts that `statistics` expects."""
 
     drawn: Draws
     likely_mm: Floats
-    """(draws, LIKELY) positions that could have caused each reading; (draws, 1), the true one, without noise."""
+    """(draws, LIKELY) positions that could have caused each sample; (draws, 1), the true one, without noise."""
     median_mm: Floats
     """Posterior medians (draws,)."""
     deviation_mm: Floats
@@ -265,7 +265,7 @@ class Contacts:
         return self.error_mm(self.median_mm)
 
     def reached(self, estimate_mm: NDArray[np.floating]) -> Reached:
-        """Return the mean |error| of estimates (draws,) over the posteriors of their readings, beside its limit.
+        """Return the mean |error| of estimates (draws,) over the posteriors of their samples, beside its limit.
 
         The value for the median is exact; the likely positions only give the difference of the estimate from it.
         """
@@ -279,9 +279,9 @@ class Contacts:
 
 
 def simulated(prior: Prior, count: int, seed: int, progress: Fraction = silent, spread: TaskMap = in_turn) -> Contacts:
-    """Draw at least `count` contacts of a prior, evenly, with the likely positions of their readings.
+    """Draw at least `count` contacts of a prior, evenly, with the likely positions of their samples.
 
-    The readings are tasks for `spread`, a part each.
+    The samples are tasks for `spread`, a part each.
     """
     drawn = draw_evenly(prior, count, seed)
     if prior.noise_mm == 0:
@@ -300,7 +300,7 @@ def simulated(prior: Prior, count: int, seed: int, progress: Fraction = silent, 
 
 
 def _quantiles(task: tuple[Prior, Floats, Floats]) -> Floats:
-    """Return quantiles (readings, levels) of the posteriors of readings, with the mean distances as the last column."""
+    """Return quantiles (samples, levels) of the posteriors of samples, with the mean distances as the last column."""
     prior, deflection_mm, levels = task
     return np.column_stack(posterior_quantiles(prior, deflection_mm, levels))
 

@@ -79,8 +79,8 @@ class _WhitenedSamples:
 
 def _log_density(prior: Prior, seen: _WhitenedSamples, forces: Forces, grids: Floats, influence: Floats) -> Floats:
     """Return log densities (draws, grid) at the nodes of grids (draws or 1, grid) with their influence."""
-    moved_mm = None if prior.uncertainty is None else prior.uncertainty(grids)
-    return log_density(forces, seen.whitening, seen.sample, influence, moved_mm)
+    uncertain = None if prior.uncertainty is None else prior.uncertainty(grids)
+    return log_density(forces, seen.whitening, seen.sample, influence, uncertain)
 
 
 def log_density(
@@ -88,7 +88,7 @@ def log_density(
     whitening: Floats,
     sample: Floats,
     influence: Floats,
-    moved_mm: Floats | None = None,
+    uncertain: Floats | None = None,
     negligible: float = NEGLIGIBLE,
 ) -> Floats:
     """Return log densities (draws, grid) of the position, up to a constant per draw, with the force integrated out.
@@ -98,15 +98,16 @@ def log_density(
     forces : the prior of the force
     whitening, sample : (draws, channels, channels) in 1/mm, and whitened samples (draws, channels)
     influence : (draws or 1, grid, channels) in mm/N at the positions
-    moved_mm : its deviation by the mounting of the sensors, in the same shape; None: their positions are exact
+    uncertain : its deviation by the mounting of the sensors, in the same shape and unit; None: positions are exact
     negligible : difference to the largest log density beyond which it need not be exact
     """
     shapes, each = np.matmul(whitening, influence.transpose(0, 2, 1)), sample[:, :, None]
-    if moved_mm is None:
+    if uncertain is None:
         return _fitted(forces, shapes, each, 0.0, negligible)
-    # The likeliest force at a position says how much the mounting adds to each channel's variance there.
+    # The likeliest force at a position says how much the mounting adds to each channel's variance there. Of W D W',
+    # with the mounting's variances D, only the diagonal is taken: exact where the errors of channels are independent.
     force = _likeliest(forces, shapes, each)
-    moved = np.matmul(whitening**2, moved_mm.transpose(0, 2, 1) ** 2)
+    moved = np.matmul(whitening**2, uncertain.transpose(0, 2, 1) ** 2)
     wider = np.sqrt(1 + force[:, None, :] ** 2 * moved)
     return _fitted(forces, shapes / wider, each / wider, np.log(wider).sum(axis=1), negligible)
 
@@ -244,14 +245,14 @@ def _distributions(grids: Floats, log_density: Floats) -> tuple[Floats, Floats]:
 
 
 def log_likelihood(forces: Forces, size: Floats, projection: Floats, fit: Floats) -> Floats:
-    """Return the log likelihood of readings at grid positions, in units of the noise; (..., grid).
+    """Return the log likelihood of samples at grid positions, in units of the noise; (..., grid).
 
     Parameters
     ----------
     forces : the prior of the force
     size : (grid,) or in the shape of the others, length of the vector of deflections per newton
-    projection : (..., grid), of the reading on the direction of that vector
-    fit : (..., grid), minus half the squared residual, or half the squared projection if that is accurate enough
+    projection : (..., grid), of the sample on the direction of that vector
+    fit : (..., grid), minus half the squared residual
 
     Terms that depend on neither the position nor the force are left out.
     """

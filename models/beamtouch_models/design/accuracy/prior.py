@@ -100,7 +100,7 @@ def _as_it_is(deflection_mm: Floats) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class Prior:
-    """The range of contacts, uniform in position and force, and the deflections that the sensors measure."""
+    """What is known before a sample: the range of contacts, uniform in position and force, influence and errors."""
 
     length_mm: float
     position_mm: tuple[float, float]
@@ -165,7 +165,10 @@ class Prior:
         return self.deviation_mm(np.zeros(self.channels))
 
     def deviation_in_table_mm(self, position_mm: Floats, force_n: Floats | float) -> Floats:
-        """Return that of contacts, all errors included, from the tables; places (contacts,), forces (contacts, 1)."""
+        """Return the deviation of samples of contacts, with all errors, from the tables.
+
+        Places are (contacts,), forces (contacts, 1).
+        """
         moved = 0.0 if self.uncertainty is None else force_n * self.uncertainty(position_mm)
         return self.deviation_mm(force_n * self.table(position_mm), moved)
 

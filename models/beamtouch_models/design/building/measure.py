@@ -79,8 +79,8 @@ def measure(estimator: Estimator, prior: Prior, surface: Surface, world: World, 
         raise NotGoodEnoughError(f"nothing was written: {error}") from None
     thresholds = thresholds_of(prior, surface)
     accuracy = _accuracy(prior, run, reached, surface, world, seed + 2, aim.effort)
-    limit = Measurement(accuracy.limit_percent, accuracy.limit_standard_error)
-    failed = limits_with_one_failed(prior, limit, seed, aim.effort)
+    with_all = Measurement(accuracy.limit_percent, accuracy.limit_standard_error)
+    failed = limits_with_one_failed(prior, with_all, seed, aim.effort)
     # Cubic interpolation of this table is off by at most 6e-4 of the largest influence of any shipped scene, at the
     # kink that shear makes, and by 3e-5 elsewhere.
     table = prior.influence_at(np.linspace(*prior.position_mm, PLACES))
@@ -103,7 +103,7 @@ def measure(estimator: Estimator, prior: Prior, surface: Surface, world: World, 
 
 
 def thresholds_of(prior: Prior, surface: Surface) -> Thresholds:
-    """Return the thresholds for the false contacts per day that the scene of a surface allows."""
+    """Return the thresholds: touch for the scene's false contacts per day, rest and misfit for fixed rates."""
     rest, misfit = unexplained_thresholds(prior, surface.scene.sensors.rate_hz, readings_alike(surface.filter))
     return Thresholds(
         touch=touch_thresholds(prior, surface.touch_rate),

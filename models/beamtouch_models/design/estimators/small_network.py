@@ -48,9 +48,9 @@ def first_stage(network: Network) -> FirstStage:
     steps = network.table.steps
 
     def add(graph: Graph, seen: Whitened) -> tuple[list[str], list[str]]:
-        square = graph.apply("ReduceSumSquare", seen.reading, axes=[1], keepdims=1)
+        square = graph.apply("ReduceSumSquare", seen.bounded, axes=[1], keepdims=1)
         square = graph.apply("Add", square, graph.constant(FAINT * network.largest_mm**2))
-        value = graph.apply("Div", seen.reading, graph.apply("Sqrt", square))
+        value = graph.apply("Div", seen.bounded, graph.apply("Sqrt", square))
         for weights, bias in network.layers[:-1]:
             value = graph.apply("Tanh", graph.apply("Gemm", value, graph.constant(weights), graph.constant(bias)))
         weights, bias = network.layers[-1]

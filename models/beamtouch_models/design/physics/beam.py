@@ -96,7 +96,7 @@ def influence_matrix(scene: Scene, sensor_mm: ArrayLike, load_mm: ArrayLike) -> 
 
 
 def influence_of(scene: Scene) -> InfluenceFunction:
-    """Return the influence function of a scene, with EI of the stiffest section; SceneError beyond float64."""
+    """Return the influence function of a scene; its unit is l^3/(EI), with EI of the stiffest section."""
     return InfluenceFunction(
         scene.beam.length_mm,
         load_positions_mm(scene),
@@ -172,7 +172,7 @@ def _deflection_unit(length_mm: float, rigidity_n_mm2: float) -> float:
 
 
 def load_positions_mm(scene: Scene) -> Floats:
-    """Return the load positions for the components: every 1/400 of the length, as in the paper."""
+    """Return the load positions of the influence matrix: every 1/400 of the length, as in the paper."""
     low, high = scene.contact.position_mm
     steps = max(1, round((high - low) / scene.beam.length_mm * 400))
     return np.linspace(low, high, steps + 1)

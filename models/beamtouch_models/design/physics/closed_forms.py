@@ -3,7 +3,7 @@
 Textbook forms subtract nearly equal numbers when a load or a sensor is near a support. The forms here are products of
 sums of positive terms: of the four distances to the ends and the distance between the two points, each computed
 directly from positions in mm. Let p and q be the distances of the left point from the left and the right end, r and s
-those of the right point, and d = r - p, all over the span. The deflection in units of F l^3/(EI) is
+those of the right point, and d = r - p, all divided by the span's length l. The deflection in units of F l^3/(EI) is
 
     simply supported   p s (2 r s + d (p + r)) / 6
     cantilever         p^2 (2 r + d) / 6                                 fixed at the left
@@ -89,13 +89,13 @@ def _shear_compliance(beam: Beam, length_mm: float) -> float:
 
 
 def point_influence(span: Span, sensor_mm: Floats, load_mm: Floats) -> Floats:
-    """Return the influence of point loads (loads,) at sensors (sensors,) in a span; (loads, sensors) over l^3/(EI)."""
+    """Return the influence of point loads (loads,) at sensors (sensors,) in a span; (loads, sensors) in l^3/(EI)."""
     x, a = sensor_mm[None, :], load_mm[:, None]
     return _deflection(span, (x - span.start_mm, span.end_mm - x), (a - span.start_mm, span.end_mm - a), np.abs(x - a))
 
 
 def patch_influence(span: Span, sensor_mm: Floats, low_mm: Floats, high_mm: Floats) -> Floats:
-    """Return the influence of even contacts from `low_mm` to `high_mm` (loads,); (loads, sensors) over l^3/(EI).
+    """Return the influence of even contacts from `low_mm` to `high_mm` (loads,); (loads, sensors) in l^3/(EI).
 
     As a function of the load's position, the deflection is a cubic on either side of the sensor. So the mean over a
     contact is two Gauss-Legendre sums of positive terms, which stay accurate for contacts of any width.
@@ -106,8 +106,8 @@ def patch_influence(span: Span, sensor_mm: Floats, low_mm: Floats, high_mm: Floa
     width = high - low
     wide = width > 0
     total = np.zeros(np.broadcast_shapes(x.shape, low.shape))
-    for start, end, otherwise in ((low, middle, 0.5), (middle, high, 0.5)):
-        share = np.where(wide, (end - start) / np.where(wide, width, 1.0), otherwise)
+    for start, end in ((low, middle), (middle, high)):
+        share = np.where(wide, (end - start) / np.where(wide, width, 1.0), 0.5)
         for at in GAUSS:
             place = (
                 (start - span.start_mm) * (1 - at) + (end - span.start_mm) * at,

@@ -1,6 +1,7 @@
 """The influence function of a structure: the form in which physics reaches placement, limits and estimators.
 
-A scene is one way to fill it (`physics.beam.influence_of`). A measured beam or a plate is another.
+A scene is one way to fill it (`physics.beam.influence_of`). A measured beam, or any structure along
+a line, is another; a model file holds neither.
 """
 
 import math

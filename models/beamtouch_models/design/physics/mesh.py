@@ -46,7 +46,7 @@ class Mesh:
     elements: Elements
     held: Indices
     """Degrees of freedom held by the supports; node i has the deflection 2 i and the rotation 2 i + 1."""
-    springs: Floats
+    rotational_springs: Floats
     """(nodes,) rotational stiffness of the support at each node."""
     stiffness: Floats
     """(elements, 4, 4)"""
@@ -82,11 +82,13 @@ def mesh_of(beam: Beam) -> Mesh:
     matrices = stiffness(elements)
     if not np.all(np.isfinite(matrices)):
         raise SceneError(UNEVEN)
-    springs = np.zeros(len(node))
+    rotational_springs = np.zeros(len(node))
     for support in beam.support_list:
-        springs[np.searchsorted(node, support.at_mm)] = support.stiffness
-    factor = _factor(matrices, springs, held)
-    return Mesh(length, node, elements, np.array(held, np.intp), springs, matrices, rigid_forces(elements), factor)
+        rotational_springs[np.searchsorted(node, support.at_mm)] = support.rotational_stiffness
+    factor = _factor(matrices, rotational_springs, held)
+    return Mesh(
+        length, node, elements, np.array(held, np.intp), rotational_springs, matrices, rigid_forces(elements), factor
+    )
 
 
 def _nodes(beam: Beam, foundation: float) -> Floats:
@@ -130,14 +132,14 @@ def _shear_compliance(beam: Beam) -> Floats:
     return compliance
 
 
-def _factor(matrices: Floats, springs: Floats, held: list[int]) -> Floats:
+def _factor(matrices: Floats, rotational_springs: Floats, held: list[int]) -> Floats:
     """Assemble the banded stiffness of all elements (elements, 4, 4), hold the supports, factorise; (4, 2 nodes)."""
     elements = len(matrices)
     band = np.zeros((4, 2 * (elements + 1)))
     for column in range(4):
         for row in range(column, 4):
             band[row - column, column : column + 2 * elements : 2] += matrices[:, row, column]
-    band[0, 1::2] += springs
+    band[0, 1::2] += rotational_springs
     for degree in held:
         for below in range(1, min(4, degree + 1)):
             band[below, degree - below] = 0.0
@@ -182,7 +184,7 @@ def _forces(mesh: Mesh, displacement: Floats) -> Floats:
     total[1:-2:2] += forces[:, 1]
     total[2::2] += forces[:, 2]
     total[3::2] += forces[:, 3]
-    total[1::2] += mesh.springs[:, None] * phi
+    total[1::2] += mesh.rotational_springs[:, None] * phi
     return total
 
 

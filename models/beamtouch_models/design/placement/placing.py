@@ -224,7 +224,7 @@ def _least(
     """
     distinct = np.unique(layouts, axis=0)
     scores = objective.scores(distinct)
-    near = distinct[scores >= CLEAR * scores.max()]
+    near = distinct[scores >= CLEAR * scores.max()]  # scores are minus errors: those within 1.5 % of the best
     if len(near) == 1:  # no limit need be computed
         return np.asarray(near[0])
 

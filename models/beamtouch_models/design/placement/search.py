@@ -22,7 +22,7 @@ from beamtouch_models.design.sweeps import Fraction, silent
 from beamtouch_models.names import SearchName
 
 MAX_EVALUATIONS = 2_000
-"""Usual number of layouts, over `Objective.at_once`, after which an exchange tries no smaller step: it bounds the time
+"""Usual number of layouts, times `Objective.at_once`, after which an exchange tries no smaller step: it bounds the time
 of many sensors."""
 JUMPS = 24
 """Places along the beam at which each sensor is tried once no step gains."""

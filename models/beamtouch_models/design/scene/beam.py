@@ -71,8 +71,8 @@ class Support(Strict):
         return not (self.kind == "simple" if self.slides is None else self.slides)
 
     @property
-    def stiffness(self) -> float:
-        """Rotational stiffness in units of E I / L."""
+    def rotational_stiffness(self) -> float:
+        """In units of E I / L."""
         return 3 * self.fixity / (1 - self.fixity)
 
 

@@ -61,7 +61,7 @@ MIN_EXPONENT = -50.0
 class Whitened:
     """Names of the sample, and of the sample and its whitening over the root of 2."""
 
-    reading: str
+    bounded: str
     """z, bounded, (batch, channels)"""
     sample: str
     """y, (batch, channels, 1)"""
@@ -94,9 +94,9 @@ def whitened(graph: Graph, largest_mm: float) -> Whitened:
     deflection, given = INPUTS
     bound = WIDEST * largest_mm
     whitening = graph.apply("Mul", given, graph.constant(0.5**0.5))
-    reading = graph.apply("Clip", deflection, graph.constant(-bound), graph.constant(bound))
-    sample = graph.apply("MatMul", whitening, graph.apply("Unsqueeze", reading, graph.ints(2)))
-    return Whitened(reading, sample, whitening)
+    bounded = graph.apply("Clip", deflection, graph.constant(-bound), graph.constant(bound))
+    sample = graph.apply("MatMul", whitening, graph.apply("Unsqueeze", bounded, graph.ints(2)))
+    return Whitened(bounded, sample, whitening)
 
 
 def scored(graph: Graph, seen: Whitened, largest_n: float, influence: str, uncertain: str | None) -> Scored:
@@ -118,6 +118,8 @@ def scored(graph: Graph, seen: Whitened, largest_n: float, influence: str, uncer
 
 def widening(graph: Graph, force: str, uncertain: str) -> str:
     """Return the factors by which the mounting of the sensors widens the errors, (batch, channels, N).
+
+    Only the diagonal of its covariance is taken, as in `posterior.log_density`.
 
     `force` is (batch, 1, N) or one number, and `uncertain` as that of `scored`.
     """

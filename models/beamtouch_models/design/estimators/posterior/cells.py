@@ -19,7 +19,7 @@ STEP, MAX_CELLS = 64, 512
 """The number of cells is a multiple of STEP. Above MAX_CELLS, a window around the contact takes less time, and sums of
 widths in float32 would lose a digit of the interval."""
 POSITION_SHARE = {True: 0.5, False: 1.0}
-"""For known and open force: weight of an even spacing relative to the change of the reading."""
+"""For known and open force: weight of an even spacing relative to the change of the sample."""
 SIZE_SHARE = 0.05
 """Weight of a change in the logarithm of the deflection's size, for an open force."""
 FLOOR = 1e-4
@@ -35,14 +35,14 @@ class Cells:
     edges_mm: Floats
     """(cells + 1,)"""
     influence: Floats
-    """(cells, channels) mm/N, at the middles of the cells: half way in the change of the reading."""
+    """(cells, channels) mm/N, at the middles of the cells: half way in the change of the sample."""
     uncertain: Floats | None
     """(cells, channels) mm/N, deviation of the influence at the middles; None if the sensors' positions are exact."""
 
 
 @dataclass(frozen=True)
 class InfluencePath:
-    """The influence along the position range, and how far a contact of the largest force moves the reading there."""
+    """The influence along the position range, and how far a contact of the largest force moves the sample there."""
 
     position_mm: Floats
     """(positions,)"""
@@ -51,13 +51,13 @@ class InfluencePath:
     moved: Floats
     """(positions - 1,) change that the force does not explain, in deviations, floor included."""
     size: Floats
-    """(positions,) size of the reading, in deviations."""
+    """(positions,) size of the sample, in deviations."""
 
 
 def resolving_cells(prior: Prior) -> int | None:
     """Return how many cells keep the error at the limit; None if MAX_CELLS do not.
 
-    The reading follows a curve as the contact moves; no cell may be a longer piece of it than its step.
+    The sample follows a curve as the contact moves; no cell may be a longer piece of it than its step.
     """
     path, largest = influence_path_of(prior), KNOWN_STEP if prior.force_is_known else OPEN_STEP
     along = np.concatenate([[0.0], np.cumsum(path.moved)])
@@ -70,7 +70,7 @@ def resolving_cells(prior: Prior) -> int | None:
 
 
 def influence_path_of(prior: Prior) -> InfluencePath:
-    """Return the path of a prior's reading."""
+    """Return the path of a prior's sample."""
     fine = np.linspace(*prior.position_mm, FINE)
     influence = prior.table(fine)
     force = prior.force_n[1]
@@ -86,7 +86,7 @@ def influence_path_of(prior: Prior) -> InfluencePath:
 
 
 def cells_of(prior: Prior, count: int, path: InfluencePath | None = None) -> Cells:
-    """Return `count` cells, spaced evenly in a metric of the change of reading, position and log of the size."""
+    """Return `count` cells, spaced evenly in a metric of the change of sample, position and log of the size."""
     path = path or influence_path_of(prior)
     known = prior.force_is_known
     metric = path.moved**2 + (path.moved.sum() * POSITION_SHARE[known] / (FINE - 1)) ** 2
