@@ -164,7 +164,7 @@ def _relevant(name: str, version: str) -> str:
 
 
 def _workers(client: "Client") -> int:
-    return len(client.scheduler_info(n_workers=-1)["workers"])
+    return len(client.scheduler_info(n_workers=-1).get("workers", ()))  # none of a scheduler that is gone
 
 
 def _result(client: "Client", without_workers_s: float, future: Future[Found]) -> Found:
