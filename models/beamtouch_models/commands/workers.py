@@ -130,7 +130,7 @@ def cluster_at(address: str, without_workers_s: float = WITHOUT_WORKERS_S) -> It
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", VersionMismatchWarning)  # `_check` says it in one line
             client = Client(address, timeout=REACHED_S, set_as_default=False)
-    except (OSError, ValueError, RuntimeError):
+    except (OSError, ValueError, TypeError, RuntimeError):  # TypeError: TLS without certificates
         message = f"--cluster {address}: no Dask scheduler answers there; start `dask scheduler` or check the address"
         raise InputError(message) from None
     try:
