@@ -11,6 +11,7 @@ from contextlib import redirect_stdout, suppress
 from io import StringIO
 from pathlib import Path
 
+import httpx2
 import pytest
 
 from beamtouch_common.commands import exit_code, version
@@ -19,6 +20,8 @@ from beamtouch_daemon import cli as daemon
 from beamtouch_models import cli as design
 from beamtouch_models.lab.rig import cli as rig
 from beamtouch_service import cli as service
+from support.network.free_ports import free_port
+from support.running.waiting import wait_until
 from support.surfaces.example_scenes import SCENES
 
 Main = Callable[[list[str]], int]
@@ -156,6 +159,34 @@ def test_a_command_without_standard_output_does_its_work(command: list[str]) -> 
         ["sh", "-c", 'exec "$@" >&-', "sh", *command], stderr=subprocess.PIPE, text=True, check=False, timeout=60
     )
     assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_a_service_whose_output_is_full_serves_all_the_same(tmp_path: Path) -> None:
+    port, token = free_port(), tmp_path / "token"
+    token.write_text("swordfish-of-the-tests-and-longer")
+    command = [sys.executable, "-m", "beamtouch_service.cli", "run", "--port", str(port), "--write-token-file", token]
+
+    def answers() -> bool:
+        try:
+            return httpx2.get(f"http://127.0.0.1:{port}/health/live", trust_env=False).status_code == 200
+        except httpx2.TransportError:
+            return False
+
+    with Path("/dev/full").open("w") as full, subprocess.Popen(command, stdout=full, cwd=tmp_path) as process:
+        try:
+            wait_until(lambda: answers() or process.poll() is not None)
+            assert process.poll() is None
+        finally:
+            process.terminate()
+    assert process.returncode == 0
+
+
+def test_a_file_that_cannot_be_used_is_named_and_not_taken_for_a_lost_output(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    absent = tmp_path / "absent.toml"
+    assert exit_code("program", "daemon", lambda: len(absent.read_text()), (OSError,)) == 2
+    assert capsys.readouterr().err == f"program: {absent}: No such file or directory\n"
 
 
 def test_an_unexpected_error_is_a_traceback() -> None:

@@ -187,6 +187,19 @@ def test_a_new_file_an_old_one_and_a_device_are_writable(tmp_path: Path) -> None
     require_writable([tmp_path / "new.onnx", None, tmp_path / "old.onnx", Path("/dev/null")], [tmp_path / "scene.toml"])
 
 
+def test_a_link_to_an_input_or_to_another_output_is_refused(tmp_path: Path) -> None:
+    scene, model, link = tmp_path / "scene.toml", tmp_path / "model.onnx", tmp_path / "link"
+    for target, outputs, inputs, said in (
+        (scene, [link], [scene], "reads this file as well"),
+        (scene, [scene], [link], "reads this file as well"),
+        (model, [model, link], [scene], "would write this file twice"),
+    ):
+        link.unlink(missing_ok=True)
+        link.symlink_to(target)
+        with pytest.raises(InputError, match=f"{said}; name another one"):
+            require_writable(outputs, inputs)
+
+
 def test_a_folder_that_this_user_may_not_write_to_is_refused() -> None:
     with TemporaryDirectory() as name, without_root(Path(name)):
         folder, inside = Path(name) / "kept", Path(name) / "closed" / "deep" / "model.onnx"

@@ -55,6 +55,24 @@ def test_a_recovery_is_logged_if_its_failure_was(clock: Clock, caplog: pytest.Lo
     assert caplog.messages == ["press-7: no answer", "press-7: works again after 2.0 s"]
 
 
+def test_an_outage_counts_from_its_first_failure_also_if_that_was_not_logged(
+    clock: Clock, caplog: pytest.LogCaptureFixture
+) -> None:
+    repeated = Repeated(LOG, clock=clock)
+    repeated.failed("no answer")
+    repeated.over()
+    for clock.now_s in (5.0, 30.0, 60.0, 62.0):
+        repeated.failed("no answer")
+    clock.now_s = 65.0
+    repeated.over()
+
+    assert caplog.messages[1:] == [
+        "works again after 0.0 s",
+        "no answer (3 times since the last such line)",
+        "works again after 60.0 s",
+    ]
+
+
 def test_things_are_counted_up_to_the_next_line(clock: Clock, caplog: pytest.LogCaptureFixture) -> None:
     repeated = Repeated(LOG, clock=clock)
     for clock.now_s, number in ((0.0, 0), (1.0, 5), (2.0, 7), (61.0, 3)):

@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -31,6 +32,21 @@ def test_positions_are_where_code_runs() -> None:
     assert (2, 9) not in starts  # of the annotation `int | None`
 
 
+def test_what_only_checks_the_code_is_passed_over() -> None:
+    names = {"True": ("core/ReplaceTrueWithFalse",), "False": ("core/ReplaceFalseWithTrue",)}
+    replacing = {name: one for name, one in operators().items() if name in [*names["True"], *names["False"]]}
+    assert len(replacing) == 2
+    code = (
+        "@dataclass(frozen=True, slots=True, eq=False)\n"
+        "class Pair:\n    one: int\n\n"
+        "pairs = zip(a, b, strict=True)\n"
+        "others = zip(a, b, strict=False)\n"
+        "field = Field(strict=True, frozen=True)\n"
+    )
+    found = [start for start, _ in sorted(positions_in(code, replacing))]
+    assert found == [(1, 39), (6, 26), (7, 21), (7, 34)]
+
+
 def test_statements_that_only_call_or_raise_are_removed() -> None:
     assert set(positions_in(CODE, {"CallRemover": CallRemover()})) == {((7, 8), (7, 24)), ((8, 4), (8, 16))}
 
@@ -55,13 +71,17 @@ def test_quick_tests_of_a_line_come_first_and_all_tests_of_the_file_for_a_consta
         data.add_lines({f"/copy/{FILE}": lines})
     data.set_context("")
     data.add_lines({f"/copy/{FILE}": [2, 4]})
+    data.set_context("tests/test_doubles.py::other|run")  # the first one that imported it
+    data.add_lines({f"/copy/{FILE}": [2, 4]})
     data.write()
+    (tmp_path / FILE).parent.mkdir(parents=True)
+    (tmp_path / FILE).write_text(CODE)
     cases = "".join(
         f'<testcase classname="tests.test_doubles" name="{name}" time="{seconds}"/>'
         for name, seconds in (("quick", 0.1), ("slow", 5), ("other", 0.2))
     )
     (tmp_path / "times.xml").write_text(f"<testsuite>{cases}</testsuite>")
-    covering = Covering(tmp_path)
+    covering = Covering(tmp_path, tmp_path)
 
     def names(first: int, last: int, at_most_s: float = 60.0) -> list[str]:
         return [test.rpartition("::")[2] for test in covering.tests_of(FILE, first, last, at_most_s)]
@@ -84,3 +104,10 @@ def test_mutants_are_caught_by_tests_that_run_them_and_counted_by_folder(tmp_pat
     caught = done.stdout.count("\ncaught: common/beamtouch_common/digits.py:")
     assert caught >= 1, done.stdout
     assert f"| common | 4 | 0 | {caught} | {25 * caught} % " in done.stdout
+
+
+def test_the_list_of_equivalent_mutants_fits_the_tree() -> None:
+    listed = tomllib.loads((ROOT / "tests/mutants/equivalent.toml").read_text())["equivalent"]
+    gone = [one for one in listed if (ROOT / one["file"]).read_text().count(one["before"]) != 1]
+    assert gone == []
+    assert all(one["before"] != one["after"] and one["why"] for one in listed)

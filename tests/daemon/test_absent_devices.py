@@ -26,6 +26,21 @@ NO_BOOT = "from beamtouch_daemon.sources import traffic; traffic.BOOT_S = 0.0"
 """Opening the port resets no device."""
 
 
+SLOW_NAME_SERVER = """
+import socket, time
+
+def getaddrinfo(host, *arguments, **options):
+    if host != "module.plant":
+        return asked(host, *arguments, **options)
+    with open("questions", "a") as file:
+        file.write("?")
+    time.sleep(4)
+    raise socket.gaierror(socket.EAI_AGAIN, "no answer")
+
+asked, socket.getaddrinfo = socket.getaddrinfo, getaddrinfo
+"""
+
+
 async def shortest_s(count: Callable[[], int], number: int) -> float:
     """Wait for so many attempts after the first; return how long they took [s]. A busy machine only takes longer."""
     await until(lambda: count() >= 1)
@@ -88,3 +103,12 @@ async def test_a_device_that_closes_each_connection_is_connected_to_twice_a_seco
         async with started("run", config):
             await until(lambda: connections >= GIVEN_UP_AFTER)
             assert await shortest_s(lambda: connections, 4) > 4 * 0.5 / 1.5
+
+
+async def test_a_name_server_that_does_not_answer_is_asked_once_whatever_the_attempts(tmp_path: Path) -> None:
+    source = configs.tcp(502, "module.plant").replace("30_000", "100")
+    code = f"import os; os.chdir({str(tmp_path)!r}){SLOW_NAME_SERVER}"
+    async with started("run", configs.write(tmp_path, configs.surface(source=source)), code=code) as daemon:
+        await daemon.said("module.plant does not resolve (the name server does not answer)")
+        await asyncio.sleep(sum(SESSION_PAUSES_S[:4]) + 4 * TIMEOUT_S)
+        assert (tmp_path / "questions").read_text() == "?"

@@ -21,6 +21,7 @@ pytestmark = pytest.mark.anyio
 NOT_TARED = (
     "not tared: the rest gaps are those of the configuration; run beamtouch-daemon tare, with nothing on the beam"
 )
+READS = "the command reads this file as well; name another one"
 EXTRA = ["pymodbus", "serial", "aiohttp", "numpy", "cobs"]
 
 
@@ -216,6 +217,18 @@ async def test_tare_refuses_what_moves_or_stands_still_and_writes_nothing_for_it
     [
         ("tare {config} --surface press", "--surface: there is no surface press; choose one of bench"),
         ("run {config} --summary {folder}/no/s.json", "{folder}/no: no such folder; create it first"),
+        *(
+            (f"run {{config}} --summary {{folder}}/{file} {more}", f"{{folder}}/{file}: {READS}")
+            for file, more in {
+                "beamtouch.token": "",
+                "bench.tare.json": "",
+                "beamtouch-daemon.samples": "",
+                "beamtouch-daemon.samples.zeros.json": "",
+                "other.token": "--token-file {folder}/other.token",
+                "other.samples": "--sample-log-file {folder}/other.samples",
+            }.items()
+        ),
+        ("init {folder}/t --model-config {config} --source tcp://h --token-file {folder}/t", f"{{folder}}/t: {READS}"),
     ],
 )
 def test_wrong_input_is_one_line(tmp_path: Path, refused: Refused, words: str, said: str) -> None:

@@ -219,6 +219,13 @@ def test_surfaces_share_a_bus_only_if_they_agree_on_its_line(
     "docs/reference/daemon-configuration.md",
     "its channels may then state `input` instead of `register`.",
 )
+def test_a_channel_may_be_of_unit_0(tmp_path: Path) -> None:
+    source = f"{configs.tcp(502)}\nunit = 7"
+    text = configs.surface(source=source, registers=(3, 3)).replace("register = 3", "register = 3\nunit = 0", 1)
+    surface = load_config(configs.write(tmp_path, text)).surfaces["bench"]
+    assert [surface.place_of(channel)[1:] for channel in surface.channels] == [(0, 3), (7, 3)]
+
+
 def test_an_input_of_a_module_has_its_register_and_its_limits(tmp_path: Path, complaint: Complaint) -> None:
     source = f'{configs.tcp(502)}\nmodule = "iologik-e1240"'
     text = configs.surface(source=source, rate_hz=10.0).replace("register = ", "input = ")

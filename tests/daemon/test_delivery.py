@@ -218,6 +218,9 @@ async def test_a_stop_also_delivers_the_boots_of_a_file_that_is_opened_meanwhile
         stop = asyncio.ensure_future(bench.backlog.finish())
         attempts = service.attempts
         await until(lambda: service.attempts > attempts)  # it waits for these five to be durable
+        attempts = service.attempts
+        await asyncio.sleep(0.6)
+        assert service.attempts <= attempts + 4  # it asks five times a second
         await store.open()
         service.commit_s = 0.0
         await stop

@@ -65,12 +65,14 @@ async def test_check_names_a_unit_that_refuses_now_and_then(
 
 
 @pytest.mark.promise("docs/how-to/troubleshooting.md", "the same; exit code 1 from a tenth of the requests on")
-@pytest.mark.parametrize(("every", "code"), [(25, 0), (8, 1)])
+@pytest.mark.parametrize(("every", "code"), [(25, 0), (11, 0), (10, 1), (8, 1)])
 async def test_a_unit_that_refuses_less_than_a_tenth_of_the_requests_is_named_and_good(
     every: int, code: int, tmp_path: Path
 ) -> None:
     async with reached("tcp", RefusingUnit(6, every)) as source:
-        outcome = await command("check", configs.write(tmp_path, configs.surface(source=source)), "--json")
+        # Four requests make a reading, so that the newest hundred of them are full.
+        text = configs.surface(source=source, rate_hz=50.0, registers=(0, 1000, 2000, 3000))
+        outcome = await command("check", configs.write(tmp_path, text), "--json")
     (failing,) = json.loads(outcome.out)["surfaces"]["bench"]["failing"]
     assert (outcome.code, "exception 6, device busy" in failing) == (code, True)
 

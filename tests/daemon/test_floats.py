@@ -275,6 +275,13 @@ def test_a_device_that_is_read_faster_than_it_measures_is_not_stuck_by_what_nois
     assert len(rest_gaps(counts[:TARED], surface)) == CHANNELS
 
 
+def test_values_that_come_three_or_four_times_in_a_row_are_told_to_two_digits() -> None:
+    counts = np.repeat(gaps(WHITE)[: MINUTE // 4], np.resize([3, 4, 4], MINUTE // 4), axis=0)
+    recording = Recording(counts, 0, len(counts) / RATE_HZ)
+    found = Measurement("bench", gauges(None), recording, measure_noise(counts, gauges(None)), keys_for(counts))
+    assert any("come about 3.7 times in a row, so they change " in line for line in report([found]))
+
+
 def test_noise_that_floats_do_not_show_is_not_guessed() -> None:
     surface = gauges(0.004, stuck_after_ms=3.6e6)
     with pytest.raises(NotAtRestError, match=r"^s1, s2, s3, s4: neither noise nor steps show, as the counts do not"):

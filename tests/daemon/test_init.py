@@ -102,6 +102,20 @@ def test_values_of_another_type_follow_each_other_from_a_register_on(
     assert "# mounted 35 mm from the left end" in (tmp_path / "daemon.toml").read_text()
 
 
+@pytest.mark.parametrize("types", [("f32", "f32"), ("u16", "f64"), ("f64", "u16")])
+def test_values_of_the_models_types_follow_each_other_from_a_register_on(
+    tmp_path: Path, model: Path, init: Init, types: tuple[str, str]
+) -> None:
+    first, second = types
+    text = configs.PUBLISH + configs.surface(registers=(0, 4)).replace('name = "s1"', f'name = "s1"\ntype = "{first}"')
+    model.write_text(text.replace('name = "s2"', f'name = "s2"\ntype = "{second}"'))
+    written = init(*TCP, "--register", "10")
+    assert (written.returncode, written.stderr) == (0, "")
+    channels = content(tmp_path)["surfaces"]["bench"]["channels"]
+    after = 10 + {"u16": 1, "f32": 2, "f64": 4}[first]
+    assert [(one["register"], one["type"]) for one in channels] == [(10, first), (after, second)]
+
+
 @pytest.mark.anyio
 async def test_configurations_for_tcp_for_a_bus_and_for_a_board_pass_check(tmp_path: Path, model: Path) -> None:
     reads = []

@@ -43,6 +43,10 @@ async def test_a_load_that_came_while_the_daemon_was_off_is_no_drift(tmp_path: P
     configs.tare(tmp_path, taken_at=HOURS_AGO)
     beam = NoisyBeam(30.0)
     at_rest_um, first = await shown_um(tmp_path, beam)
+    file = tmp_path / ZEROS
+    content = json.loads(file.read_text())
+    absent = content["surfaces"]["absent"] = content["surfaces"]["bench"]  # of a surface that is away from now on
+    file.write_text(json.dumps(content))
     beam.um += 15.0
     loaded_um, second = await shown_um(tmp_path, beam)
     again_um, _ = await shown_um(tmp_path, beam)
@@ -51,6 +55,8 @@ async def test_a_load_that_came_while_the_daemon_was_off_is_no_drift(tmp_path: P
     assert [at_rest_um, loaded_um, again_um, lifted_um] == pytest.approx([0.0, 15.0, 15.0, 0.0], abs=2.0)
     words = "bench: of its zeros, only those of the tare are known"
     assert (words in first, words in second) == (True, False)
+    kept = json.loads(file.read_text())["surfaces"]
+    assert (kept["absent"], kept["bench"] != absent) == (absent, True)
 
 
 @pytest.mark.promise("docs/explanation/readings-to-samples.md", "After a restart of the machine")

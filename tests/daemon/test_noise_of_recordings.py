@@ -9,7 +9,7 @@ from beamtouch_daemon.commands.noise import Measurement, Recording, report
 from beamtouch_daemon.config.settings import Surface
 from beamtouch_daemon.processing import noise as daemon_noise
 from beamtouch_daemon.processing.at_rest import select_rest
-from beamtouch_daemon.processing.noise import ChannelNoise, keys_of, measure_noise, readings_needed
+from beamtouch_daemon.processing.noise import ChannelNoise, keys_of, measure_noise, readings_needed, round_up
 from beamtouch_models.design.pricing import noise as priced_noise
 
 from .surfaces import (
@@ -48,6 +48,13 @@ def test_the_effective_noise_is_that_of_white_readings_with_the_same_mean(window
 def test_noise_that_stays_alike_for_a_second_is_found_in_a_minute() -> None:
     found = measure_noise(counts_of(NOISE_MM * autoregressive(0.99)), four_channels())
     assert np.mean([one.effective_noise_mm for one in found]) == pytest.approx(NOISE_MM * of_white(20, 0.99), rel=0.12)
+
+
+@pytest.mark.parametrize(
+    ("value", "stated"), [(0.0, 0.0), (0.0012341, 0.00124), (0.00123, 0.00123), (0.12, 0.12), (9.991, 10.0), (341, 341)]
+)
+def test_what_is_stated_has_three_digits_and_is_never_less(value: float, stated: float) -> None:
+    assert round_up(value) == stated
 
 
 def test_drift_is_not_taken_for_noise() -> None:

@@ -65,6 +65,26 @@ def test_zeros_that_drift_mislead_no_contact_and_leave_none_behind(bench: ModelF
     assert lifted.clear == 1.0
 
 
+def test_under_drift_the_last_reading_of_a_contact_is_judged_and_the_last_one_after_its_lift(
+    surface: SimulatedSurface,
+) -> None:
+    play = drift.drifts(DrawnContacts.of(surface, 4, np.random.default_rng(3)), together=True)
+    (_, contact), (_, lifted) = play.rows
+    is_touched = ~np.isnan(play.truth_mm)
+    assert is_touched[:, contact].all()
+    assert not is_touched[:, contact + 1 :].any()
+    assert lifted == play.truth_mm.shape[1] - 1
+
+
+def test_a_gap_while_the_beam_rings_begins_so_long_after_the_touch(surface: SimulatedSurface) -> None:
+    drawn = DrawnContacts.of(surface, 4, np.random.default_rng(3))
+    play = contacts.interrupted(drawn, make=ringing.rings, when="while it rings", gap=5, since_s=contacts.RINGING_S)
+    assert play.lost is not None
+    begins, touched = play.lost[0].argmax(), (~np.isnan(play.truth_mm[0])).argmax()
+    assert begins - touched == round(contacts.RINGING_S * surface.metadata.sensor.rate_hz)
+    assert play.lost[0, begins : begins + 5].all()
+
+
 def test_a_touch_is_unsteady_first_and_an_untouched_beam_is_clear(bench: ModelFile, surface: SimulatedSurface) -> None:
     play = contacts.touched(DrawnContacts.of(surface, 40, np.random.default_rng(3)))
     heard = judge(surface, bench.run, surface.world.readings(play.deflection_mm, play.errors, np.random.default_rng(4)))

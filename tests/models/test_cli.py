@@ -11,6 +11,8 @@ import onnx
 import pytest
 
 from beamtouch_models import cli, runtime
+from beamtouch_models.runtime import ModelFile
+from beamtouch_models.runtime.description import summary
 from support.pages.tags import Tags
 from support.programs.in_process import Command
 from support.surfaces.example_scenes import SCENES
@@ -103,3 +105,9 @@ def test_inspect_for_a_person(design_sensors_here: Command, bench_model: Path) -
         "error over limit",
     ):
         assert said in done.stdout
+
+
+def test_the_floor_is_told_to_two_digits_or_as_a_range(bench: ModelFile) -> None:
+    floor = bench.metadata.floor.model_copy(update={"gain": [0.0123] * 4, "zero_mm": [0.0011, 0.0028, 0.002, 0.002]})
+    text = summary(bench.metadata.model_copy(update={"floor": floor}), "bench", [])
+    assert "gains +- 1.2 %, zeros +- 1.1..2.8 um" in text

@@ -60,6 +60,8 @@ def test_sensors_stay_where_the_replaced_model_has_them_until_told_to_move(
         _, said = build(*option)
         assert f"warning: sensors are not where {model} had them: " in said
         assert ANEW not in said
+    _, said = build("--spare", 0)
+    assert ANEW not in said
 
 
 def test_places_that_the_scene_forbids_are_given_up_with_a_warning(

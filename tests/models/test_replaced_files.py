@@ -74,6 +74,10 @@ def test_a_model_may_be_calibrated_in_place_and_is_then_not_replaced_by_a_build_
     ):
         refused = design_sensors_roughly(*asked)
         assert (refused.returncode, refused.stderr) == (2, f"{said}{instead}\n")
+    # Only a model may take the place of the one that is rebuilt.
+    report = design_sensors_roughly("build", model, "-o", tmp_path / "new.onnx", "--report", model, "--force")
+    said = f"design-sensors: {model}: the command reads this file as well; name another one\n"
+    assert (report.returncode, report.stderr) == (2, said)
     assert model.read_bytes() == calibrated
     assert design_sensors_roughly("build", model, "-o", model, "--force").returncode == 0
     assert models.load_model(model).metadata.calibration is None

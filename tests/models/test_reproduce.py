@@ -93,6 +93,7 @@ def test_figures_5_and_6_merge_eight_sensors_into_the_papers_four_places(
     assert len(iterations) == (21 if seed == 0 else 2)
     performance = np.array(sixth.results()["curves"][0]["y"])
     assert (np.diff(performance) <= 0).all()
+    assert (performance[-1], sixth.numbers["first_over_last"]) == (1, pytest.approx(performance[0], rel=1e-3))
     last = sixth.numbers["log_eigenvalue_product"][-1]
     assert last == pytest.approx(np.log(eigenvalues(places[-1])[:4]).sum(), abs=1e-5)
     assert last == pytest.approx(-52.676, abs=1e-3)

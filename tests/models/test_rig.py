@@ -38,6 +38,8 @@ NAMED = ("--serial", "line")
         ((*NAMED, "--firmware", "b", "e", "--fault", "pause"), "only faults of sensors are played"),
         ((*NAMED, "--firmware", "b", "e"), "the firmware's ADC has 10 bits; set sensors.adc_bits = 10 in the scene"),
         ((*TCP, "--firmware", "b", "e"), "--firmware needs --serial"),
+        ((*TCP, "--imperfections", "taken", "--truth", "taken"), "taken: the command reads this file as well"),
+        ((*NAMED, "--firmware", "b", "taken", "--truth", "taken"), "taken: the command reads this file as well"),
         (("--serial", "absent/line"), "absent/line: No such file or directory"),
         (("--serial", "taken"), "taken: exists already; choose another path or remove the file"),
         ((*NAMED, "--fault", "foo"), "fault foo: no such fault; give unplugged:s1, stuck:s1"),

@@ -72,3 +72,10 @@ def test_a_fault_comes_and_goes_at_its_times(times: str, on: tuple[float, ...], 
     faults = Faults(["s1"], [f"pause{times}"])
     assert all(faults.pause_s(seconds) > 0 for seconds in on)
     assert not any(faults.pause_s(seconds) for seconds in off)
+
+
+def test_a_sensor_that_is_stuck_now_and_again_stays_where_it_is_each_time() -> None:
+    faults = Faults(["s1", "s2"], ["stuck:s1@1..2/3"])
+    shown = [faults.change(np.array([0.1 * second, 0.5]), second)[0] for second in np.arange(0.0, 6.0, 0.5)]
+    held = [0.0, 0.05, 0.1, 0.1, 0.2, 0.25, 0.3, 0.35, 0.4, 0.4, 0.5, 0.55]
+    assert shown == pytest.approx(held)

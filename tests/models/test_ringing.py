@@ -198,6 +198,21 @@ def test_a_fit_finds_poles_and_the_spread_of_its_constant_is_as_stated() -> None
     assert np.std(found, axis=0) == pytest.approx(np.mean(deviations, axis=0), rel=0.35)
 
 
+@pytest.mark.parametrize("readings", [8, 12, 20])
+def test_of_twenty_frequencies_the_one_that_is_sought_leaves_least_in_a_fit_by_least_squares(readings: int) -> None:
+    times, band = np.arange(1.0 - readings, 1.0), Band(0.05)
+
+    def left(frequency: float) -> float:
+        waves = np.stack([np.ones(readings), np.cos(frequency * times), np.sin(frequency * times)], axis=1)
+        return float(np.square(values - waves @ np.linalg.lstsq(waves, values)[0]).sum())
+
+    for seed in range(10):
+        phase, mode = np.random.default_rng(seed).uniform(0, 6, size=(2, 1, CHANNELS))
+        values = 50 * np.cos(0.2 * (1 + mode[0, 0]) * times[:, np.newaxis] + phase) + noise(readings, seed)
+        (found,) = seek(fit(times, values, Poles.none(), band, slopes=False), times, values, band).frequency
+        assert left(found) == pytest.approx(min(map(left, np.linspace(band.lowest, 0.99 * np.pi, 20))), rel=1e-3)
+
+
 @pytest.mark.parametrize(("apart", "each"), [(0.05, 1), (0.2, 1), (0.3, 5)])
 def test_readings_unevenly_apart_show_a_swing_faster_than_half_their_rate(apart: float, each: int) -> None:
     """At a high rate, the filter takes the mean of `each` so many readings, and the swing is too fast for these."""

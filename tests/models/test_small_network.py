@@ -55,6 +55,13 @@ def test_the_same_seed_gives_the_same_file() -> None:
     assert first == second
 
 
+def test_training_takes_the_iterations_it_may_take_and_tells_how_far_it_is() -> None:
+    told = list[float]()
+    train(PRIOR, 3, told.append, fewest=2, hidden=(6,), examples=500, iterations=10)
+    assert told == sorted(told)
+    assert 0.9 < told[-1] <= 1
+
+
 def covariances() -> dict[str, Floats]:
     """The covariance of a settled sample, and of others."""
     white = np.eye(4) * PRIOR.noise_mm**2

@@ -107,6 +107,14 @@ def test_a_cluster_without_its_extra_names_the_extra(
     assert (done.returncode, done.stdout, done.stderr) == (2, "", expected)
 
 
+@pytest.mark.parametrize("address", ["tls://127.0.0.1:8786", "tcp://a..b:8786"])
+def test_a_cluster_that_cannot_be_is_refused_in_one_line(spread_here: Command, quick_model: Path, address: str) -> None:
+    """One for which Dask has no certificates, and one whose name is none."""
+    done = spread_here("evaluate", quick_model, "--cluster", address)
+    said = f"--cluster {address}: no Dask scheduler answers there; start `dask scheduler` or check the address"
+    assert (done.returncode, done.stderr) == (2, f"design-sensors: {said}\n")
+
+
 def stating(folder: Path, name: str, version: str) -> Path:
     """A folder that makes the Python that finds it first state another version, of itself or of a distribution."""
     if name == "Python":

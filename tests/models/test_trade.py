@@ -9,9 +9,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from beamtouch_models import cli, runtime
+from support.pages.tags import Tags
 from support.programs.in_process import Refusal
 from support.surfaces.example_scenes import PAPER, ROUGH
 
@@ -161,6 +163,16 @@ def test_the_picture_has_an_axis_for_each_thing_that_is_traded(traded: Traded) -
     picture = (traded.folder / "trade.svg").read_text()
     labels = ("sensors", "since a touch, ms", "noise of a reading, µm", "an inference, µs", "accuracy limit")
     assert all(f">{label}</text>" in picture for label in labels)
+
+
+def test_errors_stand_at_the_height_of_their_logarithms(traded: Traded) -> None:
+    picture = (traded.folder / "trade.svg").read_text()
+    own, *others = traded.found["models"]
+    models = sorted([own, *(one for one in others if one["changed"] == "noise")], key=lambda one: one["reading_mm"])
+    errors = np.log([one["error_mm"] for one in models])
+    curves = [re.findall(r",([\d.]+)", curve["points"]) for curve in Tags(picture).of("polyline")]
+    heights = [np.array(curve, dtype=float) for curve in curves if len(curve) == len(errors)]
+    assert min(np.ptp(one - np.polyval(np.polyfit(errors, one, 1), errors)) for one in heights) < 0.2
 
 
 def test_the_choice_is_the_most_accurate_that_answers_in_time(traded: Traded) -> None:

@@ -4,6 +4,7 @@ All tests run once with coverage, whose contexts name the test: in its own proce
 What a test reaches through a process that an earlier test started counts for the earlier one.
 """
 
+import ast
 import os
 import re
 import shutil
@@ -17,7 +18,7 @@ from pathlib import Path
 
 from coverage import CoverageData
 
-from faults.copies import environment_of
+from faults.copies import ROOT, environment_of
 
 PHASE = re.compile(r"(\|(setup|run|teardown)| \((setup|call|teardown)\))$")
 """What pytest-cov and pytest write behind the name of a test."""
@@ -44,8 +45,9 @@ def collect(copy: Path, kept: Path, workers: int, tests: Sequence[str] = ()) -> 
 class Covering:
     """The tests that ran the lines of the packages."""
 
-    def __init__(self, kept: Path) -> None:
-        """Read what `collect` wrote to a folder."""
+    def __init__(self, kept: Path, root: Path = ROOT) -> None:
+        """Read what `collect` wrote to a folder; `root` is the top folder of the packages."""
+        self._root = root
         self._data = CoverageData(str(kept / ".coverage"))
         self._data.read()
         self._paths = {_from_top(Path(path)): path for path in self._data.measured_files()}
@@ -71,7 +73,9 @@ class Covering:
         Lines that run at import, such as constants, have all tests of the file.
         """
         lines = self.lines_of(file)
-        found = set(chain.from_iterable(lines.get(line, ()) for line in range(first, last + 1)))
+        # A test that is the first to import a file runs its constants; they matter to all tests that use it.
+        called = _lines_of_calls((self._root / file).read_text()) if lines else set()
+        found = set(chain.from_iterable(lines.get(line, ()) for line in range(first, last + 1) if line in called))
         if not found:
             found = set(chain.from_iterable(lines.values()))
         ran = defaultdict[str, int](int)
@@ -86,6 +90,16 @@ class Covering:
                 chosen.append(test)
                 seconds += self._seconds[test]
         return chosen
+
+
+def _lines_of_calls(text: str) -> set[int]:
+    """Return the lines of a file that run when something is called, and not at import."""
+    return {
+        line
+        for node in ast.walk(ast.parse(text))
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
+        for line in range(node.body[0].lineno, (node.end_lineno or 0) + 1)
+    }
 
 
 def _alternating(ranked: list[str]) -> list[str]:

@@ -18,6 +18,9 @@ from cosmic_ray.operators.operator import Operator
 from parso.python.tree import Keyword
 from parso.tree import BaseNode, NodeOrLeaf
 
+CHECKS = {"zip": {"strict"}, "dataclass": {"frozen", "slots"}}
+"""Keywords that, if they are True, only make a mistake of a programmer fail, by the call that has them."""
+
 Place = tuple[int, int]
 """Line, from 1, and column, from 0."""
 
@@ -85,11 +88,13 @@ def _is_plausible(name: str) -> bool:
 def positions_in(text: str, operators: dict[str, Operator]) -> dict[tuple[Place, Place], list[tuple[str, int]]]:
     """Return for each position in a file the operators that can change it, each with the number of its occurrence.
 
-    Annotations are passed over: nothing runs them, or importing fails at once.
+    Annotations are passed over: nothing runs them, or importing fails at once. So is what only checks the code itself,
+    `strict=True` of `zip`, and `frozen=True` and `slots=True` of a dataclass.
     """
+    tree = ast.parse(text)
     spans = [
         ((node.lineno, node.col_offset), (node.end_lineno or 0, node.end_col_offset or 0))
-        for node in _annotations(ast.parse(text))
+        for node in (*_annotations(tree), *_checks_of_the_code(tree))
     ]
     nodes = list(ast_nodes(get_ast(text)))
     found = defaultdict(list)
@@ -106,6 +111,14 @@ def _annotations(tree: ast.AST) -> Iterator[ast.expr]:
         for name in ("annotation", "returns"):
             if (of_node := getattr(node, name, None)) is not None:
                 yield of_node
+
+
+def _checks_of_the_code(tree: ast.AST) -> Iterator[ast.expr]:
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
+            for keyword in node.keywords:
+                if keyword.arg in CHECKS.get(node.func.id, ()) and getattr(keyword.value, "value", None) is True:
+                    yield keyword.value
 
 
 def sample(root: Path, files: Sequence[str], count: int, seed: int) -> tuple[list[Mutant], int]:

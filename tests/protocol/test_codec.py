@@ -188,8 +188,8 @@ def test_readings_lost_between_two_that_arrived(previous: int, current: int, mis
 
 
 def test_a_clock_counts_on_over_its_wraps_and_follows_values_that_overtake_each_other() -> None:
-    clock, wrap = DeviceClock(), 2**32
-    values = [wrap - 1000, wrap - 1, 999, wrap - 500, 1000, wrap // 2, wrap - 1, 5]
+    clock, wrap, half = DeviceClock(), 2**32, 2**31  # half a wrap is 35 minutes
+    values = [wrap - 1000, wrap - 1, 999, wrap - 500, 1000, wrap // 2, wrap - 1, 5, half + 6, half + 4]
     expected = [
         wrap - 1000,
         wrap - 1,
@@ -199,5 +199,7 @@ def test_a_clock_counts_on_over_its_wraps_and_follows_values_that_overtake_each_
         wrap + wrap // 2,
         2 * wrap - 1,
         2 * wrap + 5,
+        2 * wrap + 5 - half + 1,
+        2 * wrap + 5 + half - 1,
     ]
     assert [clock.follow(value) for value in values] == expected

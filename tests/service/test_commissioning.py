@@ -142,6 +142,7 @@ def test_nothing_begins_where_nothing_could_be_seen_of_a_press() -> None:
     # Too few channels may be the very fault that is looked for.
     bench.send([0.0, None, None], sequence=2, quality=["good", "missing", "missing"])
     assert bench.problem() == "too-few-channels"
+    assert bench.get("/contact").json()["detail"].startswith("Only 1 channel works; the model needs ")
     assert bench.post(b"", PATH).status_code == 200
 
 

@@ -210,6 +210,7 @@ def test_a_sample_without_an_answer_leaves_the_state_and_a_long_gap_does_not(ben
     bench.send(TOUCHING, sequence=1)
     bench.send([None, None, None], sequence=2, quality=["missing"] * 3)
     assert bench.problem() == "too-few-channels"
+    assert bench.get("/contact").json()["detail"].startswith("Only 0 channels work; the model needs ")
     bench.send(BETWEEN, sequence=3)
     assert bench.contact()["state"] == "contact"
     bench.send(BETWEEN, sequence=900)

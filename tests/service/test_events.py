@@ -4,6 +4,7 @@ import csv
 import io
 import time
 from typing import Any
+from urllib.parse import urljoin
 
 import pytest
 
@@ -241,7 +242,12 @@ def test_csv_has_a_row_per_event_and_a_link_to_the_next_page(history: Bench) -> 
     assert [row["id"] for row in rows] == ["7", "6"]
     assert (rows[0]["surface"], rows[0]["end"], rows[0]["peak_force_n"]) == ("press-7", "lift", "8.75")
     assert rows[0]["unsteady"] == "false"
-    assert history.get(response.links["next"]["url"]).text.splitlines()[1].startswith("5,")
+    following = urljoin("/events?format=csv", response.links["next"]["url"])
+    assert history.get(following).text.splitlines()[1].startswith("5,")
+    # Below the path of a proxy, too.
+    assert urljoin("https://hall.example/touch/events", response.links["next"]["url"]).startswith(
+        "https://hall.example/touch/events?"
+    )
 
 
 @pytest.mark.parametrize(

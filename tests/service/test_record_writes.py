@@ -41,6 +41,7 @@ def test_a_beam_at_rest_writes_one_page(path: Path) -> None:
     disk.pages(0, 10)
     assert round(disk.pages(10, 20)) == 1
     assert round(disk.pages(20, 30)) == 1
+    assert disk.pages(30, 30) == 0  # nothing came
 
 
 def test_a_contact_that_goes_on_writes_some_pages_however_long_it_is(path: Path) -> None:

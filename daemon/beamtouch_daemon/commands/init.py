@@ -9,7 +9,8 @@ import json
 import os
 import re
 import shlex
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from itertools import accumulate
 from pathlib import Path
 
 from beamtouch_common.commands import DONE
@@ -38,7 +39,7 @@ Keys = Mapping[str, str | float]
 def run(arguments: argparse.Namespace) -> int:
     """Run the command; InputError for wrong or missing options, FailedError if the file cannot be written."""
     path: Path = arguments.config
-    require_writable([path])
+    require_writable([path], [arguments.token_file, arguments.certificate_file])
     if path.exists() and not arguments.force:
         raise InputError(f"{path}: already exists; add --force to replace it, or name another file")
     text, config = _configuration(arguments, path)
@@ -75,7 +76,8 @@ def _configuration(arguments: argparse.Namespace, path: Path) -> tuple[str, Conf
         text = read_text(template).replace("\r\n", "\n")
         text = _with_table(text, ("surfaces", name, "source"), source)
         if arguments.type is not None or arguments.register is not None:
-            text = _with_registers(text, name, arguments.type, arguments.register or 0)
+            words = [words_of(arguments.type or one.type or "u16") for one in model_config.surfaces[name].channels]
+            text = _with_registers(text, name, arguments.type, accumulate(words, initial=arguments.register or 0))
         text = _with_table(text, ("publish",), publish, keeps_others=True)
         text.encode()
     except LookupError as error:
@@ -140,19 +142,20 @@ def _with_table(text: str, names: tuple[str, ...], keys: Keys, *, keeps_others: 
     return "\n".join([*lines[:begin], *table, "", *lines[end:]]).rstrip("\n") + "\n"
 
 
-def _with_registers(text: str, name: str, value_type: ValueType | None, register: int) -> str:
-    """Return a configuration whose channels follow each other from a register on; their comments stay.
+def _with_registers(text: str, name: str, value_type: ValueType | None, registers: Iterator[int]) -> str:
+    """Return a configuration whose channels have these registers; their comments stay.
 
     Without a type (`value_type`), those of the channels stay. Fractional numbers have no bits of an ADC.
     """
     header, lines, is_channel = _header(("surfaces", name, "channels"), of_list=True), list[str](), False
     left_out = set() if value_type is None else {"type", *(["adc_bits"] if has_fractions(value_type) else [])}
+    register = 0
     for line in text.split("\n"):
         if line.lstrip().startswith("["):
             is_channel = bool(header.match(line))
+            register = next(registers) if is_channel else register
         if is_channel and _key_in(line) == "register":
             lines += [f"register = {register}", *([] if value_type is None else [f'type = "{value_type}"'])]
-            register += words_of(value_type or "u16")
         elif not (is_channel and _key_in(line) in left_out):
             lines.append(line)
     return "\n".join(lines)

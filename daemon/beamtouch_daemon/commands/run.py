@@ -18,9 +18,9 @@ from beamtouch_daemon.running.daemon import Summary
 def run(arguments: argparse.Namespace) -> int:
     """Run the command; InputError if the configuration, or a file that it names, cannot be used."""
     path: Path | None = arguments.summary
-    require_writable([path], [arguments.config])
-    files = {"token_file": arguments.token_file, "log_file": arguments.sample_log_file}
-    summaries, is_interrupted = asyncio.run(daemon.run(load_config(arguments.config, files)))
+    config = load_config(arguments.config, {"token_file": arguments.token_file, "log_file": arguments.sample_log_file})
+    require_writable([path], [arguments.config, *config.files])
+    summaries, is_interrupted = asyncio.run(daemon.run(config))
     for name, summary in summaries.items():
         _print(name, summary)
     if path:

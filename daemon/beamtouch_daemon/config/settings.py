@@ -278,6 +278,13 @@ class Config(Strict):
         """Return the path of the tare file of surface `name`."""
         return self._directory / (self.surfaces[name].tare_file or f"{name}.tare.json")
 
+    @property
+    def files(self) -> list[Path]:
+        """The files that the daemon reads or keeps: the included ones, and all that the configuration names."""
+        publish, tare_files = self.publish, [self.tare_file(name) for name in self.surfaces]
+        named = [self._directory / file for file in (publish.token_file, publish.certificate_file) if file is not None]
+        return [*self._files.values(), *named, self.log_file, self.zeros_file, *tare_files]
+
     def read_rest_gaps(self, names: Iterable[str] | None = None) -> dict[str, dict[str, float]]:
         """Return the rest gaps [mm] by channel name of surfaces, by default of all; empty without a tare file.
 

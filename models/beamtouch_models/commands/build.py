@@ -50,8 +50,9 @@ def run(options: argparse.Namespace) -> Result:
     """Build, write the requested files, and return the metadata of the model."""
     asked = _read(options)
     config: Path | None = options.daemon_config
-    is_rebuilt = options.scene.suffix == ".onnx"  # a rebuilt model may replace the old one
-    require_writable((options.output, config, options.report), () if is_rebuilt else (options.scene,))
+    # A rebuilt model may replace the old one.
+    is_replaced = options.scene.suffix == ".onnx" and options.output.resolve() == options.scene.resolve()
+    require_writable((options.output, config, options.report), () if is_replaced else (options.scene,))
     if not options.force:
         require_replaceable(options.output, config, options.report)
     note(*remarks(asked.scene), _kept(asked))

@@ -130,7 +130,7 @@ def cluster_at(address: str, without_workers_s: float = WITHOUT_WORKERS_S) -> It
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", VersionMismatchWarning)  # `_check` says it in one line
             client = Client(address, timeout=REACHED_S, set_as_default=False)
-    except (OSError, ValueError, RuntimeError):
+    except (OSError, ValueError, TypeError, RuntimeError):  # TypeError: TLS without certificates
         message = f"--cluster {address}: no Dask scheduler answers there; start `dask scheduler` or check the address"
         raise InputError(message) from None
     try:
@@ -164,7 +164,7 @@ def _relevant(name: str, version: str) -> str:
 
 
 def _workers(client: "Client") -> int:
-    return len(client.scheduler_info(n_workers=-1)["workers"])
+    return len(client.scheduler_info(n_workers=-1).get("workers", ()))  # none of a scheduler that is gone
 
 
 def _result(client: "Client", without_workers_s: float, future: Future[Found]) -> Found:

@@ -251,7 +251,7 @@ async def get_events(context: ContextParameter, request: Request, query: Annotat
         context.registry.named(query.surface)
     headers = {}
     if as_csv and page.following:
-        headers["Link"] = f'</events?{urlencode({**request.query_params, "after": page.following})}>; rel="next"'
+        headers["Link"] = f'<?{urlencode({**request.query_params, "after": page.following})}>; rel="next"'
     return Pieces(page.content, headers=headers, media_type=_CSV if as_csv else "application/json")
 
 

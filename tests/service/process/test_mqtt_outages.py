@@ -44,6 +44,7 @@ def test_events_of_an_outage_arrive_when_the_broker_is_back(line: Line) -> None:
     # The service itself goes, too.
     _, errors = service.stop(signal.SIGKILL)
     assert errors.count("the service goes on and tries again") == 1
+    assert errors.count(f"{line.broker.port}: connected; topics beamtouch/...") == 1
 
     service = line.start()
     wait_for(lambda: metric(service, "events_pending") == 10)

@@ -20,7 +20,7 @@ OWN = (
 )
 FOREIGN = (
     *("evil.example", "evil.example:8420", "127.0.0.1.evil.example", "localhost.evil.example:8420"),
-    *("press.plant.example.evil", "plant.example", "127.0.0.1.nip.io", "[::1", "a.b:c"),
+    *("press.plant.example.evil", "plant.example", "evilpress.plant.example", "127.0.0.1.nip.io", "[::1", "a.b:c"),
 )
 NAMES = 'names = ["press.plant.example"]'
 

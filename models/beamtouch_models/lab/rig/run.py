@@ -43,7 +43,8 @@ def run(options: argparse.Namespace) -> int:
     OSError
         The truth file cannot be written.
     """
-    require_writable([options.truth], [options.scene, options.model, options.script])
+    inputs = options.scene, options.model, options.script, options.imperfections, *(options.firmware or ())
+    require_writable([options.truth], inputs)
     scene, _ = load_scene(options.scene)
     model, module = loading.load(options.model), _module_of(options)
     length_mm, names = scene.beam.length_mm, [channel.name for channel in model.metadata.layout]
