@@ -54,7 +54,7 @@ def test_the_notebook_shows_that_more_sensors_have_less_error(capsys: pytest.Cap
     for cell in cells:
         exec(cell.source, names)  # noqa: S102  # our own file, which has no magics
 
-    errors = [float(number) for number in re.findall(r"([\d.]+) mm,", capsys.readouterr().out)]
+    errors = [float(number) for number in re.findall(r"([\d.]+) \+- [\d.]+ mm", capsys.readouterr().out)]
     assert len(errors) == 4
     assert errors == sorted(errors, reverse=True)
     assert plt.gcf().axes[0].lines

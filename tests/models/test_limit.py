@@ -142,7 +142,7 @@ def test_the_limit_lies_between_the_bound_and_a_guess(known: bool) -> None:
     assert accuracy_limit(hidden, 1000, 0).value == pytest.approx(398 / 4 / 4, rel=1e-4)
     # The bound is as large as the noise, however small that makes what a newton does beside it.
     noisy = dataclasses.replace(prior, noise_mm=1e9 * prior.noise_mm)
-    bounds = (position_deviation_mm(one, [100.0, 150.0, 310.0], 10.0) for one in (noisy, prior))
+    bounds = (cramer_rao_deviation_mm(one, [100.0, 150.0, 310.0], 10.0) for one in (noisy, prior))
     assert np.divide(*bounds) == pytest.approx(1e9)
     # One channel gives no position if the force is open.
     one = dataclasses.replace(Prior.of(influence_of(paper_scene()), np.array([122.0]), 0.002), force_n=(2.0, 20.0))

@@ -256,13 +256,13 @@ def resolve(scene: Scene, *, influence: InfluenceFunction | None = None, chosen:
     if influence is not None:
         check_own(influence, scene.beam.length_mm, scene.contact.position_mm, scene.contact.force_range_n)
     travel = travel_of(scene)
-    readings, allowed_mm = ReadingErrors.of(scene, travel.largest_mm), sensor_positions_mm(scene)
+    readings, rules = ReadingErrors.of(scene, travel.largest_mm), rules_of(scene)
     chosen = chosen or choose_filter(scene, readings.reading_mm)
     if readings.reading_mm > 0:
         travel.check_small_angles(scene.sensors.range_mm[1] - scene.sensors.range_mm[0])
         check_errors(scene, readings, chosen, travel.largest_mm)
     is_priced = influence is None and readings.reading_mm > 0
-    effects = effects_of(scene, chosen, readings, allowed_mm) if is_priced else ()
+    effects = effects_of(scene, chosen, readings, rules.position_mm) if is_priced else ()
     modelled, sensors, noise = without_negligible(scene, effects), scene.sensors, readings.behind(chosen)
     errors = SampleErrors(
         noise.sample_mm,
@@ -273,8 +273,6 @@ def resolve(scene: Scene, *, influence: InfluenceFunction | None = None, chosen:
         sensors.rate_hz,
         readings_alike(chosen),
     )
-    distance_mm = max(sensors.size_mm, sensors.min_distance_mm, BEYOND * sensors.mounting_tolerance_mm)
-    fixed = np.searchsorted(allowed_mm, np.unique(sensors.fixed_mm))
     return Surface(
         scene=scene,
         filter=chosen,
@@ -286,8 +284,15 @@ def resolve(scene: Scene, *, influence: InfluenceFunction | None = None, chosen:
         influence=influence or influence_of(modelled),
         has_own_influence=influence is not None,
         errors=errors,
-        rules=LayoutRules(allowed_mm, fixed, distance_mm),
+        rules=rules,
     )
+
+
+def rules_of(scene: Scene) -> LayoutRules:
+    """Return where the sensors of a scene may stand; SceneError as `sensor_positions_mm`."""
+    sensors, allowed_mm = scene.sensors, sensor_positions_mm(scene)
+    distance_mm = max(sensors.size_mm, sensors.min_distance_mm, BEYOND * sensors.mounting_tolerance_mm)
+    return LayoutRules(allowed_mm, np.searchsorted(allowed_mm, np.unique(sensors.fixed_mm)), distance_mm)
 
 
 def resolve_model(metadata: Metadata) -> Surface:

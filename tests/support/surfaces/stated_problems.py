@@ -9,12 +9,12 @@ from beamtouch_models.design.physics.beam import influence_of
 from beamtouch_models.design.placement.layout_rules import LayoutRules
 from beamtouch_models.design.placement.placing import fewest_sensors
 from beamtouch_models.design.scene import Scene
-from beamtouch_models.design.surface import resolve
+from beamtouch_models.design.surface import resolve, rules_of
 
 
 def problem_in(scene: Scene) -> tuple[InfluenceFunction, LayoutRules]:
     """Influence function of a scene, and its rules for sensors."""
-    return influence_of(scene), resolve(scene).rules
+    return influence_of(scene), rules_of(scene)
 
 
 def errors_in(scene: Scene, noise_mm: float) -> SampleErrors:
