@@ -87,17 +87,17 @@ def test_a_read_gives_the_contact_of_its_moment_and_a_subscription_turns_bad_whe
             await (await client.create_subscription(50, everywhere)).subscribe_events(
                 evtypes=await event_type(client, index)
             )
-            for number, row in enumerate([rest] * 10 + [touched] * 10 + [rest] * 10, 1):
+            for number, row in enumerate([rest] * 10 + ([touched] * 10 + [rest] * 10) * 2, 1):
                 batch = batch_of(row, sequence=number, begin_us=START_US + 20_000 * number)
                 assert (await asyncio.to_thread(service.post, batch)).status_code == 200
                 if number % 5 == 0:
                     contact = (await asyncio.to_thread(service.get, "/surfaces/press-7/contact")).json()
                     require_same(await read(client), contact)
-            await asyncio.to_thread(wait_until, lambda: bool(changes.events))
+            await asyncio.to_thread(wait_until, lambda: len(changes.events) == 2)
             # The Server object has the events of all surfaces.
-            await asyncio.to_thread(wait_until, lambda: bool(everywhere.events))
-            assert everywhere.events[0].EventId == changes.events[0].EventId
-            for number in range(31, 36):
+            await asyncio.to_thread(wait_until, lambda: len(everywhere.events) == 2)
+            assert [one.EventId for one in everywhere.events] == [one.EventId for one in changes.events]
+            for number in range(51, 56):
                 assert (await asyncio.to_thread(service.post, batch_of(odd, sequence=number))).status_code == 200
             contact = (await asyncio.to_thread(service.get, "/surfaces/press-7/contact")).json()
             assert (contact["state"], contact["notes"]) == ("unexplained", [])
@@ -112,14 +112,15 @@ def test_a_read_gives_the_contact_of_its_moment_and_a_subscription_turns_bad_whe
     # It is reported when it changes, and so keeps the time at which it began.
     said = [(one.Value.Value, one.StatusCode.name) for one in changes.found["press-7/state"]]
     assert all(one != after for one, after in pairwise(said))
-    assert changes.found["press-7/sequence"][-2].Value.Value == 35
-    (event,) = [one for one in service.get("/events").json()["events"] if one["kind"] == "contact"]
-    (found,) = changes.events
-    assert event["dwell_ms"] > 100
-    assert abs(found.Time.replace(tzinfo=UTC) - datetime.fromisoformat(event["lifted_at"])) < timedelta(milliseconds=1)
-    for name in ("surface", "kind", "touched_at", "lifted_at", "dwell_ms", "peak_force_n", "mean_position_mm", "end"):
-        assert getattr(found, name) == event[name], name
-    assert json.loads(found.zones) == event["zones"] != {}
+    assert changes.found["press-7/sequence"][-2].Value.Value == 55
+    second, first = (one for one in service.get("/events").json()["events"] if one["kind"] == "contact")
+    for found, event in zip(changes.events, (first, second), strict=True):
+        assert event["dwell_ms"] > 100
+        lifted = datetime.fromisoformat(event["lifted_at"])
+        assert abs(found.Time.replace(tzinfo=UTC) - lifted) < timedelta(milliseconds=1)
+        for name in ("surface", "kind", "touched_at", "lifted_at", "dwell_ms", "peak_force_n", "mean_position_mm"):
+            assert (getattr(found, name), found.end) == (event[name], event["end"]), name
+        assert json.loads(found.zones) == event["zones"] != {}
 
 
 def require_same(found: dict[str, ua.DataValue], contact: dict[str, Any]) -> None:
