@@ -164,7 +164,16 @@ def test_a_command_without_standard_output_does_its_work(command: list[str]) -> 
 def test_a_service_whose_output_is_full_serves_all_the_same(tmp_path: Path) -> None:
     port, token = free_port(), tmp_path / "token"
     token.write_text("swordfish-of-the-tests-and-longer")
-    command = [sys.executable, "-m", "beamtouch_service.cli", "run", "--port", str(port), "--write-token-file", str(token)]
+    command = [
+        sys.executable,
+        "-m",
+        "beamtouch_service.cli",
+        "run",
+        "--port",
+        str(port),
+        "--write-token-file",
+        str(token),
+    ]
 
     def answers() -> bool:
         try:

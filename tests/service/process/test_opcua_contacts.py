@@ -154,15 +154,16 @@ def test_a_finished_event_is_emitted_by_its_surface_and_by_the_server(start_pres
             surface = client.get_node(ua.NodeId("press-7", index))
             await (await client.create_subscription(50, near)).subscribe_events(surface, kind)
             await (await client.create_subscription(50, everywhere)).subscribe_events(evtypes=kind)
-            await post(service, 1, *[REST] * 10, *[TOUCHED] * 10, *[REST] * 10)
-            await asyncio.to_thread(wait_until, lambda: bool(near.events and everywhere.events))
+            await post(service, 1, *[REST] * 10, *[*[TOUCHED] * 10, *[REST] * 10] * 2)
+            await asyncio.to_thread(wait_until, lambda: len(near.events) == len(everywhere.events) == 2)
 
     asyncio.run(listen())
-    (event,) = [one for one in service.get("/events").json()["events"] if one["kind"] == "contact"]
-    (found,), (same,) = near.events, everywhere.events
-    assert same.EventId == found.EventId
-    assert event["dwell_ms"] > 100
-    assert abs(found.Time.replace(tzinfo=UTC) - datetime.fromisoformat(event["lifted_at"])) < timedelta(milliseconds=1)
-    for name in ("surface", "kind", "touched_at", "lifted_at", "dwell_ms", "peak_force_n", "mean_position_mm", "end"):
-        assert getattr(found, name) == event[name], name
-    assert json.loads(found.zones) == event["zones"] != {}
+    second, first = (one for one in service.get("/events").json()["events"] if one["kind"] == "contact")
+    assert [one.EventId for one in everywhere.events] == [one.EventId for one in near.events]
+    for found, event in zip(near.events, (first, second), strict=True):
+        assert event["dwell_ms"] > 100
+        lifted = datetime.fromisoformat(event["lifted_at"])
+        assert abs(found.Time.replace(tzinfo=UTC) - lifted) < timedelta(milliseconds=1)
+        for name in ("surface", "kind", "touched_at", "lifted_at", "dwell_ms", "peak_force_n", "mean_position_mm"):
+            assert (getattr(found, name), found.end) == (event[name], event["end"]), name
+        assert json.loads(found.zones) == event["zones"] != {}

@@ -28,82 +28,9 @@ def test_nobody_can_write(start_press: StartService) -> None:
         async with connected(url) as client:
             force = client.get_node(ua.NodeId("press-7/force_n", await client.get_namespace_index("urn:beamtouch")))
             with pytest.raises(ua.UaStatusCodeError, match=r"NotWritable|AccessDenied"):
-<<<<<<< HEAD:tests/service/process/test_opcua_refusals.py
                 await force.write_value(3.0)
 
     asyncio.run(write())
-=======
-                await client.get_node(ua.NodeId("press-7/force_n", index)).write_value(3.0)
-            other = await client.create_subscription(50, Changes())
-            await require_no_deadband(other, client.get_node(ua.NodeId("press-7/position_mm", index)))
-            subscription = await client.create_subscription(50, changes)
-            await subscription.subscribe_data_change(await surface.get_variables())
-            await subscription.subscribe_events(surface, await event_type(client, index))
-            everywhere = Changes()
-            await (await client.create_subscription(50, everywhere)).subscribe_events(
-                evtypes=await event_type(client, index)
-            )
-            for number, row in enumerate([rest] * 10 + ([touched] * 10 + [rest] * 10) * 2, 1):
-                batch = batch_of(row, sequence=number, begin_us=START_US + 20_000 * number)
-                assert (await asyncio.to_thread(service.post, batch)).status_code == 200
-                if number % 5 == 0:
-                    contact = (await asyncio.to_thread(service.get, "/surfaces/press-7/contact")).json()
-                    require_same(await read(client), contact)
-            await asyncio.to_thread(wait_until, lambda: len(changes.events) == 2)
-            # The Server object has the events of all surfaces.
-            await asyncio.to_thread(wait_until, lambda: len(everywhere.events) == 2)
-            assert [one.EventId for one in everywhere.events] == [one.EventId for one in changes.events]
-            for number in range(51, 56):
-                assert (await asyncio.to_thread(service.post, batch_of(odd, sequence=number))).status_code == 200
-            contact = (await asyncio.to_thread(service.get, "/surfaces/press-7/contact")).json()
-            assert (contact["state"], contact["notes"]) == ("unexplained", [])
-            require_same(await read(client), contact)
-            await asyncio.to_thread(wait_until, lambda: is_bad(changes, "BadNoCommunication"))
-        return changes
-
-    changes = asyncio.run(compare())
-    states = [one.Value.Value for one in changes.found["press-7/state"]]
-    assert states[0] is states[-1] is None
-    assert "clear" in states
-    # It is reported when it changes, and so keeps the time at which it began.
-    said = [(one.Value.Value, one.StatusCode.name) for one in changes.found["press-7/state"]]
-    assert all(one != after for one, after in pairwise(said))
-    assert changes.found["press-7/sequence"][-2].Value.Value == 55
-    second, first = (one for one in service.get("/events").json()["events"] if one["kind"] == "contact")
-    for found, event in zip(changes.events, (first, second), strict=True):
-        assert event["dwell_ms"] > 100
-        lifted = datetime.fromisoformat(event["lifted_at"])
-        assert abs(found.Time.replace(tzinfo=UTC) - lifted) < timedelta(milliseconds=1)
-        for name in ("surface", "kind", "touched_at", "lifted_at", "dwell_ms", "peak_force_n", "mean_position_mm"):
-            assert (getattr(found, name), found.end) == (event[name], event["end"]), name
-        assert json.loads(found.zones) == event["zones"] != {}
-
-
-def require_same(found: dict[str, ua.DataValue], contact: dict[str, Any]) -> None:
-    """Require that variables say what the contact of their sample says, and how good it is."""
-    said = {name: one.Value.Value for name, one in found.items()}
-    assert {name: said[name] for name in (*FIGURES, "state", "sequence")} == {
-        name: contact[name] for name in (*FIGURES, "state", "sequence")
-    }
-    assert (said["notes"], said["zones/left"]) == (" ".join(contact["notes"]), contact["zones"]["left"])
-    assert said["age_ms"] >= contact["age_ms"]
-    assert f"{found['state'].SourceTimestamp:%FT%T}" == contact["sampled_at"][:19]
-    assert found["state"].StatusCode.is_good() == (not contact["notes"] and contact["state"] != "unexplained")
-    for name in FIGURES:
-        assert found[name].StatusCode.is_good() == (contact["state"] == "contact" and not contact["notes"])
-
-
-def is_bad(changes: Changes, code: str) -> bool:
-    """Return whether the newest value of every variable has this status code."""
-    newest = [values[-1].StatusCode.name for values in changes.found.values()]
-    return bool(newest) and set(newest) == {code}
-
-
-async def event_type(client: Client, index: int) -> Any:  # noqa: ANN401  # the library's
-    """Return the type of events."""
-    base = client.get_node(ua.ObjectIds.BaseEventType)
-    return await base.get_child(ua.QualifiedName("ContactEventType", index))
->>>>>>> surv:tests/service/process/test_opcua.py
 
 
 @pytest.mark.promise(
