@@ -212,6 +212,7 @@ async def test_tare_refuses_what_moves_or_stands_still_and_writes_nothing_for_it
     assert tared == ["still"]
 
 
+@pytest.mark.timeout(60)  # what is not refused runs until it is stopped
 @pytest.mark.parametrize(
     ("words", "said"),
     [
