@@ -12,9 +12,10 @@ from pydantic import Field
 
 from beamtouch_common.files import load_toml
 from beamtouch_models.arrays import Floats
+from beamtouch_models.design.physics.beam import travel_of
+from beamtouch_models.design.pricing.noise import ReadingErrors
 from beamtouch_models.design.scene import Scene
 from beamtouch_models.design.scene.tables import Finite, Fixity, PositiveFinite, Strict
-from beamtouch_models.design.surface import resolve
 from beamtouch_models.design.world import Motion, SensorErrors, World, counts_of_output
 from beamtouch_models.errors import SceneError
 from beamtouch_models.lab.rig.faults import Faults
@@ -95,7 +96,7 @@ class VirtualSurface:
         if imperfections.damping_ratio is not None:
             damped = scene.beam.model_copy(update={"damping_ratio": imperfections.damping_ratio})
             scene = scene.model_copy(update={"beam": damped})
-        noise_mm = resolve(scene, chosen=model.filter).readings.sensor_mm
+        noise_mm = ReadingErrors.of(scene, travel_of(scene).largest_mm).sensor_mm
         self._world = World.of(scene, self.sensor, model.layout_mm, noise_mm, departures, (0.0, length_mm))
         if imperfections.damping_ratio is not None and self._world.modes is None:
             message = (
