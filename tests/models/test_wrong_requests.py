@@ -31,7 +31,7 @@ REQUESTS = [
     (f"{TRADE} --error-mm nan", "--error-mm nan: give a positive number"),
     (f"{TRADE} --error-mm 1 --latency-ms 1", "not allowed with argument --error-mm"),
     *(
-        (f"place scene.toml {by} --spare 1", "spare = 1: give 0, or 1, which places by position error")
+        (f"place scene.toml {by} --spare 1", "spare = 1: give 0 or 1; 1 places by position error")
         for by in PRODUCT
     ),
     *(
