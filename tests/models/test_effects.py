@@ -37,11 +37,11 @@ def scene_with(*parts: dict[str, dict[str, Any]], **sensors: object) -> Scene:
 
 def test_the_prices_of_the_effects_left_out_sum_to_less_than_a_tenth(explain: Explain) -> None:
     both = (STATED["shear"], STATED["contact width"])
-    rough = scene_with(*both, noise_percent_of_max=None, noise_mm=0.01)
+    rough = scene_with(*both, noise_percent_of_max=None, noise_mm=0.01, range_mm=(1.0, 9.0))
     cheapest, dearest = sorted(explain(rough)["effects"][name]["price"] for name in ("shear", "contact width"))
     noise = 0.01 * dearest / 0.0999
     assert cheapest / dearest * 0.0999 > 0.001
-    judged = explain(scene_with(*both, noise_percent_of_max=None, noise_mm=noise))["effects"]
+    judged = explain(scene_with(*both, noise_percent_of_max=None, noise_mm=noise, range_mm=(1.0, 9.0)))["effects"]
     assert sorted(judged[name]["verdict"] for name in ("shear", "contact width")) == ["in", "out"]
     assert any("the effects left out would together exceed" in one["reason"] for one in judged.values())
 
