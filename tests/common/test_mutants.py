@@ -65,7 +65,7 @@ def test_a_sample_is_the_same_for_a_seed_and_is_code(tmp_path: Path) -> None:
 
 def test_quick_tests_of_a_line_come_first_and_all_tests_of_the_file_for_a_constant(tmp_path: Path) -> None:
     data = CoverageData(str(tmp_path / ".coverage"))
-    ran = {"quick|run": [6, 9], "slow (call)": [6, 9], "other|setup": [6, 7], "unknown|run": [6]}
+    ran = {"quick|run": [6, 9], "slow (call)": [6, 9], "other|setup": [6, 7], "unknown|run": [6], "fails|run": [6, 9]}
     for context, lines in ran.items():
         data.set_context(f"tests/test_doubles.py::{context}")
         data.add_lines({f"/copy/{FILE}": lines})
@@ -80,7 +80,8 @@ def test_quick_tests_of_a_line_come_first_and_all_tests_of_the_file_for_a_consta
         f'<testcase classname="tests.test_doubles" name="{name}" time="{seconds}"/>'
         for name, seconds in (("quick", 0.1), ("slow", 5), ("other", 0.2))
     )
-    (tmp_path / "times.xml").write_text(f"<testsuite>{cases}</testsuite>")
+    fails = '<testcase classname="tests.test_doubles" name="fails" time="0.1"><failure/></testcase>'
+    (tmp_path / "times.xml").write_text(f"<testsuite>{cases}{fails}</testsuite>")
     covering = Covering(tmp_path, tmp_path)
 
     def names(first: int, last: int, at_most_s: float = 60.0) -> list[str]:

@@ -37,8 +37,8 @@ FIRST = 8
 TEST_TIMEOUT_S = 120
 MUTANT_TIMEOUT_S = 600.0
 """For one test, and for all of a mutant: one that loops is seen."""
-NOTHING_FOUND = 5
-"""Exit code of pytest without a test."""
+SOME_FAILED = 1
+"""Exit code of pytest after tests that failed."""
 CAUGHT, SURVIVED, NOT_RUN, EQUIVALENT = "caught", "SURVIVED", "NO TEST RUNS IT", "equivalent"
 
 
@@ -69,8 +69,10 @@ def main() -> int:
         kept, digest = options.kept, options.kept / "digest"
         if not digest.is_file() or (digest.read_text() != _digest() and not options.as_it_was):
             print("measuring which tests run which lines", flush=True)
-            if code := collect(copies[0], kept, 2 * len(copies), options.tests):
-                print(f"without a mutant, tests fail: {kept / 'tests.log'}")
+            code = collect(copies[0], kept, 2 * len(copies), options.tests)
+            if code:
+                print(f"without a mutant, tests fail, and are left out: {kept / 'tests.log'}")
+            if code > SOME_FAILED:
                 return code
             digest.write_text(_digest())
         files = [file for file in _files() if not options.words or any(word in file for word in options.words)]
