@@ -11,7 +11,7 @@ from beamtouch_models.design.accuracy.statistics import Measurement
 from beamtouch_models.design.effort import Effort
 from beamtouch_models.design.scene import change_scene, load_scene, parse_scene
 from beamtouch_models.design.surface import resolve
-from beamtouch_models.lab.trade.measure import Model, Task, follow, measure, numbers_of_sensors
+from beamtouch_models.lab.trade.measure import MeasuredModel, Task, follow, measure, numbers_of_sensors
 from beamtouch_models.lab.trade.trade import Point, UnreachableTargetError, most_accurate, pareto_front, quickest
 from beamtouch_models.runtime import ModelFile
 from beamtouch_models.runtime.metadata import FilterChoice
@@ -23,7 +23,7 @@ NONE, PLAIN = Measurement(0.0, 0.0), parse_scene(PAPER, "plain")
 def point(latency_ms: float, error_mm: float, sensors: int, standard_error_mm: float = 0.0) -> Point:
     task = Task(PLAIN, "sensors", sensors, 100, 0)
     places, reached = tuple(map(float, range(sensors))), Reached(NONE, NONE, NONE)
-    model = Model(task, places, 1e-3, FilterChoice(), 400.0, reached, (), b"")
+    model = MeasuredModel(task, places, 1e-3, FilterChoice(), 400.0, reached, (), b"")
     return Point(model, 1, Measurement(error_mm, standard_error_mm), latency_ms, round(latency_ms))
 
 
@@ -83,7 +83,7 @@ def test_a_model_has_the_layout_and_the_figures_of_build(bench: ModelFile) -> No
     scene, _ = load_scene(SCENES / "bench.toml")
     layout = tuple(channel.position_mm for channel in bench.metadata.layout)
     found = measure(Task(scene, "sensors", 4, 4096, 0, kept_mm=layout))
-    assert isinstance(found, Model)
+    assert isinstance(found, MeasuredModel)
     stated = bench.metadata.accuracy
     percent = 100 / scene.beam.length_mm
     assert found.reached.error_mm.value * percent == pytest.approx(stated.error_percent, rel=1e-9)
@@ -102,7 +102,7 @@ def test_the_answers_since_a_touch_are_of_the_filter_that_build_writes() -> None
     stated, _ = load_scene(SCENES / "bench.toml")
     scene = change_scene(stated, requirements={"max_mean_ms": 10.0})  # less than the latency of 20 ms
     model = measure(Task(scene, "sensors", 2, 128, 0, kept_mm=(110.0, 290.0), effort=Effort(ROUGH)))
-    assert isinstance(model, Model)
+    assert isinstance(model, MeasuredModel)
     answers = [one.answer for one in follow(model)]
     assert answers[-1].readings == resolve(scene).filter.max_readings == 4
     assert all(answer.ringing_mm is not None for answer in answers)

@@ -137,7 +137,7 @@ def _read(options: argparse.Namespace) -> _Asked:
     if path.suffix != ".onnx":
         scene, text = load_scene(path)
         mounted = find_mounted(surface_name(path), options.output, options.daemon_config)
-        stays = mounted is not None and not asks_anew and not mounted.conflict_with(scene)
+        stays = mounted is not None and not asks_anew and mounted.fits(scene)
         return _Asked(scene, text, surface_name(path), aim, mounted.positions_mm if mounted and stays else (), mounted)
     content = loading.read(path)
     try:

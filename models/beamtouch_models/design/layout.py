@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from beamtouch_common.digits import digits
-from beamtouch_common.errors import InputError
 from beamtouch_models.arrays import Floats
 from beamtouch_models.design.accuracy import limit
 from beamtouch_models.design.accuracy.posterior import posterior_quantiles
@@ -26,11 +25,12 @@ from beamtouch_models.design.accuracy.thresholds import (
     smallest_force_n,
     touch_threshold,
 )
-from beamtouch_models.design.effort import USUAL, Effort
+from beamtouch_models.design.effort import Effort
 from beamtouch_models.design.estimators.estimator import Estimator, estimator_of
 from beamtouch_models.design.placement.placing import DEFAULT_AIM, Aim, Placement, fewest_sensors, score_positions
 from beamtouch_models.design.pricing.noise import check_scale
-from beamtouch_models.design.scene import Scene, change_scene
+from beamtouch_models.design.scene.plausible import too_close
+from beamtouch_models.design.scene.tables import MAX_SENSORS
 from beamtouch_models.design.surface import Surface
 from beamtouch_models.design.sweeps import Fraction, Progress, silent
 from beamtouch_models.design.world import World
@@ -101,10 +101,8 @@ class Layout:
         surface = self.surface
         return World.of(surface.scene, surface.sensor, self.positions_mm, surface.readings.sensor_mm)
 
-    def make_estimator(
-        self, name: EstimatorName, seed: int, progress: Fraction = silent, effort: Effort = USUAL
-    ) -> Estimator:
-        """Make an estimator for the samples of these sensors; `progress` is called with the fraction done."""
+    def make_estimator(self, name: EstimatorName, seed: int, progress: Fraction = silent) -> Estimator:
+        """Make an estimator with the effort of the aim; `progress` is called with the fraction done."""
         surface = self.surface
         return estimator_of(
             name,
@@ -113,7 +111,7 @@ class Layout:
             with_force=surface.scene.wants_force,
             seed=seed,
             progress=progress,
-            effort=effort,
+            effort=self.aim.effort,
         )
 
     def limit(self, *, noise_mm: float | None = None, draws: int = 10_000, seed: int = 0) -> Measurement:
@@ -164,8 +162,8 @@ class Layout:
         along = np.linspace(low, high, POSITIONS) if position_mm is None else position_mm
         places = numbers(along, "position_mm", least=low, most=high)
         repeated = np.repeat(places, draws)
-        clean, deviation = prior.sampled(repeated, rng.uniform(*prior.force_n, size=len(repeated)))
-        distance = posterior_quantiles(prior, clean + rng.normal(size=clean.shape) * deviation)[1].reshape(-1, draws)
+        samples = prior.draw(repeated, rng.uniform(*prior.force_n, size=len(repeated)), rng)
+        distance = posterior_quantiles(prior, samples)[1].reshape(-1, draws)
         return ErrorAlong(places, distance.mean(axis=1), distance.std(axis=1, ddof=1) / math.sqrt(draws))
 
     def simulate(self, position_mm: ArrayLike, force_n: ArrayLike, *, seed: int = 0) -> Floats:
@@ -196,9 +194,8 @@ class Layout:
         forces = numbers(force_n, "force_n", least=0.0)
         if len(forces) not in (1, len(places)):
             raise SceneError(f"force_n: give one number, or one for each of {len(places)} positions, not {len(forces)}")
-        clean, deviation = self.prior.sampled(places, np.broadcast_to(forces, places.shape))
-        samples: Floats = clean + np.random.default_rng(whole(seed, "seed", 0)).normal(size=clean.shape) * deviation
-        return samples
+        rng = np.random.default_rng(whole(seed, "seed", 0))
+        return self.prior.draw(places, np.broadcast_to(forces, places.shape), rng)
 
     def build(
         self,
@@ -281,6 +278,20 @@ def keep_sensors(surface: Surface, positions_mm: Sequence[float], aim: Aim = DEF
     return _checked(Layout(surface, placement, aim))
 
 
+def layout_at(surface: Surface, positions_mm: ArrayLike) -> Layout:
+    """Return the layout of sensors at positions (sensors,) that a script names; raises as `Surface.layout`."""
+    scene, places_mm = surface.scene, places_in(positions_mm, "positions_mm", surface.influence.length_mm).tolist()
+    if len(places_mm) > MAX_SENSORS:
+        raise SceneError(f"positions_mm: give at most {MAX_SENSORS} positions, not {len(places_mm)}")
+    if twice := [place for place in places_mm if places_mm.count(place) > 1]:
+        raise SceneError(f"positions_mm: it has {twice[0]:g} mm twice; two sensors cannot share a position")
+    if away := [place for place in scene.sensors.fixed_mm if place not in places_mm]:
+        raise SceneError(f"positions_mm: it lacks {away[0]:g} mm, which is in sensors.fixed_mm of the scene")
+    if conflict := next(too_close(scene.beam, scene.sensors, places_mm, "positions_mm has"), ""):
+        raise SceneError(conflict)
+    return keep_sensors(surface, places_mm)
+
+
 def _checked(layout: Layout) -> Layout:
     """Return a layout; SceneError if sensors may change places, or if no contact of the scene would be seen."""
     surface, prior = layout.surface, layout.prior
@@ -293,18 +304,3 @@ def _checked(layout: Layout) -> Layout:
             f"ends at {prior.force_n[1]:g} N; state less noise or zero_drift_mm, or allow more false_contacts_per_day"
         )
     return layout
-
-
-def conflict_of(positions_mm: Sequence[float], scene: Scene) -> str:
-    """Return why sensors of a scene cannot stand at these places; empty if they can."""
-    few, many = scene.sensors.count_range
-    if not few <= len(positions_mm) <= many:
-        asked = f"{few}" if few == many else f"{few} to {many}"
-        return f"the scene asks for {asked} sensors, not for {len(positions_mm)}"
-    if away := [place for place in scene.sensors.fixed_mm if place not in positions_mm]:
-        return f"sensors.fixed_mm of the scene has {away[0]:g} mm"
-    try:
-        change_scene(scene, sensors={"fixed_mm": list(positions_mm)})
-    except InputError as error:
-        return str(error)
-    return ""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -36,7 +36,7 @@ class Model(ModelFile):
     {'position_low_mm': 146.6, 'position_mm': 150.0, 'position_high_mm': 153.5}
     """
 
-    content: bytes = field(default=b"", compare=False)
+    content: bytes
     """Of the model file."""
 
     def __repr__(self) -> str:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -30,12 +30,12 @@ from beamtouch_models.design.pricing.aliases import unseen_swing
 from beamtouch_models.design.pricing.noise import ReadingErrors, chain_of, check_errors, choose_filter, step_mm
 from beamtouch_models.design.pricing.prices import Effect, effects_of, without_negligible
 from beamtouch_models.design.pricing.ringing import Ringing, ringing_of
-from beamtouch_models.design.scene import Scene, change_scene, parse_scene
+from beamtouch_models.design.scene import Scene, parse_scene
 from beamtouch_models.design.scene.beam import Beam
 from beamtouch_models.errors import SceneError, require
 from beamtouch_models.filters import Chain
 from beamtouch_models.names import Criterion
-from beamtouch_models.numbers import at_least, at_most, number, places_in, whole
+from beamtouch_models.numbers import at_least, at_most, number, whole
 from beamtouch_models.runtime.metadata import FilterChoice, Metadata, Noise, Sensor
 
 if TYPE_CHECKING:
@@ -76,15 +76,12 @@ class Surface:
     """
 
     scene: Scene
-    """As the user states it."""
     filter: FilterChoice
     travel: Travel
-    """How far the contacts move the beam."""
     readings: ReadingErrors
-    """Errors of readings."""
     effects: tuple[Effect, ...]
-    """Physical effects with their prices, those that are left out too. Empty if a sample has no noise, which leaves
-    nothing to compare them to, and with an influence of the user's own, which has all effects."""
+    """Empty if a sample has no noise, which leaves nothing to compare them to, and with an influence of the user's own,
+    which has all effects."""
     beam: Beam
     """The beam, without its negligible effects."""
     contact_width_mm: float
@@ -93,7 +90,6 @@ class Surface:
     """Of that beam and width, or the user's own."""
     has_own_influence: bool
     errors: SampleErrors
-    """Errors of a sample: its noise, and what readings leave in every mean."""
     rules: LayoutRules
     """Where sensors may stand. Housings do not overlap, and neighbours are farther apart than their mounting tolerance:
     they do not change places."""
@@ -181,13 +177,9 @@ class Surface:
         SceneError
             No surface can be built of the scene, or its sensors cannot stand there.
         """
-        from beamtouch_models.design.layout import conflict_of, keep_sensors  # noqa: PLC0415
+        from beamtouch_models.design.layout import layout_at  # noqa: PLC0415
 
-        places_mm = places_in(positions_mm, "positions_mm", self.influence.length_mm).tolist()
-        count = {"count": len(places_mm)}
-        if conflict := conflict_of(places_mm, change_scene(self.scene, sensors=count)):
-            raise SceneError(f"positions_mm: {conflict.replace('the scene: sensors: fixed_mm has ', '')}")
-        return keep_sensors(self, places_mm)
+        return layout_at(self, positions_mm)
 
     def chain(self, channels: int) -> Chain:
         """Return the filter for this number of channels, as the daemon runs it."""
@@ -297,7 +289,12 @@ def rules_of(scene: Scene) -> LayoutRules:
 
 def resolve_model(metadata: Metadata) -> Surface:
     """Return the surface of a model's scene behind the model's filter; raises SceneError as `resolve`."""
-    return resolve(parse_scene(metadata.scene, f"the scene in {metadata.name}"), chosen=metadata.filter)
+    return _resolve_text(metadata.scene, f"the scene in {metadata.name}", metadata.filter)
+
+
+@lru_cache(maxsize=8)  # a calibration asks four times, and a challenge once for each of its tasks
+def _resolve_text(text: str, origin: str, chosen: FilterChoice) -> Surface:
+    return resolve(parse_scene(text, origin), chosen=chosen)
 
 
 def _sensor_of(scene: Scene, travel: Travel) -> Sensor:

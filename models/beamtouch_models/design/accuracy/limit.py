@@ -100,8 +100,7 @@ def draw(prior: Prior, count: int, seed: int) -> Draws:
     rng = np.random.default_rng(seed)
     position = rng.uniform(*prior.position_mm, size=count)
     force = rng.uniform(*prior.force_n, size=count)
-    clean, deviation = prior.sampled(position, force)
-    return Draws(position, force, clean + rng.normal(size=clean.shape) * deviation, np.ones(count))
+    return Draws(position, force, prior.draw(position, force, rng), np.ones(count))
 
 
 def draw_evenly(prior: Prior, count: int, seed: int) -> Draws:

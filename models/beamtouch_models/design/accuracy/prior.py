@@ -151,6 +151,12 @@ class Prior:
         moved = 0.0 if self.uncertain_at is None else force_n[:, None] * self.uncertain_at(position_mm)
         return clean, self.deviation_mm(clean, moved)
 
+    def draw(self, position_mm: Floats, force_n: Floats, rng: np.random.Generator) -> Floats:
+        """Return samples of contacts with all their errors, (contacts, channels) in mm; arguments as `sampled`."""
+        clean, deviation = self.sampled(position_mm, force_n)
+        samples: Floats = clean + rng.normal(size=clean.shape) * deviation
+        return samples
+
     def deviation_mm(self, deflection_mm: Floats, moved_mm: Floats | float = 0.0) -> Floats:
         """Return the standard deviation of measurements of deflections (..., channels), in mm, floor included.
 

@@ -27,7 +27,7 @@ class Measurement:
     standard_error: float
 
     def __str__(self) -> str:
-        """Return the value with the digits that its error leaves it, and the error."""
+        """Return the value with three digits, and its error with one."""
         return f"{digits(self.value, 3)} +- {digits(self.standard_error, 1)}"
 
     def scaled(self, factor: float) -> "Measurement":

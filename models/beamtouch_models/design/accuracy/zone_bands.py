@@ -50,8 +50,7 @@ def band_at(prior: Prior, edge_mm: float, seed: int, range_n: tuple[float, float
     there = (low_mm <= position_mm) & (position_mm <= high_mm)
     if not there.any():
         return Band(edge_mm, 0.0, 0.0)
-    clean, deviation = prior.sampled(position_mm[there], force_n[there])
-    samples = clean + rng.normal(size=clean.shape) * deviation
+    samples = prior.draw(position_mm[there], force_n[there], rng)
     spans = posterior_quantiles(prior, samples, np.tile(_LEVELS, (len(samples), 1)))[0]
     zone = Zone(from_mm=edge_mm, to_mm=prior.length_mm)
     lies = [zone.lies(Span(*span), None, prior.length_mm, BEGIN) for span in spans.tolist()]

@@ -70,9 +70,7 @@ def build_model(
             "limits, but no model"
         )
     surface, prior, scene = layout.surface, layout.prior, layout.surface.scene
-    made = layout.make_estimator(
-        estimator, seed, lambda done: progress("making the estimator", 0.3 + 0.5 * done), layout.aim.effort
-    )
+    made = layout.make_estimator(estimator, seed, lambda done: progress("making the estimator", 0.3 + 0.5 * done))
     progress("measuring the accuracy against the limit", 0.8)
     fields = measure(made, prior, surface, layout.world, seed, layout.aim)
     channels = [Channel(name=f"s{i}", position_mm=x) for i, x in enumerate(layout.placement.positions_mm, start=1)]

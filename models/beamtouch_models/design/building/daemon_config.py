@@ -9,7 +9,7 @@ from jinja2 import Environment, StrictUndefined
 from beamtouch_common.files import write_atomically
 from beamtouch_models.design.building.replaced import sealed
 from beamtouch_models.design.pricing.walk import smallest_mm, walk_of
-from beamtouch_models.design.surface import resolve_model
+from beamtouch_models.design.surface import Surface, resolve_model
 from beamtouch_models.runtime.metadata import Metadata
 
 TOKEN_FILE = "beamtouch.token"  # noqa: S105  # the name of a file, not a secret
@@ -26,7 +26,11 @@ def daemon_config(metadata: Metadata) -> str:
     >>> daemon_config(model.metadata).splitlines()[0]
     '# Acquisition of the surface "strip". Check this file with `beamtouch-daemon check`.'
     """
-    surface = resolve_model(metadata)
+    return config_of(metadata, resolve_model(metadata))
+
+
+def config_of(metadata: Metadata, surface: Surface) -> str:
+    """Return the same for a model whose surface is known."""
     # Names have letters, digits and "_.-" only: nothing is to be escaped.
     form = Environment(undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True).from_string(  # noqa: S701  # TOML
         files(__package__).joinpath("daemon_config.toml.j2").read_text(encoding="utf-8")

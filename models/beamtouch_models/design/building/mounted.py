@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from beamtouch_common.encodings import decode
+from beamtouch_common.errors import InputError
 from beamtouch_models.design.building.stored import positions_in, stored_in_file
-from beamtouch_models.design.layout import conflict_of
-from beamtouch_models.design.scene import Scene
+from beamtouch_models.design.scene import Scene, change_scene
 from beamtouch_models.errors import ModelFileError
 
 
@@ -20,9 +20,16 @@ class Mounted:
     positions_mm: tuple[float, ...]
     """Their places from the left end, in the order of the channels."""
 
-    def conflict_with(self, scene: Scene) -> str:
-        """Return why these places cannot be those of a scene; empty if they can."""
-        return conflict_of(self.positions_mm, scene)
+    def fits(self, scene: Scene) -> bool:
+        """Return whether these places can be those of a scene."""
+        few, many = scene.sensors.count_range
+        if not few <= len(self.positions_mm) <= many or not set(scene.sensors.fixed_mm) <= set(self.positions_mm):
+            return False
+        try:
+            change_scene(scene, sensors={"fixed_mm": list(self.positions_mm)})
+        except InputError:
+            return False
+        return True
 
     def moves_to(self, positions_mm: tuple[float, ...]) -> str:
         """Say where the sensors of this file go if these are the new places; empty if they stay."""

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from beamtouch_common.files import write_atomically
 from beamtouch_models.design.building.build import Built
-from beamtouch_models.design.building.daemon_config import daemon_config as daemon_config_of
+from beamtouch_models.design.building.daemon_config import config_of
 from beamtouch_models.design.sweeps import Progress, silent
 
 
@@ -29,4 +29,4 @@ def write_products(
     if report is not None:
         write_atomically(report, page_text.encode())
     if config is not None:
-        write_atomically(config, daemon_config_of(built.metadata).encode())
+        write_atomically(config, config_of(built.metadata, built.layout.surface).encode())

@@ -107,8 +107,7 @@ def train(
 def _examples(prior: Prior, table: Table, fewest: int, rng: np.random.Generator, size: int) -> tuple[Floats, Floats]:
     """Draw samples (size, channels), 0 where a channel is missing, and their nodes (size,), scaled to -1 .. 1."""
     position, force = rng.uniform(*prior.position_mm, size=size), rng.uniform(*prior.force_n, size=size)
-    clean, deviation = prior.sampled(position, force)
-    reading = clean + rng.normal(size=clean.shape) * deviation
+    reading = prior.draw(position, force, rng)
     kept = [
         np.isin(np.arange(prior.channels), one)
         for count in range(fewest, prior.channels)

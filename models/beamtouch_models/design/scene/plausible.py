@@ -1,7 +1,7 @@
 """Obvious mistakes in a scene: places off the beam, in contradiction or in metres, and numbers in other units."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
 
 from beamtouch_common.digits import digits
@@ -48,25 +48,28 @@ def misplaced(beam: Beam, contact: Contact, sensors: Sensors) -> Iterator[str]:
         )
     if sensors.size_mm >= length:
         yield f"sensors.size_mm = {sensors.size_mm:g} must be less than beam.length_mm = {length:g}"
-    yield from _fixed_too_close(beam, sensors)
+    yield from too_close(beam, sensors, sensors.fixed_mm, "sensors: fixed_mm has")
 
 
-def _fixed_too_close(beam: Beam, sensors: Sensors) -> Iterator[str]:
-    """Yield what to change where a fixed sensor is too close to something that `taken_mm` names, or to another one."""
-    for place in sensors.fixed_mm:
+def too_close(beam: Beam, sensors: Sensors, places_mm: Sequence[float], named: str) -> Iterator[str]:
+    """Yield what to change where a sensor is too close to something that `taken_mm` names, or to another sensor.
+
+    `named` begins each sentence: it says whose places they are.
+    """
+    for place in places_mm:
         for words, start, end in taken_mm(beam, sensors):
             if start < place < end:
                 yield (
-                    f"sensors: fixed_mm has {place:g} mm, where a housing of size_mm = {sensors.size_mm:g} {words}; "
-                    "move that sensor, or correct size_mm"
+                    f"{named} {place:g} mm, where a housing of size_mm = {sensors.size_mm:g} {words}; move that "
+                    "sensor, or correct size_mm"
                 )
     key = "size_mm" if sensors.size_mm >= sensors.min_distance_mm else "min_distance_mm"
     least_mm = max(sensors.size_mm, sensors.min_distance_mm)
-    for left, right in pairwise(sorted(sensors.fixed_mm)):
+    for left, right in pairwise(sorted(places_mm)):
         if right - left < least_mm - ROUNDING * beam.length_mm:
             yield (
-                f"sensors: fixed_mm has {left:g} and {right:g} mm, {digits(right - left, 3)} mm apart, less than {key} "
-                f"= {least_mm:g}; move one, or correct {key}"
+                f"{named} {left:g} and {right:g} mm, {digits(right - left, 3)} mm apart, less than {key} = "
+                f"{least_mm:g}; move one, or correct {key}"
             )
 
 

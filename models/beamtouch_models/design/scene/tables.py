@@ -95,7 +95,8 @@ class Sensors(Strict):
     ) = "auto"
     """Number of sensors; "auto" (2 to 8) or a range takes the smallest that meets requirements.position_error_mm."""
     noise_mm: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None = None
-    """Standard deviation of a reading, without the ADC's steps if `adc_bits` states them."""
+    """Standard deviation of a reading, without the ADC's steps if `adc_bits` states them; at most a tenth of the length
+    of `range_mm`."""
     noise_percent_of_max: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None = None
     """Standard deviation of a reading in percent of the largest deflection in the scene."""
     gain_error_percent: GainError | None = None

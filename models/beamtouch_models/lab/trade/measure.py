@@ -57,7 +57,7 @@ class Task:
 
 
 @dataclass(frozen=True, eq=False)
-class Model:
+class MeasuredModel:
     """A measured model, not timed yet."""
 
     task: Task
@@ -130,7 +130,7 @@ def with_twice_the_latency(scene: Scene) -> Scene:
     return change_scene(scene, requirements={"latency_ms": 2 * latency_ms})
 
 
-def measure(task: Task) -> Model | Failure:
+def measure(task: Task) -> MeasuredModel | Failure:
     """Place the sensors of a model, make its estimator, and measure it on the contacts on which `build` measures it.
 
     A scene of which nothing can be built is returned as a failure.
@@ -142,13 +142,13 @@ def measure(task: Task) -> Model | Failure:
             layout = keep_sensors(surface, task.kept_mm, task.aim)
         else:
             layout = place_sensors(surface, count=task.sensors, seed=seed, aim=task.aim)
-        prior, made = layout.prior, layout.make_estimator(task.estimator, seed, effort=task.effort)
+        prior, made = layout.prior, layout.make_estimator(task.estimator, seed)
         graph = to_bytes(made.graph)
         run = runner(graph)
         reached = reach(made, prior, run, task.draws, seed + 2)
     except (SceneError, NotGoodEnoughError) as error:
         return Failure(task.varied, task.sensors, task.estimator, str(error))
-    return Model(
+    return MeasuredModel(
         task,
         layout.placement.positions_mm,
         surface.noise.reading_mm,
@@ -160,7 +160,7 @@ def measure(task: Task) -> Model | Failure:
     )
 
 
-def follow(model: Model) -> list[AnswerAtTime]:
+def follow(model: MeasuredModel) -> list[AnswerAtTime]:
     """Return the answers of a model by the time since a touch."""
     task, seed = model.task, model.task.seed + 2
     layout = keep_sensors(resolve(task.scene, chosen=model.filter), model.positions_mm)
@@ -174,7 +174,7 @@ def follow(model: Model) -> list[AnswerAtTime]:
     return moments
 
 
-def inference_times(models: Sequence[Model]) -> list[Measurement]:
+def inference_times(models: Sequence[MeasuredModel]) -> list[Measurement]:
     """Return the median time of an inference of a single sample in µs, with the standard error of the rounds.
 
     A graph takes as long for a beam at rest as for a contact: it computes the same.

@@ -10,7 +10,7 @@ from beamtouch_common.digits import digits
 from beamtouch_models.design.accuracy.statistics import Measurement
 from beamtouch_models.design.charts import Chart, Series, Style, draw_row, standalone
 from beamtouch_models.design.printing import Block, Table
-from beamtouch_models.lab.trade.measure import AnswerAtTime, Model, Varied
+from beamtouch_models.lab.trade.measure import AnswerAtTime, MeasuredModel, Varied
 from beamtouch_models.lab.trade.trade import Point, Trade, transfer_ms
 from beamtouch_models.names import ESTIMATORS
 
@@ -64,7 +64,7 @@ def sentences(trade: Trade) -> list[str]:
     ]
 
 
-def _change(model: Model, own: Model) -> str:
+def _change(model: MeasuredModel, own: MeasuredModel) -> str:
     """Return in words what differs from the own model."""
     if model.task.varied == "latency":
         twice = "Twice the latency" if own.latency_ms else "A latency of two readings"
@@ -78,7 +78,7 @@ def _change(model: Model, own: Model) -> str:
     return f"{abs(more)} {noun} {way} ({model.sensors})"
 
 
-def _worth(model: Model, own: Model) -> str:
+def _worth(model: MeasuredModel, own: MeasuredModel) -> str:
     """Return what a change saves or costs of the error of the own model."""
     change, ratio = _change(model, own), model.reached.error_mm.value / own.reached.error_mm.value
     scatter = ratio * hypot(*(one.standard_error / one.value for one in (model.reached.error_mm, own.reached.error_mm)))
@@ -114,7 +114,7 @@ def _estimators_in_words(trade: Trade) -> Iterator[str]:
             )
 
 
-def _command(point: Model, scene: str, seed: int, model: str) -> str:
+def _command(point: MeasuredModel, scene: str, seed: int, model: str) -> str:
     """Return the command that builds a model of a scene."""
     words = ["design-sensors build", shlex.quote(scene), f"--sensors {point.sensors}"]
     words += [f"--estimator {point.task.estimator}"] if point.task.estimator != ESTIMATORS[0] else []
@@ -122,7 +122,7 @@ def _command(point: Model, scene: str, seed: int, model: str) -> str:
     return " ".join([*words, f"-o {shlex.quote(model)}"])
 
 
-def _model_row(trade: Trade, model: Model) -> tuple[str, ...]:
+def _model_row(trade: Trade, model: MeasuredModel) -> tuple[str, ...]:
     time = trade.time_of(model)
     return (
         "-" if model is trade.own else model.task.varied,
@@ -171,7 +171,7 @@ def json_of(trade: Trade) -> dict[str, Any]:
     }
 
 
-def _model_fields(trade: Trade, model: Model) -> dict[str, Any]:
+def _model_fields(trade: Trade, model: MeasuredModel) -> dict[str, Any]:
     percent = 100 / model.length_mm
     return {
         "changed": None if model is trade.own else model.task.varied,
@@ -215,7 +215,7 @@ def picture(name: str, trade: Trade) -> str:
     return standalone(draw_row(charts, says))
 
 
-def _chart(label: str, x: Sequence[float], models: Sequence[Model], own: Model, *, log: bool) -> Chart:
+def _chart(label: str, x: Sequence[float], models: Sequence[MeasuredModel], own: MeasuredModel, *, log: bool) -> Chart:
     place = next(place for place, model in enumerate(models) if model is own)
     series = [
         _series(MODEL, x, [model.reached.error_mm for model in models], 0),

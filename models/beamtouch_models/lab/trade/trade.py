@@ -16,7 +16,7 @@ from beamtouch_models.errors import SceneError
 from beamtouch_models.lab.trade.measure import (
     AnswerAtTime,
     Failure,
-    Model,
+    MeasuredModel,
     Task,
     Varied,
     follow,
@@ -40,7 +40,7 @@ class UnreachableTargetError(InputError):
 class Point:
     """A model that `build` makes of the scene, and one time at which it answers."""
 
-    model: Model
+    model: MeasuredModel
     readings: int
     error_mm: Measurement
     """Mean |position error| of the answer on a beam that follows a touch at once."""
@@ -55,7 +55,7 @@ def transfer_ms(sensors: int) -> float:
     return (FRAME_BYTES + 2 * sensors) * BYTE_BITS / SERIAL_BAUD * 1e3
 
 
-def _point(model: Model, answer: Answer, inference_us: float) -> Point:
+def _point(model: MeasuredModel, answer: Answer, inference_us: float) -> Point:
     latency_ms = answer.since_ms + transfer_ms(model.sensors) + inference_us / 1e3
     periods = round(latency_ms / answer.since_ms * answer.readings)
     return Point(model, answer.readings, answer.error_mm, latency_ms, periods)
@@ -113,9 +113,9 @@ def quickest(points: Sequence[Point], error_mm: float) -> Point:
 class Trade:
     """The measured models of a scene, with the figures that a buyer compares."""
 
-    own: Model
+    own: MeasuredModel
     """The model that `build` makes of the scene."""
-    models: tuple[Model, ...]
+    models: tuple[MeasuredModel, ...]
     """All models, the own one among them."""
     inference_us: tuple[Measurement, ...]
     """Median time of an inference of a single sample, per model."""
@@ -131,14 +131,14 @@ class Trade:
         """The answer for the mean that layout and thresholds are chosen for."""
         return next(one for one in self.since_touch if one.answer.readings == self.own.filter.window)
 
-    def varied(self, varied: Varied) -> list[Model]:
+    def varied(self, varied: Varied) -> list[MeasuredModel]:
         """Return the models in which one thing differs, with the own one, in order of this thing or as they came."""
         found = [model for model in self.models if model is self.own or model.task.varied == varied]
         if varied == "noise":
             return sorted(found, key=lambda model: model.reading_mm)
         return found
 
-    def time_of(self, model: Model) -> Measurement:
+    def time_of(self, model: MeasuredModel) -> Measurement:
         """Return the median time of an inference of a model, in µs."""
         return self.inference_us[self.models.index(model)]
 
@@ -167,16 +167,16 @@ def trade(
     resolve(scene).check()
     counts = numbers_of_sensors(scene)
     planned = len(counts) + len(estimators) + len(with_noises(scene)) + 2
-    done: list[Model | Failure] = []
+    done: list[MeasuredModel | Failure] = []
 
-    def measured(tasks: Iterable[Task]) -> Iterator[Model | Failure]:
+    def measured(tasks: Iterable[Task]) -> Iterator[MeasuredModel | Failure]:
         for one in spread(measure, tasks):
             done.append(one)
             progress("measuring models", len(done) / planned)
             yield one
 
     tried = list(measured(Task(scene, "sensors", count, draws, seed, effort=effort) for count in counts))
-    placed = [one for one in tried if isinstance(one, Model)]
+    placed = [one for one in tried if isinstance(one, MeasuredModel)]
     if not placed:
         raise SceneError(next(one.reason for one in tried if isinstance(one, Failure)))
     own = _own_of(scene, placed)
@@ -191,7 +191,7 @@ def trade(
     tried += measured(variations)
     progress("following touches", (planned - 1) / planned)
     (moments,) = spread(follow, [own])
-    models = tuple(one for one in tried if isinstance(one, Model))
+    models = tuple(one for one in tried if isinstance(one, MeasuredModel))
     times = tuple(inference_times(models))
     points = [
         _point(model, one, time.value)
@@ -203,7 +203,7 @@ def trade(
     return Trade(own, models, times, failures, tuple(moments), tuple(points), tuple(pareto_front(points)))
 
 
-def _own_of(scene: Scene, models: Sequence[Model]) -> Model:
+def _own_of(scene: Scene, models: Sequence[MeasuredModel]) -> MeasuredModel:
     """Return the model that `build` makes, of models with different numbers of sensors."""
     stated, most = scene.sensors.count_range
     if stated == most:
