@@ -26,7 +26,9 @@ NO_BOOT = "from beamtouch_daemon.sources import traffic; traffic.BOOT_S = 0.0"
 """Opening the port resets no device."""
 
 
-SLOW_NAME_SERVER = """
+QUESTION_S = 4
+"""How long a name server is waited for, which is longer than the test looks."""
+SLOW_NAME_SERVER = f"""
 import socket, time
 
 def getaddrinfo(host, *arguments, **options):
@@ -34,7 +36,7 @@ def getaddrinfo(host, *arguments, **options):
         return asked(host, *arguments, **options)
     with open("questions", "a") as file:
         file.write("?")
-    time.sleep(4)
+    time.sleep({QUESTION_S})
     raise socket.gaierror(socket.EAI_AGAIN, "no answer")
 
 asked, socket.getaddrinfo = socket.getaddrinfo, getaddrinfo

@@ -15,6 +15,8 @@ BETWEEN: Row = [0.05, 0.0, 0.0]
 """It ends no contact, and begins none."""
 ODD: Row = [0.5, 0.25, 0.75]
 """Neither rest nor a single contact. The state follows from the third in a row, and for two more samples."""
+STILL: dict[str, Any] = {"readings": 4}
+MOVING: dict[str, Any] = {"readings": 50, "covariance_mm2": [1e-3, 0.0, 1e-3, 0.0, 0.0, 1e-3]}
 
 
 class Story:
@@ -93,3 +95,20 @@ class Story:
             page = self._read(f"/events?path=true{following and f'&after={following}'}")
             events, following = events + page["events"], page["next"]
         return [{name: event[name] for name in event if name not in ("id", "model")} for event in reversed(events)]
+
+
+def story_of(bench: Bench, rows: list[Row]) -> Story:
+    """Deliver rows to a service, in order; return the story."""
+    story = Story(bench, rows)
+    story.deliver(0, len(rows))
+    return story
+
+
+def send(bench: Bench, *samples: tuple[Row, dict[str, Any]], sequence: int = 1) -> None:
+    """Send these samples, 100 ms apart, each with its further members."""
+    begin_us = 1_795_218_000_000_000 + sequence * 100_000
+    members = batch_of(*(row for row, _ in samples), sequence=sequence, begin_us=begin_us, every_us=100_000)
+    for sample, (_, more) in zip(members["samples"], samples, strict=True):
+        sample.update(more)
+    noise_mm = [0.01] * len(members["channels"])
+    bench.send(members=members | {"noise_mm": noise_mm, "characteristic": "as-taken"})

@@ -1,4 +1,4 @@
-"""The figures of events whose samples contradict each other, go on for long, or have odd clocks."""
+"""An event is an estimate of its load: which samples count in its figures, and its times."""
 
 from typing import Any
 
@@ -7,7 +7,7 @@ import pytest
 from beamtouch_common.zones import Span
 from beamtouch_service.events.load import Load, Sighting
 from service.bench import START_US, Bench, Row, batch_of
-from service.event_story import RESTING, TOUCHING, Story
+from service.event_story import MOVING, RESTING, STILL, TOUCHING, Story, send
 
 
 def at(place_mm: float, force_n: float) -> Row:
@@ -91,3 +91,97 @@ def test_without_forces_the_ramps_are_stays_whose_place_is_known_less_well() -> 
     assert figures.position == (150.0, 149.0, 151.0)
     assert (figures.least_mm, figures.most_mm) == (150.0, 150.0)
     assert len(load.path) == 3
+
+
+PRESSING: Row = [1.0, 0.5, 0.25]
+SWINGING: Row = [1.6, 0.8, 0.4]
+
+
+def figures(event: dict[str, Any]) -> tuple[float, ...]:
+    names = ("mean_force_n", "peak_force_n", "mean_position_mm", "samples", "unsteady_samples", "unsteady")
+    return tuple(event[name] for name in names)
+
+
+@pytest.mark.promise(
+    "docs/reference/events.md",
+    (
+        "A sample that alone does not show a contact, as while the beam swings far or after the lift, counts in no "
+        "figure if others do."
+    ),
+)
+@pytest.mark.parametrize("parts", [[10], [4, 6], [9, 1]])
+def test_a_settled_sample_after_the_lift_is_no_part_of_the_load(bench: Bench, parts: list[int]) -> None:
+    """All samples of the load are unsteady, as the beam rings."""
+    swung: Row = [0.15, 0.0, 0.0]
+    rows = [(RESTING, STILL), *[(PRESSING, MOVING)] * 7, (swung, STILL), (RESTING, STILL)]
+    first = 0
+    for count in parts:
+        send(bench, *rows[first : first + count], sequence=first + 1)
+        bench.get("/events")  # It writes what there is so far.
+        first += count
+    (event,) = bench.get("/events").json()["events"]
+    assert figures(event) == (17.5, 17.5, 200.0, 8, 7, True)
+    assert (event["peak_force_low_n"], event["peak_force_high_n"]) == (16.5, 18.5)
+
+
+@pytest.mark.promise(
+    "docs/reference/events.md",
+    "A load that lies still makes one stay, with the figures of the sample that knows most.",
+    "Swings of the beam make no stay, so they are no largest force.",
+)
+def test_the_sample_that_knows_most_counts_and_an_overshoot_within_its_interval_does_not(bench: Bench) -> None:
+    knows: dict[str, Any] = {"readings": 50}
+    above: Row = [0.53, 0.25, 0.125]
+    send(bench, (RESTING, STILL), (above, STILL), (TOUCHING, knows), (above, STILL), (RESTING, STILL))
+    (event,) = bench.get("/events").json()["events"]
+    assert figures(event) == (8.75, 8.75, 150.0, 3, 0, False)
+    assert (event["mean_position_low_mm"], event["mean_position_high_mm"]) == (149.0, 151.0)
+    assert (event["min_position_mm"], event["max_position_mm"]) == (150.0, 150.0)
+
+
+@pytest.mark.promise(
+    "docs/reference/events.md",
+    "Stays that are weaker than the next one inwards are ramps and no part of the load",
+)
+def test_the_ramps_of_touch_and_lift_are_not_the_load(bench: Bench) -> None:
+    ramp = [[0.5 * part, 0.25 * part, 0.125 * part] for part in (0.4, 0.7)]
+    send(bench, *((row, STILL) for row in [*[RESTING] * 6, *ramp, *[TOUCHING] * 20, *reversed(ramp), RESTING]))
+    (event,) = bench.get("/events?path=true").json()["events"]
+    assert figures(event) == (8.75, 8.75, 150.0, 24, 0, False)
+    assert len(event["path"]) == 5
+
+
+@pytest.mark.promise(
+    "docs/reference/events.md", "if they last for less than a fifth of the contact at its begin, or at its end."
+)
+@pytest.mark.parametrize("is_lift", [False, True])
+@pytest.mark.parametrize(("weak", "mean_n"), [(3, 8.75), (8, 7.0)])
+def test_a_weak_begin_or_end_that_lasts_is_a_part_of_the_load(
+    bench: Bench, is_lift: bool, weak: int, mean_n: float
+) -> None:
+    """Of 20 samples."""
+    ramp: Row = [0.25, 0.125, 0.0625]
+    rows = [*[ramp] * weak, *[TOUCHING] * (20 - weak)]
+    send(bench, *((row, {"readings": 1}) for row in [RESTING, *(rows[::-1] if is_lift else rows), RESTING]))
+    (event,) = bench.get("/events").json()["events"]
+    assert event["mean_force_n"] == pytest.approx(mean_n, abs=0.15)
+    assert event["peak_force_n"] == 8.75
+
+
+@pytest.mark.promise("docs/reference/events.md", "from where to where it moved; twice its position if it lay still")
+def test_the_mean_of_a_load_that_moves_is_that_of_its_path(bench: Bench) -> None:
+    places = [[0.5 - 0.005 * step, 0.25 + 0.005 * step, 0.125] for step in range(21)]
+    send(bench, (RESTING, STILL), *((row, STILL) for row in places), (RESTING, STILL))
+    (event,) = bench.get("/events").json()["events"]
+    assert event["mean_position_low_mm"] <= 155.0 <= event["mean_position_high_mm"]
+    assert event["mean_position_mm"] == pytest.approx(155.0, abs=0.6)
+    assert (event["min_position_mm"], event["max_position_mm"]) == pytest.approx((150.5, 159.5), abs=1.0)
+    assert event["mean_force_n"] == 8.75
+
+
+@pytest.mark.promise("docs/reference/events.md", "time of its first sample, and of the first clear reading after it")
+def test_a_lift_is_at_the_first_clear_reading(bench: Bench) -> None:
+    send(bench, (RESTING, STILL), *[(TOUCHING, STILL)] * 5, (RESTING, {"readings": 8}))
+    (event,) = bench.get("/events").json()["events"]
+    assert (event["touched_at"], event["lifted_at"]) == ("2026-11-20T23:40:00.200Z", "2026-11-20T23:40:00.665Z")
+    assert event["dwell_ms"] == 465.0

@@ -5,7 +5,9 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from typing import Any
 
-from asyncua import Client, ua
+from asyncua import Client, Node, ua
+from asyncua.common.events import Event
+from asyncua.common.subscription import DataChangeNotif
 
 from service.process.conftest import Service, StartService
 from service.process.opcua_hello import is_open
@@ -30,10 +32,10 @@ class Changes:
         self.found: dict[str, list[Any]] = {}
         self.events: list[Any] = []
 
-    def datachange_notification(self, node: Any, _value: object, data: Any) -> None:  # noqa: ANN401  # the library's
+    def datachange_notification(self, node: Node, _value: object, data: DataChangeNotif) -> None:
         self.found.setdefault(str(node.nodeid.Identifier), []).append(data.monitored_item.Value)
 
-    def event_notification(self, event: Any) -> None:  # noqa: ANN401  # the library's
+    def event_notification(self, event: Event) -> None:
         self.events.append(event)
 
     def values(self, name: str) -> list[Any]:

@@ -7,7 +7,7 @@ from itertools import pairwise
 from typing import Any
 
 import pytest
-from asyncua import Client, ua
+from asyncua import Client, Node, ua
 
 from service.bench import FIGURES, START_US, Row, batch_of
 from service.process.opcua_client import Changes, connected, read, start
@@ -130,7 +130,7 @@ def test_a_subscription_reports_changes_and_turns_bad_when_samples_stop(start_pr
     assert changes.values("sequence")[-2] == 10
 
 
-async def event_type(client: Client, index: int) -> Any:  # noqa: ANN401  # the library's
+async def event_type(client: Client, index: int) -> Node:
     """Return the type of events."""
     base = client.get_node(ua.ObjectIds.BaseEventType)
     return await base.get_child(ua.QualifiedName("ContactEventType", index))

@@ -51,6 +51,16 @@ def assert_open(seen: Watched) -> None:
     assert not seen.page.is_visible(FORM)
 
 
+def unlocked(start_press: StartService, open_page: OpenPage) -> tuple[Service, Watched]:
+    """Start a service with a contact, and open its page with the token."""
+    service = start_press(read=READ_TOKEN)
+    service.post(batch_of())
+    seen = open_page(service.url)
+    enter(seen, READ_TOKEN)
+    assert_open(seen)
+    return service, seen
+
+
 def assert_only_refusals(seen: Watched) -> None:
     """The browser notes each refused request by itself; nothing else went wrong, nothing came from elsewhere.
 
@@ -118,11 +128,7 @@ def test_a_wrong_token_is_refused_and_typing_replaces_it(start_press: StartServi
 def test_it_stays_open_when_loaded_anew_until_the_token_is_forgotten(
     start_press: StartService, open_page: OpenPage
 ) -> None:
-    service = start_press(read=READ_TOKEN)
-    service.post(batch_of())
-    seen = open_page(service.url)
-    enter(seen, READ_TOKEN)
-    assert_open(seen)
+    _, seen = unlocked(start_press, open_page)
     seen.page.reload()
     assert_open(seen)
 
@@ -137,11 +143,7 @@ def test_it_stays_open_when_loaded_anew_until_the_token_is_forgotten(
 def test_nothing_is_shown_once_the_token_is_forgotten_even_without_an_answer(
     start_press: StartService, open_page: OpenPage
 ) -> None:
-    service = start_press(read=READ_TOKEN)
-    service.post(batch_of())
-    seen = open_page(service.url)
-    enter(seen, READ_TOKEN)
-    assert_open(seen)
+    service, seen = unlocked(start_press, open_page)
     service.stop(signal.SIGTERM)
     seen.page.click("text=Forget token")
     seen.wait_for_state("lost")
@@ -155,11 +157,7 @@ def test_nothing_is_shown_once_the_token_is_forgotten_even_without_an_answer(
     "and keeps it until the window is closed.",
 )
 def test_it_is_kept_for_the_session_or_for_the_device(start_press: StartService, open_page: OpenPage) -> None:
-    service = start_press(read=READ_TOKEN)
-    service.post(batch_of())
-    seen = open_page(service.url)
-    enter(seen, READ_TOKEN)
-    assert_open(seen)
+    _, seen = unlocked(start_press, open_page)
     assert seen.page.evaluate(KEPT) == [1, 0]
     assert_locked(seen.beside())
 
@@ -177,11 +175,7 @@ def test_it_is_kept_for_the_session_or_for_the_device(start_press: StartService,
 
 
 def test_a_service_that_comes_back_with_another_token(start_press: StartService, open_page: OpenPage) -> None:
-    service = start_press(read=READ_TOKEN)
-    service.post(batch_of())
-    seen = open_page(service.url)
-    enter(seen, READ_TOKEN)
-    assert_open(seen)
+    service, seen = unlocked(start_press, open_page)
     seen.watch()
 
     other = again(start_press, service, OTHER)
