@@ -18,9 +18,6 @@ from xdist.remote import Producer
 
 import beamtouch_models
 from beamtouch_models import runtime
-from beamtouch_models.design.building.build import build_model
-from beamtouch_models.design.building.products import write_products
-from beamtouch_models.design.scene import load_scene
 from service.postgres import Postgres, running
 from service.process.pgbouncer import pooled
 from support.pages.browser import OpenPage, chromium, pages
@@ -86,10 +83,10 @@ def _build(path: Path, name: str, folder: Path, effort: float = 1.0) -> None:
 
     The model has the paper's layout: known numbers that take less time to find.
     """
-    scene, text = load_scene(path)
-    layout = beamtouch_models.resolve(scene).place(criterion="eigenvalue-product", effort=effort)
-    built = build_model(layout, name, text=text)
-    write_products(built, model=folder / f"{name}.onnx", config=folder / f"{name}.toml")
+    surface = beamtouch_models.resolve(beamtouch_models.read_scene(path))
+    model = surface.place(criterion="eigenvalue-product", effort=effort).build(name)
+    model.save(folder / f"{name}.onnx")
+    (folder / f"{name}.toml").write_text(beamtouch_models.daemon_config(model.metadata))
 
 
 @pytest.fixture(scope="session")
